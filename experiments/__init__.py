@@ -1,0 +1,1 @@
+"""Where a controller meets a plant: scenarios, runs, metrics, figures, reports, command line."""

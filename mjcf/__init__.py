@@ -1,0 +1,1 @@
+"""The vehicle in MJCF: geometry, masses, joints, actuators, each number with its source."""

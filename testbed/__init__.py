@@ -1,0 +1,1 @@
+"""Plant side: field, vehicle, sensors, loop and log. Knows the controller's protocols only."""

@@ -1,0 +1,23 @@
+"""Errors of the plant side. Every one of them is a `TestbedError`."""
+
+
+class TestbedError(Exception):
+    """Root of all errors that the plant side raises on purpose."""
+
+    __test__ = False  # not a test case, whatever its name says to pytest
+
+
+class InvalidField(TestbedError):
+    """Terrain or soil that cannot exist: a class, a size or a strength out of its range."""
+
+
+class InvalidPlant(TestbedError):
+    """A true vehicle or a plant setting that cannot exist."""
+
+
+class PlantDiverged(TestbedError):
+    """The simulation produced no valid state: NaN, a reset of MuJoCo, or a solver warning."""
+
+
+class LogError(TestbedError):
+    """A log that cannot be written or read."""

@@ -1,0 +1,64 @@
+"""The true state of the vehicle and of its wheels at one moment, as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from ttempc.types import FloatArray
+
+WHEELS: Final = (
+    "front_left",
+    "front_right",
+    "rear_left",
+    "rear_right",
+    "trailer_left",
+    "trailer_right",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A point of a body and the body's attitude (map frame; yaw, pitch, roll about z, y', x'')."""
+
+    x: float  # [m]
+    y: float  # [m]
+    z: float  # [m]
+    yaw: float  # [rad], wrapped to (-pi, pi]
+    pitch: float  # [rad], positive nose down (rotation about +y, left)
+    roll: float  # [rad], positive left side up (rotation about +x, forward)
+
+
+@dataclass(frozen=True, slots=True)
+class Wheels:
+    """What acts at each wheel, in the order of `WHEELS`; arrays are (6,)."""
+
+    load: FloatArray  # [N] normal to the ground, never negative
+    slip: FloatArray  # (omega r - v) / max(|omega r|, |v|, small), driving positive
+    slip_angle: FloatArray  # [rad] angle of the wheel's course to its plane
+    force_long: FloatArray  # [N] on the vehicle along the wheel's heading on the ground
+    force_lat: FloatArray  # [N] on the vehicle to the wheel's left on the ground
+    cone_index: FloatArray  # [kPa] of the soil below the wheel
+    ground: FloatArray  # [m] height of the ground below the wheel
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """The plant at one moment. Points are axle centres, angles as in docs/architecture.md."""
+
+    time_s: float
+    tractor: Pose  # of the tractor point (centre of the rear axle)
+    trailer: Pose  # of the trailer point (centre of the trailer axle)
+    psi_d: float  # [rad] yaw of the drawbar
+    beta: float  # [rad] angle at RJ1, psi_t - psi_d on level ground
+    delta_t: float  # [rad] steering angle of the front axle (single-track equivalent)
+    delta_i: float  # [rad] angle at RJ2, psi_d - psi_i on level ground
+    speed: float  # [m/s] of the tractor point along the tractor's heading
+    lateral_speed: float  # [m/s] of the tractor point to the tractor's left
+    yaw_rate_t: float  # [rad/s] of the tractor
+    yaw_rate_i: float  # [rad/s] of the trailer
+    rim_speed: float  # [m/s] mean of omega r over the two rear wheels, what an encoder sees
+    hp: float  # hydrostat position after its lag, fraction 0..1
+    wheels: Wheels
+    body_xyz: FloatArray  # (n, 3) [m] of every body, order of `Plant.body_names`
+    body_quat: FloatArray  # (n, 4) w, x, y, z

@@ -1,0 +1,1 @@
+"""Control side: paths, references, models, controllers and estimators. Knows nothing of MuJoCo."""

@@ -1,0 +1,17 @@
+"""Errors of the control side. Every one of them is a `TtempcError`."""
+
+
+class TtempcError(Exception):
+    """Root of all errors that the control side raises on purpose."""
+
+
+class InvalidVehicle(TtempcError):
+    """A vehicle that cannot exist: a length, a limit or a constant out of its range."""
+
+
+class InvalidPath(TtempcError):
+    """A path that cannot be built or driven; the message names the place on it."""
+
+
+class InvalidTuning(TtempcError):
+    """A weight, a horizon or a gain out of its range."""

@@ -1,0 +1,162 @@
+"""What the control side says to the outside: measurements in, commands and diagnostics out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+class State(IntEnum):
+    """Index of each entry of the minimal articulated state vector.
+
+    The tractor point is the centre of the rear axle; the trailer point follows from the two yaw
+    angles and the steering angle of the trailer (`ttempc.kinematics.trailer_point`).
+    """
+
+    X = 0  # [m] tractor point, map frame
+    Y = 1  # [m]
+    PSI_T = 2  # [rad] yaw of the tractor
+    PSI_I = 3  # [rad] yaw of the trailer
+    DELTA_T = 4  # [rad] steering angle of the front wheels
+    DELTA_I = 5  # [rad] steering angle of the trailer at RJ2, psi_d - psi_i
+    V = 6  # [m/s] forward speed of the tractor point
+
+
+class Input(IntEnum):
+    """Index of each entry of an input vector (delta_t, delta_i, hp)."""
+
+    DELTA_T = 0  # [rad]
+    DELTA_I = 1  # [rad]
+    HP = 2  # hydrostat position, fraction 0..1
+
+
+class Sensor(StrEnum):
+    """The sensors of the paper, by the quantity that they deliver."""
+
+    GNSS_TRACTOR = "gnss_tractor"  # (x, y) [m] of the tractor point, map frame
+    GNSS_TRAILER = "gnss_trailer"  # (x, y) [m] of the trailer point, map frame
+    STEERING_TRACTOR = "steering_tractor"  # (delta_t,) [rad]
+    STEERING_TRAILER = "steering_trailer"  # (delta_i,) [rad]
+    HITCH = "hitch"  # (beta,) [rad], angle between tractor and drawbar at RJ1
+    ENCODER = "encoder"  # (v,) [m/s], rim speed of the rear wheels
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """One sample of one sensor."""
+
+    time_s: float  # time at which the sample was taken
+    sensor: Sensor
+    value: tuple[float, ...]  # see `Sensor` for meaning, length and unit
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """How far one sample lay from its prediction, in the filter's own standard deviations."""
+
+    sensor: Sensor
+    normalised_squared: float  # nu' S^-1 nu, chi-square with `dimension` degrees of freedom
+    dimension: int
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What the controller may know of the vehicle at one control tick."""
+
+    time_s: float
+    state: FloatArray  # (7,) see `State`
+    covariance: FloatArray  # (7, 7) of `state`; zeros where the truth is handed through
+    trailer_xy: FloatArray  # (2,) [m] trailer point, map frame
+    hitch_angle: float  # [rad] beta = psi_t - psi_d
+    innovations: tuple[Innovation, ...] = ()  # of the samples taken in at this tick
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What is sent to the vehicle for one control period; always inside the vehicle's limits."""
+
+    delta_t: float  # [rad] front steering
+    delta_i: float  # [rad] trailer steering at RJ2
+    hp: float  # hydrostat position, fraction 0..1
+
+    def as_array(self) -> FloatArray:
+        """Return the command as an (3,) array in the order of `Input`."""
+        return np.array([self.delta_t, self.delta_i, self.hp])
+
+
+@dataclass(frozen=True, slots=True)
+class SolverReport:
+    """What the QP solver said of one solve."""
+
+    status: str  # the solver's own word, "solved" where the result was accepted
+    accepted: bool  # solved, finite and within its bounds
+    iterations: int
+    solve_time_s: float  # as measured by the solver itself
+    primal_residual: float
+    dual_residual: float
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnostics:
+    """How a command came about. Every action is in the order of `Input`.
+
+    `total` is the sum of the three actions before the vehicle's limits; the paper's input lambda
+    is expressed as delta_i = lambda - beta, with the measured hitch angle beta booked under the
+    feedforward action as in the paper's figure of the control signals.
+    """
+
+    feedforward: FloatArray  # (3,) u_f
+    feedback: FloatArray  # (3,) contribution of the feedback, that is -u_b in the paper's terms
+    robust: FloatArray  # (3,) u_m
+    limited: NDArray[np.bool_]  # (3,) where the vehicle's limits changed the total
+    tracking_error: FloatArray | None = None  # (7,) z_e: x, y, psi of tractor, of trailer, speed
+    modelling_error: FloatArray | None = None  # (4,) z_m: x, y of tractor, of trailer [m]
+    predicted_path: FloatArray | None = None  # (N, 4) predicted x_t, y_t, x_i, y_i [m], map frame
+    solver: SolverReport | None = None  # None where the controller solves no QP
+    fallback: str = ""  # why another law than the stated one drove; empty where it did not
+
+    @property
+    def total(self) -> FloatArray:
+        """Return the sum of the three actions, (3,)."""
+        return self.feedforward + self.feedback + self.robust
+
+
+@dataclass(frozen=True, slots=True)
+class ControlStep:
+    """A command with its diagnostics."""
+
+    command: Command
+    diagnostics: Diagnostics = field(repr=False)
+
+
+class Controller(Protocol):
+    """Anything that turns an estimate into a command once every control period.
+
+    A controller owns its reference and its memory; it never sees the plant. Tick k belongs to
+    time k * period; ticks are counted, never derived from a clock.
+    """
+
+    def step(self, estimate: Estimate, k: int) -> ControlStep:
+        """Return the command for the period that starts at tick k."""
+        ...
+
+
+class Estimator(Protocol):
+    """Anything that turns measurements into an estimate once every control period."""
+
+    def update(
+        self, time_s: float, measurements: Sequence[Measurement], command: Command | None
+    ) -> Estimate:
+        """Return the estimate at `time_s`.
+
+        `measurements` are all samples since the previous update, in the order of their time;
+        `command` is what drove the vehicle in that time, None before the first command.
+        """
+        ...

@@ -1,0 +1,70 @@
+"""The vehicle as the control side believes it to be."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ttempc.errors import InvalidVehicle
+from ttempc.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """Lengths, limits and actuator constants of a tractor with a steerable trailer.
+
+    The defaults are the vehicle of Kayacan, Ramon and Saeys (2016), "the paper". SI units,
+    angles in radians.
+
+    Raises:
+        InvalidVehicle: a value is not finite or out of its range.
+    """
+
+    wheelbase: float = 1.4  # L^t, front axle to rear axle of the tractor [m]; paper, sec. II
+    hitch_offset: float = 0.3  # a, rear axle to RJ1 [m]; assumed, L^d = a + d = 1.1 m is printed
+    drawbar_length: float = 0.8  # d, RJ1 to RJ2 [m]; assumed, as above
+    trailer_length: float = 1.3  # L^i, RJ2 to trailer axle [m]; paper, sec. II
+    speed_gain: float = 1.4  # K, steady speed at hydrostat position 1 [m/s]; paper, sec. II
+    speed_time_constant: float = 2.05  # tau [s]; paper, sec. II
+    steering_lag_t: float = 0.15  # lag of the front steering actuator [s]; assumed
+    steering_lag_i: float = 0.20  # lag of the trailer steering actuator [s]; assumed
+    steering_limit_t: float = math.radians(35.0)  # stop of the front steering [rad]; assumed
+    steering_limit_i: float = math.radians(25.0)  # stop of the trailer steering [rad]; assumed
+    steering_rate_t: float = math.radians(55.0)  # [rad/s]; paper, eq. (constraints)
+    steering_rate_i: float = math.radians(35.0)  # [rad/s]; paper, eq. (constraints)
+    hp_rate: float = 0.30  # hydrostat position a second [1/s]; paper, eq. (constraints)
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            low = 0.0 if item.name != "hitch_offset" else -math.inf
+            if not math.isfinite(value) or value <= low:
+                allowed = "finite" if low == -math.inf else "finite and above 0"
+                raise InvalidVehicle(f"vehicle.{item.name}: got {value}, must be {allowed}")
+        for name in ("steering_limit_t", "steering_limit_i"):
+            if getattr(self, name) >= math.pi / 2:
+                raise InvalidVehicle(
+                    f"vehicle.{name}: got {getattr(self, name):.3f} rad, must be below pi/2"
+                )
+
+    @property
+    def drawbar_offset(self) -> float:
+        """L^d, rear axle of the tractor to RJ2 [m] when the drawbar is in line."""
+        return self.hitch_offset + self.drawbar_length
+
+    @property
+    def input_min(self) -> FloatArray:
+        """Smallest command, (3,) in the order of `Input`."""
+        return np.array([-self.steering_limit_t, -self.steering_limit_i, 0.0])
+
+    @property
+    def input_max(self) -> FloatArray:
+        """Largest command, (3,) in the order of `Input`."""
+        return np.array([self.steering_limit_t, self.steering_limit_i, 1.0])
+
+    @property
+    def input_rate(self) -> FloatArray:
+        """Largest change of a command a second, (3,) in the order of `Input`."""
+        return np.array([self.steering_rate_t, self.steering_rate_i, self.hp_rate])
