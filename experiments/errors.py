@@ -1,0 +1,13 @@
+"""Errors of the experiments. Every one of them is an `ExperimentError`."""
+
+
+class ExperimentError(Exception):
+    """Root of all errors that the experiments raise on purpose."""
+
+
+class InvalidScenario(ExperimentError):
+    """A scenario that cannot be run; the message names file, key and what is allowed."""
+
+
+class OutputExists(ExperimentError):
+    """A folder that would have been written over."""
