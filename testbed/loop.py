@@ -1,0 +1,217 @@
+"""One run: the stages of a control period, in the order in which data flows through them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter_ns
+from typing import Final, Literal
+
+from testbed import channels, rows
+from testbed.errors import PlantDiverged
+from testbed.log import PREDICTED_PATH_TOPIC
+from testbed.mishap import MishapLimits, mishap
+from testbed.plant import Plant
+from testbed.record import Event
+from testbed.sensors import SensorSuite
+from testbed.sink import Sink
+from testbed.truth import Truth
+from ttempc.types import (
+    Command,
+    Controller,
+    ControlStep,
+    Estimate,
+    Estimator,
+    FloatArray,
+    Measurement,
+)
+from ttempc.vehicle import Vehicle
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """Everything that one run is made of."""
+
+    plant: Plant
+    sensors: SensorSuite
+    estimator: Estimator
+    controller: Controller
+    vehicle: Vehicle  # as the controller believes it; gives the bounds in the log
+    sink: Sink
+    reference: FloatArray  # (n, len(REFERENCE.fields)) one row every `record_steps`
+    control_steps: int  # physics steps in a control period
+    record_steps: int  # physics steps from one row of the truth to the next
+    field_half_size: tuple[float, float]  # [m]
+    mishaps: MishapLimits = field(default_factory=MishapLimits)
+
+
+@dataclass(slots=True)
+class Period:
+    """What flows through the stages; a stage reads what earlier ones left and adds its own."""
+
+    k: int = 0  # control tick, counted
+    truths: list[tuple[int, Truth]] = field(default_factory=list)  # physics step, plant
+    measurements: list[Measurement] = field(default_factory=list)
+    estimate: Estimate | None = None
+    control: ControlStep | None = None
+    command: Command | None = None  # as it reaches the actuators; until then the previous one
+    fallback: str = ""
+    lost: str | None = None
+    estimator_ns: int = 0
+    control_ns: int = 0
+    plant_ns: int = 0
+
+    @property
+    def now(self) -> Truth:
+        """The plant at the latest moment."""
+        return self.truths[-1][1]
+
+
+Stage = Callable[[Rig, Period], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a run ended."""
+
+    status: Literal["completed", "lost", "invalid"]
+    failure: str | None  # why, where it did not complete
+    duration_s: float  # simulated
+    wall_s: float
+
+
+def sense(rig: Rig, period: Period) -> None:
+    """Sample the sensors at every moment since the previous tick."""
+    period.measurements = []
+    for step, truth in period.truths:
+        samples = rig.sensors.sample(truth, step)
+        if samples:
+            rig.sink.row(channels.MEASUREMENT, truth.time_s, rows.measurement_row(samples))
+            period.measurements += samples
+
+
+def estimate(rig: Rig, period: Period) -> None:
+    """Turn measurements into an estimate."""
+    start = perf_counter_ns()
+    period.estimate = rig.estimator.update(period.now.time_s, period.measurements, period.command)
+    period.estimator_ns = perf_counter_ns() - start
+    rig.sink.row(channels.ESTIMATE, period.now.time_s, rows.estimate_row(period.estimate))
+
+
+def control(rig: Rig, period: Period) -> None:
+    """Turn the estimate into a command."""
+    assert period.estimate is not None
+    start = perf_counter_ns()
+    period.control = rig.controller.step(period.estimate, period.k)
+    period.control_ns = perf_counter_ns() - start
+    period.command = period.control.command
+
+
+def note(rig: Rig, period: Period) -> None:
+    """Write down what the controller decided and why."""
+    assert period.control is not None
+    said, time = period.control.diagnostics, period.now.time_s
+    rig.sink.row(channels.CONTROL, time, rows.control_row(period.control, rig.vehicle))
+    rig.sink.row(channels.TRACKING, time, rows.tracking_row(said))
+    rig.sink.row(channels.SOLVER, time, rows.solver_row(said))
+    if said.predicted_path is not None:
+        rig.sink.path(PREDICTED_PATH_TOPIC, time, said.predicted_path[:, :2])
+    if said.fallback != period.fallback:
+        text = f"fallback: {said.fallback}" if said.fallback else "fallback ended"
+        rig.sink.event(Event(time, "warning" if said.fallback else "info", text))
+        period.fallback = said.fallback
+
+
+def advance(rig: Rig, period: Period) -> None:
+    """Let the plant run for one control period, stopping where a sensor or the record looks."""
+    assert period.command is not None
+    start_step = period.k * rig.control_steps
+    stride = math.gcd(rig.control_steps, rig.record_steps, rig.sensors.every)
+    truths = []
+    start = perf_counter_ns()
+    for step in range(start_step + stride, start_step + rig.control_steps + 1, stride):
+        truths.append((step, rig.plant.advance(period.command, stride)))
+    period.plant_ns = perf_counter_ns() - start
+    period.truths = truths
+
+
+def observe(rig: Rig, period: Period) -> None:
+    """Write down the truth beside its reference."""
+    for step, truth in period.truths:
+        if step % rig.record_steps == 0:
+            rig.sink.row(channels.STATE, truth.time_s, rows.state_row(truth))
+            rig.sink.row(
+                channels.REFERENCE,
+                truth.time_s,
+                rig.reference[step // rig.record_steps].tolist(),
+            )
+            rig.sink.row(channels.TYRES, truth.time_s, rows.tyres_row(truth))
+            rig.sink.scene(truth)
+
+
+def time_costs(rig: Rig, period: Period) -> None:
+    """Write down what the period cost."""
+    assert period.control is not None
+    report = period.control.diagnostics.solver
+    rig.sink.row(
+        channels.TIMING,
+        period.now.time_s,
+        (
+            *(1e-3 * period.estimator_ns, 1e-3 * period.control_ns),
+            rows.NAN if report is None else 1e6 * report.solve_time_s,
+            1e-3 * period.plant_ns / rig.control_steps,
+        ),
+    )
+
+
+def judge(rig: Rig, period: Period) -> None:
+    """Say whether the vehicle is lost."""
+    step, truth = period.truths[-1]
+    x, y = rig.reference[step // rig.record_steps, :2]
+    period.lost = mishap(truth, (float(x), float(y)), rig.field_half_size, rig.mishaps)
+
+
+STAGES: Final[tuple[Stage, ...]] = (
+    sense,
+    estimate,
+    control,
+    note,
+    advance,
+    observe,
+    time_costs,
+    judge,
+)
+"""A disturbance or a fault is one more stage in this list, at the place where it acts."""
+
+
+def drive(
+    rig: Rig,
+    ticks: int,
+    stages: Sequence[Stage] = STAGES,
+    on_tick: Callable[[int], None] = lambda k: None,
+) -> Outcome:
+    """Run `ticks` control periods, or fewer where the vehicle is lost.
+
+    The plant must have been reset to its start. `on_tick` is told of every period that ended.
+    """
+    start = perf_counter_ns()
+    period = Period(truths=[(0, rig.plant.truth())])
+    observe(rig, period)
+    status: Literal["completed", "lost", "invalid"] = "completed"
+    failure: str | None = None
+    try:
+        for k in range(ticks):
+            period.k = k
+            for stage in stages:
+                stage(rig, period)
+            on_tick(k)
+            if period.lost:
+                status, failure = "lost", period.lost
+                break
+    except PlantDiverged as error:
+        status, failure = "invalid", str(error)
+    time = period.now.time_s
+    if failure:
+        rig.sink.event(Event(time, "error", failure))
+    return Outcome(status, failure, time, 1e-9 * (perf_counter_ns() - start))

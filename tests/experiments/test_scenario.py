@@ -1,0 +1,70 @@
+import pytest
+
+from experiments.errors import InvalidScenario
+from experiments.scenario import FigureEight, Scenario, Straight, dump, load, shipped
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_shipped_scenarios_survive_being_written_out_and_read_back(name, tmp_path):
+    scenario = load(name)[1]
+    file = tmp_path / "copy.toml"
+    file.write_text(dump(scenario))
+    assert load(str(file)) == ("copy", scenario)
+
+
+def test_the_paper_s_sensors_and_path_are_the_default():
+    scenario = Scenario()
+    assert scenario.path == FigureEight("figure-eight", 10.0, 30.0, 2.0, 2, 1.0)
+    assert (scenario.sensors.gnss_sd_m, scenario.sensors.angle_sd_deg) == (0.03, 1.0)
+
+
+def test_overrides_lie_over_the_file_and_leave_the_rest():
+    plain = load("wet-slope")[1]
+    changed = load("wet-slope", ["soil.cone_index_kpa=250", "path.laps=1"])[1]
+    assert changed.soil.cone_index_kpa == 250.0
+    assert changed.path.laps == 1
+    assert changed.terrain == plain.terrain
+
+
+def test_a_path_of_another_kind_replaces_the_figure_eight():
+    assert load("grass", ["path={kind='straight', length_m=30}"])[1].path == Straight(
+        "straight", 30.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("soil.cone_index_kpa=-3", "soil.cone_index_kpa: Input should be greater than 0, got -3"),
+        ("soil.cone_index_kpa=nan", "soil.cone_index_kpa: Input should be a finite number"),
+        ("path.radius_m=inf", "path.radius_m: Input should be a finite number"),
+        ("path.radius_m='wide'", "path.radius_m: Input should be a valid number, got 'wide'"),
+        ("path.laps=1.5", "path.laps: Input should be a valid integer, got 1.5"),
+        ("path.kind='ring'", "path: Input tag 'ring' found using 'kind'"),
+        ("soil.softness=3", "soil.softness: unknown key; allowed here: cone_index_kpa, patches"),
+        ("path.length_m=3", "path.length_m: unknown key; allowed here: kind, radius_m"),
+        ("tyres.width_m=1", "tyres: unknown key; allowed here: description, path, terrain"),
+        ("soil.patches=[{x_m=1.0, y_m=2.0}]", "soil.patches.0.radius_m: Field required"),
+        ("plant.vehicle.load_kg=true", "plant.vehicle.load_kg: Input should be a valid number"),
+        ("terrain.iso_class='G'", "terrain.iso_class: Input should be 'A', 'B', 'C'"),
+        ("terrain", "--set terrain: must be key.key=value"),
+    ],
+)
+def test_what_is_wrong_where_and_what_is_allowed_in_one_line(override, said):
+    with pytest.raises(InvalidScenario) as caught:
+        load("grass", [override])
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["gras", "nowhere.toml"])
+def test_a_missing_scenario_is_refused_with_those_there_are(name):
+    with pytest.raises(InvalidScenario, match="shipped are grass"):
+        load(name)
+
+
+def test_a_torn_file_is_refused(tmp_path):
+    file = tmp_path / "torn.toml"
+    file.write_text("[soil\ncone_index_kpa = 3")
+    with pytest.raises(InvalidScenario, match=r"torn\.toml: cannot be read as TOML"):
+        load(str(file))

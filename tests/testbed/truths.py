@@ -1,0 +1,33 @@
+"""A truth to start from: the vehicle at rest in the middle of a level field."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from testbed.truth import Pose, Truth, Wheels
+
+_LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def truth(tractor=None, trailer=None, **values) -> Truth:
+    """Return a truth; `tractor` and `trailer` are changes to a level pose at the origin."""
+    zeros = np.zeros(6)
+    rest = Truth(
+        time_s=0.0,
+        tractor=replace(_LEVEL, **(tractor or {})),
+        trailer=replace(_LEVEL, **{"x": -2.4, **(trailer or {})}),
+        psi_d=0.0,
+        beta=0.0,
+        delta_t=0.0,
+        delta_i=0.0,
+        speed=0.0,
+        lateral_speed=0.0,
+        yaw_rate_t=0.0,
+        yaw_rate_i=0.0,
+        rim_speed=0.0,
+        hp=0.0,
+        wheels=Wheels(*([zeros] * 7)),
+        body_xyz=np.zeros((1, 3)),
+        body_quat=np.array([[1.0, 0.0, 0.0, 0.0]]),
+    )
+    return replace(rest, **values)
