@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from testbed.channels import CHANNELS, Channel
+from testbed.truth import Truth
 from ttempc.types import FloatArray
 
 
@@ -61,7 +62,7 @@ class Record:
 
 
 class Recorder:
-    """Collects rows and events in memory while a run goes on."""
+    """Collects rows and events in memory while a run goes on; a `testbed.sink.Sink`."""
 
     def __init__(self, channels: Sequence[Channel] = CHANNELS) -> None:
         self._channels = {channel.topic: channel for channel in channels}
@@ -85,6 +86,12 @@ class Recorder:
     def event(self, event: Event) -> None:
         """Add one event."""
         self._events.append(event)
+
+    def scene(self, truth: Truth) -> None:
+        """Ignore a scene: it is for viewers, the rows have its numbers."""
+
+    def path(self, topic: str, time_s: float, points: FloatArray) -> None:
+        """Ignore a path, for the same reason."""
 
     def record(self, metadata: Mapping[str, str] | None = None) -> Record:
         """Return what has been collected so far."""
