@@ -15,3 +15,11 @@ class InvalidPath(TtempcError):
 
 class InvalidTuning(TtempcError):
     """A weight, a horizon or a gain out of its range."""
+
+
+class InvalidReference(TtempcError):
+    """A reference that the vehicle cannot follow in time: a speed out of its range."""
+
+
+class UnknownController(TtempcError):
+    """A controller name that is not in the table; the message lists those that are."""

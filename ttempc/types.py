@@ -64,6 +64,7 @@ class Innovation:
     sensor: Sensor
     normalised_squared: float  # nu' S^-1 nu, chi-square with `dimension` degrees of freedom
     dimension: int
+    accepted: bool = True  # False where the gate kept the sample out of the estimate
 
 
 @dataclass(frozen=True, slots=True)
