@@ -29,6 +29,9 @@ TRANSFORMS_TOPIC: Final = "/tf"
 TRACTOR_TOPIC: Final = "/tractor/pose"
 TRAILER_TOPIC: Final = "/trailer/pose"
 EVENT_TOPIC: Final = "/log"
+REFERENCE_PATH_TOPIC: Final = "/reference/path"  # once, at the start of the run
+PREDICTED_PATH_TOPIC: Final = "/mpc/predicted_path"  # of the tractor point, every control tick
+PREDICTED_TRAILER_PATH_TOPIC: Final = "/mpc/predicted_path_trailer"
 
 PROGRAM: Final = "ttempc"  # what wrote the log, in its header
 RUN_METADATA: Final = "run"  # the name of the MCAP metadata record that describes the run

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import Protocol
 
 from testbed.channels import Channel
 from testbed.record import Event
 from testbed.truth import Truth
 from ttempc.types import FloatArray
-
-REFERENCE_PATH: Final = "/reference/path"  # once, at the start of the run
-PREDICTED_PATH: Final = "/mpc/predicted_path"  # of the tractor point, every control tick
-PREDICTED_TRAILER_PATH: Final = "/mpc/predicted_path_trailer"
 
 
 class Sink(Protocol):
@@ -37,7 +33,7 @@ class Sink(Protocol):
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
         """Take a line of points (n, 2) [m], map frame, that is to be seen under `topic`.
 
-        A point every 0.2 m is plenty for the eye; the topics are those of this module.
+        A point every 0.2 m is plenty for the eye; the topics are those of `testbed.log`.
         """
         ...
 
