@@ -13,8 +13,8 @@ from ttempc.path import Path
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 
-_ITERATIONS = 12  # Newton from the straight posture needs 4 to 5; the rest is for sharp paths
-_CLOSED_M = 1e-9  # how well the drawbar's length must come out
+_ITERATIONS = 12  # Newton from the straight posture needs 3 to 4; the rest is for sharp paths
+_CLOSED_M = 1e-9  # how well the drawbar's length must come out; Newton then squares it
 _CHECK_STEP_M = 0.1
 
 
@@ -68,15 +68,15 @@ def follow(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Posture:
 
     s_i = s_t - (a + d + length_i)
     for _ in range(_ITERATIONS):
-        pose_i, kappa_i = path.pose(s_i), path.curvature(s_i)
+        pose_i, kappa_i, drawbar = _drawbar(path, vehicle, rj1, s_i)
         along = _unit(pose_i[..., 2])
-        drawbar = rj1 - pose_i[..., :2] - length_i * along  # RJ2 -> RJ1
-        gap = np.sum(drawbar**2, axis=-1) - d**2
         rj2_per_m = along + (length_i * kappa_i)[..., None] * _normal(along)
+        gap = np.sum(drawbar**2, axis=-1) - d**2
         s_i = s_i + gap / (2.0 * np.sum(drawbar * rj2_per_m, axis=-1))
-        if np.max(np.abs(gap)) < d * 1e-13:
+        if np.max(np.abs(gap)) < _CLOSED_M * d:
             break
-    misfit = np.abs(gap) / (2.0 * d)
+    pose_i, kappa_i, drawbar = _drawbar(path, vehicle, rj1, s_i)
+    misfit = np.abs(np.hypot(drawbar[..., 0], drawbar[..., 1]) - d)
     if not np.all(misfit < _CLOSED_M):  # NaN counts as a misfit
         worst = float(np.ravel(s_t)[np.argmax(misfit)])
         raise InvalidPath(f"no posture fits the path with the tractor at s = {worst:.2f} m")
@@ -134,6 +134,15 @@ def check_drivable(
                 f"y = {y:.1f} m): {name} would need {math.degrees(abs(angle[worst])):.1f} deg, "
                 f"allowed are {math.degrees(share * stop):.1f} deg ({share:.0%} of its stop)"
             )
+
+
+def _drawbar(
+    path: Path, vehicle: Vehicle, rj1: FloatArray, s_i: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return trailer pose (..., 3), curvature and the vector RJ2 -> RJ1 (..., 2) at `s_i`."""
+    pose_i = path.pose(s_i)
+    rj2 = pose_i[..., :2] + vehicle.trailer_length * _unit(pose_i[..., 2])
+    return pose_i, path.curvature(s_i), rj1 - rj2
 
 
 def _unit(angle: FloatArray) -> FloatArray:

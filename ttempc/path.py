@@ -16,7 +16,8 @@ from ttempc.types import FloatArray
 
 # Gauss-Legendre on [0, 1]; with 5 nodes on pieces of 0.25 m the quadrature of cos(heading) and
 # sin(heading) is exact to rounding for any radius above 1 m.
-_NODES, _WEIGHTS = (0.5 * (v + o) for v, o in zip(np.polynomial.legendre.leggauss(5), (1, 0)))
+_LEGENDRE_NODES, _LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(5)
+_NODES, _WEIGHTS = 0.5 * (_LEGENDRE_NODES + 1.0), 0.5 * _LEGENDRE_WEIGHTS
 _PIECE_M = 0.25
 _EXTENT_STEP_M = 0.02  # the box is short of the true one by less than step^2 / (8 radius)
 

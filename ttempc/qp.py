@@ -1,0 +1,159 @@
+"""Horizon matrices -> condensed quadratic programme. Built here, solved elsewhere."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ttempc.errors import InvalidTuning
+from ttempc.types import FloatArray
+
+_ACTIVE = 1e-7  # distance to a bound below which it counts as active in `QP.residuals`
+
+
+@dataclass(frozen=True, slots=True)
+class HorizonTuning:
+    """Horizon, weights and bounds of a linear MPC on a tracking error.
+
+    The defaults are the paper's, eqs. (constraints), (costfunction) and below, with the hydrostat
+    as a fraction. Bounds hold for u_e, the reference input less the actual one.
+
+    Raises:
+        InvalidTuning: a horizon is not positive, a weight negative or a bound not positive.
+    """
+
+    horizon: int = 8  # N_p, predicted periods
+    moves: int = 3  # N_c, free input steps; the input is held afterwards
+    state_weight: tuple[float, ...] = (1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # diagonal of Q
+    step_weight: tuple[float, ...] = (1.0, 1.0, 1.0)  # diagonal of R
+    input_bound: tuple[float, ...] = (math.radians(12.0), math.radians(6.0), 0.10)
+    input_rate: tuple[float, ...] = (math.radians(55.0), math.radians(35.0), 0.30)  # [1/s]
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.moves <= self.horizon:
+            raise InvalidTuning(
+                f"moves: got {self.moves}, must be from 1 to the horizon of {self.horizon}"
+            )
+        for name, positive in (
+            ("state_weight", False),
+            ("step_weight", True),
+            ("input_bound", True),
+            ("input_rate", True),
+        ):
+            values = getattr(self, name)
+            if not all(math.isfinite(v) and (v > 0.0 if positive else v >= 0.0) for v in values):
+                allowed = "above 0" if positive else "0 or above"
+                raise InvalidTuning(f"{name}: got {values}, all must be finite and {allowed}")
+
+
+@dataclass(frozen=True, slots=True)
+class QPResiduals:
+    """How far a point is from satisfying the Karush-Kuhn-Tucker conditions of a QP."""
+
+    primal: float  # largest violation of a bound
+    stationarity: float  # smallest |gradient of the Lagrangian| over admissible multipliers
+
+
+@dataclass(frozen=True, slots=True)
+class QP:
+    """Minimise 1/2 x'Hx + g'x subject to lower <= G x <= upper and |x| <= step_bound."""
+
+    hessian: FloatArray  # H (n, n)
+    gradient: FloatArray  # g (n,)
+    matrix: FloatArray  # G (m, n)
+    lower: FloatArray  # (m,)
+    upper: FloatArray  # (m,)
+    step_bound: FloatArray  # (n,)
+
+    def objective(self, x: FloatArray) -> float:
+        """Return the cost at `x` (n,)."""
+        return float(0.5 * x @ self.hessian @ x + self.gradient @ x)
+
+    def residuals(self, x: FloatArray) -> QPResiduals:
+        """Check `x` (n,) against the optimality conditions, without asking any solver."""
+        rows = np.vstack([self.matrix, -self.matrix, np.eye(len(x)), -np.eye(len(x))])
+        bounds = np.concatenate([self.upper, -self.lower, self.step_bound, self.step_bound])
+        slack = bounds - rows @ x
+        slope = self.hessian @ x + self.gradient
+        active = slack < _ACTIVE
+        # Optimal means -slope = sum of active rows with multipliers >= 0.
+        rest = nnls(rows[active].T, -slope)[1] if active.any() else float(np.linalg.norm(slope))
+        return QPResiduals(primal=float(max(0.0, -slack.min())), stationarity=float(rest))
+
+
+class CondensedHorizon:
+    """All QPs along a reference: everything but the state and the previous input precomputed.
+
+    The unknowns are the input steps Delta U = (Delta u_k ... Delta u_{k+Nc-1}). With
+    w = (z_k, u_{k-1}, Delta U), the states of the horizon are linear in w,
+
+        z_{k+j} = Z_j w,    Z_0 = [I 0 0],    Z_{j+1} = A_{k+j} Z_j + B_{k+j} U_j,
+
+    where U_j picks u_{k+j} = u_{k-1} + sum of the steps up to min(j, Nc - 1). The cost of
+    eq. (costfunction), sum z'Qz + sum Delta u' R Delta u, is then quadratic in w.
+
+    Raises:
+        InvalidTuning: shapes do not fit, or the cost of a tick is not finite and convex.
+    """
+
+    def __init__(
+        self, a: FloatArray, b: FloatArray, tuning: HorizonTuning, period_s: float
+    ) -> None:
+        n, m = b.shape[1:]
+        horizon, moves = tuning.horizon, tuning.moves
+        self.ticks = len(a) - horizon + 1
+        if self.ticks < 1 or len(tuning.state_weight) != n or len(tuning.step_weight) != m:
+            raise InvalidTuning(
+                f"{len(a)} stages of {n} states and {m} inputs do not fit a horizon of {horizon}, "
+                f"{len(tuning.state_weight)} state and {len(tuning.step_weight)} step weights"
+            )
+        known = n + m
+        stages = np.zeros((self.ticks, horizon + 1, n, known + m * moves))  # Z_0 ... Z_Np
+        stages[:, 0, :, :n] = np.eye(n)
+        for j in range(horizon):
+            steps = np.arange(moves) <= j
+            pick = np.hstack([np.zeros((m, n)), np.eye(m), np.kron(steps, np.eye(m))])  # U_j
+            window = slice(j, j + self.ticks)
+            stages[:, j + 1] = a[window] @ stages[:, j] + b[window] @ pick
+        weighted = np.asarray(tuning.state_weight)[:, None] * stages
+        cost = 2.0 * np.einsum("kjnu,kjnw->kuw", stages[..., known:], weighted)
+        cost[:, :, known:] += 2.0 * np.diag(np.tile(tuning.step_weight, moves))
+
+        self.prediction = stages[:, 1:]  # (ticks, Np, n, n + m + m Nc)
+        self._by_known = np.ascontiguousarray(cost[:, :, :known])  # (ticks, m Nc, n + m)
+        hessian = cost[:, :, known:]
+        self._hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))  # (ticks, m Nc, m Nc)
+        sums = np.tril(np.ones((moves, moves)))
+        self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
+        self._bound = np.tile(tuning.input_bound, moves)
+        self._step_bound = np.tile(tuning.input_rate, moves) * period_s
+        self.input_bound = np.asarray(tuning.input_bound)
+        self._require_convex()
+
+    def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
+        """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
+        repeats = len(self._bound) // len(previous_input)
+        shift = np.concatenate([previous_input] * repeats)
+        return QP(
+            hessian=self._hessian[k],
+            gradient=self._by_known[k] @ np.concatenate([state, previous_input]),
+            matrix=self._matrix,
+            lower=-self._bound - shift,
+            upper=self._bound - shift,
+            step_bound=self._step_bound,
+        )
+
+    def predict(
+        self, k: int, state: FloatArray, previous_input: FloatArray, steps: FloatArray
+    ) -> FloatArray:
+        """Return the states z_{k+1} ... z_{k+Np} under the input steps (m Nc,), (Np, n)."""
+        return self.prediction[k] @ np.concatenate([state, previous_input, steps])
+
+    def _require_convex(self) -> None:
+        try:
+            np.linalg.cholesky(self._hessian)
+        except np.linalg.LinAlgError as error:
+            raise InvalidTuning("the cost is not finite and convex along the reference") from error

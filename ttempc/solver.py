@@ -1,0 +1,104 @@
+"""A persistent PIQP solver that believes PIQP only where the answer can be believed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import piqp
+from scipy.linalg import get_lapack_funcs
+
+from ttempc.qp import QP
+from ttempc.types import FloatArray, SolverReport
+
+# PIQP's default of 1e-8 leaves errors of 1e-5 in the first move where bounds are weakly active.
+_TOLERANCE = 1e-11
+# How far beyond a bound a solution may be before it counts as wrong; it is clamped anyway.
+_BOUND_TOLERANCE = 1e-6
+
+
+# LAPACK's own routine tells an indefinite or non-finite matrix in 2 us and without an exception.
+_cholesky = get_lapack_funcs("potrf", dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class QPSolution:
+    """The minimiser where the solver found one, and what the solver said."""
+
+    x: FloatArray | None  # (n,), None where the result was not accepted
+    report: SolverReport
+
+
+class PersistentSolver:
+    """PIQP's dense interior-point solver, set up once and updated from problem to problem.
+
+    What PIQP 0.6 and 0.7 return on bad input decides what is done here: numbers that are not
+    finite come back as numbers that are not finite, poison later solves when they were in the
+    Hessian, infeasible problems may end at the iteration limit with a wild point, and an
+    indefinite Hessian is called solved. So the input is checked first, a result counts only when
+    solved, finite and within its bounds, and the solver is built anew after any failure.
+    """
+
+    def __init__(self, tolerance: float = _TOLERANCE) -> None:
+        self._tolerance = tolerance
+        self._solver: piqp.DenseSolver | None = None
+
+    def solve(self, qp: QP) -> QPSolution:
+        """Return the minimiser of `qp`, or say why there is none."""
+        # The sums are finite where all entries are: far cheaper than to test each of them.
+        finite = np.isfinite(qp.gradient.sum() + qp.lower.sum() + qp.upper.sum())
+        if not finite or _cholesky(qp.hessian)[1] != 0:
+            self._solver = None
+            status = "input not convex" if finite else "input not finite"
+            return QPSolution(None, SolverReport(status, False, 0, 0.0, np.inf, np.inf))
+        solver = self._load(qp)
+        status = solver.solve()
+        result = solver.result
+        info = result.info
+        x = result.x.copy()
+        solved = status == piqp.PIQP_SOLVED
+        accepted = bool(solved and _within_bounds(qp, x))
+        word = status.name.removeprefix("PIQP_").lower()
+        if solved and not accepted:
+            word = "solved outside its bounds"
+        if not accepted:
+            self._solver = None
+        report = SolverReport(
+            status=word,
+            accepted=accepted,
+            iterations=info.iter,
+            solve_time_s=info.solve_time,
+            primal_residual=info.primal_res,
+            dual_residual=info.dual_res,
+        )
+        return QPSolution(x if accepted else None, report)
+
+    def _load(self, qp: QP) -> piqp.DenseSolver:
+        """Hand the problem to the living solver, or to a new one."""
+        hessian = qp.hessian.T  # symmetric; the transpose is in the column order PIQP wants
+        if self._solver is not None:
+            self._solver.update(P=hessian, c=qp.gradient, h_l=qp.lower, h_u=qp.upper)
+            return self._solver
+        solver = piqp.DenseSolver()
+        settings = solver.settings
+        settings.eps_abs = settings.eps_rel = self._tolerance
+        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = self._tolerance
+        settings.compute_timings = True
+        solver.setup(
+            P=hessian,
+            c=qp.gradient,
+            G=np.asfortranarray(qp.matrix),
+            h_l=qp.lower,
+            h_u=qp.upper,
+            x_l=-qp.step_bound,
+            x_u=qp.step_bound,
+        )
+        self._solver = solver
+        return solver
+
+
+def _within_bounds(qp: QP, x: FloatArray) -> bool:
+    """Whether `x` (n,) is finite and inside the bounds; comparisons with NaN are false."""
+    rows = qp.matrix @ x
+    slack = np.concatenate([rows - qp.lower, qp.upper - rows, qp.step_bound - np.abs(x)])
+    return bool((slack >= -_BOUND_TOLERANCE).all())
