@@ -119,7 +119,7 @@ def _inputs(record: Record) -> InputsStatistics:
         rate = np.diff(command) / np.diff(table.time_s)
         return InputStatistics(saturated_fraction=_mean(saturated), rms_rate=_rms(rate))
 
-    return InputsStatistics(delta_t=of("delta_t"), delta_i=of("delta_i"), hp=of("hp"))
+    return InputsStatistics(delta_t=of("delta_t_rad"), delta_i=of("delta_i_rad"), hp=of("hp"))
 
 
 def _slip(record: Record) -> SlipStatistics:

@@ -1,0 +1,54 @@
+"""The figures of a run: each is a function from a record to a matplotlib figure."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from experiments.figures.errors import error_figure
+from experiments.figures.path import path_figure
+from experiments.figures.signals import signals_figure
+from experiments.figures.style import DPI
+from experiments.figures.timing import timing_figure
+from experiments.figures.tyres import tyres_figure
+from testbed.record import Record
+
+FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
+    "path": path_figure,
+    "error": error_figure,
+    "signals": signals_figure,
+    "tyres": tyres_figure,
+    "timing": timing_figure,
+}
+
+CAPTIONS: Final = {
+    "path": "Reference and driven paths; below, the places where the error is largest.",
+    "error": "Distance to the time-based reference. Shaded: curves. Means leave out the start-up.",
+    "signals": "Commands and the actions that they are the sum of. Dashed: the vehicle's bounds.",
+    "tyres": "Slip of the driven wheels, slip angles of the trailer's wheels, loads of all wheels.",
+    "timing": "Wall-clock cost of the parts of a control period, on the machine that made the run.",
+}
+
+_PALETTE: Final = 128  # colours
+
+
+def draw(record: Record) -> dict[str, bytes]:
+    """Return every figure of a run as a PNG file's content, by the figure's name."""
+    return {name: png(figure(record)) for name, figure in FIGURES.items()}
+
+
+def png(figure: Figure) -> bytes:
+    """Return a figure as the content of a PNG file, the same for the same figure."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    buffer = io.BytesIO()
+    # A palette is a third of the size, and the eye does not see it in a plot of a few colours.
+    picture.quantize(_PALETTE).save(buffer, format="png", optimize=True, dpi=(DPI, DPI))
+    return buffer.getvalue()

@@ -1,0 +1,47 @@
+"""Euclidean error of tractor and trailer over time (the paper's figure)."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from experiments.figures.style import BODY_COLOURS, GREY, blank, dress, note, shade
+from experiments.tracking import BODIES, START_UP_S, BodyError, Tracking, tracking
+from testbed.record import Record
+
+
+def error_figure(record: Record) -> Figure:
+    """Return the errors of both bodies, curves shaded, with their means."""
+    errors = tracking(record)
+    figure = blank(4.2)
+    rows = figure.subplots(2, 1, sharex=True, sharey=True)
+    for axes, body in zip(rows, BODIES, strict=True):
+        error: BodyError = getattr(errors, body)
+        shade(axes, errors.time_s, errors.curved)
+        shade(axes, errors.time_s, errors.time_s < START_UP_S, hatch="////")
+        axes.plot(errors.time_s, 100 * error.euclidean_m, color=BODY_COLOURS[body], linewidth=1.0)
+        dress(axes, "", f"{body} error [cm]")
+        _means(axes, errors, error, body)
+        axes.margins(x=0.0)
+    rows[0].set_ylim(bottom=0.0)
+    rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # room for the means
+    rows[-1].set_xlabel("time [s] (hatched: start-up, not counted; shaded: curves)", fontsize=8.5)
+    return figure
+
+
+def _means(axes: Axes, errors: Tracking, error: BodyError, body: str) -> None:
+    counted = errors.time_s >= START_UP_S
+    parts = []
+    for name, rows in (
+        ("straights", counted & ~errors.curved),
+        ("curves", counted & errors.curved),
+    ):
+        if rows.any():
+            mean_m = float(np.mean(error.euclidean_m[rows]))
+            axes.plot(
+                errors.time_s, np.where(rows, 100 * mean_m, np.nan), color="black", linewidth=1.0
+            )
+            parts.append(f"{name} {100 * mean_m:.1f} cm")
+    text = f"mean on {', on '.join(parts)}" if parts else "shorter than the start-up"
+    note(axes, 0.995, 0.93, text, ha="right", va="top", color="black" if parts else GREY)

@@ -1,0 +1,55 @@
+"""Commands split into the actions that they are the sum of (the paper's figure)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.figures.style import BLACK, BLUE, RED, SKY, blank, dress, legend
+from testbed.channels import CONTROL
+from testbed.record import Record
+
+_INPUTS: Final = (  # field, label, factor from the field's unit to the label's
+    ("delta_t_rad", "front steering [deg]", np.degrees(1.0)),
+    ("delta_i_rad", "trailer steering [deg]", np.degrees(1.0)),
+    ("hp", "hydrostat position [%]", 100.0),
+)
+_ACTIONS: Final = (  # the paper's roles of the colours: cyan, red, blue, black
+    ("feedforward", SKY, 1.6),
+    ("feedback", RED, 0.8),
+    ("robust", BLUE, 0.8),
+    ("total", BLACK, 0.9),
+)
+_HEADROOM: Final = 0.06  # of the range between the bounds
+
+
+def signals_figure(record: Record) -> Figure:
+    """Return feedforward, feedback, robust and total action of every input with its bounds."""
+    table = record[CONTROL]
+    figure = blank(6.2)
+    rows = figure.subplots(3, 1, sharex=True)
+    for axes, (name, label, factor) in zip(rows, _INPUTS, strict=True):
+        for action, colour, width in _ACTIONS:
+            axes.plot(
+                table.time_s,
+                factor * table[f"{name}_{action}"],
+                color=colour,
+                linewidth=width,
+                label=action,
+            )
+        for bound in ("min", "max"):
+            axes.plot(
+                table.time_s,
+                factor * table[f"{name}_{bound}"],
+                color=BLACK,
+                linestyle="--",
+                linewidth=0.9,
+                label="bounds" if bound == "min" else None,
+            )
+        dress(axes, "", label)
+        axes.margins(x=0.0, y=_HEADROOM)
+    legend(rows[0], 5)
+    rows[-1].set_xlabel("time [s]", fontsize=8.5)
+    return figure

@@ -1,0 +1,88 @@
+"""What all figures share: page width, colours that colour-blind readers tell apart, empty axes."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from ttempc.types import FloatArray
+
+PAGE_WIDTH_IN: Final = 7.2  # two columns of a journal page
+DPI: Final = 110
+
+# Okabe and Ito (2008), "Color Universal Design": told apart with every kind of colour vision.
+BLACK: Final = "#000000"
+ORANGE: Final = "#E69F00"
+SKY: Final = "#56B4E9"
+GREEN: Final = "#009E73"
+BLUE: Final = "#0072B2"
+RED: Final = "#D55E00"
+PURPLE: Final = "#CC79A7"
+GREY: Final = "#8A8A8A"
+PALE: Final = "#C4C4C4"
+
+BODY_COLOURS: Final = {"tractor": BLUE, "trailer": RED}
+CURVE_SHADE: Final = "#EDEDE6"
+HATCH: Final = "#CFCFCF"
+
+_FONT_PT: Final = 8.5
+_GRID: Final = "#DDDDDD"
+
+
+def blank(height_in: float) -> Figure:
+    """Return an empty figure of page width that belongs to no window."""
+    return Figure(figsize=(PAGE_WIDTH_IN, height_in), dpi=DPI, layout="constrained")
+
+
+def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
+    """Give axes their labels, a light grid and no box."""
+    axes.set_xlabel(x_label, fontsize=_FONT_PT)
+    axes.set_ylabel(y_label, fontsize=_FONT_PT)
+    if title:
+        axes.set_title(title, fontsize=_FONT_PT + 0.5, loc="left", fontweight="bold")
+    axes.tick_params(labelsize=_FONT_PT - 0.5, length=3)
+    axes.grid(color=_GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def legend(axes: Axes, columns: int) -> None:
+    """Add a legend in one strip above the axes, where it hides no line."""
+    axes.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=columns,
+        frameon=False,
+        fontsize=_FONT_PT - 0.5,
+        handlelength=1.6,
+        columnspacing=1.2,
+        borderaxespad=0.1,
+    )
+
+
+def note(axes: Axes, x: float, y: float, text: str, **looks: Any) -> None:  # noqa: ANN401
+    """Write a short text at (x, y) in fractions of the axes."""
+    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
+    axes.text(x, y, text, transform=axes.transAxes, fontsize=_FONT_PT - 0.5, bbox=box, **looks)
+
+
+def shade(
+    axes: Axes, time_s: FloatArray, rows: NDArray[np.bool_], hatch: str | None = None
+) -> None:
+    """Shade, or hatch, the spans of time in which `rows` is True."""
+    axes.fill_between(
+        time_s,
+        0.0,
+        1.0,
+        where=rows.tolist(),
+        transform=axes.get_xaxis_transform(),
+        facecolor="none" if hatch else CURVE_SHADE,
+        edgecolor=HATCH if hatch else "none",
+        hatch=hatch,
+        linewidth=0.0,
+        zorder=0,
+    )

@@ -1,0 +1,50 @@
+"""What a control period costs: histograms of the wall-clock time of its parts."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from experiments.figures.style import BLACK, GREY, RED, SKY, blank, dress, note
+from testbed.channels import TIMING
+from testbed.record import Record
+from ttempc.types import FloatArray
+
+_PARTS: Final = (
+    ("estimator_us", "estimator"),
+    ("control_step_us", "control step"),
+    ("qp_solve_us", "QP solve"),
+    ("plant_step_us", "plant, one physics step"),
+)
+_BINS: Final = 40
+
+
+def timing_figure(record: Record) -> Figure:
+    """Return a histogram of every cost with its median and 99th percentile."""
+    figure = blank(4.2)
+    for axes, (field, title) in zip(figure.subplots(2, 2).flat, _PARTS, strict=True):
+        cost_us = record[TIMING][field]
+        dress(axes, "wall-clock time [us]", "control periods", title)
+        _histogram(axes, cost_us[np.isfinite(cost_us) & (cost_us > 0.0)])
+    return figure
+
+
+def _histogram(axes: Axes, cost_us: FloatArray) -> None:
+    if not len(cost_us):
+        note(axes, 0.5, 0.5, "none on record", ha="center", color=GREY)
+        return
+    low, high = 0.9 * cost_us.min(), 1.1 * cost_us.max()
+    axes.set_xscale("log")
+    axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    median, p99 = np.percentile(cost_us, [50.0, 99.0])
+    axes.axvline(median, color=BLACK, linewidth=1.0)
+    axes.axvline(p99, color=RED, linewidth=1.0, linestyle="--")
+    text = f"median {median:.0f}\n99 % below {p99:.0f}\nmax {cost_us.max():.0f}"
+    note(axes, 0.98, 0.95, text, ha="right", va="top")
