@@ -6,6 +6,9 @@ acts as dry friction at the wheel's bearing. Both follow the cone index under th
 `prepare`, at the load that the wheel carried then. Slip and slip angle are not reported (NaN).
 """
 
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import mujoco

@@ -1,5 +1,8 @@
 """The plant: vehicle, ground and soil in MuJoCo, moved by commands, seen as `Truth`."""
 
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import math
@@ -135,7 +138,7 @@ class Plant:
         Raises:
             PlantDiverged: the state is no longer one that physics could have led to.
         """
-        model, data = self.model, self.data
+        data = self.data
         data.ctrl[:] = command.delta_t, command.delta_i, command.hp
         before = data.time
         self._run(steps)

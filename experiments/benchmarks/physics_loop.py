@@ -1,0 +1,76 @@
+"""What the soil wheels cost: the physics loop against a bare `mj_step` of the same vehicle.
+
+Run with `python -m experiments.benchmarks.physics_loop`. Both kinds of step alternate within one
+run, so that a busy machine slows both; the medians are compared. The bare vehicle floats without
+gravity, because it has nothing to stand on.
+"""
+
+from __future__ import annotations
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+import statistics
+import time
+from collections.abc import Callable
+from typing import Final
+
+import mujoco
+
+from testbed import terrain
+from testbed.plant import Plant
+from testbed.randomness import generator
+from testbed.soil import SoilMap
+from testbed.vehicle_model import PlantVehicle
+from ttempc.types import Command
+
+STEPS: Final = 2000
+REPEATS: Final = 15
+LARGEST_RATIO: Final = 2.0
+
+
+def _seconds(action: Callable[[], object]) -> float:
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
+
+
+def measure() -> tuple[float, float, float]:
+    """Return soil loop and bare step [s per step], and the time step of both [s]."""
+    ground = terrain.rough("D", generator(1, "terrain"))
+    plant = Plant(PlantVehicle(), ground, SoilMap(600.0))
+    plant.reset(0.0, 0.0, 0.0, 1.0)
+    command = Command(0.05, 0.0, 1.0 / 1.4)
+    plant.advance(command, 500)
+    start = plant.snapshot()
+    model, data = plant.model, plant.data
+    gravity = model.opt.gravity[2]
+
+    def bare() -> None:
+        step = mujoco.mj_step
+        for _ in range(STEPS):
+            step(model, data)
+
+    soil_times, bare_times = [], []
+    for _ in range(REPEATS):
+        plant.restore(start)
+        soil_times.append(_seconds(lambda: plant.advance(command, STEPS)) / STEPS)
+        plant.restore(start)
+        data.xfrc_applied[:] = 0.0
+        model.opt.gravity[2] = 0.0
+        bare_times.append(_seconds(bare) / STEPS)
+        model.opt.gravity[2] = gravity
+    return statistics.median(soil_times), statistics.median(bare_times), model.opt.timestep
+
+
+def main() -> None:
+    """Print the figures; exit code 1 where the soil loop costs more than it may."""
+    soil, bare, timestep = measure()
+    print(f"soil loop     {1e6 * soil:7.2f} us/step, {timestep / soil:5.0f} x real time")
+    print(f"bare mj_step  {1e6 * bare:7.2f} us/step")
+    print(f"ratio         {soil / bare:7.2f}          (at most {LARGEST_RATIO})")
+    if soil > LARGEST_RATIO * bare:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main()
