@@ -105,5 +105,5 @@ def zero_order_hold(a: FloatArray, b: FloatArray, period_s: float) -> tuple[Floa
     block = np.zeros((count, n + m, n + m))
     block[:, :n, :n] = a * period_s
     block[:, :n, n:] = b * period_s
-    exponential = expm(block)  # (N, n + m, n + m)
+    exponential = np.asarray(expm(block), dtype=np.float64)  # (N, n + m, n + m)
     return exponential[:, :n, :n].copy(), exponential[:, :n, n:].copy()

@@ -18,7 +18,7 @@ _BOUND_TOLERANCE = 1e-6
 
 
 # LAPACK's own routine tells an indefinite or non-finite matrix in 2 us and without an exception.
-_cholesky = get_lapack_funcs("potrf", dtype=np.float64)
+_cholesky = get_lapack_funcs(("potrf",), dtype=np.float64)[0]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,180 @@
+"""Extended Kalman filter over the articulated kinematics, from the paper's sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2
+
+from ttempc.errors import InvalidTuning
+from ttempc.kinematics import advance, articulated_jacobian, hitch_angle, trailer_point
+from ttempc.noise import ProcessNoise, SensorNoise
+from ttempc.sensing import LENGTH, expected_jacobian, first_state, innovation
+from ttempc.types import (
+    Command,
+    Estimate,
+    FloatArray,
+    Innovation,
+    Measurement,
+    Sensor,
+    State,
+)
+from ttempc.vehicle import Vehicle
+
+_LONGEST_STEP_S = 0.05  # a third of the front steering's lag
+_SAME_TIME_S = 1e-9
+_GATE_PATIENCE_S = 1.0
+
+
+class ExtendedKalmanFilter:
+    """Estimate the minimal state (`State`) from samples that come at their own times.
+
+    Between samples the articulated model runs under the held command, with the covariance
+
+        P <- Phi P Phi' + integral of the process noise,
+
+    and every sample is taken in at its own time, one after the other, in Joseph's form
+    P <- (I - K H) P (I - K H)' + K R K', which keeps P positive where the plain form does not
+    (Bucy and Joseph 1968).
+
+    The filter starts with the first reading of every sensor; until then estimates are NaN. A
+    sample whose innovation would be exceeded with probability `gate_probability` only is kept
+    out. A sensor that has been kept out for a whole second without a break may be right and the
+    filter wrong: its samples are then taken in, with their noise raised until they just pass.
+    Samples that are not finite, too early, too late or there twice are kept out.
+
+    Raises:
+        InvalidTuning: the gate's probability is not between 0 and 1.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        sensor_noise: SensorNoise | None = None,
+        process_noise: ProcessNoise | None = None,
+        gate_probability: float = 1e-4,
+    ) -> None:
+        if not 0.0 < gate_probability < 1.0:
+            raise InvalidTuning(f"gate_probability: got {gate_probability}, must be in (0, 1)")
+        self._vehicle = vehicle
+        self._sensor_noise = sensor_noise or SensorNoise()
+        self._process_noise = process_noise or ProcessNoise()
+        self._gate = {m: float(chi2.isf(gate_probability, m)) for m in (1, 2)}
+        self._state = np.full(7, math.nan)
+        self._covariance = np.diag(np.full(7, math.inf))
+        self._time_s: float | None = None  # of state and covariance; None before the start
+        self._first: dict[Sensor, Measurement] = {}
+        self._newest: dict[Sensor, float] = {}  # time of the newest sample of each sensor
+        self._kept_out_since: dict[Sensor, float] = {}
+
+    def update(
+        self, time_s: float, measurements: Sequence[Measurement], command: Command | None
+    ) -> Estimate:
+        """Return the estimate at `time_s` after all `measurements` up to it."""
+        inputs = None if command is None else command.as_array()
+        innovations = []
+        for measurement in measurements:
+            if not self._usable(measurement, time_s):
+                dimension = LENGTH[measurement.sensor]
+                innovations.append(Innovation(measurement.sensor, math.inf, dimension, False))
+                continue
+            self._newest[measurement.sensor] = measurement.time_s
+            if self._time_s is None:
+                self._start(measurement)
+            else:
+                self._predict(measurement.time_s, inputs)
+                innovations.append(self._take_in(measurement))
+        if self._time_s is not None:
+            self._predict(time_s, inputs)
+        return Estimate(
+            time_s=time_s,
+            state=self._state.copy(),
+            covariance=self._covariance.copy(),
+            trailer_xy=trailer_point(self._state, self._vehicle),
+            hitch_angle=hitch_angle(self._state),
+            innovations=tuple(innovations),
+        )
+
+    def _usable(self, measurement: Measurement, time_s: float) -> bool:
+        """Whether a sample is complete, finite, and neither late, early nor there twice."""
+        sampled, value = measurement.time_s, measurement.value
+        return (
+            len(value) == LENGTH[measurement.sensor]
+            and all(map(math.isfinite, (sampled, *value)))
+            and sampled <= time_s + _SAME_TIME_S
+            and sampled > self._newest.get(measurement.sensor, -math.inf)
+            and (self._time_s is None or sampled >= self._time_s - _SAME_TIME_S)
+        )
+
+    def _start(self, measurement: Measurement) -> None:
+        """Collect readings until there is one of every sensor, then start from them."""
+        self._first[measurement.sensor] = measurement
+        if len(self._first) < len(Sensor):
+            return
+        self._state, self._covariance = first_state(self._first, self._vehicle, self._sensor_noise)
+        self._time_s = max(reading.time_s for reading in self._first.values())
+
+    def _predict(self, time_s: float, inputs: FloatArray | None) -> None:
+        """Run model and covariance to `time_s` under held `inputs` (3,)."""
+        assert self._time_s is not None
+        span = time_s - self._time_s
+        if span <= 0.0:
+            return
+        for _ in range(count := math.ceil(span / _LONGEST_STEP_S)):
+            self._predict_step(span / count, self._steady() if inputs is None else inputs)
+        self._time_s = time_s
+
+    def _steady(self) -> FloatArray:
+        """Return the inputs that leave steering and speed as they are, (3,)."""
+        _, _, _, _, delta_t, delta_i, v = self._state.tolist()
+        return np.array([delta_t, delta_i, v / self._vehicle.speed_gain])
+
+    def _predict_step(self, step_s: float, inputs: FloatArray) -> None:
+        before = self._state
+        after = advance(before, inputs, self._vehicle, step_s)
+        middle = 0.5 * (before + after)
+        slope = articulated_jacobian(middle, inputs, self._vehicle)[0] * step_s
+        transition = _exponential(slope)
+        gathered = step_s * self._process_noise.density(middle[State.PSI_T], middle[State.V])
+        # Half of the noise came before the step and goes through it, half comes after.
+        covariance = transition @ (self._covariance + 0.5 * gathered) @ transition.T
+        covariance += 0.5 * gathered
+        self._state = after
+        self._covariance = 0.5 * (covariance + covariance.T)
+
+    def _take_in(self, measurement: Measurement) -> Innovation:
+        """Correct state and covariance by one sample, unless the gate keeps it out."""
+        sensor = measurement.sensor
+        difference = innovation(measurement, self._state, self._vehicle)  # (m,)
+        by_state = expected_jacobian(sensor, self._state, self._vehicle)  # (m, 7)
+        cross = self._covariance @ by_state.T  # (7, m)
+        noise = np.eye(len(difference)) * self._sensor_noise.of(sensor) ** 2
+        spread = by_state @ cross + noise  # (m, m)
+        normalised = float(difference @ np.linalg.solve(spread, difference))
+        beyond = normalised / self._gate[len(difference)]
+        accepted = beyond <= 1.0
+        if accepted:
+            self._kept_out_since.pop(sensor, None)
+        else:
+            since = self._kept_out_since.setdefault(sensor, measurement.time_s)
+            accepted = measurement.time_s - since >= _GATE_PATIENCE_S
+            noise = noise + (beyond - 1.0) * spread
+            spread = beyond * spread
+        if accepted:
+            gain = np.linalg.solve(spread, cross.T).T  # (7, m)
+            kept = np.eye(7) - gain @ by_state
+            covariance = kept @ self._covariance @ kept.T + gain @ noise @ gain.T
+            self._state = self._state + gain @ difference
+            self._covariance = 0.5 * (covariance + covariance.T)
+        return Innovation(sensor, normalised, len(difference), accepted)
+
+
+def _exponential(matrix: FloatArray) -> FloatArray:
+    """Return exp(matrix) to fourth order, (7, 7): enough for a third of a lag."""
+    unit = np.eye(len(matrix))
+    result = unit + matrix / 4.0
+    for order in (3.0, 2.0, 1.0):
+        result = unit + matrix @ result / order
+    return result

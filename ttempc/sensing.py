@@ -1,0 +1,116 @@
+"""What each sensor should read in a given state, and the state that a set of readings implies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from ttempc.kinematics import hitch_angle, trailer_point, trailer_point_jacobian, wrap_angle
+from ttempc.noise import SensorNoise
+from ttempc.types import FloatArray, Measurement, Sensor, State
+from ttempc.vehicle import Vehicle
+
+LENGTH = {sensor: 2 if sensor.startswith("gnss") else 1 for sensor in Sensor}
+_ANGLES = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
+
+
+def _row(**entries: float) -> FloatArray:
+    row = np.zeros((1, 7))
+    for name, value in entries.items():
+        row[0, State[name]] = value
+    return row
+
+
+_CONSTANT_JACOBIAN = {
+    Sensor.GNSS_TRACTOR: np.eye(2, 7),
+    Sensor.STEERING_TRACTOR: _row(DELTA_T=1.0),
+    Sensor.STEERING_TRAILER: _row(DELTA_I=1.0),
+    Sensor.HITCH: _row(PSI_T=1.0, PSI_I=-1.0, DELTA_I=-1.0),
+    Sensor.ENCODER: _row(V=1.0),
+}
+
+
+def expected(sensor: Sensor, state: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Return the noise-free reading h(state) of `sensor`, (m,)."""
+    match sensor:
+        case Sensor.GNSS_TRACTOR:
+            return state[: State.PSI_T]
+        case Sensor.GNSS_TRAILER:
+            return trailer_point(state, vehicle)
+        case Sensor.STEERING_TRACTOR:
+            return state[State.DELTA_T : State.DELTA_T + 1]
+        case Sensor.STEERING_TRAILER:
+            return state[State.DELTA_I : State.DELTA_I + 1]
+        case Sensor.HITCH:
+            return np.array([hitch_angle(state)])
+        case Sensor.ENCODER:
+            return state[State.V :]
+
+
+def expected_jacobian(sensor: Sensor, state: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Return d `expected` / d state, (m, 7)."""
+    if sensor is Sensor.GNSS_TRAILER:
+        return trailer_point_jacobian(state, vehicle)
+    return _CONSTANT_JACOBIAN[sensor]
+
+
+def innovation(measurement: Measurement, state: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Return reading less expectation, (m,); angles within [-pi, pi]."""
+    difference = np.asarray(measurement.value) - expected(measurement.sensor, state, vehicle)
+    if measurement.sensor in _ANGLES:
+        return np.array([wrap_angle(float(difference[0]))])
+    return difference
+
+
+def first_state(
+    readings: Mapping[Sensor, Measurement], vehicle: Vehicle, noise: SensorNoise
+) -> tuple[FloatArray, FloatArray]:
+    """Return state (7,) and covariance (7, 7) from one reading of every sensor.
+
+    The heading follows from the line between the two GNSS points: in the tractor's frame it is
+
+        b = (a + d cos(beta) + L_i cos(beta + delta_i), -d sin(beta) - L_i sin(beta + delta_i)),
+
+    so psi_t is the line's direction less the direction of b. The covariance is the readings' own,
+    carried through this map to first order; positions that are older than the newest reading are
+    less certain by the way travelled since.
+    """
+    value = {sensor: reading.value for sensor, reading in readings.items()}
+    (x, y), (x_i, y_i) = value[Sensor.GNSS_TRACTOR], value[Sensor.GNSS_TRAILER]
+    (delta_t,), (delta_i,) = value[Sensor.STEERING_TRACTOR], value[Sensor.STEERING_TRAILER]
+    (beta,), (v,) = value[Sensor.HITCH], value[Sensor.ENCODER]
+    a, d, length_i = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
+    dx, dy = x - x_i, y - y_i
+    trailer_x, trailer_y = length_i * math.cos(beta + delta_i), -length_i * math.sin(beta + delta_i)
+    b_x, b_y = a + d * math.cos(beta) + trailer_x, trailer_y - d * math.sin(beta)
+    psi_t = wrap_angle(math.atan2(dy, dx) - math.atan2(b_y, b_x))
+    psi_i = psi_t - beta - delta_i
+    state = np.array([x, y, psi_t, psi_i, delta_t, delta_i, v])
+
+    line_squared, b_squared = dx**2 + dy**2, b_x**2 + b_y**2
+    by_x, by_y = -dy / line_squared, dx / line_squared
+    by_beta = (b_x * (b_x - a) + b_y * b_y) / b_squared  # minus d(direction of b) / d(beta)
+    by_delta_i = (b_x * trailer_x + b_y * trailer_y) / b_squared
+    # Columns: x, y, x_i, y_i, delta_t, delta_i, beta, v.
+    jacobian = np.zeros((7, 8))
+    jacobian[State.X, 0] = jacobian[State.Y, 1] = 1.0
+    jacobian[State.PSI_T] = by_x, by_y, -by_x, -by_y, 0.0, by_delta_i, by_beta, 0.0
+    jacobian[State.PSI_I] = jacobian[State.PSI_T]
+    jacobian[State.PSI_I, 5:7] -= 1.0
+    jacobian[State.DELTA_T, 4] = jacobian[State.DELTA_I, 5] = jacobian[State.V, 7] = 1.0
+
+    newest = max(reading.time_s for reading in readings.values())
+    variances: list[float] = []
+    for sensor in (
+        Sensor.GNSS_TRACTOR,
+        Sensor.GNSS_TRAILER,
+        Sensor.STEERING_TRACTOR,
+        Sensor.STEERING_TRAILER,
+        Sensor.HITCH,
+        Sensor.ENCODER,
+    ):
+        since = v * (newest - readings[sensor].time_s) if LENGTH[sensor] == 2 else 0.0
+        variances += [noise.of(sensor) ** 2 + since**2] * LENGTH[sensor]
+    return state, (jacobian * variances) @ jacobian.T
