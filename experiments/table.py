@@ -38,9 +38,9 @@ def table(summary: Summary) -> str:
     return "\n".join(lines)
 
 
-def centimetres(metres: float | None) -> str:
+def centimetres(metres: float | None, decimals: int = 1) -> str:
     """Return a length as text in centimetres, a dash where there is none."""
-    return "–" if metres is None else f"{100.0 * metres:.1f}"
+    return "–" if metres is None else f"{100.0 * metres:.{decimals}f}"
 
 
 def _cells(error: ErrorStatistics, published_m: float | None) -> tuple[str, ...]:

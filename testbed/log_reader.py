@@ -214,7 +214,7 @@ class _Content:
                 raise LogError(
                     f"{self._path}: {topic.topic} has other fields than in this version "
                     f"({', '.join(differing)}); written by ttempc "
-                    f"{metadata.get('version.ttempc', 'of unknown version')}"
+                    f"{metadata.get('ttempc', 'of unknown version')}"
                 )
 
 

@@ -89,7 +89,7 @@ def record(
     }
     return Record(
         {
-            channel.topic: table(channel, *given.get(channel, (t[ticks], {})))
+            channel.topic: table_of(channel, *given.get(channel, (t[ticks], {})))
             for channel in CHANNELS
         },
         events,
@@ -97,7 +97,7 @@ def record(
     )
 
 
-def table(channel, time_s, columns) -> Table:
+def table_of(channel, time_s, columns) -> Table:
     """Return a table with the given columns, NaN in all others."""
     missing = np.full(len(time_s), np.nan)
     return Table(

@@ -44,4 +44,4 @@ def _means(axes: Axes, errors: Tracking, error: BodyError, body: str) -> None:
             )
             parts.append(f"{name} {100 * mean_m:.1f} cm")
     text = f"mean on {', on '.join(parts)}" if parts else "shorter than the start-up"
-    note(axes, 0.995, 0.93, text, ha="right", va="top", color="black" if parts else GREY)
+    note(axes, 0.05, 0.93, text, va="top", color="black" if parts else GREY)

@@ -53,8 +53,8 @@ def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
 def legend(axes: Axes, columns: int) -> None:
     """Add a legend in one strip above the axes, where it hides no line."""
     axes.legend(
-        loc="lower right",
-        bbox_to_anchor=(1.0, 1.0),
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
         ncols=columns,
         frameon=False,
         fontsize=_FONT_PT - 0.5,
