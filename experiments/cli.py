@@ -12,6 +12,7 @@ from typing import NoReturn
 from experiments.errors import ExperimentError
 from experiments.run import run
 from experiments.scenario import load, shipped
+from experiments.table import table
 from testbed.errors import TestbedError
 from ttempc.controllers import CONTROLLERS
 from ttempc.errors import TtempcError
@@ -122,7 +123,10 @@ def _run(options: argparse.Namespace) -> int:
     if options.json:
         print(finished.summary.to_json())
     else:
-        print(finished.table)
+        print(table(finished.summary))
+        print()
+        for what, file in finished.files.items():
+            print(f"{what:<10}{file}")
     return 0 if finished.summary.status == "completed" else _EXIT_LOST
 
 

@@ -31,6 +31,9 @@ _PUBLISHED_M: Final = {
     ("curve", "trailer"): 0.3621,
 }
 
+COLUMNS: Final = tuple(f"{body} {where}" for where, body in _PUBLISHED_M)
+"""What the entries of `compare` are, in their order."""
+
 
 def compare(summary: Summary) -> tuple[Comparison, ...]:
     """Return the run's mean Euclidean errors beside the published ones."""

@@ -81,7 +81,8 @@ class TrueVehicle:
     hitch_offset_m: float = 0.3  # rear axle to RJ1
     drawbar_m: Positive = 0.8  # RJ1 to RJ2
     load_kg: NotNegative = 0.0  # in the trailer, on top of its own mass
-    load_height_m: NotNegative = 0.25  # centre of the load above the trailer's floor
+    load_height_m: Positive = 0.55  # centre of the load above the trailer axle
+    load_forward_m: float = 0.0  # centre of the load ahead of the trailer axle
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -16,6 +16,7 @@ from testbed.plant import Plant
 from testbed.record import Event
 from testbed.sensors import SensorSuite
 from testbed.sink import Sink
+from testbed.terrain import Terrain
 from testbed.truth import Truth
 from ttempc.types import (
     Command,
@@ -42,7 +43,7 @@ class Rig:
     reference: FloatArray  # (n, len(REFERENCE.fields)) one row every `record_steps`
     control_steps: int  # physics steps in a control period
     record_steps: int  # physics steps from one row of the truth to the next
-    field_half_size: tuple[float, float]  # [m]
+    terrain: Terrain  # to see whether the vehicle is still on it
     mishaps: MishapLimits = field(default_factory=MishapLimits)
 
 
@@ -169,7 +170,7 @@ def judge(rig: Rig, period: Period) -> None:
     """Say whether the vehicle is lost."""
     step, truth = period.truths[-1]
     x, y = rig.reference[step // rig.record_steps, :2]
-    period.lost = mishap(truth, (float(x), float(y)), rig.field_half_size, rig.mishaps)
+    period.lost = mishap(truth, (float(x), float(y)), rig.terrain, rig.mishaps)
 
 
 STAGES: Final[tuple[Stage, ...]] = (
@@ -189,7 +190,7 @@ def drive(
     rig: Rig,
     ticks: int,
     stages: Sequence[Stage] = STAGES,
-    on_tick: Callable[[int], None] = lambda k: None,
+    on_tick: Callable[[int], object] = lambda k: None,
 ) -> Outcome:
     """Run `ticks` control periods, or fewer where the vehicle is lost.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from testbed.terrain import Terrain
 from testbed.truth import Truth
 
 
@@ -20,7 +21,7 @@ class MishapLimits:
 def mishap(
     truth: Truth,
     reference_xy: tuple[float, float],
-    half_size: tuple[float, float],
+    terrain: Terrain,
     limits: MishapLimits,
 ) -> str | None:
     """Return in words why the vehicle is lost, None while it is not.
@@ -28,13 +29,13 @@ def mishap(
     Args:
         truth: the plant now.
         reference_xy: where the tractor point should be [m].
-        half_size: the field reaches from minus to plus these from the origin [m].
+        terrain: the field.
         limits: what counts as lost.
     """
     for body, pose in (("tractor", truth.tractor), ("trailer", truth.trailer)):
         if max(abs(pose.roll), abs(pose.pitch)) > limits.tilt:
             return f"roll-over of the {body}"
-        if abs(pose.x) > half_size[0] or abs(pose.y) > half_size[1]:
+        if not terrain.contains(pose.x, pose.y):
             return f"the {body} left the field at ({pose.x:.1f}, {pose.y:.1f}) m"
     if max(abs(truth.beta), abs(truth.delta_i)) > limits.fold:
         return f"jack-knife, drawbar at {math.degrees(truth.beta):.0f} deg to the tractor"

@@ -19,7 +19,7 @@ from testbed.soil import SoilMap
 from testbed.terrain import Terrain
 from testbed.truth import WHEELS, Pose, Truth, Wheels
 from testbed.tyre_kernel import Output, wheel_step
-from testbed.vehicle_model import PlantVehicle, WheelModel, build_model, tyres_of
+from testbed.vehicle_model import PlantVehicle, WheelModel, build_spec, mjcf_of, tyres_of
 from ttempc.types import Command, FloatArray
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -61,7 +61,8 @@ class Plant:
         timestep_s: float = 0.002,
     ) -> None:
         self.vehicle, self.terrain, self.soil = vehicle, terrain, soil
-        self.model = build_model(vehicle, terrain, wheels, timestep_s)
+        self._spec = build_spec(vehicle, terrain, wheels, timestep_s)
+        self.model = self._spec.compile()
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
@@ -144,6 +145,16 @@ class Plant:
         self._run(steps)
         self._check(before, steps)
         return self.truth()
+
+    @property
+    def timestep_s(self) -> float:
+        """Physics step [s]."""
+        return self.model.opt.timestep
+
+    @property
+    def mjcf(self) -> str:
+        """The model as MuJoCo compiled it, without the heights of the ground."""
+        return mjcf_of(self._spec)
 
     def snapshot(self) -> Snapshot:
         """Return the present state, to be handed to `restore`."""

@@ -26,7 +26,7 @@ _READ: Final[dict[Sensor, Callable[[Truth], tuple[float, ...]]]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class SensorNoise:
+class SensorSpecification:
     """Rate and white Gaussian noise of the paper's sensors (paper, sec. II); angles in radians.
 
     The rates of the sensors other than GNSS are assumed: the paper's computer reads all of them
@@ -53,7 +53,7 @@ class SensorSuite:
     """All sensors of the vehicle, sampled on a common count of physics steps.
 
     Args:
-        noise: rates and standard deviations.
+        specification: rates and standard deviations.
         timestep: physics step [s]; every rate must be a whole number of them.
         seed: seed of the run.
 
@@ -61,17 +61,20 @@ class SensorSuite:
         InvalidPlant: a rate that no whole number of physics steps gives.
     """
 
-    def __init__(self, noise: SensorNoise, timestep: float, seed: int) -> None:
+    def __init__(self, specification: SensorSpecification, timestep: float, seed: int) -> None:
         def channel(sensor: Sensor, rate: float, sd: float) -> _Channel:
             every = whole_steps(1.0 / rate, timestep, f"rate of sensor {sensor} ({rate} Hz)")
             return _Channel(sensor, every, sd, generator(seed, f"sensor/{sensor}"))
 
         angles = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH)
         self._channels = (
-            channel(Sensor.GNSS_TRACTOR, noise.gnss_rate, noise.gnss_sd),
-            channel(Sensor.GNSS_TRAILER, noise.gnss_rate, noise.gnss_sd),
-            *(channel(sensor, noise.angle_rate, noise.angle_sd) for sensor in angles),
-            channel(Sensor.ENCODER, noise.encoder_rate, noise.encoder_sd),
+            channel(Sensor.GNSS_TRACTOR, specification.gnss_rate, specification.gnss_sd),
+            channel(Sensor.GNSS_TRAILER, specification.gnss_rate, specification.gnss_sd),
+            *(
+                channel(sensor, specification.angle_rate, specification.angle_sd)
+                for sensor in angles
+            ),
+            channel(Sensor.ENCODER, specification.encoder_rate, specification.encoder_sd),
         )
 
     @property

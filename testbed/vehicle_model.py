@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, fields
 from typing import Final, Literal, get_args
 
@@ -56,10 +57,10 @@ class PlantVehicle:
                 )
 
 
-def build_model(
+def build_spec(
     vehicle: PlantVehicle, terrain: Terrain, wheels: WheelModel, timestep_s: float
-) -> mujoco.MjModel:
-    """Return the compiled model of the vehicle on this ground.
+) -> mujoco.MjSpec:
+    """Return the model of the vehicle on this ground, ready to be compiled.
 
     Raises:
         InvalidPlant: the wheel model has no such name, or the time step is out of range.
@@ -82,7 +83,16 @@ def build_model(
     hydrostat = spec.actuator("hydrostat")
     wheel_speed = spec.numeric("hydrostat_calibration").data[0] * speed / radius  # [rad/s]
     hydrostat.gainprm[0] = -hydrostat.biasprm[2] * wheel_speed
-    return spec.compile()
+    return spec
+
+
+def mjcf_of(spec: mujoco.MjSpec) -> str:
+    """Return the MJCF of a compiled model without the heights of its ground.
+
+    Written out, the heights are a hundred times as long as everything else; the loader takes a
+    ground without them for a level one.
+    """
+    return re.sub(r'\s+elevation="[^"]*"', "", spec.to_xml())
 
 
 def tyres_of(model: mujoco.MjModel) -> Tyres:

@@ -3,9 +3,10 @@ import math
 import pytest
 
 from testbed.mishap import MishapLimits, mishap
+from testbed.terrain import flat
 from tests.testbed.truths import truth
 
-FIELD = (40.0, 25.0)
+FIELD = flat(size_m=(80.0, 50.0))
 
 
 def verdict(state, reference=(0.0, 0.0)):

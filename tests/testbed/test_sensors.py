@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from testbed.errors import InvalidPlant
-from testbed.sensors import SensorNoise, SensorSuite
+from testbed.sensors import SensorSpecification, SensorSuite
 from tests.testbed.truths import truth
 from ttempc.types import Sensor
 
@@ -19,7 +19,7 @@ def collect(noise, seed, steps, timestep=0.002):
 
 
 def test_every_sensor_keeps_its_own_rate():
-    values = collect(SensorNoise(), seed=1, steps=1000)  # 2 s
+    values = collect(SensorSpecification(), seed=1, steps=1000)  # 2 s
     assert len(values[Sensor.GNSS_TRACTOR]) == 10
     assert len(values[Sensor.GNSS_TRAILER]) == 10
     for sensor in (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH, Sensor.ENCODER):
@@ -27,7 +27,7 @@ def test_every_sensor_keeps_its_own_rate():
 
 
 def test_noise_is_white_with_the_stated_deviation():
-    noise = SensorNoise(gnss_rate=500.0, angle_rate=500.0, encoder_rate=500.0)
+    noise = SensorSpecification(gnss_rate=500.0, angle_rate=500.0, encoder_rate=500.0)
     n = 4000
     values = collect(noise, seed=2, steps=n)
     expected = {
@@ -44,24 +44,24 @@ def test_noise_is_white_with_the_stated_deviation():
 
 
 def test_encoder_reads_the_wheel_and_not_the_ground():
-    values = collect(SensorNoise(encoder_sd=0.0), seed=1, steps=1)
+    values = collect(SensorSpecification(encoder_sd=0.0), seed=1, steps=1)
     assert values[Sensor.ENCODER] == pytest.approx(SPEEDS["rim_speed"])
 
 
 def test_each_sensor_has_a_stream_of_its_own():
-    plain = collect(SensorNoise(), seed=5, steps=500)
-    slower = collect(SensorNoise(angle_rate=5.0), seed=5, steps=500)
+    plain = collect(SensorSpecification(), seed=5, steps=500)
+    slower = collect(SensorSpecification(angle_rate=5.0), seed=5, steps=500)
     np.testing.assert_array_equal(plain[Sensor.GNSS_TRACTOR], slower[Sensor.GNSS_TRACTOR])
     np.testing.assert_array_equal(plain[Sensor.ENCODER], slower[Sensor.ENCODER])
     assert not np.array_equal(plain[Sensor.GNSS_TRACTOR], plain[Sensor.GNSS_TRAILER])
 
 
 def test_same_seed_same_samples():
-    one, two = (collect(SensorNoise(), seed=9, steps=500) for _ in range(2))
+    one, two = (collect(SensorSpecification(), seed=9, steps=500) for _ in range(2))
     for sensor in Sensor:
         np.testing.assert_array_equal(one[sensor], two[sensor])
 
 
 def test_a_rate_between_two_steps_is_refused():
     with pytest.raises(InvalidPlant, match=r"gnss_tractor.*whole number of physics steps"):
-        SensorSuite(SensorNoise(gnss_rate=7.0), 0.002, 1)
+        SensorSuite(SensorSpecification(gnss_rate=7.0), 0.002, 1)

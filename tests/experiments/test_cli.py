@@ -1,0 +1,139 @@
+"""The command line, run as a user runs it: in a process of its own, in an empty folder."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from testbed.channels import STATE
+from testbed.log_reader import read_log
+
+SHORT = ("--set", "path={kind='straight', length_m=15}")
+
+
+def ttempc(*arguments, cwd):
+    return subprocess.run(
+        [sys.executable, "-m", "experiments.cli", *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """A short run with its folder."""
+    cwd = tmp_path_factory.mktemp("run")
+    done = ttempc("run", "grass", "--seed", "3", "--out", "short", *SHORT, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return done, cwd / "short"
+
+
+def test_a_run_leaves_everything_and_says_where(finished):
+    done, folder = finished
+    names = {file.name for file in folder.iterdir()}
+    assert {"log.mcap", "summary.json", "scenario.toml", "report.html"} <= names
+    assert sum(name.endswith(".png") for name in names) >= 5
+    for name in ("log.mcap", "summary.json", "report.html"):
+        assert name in done.stdout
+    assert "Tracking error" in done.stdout
+
+
+def test_json_goes_to_stdout_alone(finished):
+    _, folder = finished
+    done = ttempc("run", "--json", "--seed", "3", *SHORT, cwd=folder)
+    assert done.returncode == 0
+    printed = json.loads(done.stdout)
+    written = json.loads((folder / "summary.json").read_text())
+    for part in ("tracking", "estimation", "inputs", "slip", "run_id"):
+        assert printed[part] == written[part], "same scenario and seed, another process"
+
+
+def test_same_seed_same_bits_across_processes_and_another_seed_other_bits(finished, tmp_path):
+    _, folder = finished
+    for seed, equal in (("3", True), ("4", False)):
+        done = ttempc("run", "--seed", seed, "--out", seed, *SHORT, cwd=tmp_path)
+        assert done.returncode == 0
+        mine = read_log(tmp_path / seed / "log.mcap")[STATE].values
+        assert np.array_equal(mine, read_log(folder / "log.mcap")[STATE].values) == equal
+
+
+def test_a_resolved_scenario_drives_the_same_run(finished, tmp_path):
+    _, folder = finished
+    done = ttempc(
+        "run", str(folder / "scenario.toml"), "--seed", "3", "--out", "again", cwd=tmp_path
+    )
+    assert done.returncode == 0
+    again = read_log(tmp_path / "again" / "log.mcap")[STATE].values
+    assert np.array_equal(again, read_log(folder / "log.mcap")[STATE].values)
+
+
+def test_an_existing_folder_is_refused_and_left_alone(finished):
+    _, folder = finished
+    before = {file: file.stat().st_mtime_ns for file in folder.rglob("*")}
+    done = ttempc("run", "grass", "--out", str(folder), cwd=folder.parent)
+    assert done.returncode == 2
+    assert "exists already" in done.stderr
+    assert before == {file: file.stat().st_mtime_ns for file in folder.rglob("*")}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("gras",), "scenario 'gras': no such scenario; shipped are grass"),
+        (("nowhere.toml",), "no such file"),
+        (("--seed", "-1"), "--seed: must be a whole number"),
+        (("--seed", "x"), "--seed: must be a whole number"),
+        (("--controller", "pidd"), "pidd"),
+        (("--set", "soil.cone_index_kpa=-3"), "soil.cone_index_kpa"),
+        (("--set", "soil.cone_index_kpa=nan"), "soil.cone_index_kpa"),
+        (("--set", "soil.softnes=3"), "unknown key"),
+        (("--set", "path.radius_m=2.0"), "path too tight at s ="),
+        (("--set", "path.speed_mps=1.5"), "1.4 m/s"),
+        (("--set", "terrain.size_x_m=40.0"), "must stay 4 m inside the field"),
+        (("--set", "terrain.height_map='no.npy'"), "no.npy"),
+        (("--set", "sensors.gnss_rate_hz=7"), "whole number of physics steps"),
+        (("--set", "plant.timestep_s=0.003"), "whole number of physics steps"),
+        (("--set", "plant.vehicle.drawbar_m=0.01"), "drawbar"),
+        (("--colour", "red"), "unrecognized arguments"),
+    ],
+)
+def test_bad_input_gets_one_line_and_exit_code_2_and_writes_nothing(arguments, said, tmp_path):
+    done = ttempc("run", *arguments, "--out", "new", cwd=tmp_path)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not done.stdout
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_lost_vehicle_is_exit_code_3_with_log_and_summary(tmp_path):
+    done = ttempc(
+        *("run", "--controller", "paper-printed-sign", "--out", "lost"),
+        *("--set", "path.laps=1"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 3, done.stdout
+    summary = json.loads((tmp_path / "lost" / "summary.json").read_text())
+    assert summary["status"] == "lost"
+    assert summary["failure"]
+    assert summary["failure"] in done.stdout
+    assert read_log(tmp_path / "lost" / "log.mcap").events[-1].text == summary["failure"]
+
+
+def test_the_list_names_what_run_takes(tmp_path):
+    done = ttempc("list", cwd=tmp_path)
+    assert done.returncode == 0
+    for name in ("grass", "wet-slope", "pavement", "paper-printed-sign", "feedforward"):
+        assert name in done.stdout
+
+
+def test_help_says_what_is_written_and_what_the_exit_codes_mean(tmp_path):
+    done = ttempc("run", "--help", cwd=tmp_path)
+    assert done.returncode == 0
+    for word in ("summary.json", "log.mcap", "Exit code 0", "--set KEY=VALUE"):
+        assert word in done.stdout
