@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from experiments.figures.style import BLACK, BODY_COLOURS, GREY, PALE, blank, dress, legend, note
@@ -15,7 +16,8 @@ from testbed.channels import REFERENCE, STATE
 from testbed.record import Record
 
 _ZOOM_ERRORS: Final = 4.0  # half width of a zoom in errors of the moment that it shows
-_ZOOM_MIN_M: Final = 1.0  # and at least this, so that a good run still shows a piece of path
+_ZOOM_MIN_M: Final = 1.0  # but no less, so that a good run still shows a piece of path
+_ZOOM_MAX_M: Final = 6.0  # and no more, so that a lost one is still zoomed in
 _ZOOM_SHAPE: Final = 1.4  # width over height
 
 
@@ -68,15 +70,14 @@ def _zoom(
         if body == "tractor":
             ends = [here, there]
     x, y = np.mean(ends, axis=0)
-    half = max(_ZOOM_ERRORS * float(errors.tractor.euclidean_m[worst]), _ZOOM_MIN_M)
+    error_m = float(errors.tractor.euclidean_m[worst])
+    half = min(max(_ZOOM_ERRORS * error_m, _ZOOM_MIN_M), _ZOOM_MAX_M)
     wide = _ZOOM_SHAPE * half
     axes.set_xlim(x - wide, x + wide)
     axes.set_ylim(y - half, y + half)
     axes.set_box_aspect(1.0 / _ZOOM_SHAPE)
     note(
-        axes,
-        *(0.02, 0.03),
-        f"t = {errors.time_s[worst]:.1f} s: tractor off by "
-        f"{100 * errors.tractor.euclidean_m[worst]:.1f} cm",
+        axes, 0.02, 0.03, f"t = {errors.time_s[worst]:.1f} s: tractor off by {100 * error_m:.1f} cm"
     )
-    whole.indicate_inset((x - wide, y - half, 2 * wide, 2 * half), edgecolor=GREY, alpha=1)
+    corner = (x - wide, y - half)
+    whole.add_patch(Rectangle(corner, 2 * wide, 2 * half, fill=False, edgecolor=GREY))

@@ -21,6 +21,7 @@ _PARTS: Final = (
     ("plant_step_us", "plant, one physics step"),
 )
 _BINS: Final = 40
+_WIDE: Final = 50.0  # greatest over least cost from which powers of ten label the axis well
 
 
 def timing_figure(record: Record) -> Figure:
@@ -36,11 +37,13 @@ def timing_figure(record: Record) -> Figure:
 def _histogram(axes: Axes, cost_us: FloatArray) -> None:
     if not len(cost_us):
         note(axes, 0.5, 0.5, "none on record", ha="center", color=GREY)
+        axes.set(xticks=[], yticks=[])
         return
     low, high = 0.9 * cost_us.min(), 1.1 * cost_us.max()
     axes.set_xscale("log")
     axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    between = (2.0, 5.0) if high < _WIDE * low else ()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, *between)))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
     median, p99 = np.percentile(cost_us, [50.0, 99.0])
