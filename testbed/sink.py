@@ -12,7 +12,7 @@ from ttempc.types import FloatArray
 
 
 class Sink(Protocol):
-    """Takes everything that a run has to say, in the order of its time.
+    """Takes everything that a run has to say, each channel in the order of its time.
 
     Rows and events are the record of the run. Scenes and paths are there for viewers only: they
     say nothing that the rows do not say, so that a sink without eyes may ignore them.
