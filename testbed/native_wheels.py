@@ -2,8 +2,8 @@
 
 Coulomb friction instead of soil: the friction of each wheel is the largest gross traction ratio of
 its soil, 0.88 (1 - e^(-0.1 Bn)) (Brixius, see `testbed.tyre`), its rolling resistance 1/Bn + 0.04
-acts as dry friction at the wheel's bearing. Both follow the cone index under the wheel, once per
-`prepare`, at the load that the wheel carried then. Slip and slip angle are not reported (NaN).
+acts as dry friction at the wheel's bearing. Both follow the cone index under the wheel and the load
+that it carried, once per `prepare`. Slip and slip angle are not reported (NaN).
 """
 
 # mujoco fills its name space from compiled modules without type information
@@ -32,14 +32,16 @@ class NativeWheels:
         self._bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._geoms = np.array([model.geom(f"{wheel}_contact").id for wheel in WHEELS])
         self._dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
-        self._load = tyres.rated_load.copy()
 
-    def prepare(self, data: mujoco.MjData) -> None:
-        """Set friction and rolling resistance for the soil under each wheel."""
-        bn, _ = mobility(self._tyres, self._load, self._cone_index(data))
+    def prepare(self, data: mujoco.MjData, load: FloatArray) -> None:
+        """Set friction and rolling resistance for the soil under each wheel, `load` (6,) [N] on it.
+
+        Contacts are made anew, for those of `data` still have the friction from before.
+        """
+        bn, _ = mobility(self._tyres, load, self._cone_index(data))
         self._model.geom_friction[self._geoms, 0] = 0.88 * (1.0 - np.exp(-0.1 * bn))
-        resistance = self._load * (1.0 / bn + 0.04) * self._tyres.radius
-        self._model.dof_frictionloss[self._dofs] = resistance
+        self._model.dof_frictionloss[self._dofs] = load * (1.0 / bn + 0.04) * self._tyres.radius
+        mujoco.mj_step1(self._model, data)
 
     def report(self, data: mujoco.MjData, output: FloatArray) -> None:
         """Write loads and forces of the present contacts into `output`, (6, 7)."""
@@ -62,7 +64,6 @@ class NativeWheels:
             output[wheel, Output.LOAD] += wrench[0]
             output[wheel, Output.FORCE_LONG] += force @ ahead
             output[wheel, Output.FORCE_LAT] += force @ np.cross(normal, ahead)
-        self._load = np.maximum(output[:, Output.LOAD], 0.0)
         place = data.xpos[self._bodies]
         output[:, Output.CONE_INDEX] = self._cone_index(data)
         output[:, Output.GROUND] = self._terrain.height(place[:, 0], place[:, 1])

@@ -24,7 +24,7 @@ from ttempc.types import Command, FloatArray
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _SETTLE_CHUNK_S: Final = 0.1  # loads are compared this far apart
-_SETTLE_CHUNKS: Final = 50  # and no more often than this
+_SETTLE_CHUNKS: Final = 30  # and no more often than this
 _SETTLED: Final = 1e-4  # largest change of a wheel load over the weight
 
 
@@ -66,7 +66,7 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
-        self._tyres = tyres_of(model)
+        self.tyres = tyres_of(model)
         self._deflection = np.zeros((len(WHEELS), 3))
         self._output = np.zeros((len(WHEELS), len(Output)))
         self._joints = {
@@ -82,7 +82,7 @@ class Plant:
             self._grid = np.array([*terrain.origin, terrain.spacing_m, timestep_s])
             # views of MuJoCo's arrays, bound once: they outlive a reset of the data
             self._tyre_arguments = (
-                self._tyres.table(),
+                self.tyres.table(),
                 terrain.heights,
                 cone_indices,
                 self._grid,
@@ -97,7 +97,7 @@ class Plant:
             )
             self._native = None
         else:
-            self._native = NativeWheels(model, self._tyres, terrain, cone_indices)
+            self._native = NativeWheels(model, self.tyres, terrain, cone_indices)
 
     def reset(self, x: float, y: float, yaw: float, speed: float) -> Truth:
         """Put the vehicle on the ground, in line, and let it roll from there.
@@ -125,9 +125,7 @@ class Plant:
                 f"reset: at ({x}, {y}) the vehicle stands outside the field, which reaches from "
                 f"{self.terrain.origin} over {self.terrain.size_m} m"
             )
-        self._settle()
-        self.data.qpos[:2] = x, y  # on a slope the tyres have given way by millimetres
-        self._settle()
+        self._settle(x, y)
         self._roll(speed)
         self.data.time = 0.0
         mujoco.mj_step1(self.model, self.data)
@@ -177,7 +175,7 @@ class Plant:
         velocity = self._velocity(tractor)
         axes = data.xmat[tractor].reshape(3, 3)
         left, right = self._joints["rear_left"][1], self._joints["rear_right"][1]
-        rear_radius = self._tyres.radius[WHEELS.index("rear_left")]
+        rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
         output = self._output
         return Truth(
             time_s=data.time,
@@ -215,7 +213,7 @@ class Plant:
         model, data = self.model, self.data
         step1, step2 = mujoco.mj_step1, mujoco.mj_step2
         if self._native is not None:
-            self._native.prepare(data)
+            self._native.prepare(data, self._output[:, Output.LOAD])
             for step in range(steps):
                 step2(model, data)
                 if step == steps - 1:  # while contacts and their forces are of one step
@@ -261,7 +259,7 @@ class Plant:
         ahead -= (ahead @ up) * up
         ahead /= np.linalg.norm(ahead)
         mujoco.mju_mat2Quat(qpos[3:7], np.column_stack([ahead, np.cross(up, ahead), up]).ravel())
-        qpos[:3] = np.array([x, y, height]) + self._tyres.radius[2] * up
+        qpos[:3] = np.array([x, y, height]) + self.tyres.radius[2] * up
         qpos[:2] = x, y
         mujoco.mj_step1(self.model, data)
 
@@ -269,8 +267,8 @@ class Plant:
         wheels = self.data.xpos[[self.model.body(wheel).id for wheel in WHEELS]]
         return wheels[:, 0], wheels[:, 1]
 
-    def _settle(self) -> None:
-        """Let the vehicle sink onto its tyres, wheels locked, all motion damped."""
+    def _settle(self, x: float, y: float) -> None:
+        """Let the vehicle sink onto its tyres at (x, y), wheels locked, all motion damped."""
         data = self.data
         data.ctrl[:] = 0.0
         fade = math.exp(-10.0 * self.model.opt.timestep)
@@ -282,12 +280,16 @@ class Plant:
         weight = -self.model.opt.gravity[2] * self.model.body_mass.sum()
         steps = round(_SETTLE_CHUNK_S / self.model.opt.timestep)
         mujoco.mj_step1(self.model, data)
-        previous = self._output[:, Output.LOAD].copy()
         for _ in range(_SETTLE_CHUNKS):
-            self._run(steps, brake)
-            change = np.abs(self._output[:, Output.LOAD] - previous).max() / weight
             previous = self._output[:, Output.LOAD].copy()
-            if change < _SETTLED:
+            self._run(steps, brake)
+            # on a slope it gives way by millimetres until its treads hold it
+            sunk = data.qpos[2] - self.terrain.height(*data.qpos[:2])
+            data.qpos[:3] = x, y, self.terrain.height(x, y) + sunk
+            mujoco.mj_step1(self.model, data)
+            load = self._output[:, Output.LOAD]
+            steady = np.abs(load - previous).max() < _SETTLED * weight
+            if steady and load.sum() > 0.5 * weight:  # not while it still falls
                 break
 
     def _roll(self, speed: float) -> None:
@@ -296,7 +298,7 @@ class Plant:
         ahead = data.xmat[self._bodies["tractor"]].reshape(3, 3)[:, 0]
         data.qvel[:] = 0.0
         data.qvel[:3] = speed * ahead
-        data.qvel[self._wheel_dofs] = speed / self._tyres.radius
+        data.qvel[self._wheel_dofs] = speed / self.tyres.radius
         data.act[self._hydrostat] = speed / self.model.numeric("hydrostat_speed_gain").data[0]
 
     def _velocity(self, body: int) -> FloatArray:
