@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 from testbed import channels, rows
 from testbed.errors import PlantDiverged
-from testbed.log import PREDICTED_PATH_TOPIC
+from testbed.log import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from testbed.mishap import MishapLimits, mishap
 from testbed.plant import Plant
 from testbed.record import Event
@@ -118,6 +118,7 @@ def note(rig: Rig, period: Period) -> None:
     rig.sink.row(channels.SOLVER, time, rows.solver_row(said))
     if said.predicted_path is not None:
         rig.sink.path(PREDICTED_PATH_TOPIC, time, said.predicted_path[:, :2])
+        rig.sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, said.predicted_path[:, 2:])
     if said.fallback != period.fallback:
         text = f"fallback: {said.fallback}" if said.fallback else "fallback ended"
         rig.sink.event(Event(time, "warning" if said.fallback else "info", text))

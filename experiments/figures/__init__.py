@@ -30,7 +30,7 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
 CAPTIONS: Final = {
     "path": "Reference and driven paths; below, the places where the error is largest.",
     "error": "Distance to the time-based reference. Shaded: curves. Means leave out the start-up.",
-    "signals": "Commands and the actions that they are the sum of. Dashed: the vehicle's bounds.",
+    "signals": "The three actions, their sum, and what was sent. Dashed: the vehicle's bounds.",
     "tyres": "Slip of the driven wheels, slip angles of the trailer's wheels, loads of all wheels.",
     "timing": "Wall-clock cost of the parts of a control period, on the machine that made the run.",
 }

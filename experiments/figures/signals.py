@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.figures.style import BLACK, BLUE, RED, SKY, blank, dress, legend
+from experiments.figures.style import BLACK, BLUE, GREY, RED, SKY, blank, dress, legend
 from testbed.channels import CONTROL
 from testbed.record import Record
 
@@ -16,11 +16,12 @@ _INPUTS: Final = (  # field, label, factor from the field's unit to the label's
     ("delta_i_rad", "trailer steering [deg]", np.degrees(1.0)),
     ("hp", "hydrostat position [%]", 100.0),
 )
-_ACTIONS: Final = (  # the paper's roles of the colours: cyan, red, blue, black
-    ("feedforward", SKY, 1.6),
-    ("feedback", RED, 0.8),
-    ("robust", BLUE, 0.8),
-    ("total", BLACK, 0.9),
+_ACTIONS: Final = (  # field, label, colour (the paper's roles: cyan, red, blue, black), width
+    ("feedforward", "feedforward", SKY, 1.6),
+    ("feedback", "feedback", RED, 0.8),
+    ("robust", "robust", BLUE, 0.8),
+    ("total", "total, before limits", GREY, 0.7),
+    ("command", "total, as sent", BLACK, 1.0),
 )
 _HEADROOM: Final = 0.06  # of the range between the bounds
 
@@ -31,13 +32,13 @@ def signals_figure(record: Record) -> Figure:
     figure = blank(6.2)
     rows = figure.subplots(3, 1, sharex=True)
     for axes, (name, label, factor) in zip(rows, _INPUTS, strict=True):
-        for action, colour, width in _ACTIONS:
+        for action, what, colour, width in _ACTIONS:
             axes.plot(
                 table.time_s,
                 factor * table[f"{name}_{action}"],
                 color=colour,
                 linewidth=width,
-                label=action,
+                label=what,
             )
         for bound in ("min", "max"):
             axes.plot(
@@ -50,6 +51,6 @@ def signals_figure(record: Record) -> Figure:
             )
         dress(axes, "", label)
         axes.margins(x=0.0, y=_HEADROOM)
-    legend(rows[0], 5)
+    legend(rows[0], 6)
     rows[-1].set_xlabel("time [s]", fontsize=8.5)
     return figure

@@ -50,9 +50,12 @@ def test_control_signals_show_every_action_of_every_input():
     figure = FIGURES["signals"](record())
     assert len(figure.axes) == 3
     for axes in figure.axes:
-        assert len(axes.lines) == 6  # four actions, two bounds
+        assert len(axes.lines) == 7  # three actions, their sum, what was sent, two bounds
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert labels == ["feedforward", "feedback", "robust", "total", "bounds"]
+    assert labels == [
+        *("feedforward", "feedback", "robust"),
+        *("total, before limits", "total, as sent", "bounds"),
+    ]
 
 
 def test_mean_errors_are_written_into_the_figure():
