@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -64,12 +65,17 @@ class PaperFeedback:
         gains: RobustGains | None,
     ) -> None:
         a, b = zero_order_hold(*linearise(grid, vehicle, equations), period_s)
-        self._mpc = LinearMpc(CondensedHorizon(a, b, tuning, period_s))
+        # No period starts at the last sample: it is only predicted.
+        horizon = CondensedHorizon(a[:-1], b[:-1], tuning, period_s)
+        self._mpc = LinearMpc(horizon)
         self._nominal = Nominal(a, b, equations.nominal)
         self._robust = RobustLaw(gains, equations.robust_sign, period_s) if gains else None
-        self._horizon = tuning.horizon
-        self._reference_path = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)
-        self._to_map = _rotations(grid.state[:, State.PSI_T], grid.state[:, State.PSI_I])
+        # Predicted path = reference - predicted error turned into the map frame, to first order.
+        ahead = 1 + np.arange(horizon.ticks)[:, None] + np.arange(tuning.horizon)  # (ticks, Np)
+        to_map = _rotations(grid.state[:, State.PSI_T], grid.state[:, State.PSI_I])[ahead]
+        by_plan = -to_map @ horizon.prediction[:, :, POSITIONS]  # (ticks, Np, 4, n + m + m Nc)
+        self._path_by_plan = by_plan.reshape(horizon.ticks, 4 * tuning.horizon, -1)
+        self._reference_path = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)[ahead]
 
     def step(self, k: int, error: FloatArray) -> Actions:
         """Return the actions of tick `k` for the tracking error z_e (7,)."""
@@ -80,20 +86,15 @@ class PaperFeedback:
         u_m, z_m = np.zeros(3), None
         if self._robust:
             u_m, z_m = self._robust.step(k, nominal, error)
+        path = self._reference_path[k]
         return Actions(
             feedback=-feedback.input,
             robust=u_m,
             modelling_error=z_m,
-            predicted_path=self._predicted_path(k, feedback.prediction),
+            predicted_path=path + (self._path_by_plan[k] @ feedback.plan).reshape(path.shape),
             solver=feedback.report,
             fallback=feedback.fallback,
         )
-
-    def _predicted_path(self, k: int, prediction: FloatArray) -> FloatArray:
-        """Return reference less predicted error, (Np, 4), to first order in the error."""
-        window = slice(k + 1, k + 1 + self._horizon)
-        offset = self._to_map[window] @ prediction[:, POSITIONS, None]  # (Np, 4, 1)
-        return self._reference_path[window] - offset[..., 0]
 
 
 class TrackingController:
@@ -127,8 +128,8 @@ class TrackingController:
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick `k`."""
         k = min(k, self._ticks - 1)
-        known = estimate.state.sum() + estimate.trailer_xy.sum() + estimate.hitch_angle
-        if not np.isfinite(known):
+        known = [*estimate.state.tolist(), *estimate.trailer_xy.tolist(), estimate.hitch_angle]
+        if not math.isfinite(sum(known)):
             return self._hold("estimate not finite: previous command held")
         error = tracking_error(
             estimate.state, estimate.trailer_xy, self._state[k], self._trailer_xy[k]

@@ -16,7 +16,7 @@ class FeedbackAction:
     """What the linear MPC wants at one tick."""
 
     input: FloatArray  # u_b = u_e* (m,), eq. (ue); inside its bounds
-    prediction: FloatArray  # (Np, n) predicted tracking errors z_{k+1} ... z_{k+Np}
+    plan: FloatArray  # (n + m + m Nc,) w of `CondensedHorizon`: known things and input steps
     report: SolverReport
     fallback: str  # why the input is not the minimiser; empty where it is
 
@@ -47,5 +47,5 @@ class LinearMpc:
             fallback = ""
         u = previous + steps[: len(bound)]
         self._previous = np.minimum(np.maximum(u, -bound), bound)
-        prediction = self._horizon.predict(k, state, previous, steps)
-        return FeedbackAction(self._previous, prediction, solution.report, fallback)
+        plan = np.concatenate([state, previous, steps])
+        return FeedbackAction(self._previous, plan, solution.report, fallback)

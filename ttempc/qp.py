@@ -122,7 +122,7 @@ class CondensedHorizon:
         cost = 2.0 * np.einsum("kjnu,kjnw->kuw", stages[..., known:], weighted)
         cost[:, :, known:] += 2.0 * np.diag(np.tile(tuning.step_weight, moves))
 
-        self.prediction = stages[:, 1:]  # (ticks, Np, n, n + m + m Nc)
+        self.prediction = stages[:, 1:]  # Z_1 ... Z_Np (ticks, Np, n, n + m + m Nc)
         self._by_known = np.ascontiguousarray(cost[:, :, :known])  # (ticks, m Nc, n + m)
         hessian = cost[:, :, known:]
         self._hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))  # (ticks, m Nc, m Nc)
@@ -146,14 +146,11 @@ class CondensedHorizon:
             step_bound=self._step_bound,
         )
 
-    def predict(
-        self, k: int, state: FloatArray, previous_input: FloatArray, steps: FloatArray
-    ) -> FloatArray:
-        """Return the states z_{k+1} ... z_{k+Np} under the input steps (m Nc,), (Np, n)."""
-        return self.prediction[k] @ np.concatenate([state, previous_input, steps])
-
     def _require_convex(self) -> None:
         try:
-            np.linalg.cholesky(self._hessian)
-        except np.linalg.LinAlgError as error:
-            raise InvalidTuning("the cost is not finite and convex along the reference") from error
+            factors = np.linalg.cholesky(self._hessian)
+        except np.linalg.LinAlgError:
+            factors = np.full(1, np.nan)
+        # The factorisation of a matrix that is not finite may end without an error.
+        if not (np.isfinite(factors).all() and np.isfinite(self._by_known).all()):
+            raise InvalidTuning("the cost is not finite and convex all along the reference")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,12 +46,12 @@ class PersistentSolver:
 
     def solve(self, qp: QP) -> QPSolution:
         """Return the minimiser of `qp`, or say why there is none."""
-        # The sums are finite where all entries are: far cheaper than to test each of them.
-        finite = np.isfinite(qp.gradient.sum() + qp.lower.sum() + qp.upper.sum())
-        if not finite or _cholesky(qp.hessian)[1] != 0:
+        # The products are finite where all entries are: cheaper than to test each of them.
+        finite = math.isfinite(qp.gradient @ qp.gradient + qp.lower @ qp.upper)
+        if not finite or not _convex(qp.hessian):
             self._solver = None
-            status = "input not convex" if finite else "input not finite"
-            return QPSolution(None, SolverReport(status, False, 0, 0.0, np.inf, np.inf))
+            status = "hessian not convex" if finite else "input not finite"
+            return QPSolution(None, SolverReport(status, False, 0, 0.0, math.inf, math.inf))
         solver = self._load(qp)
         status = solver.solve()
         result = solver.result
@@ -75,7 +76,7 @@ class PersistentSolver:
 
     def _load(self, qp: QP) -> piqp.DenseSolver:
         """Hand the problem to the living solver, or to a new one."""
-        hessian = qp.hessian.T  # symmetric; the transpose is in the column order PIQP wants
+        hessian = qp.hessian.T  # symmetric; the transpose has the column order that PIQP wants
         if self._solver is not None:
             self._solver.update(P=hessian, c=qp.gradient, h_l=qp.lower, h_u=qp.upper)
             return self._solver
@@ -97,8 +98,17 @@ class PersistentSolver:
         return solver
 
 
+def _convex(hessian: FloatArray) -> bool:
+    """Whether `hessian` (n, n) is finite and positive definite, in the triangle that PIQP reads.
+
+    A number that is not finite runs through the factorisation into its last entry.
+    """
+    factor, failed_at = _cholesky(hessian.T)
+    return failed_at == 0 and math.isfinite(factor[-1, -1])
+
+
 def _within_bounds(qp: QP, x: FloatArray) -> bool:
     """Whether `x` (n,) is finite and inside the bounds; comparisons with NaN are false."""
     rows = qp.matrix @ x
     slack = np.concatenate([rows - qp.lower, qp.upper - rows, qp.step_bound - np.abs(x)])
-    return bool((slack >= -_BOUND_TOLERANCE).all())
+    return bool(slack.min() >= -_BOUND_TOLERANCE)

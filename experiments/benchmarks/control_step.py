@@ -1,0 +1,89 @@
+"""What a control step costs beside the bare solve of its quadratic programme.
+
+    python -m experiments.benchmarks.control_step
+
+Replays to `paper` what it sees along half a lap of the figure eight, back to back (warm) and with
+a pause of 20 ms before each step, in which the caches go cold as they do between control periods.
+The bare solve is PIQP's own clock within the same steps, so that the ratio holds on any machine.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from ttempc.controllers import make_controller
+from ttempc.kinematics import advance, hitch_angle, trailer_point
+from ttempc.path import figure_eight
+from ttempc.reference import ConstantSpeed, Reference
+from ttempc.types import Controller, Estimate, FloatArray
+from ttempc.vehicle import Vehicle
+
+PERIOD_S = 0.2
+TICKS = 340  # half a lap at 1 m/s
+SUBSTEPS = 5
+SEED = 1
+NOISE = np.array([0.01, 0.01, 0.005, 0.005, 0.002, 0.002, 0.01])  # of the estimates; m, rad, m/s
+
+
+def estimates_along(vehicle: Vehicle, reference: Reference) -> list[Estimate]:
+    """Return what `paper` sees on its way along half a lap on exact kinematics."""
+    controller = make_controller("paper", vehicle, reference, PERIOD_S)
+    generator = np.random.default_rng(SEED)
+    state = reference.at(0.0).state
+    seen = []
+    for k in range(TICKS):
+        noisy = state + NOISE * generator.standard_normal(7)
+        estimate = Estimate(
+            time_s=k * PERIOD_S,
+            state=noisy,
+            covariance=np.diag(NOISE**2),
+            trailer_xy=trailer_point(noisy, vehicle),
+            hitch_angle=hitch_angle(noisy),
+        )
+        seen.append(estimate)
+        command = controller.step(estimate, k).command.as_array()
+        for _ in range(SUBSTEPS):
+            state = advance(state, command, vehicle, PERIOD_S / SUBSTEPS)
+    return seen
+
+
+def timed(
+    controller: Controller, estimates: list[Estimate], pause_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the times of whole steps and of the bare solves in them, (N,) [s] each."""
+    steps, solves = np.zeros(len(estimates)), np.zeros(len(estimates))
+    for k, estimate in enumerate(estimates):
+        if pause_s:
+            time.sleep(pause_s)
+        begin = time.perf_counter()
+        result = controller.step(estimate, k)
+        steps[k] = time.perf_counter() - begin
+        report = result.diagnostics.solver
+        solves[k] = report.solve_time_s if report else np.nan
+    return steps, solves
+
+
+def main() -> None:
+    """Print medians, tails and the ratio of whole step to bare solve."""
+    vehicle = Vehicle()
+    reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
+    estimates = estimates_along(vehicle, reference)
+    print(f"{'us':6s}{'step: median':>14s}{'p99':>8s}{'solve: median':>16s}{'p99':>8s}  step/solve")
+    for name, repeats, ticks, pause_s in (("warm", 5, TICKS, 0.0), ("cold", 1, 100, 0.02)):
+        runs = [
+            timed(
+                make_controller("paper", vehicle, reference, PERIOD_S), estimates[:ticks], pause_s
+            )
+            for _ in range(repeats)
+        ]
+        steps, solves = (np.concatenate(times) for times in zip(*runs, strict=True))
+        middle, tail = 1e6 * np.quantile(steps, (0.5, 0.99))
+        solve, solve_tail = 1e6 * np.quantile(solves, (0.5, 0.99))
+        ratio = np.median(steps / solves)
+        print(f"{name:6s}{middle:14.1f}{tail:8.1f}{solve:16.1f}{solve_tail:8.1f}{ratio:12.2f}")
+
+
+if __name__ == "__main__":
+    main()

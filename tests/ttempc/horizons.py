@@ -1,0 +1,41 @@
+"""Quadratic programmes along the figure eight for the laws of qp, solver and lmpc."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from ttempc.equations import PaperEquations
+from ttempc.error_model import linearise, zero_order_hold
+from ttempc.path import figure_eight
+from ttempc.qp import QP, CondensedHorizon, HorizonTuning
+from ttempc.reference import ConstantSpeed, Reference
+from ttempc.types import FloatArray
+from ttempc.vehicle import Vehicle
+
+PERIOD_S = 0.2
+TUNING = HorizonTuning()
+
+
+@cache
+def stages() -> tuple[FloatArray, FloatArray]:
+    """Return A_d (N, 7, 7) and B_d (N, 7, 3) of the first 30 s of the figure eight."""
+    reference = Reference(figure_eight(), Vehicle(), ConstantSpeed(1.0))
+    sample = reference.at(np.arange(0.0, 30.0, PERIOD_S))
+    return zero_order_hold(*linearise(sample, Vehicle(), PaperEquations()), PERIOD_S)
+
+
+@cache
+def horizon() -> CondensedHorizon:
+    """Return the paper's horizon over `stages`."""
+    return CondensedHorizon(*stages(), TUNING, PERIOD_S)
+
+
+def random_qp(generator: np.random.Generator, scale: float) -> tuple[QP, FloatArray, FloatArray]:
+    """Return a QP with the state and previous input it was made for."""
+    state = scale * generator.normal(size=7)
+    bound = np.asarray(TUNING.input_bound)
+    previous = bound * generator.uniform(-1.0, 1.0, size=3)
+    k = int(generator.integers(horizon().ticks))
+    return horizon().qp(k, state, previous), state, previous

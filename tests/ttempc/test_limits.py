@@ -1,0 +1,46 @@
+"""Nothing leaves the limits, whatever is asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ttempc.limits import CommandLimits
+from ttempc.vehicle import Vehicle
+
+VEHICLE = Vehicle()
+LIMITS = CommandLimits.of(VEHICLE, 0.2)
+
+
+def wild(generator):
+    wanted = 10.0 ** generator.uniform(-3, 3, size=3) * generator.normal(size=3)
+    spoilt = generator.uniform(size=3) < 0.1
+    return np.where(spoilt, generator.choice([np.nan, np.inf, -np.inf], size=3), wanted)
+
+
+def test_amplitude_and_rate_hold_for_any_wish():
+    generator = np.random.default_rng(41)
+    previous = np.array([0.0, 0.0, 0.7])
+    for _ in range(2000):
+        wanted = wild(generator)
+        allowed, limited = LIMITS.apply(wanted, previous)
+        assert np.all(np.isfinite(allowed))
+        assert np.all(VEHICLE.input_min <= allowed)
+        assert np.all(allowed <= VEHICLE.input_max)
+        assert np.all(np.abs(allowed - previous) <= VEHICLE.input_rate * 0.2 + 1e-12)
+        np.testing.assert_array_equal(limited, ~(allowed == wanted))
+        previous = allowed
+
+
+def test_allowed_wishes_pass_unchanged():
+    previous = np.array([0.1, -0.1, 0.5])
+    wanted = np.array([0.15, -0.15, 0.51])
+    allowed, limited = LIMITS.apply(wanted, previous)
+    np.testing.assert_array_equal(allowed, wanted)
+    assert not limited.any()
+
+
+def test_numbers_that_are_not_finite_hold_the_previous_command():
+    previous = np.array([0.1, -0.1, 0.5])
+    allowed, limited = LIMITS.apply(np.array([np.nan, np.inf, 0.52]), previous)
+    np.testing.assert_array_equal(allowed, [0.1, -0.1, 0.52])
+    np.testing.assert_array_equal(limited, [True, True, False])

@@ -1,0 +1,90 @@
+"""Measurement models, and the first state from one reading of each sensor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.ttempc.numeric import central_differences
+from ttempc.errors import InvalidTuning
+from ttempc.noise import ProcessNoise, SensorNoise
+from ttempc.sensing import LENGTH, expected, expected_jacobian, first_state, innovation
+from ttempc.types import Measurement, Sensor, State
+from ttempc.vehicle import Vehicle
+
+VEHICLE = Vehicle(hitch_offset=0.4, drawbar_length=0.9)
+
+
+def random_state(generator):
+    state = generator.normal(size=7) * [5, 5, 3, 0.3, 0.2, 0.2, 0.5]
+    state[State.PSI_I] += state[State.PSI_T]
+    return state
+
+
+def readings(state, noise=None, generator=None):
+    made = {}
+    for sensor in Sensor:
+        value = expected(sensor, state, VEHICLE)
+        if noise:
+            value = value + noise.of(sensor) * generator.normal(size=len(value))
+        made[sensor] = Measurement(0.0, sensor, tuple(value.tolist()))
+    return made
+
+
+@pytest.mark.parametrize("sensor", Sensor)
+def test_jacobians(sensor):
+    generator = np.random.default_rng(61)
+    for _ in range(20):
+        state = random_state(generator)
+        numeric = central_differences(lambda x: expected(sensor, x, VEHICLE), state)
+        np.testing.assert_allclose(expected_jacobian(sensor, state, VEHICLE), numeric, atol=1e-6)
+        assert len(expected(sensor, state, VEHICLE)) == LENGTH[sensor]
+
+
+def test_first_state_inverts_the_sensors():
+    generator = np.random.default_rng(62)
+    for _ in range(50):
+        state = random_state(generator)
+        found, _ = first_state(readings(state), VEHICLE, SensorNoise())
+        difference = found - state
+        difference[2:4] = [math.remainder(angle, math.tau) for angle in difference[2:4]]
+        np.testing.assert_allclose(difference, 0.0, atol=1e-9)
+
+
+def test_first_covariance_is_that_of_the_readings():
+    """Normalised squared errors have the mean of chi-square with 7 degrees of freedom."""
+    generator = np.random.default_rng(63)
+    noise = SensorNoise()
+    state = np.array([1.0, 2.0, 0.7, 0.5, 0.1, 0.15, 1.0])
+    squares = []
+    for _ in range(1000):
+        found, covariance = first_state(readings(state, noise, generator), VEHICLE, noise)
+        difference = found - state
+        squares.append(difference @ np.linalg.solve(covariance, difference))
+    assert np.mean(squares) / 7.0 == pytest.approx(1.0, abs=0.05)
+
+
+def test_angles_wrap_and_positions_do_not():
+    state = np.zeros(7)
+    turned = Measurement(0.0, Sensor.HITCH, (math.tau - 0.1,))
+    assert innovation(turned, state, VEHICLE)[0] == pytest.approx(-0.1)
+    far = Measurement(0.0, Sensor.GNSS_TRACTOR, (10.0, -10.0))
+    np.testing.assert_array_equal(innovation(far, state, VEHICLE), [10.0, -10.0])
+
+
+def test_process_noise_turns_with_the_vehicle_and_stops_with_it():
+    noise = ProcessNoise()
+    ahead, aside = noise.density(0.0, 1.0), noise.density(math.pi / 2, 1.0)
+    assert aside[0, 0] == pytest.approx(ahead[1, 1])
+    assert np.linalg.eigvalsh(noise.density(0.6, -2.0)).min() >= 0.0
+    assert not noise.density(0.6, 0.0)[:4, :4].any()
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
+def test_noise_must_be_positive(value):
+    with pytest.raises(InvalidTuning, match=r"SensorNoise\.gnss"):
+        SensorNoise(gnss=value)
+    with pytest.raises(InvalidTuning, match=r"ProcessNoise\.drive"):
+        ProcessNoise(drive=value)
