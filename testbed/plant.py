@@ -13,6 +13,7 @@ from typing import Final
 import mujoco
 import numpy as np
 
+from testbed.appearance import paint_ground
 from testbed.errors import InvalidPlant, PlantDiverged
 from testbed.native_wheels import NativeWheels
 from testbed.soil import SoilMap
@@ -78,6 +79,7 @@ class Plant:
         wheel_bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
         cone_indices = soil.rasterised(terrain)  # (ny, nx)
+        paint_ground(model, terrain, cone_indices)
         if wheels == "soil":
             self._grid = np.array([*terrain.origin, terrain.spacing_m, timestep_s])
             # views of MuJoCo's arrays, bound once: they outlive a reset of the data

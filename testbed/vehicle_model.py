@@ -13,6 +13,7 @@ from typing import Final, Literal, get_args
 import mujoco
 import numpy as np
 
+from testbed.appearance import put_tyres
 from testbed.errors import InvalidPlant
 from testbed.resources import resource
 from testbed.terrain import Terrain
@@ -74,6 +75,7 @@ def build_spec(
     _put_lengths(spec, vehicle)
     _put_load(spec, vehicle)
     _put_ground(spec, terrain)
+    put_tyres(spec)
     if wheels == "contact":
         for wheel in WHEELS:
             geom = spec.geom(f"{wheel}_contact")

@@ -1,0 +1,48 @@
+from collections import Counter
+
+import mujoco
+import numpy as np
+
+from testbed import terrain
+from testbed.appearance import tyre_mesh
+from testbed.plant import Plant
+from testbed.soil import Patch, SoilMap
+from testbed.vehicle_model import PlantVehicle
+
+
+def test_tyre_mesh_is_closed_and_faces_outwards():
+    vertices, faces = tyre_mesh(0.4, 0.24, 0.18)
+    edges = Counter(
+        (int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1), strict=True)
+    )
+    assert all(count == 1 and (b, a) in edges for (a, b), count in edges.items())
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    volume = np.einsum("ni,ni->n", a, np.cross(b, c)).sum() / 6.0
+    ring = np.pi * (0.4**2 - 0.22**2) * 0.24
+    assert 0.6 * ring < volume < ring
+    reach = np.hypot(vertices[:, 0], vertices[:, 2])
+    assert 0.39 < reach.max() <= 0.4
+
+
+def test_soft_soil_is_painted_where_it_lies():
+    soil = SoilMap(800.0, (Patch.circle(6.0, -3.0, 2.0, 100.0),))
+    plant = Plant(PlantVehicle(), terrain.flat((20.0, 12.0)), soil)
+    image = plant.model.texture("ground").data.astype(float)  # first row north
+    rows, columns, _ = image.shape
+    green = image[..., 1] - image[..., 0]
+
+    def at(x, y):
+        row = round((0.5 - y / 12.0) * (rows - 1))
+        column = round((0.5 + x / 20.0) * (columns - 1))
+        return green[row - 5 : row + 5, column - 5 : column + 5].mean()
+
+    assert at(6.0, -3.0) < 0.0
+    assert min(at(6.0, 3.0), at(-6.0, -3.0), at(-6.0, 3.0)) > 0.0
+
+
+def test_the_model_that_is_logged_can_be_loaded_and_drawn_again():
+    plant = Plant(PlantVehicle(), terrain.flat((10.0, 8.0)), SoilMap(600.0))
+    again = mujoco.MjModel.from_xml_string(plant.mjcf)
+    assert again.nbody == plant.model.nbody
+    assert again.ngeom == plant.model.ngeom
+    assert [again.camera(i).name for i in range(again.ncam)] == ["chase", "top", "side", "hitch"]
