@@ -1,0 +1,91 @@
+"""The filter's own model as a plant: articulated kinematics, its process noise, its sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ttempc.controllers import make_controller
+from ttempc.estimator import ExtendedKalmanFilter
+from ttempc.kinematics import advance
+from ttempc.noise import ProcessNoise, SensorNoise
+from ttempc.path import figure_eight
+from ttempc.reference import ConstantSpeed, Reference
+from ttempc.sensing import expected
+from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor
+from ttempc.vehicle import Vehicle
+
+PERIOD_S = 0.2
+SUBSTEPS = 20  # of 10 ms
+FAST_EVERY = 4  # substeps between samples of the 25 Hz sensors
+GNSS = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
+FAST = tuple(sensor for sensor in Sensor if sensor not in GNSS)
+VEHICLE = Vehicle()
+REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
+
+Spoil = Callable[[list[Measurement]], list[Measurement]]
+
+
+@dataclass
+class SensedDrive:
+    """A run of filter and controller along the figure eight; states and estimates tick by tick."""
+
+    seed: int
+    process_noise: ProcessNoise = field(default_factory=ProcessNoise)
+    sensor_scale: float = 1.0  # how much noisier the sensors are than the filter believes
+    spoil: Spoil | None = None  # what happens to a tick's samples on their way to the filter
+    estimator: ExtendedKalmanFilter = field(default_factory=lambda: ExtendedKalmanFilter(VEHICLE))
+    states: list[FloatArray] = field(default_factory=list)
+    estimates: list[Estimate] = field(default_factory=list)
+
+    def run(self, ticks: int) -> SensedDrive:
+        """Drive for `ticks` control periods."""
+        self._generator = np.random.default_rng(self.seed)
+        controller = make_controller("paper", VEHICLE, REFERENCE, PERIOD_S)
+        state, command = REFERENCE.at(0.0).state, None
+        measurements = self._sample(state, 0.0, tuple(Sensor))
+        for k in range(ticks):
+            if self.spoil:
+                measurements = self.spoil(measurements)
+            estimate = self.estimator.update(k * PERIOD_S, measurements, command)
+            self.states.append(state)
+            self.estimates.append(estimate)
+            command = controller.step(estimate, k).command
+            state, measurements = self._advance(state, command, k)
+        return self
+
+    def errors(self) -> FloatArray:
+        """Return true less estimated states, (N, 7)."""
+        return np.array(self.states) - np.array([e.state for e in self.estimates])
+
+    def normalised_innovations(self, sensor: Sensor) -> FloatArray:
+        """Return the normalised squared innovations of `sensor`."""
+        found = (i for estimate in self.estimates for i in estimate.innovations)
+        return np.array([i.normalised_squared for i in found if i.sensor is sensor])
+
+    def _advance(
+        self, state: FloatArray, command: Command, k: int
+    ) -> tuple[FloatArray, list[Measurement]]:
+        step_s = PERIOD_S / SUBSTEPS
+        measurements = []
+        for j in range(1, SUBSTEPS + 1):
+            density = self.process_noise.density(state[2], state[6])
+            kick = np.linalg.cholesky(density * step_s) @ self._generator.standard_normal(7)
+            state = advance(state, command.as_array(), VEHICLE, step_s) + kick
+            sensors = FAST if j % FAST_EVERY == 0 else ()
+            sensors = (*sensors, *GNSS) if j == SUBSTEPS else sensors
+            measurements += self._sample(state, k * PERIOD_S + j * step_s, sensors)
+        return state, measurements
+
+    def _sample(
+        self, state: FloatArray, time_s: float, sensors: tuple[Sensor, ...]
+    ) -> list[Measurement]:
+        made = []
+        for sensor in sensors:
+            value = expected(sensor, state, VEHICLE)
+            sd = self.sensor_scale * SensorNoise().of(sensor)
+            value = value + sd * self._generator.standard_normal(len(value))
+            made.append(Measurement(time_s, sensor, tuple(value.tolist())))
+        return made
