@@ -26,6 +26,7 @@ from ttempc.vehicle import Vehicle
 _LONGEST_STEP_S = 0.05  # a third of the front steering's lag
 _SAME_TIME_S = 1e-9
 _GATE_PATIENCE_S = 1.0
+_UNIT = np.eye(len(State))
 
 
 class ExtendedKalmanFilter:
@@ -61,6 +62,7 @@ class ExtendedKalmanFilter:
         self._vehicle = vehicle
         self._sensor_noise = sensor_noise or SensorNoise()
         self._process_noise = process_noise or ProcessNoise()
+        self._noise = {s: self._sensor_noise.of(s) ** 2 * np.eye(LENGTH[s]) for s in Sensor}
         self._gate = {m: float(chi2.isf(gate_probability, m)) for m in (1, 2)}
         self._state = np.full(7, math.nan)
         self._covariance = np.diag(np.full(7, math.inf))
@@ -150,9 +152,10 @@ class ExtendedKalmanFilter:
         difference = innovation(measurement, self._state, self._vehicle)  # (m,)
         by_state = expected_jacobian(sensor, self._state, self._vehicle)  # (m, 7)
         cross = self._covariance @ by_state.T  # (7, m)
-        noise = np.eye(len(difference)) * self._sensor_noise.of(sensor) ** 2
+        noise = self._noise[sensor]  # (m, m)
         spread = by_state @ cross + noise  # (m, m)
-        normalised = float(difference @ np.linalg.solve(spread, difference))
+        precision = np.linalg.inv(spread)
+        normalised = float(difference @ precision @ difference)
         beyond = normalised / self._gate[len(difference)]
         accepted = beyond <= 1.0
         if accepted:
@@ -161,10 +164,10 @@ class ExtendedKalmanFilter:
             since = self._kept_out_since.setdefault(sensor, measurement.time_s)
             accepted = measurement.time_s - since >= _GATE_PATIENCE_S
             noise = noise + (beyond - 1.0) * spread
-            spread = beyond * spread
+            precision = precision / beyond
         if accepted:
-            gain = np.linalg.solve(spread, cross.T).T  # (7, m)
-            kept = np.eye(7) - gain @ by_state
+            gain = cross @ precision  # (7, m)
+            kept = _UNIT - gain @ by_state
             covariance = kept @ self._covariance @ kept.T + gain @ noise @ gain.T
             self._state = self._state + gain @ difference
             self._covariance = 0.5 * (covariance + covariance.T)
@@ -173,8 +176,7 @@ class ExtendedKalmanFilter:
 
 def _exponential(matrix: FloatArray) -> FloatArray:
     """Return exp(matrix) to fourth order, (7, 7): enough for a third of a lag."""
-    unit = np.eye(len(matrix))
-    result = unit + matrix / 4.0
+    result = _UNIT + matrix / 4.0
     for order in (3.0, 2.0, 1.0):
-        result = unit + matrix @ result / order
+        result = _UNIT + matrix @ result / order
     return result
