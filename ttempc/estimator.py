@@ -21,6 +21,7 @@ from ttempc.types import (
     Sensor,
     State,
 )
+from ttempc.valves import slew
 from ttempc.vehicle import Vehicle
 
 _LONGEST_STEP_S = 0.05  # a third of the front steering's lag
@@ -32,7 +33,9 @@ _UNIT = np.eye(len(State))
 class ExtendedKalmanFilter:
     """Estimate the minimal state (`State`) from samples that come at their own times.
 
-    Between samples the articulated model runs under the held command, with the covariance
+    Between samples the articulated model runs under the held command, which the steering valves
+    approach at their rate limit and the steering angles with their lag behind that. The
+    covariance gathers process noise,
 
         P <- Phi P Phi' + integral of the process noise,
 
@@ -67,6 +70,7 @@ class ExtendedKalmanFilter:
         self._state = np.full(7, math.nan)
         self._covariance = np.diag(np.full(7, math.inf))
         self._time_s: float | None = None  # of state and covariance; None before the start
+        self._valves = np.zeros(2)  # set points of the steering valves [rad]
         self._first: dict[Sensor, Measurement] = {}
         self._newest: dict[Sensor, float] = {}  # time of the newest sample of each sensor
         self._kept_out_since: dict[Sensor, float] = {}
@@ -75,7 +79,7 @@ class ExtendedKalmanFilter:
         self, time_s: float, measurements: Sequence[Measurement], command: Command | None
     ) -> Estimate:
         """Return the estimate at `time_s` after all `measurements` up to it."""
-        inputs = None if command is None else command.as_array()
+        held = None if command is None else command.as_array()
         innovations = []
         for measurement in measurements:
             if not self._usable(measurement, time_s):
@@ -86,10 +90,10 @@ class ExtendedKalmanFilter:
             if self._time_s is None:
                 self._start(measurement)
             else:
-                self._predict(measurement.time_s, inputs)
+                self._predict(measurement.time_s, held)
                 innovations.append(self._take_in(measurement))
         if self._time_s is not None:
-            self._predict(time_s, inputs)
+            self._predict(time_s, held)
         return Estimate(
             time_s=time_s,
             state=self._state.copy(),
@@ -116,24 +120,24 @@ class ExtendedKalmanFilter:
         if len(self._first) < len(Sensor):
             return
         self._state, self._covariance = first_state(self._first, self._vehicle, self._sensor_noise)
+        self._valves = self._state[State.DELTA_T : State.V].copy()
         self._time_s = max(reading.time_s for reading in self._first.values())
 
-    def _predict(self, time_s: float, inputs: FloatArray | None) -> None:
-        """Run model and covariance to `time_s` under held `inputs` (3,)."""
+    def _predict(self, time_s: float, command: FloatArray | None) -> None:
+        """Run model and covariance to `time_s` under the held `command` (3,)."""
         assert self._time_s is not None
         span = time_s - self._time_s
         if span <= 0.0:
             return
-        for _ in range(count := math.ceil(span / _LONGEST_STEP_S)):
-            self._predict_step(span / count, self._steady() if inputs is None else inputs)
+        count = math.ceil(span / _LONGEST_STEP_S)
+        for _ in range(count):
+            self._predict_step(span / count, command)
         self._time_s = time_s
 
-    def _steady(self) -> FloatArray:
-        """Return the inputs that leave steering and speed as they are, (3,)."""
-        _, _, _, _, delta_t, delta_i, v = self._state.tolist()
-        return np.array([delta_t, delta_i, v / self._vehicle.speed_gain])
-
-    def _predict_step(self, step_s: float, inputs: FloatArray) -> None:
+    def _predict_step(self, step_s: float, command: FloatArray | None) -> None:
+        if command is None:  # nothing is known to have moved: steering and speed stay
+            command = np.array([*self._valves, self._state[State.V] / self._vehicle.speed_gain])
+        inputs, self._valves = slew(self._valves, command, self._vehicle, step_s)
         before = self._state
         after = advance(before, inputs, self._vehicle, step_s)
         middle = 0.5 * (before + after)

@@ -9,6 +9,7 @@ import numpy as np
 from ttempc.kinematics import advance, hitch_angle, trailer_point
 from ttempc.reference import Reference
 from ttempc.types import Controller, ControlStep, Estimate, FloatArray
+from ttempc.valves import slew
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
@@ -59,7 +60,7 @@ def drive(
     """Drive along `reference`; `noise` (7,) is the standard deviation of the seen state."""
     vehicle, generator = reference.vehicle, np.random.default_rng(seed)
     grid = reference.on_grid(PERIOD_S)
-    state = grid.state[0]
+    state, valves = grid.state[0], grid.inputs[0, :2]
     tractor, trailer, steps = [], [], []
     for k in range(ticks or len(grid.time_s) - 1):
         tractor.append(np.hypot(*(state - grid.state[k])[:2]))
@@ -70,7 +71,8 @@ def drive(
         steps.append(controller.step(seen_truth(seen, k * PERIOD_S, vehicle), k))
         command = steps[-1].command.as_array()
         for _ in range(SUBSTEPS):
-            state = advance(state, command, vehicle, PERIOD_S / SUBSTEPS)
+            inputs, valves = slew(valves, command, vehicle, PERIOD_S / SUBSTEPS)
+            state = advance(state, inputs, vehicle, PERIOD_S / SUBSTEPS)
     return Drive(
         np.array(tractor),
         np.array(trailer),

@@ -14,7 +14,8 @@ from ttempc.noise import ProcessNoise, SensorNoise
 from ttempc.path import figure_eight
 from ttempc.reference import ConstantSpeed, Reference
 from ttempc.sensing import expected
-from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor
+from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
+from ttempc.valves import slew
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
@@ -45,6 +46,7 @@ class SensedDrive:
         self._generator = np.random.default_rng(self.seed)
         controller = make_controller("paper", VEHICLE, REFERENCE, PERIOD_S)
         state, command = REFERENCE.at(0.0).state, None
+        self._valves = state[State.DELTA_T : State.V]
         measurements = self._sample(state, 0.0, tuple(Sensor))
         for k in range(ticks):
             if self.spoil:
@@ -73,7 +75,8 @@ class SensedDrive:
         for j in range(1, SUBSTEPS + 1):
             density = self.process_noise.density(state[2], state[6])
             kick = np.linalg.cholesky(density * step_s) @ self._generator.standard_normal(7)
-            state = advance(state, command.as_array(), VEHICLE, step_s) + kick
+            inputs, self._valves = slew(self._valves, command.as_array(), VEHICLE, step_s)
+            state = advance(state, inputs, VEHICLE, step_s) + kick
             sensors = FAST if j % FAST_EVERY == 0 else ()
             sensors = (*sensors, *GNSS) if j == SUBSTEPS else sensors
             measurements += self._sample(state, k * PERIOD_S + j * step_s, sensors)

@@ -30,10 +30,10 @@ def paper(**equations):
 
 
 def test_feedforward_alone_follows_a_perfect_vehicle():
-    """To millimetres; what is left comes from holding the inputs for a period."""
+    """To centimetres; what is left comes from holding the inputs and from the valves' rate."""
     run = drive(make("feedforward"), REFERENCE)
     assert not run.lost
-    assert max(run.tractor_m.max(), run.trailer_m.max()) < 0.01
+    assert max(run.tractor_m.max(), run.trailer_m.max()) < 0.05
 
 
 def test_paper_holds_the_vehicle_to_decimetres():
