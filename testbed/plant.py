@@ -20,7 +20,14 @@ from testbed.soil import SoilMap
 from testbed.terrain import Terrain
 from testbed.truth import WHEELS, Pose, Truth, Wheels
 from testbed.tyre_kernel import Output, wheel_step
-from testbed.vehicle_model import PlantVehicle, WheelModel, build_spec, mjcf_of, tyres_of
+from testbed.vehicle_model import (
+    PlantVehicle,
+    WheelModel,
+    build_spec,
+    mjcf_of,
+    physics_model,
+    tyres_of,
+)
 from ttempc.types import Command, FloatArray
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -63,7 +70,7 @@ class Plant:
     ) -> None:
         self.vehicle, self.terrain, self.soil = vehicle, terrain, soil
         self._spec = build_spec(vehicle, terrain, wheels, timestep_s)
-        self.model = self._spec.compile()
+        self.model = physics_model(self._spec)
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
@@ -79,7 +86,6 @@ class Plant:
         wheel_bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
         cone_indices = soil.rasterised(terrain)  # (ny, nx)
-        paint_ground(model, terrain, cone_indices)
         if wheels == "soil":
             self._grid = np.array([*terrain.origin, terrain.spacing_m, timestep_s])
             # views of MuJoCo's arrays, bound once: they outlive a reset of the data
@@ -153,8 +159,17 @@ class Plant:
 
     @property
     def mjcf(self) -> str:
-        """The model as MuJoCo compiled it, without the heights of the ground."""
+        """The whole model as MuJoCo compiled it, without the heights of the ground."""
         return mjcf_of(self._spec)
+
+    def drawn_model(self) -> mujoco.MjModel:
+        """Return a model to look at: the bodies of `model`, with every shape and a painted ground.
+
+        `model` itself holds only what the physics needs.
+        """
+        model = self._spec.compile()
+        paint_ground(model, self.terrain, self.soil.rasterised(self.terrain))
+        return model
 
     def snapshot(self) -> Snapshot:
         """Return the present state, to be handed to `restore`."""

