@@ -53,19 +53,19 @@ class ProcessNoise:
     """What the articulated model does not know, as white noise with a cause.
 
     Slip and bumps come with distance: their effect grows with the square root of the travel, and
-    a vehicle at rest does not wander. Valves and drive act at any time. All values are assumed,
-    between a firm even road and grass: a bump every half metre that pushes the axle aside by some
-    millimetres, tyres at a slip angle of about a degree that comes and goes over a metre.
+    a vehicle at rest does not wander. Valves and drive act at any time. All values are assumed, for
+    firm even ground: every metre of travel moves an axle some millimetres aside of where it rolls,
+    as a slip angle of a quarter of a degree does. Rough soft ground has two to three times that.
 
     Raises:
         InvalidTuning: a value is not finite or not above 0.
     """
 
     slip_forward: float = 0.002  # wheel slip, bumps: way along the tractor [m/sqrt(m)]
-    slip_lateral: float = 0.006  # side slip of the rear axle: way across the tractor [m/sqrt(m)]
-    yaw_t: float = 0.007  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
-    yaw_i: float = 0.007  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
-    steering: float = 0.010  # lag and play of both steering valves [rad/sqrt(s)]
+    slip_lateral: float = 0.004  # side slip of the rear axle: way across the tractor [m/sqrt(m)]
+    yaw_t: float = 0.005  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
+    yaw_i: float = 0.004  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
+    steering: float = 0.003  # lag and play of both steering valves [rad/sqrt(s)]
     drive: float = 0.020  # hydrostat and motion resistance: speed [(m/s)/sqrt(s)]
 
     def __post_init__(self) -> None:
