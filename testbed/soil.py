@@ -15,10 +15,9 @@ from testbed.errors import InvalidField
 from testbed.terrain import Terrain
 from ttempc.types import FloatArray
 
-# Soils by name, cone index [kPa]. "hard" stands for asphalt or a dry farm road: no cone penetrates
-# it, the number is the finite strength at which the traction equation of `testbed.tyre` gives
-# about 1.5 % slip for the vehicle's own motion resistance (assumed; field.md's "concrete 4-8 %" at
-# best efficiency lies on the same curve). The others: assumed, in the order of the scenarios.
+# Soils by name, cone index [kPa]. "hard" stands for asphalt or a dry farm road, which no cone
+# penetrates: a finite strength (assumed) at which more strength would change little. There the
+# motion resistance is 5 % of the load and the empty vehicle drives with 1.9 % slip.
 NAMED_SOILS: Final[Mapping[str, float]] = MappingProxyType({"hard": 2000.0})
 
 

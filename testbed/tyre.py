@@ -37,7 +37,7 @@ TREAD_DAMPING_LAT: Final = 0.02  # [s]
 LATERAL_STIFFNESS_LIMIT: Final = 6.0
 SMALLEST_LOAD: Final = 50.0  # [N] below which the numerics of a wheel stop growing
 SMALL_SPEED: Final = 0.05  # [m/s] floor in the slips that are reported (the forces need none)
-LARGEST_TILT: Final = 0.3  # cosine between disc and vertical below which a wheel lies on its side
+LEAST_UPRIGHT: Final = 0.3  # cosine between disc and vertical below which a wheel lies on its side
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +160,7 @@ def contact(tyres: Tyres, terrain: Terrain, motion: WheelMotion) -> Contact:
     vertical = np.array([0.0, 0.0, 1.0])
     up = vertical - motion.axle[:, 2:] * motion.axle  # (n, 3) in the disc
     upright = np.linalg.norm(up, axis=1)  # (n,)
-    up = up / np.maximum(upright, LARGEST_TILT)[:, None]
+    up = up / np.maximum(upright, LEAST_UPRIGHT)[:, None]
     ahead = np.cross(motion.axle, up)  # (n, 3)
     rim = np.sin(FAN_ANGLES)[:, None] * ahead[:, None] - np.cos(FAN_ANGLES)[:, None] * up[:, None]
     points = (  # (n, 7, 3, 3): wheel, angle, column, xyz
@@ -169,7 +169,7 @@ def contact(tyres: Tyres, terrain: Terrain, motion: WheelMotion) -> Contact:
         + (tyres.width[:, None] * FAN_COLUMNS)[:, None, :, None] * motion.axle[:, None, None]
     )
     height, slope_x, slope_y = _surface(terrain, points[..., 0], points[..., 1])  # (n, 7, 3)
-    depth = np.maximum(0.0, height - points[..., 2]) * (upright > LARGEST_TILT)[:, None, None]
+    depth = np.maximum(0.0, height - points[..., 2]) * (upright > LEAST_UPRIGHT)[:, None, None]
     pressure = depth * FAN_ARCS[:, None] / FAN_COLUMNS.size  # (n, 7, 3)
     gradient = np.stack([-slope_x, -slope_y, np.ones_like(height)], axis=-1)
     elastic = tyres.stiffness[:, None] * np.einsum("nij,nijk->nk", pressure, gradient)  # (n, 3)
@@ -206,7 +206,7 @@ def step(
     touch = contact(tyres, terrain, motion)
     load, normal = touch.load, touch.normal
     ahead = np.cross(motion.axle, normal)
-    ahead = ahead / np.maximum(np.linalg.norm(ahead, axis=1), LARGEST_TILT)[:, None]
+    ahead = ahead / np.maximum(np.linalg.norm(ahead, axis=1), LEAST_UPRIGHT)[:, None]
     left = np.cross(normal, ahead)
     arm = touch.point - motion.centre
     v_long = np.einsum("nk,nk->n", motion.velocity, ahead)

@@ -42,7 +42,7 @@ _TAU_Y: Final = tyre.TREAD_DAMPING_LAT
 _STIFFNESS_LIMIT: Final = tyre.LATERAL_STIFFNESS_LIMIT
 _SMALLEST_LOAD: Final = tyre.SMALLEST_LOAD
 _SMALL_SPEED: Final = tyre.SMALL_SPEED
-_LARGEST_TILT: Final = tyre.LARGEST_TILT
+_LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
 
 
 @numba.njit(cache=True, inline="always")
@@ -90,7 +90,8 @@ def wheel_step(
         xfrc: (nbody, 6) force and moment on each body, rows of wheels written.
     """
     ny, nx = heights.shape
-    x0, y0, spacing, dt = grid[0], grid[1], grid[2], grid[3]
+    x0, y0, dt = grid[0], grid[1], grid[3]
+    per_metre = 1.0 / grid[2]  # cells
     for wheel in range(bodies.size):
         body = bodies[wheel]
         radius, width = tyres[wheel, 0], tyres[wheel, 1]
@@ -105,13 +106,13 @@ def wheel_step(
         # the disc: up and ahead in its plane
         ux, uy, uz = -az * ax, -az * ay, 1.0 - az * az
         upright = math.sqrt(ux * ux + uy * uy + uz * uz)
-        scale = 1.0 / max(upright, _LARGEST_TILT)
+        scale = 1.0 / max(upright, _LEAST_UPRIGHT)
         ux, uy, uz = ux * scale, uy * scale, uz * scale
         fx, fy, fz = ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux
 
         # Winkler bed under the fan of look-ups
         total, ex, ey, px, py, pz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        if upright > _LARGEST_TILT:
+        if upright > _LEAST_UPRIGHT:
             for a in range(7):
                 sine, cosine = radius * _SIN[a], radius * _COS[a]
                 rx = cx + sine * fx - cosine * ux
@@ -120,8 +121,8 @@ def wheel_step(
                 for c in range(3):
                     offset = width * _COLUMNS[c]
                     qx, qy, qz = rx + offset * ax, ry + offset * ay, rz + offset * az
-                    i, p = _cell((qx - x0) / spacing, nx - 1)
-                    j, q = _cell((qy - y0) / spacing, ny - 1)
+                    i, p = _cell((qx - x0) * per_metre, nx - 1)
+                    j, q = _cell((qy - y0) * per_metre, ny - 1)
                     south_west, north_west = heights[j, i], heights[j + 1, i]
                     south_rise = heights[j, i + 1] - south_west
                     north_rise = heights[j + 1, i + 1] - north_west
@@ -131,14 +132,14 @@ def wheel_step(
                     if height > qz:
                         pressure = (height - qz) * _ARCS[a]
                         total += pressure
-                        ex -= pressure * ((1.0 - q) * south_rise + q * north_rise) / spacing
-                        ey -= pressure * (north - south) / spacing
+                        ex -= pressure * ((1.0 - q) * south_rise + q * north_rise)
+                        ey -= pressure * (north - south)
                         px += pressure * qx
                         py += pressure * qy
                         pz += pressure * height
 
-        i, p = _cell((cx - x0) / spacing, nx - 1)
-        j, q = _cell((cy - y0) / spacing, ny - 1)
+        i, p = _cell((cx - x0) * per_metre, nx - 1)
+        j, q = _cell((cy - y0) * per_metre, ny - 1)
         south = heights[j, i] + p * (heights[j, i + 1] - heights[j, i])
         north = heights[j + 1, i] + p * (heights[j + 1, i + 1] - heights[j + 1, i])
         cone_index = cone_indices[j + (q >= 0.5), i + (p >= 0.5)]
@@ -149,6 +150,7 @@ def wheel_step(
         load = 0.0
         gx, gy, gz = 0.0, 0.0, 0.0  # arm from the wheel's centre to the centre of pressure
         if total > 0.0:
+            ex, ey = ex * per_metre, ey * per_metre
             size = math.sqrt(ex * ex + ey * ey + total * total)
             nx_, ny_, nz_ = ex / size, ey / size, total / size
             approach = -(vx * nx_ + vy * ny_ + vz * nz_)
@@ -157,7 +159,7 @@ def wheel_step(
 
         # axes on the ground, speeds in them
         hx, hy, hz = ay * nz_ - az * ny_, az * nx_ - ax * nz_, ax * ny_ - ay * nx_
-        scale = 1.0 / max(math.sqrt(hx * hx + hy * hy + hz * hz), _LARGEST_TILT)
+        scale = 1.0 / max(math.sqrt(hx * hx + hy * hy + hz * hz), _LEAST_UPRIGHT)
         hx, hy, hz = hx * scale, hy * scale, hz * scale
         sx, sy, sz = ny_ * hz - nz_ * hy, nz_ * hx - nx_ * hz, nx_ * hy - ny_ * hx
         v_long = vx * hx + vy * hy + vz * hz
