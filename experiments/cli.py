@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import NoReturn
 
 from experiments.errors import ExperimentError
-from experiments.run import run
 from experiments.scenario import load, shipped
 from experiments.table import table
 from testbed.errors import TestbedError
@@ -116,6 +115,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> int:
+    # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
+    from experiments.run import run
+
     overrides = list(options.overrides)
     if options.controller is not None:
         overrides.append(f'controller.name="{options.controller}"')

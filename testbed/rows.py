@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -55,12 +56,14 @@ def measurement_row(samples: Sequence[Measurement]) -> list[float]:
 def estimate_row(estimate: Estimate) -> list[float]:
     """Return the row of `channels.ESTIMATE`."""
     x, y, psi_t, psi_i, delta_t, delta_i, v = estimate.state.tolist()
+    # A sample that could not be weighed at all, as one that is not finite, has no innovation.
+    weighed = [item for item in estimate.innovations if math.isfinite(item.normalised_squared)]
     return [
         *(x, y, psi_t, *estimate.trailer_xy.tolist(), psi_i),
         *(delta_t, delta_i, v, estimate.hitch_angle),
         *np.sqrt(np.diag(estimate.covariance)).tolist(),
-        sum(item.normalised_squared for item in estimate.innovations),
-        sum(item.dimension for item in estimate.innovations),
+        sum(item.normalised_squared for item in weighed),
+        sum(item.dimension for item in weighed),
     ]
 
 

@@ -218,14 +218,26 @@ def printed_sign_controller(
     return paper_controller(vehicle, reference, period_s, equations)
 
 
-CONTROLLERS: MappingProxyType[str, Callable[[Vehicle, Reference, float], Controller]] = (
-    MappingProxyType(
-        {
-            "paper": paper_controller,  # as printed, with 4, 6 and 7 of docs/errata.md corrected
-            "paper-printed-sign": printed_sign_controller,  # 6 as printed: the vehicle is lost
-            "feedforward": feedforward_controller,  # exact geometry, no feedback
-        }
-    )
+@dataclass(frozen=True, slots=True)
+class Composition:
+    """A controller that users can ask for by name."""
+
+    about: str
+    make: Callable[[Vehicle, Reference, float], Controller]
+
+
+CONTROLLERS = MappingProxyType(
+    {
+        "paper": Composition(
+            "the paper's equations as printed, errata 4, 6 and 7 corrected", paper_controller
+        ),
+        "paper-printed-sign": Composition(
+            "the same with erratum 6 as printed: the vehicle is lost", printed_sign_controller
+        ),
+        "feedforward": Composition(
+            "inputs of the exact reference geometry, no feedback", feedforward_controller
+        ),
+    }
 )
 
 
@@ -241,7 +253,7 @@ def make_controller(
         raise UnknownController(
             f"controller {name!r} does not exist; allowed are {', '.join(sorted(CONTROLLERS))}"
         )
-    return CONTROLLERS[name](vehicle, reference, period_s)
+    return CONTROLLERS[name].make(vehicle, reference, period_s)
 
 
 def _in_paper_unit(

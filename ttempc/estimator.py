@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from ttempc.errors import InvalidTuning
 from ttempc.kinematics import advance, articulated_jacobian, hitch_angle, trailer_point
@@ -66,7 +66,7 @@ class ExtendedKalmanFilter:
         self._sensor_noise = sensor_noise or SensorNoise()
         self._process_noise = process_noise or ProcessNoise()
         self._noise = {s: self._sensor_noise.of(s) ** 2 * np.eye(LENGTH[s]) for s in Sensor}
-        self._gate = {m: float(chi2.isf(gate_probability, m)) for m in (1, 2)}
+        self._gate = {m: float(chdtri(m, gate_probability)) for m in (1, 2)}
         self._state = np.full(7, math.nan)
         self._covariance = np.diag(np.full(7, math.inf))
         self._time_s: float | None = None  # of state and covariance; None before the start

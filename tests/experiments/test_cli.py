@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from experiments.cli import main
 from testbed.channels import STATE
 from testbed.log_reader import read_log
 
@@ -102,13 +103,26 @@ def test_an_existing_folder_is_refused_and_left_alone(finished):
         (("--colour", "red"), "unrecognized arguments"),
     ],
 )
-def test_bad_input_gets_one_line_and_exit_code_2_and_writes_nothing(arguments, said, tmp_path):
-    done = ttempc("run", *arguments, "--out", "new", cwd=tmp_path)
-    assert done.returncode == 2
-    assert said in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert not done.stdout
+def test_bad_input_gets_one_line_and_exit_code_2_and_writes_nothing(
+    arguments, said, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = main(["run", *arguments, "--out", "new"])
+    except SystemExit as stopped:  # argparse's way out
+        code = stopped.code
+    printed = capsys.readouterr()
+    assert code == 2
+    assert said in printed.err
+    assert len(printed.err.strip().splitlines()) == 1
+    assert not printed.out
     assert not any(tmp_path.iterdir())
+
+
+def test_a_refusal_is_the_exit_code_of_the_process(tmp_path):
+    done = ttempc("run", "gras", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("ttempc: error: scenario 'gras'")
 
 
 def test_a_lost_vehicle_is_exit_code_3_with_log_and_summary(tmp_path):
