@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from pathlib import Path as FilePath
+from dataclasses import dataclass
 
 import numpy as np
 
 from experiments.errors import InvalidScenario
-from experiments.scenario import FigureEight, Scenario, SoilSettings, TerrainSettings
+from experiments.scenario import Scenario
 from testbed.loop import Rig
 from testbed.oracle import TruthEstimator
 from testbed.plant import Plant
-from testbed.randomness import generator
-from testbed.sensors import SensorSpecification, SensorSuite, whole_steps
+from testbed.sensors import SensorSuite, whole_steps
 from testbed.sink import Sink
-from testbed.soil import Patch, SoilMap
-from testbed.terrain import Terrain, flat, from_file, rough
-from testbed.vehicle_model import PlantVehicle
+from testbed.terrain import Terrain
 from ttempc.controllers import make_controller
 from ttempc.estimator import ExtendedKalmanFilter
 from ttempc.following import check_drivable
-from ttempc.noise import SensorNoise
-from ttempc.path import Path, figure_eight, straight
+from ttempc.path import Path
 from ttempc.reference import ConstantSpeed, Reference
 from ttempc.types import Controller, Estimator, FloatArray
 from ttempc.vehicle import Vehicle
@@ -90,100 +85,25 @@ def assemble(scenario: Scenario, seed: int) -> Assembly:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             the message says what, where and what is allowed.
     """
-    vehicle = _believed(scenario)
-    path = _path(scenario)
+    vehicle = scenario.controller.vehicle.vehicle()
+    path = scenario.path.path()
     check_drivable(path, vehicle)
     reference = Reference(path, vehicle, ConstantSpeed(scenario.path.speed_mps))
     controller = make_controller(scenario.controller.name, vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s
     for what, period in (("control", CONTROL_PERIOD_S), ("record", RECORD_PERIOD_S)):
         whole_steps(period, timestep, f"plant.timestep_s = {timestep}: {what} period")
-    specification = _sensors(scenario)
-    sensors = SensorSuite(specification, timestep, seed)
-    terrain = _terrain(scenario.terrain, seed)
+    sensors = SensorSuite(scenario.sensors.specification(), timestep, seed)
+    terrain = scenario.terrain.terrain(seed)
     _check_on_field(path, terrain)
-    plant = Plant(
-        PlantVehicle(**asdict(scenario.plant.vehicle)),
-        terrain,
-        _soil(scenario.soil),
-        wheels=scenario.plant.wheels,
-        timestep_s=timestep,
-    )
+    plant = scenario.plant.plant(terrain, scenario.soil.soil())
     estimator: Estimator = (
         TruthEstimator(plant.truth)
         if scenario.controller.estimator == "truth"
-        else ExtendedKalmanFilter(vehicle, _believed_noise(specification))
+        else ExtendedKalmanFilter(vehicle, scenario.sensors.believed_noise())
     )
     ticks = math.ceil(reference.duration_s / CONTROL_PERIOD_S - 1e-9)
     return Assembly(plant, sensors, estimator, controller, vehicle, terrain, reference, ticks)
-
-
-def _believed(scenario: Scenario) -> Vehicle:
-    believed = scenario.controller.vehicle
-    return Vehicle(
-        wheelbase=believed.wheelbase_m,
-        hitch_offset=believed.hitch_offset_m,
-        drawbar_length=believed.drawbar_m,
-        trailer_length=believed.trailer_m,
-        speed_gain=believed.speed_gain_mps,
-        speed_time_constant=believed.speed_time_constant_s,
-    )
-
-
-def _path(scenario: Scenario) -> Path:
-    settings = scenario.path
-    if isinstance(settings, FigureEight):
-        return figure_eight(
-            settings.radius_m, settings.centre_distance_m, settings.blend_m, settings.laps
-        )
-    return straight(settings.length_m)
-
-
-def _sensors(scenario: Scenario) -> SensorSpecification:
-    settings = scenario.sensors
-    return SensorSpecification(
-        gnss_rate=settings.gnss_rate_hz,
-        gnss_sd=settings.gnss_sd_m,
-        angle_rate=settings.angle_rate_hz,
-        angle_sd=math.radians(settings.angle_sd_deg),
-        encoder_rate=settings.encoder_rate_hz,
-        encoder_sd=settings.encoder_sd_mps,
-    )
-
-
-def _believed_noise(specification: SensorSpecification) -> SensorNoise:
-    """Return the noise that the filter assumes: the true one, but never none at all.
-
-    A sensor without noise would leave the filter nothing to weigh it by.
-    """
-    least = SensorNoise(gnss=1e-3, steering=1e-3, hitch=1e-3, encoder=1e-3)
-    return SensorNoise(
-        gnss=max(specification.gnss_sd, least.gnss),
-        steering=max(specification.angle_sd, least.steering),
-        hitch=max(specification.angle_sd, least.hitch),
-        encoder=max(specification.encoder_sd, least.encoder),
-    )
-
-
-def _terrain(settings: TerrainSettings, seed: int) -> Terrain:
-    size, spacing = (settings.size_x_m, settings.size_y_m), settings.spacing_m
-    if settings.height_map:
-        ground = from_file(FilePath(settings.height_map), spacing)
-    elif settings.iso_class == "flat":
-        ground = flat(size, spacing)
-    else:
-        ground = rough(settings.iso_class, generator(seed, "terrain"), size, spacing)
-    return ground.tilted(settings.slope_rad, math.radians(settings.uphill_deg))
-
-
-def _soil(settings: SoilSettings) -> SoilMap:
-    return SoilMap(
-        settings.cone_index_kpa,
-        tuple(
-            Patch.circle(patch.x_m, patch.y_m, patch.radius_m, patch.cone_index_kpa)
-            for patch in settings.patches
-        ),
-    )
 
 
 def _check_on_field(path: Path, terrain: Terrain) -> None:

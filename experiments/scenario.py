@@ -7,132 +7,28 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import tomli_w
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from experiments.errors import InvalidScenario
+from experiments.settings.base import STRICT
+from experiments.settings.controller import ControllerSettings
+from experiments.settings.ground import SoilSettings, TerrainSettings
+from experiments.settings.path import KINDS, FigureEight, PathSettings
+from experiments.settings.plant import PlantSettings
+from experiments.settings.sensors import SensorSettings
 from testbed.resources import resource
 
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-
-
-@dataclass(frozen=True, config=_STRICT)
-class FigureEight:
-    """Two circles joined by two crossing straights; the long axis lies east-west."""
-
-    kind: Literal["figure-eight"] = "figure-eight"
-    radius_m: Positive = 10.0
-    centre_distance_m: Positive = 30.0
-    blend_m: Positive = 2.0  # length over which curvature goes from 0 to that of the circle
-    laps: Annotated[int, Field(ge=1, le=100)] = 2
-    speed_mps: Positive = 1.0
-
-
-@dataclass(frozen=True, config=_STRICT)
-class Straight:
-    """A straight line to the east through the middle of the field."""
-
-    kind: Literal["straight"]
-    length_m: Positive = 40.0
-    speed_mps: Positive = 1.0
-
-
-@dataclass(frozen=True, config=_STRICT)
-class TerrainSettings:
-    """Roughness and slope of the ground, or a height map from a file instead of the roughness."""
-
-    iso_class: Literal["A", "B", "C", "D", "E", "F", "flat"] = "D"  # ISO 8608, geometric mean
-    slope_rad: Annotated[float, Field(ge=0, le=0.6)] = 0.0
-    uphill_deg: float = 90.0  # direction in which the slope rises, counter-clockwise from east
-    size_x_m: Annotated[float, Field(gt=0, le=400)] = 80.0
-    size_y_m: Annotated[float, Field(gt=0, le=400)] = 50.0
-    spacing_m: Annotated[float, Field(ge=0.02, le=1.0)] = 0.1
-    height_map: str = ""  # file of heights [m] (.npy, .csv, .txt), centred on the origin
-
-
-@dataclass(frozen=True, config=_STRICT)
-class PatchSettings:
-    """A round patch of soil of another strength."""
-
-    x_m: float
-    y_m: float
-    radius_m: Positive
-    cone_index_kpa: Positive
-
-
-@dataclass(frozen=True, config=_STRICT)
-class SoilSettings:
-    """Cone index of the soil, with patches laid over it; a later patch covers an earlier one."""
-
-    cone_index_kpa: Positive = 600.0
-    patches: tuple[PatchSettings, ...] = ()
-
-
-@dataclass(frozen=True, config=_STRICT)
-class TrueVehicle:
-    """What the vehicle really is, where it may differ from what the controller believes."""
-
-    hitch_offset_m: float = 0.3  # rear axle to RJ1
-    drawbar_m: Positive = 0.8  # RJ1 to RJ2
-    load_kg: NotNegative = 0.0  # in the trailer, on top of its own mass
-    load_height_m: Positive = 0.55  # centre of the load above the trailer axle
-    load_forward_m: float = 0.0  # centre of the load ahead of the trailer axle
-
-
-@dataclass(frozen=True, config=_STRICT)
-class PlantSettings:
-    """How the vehicle is simulated."""
-
-    wheels: Literal["soil", "contact"] = "soil"
-    timestep_s: Annotated[float, Field(ge=0.0005, le=0.008)] = 0.002
-    vehicle: TrueVehicle = TrueVehicle()
-
-
-@dataclass(frozen=True, config=_STRICT)
-class SensorSettings:
-    """Rates and noise of the paper's sensors."""
-
-    gnss_rate_hz: Positive = 5.0
-    gnss_sd_m: NotNegative = 0.03
-    angle_rate_hz: Positive = 25.0
-    angle_sd_deg: NotNegative = 1.0
-    encoder_rate_hz: Positive = 25.0
-    encoder_sd_mps: NotNegative = 0.1
-
-
-@dataclass(frozen=True, config=_STRICT)
-class BelievedVehicle:
-    """What the controller and its estimator believe the vehicle to be."""
-
-    wheelbase_m: Positive = 1.4
-    hitch_offset_m: float = 0.3
-    drawbar_m: Positive = 0.8
-    trailer_m: Positive = 1.3
-    speed_gain_mps: Positive = 1.4
-    speed_time_constant_s: Positive = 2.05
-
-
-@dataclass(frozen=True, config=_STRICT)
-class ControllerSettings:
-    """Who drives."""
-
-    name: str = "paper"
-    estimator: Literal["ekf", "truth"] = "ekf"
-    vehicle: BelievedVehicle = BelievedVehicle()
-
-
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=STRICT)
 class Scenario:
     """A field, a path over it, the vehicle, its sensors and its driver."""
 
     description: str = ""
-    path: Annotated[FigureEight | Straight, Field(discriminator="kind")] = FigureEight()
+    path: PathSettings = FigureEight()
     terrain: TerrainSettings = TerrainSettings()
     soil: SoilSettings = SoilSettings()
     plant: PlantSettings = PlantSettings()
@@ -141,7 +37,6 @@ class Scenario:
 
 
 _SCENARIO = TypeAdapter(Scenario)
-_PATHS: Mapping[str | int, Any] = {"figure-eight": FigureEight, "straight": Straight}
 
 
 def shipped() -> list[str]:
@@ -223,7 +118,7 @@ def _first_complaint(error: ValidationError) -> str:
     """Return key, what is allowed there and what was given, in the words of the file."""
     first = error.errors()[0]
     # The validator mixes the kinds of a path into its locations; they are no keys of the file.
-    keys = ".".join(str(part) for part in first["loc"] if part not in _PATHS)
+    keys = ".".join(str(part) for part in first["loc"] if part not in KINDS)
     if first["type"] == "unexpected_keyword_argument":
         allowed = ", ".join(field.name for field in fields(_table(first["loc"])))
         return f"{keys}: unknown key; allowed here: {allowed}"
@@ -236,8 +131,8 @@ def _table(location: Sequence[str | int]) -> Any:  # noqa: ANN401 - a dataclass 
     """Return the dataclass whose key the last part of a validator's location is."""
     table: Any = Scenario
     for part in location[:-1]:
-        if part in _PATHS:
-            table = _PATHS[part]
+        if part in KINDS:
+            table = KINDS[part]
         elif isinstance(part, str):
             hint = get_type_hints(table)[part]
             table = next((kind for kind in get_args(hint) if is_dataclass(kind)), hint)

@@ -15,7 +15,7 @@ from experiments.batch import Job, mean_errors_cm, summaries
 from experiments.published import COLUMNS, compare
 
 CLASSES = ("C", "D", "E", "F")
-CONE_INDICES_KPA = (150.0, 200.0, 300.0, 450.0, 600.0, 900.0)
+CONE_INDICES_KPA = (150.0, 160.0, 170.0, 180.0, 200.0, 300.0, 600.0)
 SEEDS = (1, 2, 3, 4, 5)
 
 

@@ -1,7 +1,8 @@
 import pytest
 
 from experiments.errors import InvalidScenario
-from experiments.scenario import FigureEight, Scenario, Straight, dump, load, shipped
+from experiments.scenario import Scenario, dump, load, shipped
+from experiments.settings.path import FigureEight, Straight
 
 
 @pytest.mark.parametrize("name", shipped())
