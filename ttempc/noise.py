@@ -62,11 +62,11 @@ class ProcessNoise:
     """
 
     slip_forward: float = 0.002  # wheel slip, bumps: way along the tractor [m/sqrt(m)]
-    slip_lateral: float = 0.004  # side slip of the rear axle: way across the tractor [m/sqrt(m)]
-    yaw_t: float = 0.005  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
-    yaw_i: float = 0.004  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
+    slip_lateral: float = 0.0035  # side slip of the rear axle: way across the tractor [m/sqrt(m)]
+    yaw_t: float = 0.004  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
+    yaw_i: float = 0.0035  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
     steering: float = 0.003  # lag and play of both steering valves [rad/sqrt(s)]
-    drive: float = 0.020  # hydrostat and motion resistance: speed [(m/s)/sqrt(s)]
+    drive: float = 0.015  # hydrostat and motion resistance: speed [(m/s)/sqrt(s)]
 
     def __post_init__(self) -> None:
         _require_positive(self)

@@ -154,7 +154,7 @@ def test_sensor_that_is_kept_out_for_a_second_gets_its_way():
 
 def test_threefold_noise_does_not_upset_the_filter():
     """Neither sensors three times as noisy as believed, nor a process three times as rough."""
-    rough = ProcessNoise(0.006, 0.012, 0.015, 0.012, 0.009, 0.06)
+    rough = ProcessNoise(0.006, 0.0105, 0.012, 0.0105, 0.009, 0.045)
     for drive in (
         SensedDrive(9, sensor_scale=3.0).run(200),
         SensedDrive(9, process_noise=rough).run(200),
