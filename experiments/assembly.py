@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -78,8 +80,17 @@ class Assembly:
         )
 
 
-def assemble(scenario: Scenario, seed: int) -> Assembly:
+ControllerFactory = Callable[[Vehicle, Reference, float], Controller]
+
+
+def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = None) -> Assembly:
     """Return the objects of a run.
+
+    Args:
+        scenario: what to run.
+        seed: draws terrain and noise.
+        factory: makes the controller from vehicle, reference and control period [s]; by default
+            the one of the name `scenario.controller.name`.
 
     Raises:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
@@ -89,7 +100,8 @@ def assemble(scenario: Scenario, seed: int) -> Assembly:
     path = scenario.path.path()
     check_drivable(path, vehicle)
     reference = Reference(path, vehicle, ConstantSpeed(scenario.path.speed_mps))
-    controller = make_controller(scenario.controller.name, vehicle, reference, CONTROL_PERIOD_S)
+    factory = factory or partial(make_controller, scenario.controller.name)
+    controller = factory(vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s
     for what, period in (("control", CONTROL_PERIOD_S), ("record", RECORD_PERIOD_S)):
         whole_steps(period, timestep, f"plant.timestep_s = {timestep}: {what} period")

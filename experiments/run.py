@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from experiments.assembly import Assembly, assemble
+from experiments.assembly import Assembly, ControllerFactory, assemble
 from experiments.errors import OutputExists
 from experiments.figures import draw
 from experiments.metrics import summarise
@@ -35,13 +35,17 @@ class Finished:
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
 
 
-def simulate(name: str, scenario: Scenario, seed: int) -> tuple[Summary, Record]:
+def simulate(
+    name: str, scenario: Scenario, seed: int, factory: ControllerFactory | None = None
+) -> tuple[Summary, Record]:
     """Run a scenario in memory and return its numbers; nothing is written.
+
+    `factory` makes a controller of your own from vehicle, reference and control period [s].
 
     Raises:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
     """
-    assembly = assemble(scenario, seed)
+    assembly = assemble(scenario, seed, factory)
     recorder = Recorder()
     outcome = _drive(assembly, recorder, lambda k: None)
     record = recorder.record()
