@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
-from ttempc.controllers import CONTROLLERS, make_controller, paper_controller
+from ttempc.controllers import CONTROLLERS, make_controller
 from ttempc.equations import PaperEquations
 from ttempc.errors import UnknownController
+from ttempc.paper import paper_controller
 from ttempc.path import figure_eight
 from ttempc.reference import ConstantSpeed, Reference
 from ttempc.types import State
