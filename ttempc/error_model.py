@@ -6,7 +6,6 @@ import math
 from enum import IntEnum
 
 import numpy as np
-from scipy.linalg import expm
 
 from ttempc.equations import PaperEquations
 from ttempc.kinematics import wrap_angle
@@ -29,6 +28,8 @@ class Error(IntEnum):
     PSI_I = 5
     V = 6
 
+
+_TAYLOR_TERMS = 15
 
 POSITIONS = (Error.X_T, Error.Y_T, Error.X_I, Error.Y_I)
 
@@ -105,5 +106,24 @@ def zero_order_hold(a: FloatArray, b: FloatArray, period_s: float) -> tuple[Floa
     block = np.zeros((count, n + m, n + m))
     block[:, :n, :n] = a * period_s
     block[:, :n, n:] = b * period_s
-    exponential = np.asarray(expm(block), dtype=np.float64)  # (N, n + m, n + m)
+    exponential = _exponential(block)  # (N, n + m, n + m)
     return exponential[:, :n, :n].copy(), exponential[:, :n, n:].copy()
+
+
+def _exponential(matrices: FloatArray) -> FloatArray:
+    """Return exp of each of (N, n, n) matrices by Taylor's series, scaled and squared.
+
+    scipy's expm takes one matrix after the other and wakes a pool of threads for each: 20 times
+    slower along a reference, and far more on a busy machine. Scaled to a norm of 1/2, 15 terms
+    leave less than 1e-17.
+    """
+    norm = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
+    squarings = max(0, math.frexp(norm)[1] + 1)
+    scaled = matrices / 2.0**squarings
+    unit = np.eye(matrices.shape[-1])
+    result = unit + scaled / _TAYLOR_TERMS
+    for order in range(_TAYLOR_TERMS - 1, 0, -1):
+        result = unit + scaled @ result / order
+    for _ in range(squarings):
+        result = result @ result
+    return result
