@@ -1,0 +1,61 @@
+"""What does each correction of the paper's equations do?  One switch at a time.
+
+    python -m experiments.studies.errata
+
+Prints the Markdown table of docs/errata.md: mean Euclidean errors of `paper` with one reading
+changed, on `pavement`, where the plant is nearest to kinematics (one lap, three seeds).
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from experiments.assembly import ControllerFactory
+from experiments.batch import mean_errors_cm
+from experiments.published import COLUMNS
+from experiments.run import simulate
+from experiments.scenario import load
+from ttempc.equations import PaperEquations
+from ttempc.paper import paper_controller
+
+SEEDS = (1, 2, 3)
+
+
+def _reading(**changes: Any) -> ControllerFactory:  # noqa: ANN401 - any field of PaperEquations
+    return partial(paper_controller, equations=PaperEquations(**changes))
+
+
+READINGS = {
+    "`paper`": _reading(),
+    "1: hitch sign by geometry": _reading(hitch_sign=-1),
+    "2: hitch angle of the reference": _reading(hitch_angle="reference"),
+    "3: feedforward by geometry": _reading(feedforward="geometry"),
+    "1 and 3": _reading(hitch_sign=-1, feedforward="geometry"),
+    "1, 2 and 3": _reading(hitch_sign=-1, hitch_angle="reference", feedforward="geometry"),
+    "4 as printed": _reading(trailer_error_frame="tractor"),
+    "5: exact trailer speed": _reading(trailer_speed="exact"),
+    "6 as printed": _reading(robust_sign=1),
+    "7 as printed": _reading(hp_full_scale=100),
+    "8: the tube's own nominal": _reading(nominal="tube"),
+    "robust action off": partial(paper_controller, gains=None),
+}
+
+
+def main() -> None:
+    """Run and print."""
+    print(f"| reading | {' | '.join(COLUMNS)} | lost |")
+    print("|---" * (len(COLUMNS) + 2) + "|")
+    name, scenario = load("pavement", ["path.laps=1"])
+    for reading, factory in READINGS.items():
+        runs = [simulate(name, scenario, seed, factory)[0] for seed in SEEDS]
+        errors = np.mean([mean_errors_cm(run) for run in runs], axis=0)
+        lost = sum(run.status != "completed" for run in runs)
+        cells = " | ".join(f"{error:.1f}" for error in errors)
+        print(f"| {reading} | {cells} | {lost}/{len(runs)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""Every example of the README, run as it stands there, in an empty folder."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from experiments.scenario import load
+
+ROOT = Path(__file__).parents[1]
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+
+
+def blocks(language):
+    found = [text for name, text in BLOCKS if name == language]
+    assert found
+    return found
+
+
+def numbers(text):
+    return [float(found) for found in re.findall(r"-?\d+(?:\.\d+)?", text)]
+
+
+def test_commands_run(tmp_path):
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        ["bash", "-euc", "\n".join(blocks("bash"))],
+        cwd=tmp_path,
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "wet" / "report.html").exists()
+
+
+def test_the_python_example_prints_what_stands_below_it(tmp_path):
+    (example,), (output,) = blocks("python"), blocks("text")
+    done = subprocess.run(
+        [sys.executable, "-c", example], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.sub(r"[-\d.]+", "", done.stdout) == re.sub(r"[-\d.]+", "", output)
+    # Another processor rounds otherwise, and bumps make that visible: a centimetre, not more.
+    assert numbers(done.stdout) == pytest.approx(numbers(output), abs=1.0)
+
+
+def test_the_scenario_example_is_accepted(tmp_path):
+    file = tmp_path / "stubble.toml"
+    file.write_text(blocks("toml")[0])
+    assert load(str(file))[1].soil.patches[0].cone_index_kpa == 250.0
+
+
+@pytest.mark.parametrize("target", ["run", "test", "lint"])
+def test_the_make_targets_exist(target):
+    done = subprocess.run(
+        ["make", "-n", target], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_links_and_pictures_exist():
+    text = (ROOT / "README.md").read_text()
+    targets = re.findall(r"\]\(([^)]+)\)", text)
+    assert targets
+    for target in targets:
+        assert (ROOT / target).exists(), target
