@@ -40,6 +40,7 @@ READINGS = {
     "6 as printed": _reading(robust_sign=1),
     "7 as printed": _reading(hp_full_scale=100),
     "8: the tube's own nominal": _reading(nominal="tube"),
+    "6 as printed, with 8: `paper-printed-sign`": _reading(robust_sign=1, nominal="tube"),
     "robust action off": partial(paper_controller, gains=None),
 }
 
