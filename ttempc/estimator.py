@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from ttempc.errors import InvalidTuning
@@ -14,6 +15,7 @@ from ttempc.noise import ProcessNoise, SensorNoise
 from ttempc.sensing import LENGTH, expected_jacobian, first_state, innovation
 from ttempc.types import (
     Command,
+    Disturbance,
     Estimate,
     FloatArray,
     Innovation,
@@ -27,15 +29,20 @@ from ttempc.vehicle import Vehicle
 _LONGEST_STEP_S = 0.05  # a third of the front steering's lag
 _SAME_TIME_S = 1e-9
 _GATE_PATIENCE_S = 1.0
-_UNIT = np.eye(len(State))
+_N = len(State)
+_UNIT = np.eye(_N + len(Disturbance))
+# What a disturbance may be at most: twice what a vehicle that can still be steered shows.
+_LARGEST = np.array([0.3, 0.3, 0.15, 0.5, 0.5])  # (5,) in the order of `Disturbance`
+# How uncertain it is at the start, where nothing was seen of it: a slope of 0.15 rad, assumed.
+_AT_START = np.array([0.05, 0.05, 0.03, 0.1, 0.05])  # (5,)
 
 
 class ExtendedKalmanFilter:
-    """Estimate the minimal state (`State`) from samples that come at their own times.
+    """Estimate state (`State`) and disturbance (`Disturbance`) from samples at their own times.
 
     Between samples the articulated model runs under the held command, which the steering valves
-    approach at their rate limit and the steering angles with their lag behind that. The
-    covariance gathers process noise,
+    approach at their rate limit and the steering angles with their lag behind that, and under the
+    disturbance, which fades as the vehicle travels. The covariance gathers process noise,
 
         P <- Phi P Phi' + integral of the process noise,
 
@@ -67,8 +74,9 @@ class ExtendedKalmanFilter:
         self._process_noise = process_noise or ProcessNoise()
         self._noise = {s: self._sensor_noise.of(s) ** 2 * np.eye(LENGTH[s]) for s in Sensor}
         self._gate = {m: float(chdtri(m, gate_probability)) for m in (1, 2)}
-        self._state = np.full(7, math.nan)
-        self._covariance = np.diag(np.full(7, math.inf))
+        self._state = np.full(_N, math.nan)
+        self._disturbance = np.zeros(len(Disturbance))
+        self._covariance = np.diag(np.full(len(_UNIT), math.inf))
         self._time_s: float | None = None  # of state and covariance; None before the start
         self._valves = np.zeros(2)  # set points of the steering valves [rad]
         self._first: dict[Sensor, Measurement] = {}
@@ -97,9 +105,10 @@ class ExtendedKalmanFilter:
         return Estimate(
             time_s=time_s,
             state=self._state.copy(),
-            covariance=self._covariance.copy(),
+            covariance=self._covariance[:_N, :_N].copy(),
             trailer_xy=trailer_point(self._state, self._vehicle),
             hitch_angle=hitch_angle(self._state),
+            disturbance=self._disturbance.copy(),
             innovations=tuple(innovations),
         )
 
@@ -119,7 +128,8 @@ class ExtendedKalmanFilter:
         self._first[measurement.sensor] = measurement
         if len(self._first) < len(Sensor):
             return
-        self._state, self._covariance = first_state(self._first, self._vehicle, self._sensor_noise)
+        self._state, certain = first_state(self._first, self._vehicle, self._sensor_noise)
+        self._covariance = block_diag(certain, np.diag(_AT_START**2))
         self._valves = self._state[State.DELTA_T : State.V].copy()
         self._time_s = max(reading.time_s for reading in self._first.values())
 
@@ -138,26 +148,32 @@ class ExtendedKalmanFilter:
         if command is None:  # nothing is known to have moved: steering and speed stay
             command = np.array([*self._valves, self._state[State.V] / self._vehicle.speed_gain])
         inputs, self._valves = slew(self._valves, command, self._vehicle, step_s)
-        before = self._state
-        after = advance(before, inputs, self._vehicle, step_s)
+        before, disturbance = self._state, self._disturbance
+        after = advance(before, inputs, self._vehicle, step_s, disturbance)
         middle = 0.5 * (before + after)
-        slope = articulated_jacobian(middle, inputs, self._vehicle)[0] * step_s
-        transition = _exponential(slope)
+        fading = -abs(middle[State.V]) / self._process_noise.memory_m  # [1/s]
+        slope = fading * _UNIT
+        slope[:_N, :_N], _, slope[:_N, _N:] = articulated_jacobian(
+            middle, inputs, self._vehicle, disturbance
+        )
+        transition = _exponential(slope * step_s)
         gathered = step_s * self._process_noise.density(middle[State.PSI_T], middle[State.V])
         # Half of the noise came before the step and goes through it, half comes after.
         covariance = transition @ (self._covariance + 0.5 * gathered) @ transition.T
         covariance += 0.5 * gathered
         self._state = after
+        self._disturbance = math.exp(fading * step_s) * disturbance
         self._covariance = 0.5 * (covariance + covariance.T)
 
     def _take_in(self, measurement: Measurement) -> Innovation:
         """Correct state and covariance by one sample, unless the gate keeps it out."""
         sensor = measurement.sensor
-        difference = innovation(measurement, self._state, self._vehicle)  # (m,)
-        by_state = expected_jacobian(sensor, self._state, self._vehicle)  # (m, 7)
-        cross = self._covariance @ by_state.T  # (7, m)
+        state, disturbance = self._state, self._disturbance
+        difference = innovation(measurement, state, disturbance, self._vehicle)  # (m,)
+        by_all = expected_jacobian(sensor, state, disturbance, self._vehicle)  # (m, 12)
+        cross = self._covariance @ by_all.T  # (12, m)
         noise = self._noise[sensor]  # (m, m)
-        spread = by_state @ cross + noise  # (m, m)
+        spread = by_all @ cross + noise  # (m, m)
         precision = np.linalg.inv(spread)
         normalised = float(difference @ precision @ difference)
         beyond = normalised / self._gate[len(difference)]
@@ -170,16 +186,18 @@ class ExtendedKalmanFilter:
             noise = noise + (beyond - 1.0) * spread
             precision = precision / beyond
         if accepted:
-            gain = cross @ precision  # (7, m)
-            kept = _UNIT - gain @ by_state
+            gain = cross @ precision  # (12, m)
+            kept = _UNIT - gain @ by_all
             covariance = kept @ self._covariance @ kept.T + gain @ noise @ gain.T
-            self._state = self._state + gain @ difference
+            step = gain @ difference
+            self._state = state + step[:_N]
+            self._disturbance = np.clip(disturbance + step[_N:], -_LARGEST, _LARGEST)
             self._covariance = 0.5 * (covariance + covariance.T)
         return Innovation(sensor, normalised, len(difference), accepted)
 
 
 def _exponential(matrix: FloatArray) -> FloatArray:
-    """Return exp(matrix) to fourth order, (7, 7): enough for a third of a lag."""
+    """Return exp(matrix) to fourth order, (12, 12): enough for a third of a lag."""
     result = _UNIT + matrix / 4.0
     for order in (3.0, 2.0, 1.0):
         result = _UNIT + matrix @ result / order

@@ -53,9 +53,10 @@ class ProcessNoise:
     """What the articulated model does not know, as white noise with a cause.
 
     Slip and bumps come with distance: their effect grows with the square root of the travel, and
-    a vehicle at rest does not wander. Valves and drive act at any time. All values are assumed, for
-    firm even ground: every metre of travel moves an axle some millimetres aside of where it rolls,
-    as a slip angle of a quarter of a degree does. Rough soft ground has two to three times that.
+    a vehicle at rest does not wander. Valves and drive act at any time. What lasts - a slope, soft
+    soil, a bent sensor - is a `Disturbance`, which wanders and fades over `memory_m`; what does
+    not last is noise on the state itself. All values are assumed, then held to the innovations on
+    all shipped fields (`experiments.studies.innovations`).
 
     Raises:
         InvalidTuning: a value is not finite or not above 0.
@@ -67,22 +68,29 @@ class ProcessNoise:
     yaw_i: float = 0.0035  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
     steering: float = 0.003  # lag and play of both steering valves [rad/sqrt(s)]
     drive: float = 0.015  # hydrostat and motion resistance: speed [(m/s)/sqrt(s)]
+    slip_walk: float = 0.008  # change of the lasting side slips [rad/sqrt(m)]
+    steering_walk: float = 0.005  # change of the lasting steering disturbance [rad/sqrt(m)]
+    drive_walk: float = 0.02  # change of the lasting drive disturbance [(m/s^2)/sqrt(s)]
+    wheel_walk: float = 0.01  # change of the lasting wheel slip [1/sqrt(m)]
+    memory_m: float = 50.0  # way over which a disturbance that is seen no more fades [m]
 
     def __post_init__(self) -> None:
         _require_positive(self)
 
     def density(self, yaw_t: float, speed: float) -> FloatArray:
-        """Return the covariance that the model gathers a second, (7, 7) in the order of `State`."""
+        """Return the covariance that the model gathers a second, (12, 12).
+
+        In the order of `State`, then `Disturbance`.
+        """
         travel = abs(speed)
         forward, lateral = self.slip_forward**2 * travel, self.slip_lateral**2 * travel
         cos, sin = math.cos(yaw_t), math.sin(yaw_t)
-        density = np.zeros((7, 7))
+        slip_walk, steering_walk = self.slip_walk**2 * travel, self.steering_walk**2 * travel
+        yaws = self.yaw_t**2 * travel, self.yaw_i**2 * travel
+        wheel_walk = self.wheel_walk**2 * travel
+        walks = slip_walk, slip_walk, steering_walk, self.drive_walk**2, wheel_walk
+        density = np.diag([0.0, 0.0, *yaws, *[self.steering**2] * 2, self.drive**2, *walks])
         density[State.X, State.X] = forward * cos**2 + lateral * sin**2
         density[State.Y, State.Y] = forward * sin**2 + lateral * cos**2
         density[State.X, State.Y] = density[State.Y, State.X] = (forward - lateral) * cos * sin
-        density[State.PSI_T, State.PSI_T] = self.yaw_t**2 * travel
-        density[State.PSI_I, State.PSI_I] = self.yaw_i**2 * travel
-        density[State.DELTA_T, State.DELTA_T] = self.steering**2
-        density[State.DELTA_I, State.DELTA_I] = self.steering**2
-        density[State.V, State.V] = self.drive**2
         return density

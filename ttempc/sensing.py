@@ -9,30 +9,35 @@ import numpy as np
 
 from ttempc.kinematics import hitch_angle, trailer_point, trailer_point_jacobian, wrap_angle
 from ttempc.noise import SensorNoise
-from ttempc.types import FloatArray, Measurement, Sensor, State
+from ttempc.types import Disturbance, FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
 LENGTH = {sensor: 2 if sensor.startswith("gnss") else 1 for sensor in Sensor}
 _ANGLES = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
 
 
+_N = len(State)
+_COLUMNS = _N + len(Disturbance)
+
+
 def _row(**entries: float) -> FloatArray:
-    row = np.zeros((1, 7))
+    row = np.zeros((1, _COLUMNS))
     for name, value in entries.items():
         row[0, State[name]] = value
     return row
 
 
 _CONSTANT_JACOBIAN = {
-    Sensor.GNSS_TRACTOR: np.eye(2, 7),
+    Sensor.GNSS_TRACTOR: np.eye(2, _COLUMNS),
     Sensor.STEERING_TRACTOR: _row(DELTA_T=1.0),
     Sensor.STEERING_TRAILER: _row(DELTA_I=1.0),
     Sensor.HITCH: _row(PSI_T=1.0, PSI_I=-1.0, DELTA_I=-1.0),
-    Sensor.ENCODER: _row(V=1.0),
 }
 
 
-def expected(sensor: Sensor, state: FloatArray, vehicle: Vehicle) -> FloatArray:
+def expected(
+    sensor: Sensor, state: FloatArray, disturbance: FloatArray, vehicle: Vehicle
+) -> FloatArray:
     """Return the noise-free reading h(state) of `sensor`, (m,)."""
     match sensor:
         case Sensor.GNSS_TRACTOR:
@@ -46,19 +51,33 @@ def expected(sensor: Sensor, state: FloatArray, vehicle: Vehicle) -> FloatArray:
         case Sensor.HITCH:
             return np.array([hitch_angle(state)])
         case Sensor.ENCODER:
-            return state[State.V :]
+            return state[State.V :] * (1.0 + disturbance[Disturbance.WHEEL])
 
 
-def expected_jacobian(sensor: Sensor, state: FloatArray, vehicle: Vehicle) -> FloatArray:
-    """Return d `expected` / d state, (m, 7)."""
-    if sensor is Sensor.GNSS_TRAILER:
-        return trailer_point_jacobian(state, vehicle)
-    return _CONSTANT_JACOBIAN[sensor]
+def expected_jacobian(
+    sensor: Sensor, state: FloatArray, disturbance: FloatArray, vehicle: Vehicle
+) -> FloatArray:
+    """Return d `expected` / d (state, disturbance), (m, 12)."""
+    match sensor:
+        case Sensor.GNSS_TRAILER:
+            jacobian = np.zeros((2, _COLUMNS))
+            jacobian[:, :_N] = trailer_point_jacobian(state, vehicle)
+            return jacobian
+        case Sensor.ENCODER:
+            jacobian = np.zeros((1, _COLUMNS))
+            jacobian[0, State.V] = 1.0 + disturbance[Disturbance.WHEEL]
+            jacobian[0, _N + Disturbance.WHEEL] = state[State.V]
+            return jacobian
+        case _:
+            return _CONSTANT_JACOBIAN[sensor]
 
 
-def innovation(measurement: Measurement, state: FloatArray, vehicle: Vehicle) -> FloatArray:
+def innovation(
+    measurement: Measurement, state: FloatArray, disturbance: FloatArray, vehicle: Vehicle
+) -> FloatArray:
     """Return reading less expectation, (m,); angles within [-pi, pi]."""
-    difference = np.asarray(measurement.value) - expected(measurement.sensor, state, vehicle)
+    read = expected(measurement.sensor, state, disturbance, vehicle)
+    difference = np.asarray(measurement.value) - read
     if measurement.sensor in _ANGLES:
         return np.array([wrap_angle(float(difference[0]))])
     return difference

@@ -37,6 +37,16 @@ class Input(IntEnum):
     HP = 2  # hydrostat position, fraction 0..1
 
 
+class Disturbance(IntEnum):
+    """Index of each entry of a disturbance: what acts on the vehicle beside its inputs."""
+
+    SLIP_T = 0  # [rad] side slip of the rear axle: its course is psi_t + slip
+    SLIP_I = 1  # [rad] side slip of the trailer axle
+    STEERING = 2  # [rad] front steering that acts beside the measured: bias, slip of the front axle
+    DRIVE = 3  # [m/s^2] acceleration beside the hydrostat's: soil drag, slope
+    WHEEL = 4  # slip of the driven wheels: their rim runs faster by this share of the speed
+
+
 class Sensor(StrEnum):
     """The sensors of the paper, by the quantity that they deliver."""
 
@@ -76,6 +86,7 @@ class Estimate:
     covariance: FloatArray  # (7, 7) of `state`; zeros where the truth is handed through
     trailer_xy: FloatArray  # (2,) [m] trailer point, map frame
     hitch_angle: float  # [rad] beta = psi_t - psi_d
+    disturbance: FloatArray = field(default_factory=lambda: np.zeros(len(Disturbance)))  # (5,)
     innovations: tuple[Innovation, ...] = ()  # of the samples taken in at this tick
 
 

@@ -18,7 +18,7 @@ from ttempc.kinematics import (
     tricycle,
     wrap_angle,
 )
-from ttempc.types import State
+from ttempc.types import Disturbance, State
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
@@ -31,33 +31,43 @@ def random_cases(count=30, steering_step=0.02):
         state = generator.normal(size=7) * [5, 5, 2, 0.3, 0.2, 0.2, 0.6]
         state[State.PSI_I] += state[State.PSI_T]
         steering = state[State.DELTA_T : State.V] + steering_step * generator.normal(size=2)
-        yield state, np.array([*steering, generator.uniform()])
+        disturbance = generator.normal(size=5) * [0.1, 0.1, 0.05, 0.2, 0.1]
+        yield state, np.array([*steering, generator.uniform()]), disturbance
 
 
 @pytest.mark.parametrize("vehicle", [VEHICLE, OTHER])
 @pytest.mark.parametrize("steering_step", [0.02, 2.0])  # within and far beyond the rate limits
 def test_jacobian_of_the_articulated_model(vehicle, steering_step):
-    for state, inputs in random_cases(steering_step=steering_step):
-        by_state, by_input = articulated_jacobian(state, inputs, vehicle)
-        numeric = central_differences(lambda x, u=inputs: articulated(x, u, vehicle), state)
-        np.testing.assert_allclose(by_state, numeric, atol=1e-6)
-        numeric = central_differences(lambda u, x=state: articulated(x, u, vehicle), inputs)
-        np.testing.assert_allclose(by_input, numeric, atol=1e-6)
+    for case in random_cases(steering_step=steering_step):
+        exact = articulated_jacobian(case[0], case[1], vehicle, case[2])
+        for place, derivative in enumerate(exact):
+
+            def along(value, place=place, case=case):
+                state, inputs, disturbance = (*case[:place], value, *case[place + 1 :])
+                return articulated(state, inputs, vehicle, disturbance)
+
+            numeric = central_differences(along, case[place])
+            np.testing.assert_allclose(derivative, numeric, atol=1e-6)
 
 
 def test_jacobian_of_the_trailer_point():
-    for state, _ in random_cases():
+    for state, _, _ in random_cases():
         numeric = central_differences(lambda x: trailer_point(x, OTHER), state)
         np.testing.assert_allclose(trailer_point_jacobian(state, OTHER), numeric, atol=1e-6)
 
 
 @pytest.mark.parametrize("vehicle", [VEHICLE, OTHER])
-def test_no_wheel_slips_sideways(vehicle):
-    for state, inputs in random_cases():
-        rate = articulated(state, inputs, vehicle)
-        motion = trailer_point_jacobian(state, vehicle) @ rate
-        for velocity, yaw in ((rate[:2], state[State.PSI_T]), (motion, state[State.PSI_I])):
-            assert velocity @ [-math.sin(yaw), math.cos(yaw)] == pytest.approx(0.0, abs=1e-12)
+def test_wheels_slip_sideways_as_much_as_the_disturbance_says(vehicle):
+    for state, inputs, disturbance in random_cases():
+        for slips in (np.zeros(5), disturbance):
+            rate = articulated(state, inputs, vehicle, slips)
+            motion = trailer_point_jacobian(state, vehicle) @ rate
+            for velocity, yaw, slip in (
+                (rate[:2], state[State.PSI_T], slips[Disturbance.SLIP_T]),
+                (motion, state[State.PSI_I], slips[Disturbance.SLIP_I]),
+            ):
+                across = velocity @ [-math.sin(yaw), math.cos(yaw)]
+                assert across == pytest.approx(state[State.V] * slip, abs=1e-12)
 
 
 def test_steering_never_turns_faster_than_its_valve():
