@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from ttempc.articulated import articulated_controller
 from ttempc.errors import UnknownController
 from ttempc.feedforward import exact_feedforward
 from ttempc.limits import CommandLimits
@@ -38,6 +39,10 @@ class Composition:
 
 CONTROLLERS = MappingProxyType(
     {
+        "ttempc-nominal": Composition(
+            "articulated model: exact feedforward and offset-free linear MPC",
+            articulated_controller,
+        ),
         "paper": Composition(
             "the paper's equations as printed, errata 4, 6 and 7 corrected", paper_controller
         ),

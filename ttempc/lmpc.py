@@ -22,7 +22,7 @@ class FeedbackAction:
 
 
 class LinearMpc:
-    """Receding horizon: solve, apply the first step, remember the input.
+    """Receding horizon: solve, take the first step. Its only memory is the solver's.
 
     Where the solver gives no result that counts, the previous input is held.
     """
@@ -30,22 +30,24 @@ class LinearMpc:
     def __init__(self, horizon: CondensedHorizon) -> None:
         self._horizon = horizon
         self._solver = PersistentSolver()
-        self._previous = np.zeros_like(horizon.input_bound)  # u_e(k-1)
 
-    def step(self, k: int, state: FloatArray) -> FeedbackAction:
-        """Return the action of tick `k` for the tracking error `state` (n,)."""
-        bound = self._horizon.input_bound
-        # An input outside its own set would make the QP infeasible.
-        previous = np.minimum(np.maximum(self._previous, -bound), bound)
+    def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:
+        """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
+        bounds = self._horizon.first_bounds(k, len(previous))
+        # An input from which no allowed step leads back into the set would leave no solution.
+        previous = np.minimum(
+            np.maximum(previous, bounds.lower - bounds.step_upper),
+            bounds.upper - bounds.step_lower,
+        )
         qp = self._horizon.qp(k, state, previous)
         solution = self._solver.solve(qp)
         if solution.x is None:
             steps = np.zeros_like(qp.gradient)
             fallback = f"QP {solution.report.status}: previous feedback held"
         else:
-            steps = np.minimum(np.maximum(solution.x, -qp.step_bound), qp.step_bound)
+            steps = np.minimum(np.maximum(solution.x, qp.step_lower), qp.step_upper)
             fallback = ""
-        u = previous + steps[: len(bound)]
-        self._previous = np.minimum(np.maximum(u, -bound), bound)
+        u = previous + steps[: len(previous)]
+        u = np.minimum(np.maximum(u, bounds.lower), bounds.upper)
         plan = np.concatenate([state, previous, steps])
-        return FeedbackAction(self._previous, plan, solution.report, fallback)
+        return FeedbackAction(u, plan, solution.report, fallback)

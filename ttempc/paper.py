@@ -15,7 +15,7 @@ from ttempc.qp import CondensedHorizon, HorizonTuning
 from ttempc.reference import Reference, ReferenceSample
 from ttempc.robust import Nominal, RobustGains, RobustLaw
 from ttempc.tracking import Actions, TrackingController
-from ttempc.types import FloatArray, Input, State
+from ttempc.types import Estimate, FloatArray, Input, State
 from ttempc.vehicle import Vehicle
 
 
@@ -35,6 +35,7 @@ class PaperFeedback:
         # No period starts at the last sample: it is only predicted.
         horizon = CondensedHorizon(a[:-1], b[:-1], tuning, period_s)
         self._mpc = LinearMpc(horizon)
+        self._previous = np.zeros(len(Input))  # u_e(k-1)
         self._nominal = Nominal(a, b, equations.nominal)
         self._robust = RobustLaw(gains, equations.robust_sign, period_s) if gains else None
         self._to_vehicle = np.array([1.0, 1.0, 1.0 / equations.hp_full_scale])
@@ -45,11 +46,12 @@ class PaperFeedback:
         self._path_by_plan = by_plan.reshape(horizon.ticks, 4 * tuning.horizon, -1)
         self._reference_path = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)[ahead]
 
-    def step(self, k: int, error: FloatArray) -> Actions:
+    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k` for the tracking error z_e (7,)."""
         nominal = self._nominal.at(k, error)
         mpc_state = self._nominal.mpc_state(nominal, error)
-        feedback = self._mpc.step(k, mpc_state)
+        feedback = self._mpc.step(k, mpc_state, self._previous)
+        self._previous = feedback.input
         self._nominal.advance(k, mpc_state, feedback.input)
         u_m, z_m = np.zeros(3), None
         if self._robust:

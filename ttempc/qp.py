@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ttempc.errors import InvalidTuning
@@ -27,7 +29,7 @@ class HorizonTuning:
 
     horizon: int = 8  # N_p, predicted periods
     moves: int = 3  # N_c, free input steps; the input is held afterwards
-    state_weight: tuple[float, ...] = (1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # diagonal of Q
+    output_weight: tuple[float, ...] = (1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # diagonal of Q
     step_weight: tuple[float, ...] = (1.0, 1.0, 1.0)  # diagonal of R
     input_bound: tuple[float, ...] = (math.radians(12.0), math.radians(6.0), 0.10)
     input_rate: tuple[float, ...] = (math.radians(55.0), math.radians(35.0), 0.30)  # [1/s]
@@ -38,7 +40,7 @@ class HorizonTuning:
                 f"moves: got {self.moves}, must be from 1 to the horizon of {self.horizon}"
             )
         for name, positive in (
-            ("state_weight", False),
+            ("output_weight", False),
             ("step_weight", True),
             ("input_bound", True),
             ("input_rate", True),
@@ -59,14 +61,15 @@ class QPResiduals:
 
 @dataclass(frozen=True, slots=True)
 class QP:
-    """Minimise 1/2 x'Hx + g'x subject to lower <= G x <= upper and |x| <= step_bound."""
+    """Minimise 1/2 x'Hx + g'x subject to lower <= G x <= upper, step_lower <= x <= step_upper."""
 
     hessian: FloatArray  # H (n, n)
     gradient: FloatArray  # g (n,)
     matrix: FloatArray  # G (m, n)
     lower: FloatArray  # (m,)
     upper: FloatArray  # (m,)
-    step_bound: FloatArray  # (n,)
+    step_lower: FloatArray  # (n,)
+    step_upper: FloatArray  # (n,)
 
     def objective(self, x: FloatArray) -> float:
         """Return the cost at `x` (n,)."""
@@ -75,13 +78,23 @@ class QP:
     def residuals(self, x: FloatArray) -> QPResiduals:
         """Check `x` (n,) against the optimality conditions, without asking any solver."""
         rows = np.vstack([self.matrix, -self.matrix, np.eye(len(x)), -np.eye(len(x))])
-        bounds = np.concatenate([self.upper, -self.lower, self.step_bound, self.step_bound])
+        bounds = np.concatenate([self.upper, -self.lower, self.step_upper, -self.step_lower])
         slack = bounds - rows @ x
         slope = self.hessian @ x + self.gradient
         active = slack < _ACTIVE
         # Optimal means -slope = sum of active rows with multipliers >= 0.
         rest = nnls(rows[active].T, -slope)[1] if active.any() else float(np.linalg.norm(slope))
         return QPResiduals(primal=float(max(0.0, -slack.min())), stationarity=float(rest))
+
+
+@dataclass(frozen=True, slots=True)
+class StageBounds:
+    """Bounds on the input u_e of every tick, and on its change from the tick before; (N, m)."""
+
+    lower: FloatArray
+    upper: FloatArray
+    step_lower: FloatArray
+    step_upper: FloatArray
 
 
 class CondensedHorizon:
@@ -93,22 +106,32 @@ class CondensedHorizon:
         z_{k+j} = Z_j w,    Z_0 = [I 0 0],    Z_{j+1} = A_{k+j} Z_j + B_{k+j} U_j,
 
     where U_j picks u_{k+j} = u_{k-1} + sum of the steps up to min(j, Nc - 1). The cost of
-    eq. (costfunction), sum z'Qz + sum Delta u' R Delta u, is then quadratic in w.
+    eq. (costfunction), sum y'Qy + sum Delta u' R Delta u, is then quadratic in w; the outputs
+    y_k = C_k z_k are the states where no `outputs` C (N, p, n) are given. `bounds` come on top of
+    those of the tuning. Both hold for the stages with a free step.
 
     Raises:
         InvalidTuning: shapes do not fit, or the cost of a tick is not finite and convex.
     """
 
     def __init__(
-        self, a: FloatArray, b: FloatArray, tuning: HorizonTuning, period_s: float
+        self,
+        a: FloatArray,
+        b: FloatArray,
+        tuning: HorizonTuning,
+        period_s: float,
+        outputs: FloatArray | None = None,
+        bounds: StageBounds | None = None,
     ) -> None:
         n, m = b.shape[1:]
+        seen = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
         horizon, moves = tuning.horizon, tuning.moves
         self.ticks = len(a) - horizon + 1
-        if self.ticks < 1 or len(tuning.state_weight) != n or len(tuning.step_weight) != m:
+        p = seen.shape[1]
+        if self.ticks < 1 or len(tuning.output_weight) != p or len(tuning.step_weight) != m:
             raise InvalidTuning(
-                f"{len(a)} stages of {n} states and {m} inputs do not fit a horizon of {horizon}, "
-                f"{len(tuning.state_weight)} state and {len(tuning.step_weight)} step weights"
+                f"{len(a)} stages of {p} outputs and {m} inputs do not fit a horizon of {horizon}, "
+                f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
             )
         known = n + m
         stages = np.zeros((self.ticks, horizon + 1, n, known + m * moves))  # Z_0 ... Z_Np
@@ -118,33 +141,41 @@ class CondensedHorizon:
             pick = np.hstack([np.zeros((m, n)), np.eye(m), np.kron(steps, np.eye(m))])  # U_j
             window = slice(j, j + self.ticks)
             stages[:, j + 1] = a[window] @ stages[:, j] + b[window] @ pick
-        weighted = np.asarray(tuning.state_weight)[:, None] * stages
-        cost = 2.0 * np.einsum("kjnu,kjnw->kuw", stages[..., known:], weighted)
+        ahead = np.arange(self.ticks)[:, None] + np.arange(horizon + 1)  # (ticks, Np + 1)
+        stages = seen[ahead] @ stages  # from states to outputs
+        weighted = np.asarray(tuning.output_weight)[:, None] * stages
+        flat = (self.ticks, (horizon + 1) * p, -1)
+        transposed = stages[..., known:].reshape(flat).transpose(0, 2, 1)
+        cost = 2.0 * transposed @ weighted.reshape(flat)
         cost[:, :, known:] += 2.0 * np.diag(np.tile(tuning.step_weight, moves))
 
-        self.prediction = stages[:, 1:]  # Z_1 ... Z_Np (ticks, Np, n, n + m + m Nc)
+        self.prediction = stages[:, 1:]  # outputs of Z_1 ... Z_Np (ticks, Np, p, n + m + m Nc)
         self._by_known = np.ascontiguousarray(cost[:, :, :known])  # (ticks, m Nc, n + m)
         hessian = cost[:, :, known:]
         self._hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))  # (ticks, m Nc, m Nc)
         sums = np.tril(np.ones((moves, moves)))
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
-        self._bound = np.tile(tuning.input_bound, moves)
-        self._step_bound = np.tile(tuning.input_rate, moves) * period_s
-        self.input_bound = np.asarray(tuning.input_bound)
+        stage = ahead[:, :moves]  # (ticks, Nc) the stages with a free step
+        self._bounds = _stacked(_intersection(tuning, period_s, len(a), bounds), stage)
         self._require_convex()
 
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
         """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
-        repeats = len(self._bound) // len(previous_input)
-        shift = np.concatenate([previous_input] * repeats)
+        bounds = self._bounds
+        shift = np.concatenate([previous_input] * (bounds.lower.shape[1] // len(previous_input)))
         return QP(
             hessian=self._hessian[k],
             gradient=self._by_known[k] @ np.concatenate([state, previous_input]),
             matrix=self._matrix,
-            lower=-self._bound - shift,
-            upper=self._bound - shift,
-            step_bound=self._step_bound,
+            lower=bounds.lower[k] - shift,
+            upper=bounds.upper[k] - shift,
+            step_lower=bounds.step_lower[k],
+            step_upper=bounds.step_upper[k],
         )
+
+    def first_bounds(self, k: int, inputs: int) -> StageBounds:
+        """Return the bounds on the first of the `inputs` of tick `k`, (m,) each."""
+        return _each(self._bounds, lambda values: values[k, :inputs])
 
     def _require_convex(self) -> None:
         try:
@@ -154,3 +185,33 @@ class CondensedHorizon:
         # The factorisation of a matrix that is not finite may end without an error.
         if not (np.isfinite(factors).all() and np.isfinite(self._by_known).all()):
             raise InvalidTuning("the cost is not finite and convex all along the reference")
+
+
+def _each(bounds: StageBounds, change: Callable[[FloatArray], FloatArray]) -> StageBounds:
+    return StageBounds(
+        lower=change(bounds.lower),
+        upper=change(bounds.upper),
+        step_lower=change(bounds.step_lower),
+        step_upper=change(bounds.step_upper),
+    )
+
+
+def _stacked(bounds: StageBounds, stages: NDArray[np.intp]) -> StageBounds:
+    """Return the bounds of the `stages` (ticks, Nc) of every tick side by side, (ticks, m Nc)."""
+    return _each(bounds, lambda values: values[stages].reshape(len(stages), -1))
+
+
+def _intersection(
+    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None
+) -> StageBounds:
+    """Return the tuning's bounds on every stage, within `bounds` where there are any."""
+    bound = np.tile(tuning.input_bound, (stages, 1))
+    step = np.tile(tuning.input_rate, (stages, 1)) * period_s
+    if bounds is None:
+        return StageBounds(-bound, bound, -step, step)
+    return StageBounds(
+        lower=np.maximum(-bound, bounds.lower),
+        upper=np.minimum(bound, bounds.upper),
+        step_lower=np.maximum(-step, bounds.step_lower),
+        step_upper=np.minimum(step, bounds.step_upper),
+    )

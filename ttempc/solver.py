@@ -78,7 +78,14 @@ class PersistentSolver:
         """Hand the problem to the living solver, or to a new one."""
         hessian = qp.hessian.T  # symmetric; the transpose has the column order that PIQP wants
         if self._solver is not None:
-            self._solver.update(P=hessian, c=qp.gradient, h_l=qp.lower, h_u=qp.upper)
+            self._solver.update(
+                P=hessian,
+                c=qp.gradient,
+                h_l=qp.lower,
+                h_u=qp.upper,
+                x_l=qp.step_lower,
+                x_u=qp.step_upper,
+            )
             return self._solver
         solver = piqp.DenseSolver()
         settings = solver.settings
@@ -91,8 +98,8 @@ class PersistentSolver:
             G=np.asfortranarray(qp.matrix),
             h_l=qp.lower,
             h_u=qp.upper,
-            x_l=-qp.step_bound,
-            x_u=qp.step_bound,
+            x_l=qp.step_lower,
+            x_u=qp.step_upper,
         )
         self._solver = solver
         return solver
@@ -110,5 +117,5 @@ def _convex(hessian: FloatArray) -> bool:
 def _within_bounds(qp: QP, x: FloatArray) -> bool:
     """Whether `x` (n,) is finite and inside the bounds; comparisons with NaN are false."""
     rows = qp.matrix @ x
-    slack = np.concatenate([rows - qp.lower, qp.upper - rows, qp.step_bound - np.abs(x)])
+    slack = np.concatenate([rows - qp.lower, qp.upper - rows, x - qp.step_lower, qp.step_upper - x])
     return bool(slack.min() >= -_BOUND_TOLERANCE)

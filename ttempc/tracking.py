@@ -37,15 +37,19 @@ class Actions:
 class FeedbackLaw(Protocol):
     """What turns a tracking error into feedback and robust action."""
 
-    def step(self, k: int, error: FloatArray) -> Actions:
-        """Return the actions of tick `k` for the tracking error z_e (7,)."""
+    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
+        """Return the actions of tick `k`.
+
+        `error` is the tracking error z_e (7,) of `ttempc.error_model`, `sent` the command of the
+        period before (3,).
+        """
         ...
 
 
 class NoFeedback:
     """The feedback law that does nothing."""
 
-    def step(self, k: int, error: FloatArray) -> Actions:
+    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return no feedback and no robust action."""
         return Actions(np.zeros(3), np.zeros(3))
 
@@ -88,7 +92,7 @@ class TrackingController:
         error = tracking_error(
             estimate.state, estimate.trailer_xy, self._state[k], self._trailer_xy[k]
         )
-        actions = self._feedback.step(k, error)
+        actions = self._feedback.step(k, error, estimate, self._previous)
         feedforward = self._feedforward[k].copy()
         beta = estimate.hitch_angle if self._measured_hitch else self._hitch_angle[k]
         feedforward[Input.DELTA_I] -= beta  # delta^i = lambda - beta

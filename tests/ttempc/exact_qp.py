@@ -12,7 +12,7 @@ def exact_minimum(qp: QP) -> FloatArray:
     """Find the active set by Hildreth's iteration on the dual, then solve for it exactly."""
     n = len(qp.gradient)
     rows = np.vstack([qp.matrix, -qp.matrix, np.eye(n), -np.eye(n)])
-    limits = np.concatenate([qp.upper, -qp.lower, qp.step_bound, qp.step_bound])
+    limits = np.concatenate([qp.upper, -qp.lower, qp.step_upper, -qp.step_lower])
     inverse = np.linalg.inv(qp.hessian)
     # Dual: minimise 1/2 m'Dm + e'm over m >= 0, one coordinate after the other.
     dual = rows @ inverse @ rows.T

@@ -16,7 +16,8 @@ def test_inputs_and_their_rates_stay_within_the_papers_bounds():
     mpc = LinearMpc(horizon())
     before = np.zeros(3)
     for k in range(horizon().ticks):
-        action = mpc.step(k, 10.0 ** generator.uniform(-2, 1) * generator.normal(size=7))
+        error = 10.0 ** generator.uniform(-2, 1) * generator.normal(size=7)
+        action = mpc.step(k, error, before)
         assert action.fallback == ""
         assert np.all(np.abs(action.input) <= BOUND)
         assert np.all(np.abs(action.input - before) <= RATE * PERIOD_S + 1e-9)
@@ -24,7 +25,7 @@ def test_inputs_and_their_rates_stay_within_the_papers_bounds():
 
 
 def test_no_error_needs_no_feedback():
-    action = LinearMpc(horizon()).step(3, np.zeros(7))
+    action = LinearMpc(horizon()).step(3, np.zeros(7), np.zeros(3))
     np.testing.assert_allclose(action.input, 0.0, atol=1e-9)
 
 
@@ -40,7 +41,7 @@ def test_feedback_drives_the_model_to_the_reference():
     start = z
     previous = np.zeros(3)
     for _ in range(200):
-        u = mpc.step(0, z).input
+        u = mpc.step(0, z, previous).input
         step = np.concatenate([z, previous, u - previous, np.zeros(6)])
         z, previous = model[0] @ step, u
     assert np.linalg.norm(z) < 0.05 * np.linalg.norm(start)
@@ -49,12 +50,12 @@ def test_feedback_drives_the_model_to_the_reference():
 def test_failure_holds_the_previous_feedback_and_the_next_solve_is_right():
     mpc, fresh = LinearMpc(horizon()), LinearMpc(horizon())
     error = np.array([0.1, 0.2, 0.05, 0.1, -0.2, 0.05, 0.1])
-    held = mpc.step(5, error).input
-    fresh.step(5, error)
-    failed = mpc.step(6, np.full(7, np.nan))
+    held = mpc.step(5, error, np.zeros(3)).input
+    fresh.step(5, error, np.zeros(3))
+    failed = mpc.step(6, np.full(7, np.nan), held)
     np.testing.assert_array_equal(failed.input, held)
     assert "previous feedback held" in failed.fallback
     assert not failed.report.accepted
-    recovered, expected = mpc.step(6, error), fresh.step(6, error)
+    recovered, expected = mpc.step(6, error, held), fresh.step(6, error, held)
     np.testing.assert_allclose(recovered.input, expected.input, atol=1e-9)
     assert recovered.fallback == ""

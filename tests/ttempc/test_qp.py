@@ -22,7 +22,7 @@ def rolled_cost(k, state, previous, steps):
             u = u + moves[j]
             cost += moves[j] @ np.diag(TUNING.step_weight) @ moves[j]
         z = a[k + j] @ z + b[k + j] @ u
-        cost += z @ np.diag(TUNING.state_weight) @ z
+        cost += z @ np.diag(TUNING.output_weight) @ z
     return cost
 
 
@@ -63,7 +63,7 @@ def test_condensed_solution_is_the_uncondensed_one():
         # unknowns: z_1 ... z_8, then Delta u_0 ... Delta u_2
         size = 7 * n + 3 * moves
         cost = np.zeros((size, size))
-        cost[: 7 * n, : 7 * n] = np.kron(np.eye(n), np.diag(TUNING.state_weight))
+        cost[: 7 * n, : 7 * n] = np.kron(np.eye(n), np.diag(TUNING.output_weight))
         cost[7 * n :, 7 * n :] = np.eye(3 * moves)
         model, right = np.zeros((7 * n, size)), np.zeros(7 * n)
         for j in range(n):
@@ -110,9 +110,9 @@ def test_residuals_tell_an_optimum_from_another_point():
 def test_bounds_are_those_of_the_paper():
     qp = horizon().qp(0, np.zeros(7), np.zeros(3))
     np.testing.assert_allclose(np.degrees(qp.upper[:2]), [12.0, 6.0])
-    np.testing.assert_allclose(np.degrees(qp.step_bound[:2]), [11.0, 7.0])  # a second / 5
+    np.testing.assert_allclose(np.degrees(qp.step_upper[:2]), [11.0, 7.0])  # a second / 5
     assert qp.upper[2] == pytest.approx(0.10)
-    assert qp.step_bound[2] == pytest.approx(0.06)
+    assert qp.step_upper[2] == pytest.approx(0.06)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_bounds_are_those_of_the_paper():
     [
         {"moves": 0},
         {"moves": 9},
-        {"state_weight": (-1.0,) * 7},
+        {"output_weight": (-1.0,) * 7},
         {"step_weight": (1.0, 0.0, 1.0)},
         {"input_bound": (1.0, float("nan"), 1.0)},
     ],
@@ -144,5 +144,13 @@ def test_model_of_another_size_is_refused():
 
 
 def test_qp_can_be_made_by_hand():
-    qp = QP(np.eye(1), np.array([-3.0]), np.eye(1), -np.ones(1), np.ones(1), np.full(1, 0.5))
+    qp = QP(
+        np.eye(1),
+        np.array([-3.0]),
+        np.eye(1),
+        -np.ones(1),
+        np.ones(1),
+        np.full(1, -0.5),
+        np.full(1, 0.5),
+    )
     assert qp.residuals(np.array([0.5])).stationarity < 1e-12

@@ -88,6 +88,7 @@ def test_bounds_of_any_number_of_rows():
         matrix=np.array([[1.0, 1.0]]),
         lower=np.array([-1.0]),
         upper=np.array([1.0]),
-        step_bound=np.array([9.0, 9.0]),
+        step_lower=np.array([-9.0, -9.0]),
+        step_upper=np.array([9.0, 9.0]),
     )
     np.testing.assert_allclose(PersistentSolver().solve(qp).x, [2.5, -1.5], atol=1e-8)

@@ -1,0 +1,153 @@
+"""The controller `ttempc`: linear MPC on the articulated model, offset-free by its disturbances."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ttempc.error_model import exponential
+from ttempc.feedforward import exact_feedforward
+from ttempc.kinematics import articulated_jacobian, trailer_point_jacobian, wrap_angle
+from ttempc.limits import CommandLimits
+from ttempc.lmpc import LinearMpc
+from ttempc.qp import CondensedHorizon, HorizonTuning, StageBounds
+from ttempc.reference import Reference, ReferenceSample
+from ttempc.tracking import Actions, TrackingController
+from ttempc.types import Disturbance, Estimate, FloatArray, Input, State
+from ttempc.vehicle import Vehicle
+
+_N, _M, _D = len(State), len(Input), len(Disturbance)
+
+# Four seconds ahead, six free steps; outputs are x, y of tractor and trailer in their frames.
+TUNING = HorizonTuning(
+    horizon=20,
+    moves=6,
+    output_weight=(1.0, 1.0, 1.0, 1.0),  # [1/m^2]
+    step_weight=(1.0, 1.0, 1.0),  # [1/rad^2], [1/rad^2], for a hydrostat position of 0..1
+    input_bound=(math.radians(20.0), math.radians(20.0), 0.5),
+)
+
+
+def error_dynamics(
+    reference: Reference, period_s: float, ticks: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A (N, 12, 12), B (N, 12, 3) and C (N + 1, 4, 12) along the reference.
+
+    State (z_e, s): z_e = T (z_r - z) is the error of the minimal state with the position in the
+    frame of the reference tractor, s the disturbance, held over the horizon; input u_e = u_r - u:
+
+        z_e(k+1) = A_z z_e(k) + B_z u_e(k) - E s,   s(k+1) = s(k).
+
+    The Jacobians of the exact model, taken in the middle of each period, are held for it (zero-
+    order hold by the matrix exponential); T turns with the reference. Outputs C z_e are the errors
+    of tractor and trailer point in the frames of the reference tractor and trailer.
+    """
+    vehicle = reference.vehicle
+    middle = reference.at((np.arange(ticks) + 0.5) * period_s)
+    block = np.zeros((ticks, _N + _D + _M, _N + _D + _M))
+    for k, (state, inputs) in enumerate(zip(middle.state, middle.inputs, strict=True)):
+        by_state, by_input, by_disturbance = articulated_jacobian(state, inputs, vehicle)
+        block[k, :_N, :_N] = by_state
+        block[k, :_N, _N : _N + _D] = -by_disturbance
+        block[k, :_N, _N + _D :] = by_input
+    held = exponential(block * period_s)
+    a, b = held[:, : _N + _D, : _N + _D], held[:, : _N + _D, _N + _D :]
+
+    grid = reference.at(np.arange(ticks + 1) * period_s)
+    turn = np.tile(np.eye(_N + _D), (ticks + 1, 1, 1))  # map frame -> reference frame
+    turn[:, :2, :2] = _rotation(-grid.state[:, State.PSI_T])
+    back = turn.transpose(0, 2, 1)
+    a, b = turn[1:] @ a @ back[:-1], turn[1:] @ b
+
+    c = np.zeros((ticks + 1, 4, _N + _D))
+    c[:, 0, State.X] = c[:, 1, State.Y] = 1.0
+    trailer = np.zeros((ticks + 1, 2, _N + _D))
+    trailer[:, :, :_N] = [trailer_point_jacobian(state, vehicle) for state in grid.state]
+    c[:, 2:] = _rotation(-grid.state[:, State.PSI_I]) @ trailer @ back
+    return a, b, c
+
+
+class ArticulatedFeedback:
+    """Linear MPC on the articulated error model, which knows the disturbance that lasts."""
+
+    def __init__(
+        self,
+        grid: ReferenceSample,
+        reference: Reference,
+        feedforward: FloatArray,
+        period_s: float,
+        tuning: HorizonTuning,
+    ) -> None:
+        a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
+        self._feedforward = feedforward  # u_r (N, 3)
+        bounds = _remaining(feedforward, CommandLimits.of(reference.vehicle, period_s))
+        horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds)
+        self._mpc = LinearMpc(horizon)
+        self._state = grid.state
+        ahead = 1 + np.arange(horizon.ticks)[:, None] + np.arange(tuning.horizon)  # (ticks, Np)
+        to_map = np.zeros((*ahead.shape, 4, 4))
+        to_map[..., :2, :2] = _rotation(grid.state[:, State.PSI_T])[ahead]
+        to_map[..., 2:, 2:] = _rotation(grid.state[:, State.PSI_I])[ahead]
+        by_plan = -to_map @ horizon.prediction  # (ticks, Np, 4, n + m + m Nc)
+        self._path_by_plan = by_plan.reshape(horizon.ticks, 4 * tuning.horizon, -1)
+        self._reference_path = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)[ahead]
+
+    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
+        """Return the actions of tick `k`."""
+        state = self._error(k, estimate)
+        before = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
+        feedback = self._mpc.step(k, state, before)
+        path = self._reference_path[k]
+        return Actions(
+            feedback=-feedback.input,
+            robust=np.zeros(_M),
+            predicted_path=path + (self._path_by_plan[k] @ feedback.plan).reshape(path.shape),
+            solver=feedback.report,
+            fallback=feedback.fallback,
+        )
+
+    def _error(self, k: int, estimate: Estimate) -> FloatArray:
+        """Return (z_e, s) of tick `k`, (12,)."""
+        reference = self._state[k]
+        error = reference - estimate.state
+        for yaw in (State.PSI_T, State.PSI_I):
+            error[yaw] = wrap_angle(error[yaw])
+        cos, sin = math.cos(reference[State.PSI_T]), math.sin(reference[State.PSI_T])
+        dx, dy = error[State.X], error[State.Y]
+        error[State.X], error[State.Y] = cos * dx + sin * dy, cos * dy - sin * dx
+        return np.concatenate([error, estimate.disturbance])
+
+
+def articulated_controller(
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    tuning: HorizonTuning = TUNING,
+) -> TrackingController:
+    """Compose feedforward and MPC of the articulated model."""
+    grid = reference.on_grid(period_s, beyond=tuning.horizon)
+    feedforward = exact_feedforward(reference, len(grid.time_s) - 1, period_s)
+    feedback = ArticulatedFeedback(grid, reference, feedforward, period_s, tuning)
+    ticks = len(grid.time_s) - tuning.horizon
+    as_lambda = feedforward[:ticks].copy()
+    as_lambda[:, Input.DELTA_I] += grid.hitch_angle[:ticks]
+    limits = CommandLimits.of(vehicle, period_s)
+    return TrackingController(grid, as_lambda, feedback, limits, measured_hitch=False)
+
+
+def _remaining(feedforward: FloatArray, limits: CommandLimits) -> StageBounds:
+    """Return what the limits of the command leave to u_e = u_r - u at every tick."""
+    change = np.diff(feedforward, axis=0, prepend=feedforward[:1])
+    return StageBounds(
+        lower=np.minimum(feedforward - limits.upper, 0.0),
+        upper=np.maximum(feedforward - limits.lower, 0.0),
+        step_lower=change - limits.step,
+        step_upper=change + limits.step,
+    )
+
+
+def _rotation(angle: FloatArray) -> FloatArray:
+    """Return the matrices that turn vectors by `angle` (N,), (N, 2, 2)."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
