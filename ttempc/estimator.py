@@ -33,8 +33,8 @@ _N = len(State)
 _UNIT = np.eye(_N + len(Disturbance))
 # What a disturbance may be at most: twice what a vehicle that can still be steered shows.
 _LARGEST = np.array([0.3, 0.3, 0.15, 0.5, 0.5])  # (5,) in the order of `Disturbance`
-# How uncertain it is at the start, where nothing was seen of it: a slope of 0.15 rad, assumed.
-_AT_START = np.array([0.05, 0.05, 0.03, 0.1, 0.05])  # (5,)
+# How uncertain it is at the start, where nothing was seen of it; assumed.
+_AT_START = np.array([0.02, 0.02, 0.01, 0.03, 0.02])  # (5,)
 
 
 class ExtendedKalmanFilter:

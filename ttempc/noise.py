@@ -55,23 +55,24 @@ class ProcessNoise:
     Slip and bumps come with distance: their effect grows with the square root of the travel, and
     a vehicle at rest does not wander. Valves and drive act at any time. What lasts - a slope, soft
     soil, a bent sensor - is a `Disturbance`, which wanders and fades over `memory_m`; what does
-    not last is noise on the state itself. All values are assumed, then held to the innovations on
-    all shipped fields (`experiments.studies.innovations`).
+    not last is noise on the state itself. All values are assumed, such that the innovations are as
+    large as the filter says on firm even ground and nearly so on grass; on rough soft slopes they
+    are larger.
 
     Raises:
         InvalidTuning: a value is not finite or not above 0.
     """
 
-    slip_forward: float = 0.002  # wheel slip, bumps: way along the tractor [m/sqrt(m)]
-    slip_lateral: float = 0.0035  # side slip of the rear axle: way across the tractor [m/sqrt(m)]
-    yaw_t: float = 0.004  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
-    yaw_i: float = 0.0035  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
-    steering: float = 0.003  # lag and play of both steering valves [rad/sqrt(s)]
-    drive: float = 0.015  # hydrostat and motion resistance: speed [(m/s)/sqrt(s)]
-    slip_walk: float = 0.008  # change of the lasting side slips [rad/sqrt(m)]
-    steering_walk: float = 0.005  # change of the lasting steering disturbance [rad/sqrt(m)]
-    drive_walk: float = 0.02  # change of the lasting drive disturbance [(m/s^2)/sqrt(s)]
-    wheel_walk: float = 0.01  # change of the lasting wheel slip [1/sqrt(m)]
+    slip_forward: float = 0.0005  # wheel slip, bumps: way along the tractor [m/sqrt(m)]
+    slip_lateral: float = 0.0005  # side slip of the rear axle: way across the tractor [m/sqrt(m)]
+    yaw_t: float = 0.001  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
+    yaw_i: float = 0.001  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
+    steering: float = 0.001  # lag and play of both steering valves [rad/sqrt(s)]
+    drive: float = 0.003  # hydrostat and motion resistance: speed [(m/s)/sqrt(s)]
+    slip_walk: float = 0.003  # change of the lasting side slips [rad/sqrt(m)]
+    steering_walk: float = 0.002  # change of the lasting steering disturbance [rad/sqrt(m)]
+    drive_walk: float = 0.004  # change of the lasting drive disturbance [(m/s^2)/sqrt(s)]
+    wheel_walk: float = 0.008  # change of the lasting wheel slip [1/sqrt(m)]
     memory_m: float = 50.0  # way over which a disturbance that is seen no more fades [m]
 
     def __post_init__(self) -> None:
