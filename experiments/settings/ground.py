@@ -11,8 +11,9 @@ from pydantic.dataclasses import dataclass
 
 from experiments.settings.base import STRICT, Positive
 from testbed.randomness import generator
-from testbed.soil import Patch, SoilMap
-from testbed.terrain import Terrain, flat, from_file, rough
+from testbed.soil import SoilMap
+from testbed.soil_layers import Patch
+from testbed.terrain import Terrain, flat, rough
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -35,7 +36,7 @@ class TerrainSettings:
         """
         size, spacing = (self.size_x_m, self.size_y_m), self.spacing_m
         if self.height_map:
-            ground = from_file(Path(self.height_map), spacing)
+            ground = Terrain.from_file(Path(self.height_map), spacing)
         elif self.iso_class == "flat":
             ground = flat(size, spacing)
         else:

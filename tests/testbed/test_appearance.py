@@ -6,7 +6,8 @@ import numpy as np
 from testbed import terrain
 from testbed.appearance import tyre_mesh
 from testbed.plant import Plant
-from testbed.soil import Patch, SoilMap
+from testbed.soil import SoilMap
+from testbed.soil_layers import Patch
 from testbed.vehicle_model import PlantVehicle
 
 
