@@ -14,8 +14,9 @@ from experiments.scenario import Scenario
 from testbed.loop import Rig
 from testbed.oracle import TruthEstimator
 from testbed.plant import Plant
-from testbed.sensors import SensorSuite, whole_steps
+from testbed.sensors import SensorSuite
 from testbed.sink import Sink
+from testbed.steps import whole_steps
 from testbed.terrain import Terrain
 from ttempc.controllers import make_controller
 from ttempc.estimator import ExtendedKalmanFilter
@@ -108,7 +109,7 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     sensors = SensorSuite(scenario.sensors.specification(), timestep, seed)
     terrain = scenario.terrain.terrain(seed)
     _check_on_field(path, terrain)
-    plant = scenario.plant.plant(terrain, scenario.soil.soil())
+    plant = scenario.plant.plant(terrain, scenario.soil.soil(), scenario.actuators.specification())
     estimator: Estimator = (
         TruthEstimator(plant.truth)
         if scenario.controller.estimator == "truth"

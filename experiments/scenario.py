@@ -14,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from experiments.errors import InvalidScenario
+from experiments.settings.actuators import ActuatorSettings
 from experiments.settings.base import STRICT
 from experiments.settings.controller import ControllerSettings
 from experiments.settings.ground import SoilSettings, TerrainSettings
@@ -25,13 +26,14 @@ from testbed.resources import resource
 
 @dataclass(frozen=True, config=STRICT)
 class Scenario:
-    """A field, a path over it, the vehicle, its sensors and its driver."""
+    """A field, a path over it, the vehicle, its actuators, its sensors and its driver."""
 
     description: str = ""
     path: PathSettings = FigureEight()
     terrain: TerrainSettings = TerrainSettings()
     soil: SoilSettings = SoilSettings()
     plant: PlantSettings = PlantSettings()
+    actuators: ActuatorSettings = ActuatorSettings()
     sensors: SensorSettings = SensorSettings()
     controller: ControllerSettings = ControllerSettings()
 

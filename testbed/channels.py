@@ -27,12 +27,14 @@ _POSES: Final = ("x_t_m", "y_t_m", "psi_t_rad", "x_i_m", "y_i_m", "psi_i_rad")
 
 STATE: Final = Channel(
     "/state",
-    "truth: axle centres, attitudes (pitch nose down, roll left side up), joints, speeds",
+    "truth: axle centres, attitudes (pitch nose down, roll left side up), joints, speeds, and what "
+    "reaches the servos behind dead time, dead band and play",
     (
         *_POSES,
         *("z_t_m", "pitch_t_rad", "roll_t_rad", "z_i_m", "pitch_i_rad", "roll_i_rad"),
         *("psi_d_rad", "beta_rad", *_INPUTS),
         *("v_mps", "v_lateral_mps", "yaw_rate_t_radps", "yaw_rate_i_radps", "v_rim_mps"),
+        *(f"{name}_set_point" for name in _INPUTS),
     ),
 )
 REFERENCE: Final = Channel(

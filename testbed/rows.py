@@ -31,6 +31,7 @@ def state_row(truth: Truth) -> list[float]:
         *(tractor.z, tractor.pitch, tractor.roll, trailer.z, trailer.pitch, trailer.roll),
         *(truth.psi_d, truth.beta, truth.delta_t, truth.delta_i, truth.hp),
         *(truth.speed, truth.lateral_speed, truth.yaw_rate_t, truth.yaw_rate_i, truth.rim_speed),
+        *truth.set_points.tolist(),
     ]
 
 

@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from testbed.errors import InvalidPlant
 from testbed.randomness import generator
+from testbed.steps import whole_steps
 from testbed.truth import Truth
 from ttempc.types import Measurement, Sensor
 
@@ -96,18 +96,3 @@ class SensorSuite:
             for channel in self._channels
             if step % channel.every == 0
         ]
-
-
-def whole_steps(period: float, timestep: float, what: str) -> int:
-    """Return how many physics steps make `period` [s].
-
-    Raises:
-        InvalidPlant: the period is not a whole number of steps; `what` names it.
-    """
-    steps = round(period / timestep) if math.isfinite(period) else 0
-    if steps < 1 or abs(steps * timestep - period) > 1e-9:
-        raise InvalidPlant(
-            f"{what}: a period of {period:g} s is not a whole number of physics steps "
-            f"of {timestep:g} s"
-        )
-    return steps
