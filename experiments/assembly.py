@@ -106,10 +106,10 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     timestep = scenario.plant.timestep_s
     for what, period in (("control", CONTROL_PERIOD_S), ("record", RECORD_PERIOD_S)):
         whole_steps(period, timestep, f"plant.timestep_s = {timestep}: {what} period")
-    sensors = SensorSuite(scenario.sensors.specification(), timestep, seed)
     terrain = scenario.terrain.terrain(seed)
     _check_on_field(path, terrain)
     plant = scenario.plant.plant(terrain, scenario.soil.soil(), scenario.actuators.specification())
+    sensors = SensorSuite(scenario.sensors.specification(), timestep, seed, plant.lever_arms)
     estimator: Estimator = (
         TruthEstimator(plant.truth)
         if scenario.controller.estimator == "truth"

@@ -44,10 +44,13 @@ REFERENCE: Final = Channel(
 )
 MEASUREMENT: Final = Channel(
     "/measurement",
-    "what the sensors delivered at this time; NaN where a sensor gave no sample",
+    "what the sensors delivered at this time, taken earlier by their latency; NaN where a sensor "
+    "gave no sample",
     (
         *("gnss_tractor_x_m", "gnss_tractor_y_m", "gnss_trailer_x_m", "gnss_trailer_y_m"),
         *("steering_tractor_rad", "steering_trailer_rad", "hitch_rad", "encoder_mps"),
+        *("imu_tractor_yaw_rate_radps", "imu_tractor_roll_rad", "imu_tractor_pitch_rad"),
+        *("imu_trailer_yaw_rate_radps", "imu_trailer_roll_rad", "imu_trailer_pitch_rad"),
     ),
 )
 ESTIMATE: Final = Channel(

@@ -83,8 +83,9 @@ class Outcome:
 
 
 def announce(rig: Rig, period: Period) -> None:
-    """Say what of the actuators is not as the paper has it; once, before the first tick."""
-    for text in rig.plant.actuators.specification.notes():
+    """Say what of actuators and sensors is not as the paper has it; once, before the first tick."""
+    specifications = rig.plant.actuators.specification, rig.sensors.specification
+    for text in (note for specification in specifications for note in specification.notes()):
         rig.sink.event(Event(period.now.time_s, "info", text))
 
 
