@@ -15,8 +15,9 @@ from testbed.grid import Grid
 from testbed.loop import Rig
 from testbed.oracle import TruthEstimator
 from testbed.plant import Plant
-from testbed.sensors import SensorSuite, whole_steps
+from testbed.sensors import SensorSuite
 from testbed.sink import Sink
+from testbed.steps import whole_steps
 from testbed.terrain import Terrain
 from ttempc.controllers import make_controller
 from ttempc.estimator import ExtendedKalmanFilter
@@ -106,13 +107,14 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     timestep = scenario.plant.timestep_s
     for what, period in (("control", CONTROL_PERIOD_S), ("record", RECORD_PERIOD_S)):
         whole_steps(period, timestep, f"plant.timestep_s = {timestep}: {what} period")
-    sensors = SensorSuite(scenario.sensors.specification(), timestep, seed)
     terrain = scenario.terrain.terrain(seed)
     _check_covered(path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
     strength_map = scenario.soil.strength_map()
     if strength_map:
         _check_covered(path, strength_map, "soil map", "soil.map")
-    plant = scenario.plant.plant(terrain, scenario.soil.soil(seed, terrain, path, strength_map))
+    soil = scenario.soil.soil(seed, terrain, path, strength_map)
+    plant = scenario.plant.plant(terrain, soil, scenario.actuators.specification())
+    sensors = SensorSuite(scenario.sensors.specification(), timestep, seed, plant.lever_arms)
     estimator: Estimator = (
         TruthEstimator(plant.truth)
         if scenario.controller.estimator == "truth"

@@ -15,6 +15,7 @@ from pydantic.dataclasses import dataclass
 
 from experiments.complaint import first_complaint
 from experiments.errors import InvalidScenario
+from experiments.settings.actuators import ActuatorSettings
 from experiments.settings.base import STRICT
 from experiments.settings.controller import ControllerSettings
 from experiments.settings.path import FigureEight, PathSettings
@@ -27,13 +28,14 @@ from testbed.resources import resource
 
 @dataclass(frozen=True, config=STRICT)
 class Scenario:
-    """A field, a path over it, the vehicle, its sensors and its driver."""
+    """A field, a path over it, the vehicle, its actuators, its sensors and its driver."""
 
     description: str = ""
     path: PathSettings = FigureEight()
     terrain: TerrainSettings = TerrainSettings()
     soil: SoilSettings = SoilSettings()
     plant: PlantSettings = PlantSettings()
+    actuators: ActuatorSettings = ActuatorSettings()
     sensors: SensorSettings = SensorSettings()
     controller: ControllerSettings = ControllerSettings()
 

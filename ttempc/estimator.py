@@ -47,7 +47,8 @@ class ExtendedKalmanFilter:
     sample whose innovation would be exceeded with probability `gate_probability` only is kept
     out. A sensor that has been kept out for a whole second without a break may be right and the
     filter wrong: its samples are then taken in, with their noise raised until they just pass.
-    Samples that are not finite, too early, too late or there twice are kept out.
+    Samples that are not finite, too early, too late or there twice are kept out; those of sensors
+    without a model in `ttempc.sensing` are passed over.
 
     Raises:
         InvalidTuning: the gate's probability is not between 0 and 1.
@@ -65,7 +66,7 @@ class ExtendedKalmanFilter:
         self._vehicle = vehicle
         self._sensor_noise = sensor_noise or SensorNoise()
         self._process_noise = process_noise or ProcessNoise()
-        self._noise = {s: self._sensor_noise.of(s) ** 2 * np.eye(LENGTH[s]) for s in Sensor}
+        self._noise = {s: self._sensor_noise.of(s) ** 2 * np.eye(LENGTH[s]) for s in LENGTH}
         self._gate = {m: float(chdtri(m, gate_probability)) for m in (1, 2)}
         self._state = np.full(7, math.nan)
         self._covariance = np.diag(np.full(7, math.inf))
@@ -82,6 +83,8 @@ class ExtendedKalmanFilter:
         held = None if command is None else command.as_array()
         innovations = []
         for measurement in measurements:
+            if measurement.sensor not in LENGTH:  # as an IMU's: there is no model of it
+                continue
             if not self._usable(measurement, time_s):
                 dimension = LENGTH[measurement.sensor]
                 innovations.append(Innovation(measurement.sensor, math.inf, dimension, False))
@@ -117,7 +120,7 @@ class ExtendedKalmanFilter:
     def _start(self, measurement: Measurement) -> None:
         """Collect readings until there is one of every sensor, then start from them."""
         self._first[measurement.sensor] = measurement
-        if len(self._first) < len(Sensor):
+        if len(self._first) < len(LENGTH):
             return
         self._state, self._covariance = first_state(self._first, self._vehicle, self._sensor_noise)
         self._valves = self._state[State.DELTA_T : State.V].copy()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ttempc.errors import InvalidTuning
+from ttempc.errors import InvalidTuning, UnknownSensor
 from ttempc.types import FloatArray, Sensor, State
 
 
@@ -36,7 +36,11 @@ class SensorNoise:
         _require_positive(self)
 
     def of(self, sensor: Sensor) -> float:
-        """Return the standard deviation of each entry of one sample of `sensor`."""
+        """Return the standard deviation of each entry of one sample of `sensor`.
+
+        Raises:
+            UnknownSensor: it is none of the paper's.
+        """
         match sensor:
             case Sensor.GNSS_TRACTOR | Sensor.GNSS_TRAILER:
                 return self.gnss
@@ -46,6 +50,8 @@ class SensorNoise:
                 return self.hitch
             case Sensor.ENCODER:
                 return self.encoder
+            case _:
+                raise UnknownSensor(f"{sensor}: its noise is not known, only the paper's sensors'")
 
 
 @dataclass(frozen=True, slots=True)

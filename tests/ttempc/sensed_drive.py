@@ -13,7 +13,7 @@ from ttempc.kinematics import advance
 from ttempc.noise import ProcessNoise, SensorNoise
 from ttempc.path import figure_eight
 from ttempc.reference import ConstantSpeed, Reference
-from ttempc.sensing import expected
+from ttempc.sensing import LENGTH, expected
 from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
 from ttempc.valves import slew
 from ttempc.vehicle import Vehicle
@@ -22,7 +22,7 @@ PERIOD_S = 0.2
 SUBSTEPS = 20  # of 10 ms
 FAST_EVERY = 4  # substeps between samples of the 25 Hz sensors
 GNSS = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
-FAST = tuple(sensor for sensor in Sensor if sensor not in GNSS)
+FAST = tuple(sensor for sensor in LENGTH if sensor not in GNSS)
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
 
@@ -47,7 +47,7 @@ class SensedDrive:
         controller = make_controller("paper", VEHICLE, REFERENCE, PERIOD_S)
         state, command = REFERENCE.at(0.0).state, None
         self._valves = state[State.DELTA_T : State.V]
-        measurements = self._sample(state, 0.0, tuple(Sensor))
+        measurements = self._sample(state, 0.0, tuple(LENGTH))
         for k in range(ticks):
             if self.spoil:
                 measurements = self.spoil(measurements)

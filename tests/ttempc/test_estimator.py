@@ -43,7 +43,7 @@ def test_state_errors_are_as_large_as_the_covariance_says(drives):
     assert low < np.sum(squares) / freedom < high
 
 
-@pytest.mark.parametrize("sensor", Sensor)
+@pytest.mark.parametrize("sensor", LENGTH)
 def test_innovations_are_as_large_as_predicted(drives, sensor):
     """Innovations of a filter on its own model are white: the 95 % band is that of their number.
 
@@ -110,7 +110,7 @@ def test_start_forgets_a_wrong_first_set():
 def perfect_set(state, time_s):
     return [
         Measurement(time_s, sensor, tuple(expected(sensor, state, VEHICLE).tolist()))
-        for sensor in Sensor
+        for sensor in LENGTH
     ]
 
 

@@ -25,7 +25,7 @@ def random_state(generator):
 
 def readings(state, noise=None, generator=None):
     made = {}
-    for sensor in Sensor:
+    for sensor in LENGTH:
         value = expected(sensor, state, VEHICLE)
         if noise:
             value = value + noise.of(sensor) * generator.normal(size=len(value))
@@ -33,7 +33,7 @@ def readings(state, noise=None, generator=None):
     return made
 
 
-@pytest.mark.parametrize("sensor", Sensor)
+@pytest.mark.parametrize("sensor", LENGTH)
 def test_jacobians(sensor):
     generator = np.random.default_rng(61)
     for _ in range(20):
