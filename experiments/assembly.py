@@ -11,11 +11,13 @@ import numpy as np
 
 from experiments.errors import InvalidScenario
 from experiments.scenario import Scenario
+from testbed.grid import Grid
 from testbed.loop import Rig
 from testbed.oracle import TruthEstimator
 from testbed.plant import Plant
-from testbed.sensors import SensorSuite, whole_steps
+from testbed.sensors import SensorSuite
 from testbed.sink import Sink
+from testbed.steps import whole_steps
 from testbed.terrain import Terrain
 from ttempc.controllers import make_controller
 from ttempc.estimator import ExtendedKalmanFilter
@@ -105,10 +107,14 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     timestep = scenario.plant.timestep_s
     for what, period in (("control", CONTROL_PERIOD_S), ("record", RECORD_PERIOD_S)):
         whole_steps(period, timestep, f"plant.timestep_s = {timestep}: {what} period")
-    sensors = SensorSuite(scenario.sensors.specification(), timestep, seed)
     terrain = scenario.terrain.terrain(seed)
-    _check_on_field(path, terrain)
-    plant = scenario.plant.plant(terrain, scenario.soil.soil())
+    _check_covered(path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
+    strength_map = scenario.soil.strength_map()
+    if strength_map:
+        _check_covered(path, strength_map, "soil map", "soil.map")
+    soil = scenario.soil.soil(seed, terrain, path, strength_map)
+    plant = scenario.plant.plant(terrain, soil, scenario.actuators.specification())
+    sensors = SensorSuite(scenario.sensors.specification(), timestep, seed, plant.lever_arms)
     estimator: Estimator = (
         TruthEstimator(plant.truth)
         if scenario.controller.estimator == "truth"
@@ -118,19 +124,19 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     return Assembly(plant, sensors, estimator, controller, vehicle, terrain, reference, ticks)
 
 
-def _check_on_field(path: Path, terrain: Terrain) -> None:
-    """Refuse a path that comes too near to an edge of the field.
+def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:
+    """Refuse a path that comes too near to an edge of the field, or of a map of its soil.
 
     Raises:
-        InvalidScenario: with the path's box, the field's and the margin.
+        InvalidScenario: with the path's box, the grid's and the margin.
     """
     box = path.extent()
     corners = np.array([[box.x_min, box.y_min], [box.x_max, box.y_max]])
-    if not terrain.contains(corners[:, 0], corners[:, 1], EDGE_M):
-        (x, y), (width, height) = terrain.origin, terrain.size_m
+    if not grid.contains(corners[:, 0], corners[:, 1], EDGE_M):
+        (x, y), (width, height) = grid.origin, grid.size_m
         raise InvalidScenario(
             f"path: reaches from ({box.x_min:.1f}, {box.y_min:.1f}) to "
-            f"({box.x_max:.1f}, {box.y_max:.1f}) m; it must stay {EDGE_M:g} m inside the field, "
+            f"({box.x_max:.1f}, {box.y_max:.1f}) m; it must stay {EDGE_M:g} m inside the {what}, "
             f"which reaches from ({x:.1f}, {y:.1f}) to ({x + width:.1f}, {y + height:.1f}) m "
-            "(terrain.size_x_m, terrain.size_y_m)"
+            f"({keys})"
         )

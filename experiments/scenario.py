@@ -5,33 +5,37 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, is_dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any
 
 import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
+from experiments.complaint import first_complaint
 from experiments.errors import InvalidScenario
+from experiments.settings.actuators import ActuatorSettings
 from experiments.settings.base import STRICT
 from experiments.settings.controller import ControllerSettings
-from experiments.settings.ground import SoilSettings, TerrainSettings
-from experiments.settings.path import KINDS, FigureEight, PathSettings
+from experiments.settings.path import FigureEight, PathSettings
 from experiments.settings.plant import PlantSettings
 from experiments.settings.sensors import SensorSettings
+from experiments.settings.soil import SoilSettings
+from experiments.settings.terrain import TerrainSettings
 from testbed.resources import resource
 
 
 @dataclass(frozen=True, config=STRICT)
 class Scenario:
-    """A field, a path over it, the vehicle, its sensors and its driver."""
+    """A field, a path over it, the vehicle, its actuators, its sensors and its driver."""
 
     description: str = ""
     path: PathSettings = FigureEight()
     terrain: TerrainSettings = TerrainSettings()
     soil: SoilSettings = SoilSettings()
     plant: PlantSettings = PlantSettings()
+    actuators: ActuatorSettings = ActuatorSettings()
     sensors: SensorSettings = SensorSettings()
     controller: ControllerSettings = ControllerSettings()
 
@@ -111,43 +115,20 @@ def _validate(content: Mapping[str, Any], where: str) -> Scenario:
         # By way of JSON, because only there does the strict mode take tables for dataclasses.
         return _SCENARIO.validate_json(json.dumps(content, default=str))
     except ValidationError as error:
-        raise InvalidScenario(f"{where}: {_first_complaint(error)}") from None
-
-
-def _first_complaint(error: ValidationError) -> str:
-    """Return key, what is allowed there and what was given, in the words of the file."""
-    first = error.errors()[0]
-    # The validator mixes the kinds of a path into its locations; they are no keys of the file.
-    keys = ".".join(str(part) for part in first["loc"] if part not in KINDS)
-    if first["type"] == "unexpected_keyword_argument":
-        allowed = ", ".join(field.name for field in fields(_table(first["loc"])))
-        return f"{keys}: unknown key; allowed here: {allowed}"
-    given = first["input"]
-    said = "" if isinstance(given, Mapping) else f", got {given!r}"
-    return f"{keys}: {first['msg']}{said}"
-
-
-def _table(location: Sequence[str | int]) -> Any:  # noqa: ANN401 - a dataclass type
-    """Return the dataclass whose key the last part of a validator's location is."""
-    table: Any = Scenario
-    for part in location[:-1]:
-        if part in KINDS:
-            table = KINDS[part]
-        elif isinstance(part, str):
-            hint = get_type_hints(table)[part]
-            table = next((kind for kind in get_args(hint) if is_dataclass(kind)), hint)
-    return table
+        raise InvalidScenario(f"{where}: {first_complaint(error, Scenario)}") from None
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any TOML value
+    """Return the value as TOML has it: without what is not there."""
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: _plain(item) for key, item in value.items() if item is not None}
     return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def _anchored(scenario: Scenario, folder: Path) -> Scenario:
-    """Return the scenario with the path of its height map made absolute."""
-    if not scenario.terrain.height_map:
-        return scenario
-    file = (folder / scenario.terrain.height_map).resolve()
-    return replace(scenario, terrain=replace(scenario.terrain, height_map=str(file)))
+    """Return the scenario with the paths of its files made absolute."""
+    return replace(
+        scenario,
+        terrain=scenario.terrain.anchored(folder),
+        soil=scenario.soil.anchored(folder),
+    )

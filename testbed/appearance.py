@@ -20,10 +20,15 @@ _AROUND: Final = 80  # vertices around a tyre
 _LUGS: Final = 20  # on each half, in two rows that form arrows
 _LUG_LEAD: Final = 0.75  # by how much of a pitch a lug leads from shoulder to centre
 
-_GRASS: Final = np.array([0.43, 0.53, 0.25])  # on firm ground
-_MUD: Final = np.array([0.36, 0.28, 0.19])  # on soil that does not carry
-_FIRM_KPA: Final = 700.0
-_SOFT_KPA: Final = 100.0
+# Strength on a logarithmic scale, so that the same factor is seen as well on any soil.
+_STRENGTHS: Final = np.log([100.0, 700.0, 2000.0])  # cone index [kPa]
+_COLOURS: Final = np.array(
+    [
+        [0.36, 0.28, 0.19],  # mud: soil that does not carry
+        [0.43, 0.53, 0.25],  # grass on firm ground
+        [0.66, 0.62, 0.47],  # bare, dry and hard
+    ]
+)
 
 
 def put_tyres(spec: mujoco.MjSpec) -> None:
@@ -99,8 +104,8 @@ def paint_ground(model: mujoco.MjModel, terrain: Terrain, cone_indices: FloatArr
         np.rint(np.linspace(0, ny - 1, rows)).astype(int),
         np.rint(np.linspace(0, nx - 1, columns)).astype(int),
     )
-    softness = np.clip((_FIRM_KPA - cone_indices[nearest]) / (_FIRM_KPA - _SOFT_KPA), 0.0, 1.0)
-    colour = _GRASS + 0.85 * softness[..., None] * (_MUD - _GRASS)
+    strength = np.log(cone_indices[nearest])  # (rows, columns)
+    colour = np.stack([np.interp(strength, _STRENGTHS, part) for part in _COLOURS.T], axis=-1)
     grain = np.random.default_rng(0).normal(0.0, 0.04, (rows, columns))  # blades of grass
     image = colour * (1.0 + 0.28 * shade + grain)[..., None]  # (rows, columns, 3)
     # the first row of a texture lies at the far side of a height field

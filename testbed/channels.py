@@ -27,12 +27,14 @@ _POSES: Final = ("x_t_m", "y_t_m", "psi_t_rad", "x_i_m", "y_i_m", "psi_i_rad")
 
 STATE: Final = Channel(
     "/state",
-    "truth: axle centres, attitudes (pitch nose down, roll left side up), joints, speeds",
+    "truth: axle centres, attitudes (pitch nose down, roll left side up), joints, speeds, and what "
+    "reaches the servos behind dead time, dead band and play",
     (
         *_POSES,
         *("z_t_m", "pitch_t_rad", "roll_t_rad", "z_i_m", "pitch_i_rad", "roll_i_rad"),
         *("psi_d_rad", "beta_rad", *_INPUTS),
         *("v_mps", "v_lateral_mps", "yaw_rate_t_radps", "yaw_rate_i_radps", "v_rim_mps"),
+        *(f"{name}_set_point" for name in _INPUTS),
     ),
 )
 REFERENCE: Final = Channel(
@@ -42,10 +44,13 @@ REFERENCE: Final = Channel(
 )
 MEASUREMENT: Final = Channel(
     "/measurement",
-    "what the sensors delivered at this time; NaN where a sensor gave no sample",
+    "what the sensors delivered at this time, taken earlier by their latency; NaN where a sensor "
+    "gave no sample",
     (
         *("gnss_tractor_x_m", "gnss_tractor_y_m", "gnss_trailer_x_m", "gnss_trailer_y_m"),
         *("steering_tractor_rad", "steering_trailer_rad", "hitch_rad", "encoder_mps"),
+        *("imu_tractor_yaw_rate_radps", "imu_tractor_roll_rad", "imu_tractor_pitch_rad"),
+        *("imu_trailer_yaw_rate_radps", "imu_trailer_roll_rad", "imu_trailer_pitch_rad"),
     ),
 )
 ESTIMATE: Final = Channel(

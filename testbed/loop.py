@@ -82,6 +82,13 @@ class Outcome:
     wall_s: float
 
 
+def announce(rig: Rig, period: Period) -> None:
+    """Say what of actuators and sensors is not as the paper has it; once, before the first tick."""
+    specifications = rig.plant.actuators.specification, rig.sensors.specification
+    for text in (note for specification in specifications for note in specification.notes()):
+        rig.sink.event(Event(period.now.time_s, "info", text))
+
+
 def sense(rig: Rig, period: Period) -> None:
     """Sample the sensors at every moment since the previous tick."""
     period.measurements = []
@@ -199,6 +206,7 @@ def drive(
     """
     start = perf_counter_ns()
     period = Period(truths=[(0, rig.plant.truth())])
+    announce(rig, period)
     observe(rig, period)
     status: Literal["completed", "lost", "invalid"] = "completed"
     failure: str | None = None

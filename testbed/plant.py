@@ -13,12 +13,14 @@ from typing import Final
 import mujoco
 import numpy as np
 
+from testbed.actuators import Actuators, ActuatorSpecification, ActuatorState
 from testbed.appearance import paint_ground
 from testbed.errors import InvalidPlant, PlantDiverged
 from testbed.native_wheels import NativeWheels
 from testbed.soil import SoilMap
 from testbed.terrain import Terrain
-from testbed.truth import WHEELS, Pose, Truth, Wheels
+from testbed.truth import WHEELS, Truth
+from testbed.truth_reader import TruthReader
 from testbed.tyre_kernel import Output, wheel_step
 from testbed.vehicle_model import (
     PlantVehicle,
@@ -43,6 +45,7 @@ class Snapshot:
     physics: FloatArray  # MuJoCo's integration state
     deflection: FloatArray  # (6, 3) [m] tread deflections: without them 29 mm off after 10 s
     output: FloatArray  # (6, 7) what the wheels last reported
+    valves: ActuatorState  # commands under way to the servos
 
 
 class Plant:
@@ -54,6 +57,7 @@ class Plant:
         soil: its strength.
         wheels: "soil" (`testbed.tyre`) or "contact" (MuJoCo's own, `testbed.native_wheels`).
         timestep_s: of the physics.
+        actuators: what is lost between a command and the servos; nothing by default.
 
     Raises:
         InvalidPlant: a setting that cannot be.
@@ -67,6 +71,7 @@ class Plant:
         *,
         wheels: WheelModel = "soil",
         timestep_s: float = 0.002,
+        actuators: ActuatorSpecification | None = None,
     ) -> None:
         self.vehicle, self.terrain, self.soil = vehicle, terrain, soil
         self._spec = build_spec(vehicle, terrain, wheels, timestep_s)
@@ -77,14 +82,19 @@ class Plant:
         self.tyres = tyres_of(model)
         self._deflection = np.zeros((len(WHEELS), 3))
         self._output = np.zeros((len(WHEELS), len(Output)))
-        self._joints = {
-            name: (model.joint(name).qposadr[0], model.joint(name).dofadr[0])
-            for name in ("rj1_yaw", "rj2_yaw", "steer", *WHEELS)
-        }
-        self._bodies = {name: model.body(name).id for name in ("tractor", "drawbar", "trailer")}
-        self._wheel_dofs = np.array([self._joints[wheel][1] for wheel in WHEELS])
+        self._reader = TruthReader(
+            model, data, self._output, self.tyres.radius[WHEELS.index("rear_left")]
+        )
+        self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
         wheel_bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
+        steering = [model.joint(name) for name in ("steer", "rj2_yaw")]
+        self._steering_angles = [int(joint.qposadr[0]) for joint in steering]
+        front_stop, trailer_stop = (float(joint.range[1]) for joint in steering)
+        self.actuators = Actuators(
+            actuators or ActuatorSpecification(), timestep_s, (front_stop, trailer_stop)
+        )
+        self._valves = self.actuators.start(hp=0.0)
         cone_indices = soil.rasterised(terrain)  # (ny, nx)
         if wheels == "soil":
             self._grid = np.array([*terrain.origin, terrain.spacing_m, timestep_s])
@@ -146,9 +156,12 @@ class Plant:
             PlantDiverged: the state is no longer one that physics could have led to.
         """
         data = self.data
-        data.ctrl[:] = command.delta_t, command.delta_i, command.hp
         before = data.time
-        self._run(steps)
+        if self.actuators.passive:
+            data.ctrl[:] = command.delta_t, command.delta_i, command.hp
+            self._run(steps)
+        else:
+            self._run(steps, before_step=lambda: self._move_valves(command))
         self._check(before, steps)
         return self.truth()
 
@@ -156,6 +169,11 @@ class Plant:
     def timestep_s(self) -> float:
         """Physics step [s]."""
         return self.model.opt.timestep
+
+    @property
+    def lever_arms(self) -> FloatArray:
+        """From tractor and trailer point to their antennas, (2, 3) [m], in the bodies' frames."""
+        return self._reader.lever_arms
 
     @property
     def mjcf(self) -> str:
@@ -175,53 +193,33 @@ class Plant:
         """Return the present state, to be handed to `restore`."""
         physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, physics, _STATE)
-        return Snapshot(physics, self._deflection.copy(), self._output.copy())
+        return Snapshot(physics, self._deflection.copy(), self._output.copy(), self._valves)
 
     def restore(self, snapshot: Snapshot) -> Truth:
         """Go back to a state; what follows is the same, bit for bit, as it was the first time."""
         mujoco.mj_setState(self.model, self.data, snapshot.physics, _STATE)
         self._deflection[:] = snapshot.deflection
         self._output[:] = snapshot.output
+        self._valves = snapshot.valves
         mujoco.mj_step1(self.model, self.data)
         return self.truth()
 
     def truth(self) -> Truth:
         """Return the present state; wheel forces are those of the step that led to it."""
-        data = self.data
-        tractor, trailer = self._bodies["tractor"], self._bodies["trailer"]
-        velocity = self._velocity(tractor)
-        axes = data.xmat[tractor].reshape(3, 3)
-        left, right = self._joints["rear_left"][1], self._joints["rear_right"][1]
-        rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
-        output = self._output
-        return Truth(
-            time_s=data.time,
-            tractor=self._pose(tractor),
-            trailer=self._pose(trailer),
-            psi_d=_yaw(data.xmat[self._bodies["drawbar"]]),
-            beta=float(data.qpos[self._joints["rj1_yaw"][0]]),
-            delta_t=float(data.qpos[self._joints["steer"][0]]),
-            delta_i=float(data.qpos[self._joints["rj2_yaw"][0]]),
-            speed=float(velocity @ axes[:, 0]),
-            lateral_speed=float(velocity @ axes[:, 1]),
-            yaw_rate_t=float(data.cvel[tractor, 2]),
-            yaw_rate_i=float(data.cvel[trailer, 2]),
-            rim_speed=float(0.5 * rear_radius * (data.qvel[left] + data.qvel[right])),
-            hp=float(data.act[self._hydrostat]),
-            wheels=Wheels(
-                load=output[:, Output.LOAD].copy(),
-                slip=output[:, Output.SLIP].copy(),
-                slip_angle=output[:, Output.SLIP_ANGLE].copy(),
-                force_long=output[:, Output.FORCE_LONG].copy(),
-                force_lat=output[:, Output.FORCE_LAT].copy(),
-                cone_index=output[:, Output.CONE_INDEX].copy(),
-                ground=output[:, Output.GROUND].copy(),
-            ),
-            body_xyz=data.xpos.copy(),
-            body_quat=data.xquat.copy(),
-        )
+        return self._reader.truth()
 
-    def _run(self, steps: int, after_step: Callable[[], None] | None = None) -> None:
+    def _move_valves(self, command: Command) -> None:
+        """Let the command go one physics step further on its way to the servos."""
+        delta_t, delta_i = map(self.data.qpos.item, self._steering_angles)
+        self._valves = self.actuators.step(self._valves, command, delta_t, delta_i)
+        self.data.ctrl[:] = self._valves.set_points
+
+    def _run(
+        self,
+        steps: int,
+        before_step: Callable[[], None] | None = None,
+        after_step: Callable[[], None] | None = None,
+    ) -> None:
         """Step the physics; positions and velocities are up to date before and after.
 
         A step is forces of the ground, accelerations and integration (mj_step2), positions and
@@ -232,6 +230,8 @@ class Plant:
         if self._native is not None:
             self._native.prepare(data, self._output[:, Output.LOAD])
             for step in range(steps):
+                if before_step:
+                    before_step()
                 step2(model, data)
                 if step == steps - 1:  # while contacts and their forces are of one step
                     self._native.report(data, self._output)
@@ -241,6 +241,8 @@ class Plant:
             return
         arguments = self._tyre_arguments
         for _ in range(steps):
+            if before_step:
+                before_step()
             wheel_step(*arguments)
             step2(model, data)
             if after_step:
@@ -299,7 +301,7 @@ class Plant:
         mujoco.mj_step1(self.model, data)
         for _ in range(_SETTLE_CHUNKS):
             previous = self._output[:, Output.LOAD].copy()
-            self._run(steps, brake)
+            self._run(steps, after_step=brake)
             # on a slope it gives way by millimetres until its treads hold it
             sunk = data.qpos[2] - self.terrain.height(*data.qpos[:2])
             data.qpos[:3] = x, y, self.terrain.height(x, y) + sunk
@@ -312,30 +314,11 @@ class Plant:
     def _roll(self, speed: float) -> None:
         """Give every body the forward speed, every wheel its spin, the hydrostat its position."""
         data = self.data
-        ahead = data.xmat[self._bodies["tractor"]].reshape(3, 3)[:, 0]
+        ahead = data.body("tractor").xmat.reshape(3, 3)[:, 0]
         data.qvel[:] = 0.0
         data.qvel[:3] = speed * ahead
         data.qvel[self._wheel_dofs] = speed / self.tyres.radius
-        data.act[self._hydrostat] = speed / self.model.numeric("hydrostat_speed_gain").data[0]
-
-    def _velocity(self, body: int) -> FloatArray:
-        """Return the velocity of a body's origin, (3,) [m/s], map frame."""
-        rotation, velocity = self.data.cvel[body, :3], self.data.cvel[body, 3:]
-        return velocity + np.cross(rotation, self.data.xpos[body] - self.data.subtree_com[1])
-
-    def _pose(self, body: int) -> Pose:
-        matrix = self.data.xmat[body]
-        x, y, z = self.data.xpos[body].tolist()
-        return Pose(
-            x=x,
-            y=y,
-            z=z,
-            yaw=_yaw(matrix),
-            pitch=math.asin(min(1.0, max(-1.0, -matrix[6]))),
-            roll=math.atan2(matrix[7], matrix[8]),
-        )
-
-
-def _yaw(matrix: FloatArray) -> float:
-    """Return the yaw [rad] of a rotation matrix, (9,) row major."""
-    return math.atan2(matrix[3], matrix[0])
+        hp = float(speed / self.model.numeric("hydrostat_speed_gain").data[0])
+        data.act[self._hydrostat] = hp
+        data.ctrl[:] = 0.0, 0.0, hp  # what held the speed until the first command arrives
+        self._valves = self.actuators.start(hp)

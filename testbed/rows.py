@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from testbed.channels import MEASUREMENT
 from testbed.truth import Truth
 from ttempc.types import ControlStep, Diagnostics, Estimate, FloatArray, Measurement, Sensor
 from ttempc.vehicle import Vehicle
@@ -20,6 +21,8 @@ _COLUMN: Final = {  # of a sensor's first number in `channels.MEASUREMENT`
     Sensor.STEERING_TRAILER: 5,
     Sensor.HITCH: 6,
     Sensor.ENCODER: 7,
+    Sensor.IMU_TRACTOR: 8,
+    Sensor.IMU_TRAILER: 11,
 }
 
 
@@ -31,6 +34,7 @@ def state_row(truth: Truth) -> list[float]:
         *(tractor.z, tractor.pitch, tractor.roll, trailer.z, trailer.pitch, trailer.roll),
         *(truth.psi_d, truth.beta, truth.delta_t, truth.delta_i, truth.hp),
         *(truth.speed, truth.lateral_speed, truth.yaw_rate_t, truth.yaw_rate_i, truth.rim_speed),
+        *truth.set_points.tolist(),
     ]
 
 
@@ -46,7 +50,7 @@ def tyres_row(truth: Truth) -> list[float]:
 
 def measurement_row(samples: Sequence[Measurement]) -> list[float]:
     """Return the row of `channels.MEASUREMENT` for samples of one moment."""
-    row = [NAN] * (len(_COLUMN) + 2)
+    row = [NAN] * len(MEASUREMENT.fields)
     for sample in samples:
         first = _COLUMN[sample.sensor]
         row[first : first + len(sample.value)] = sample.value

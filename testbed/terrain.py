@@ -1,16 +1,18 @@
-"""The shape of the ground: a grid of heights, rough after ISO 8608, tilted, or read from a file."""
+"""The shape of the ground: a grid of heights, rough after ISO 8608, tilted, with features on it."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from testbed.errors import InvalidField
+from testbed.features import Feature
+from testbed.grid import Grid
 from ttempc.types import FloatArray
 
 # Geometric means G_d(n0) of the classes [m^3] at n0 = 0.1 cycle/m; ISO 8608:2016, table C.1.
@@ -22,74 +24,47 @@ HIGHEST_FREQUENCY: Final = 2.0  # [cycle/m]; shorter waves drown under the tyre
 
 DEFAULT_SIZE_M: Final = (80.0, 50.0)  # figure eight of 50 x 20 m and 15 m around it
 DEFAULT_SPACING_M: Final = 0.1  # five points on the shortest wave
+LEAST_FLANK_CELLS: Final = 2  # a rise over less is a wall between two points of the grid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Terrain:
-    """Heights on a square grid over the map frame, bilinear in between.
+class Terrain(Grid):
+    """Heights [m] on a square grid over the map frame, bilinear in between."""
 
-    Raises:
-        InvalidField: the grid is not 2-D, smaller than 2 x 2, or holds a number that is not finite.
-    """
-
-    heights: FloatArray  # (ny, nx) [m], row = y, column = x
-    spacing_m: float  # between neighbours, along x and y
-    origin: tuple[float, float]  # (x, y) [m] of heights[0, 0]
-
-    def __post_init__(self) -> None:
-        heights = np.ascontiguousarray(self.heights, dtype=np.float64)  # (ny, nx)
-        if heights.ndim != 2 or min(heights.shape) < 2:
-            raise InvalidField(f"terrain: got a {heights.shape} grid, must be 2-D, 2 x 2 or larger")
-        if not np.isfinite(heights).all():
-            row, column = np.argwhere(~np.isfinite(heights))[0]
-            raise InvalidField(
-                f"terrain: got {heights[row, column]} at row {row}, column {column}, "
-                "every height must be finite"
-            )
-        if not (math.isfinite(self.spacing_m) and self.spacing_m > 0.0):
-            raise InvalidField(f"terrain: got spacing {self.spacing_m} m, must be above 0")
-        if not all(math.isfinite(value) for value in self.origin):
-            raise InvalidField(f"terrain: got origin {self.origin}, must be finite")
-        heights.setflags(write=False)
-        object.__setattr__(self, "heights", heights)
+    what: ClassVar[str] = "terrain"
 
     @property
-    def size_m(self) -> tuple[float, float]:
-        """Return the extent along x and y [m]."""
-        ny, nx = self.heights.shape
-        return (nx - 1) * self.spacing_m, (ny - 1) * self.spacing_m
-
-    @property
-    def centre(self) -> tuple[float, float]:
-        """Return (x, y) [m] of the middle of the field."""
-        return (
-            self.origin[0] + 0.5 * self.size_m[0],
-            self.origin[1] + 0.5 * self.size_m[1],
-        )
-
-    def contains(self, x: ArrayLike, y: ArrayLike, margin: float = 0.0) -> bool:
-        """Return whether every point (x, y) [m] lies at least `margin` [m] inside the field."""
-        u = np.asarray(x) - self.origin[0]
-        v = np.asarray(y) - self.origin[1]
-        inside = (
-            (u >= margin)
-            & (u <= self.size_m[0] - margin)
-            & (v >= margin)
-            & (v <= self.size_m[1] - margin)
-        )
-        return bool(np.all(inside))
+    def heights(self) -> FloatArray:
+        """Return the heights [m] at the grid's points, (ny, nx), row = y, column = x."""
+        return self.values
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Return the height [m] at (x, y) [m]; beyond the field, that of its nearest edge."""
-        ny, nx = self.heights.shape
-        u = np.clip((np.asarray(x) - self.origin[0]) / self.spacing_m, 0.0, nx - 1.0)
-        v = np.clip((np.asarray(y) - self.origin[1]) / self.spacing_m, 0.0, ny - 1.0)
-        i = np.minimum(u.astype(np.int64), nx - 2)
-        j = np.minimum(v.astype(np.int64), ny - 2)
-        p, q = u - i, v - j
-        south = (1.0 - p) * self.heights[j, i] + p * self.heights[j, i + 1]
-        north = (1.0 - p) * self.heights[j + 1, i] + p * self.heights[j + 1, i + 1]
-        return (1.0 - q) * south + q * north
+        return self.at(x, y)
+
+    def shaped(self, features: Iterable[Feature]) -> Terrain:
+        """Return this ground with the heights of features added to it.
+
+        Raises:
+            InvalidField: a feature lies outside the field, or is finer than its grid can hold.
+        """
+        x, y = self.points()
+        heights = self.heights.copy()
+        for feature in features:
+            if feature.place and not self.contains(*feature.place):
+                raise InvalidField(
+                    f"{feature.what}: got a place at {feature.place} m, must be on the field, "
+                    f"{self.size_m[0]:g} x {self.size_m[1]:g} m "
+                    f"about ({self.centre[0]:.1f}, {self.centre[1]:.1f})"
+                )
+            if feature.flank < LEAST_FLANK_CELLS * self.spacing_m * (1.0 - 1e-9):
+                raise InvalidField(
+                    f"{feature.what}: rises over {feature.flank:g} m, must be "
+                    f"{LEAST_FLANK_CELLS * self.spacing_m:g} m or more on a grid of "
+                    f"{self.spacing_m:g} m"
+                )
+            heights += feature.height(x, y)
+        return Terrain(heights, self.spacing_m, self.origin)
 
     def tilted(self, slope_rad: float, uphill_rad: float = 0.0) -> Terrain:
         """Return this ground on a plane that rises by `slope_rad` towards `uphill_rad`.
@@ -103,10 +78,9 @@ class Terrain:
             raise InvalidField(f"terrain: got slope {slope_rad} rad, must be in [0, 1.2]")
         if not math.isfinite(uphill_rad):
             raise InvalidField(f"terrain: got uphill direction {uphill_rad}, must be finite")
-        ny, nx = self.heights.shape
-        x = self.origin[0] + self.spacing_m * np.arange(nx) - self.centre[0]  # (nx,)
-        y = self.origin[1] + self.spacing_m * np.arange(ny) - self.centre[1]  # (ny,)
-        along = math.cos(uphill_rad) * x + math.sin(uphill_rad) * y[:, None]  # (ny, nx)
+        x, y = self.points()
+        x, y = x - self.centre[0], y - self.centre[1]
+        along = math.cos(uphill_rad) * x + math.sin(uphill_rad) * y  # (ny, nx)
         return Terrain(self.heights + math.tan(slope_rad) * along, self.spacing_m, self.origin)
 
 
@@ -150,39 +124,6 @@ def rough(
     # unit white noise has the two-sided spectrum spacing^2
     gain = np.sqrt(_spectrum(frequency, ISO_8608[iso_class], resolution)) / spacing_m
     return Terrain(np.fft.irfft2(noise * gain, s=shape), spacing_m, origin)
-
-
-def from_file(
-    path: Path,
-    spacing_m: float = DEFAULT_SPACING_M,
-    centre: tuple[float, float] = (0.0, 0.0),
-) -> Terrain:
-    """Return the height map [m] in a .npy file, or in text with commas or blanks between numbers.
-
-    Rows run along x, the first row is the southern edge.
-
-    Raises:
-        InvalidField: the file is missing, is no grid of numbers, or the grid is not usable.
-    """
-    try:
-        if path.suffix == ".npy":
-            heights = np.load(path, allow_pickle=False)
-        else:
-            lines = path.read_text(encoding="utf-8").replace(",", " ").splitlines()
-            heights = np.loadtxt(lines, ndmin=2) if any(map(str.strip, lines)) else np.empty((0, 0))
-        heights = np.asarray(heights, dtype=np.float64)
-    except (OSError, ValueError, TypeError) as error:
-        raise InvalidField(f"terrain file {path}: {_first_line(error)}") from error
-    try:
-        terrain = Terrain(heights, spacing_m, (0.0, 0.0))
-        middle = terrain.centre
-        return Terrain(heights, spacing_m, (centre[0] - middle[0], centre[1] - middle[1]))
-    except InvalidField as error:
-        raise InvalidField(f"terrain file {path}: {error}") from error
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _grid(

@@ -49,6 +49,7 @@ class Truth:
     time_s: float
     tractor: Pose  # of the tractor point (centre of the rear axle)
     trailer: Pose  # of the trailer point (centre of the trailer axle)
+    antennas: FloatArray  # (2, 3) [m] of tractor and trailer, map frame
     psi_d: float  # [rad] yaw of the drawbar
     beta: float  # [rad] angle at RJ1, psi_t - psi_d on level ground
     delta_t: float  # [rad] steering angle of the front axle (single-track equivalent)
@@ -59,6 +60,7 @@ class Truth:
     yaw_rate_i: float  # [rad/s] of the trailer
     rim_speed: float  # [m/s] mean of omega r over the two rear wheels, what an encoder sees
     hp: float  # hydrostat position after its lag, fraction 0..1
+    set_points: FloatArray  # (3,) of both steering servos [rad] and of the hydrostat
     wheels: Wheels
     body_xyz: FloatArray  # (n, 3) [m] of every body, order of `Plant.body_names`
     body_quat: FloatArray  # (n, 4) w, x, y, z

@@ -21,5 +21,9 @@ class InvalidReference(TtempcError):
     """A reference that the vehicle cannot follow in time: a speed out of its range."""
 
 
+class UnknownSensor(TtempcError):
+    """A sensor of which the filter has no model; the message lists those that it knows."""
+
+
 class UnknownController(TtempcError):
     """A controller name that is not in the table; the message lists those that are."""

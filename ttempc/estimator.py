@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.special import chdtri
 
 from ttempc.errors import InvalidTuning
@@ -54,7 +53,8 @@ class ExtendedKalmanFilter:
     sample whose innovation would be exceeded with probability `gate_probability` only is kept
     out. A sensor that has been kept out for a whole second without a break may be right and the
     filter wrong: its samples are then taken in, with their noise raised until they just pass.
-    Samples that are not finite, too early, too late or there twice are kept out.
+    Samples that are not finite, too early, too late or there twice are kept out; those of sensors
+    without a model in `ttempc.sensing` are passed over.
 
     Raises:
         InvalidTuning: the gate's probability is not between 0 and 1.
@@ -72,11 +72,11 @@ class ExtendedKalmanFilter:
         self._vehicle = vehicle
         self._sensor_noise = sensor_noise or SensorNoise()
         self._process_noise = process_noise or ProcessNoise()
-        self._noise = {s: self._sensor_noise.of(s) ** 2 * np.eye(LENGTH[s]) for s in Sensor}
+        self._noise = {s: self._sensor_noise.of(s) ** 2 * np.eye(LENGTH[s]) for s in LENGTH}
         self._gate = {m: float(chdtri(m, gate_probability)) for m in (1, 2)}
         self._state = np.full(_N, math.nan)
         self._disturbance = np.zeros(len(Disturbance))
-        self._covariance = np.diag(np.full(len(_UNIT), math.inf))
+        self._covariance: FloatArray = np.diag(np.full(len(_UNIT), math.inf))
         self._time_s: float | None = None  # of state and covariance; None before the start
         self._valves = np.zeros(2)  # set points of the steering valves [rad]
         self._first: dict[Sensor, Measurement] = {}
@@ -90,6 +90,8 @@ class ExtendedKalmanFilter:
         held = None if command is None else command.as_array()
         innovations = []
         for measurement in measurements:
+            if measurement.sensor not in LENGTH:  # as an IMU's: there is no model of it
+                continue
             if not self._usable(measurement, time_s):
                 dimension = LENGTH[measurement.sensor]
                 innovations.append(Innovation(measurement.sensor, math.inf, dimension, False))
@@ -126,10 +128,11 @@ class ExtendedKalmanFilter:
     def _start(self, measurement: Measurement) -> None:
         """Collect readings until there is one of every sensor, then start from them."""
         self._first[measurement.sensor] = measurement
-        if len(self._first) < len(Sensor):
+        if len(self._first) < len(LENGTH):
             return
         self._state, certain = first_state(self._first, self._vehicle, self._sensor_noise)
-        self._covariance = block_diag(certain, np.diag(_AT_START**2))
+        self._covariance = np.diag([*np.zeros(_N), *_AT_START**2])
+        self._covariance[:_N, :_N] = certain
         self._valves = self._state[State.DELTA_T : State.V].copy()
         self._time_s = max(reading.time_s for reading in self._first.values())
 

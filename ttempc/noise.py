@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ttempc.errors import InvalidTuning
+from ttempc.errors import InvalidTuning, UnknownSensor
 from ttempc.types import FloatArray, Sensor, State
 
 
@@ -36,7 +36,11 @@ class SensorNoise:
         _require_positive(self)
 
     def of(self, sensor: Sensor) -> float:
-        """Return the standard deviation of each entry of one sample of `sensor`."""
+        """Return the standard deviation of each entry of one sample of `sensor`.
+
+        Raises:
+            UnknownSensor: it is none of the paper's.
+        """
         match sensor:
             case Sensor.GNSS_TRACTOR | Sensor.GNSS_TRAILER:
                 return self.gnss
@@ -46,6 +50,8 @@ class SensorNoise:
                 return self.hitch
             case Sensor.ENCODER:
                 return self.encoder
+            case _:
+                raise UnknownSensor(f"{sensor}: its noise is not known, only the paper's sensors'")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +73,7 @@ class ProcessNoise:
     slip_lateral: float = 0.0005  # side slip of the rear axle: way across the tractor [m/sqrt(m)]
     yaw_t: float = 0.001  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
     yaw_i: float = 0.001  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
-    steering: float = 0.001  # lag and play of both steering valves [rad/sqrt(s)]
+    steering: float = 0.003  # lag and play of both steering valves [rad/sqrt(s)]
     drive: float = 0.003  # hydrostat and motion resistance: speed [(m/s)/sqrt(s)]
     slip_walk: float = 0.003  # change of the lasting side slips [rad/sqrt(m)]
     steering_walk: float = 0.002  # change of the lasting steering disturbance [rad/sqrt(m)]

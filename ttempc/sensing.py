@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
+from ttempc.errors import UnknownSensor
 from ttempc.kinematics import hitch_angle, trailer_point, trailer_point_jacobian, wrap_angle
 from ttempc.noise import SensorNoise
 from ttempc.types import Disturbance, FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
-LENGTH = {sensor: 2 if sensor.startswith("gnss") else 1 for sensor in Sensor}
+LENGTH: Final = {
+    Sensor.GNSS_TRACTOR: 2,
+    Sensor.GNSS_TRAILER: 2,
+    Sensor.STEERING_TRACTOR: 1,
+    Sensor.STEERING_TRAILER: 1,
+    Sensor.HITCH: 1,
+    Sensor.ENCODER: 1,
+}
+"""Entries of a sample of each sensor that has a model here; estimators pass over all others."""
+
 _ANGLES = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
 
 
@@ -38,7 +49,11 @@ _CONSTANT_JACOBIAN = {
 def expected(
     sensor: Sensor, state: FloatArray, disturbance: FloatArray, vehicle: Vehicle
 ) -> FloatArray:
-    """Return the noise-free reading h(state) of `sensor`, (m,)."""
+    """Return the noise-free reading h(state, disturbance) of `sensor`, (m,).
+
+    Raises:
+        UnknownSensor: there is no model of it.
+    """
     match sensor:
         case Sensor.GNSS_TRACTOR:
             return state[: State.PSI_T]
@@ -52,6 +67,8 @@ def expected(
             return np.array([hitch_angle(state)])
         case Sensor.ENCODER:
             return state[State.V :] * (1.0 + disturbance[Disturbance.WHEEL])
+        case _:
+            raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
 
 
 def expected_jacobian(
@@ -122,14 +139,7 @@ def first_state(
 
     newest = max(reading.time_s for reading in readings.values())
     variances: list[float] = []
-    for sensor in (
-        Sensor.GNSS_TRACTOR,
-        Sensor.GNSS_TRAILER,
-        Sensor.STEERING_TRACTOR,
-        Sensor.STEERING_TRAILER,
-        Sensor.HITCH,
-        Sensor.ENCODER,
-    ):
-        since = v * (newest - readings[sensor].time_s) if LENGTH[sensor] == 2 else 0.0
-        variances += [noise.of(sensor) ** 2 + since**2] * LENGTH[sensor]
+    for sensor, length in LENGTH.items():
+        since = v * (newest - readings[sensor].time_s) if length == 2 else 0.0
+        variances += [noise.of(sensor) ** 2 + since**2] * length
     return state, (jacobian * variances) @ jacobian.T

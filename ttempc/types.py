@@ -48,7 +48,7 @@ class Disturbance(IntEnum):
 
 
 class Sensor(StrEnum):
-    """The sensors of the paper, by the quantity that they deliver."""
+    """The sensors of a vehicle, by the quantity that they deliver: the paper's, then others."""
 
     GNSS_TRACTOR = "gnss_tractor"  # (x, y) [m] of the tractor point, map frame
     GNSS_TRAILER = "gnss_trailer"  # (x, y) [m] of the trailer point, map frame
@@ -56,6 +56,8 @@ class Sensor(StrEnum):
     STEERING_TRAILER = "steering_trailer"  # (delta_i,) [rad]
     HITCH = "hitch"  # (beta,) [rad], angle between tractor and drawbar at RJ1
     ENCODER = "encoder"  # (v,) [m/s], rim speed of the rear wheels
+    IMU_TRACTOR = "imu_tractor"  # (yaw rate [rad/s], roll, pitch [rad]): left up, nose down
+    IMU_TRAILER = "imu_trailer"  # the same of the trailer
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +170,9 @@ class Estimator(Protocol):
     ) -> Estimate:
         """Return the estimate at `time_s`.
 
-        `measurements` are all samples since the previous update, in the order of their time;
-        `command` is what drove the vehicle in that time, None before the first command.
+        `measurements` are all samples that came in since the previous update, in the order in
+        which they came: a late one bears the time at which it was taken. Samples of sensors
+        that an estimator has no use for are no error. `command` is what drove the vehicle in
+        that time, None before the first command.
         """
         ...

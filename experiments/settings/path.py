@@ -45,4 +45,3 @@ class Straight:
 
 
 PathSettings = Annotated[FigureEight | Straight, Field(discriminator="kind")]
-KINDS = {"figure-eight": FigureEight, "straight": Straight}

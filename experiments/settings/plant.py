@@ -9,6 +9,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from experiments.settings.base import STRICT, NotNegative, Positive
+from testbed.actuators import ActuatorSpecification
 from testbed.plant import Plant
 from testbed.soil import SoilMap
 from testbed.terrain import Terrain
@@ -34,8 +35,8 @@ class PlantSettings:
     timestep_s: Annotated[float, Field(ge=0.0005, le=0.004)] = 0.002
     vehicle: TrueVehicle = TrueVehicle()
 
-    def plant(self, terrain: Terrain, soil: SoilMap) -> Plant:
-        """Return the vehicle on its field.
+    def plant(self, terrain: Terrain, soil: SoilMap, actuators: ActuatorSpecification) -> Plant:
+        """Return the vehicle on its field, steered through these actuators.
 
         Raises:
             InvalidPlant: the vehicle cannot be.
@@ -46,4 +47,5 @@ class PlantSettings:
             soil,
             wheels=self.wheels,
             timestep_s=self.timestep_s,
+            actuators=actuators,
         )

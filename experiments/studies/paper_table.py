@@ -30,7 +30,10 @@ def main(controller: str = "paper") -> None:
         whole = [run for run in runs if run.status == "completed"]
         errors = np.array([mean_errors_cm(run) for run in whole])  # (runs, 4)
         cells = [
-            f"{column.mean():.1f} ({column.min():.1f}-{column.max():.1f})" for column in errors.T
+            f"{column.mean():.1f} ({column.min():.1f}-{column.max():.1f})"
+            if np.isfinite(column).all()
+            else "-"  # a straight path has no curve
+            for column in errors.T
         ] or ["-"] * len(COLUMNS)
         print(f"| `{name}` | " + " | ".join(cells) + f" | {len(runs) - len(whole)}/{len(runs)} |")
 

@@ -6,6 +6,9 @@ Drives the scenario for some seconds and takes a picture off-screen. Needs a GL 
 and `libgl1` on Debian; no GPU, no screen.
 """
 
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
 from __future__ import annotations
 
 import sys

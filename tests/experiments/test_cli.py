@@ -85,7 +85,7 @@ def test_an_existing_folder_is_refused_and_left_alone(finished):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("gras",), "scenario 'gras': no such scenario; shipped are grass"),
+        (("gras",), "scenario 'gras': no such scenario; shipped are furrows, grass"),
         (("nowhere.toml",), "no such file"),
         (("--seed", "-1"), "--seed: must be a whole number"),
         (("--seed", "x"), "--seed: must be a whole number"),
@@ -97,6 +97,18 @@ def test_an_existing_folder_is_refused_and_left_alone(finished):
         (("--set", "path.speed_mps=1.5"), "1.4 m/s"),
         (("--set", "terrain.size_x_m=40.0"), "must stay 4 m inside the field"),
         (("--set", "terrain.height_map='no.npy'"), "no.npy"),
+        (("pavement", "--set", "soil.name='concrete'"), "must be one of hard, dry, moist, wet"),
+        (("--set", "soil.map={file='no.npy', spacing_m=1.0}"), "soil map file"),
+        (("--set", "soil.random={correlation_m=500.0}"), "correlation length 500.0 m"),
+        (("--set", "soil.tramlines=[{kind='path', width_m=0.05}]"), "tramlines 0.05 m wide"),
+        (
+            ("--set", "terrain.features=[{kind='ditch', x_m=90, y_m=0, depth_m=0.1, width_m=1}]"),
+            "must be on the field",
+        ),
+        (
+            ("--set", "terrain.features=[{kind='step', x_m=0, y_m=0, height_m=0.1, ramp_m=0.1}]"),
+            "step: rises over 0.1 m, must be 0.2 m or more",
+        ),
         (("--set", "sensors.gnss_rate_hz=7"), "whole number of physics steps"),
         (("--set", "plant.timestep_s=0.003"), "whole number of physics steps"),
         (("--set", "plant.vehicle.drawbar_m=0.01"), "drawbar"),

@@ -42,12 +42,53 @@ def test_a_path_of_another_kind_replaces_the_figure_eight():
         ("path.radius_m='wide'", "path.radius_m: Input should be a valid number, got 'wide'"),
         ("path.laps=1.5", "path.laps: Input should be a valid integer, got 1.5"),
         ("path.kind='ring'", "path: Input tag 'ring' found using 'kind'"),
-        ("soil.softness=3", "soil.softness: unknown key; allowed here: cone_index_kpa, patches"),
+        (
+            "soil.softness=3",
+            "soil.softness: unknown key; allowed here: name, cone_index_kpa",
+        ),
         ("path.length_m=3", "path.length_m: unknown key; allowed here: kind, radius_m"),
         ("tyres.width_m=1", "tyres: unknown key; allowed here: description, path, terrain"),
         ("soil.patches=[{x_m=1.0, y_m=2.0}]", "soil.patches.0.radius_m: Field required"),
         ("plant.vehicle.load_kg=true", "plant.vehicle.load_kg: Input should be a valid number"),
         ("terrain.iso_class='G'", "terrain.iso_class: Input should be 'A', 'B', 'C'"),
+        (
+            "terrain.features=[{x_m=1.0}]",
+            "terrain.features.0: kind is missing, must be one of rise,",
+        ),
+        ("terrain.features=[{kind='hole'}]", "terrain.features.0: Input tag 'hole' found using"),
+        (
+            "terrain.features=[{kind='furrows', period_m=0.8, depth_m=0.1}, {kind='step', x_m=1}]",
+            "terrain.features.1.y_m: Field required",
+        ),
+        (
+            "terrain.features=[{kind='furrows', period_m=0.8, deep_m=0.1, depth_m=0.1}]",
+            "terrain.features.0.deep_m: unknown key; allowed here: kind, period_m, depth_m, along",
+        ),
+        (
+            "terrain.features=[{kind='bump', x_m=1, y_m=1, height_m=0.1, width_m=-1}]",
+            "terrain.features.0.width_m: Input should be greater than 0, got -1",
+        ),
+        (
+            "terrain.features=[{kind='rise', x_m=nan, y_m=0, slope_rad=0.1, length_m=9}]",
+            "terrain.features.0.x_m: Input should be a finite number",
+        ),
+        ("soil.tramlines=[{kind='path', wide_m=1}]", "soil.tramlines.0.wide_m: unknown key; allo"),
+        ("soil.tramlines=[{kind='line'}]", "soil.tramlines.0.points_m: Field required"),
+        ("soil.gradient={from_kpa=300}", "soil.gradient.to_kpa: Field required"),
+        ("soil.gradient={from=300}", "soil.gradient.from: unknown key; allowed here: from_kpa, to"),
+        ("soil.random={correlation_m=-2}", "soil.random.correlation_m: Input should be greater"),
+        ("soil.map={file='a.npy'}", "soil.map.spacing_m: Field required"),
+        ("soil.name='moist'", "soil: got name 'moist' and cone_index_kpa 600, give one of the two"),
+        ("soil.map=3", "soil.map: Input should be"),
+        ("actuators.front.dead_time_s=-0.1", "actuators.front.dead_time_s: Input should be gr"),
+        ("actuators.trailer.dead_time_s=3", "actuators.trailer.dead_time_s: Input should be less"),
+        ("actuators.front.play_deg=1", "actuators.front.play_deg: unknown key; allowed here: dead"),
+        ("actuators.hydrostat.dead_band_deg=1", "unknown key; allowed here: dead_time_s"),
+        ("sensors.gnss_latency_s=2.5", "sensors.gnss_latency_s: Input should be less than or equ"),
+        ("sensors.gnss_resolution_m=-1", "sensors.gnss_resolution_m: Input should be greater"),
+        ("sensors.gnss_correlation_time_s=0", "sensors.gnss_correlation_time_s: Input should be g"),
+        ("sensors.gnss_error='pink'", "sensors.gnss_error: Input should be 'white', 'correlated'"),
+        ("sensors.imu.on=1", "sensors.imu.on: Input should be a valid boolean, got 1"),
         ("terrain", "--set terrain: must be key.key=value"),
     ],
 )
@@ -60,7 +101,7 @@ def test_what_is_wrong_where_and_what_is_allowed_in_one_line(override, said):
 
 @pytest.mark.parametrize("name", ["gras", "nowhere.toml"])
 def test_a_missing_scenario_is_refused_with_those_there_are(name):
-    with pytest.raises(InvalidScenario, match="shipped are grass"):
+    with pytest.raises(InvalidScenario, match="shipped are furrows, grass"):
         load(name)
 
 

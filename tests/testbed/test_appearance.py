@@ -5,8 +5,11 @@ import numpy as np
 
 from testbed import terrain
 from testbed.appearance import tyre_mesh
+from testbed.features import Bump
 from testbed.plant import Plant
-from testbed.soil import Patch, SoilMap
+from testbed.soil import SoilMap
+from testbed.soil_layers import Patch
+from testbed.tramlines import Tramlines
 from testbed.vehicle_model import PlantVehicle
 
 
@@ -38,6 +41,27 @@ def test_soft_soil_is_painted_where_it_lies():
 
     assert at(6.0, -3.0) < 0.0
     assert min(at(6.0, 3.0), at(-6.0, -3.0), at(-6.0, 3.0)) > 0.0
+
+
+def test_hard_and_soft_tracks_and_a_bump_can_be_seen():
+    line = np.array([[-9.0, 0.0], [9.0, 0.0]])
+    layers = (
+        Tramlines((line + np.array([0.0, 3.0]),), 1.0, 0.3, 1.5),
+        Tramlines((line - np.array([0.0, 3.0]),), 1.0, 0.3, 1.0 / 1.5),
+    )
+    for background in (300.0, 600.0, 1000.0):
+        ground = terrain.flat((20.0, 12.0)).shaped((Bump(0.0, 0.0, 0.0, 10.0, 0.8, 0.1),))
+        image = (
+            Plant(PlantVehicle(), ground, SoilMap(background, layers))
+            .drawn_model()
+            .texture("ground")
+            .data.astype(float)[::-1]
+        )
+        rows = image.mean(axis=(1, 2))  # brightness from south to north
+        at = {y: rows[round((y + 6.0) / 12.0 * (len(rows) - 1))] for y in (-2.5, 0.2, -0.2, 2.5, 5)}
+        assert at[2.5] > at[5] + 3.0, "harder: paler"
+        assert at[-2.5] < at[5] - 3.0, "softer: darker"
+        assert abs(at[0.2] - at[-0.2]) > 15.0, "one flank in the light, one in the shade"
 
 
 def test_the_model_that_is_logged_can_be_loaded_and_drawn_again():

@@ -5,7 +5,8 @@ import pytest
 
 from testbed import terrain
 from testbed.errors import InvalidField
-from testbed.soil import NAMED_SOILS, Patch, SoilMap
+from testbed.soil import NAMED_SOILS, SoilMap
+from testbed.soil_layers import Patch
 
 
 def test_uniform_soil_is_the_same_everywhere():

@@ -88,7 +88,7 @@ def test_file_gives_back_what_was_written(tmp_path, name):
         np.save(path, heights)
     else:
         np.savetxt(path, heights, fmt="%.6f", delimiter="," if name.endswith("csv") else " ")
-    field = terrain.from_file(path, 0.5, (1.0, 2.0))
+    field = Terrain.from_file(path, 0.5, (1.0, 2.0))
     np.testing.assert_allclose(field.heights, heights)
     assert field.centre == pytest.approx((1.0, 2.0))
 
@@ -100,20 +100,20 @@ def test_unusable_file_is_refused_in_one_line_that_names_it(tmp_path, text):
     path = tmp_path / "field.csv"
     path.write_text(text)
     with pytest.raises(InvalidField) as caught:
-        terrain.from_file(path)
+        Terrain.from_file(path, 0.1)
     assert "field.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_missing_file_three_dimensions_and_objects_are_refused(tmp_path):
     with pytest.raises(InvalidField, match=r"none\.npy"):
-        terrain.from_file(tmp_path / "none.npy")
+        Terrain.from_file(tmp_path / "none.npy", 0.1)
     np.save(tmp_path / "cube.npy", np.zeros((3, 3, 3)))
     with pytest.raises(InvalidField, match="2-D"):
-        terrain.from_file(tmp_path / "cube.npy")
+        Terrain.from_file(tmp_path / "cube.npy", 0.1)
     np.save(tmp_path / "object.npy", np.array([[object()]]), allow_pickle=True)
     with pytest.raises(InvalidField):
-        terrain.from_file(tmp_path / "object.npy")
+        Terrain.from_file(tmp_path / "object.npy", 0.1)
 
 
 @pytest.mark.parametrize(

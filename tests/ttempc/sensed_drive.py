@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -13,8 +14,8 @@ from ttempc.kinematics import advance
 from ttempc.noise import ProcessNoise, SensorNoise
 from ttempc.path import figure_eight
 from ttempc.reference import ConstantSpeed, Reference
-from ttempc.sensing import expected
-from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
+from ttempc.sensing import LENGTH, expected
+from ttempc.types import Command, Disturbance, Estimate, FloatArray, Measurement, Sensor, State
 from ttempc.valves import slew
 from ttempc.vehicle import Vehicle
 
@@ -22,7 +23,7 @@ PERIOD_S = 0.2
 SUBSTEPS = 20  # of 10 ms
 FAST_EVERY = 4  # substeps between samples of the 25 Hz sensors
 GNSS = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
-FAST = tuple(sensor for sensor in Sensor if sensor not in GNSS)
+FAST = tuple(sensor for sensor in LENGTH if sensor not in GNSS)
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
 
@@ -40,6 +41,7 @@ class SensedDrive:
     estimator: ExtendedKalmanFilter = field(default_factory=lambda: ExtendedKalmanFilter(VEHICLE))
     states: list[FloatArray] = field(default_factory=list)
     estimates: list[Estimate] = field(default_factory=list)
+    disturbances: list[FloatArray] = field(default_factory=list)  # every substep
 
     def run(self, ticks: int) -> SensedDrive:
         """Drive for `ticks` control periods."""
@@ -47,7 +49,8 @@ class SensedDrive:
         controller = make_controller("paper", VEHICLE, REFERENCE, PERIOD_S)
         state, command = REFERENCE.at(0.0).state, None
         self._valves = state[State.DELTA_T : State.V]
-        measurements = self._sample(state, 0.0, tuple(Sensor))
+        self._disturbance = np.zeros(len(Disturbance))
+        measurements = self._sample(state, 0.0, tuple(LENGTH))
         for k in range(ticks):
             if self.spoil:
                 measurements = self.spoil(measurements)
@@ -74,9 +77,12 @@ class SensedDrive:
         measurements = []
         for j in range(1, SUBSTEPS + 1):
             density = self.process_noise.density(state[2], state[6])
-            kick = np.linalg.cholesky(density * step_s) @ self._generator.standard_normal(7)
+            kick = np.linalg.cholesky(density * step_s) @ self._generator.standard_normal(12)
             inputs, self._valves = slew(self._valves, command.as_array(), VEHICLE, step_s)
-            state = advance(state, inputs, VEHICLE, step_s) + kick
+            fading = math.exp(-abs(state[State.V]) * step_s / self.process_noise.memory_m)
+            state = advance(state, inputs, VEHICLE, step_s, self._disturbance) + kick[:7]
+            self._disturbance = fading * self._disturbance + kick[7:]
+            self.disturbances.append(self._disturbance)
             sensors = FAST if j % FAST_EVERY == 0 else ()
             sensors = (*sensors, *GNSS) if j == SUBSTEPS else sensors
             measurements += self._sample(state, k * PERIOD_S + j * step_s, sensors)
@@ -87,7 +93,7 @@ class SensedDrive:
     ) -> list[Measurement]:
         made = []
         for sensor in sensors:
-            value = expected(sensor, state, VEHICLE)
+            value = expected(sensor, state, self._disturbance, VEHICLE)
             sd = self.sensor_scale * SensorNoise().of(sensor)
             value = value + sd * self._generator.standard_normal(len(value))
             made.append(Measurement(time_s, sensor, tuple(value.tolist())))

@@ -9,6 +9,7 @@ import pytest
 
 from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning
+from ttempc.kinematics import NO_DISTURBANCE
 from ttempc.noise import ProcessNoise, SensorNoise
 from ttempc.sensing import LENGTH, expected, expected_jacobian, first_state, innovation
 from ttempc.types import Measurement, Sensor, State
@@ -25,22 +26,25 @@ def random_state(generator):
 
 def readings(state, noise=None, generator=None):
     made = {}
-    for sensor in Sensor:
-        value = expected(sensor, state, VEHICLE)
+    for sensor in LENGTH:
+        value = expected(sensor, state, NO_DISTURBANCE, VEHICLE)
         if noise:
             value = value + noise.of(sensor) * generator.normal(size=len(value))
         made[sensor] = Measurement(0.0, sensor, tuple(value.tolist()))
     return made
 
 
-@pytest.mark.parametrize("sensor", Sensor)
+@pytest.mark.parametrize("sensor", LENGTH)
 def test_jacobians(sensor):
     generator = np.random.default_rng(61)
     for _ in range(20):
-        state = random_state(generator)
-        numeric = central_differences(lambda x: expected(sensor, x, VEHICLE), state)
-        np.testing.assert_allclose(expected_jacobian(sensor, state, VEHICLE), numeric, atol=1e-6)
-        assert len(expected(sensor, state, VEHICLE)) == LENGTH[sensor]
+        state, disturbance = random_state(generator), 0.1 * generator.normal(size=5)
+        numeric = central_differences(
+            lambda x: expected(sensor, x[:7], x[7:], VEHICLE), np.concatenate([state, disturbance])
+        )
+        exact = expected_jacobian(sensor, state, disturbance, VEHICLE)
+        np.testing.assert_allclose(exact, numeric, atol=1e-6)
+        assert len(exact) == LENGTH[sensor]
 
 
 def test_first_state_inverts_the_sensors():
@@ -69,9 +73,9 @@ def test_first_covariance_is_that_of_the_readings():
 def test_angles_wrap_and_positions_do_not():
     state = np.zeros(7)
     turned = Measurement(0.0, Sensor.HITCH, (math.tau - 0.1,))
-    assert innovation(turned, state, VEHICLE)[0] == pytest.approx(-0.1)
+    assert innovation(turned, state, NO_DISTURBANCE, VEHICLE)[0] == pytest.approx(-0.1)
     far = Measurement(0.0, Sensor.GNSS_TRACTOR, (10.0, -10.0))
-    np.testing.assert_array_equal(innovation(far, state, VEHICLE), [10.0, -10.0])
+    np.testing.assert_array_equal(innovation(far, state, NO_DISTURBANCE, VEHICLE), [10.0, -10.0])
 
 
 def test_process_noise_turns_with_the_vehicle_and_stops_with_it():

@@ -1,23 +1,24 @@
-"""`[terrain]` and `[soil]`: the shape and the strength of the ground."""
+"""`[terrain]`: the shape of the ground."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from experiments.settings.base import STRICT, Positive
+from experiments.settings.base import STRICT
+from experiments.settings.features import FeatureSettings
 from testbed.randomness import generator
-from testbed.soil import Patch, SoilMap
-from testbed.terrain import Terrain, flat, from_file, rough
+from testbed.terrain import Terrain, flat, rough
 
 
 @dataclass(frozen=True, config=STRICT)
 class TerrainSettings:
-    """Roughness and slope of the ground, or a height map from a file instead of the roughness."""
+    """Roughness, slope and features; a height map from a file instead of size and roughness."""
 
     iso_class: Literal["A", "B", "C", "D", "E", "F", "flat"] = "D"  # ISO 8608, geometric mean
     slope_rad: Annotated[float, Field(ge=0, le=0.6)] = 0.0
@@ -26,46 +27,27 @@ class TerrainSettings:
     size_y_m: Annotated[float, Field(gt=0, le=400)] = 50.0
     spacing_m: Annotated[float, Field(ge=0.02, le=1.0)] = 0.1
     height_map: str = ""  # file of heights [m] (.npy, .csv, .txt), centred on the origin
+    features: tuple[FeatureSettings, ...] = ()
 
     def terrain(self, seed: int) -> Terrain:
         """Return the ground of the run with this seed.
 
         Raises:
-            InvalidField: sizes do not fit, or the height map is missing or not usable.
+            InvalidField: sizes do not fit, the height map is missing or not usable, or a feature
+                cannot be or lies outside the field.
         """
         size, spacing = (self.size_x_m, self.size_y_m), self.spacing_m
         if self.height_map:
-            ground = from_file(Path(self.height_map), spacing)
+            ground = Terrain.from_file(Path(self.height_map), spacing)
         elif self.iso_class == "flat":
             ground = flat(size, spacing)
         else:
             ground = rough(self.iso_class, generator(seed, "terrain"), size, spacing)
+        ground = ground.shaped(settings.feature() for settings in self.features)
         return ground.tilted(self.slope_rad, math.radians(self.uphill_deg))
 
-
-@dataclass(frozen=True, config=STRICT)
-class PatchSettings:
-    """A round patch of soil of another strength."""
-
-    x_m: float
-    y_m: float
-    radius_m: Positive
-    cone_index_kpa: Positive
-
-
-@dataclass(frozen=True, config=STRICT)
-class SoilSettings:
-    """Cone index of the soil, with patches laid over it; a later patch covers an earlier one."""
-
-    cone_index_kpa: Positive = 600.0
-    patches: tuple[PatchSettings, ...] = ()
-
-    def soil(self) -> SoilMap:
-        """Return the strength of the ground as a function of the place."""
-        return SoilMap(
-            self.cone_index_kpa,
-            tuple(
-                Patch.circle(patch.x_m, patch.y_m, patch.radius_m, patch.cone_index_kpa)
-                for patch in self.patches
-            ),
-        )
+    def anchored(self, folder: Path) -> TerrainSettings:
+        """Return these settings with the path of the height map made absolute."""
+        if not self.height_map:
+            return self
+        return replace(self, height_map=str((folder / self.height_map).resolve()))

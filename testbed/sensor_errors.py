@@ -1,0 +1,110 @@
+"""What a sensor adds to the truth: error processes, each drawn from generators of its own."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, Protocol
+
+import numpy as np
+
+from ttempc.types import FloatArray
+
+_BAD_SHARE: Final = 0.1
+_BAD_FACTOR: Final = 3.0
+
+
+class ErrorSource(Protocol):
+    """Anything that yields the error of one sample after the other."""
+
+    def draw(self) -> FloatArray:
+        """Return the error of the next sample, (m,) in the sensor's unit."""
+        ...
+
+
+class White:
+    """Independent Gaussian errors around a constant bias.
+
+    Args:
+        sd: standard deviation of each entry, (m,).
+        rng: of this sensor.
+        bias: what is added to every sample, (m,).
+    """
+
+    def __init__(
+        self, sd: FloatArray, rng: np.random.Generator, bias: FloatArray | None = None
+    ) -> None:
+        self._sd, self._rng = sd, rng
+        self._bias = np.zeros_like(sd) if bias is None else bias
+
+    def draw(self) -> FloatArray:
+        """Return the error of the next sample, (m,)."""
+        return self._bias + self._sd * self._rng.standard_normal(len(self._sd))
+
+
+class Correlated:
+    """A first-order Gauss-Markov process and a white part beside it (Gelb 1974, sec. 3.6).
+
+        x[k+1] = a x[k] + sqrt(1 - a^2) s w[k],  a = exp(-period / correlation time)
+
+    The process starts stationary; its autocorrelation is exp(-dt / correlation time).
+
+    Args:
+        sd: standard deviation of the sum of both parts, (m,).
+        white_share: of the variance, 0..1.
+        correlation_time: [s].
+        period: between samples [s].
+        rng: of the white part.
+        slow_rng: of the process.
+    """
+
+    def __init__(
+        self,
+        sd: FloatArray,
+        white_share: float,
+        correlation_time: float,
+        period: float,
+        rng: np.random.Generator,
+        slow_rng: np.random.Generator,
+    ) -> None:
+        self._white = White(math.sqrt(white_share) * sd, rng)
+        self._sd = math.sqrt(1.0 - white_share) * sd
+        self._rng = slow_rng
+        self._keeps = math.exp(-period / correlation_time)
+        self._state = self._sd * slow_rng.standard_normal(len(sd))  # (m,)
+
+    def draw(self) -> FloatArray:
+        """Return the error of the next sample, (m,)."""
+        present = self._state
+        kick = math.sqrt(1.0 - self._keeps**2) * self._sd
+        self._state = self._keeps * present + kick * self._rng.standard_normal(len(kick))
+        return present + self._white.draw()
+
+
+class HeavyTailed:
+    """The contaminated normal: one sample in ten comes from a Gaussian three times as wide.
+
+    Tukey (1960). It stands for the paper's "non-Gaussian" errors: most fixes are good, some suffer
+    from multipath, in both axes at once. Unlike those of a Student-t, all its moments are finite,
+    so that its standard deviation is the stated one and can be told from a run. Its excess
+    kurtosis is 5.33.
+
+    Args:
+        sd: standard deviation of each entry of the mixture, (m,).
+        rng: of this sensor.
+    """
+
+    excess_kurtosis: Final = (
+        3.0
+        * (1.0 + _BAD_SHARE * (_BAD_FACTOR**4 - 1.0))
+        / (1.0 + _BAD_SHARE * (_BAD_FACTOR**2 - 1.0)) ** 2
+        - 3.0
+    )
+
+    def __init__(self, sd: FloatArray, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._good_sd = sd / math.sqrt(1.0 + _BAD_SHARE * (_BAD_FACTOR**2 - 1.0))
+
+    def draw(self) -> FloatArray:
+        """Return the error of the next sample, (m,)."""
+        factor = _BAD_FACTOR if self._rng.random() < _BAD_SHARE else 1.0
+        return factor * self._good_sd * self._rng.standard_normal(len(self._good_sd))
