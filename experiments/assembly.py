@@ -11,8 +11,10 @@ import numpy as np
 
 from experiments.errors import InvalidScenario
 from experiments.scenario import Scenario
+from experiments.settings.vehicle import Difference, mismatch
 from testbed.grid import Grid
 from testbed.loop import Rig
+from testbed.mishap import MishapLimits
 from testbed.oracle import TruthEstimator
 from testbed.plant import Plant
 from testbed.sensors import SensorSuite
@@ -40,10 +42,11 @@ class Assembly:
     sensors: SensorSuite
     estimator: Estimator
     controller: Controller
-    vehicle: Vehicle
+    vehicle: Vehicle  # as believed
     terrain: Terrain
     reference: Reference
     ticks: int
+    mismatch: tuple[Difference, ...]  # between the vehicle and what is believed of it
 
     def rig(self, sink: Sink) -> Rig:
         """Return the run with the sink in its place, the plant at its start and rolling."""
@@ -62,6 +65,7 @@ class Assembly:
             control_steps=whole_steps(CONTROL_PERIOD_S, timestep, "control period"),
             record_steps=whole_steps(RECORD_PERIOD_S, timestep, "record period"),
             terrain=self.terrain,
+            mishaps=MishapLimits.of(self.plant.vehicle),
         )
 
     def reference_path(self, step_m: float) -> FloatArray:
@@ -98,7 +102,8 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             the message says what, where and what is allowed.
     """
-    vehicle = scenario.controller.vehicle.vehicle()
+    true, believed = scenario.plant.vehicle, scenario.controller.vehicle
+    vehicle = believed.vehicle(true.filed())
     path = scenario.path.path()
     check_drivable(path, vehicle)
     reference = Reference(path, vehicle, ConstantSpeed(scenario.path.speed_mps))
@@ -121,7 +126,10 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
         else ExtendedKalmanFilter(vehicle, scenario.sensors.believed_noise())
     )
     ticks = math.ceil(reference.duration_s / CONTROL_PERIOD_S - 1e-9)
-    return Assembly(plant, sensors, estimator, controller, vehicle, terrain, reference, ticks)
+    return Assembly(
+        *(plant, sensors, estimator, controller, vehicle, terrain, reference, ticks),
+        mismatch=mismatch(true, believed),
+    )
 
 
 def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:

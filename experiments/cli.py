@@ -14,6 +14,7 @@ from experiments.errors import ExperimentError
 from experiments.scenario import load, shipped
 from experiments.table import table
 from testbed.errors import TestbedError
+from testbed.vehicle_file import read_vehicle, shipped_vehicles
 from ttempc.controllers import CONTROLLERS
 from ttempc.errors import TtempcError
 
@@ -130,6 +131,8 @@ def _run(options: argparse.Namespace) -> int:
         print(finished.summary.to_json())
     else:
         print(table(finished.summary))
+        if finished.mismatch:
+            print(f"Believed wrongly: {', '.join(map(str, finished.mismatch))}")
         print()
         for what, file in finished.files.items():
             print(f"{what:<10}{file}")
@@ -140,6 +143,9 @@ def _list(options: argparse.Namespace) -> int:
     print("Scenarios (ttempc run NAME):")
     for name in shipped():
         print(f"  {name:<14} {load(name)[1].description}")
+    print("\nVehicles (plant.vehicle.file):")
+    for name in shipped_vehicles():
+        print(f"  {name:<14} {read_vehicle(name).description}")
     print("\nControllers (--controller NAME):")
     for name, entry in CONTROLLERS.items():
         print(f"  {name:<20} {entry.about}")

@@ -11,6 +11,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from experiments.figures import CAPTIONS
 from experiments.published import CAVEAT, compare
+from experiments.settings.vehicle import Difference
 from experiments.summary import InputStatistics, Spread, Summary
 from experiments.table import centimetres
 from experiments.tracking import START_UP_S
@@ -35,8 +36,12 @@ def report(
     events: Sequence[Event],
     scenario_toml: str,
     pictures: Mapping[str, bytes],
+    mismatch: Sequence[Difference] = (),
 ) -> str:
-    """Return the text of `report.html`; `pictures` are PNG files' contents by figure name."""
+    """Return the text of `report.html`; `pictures` are PNG files' contents by figure name.
+
+    `mismatch` is what the controller believed wrongly of the vehicle.
+    """
     page = _environment().get_template("report.html.j2")
     return page.render(
         summary=summary,
@@ -44,7 +49,7 @@ def report(
         caveat=CAVEAT,
         start_up_s=START_UP_S,
         errors=_errors(summary),
-        facts=_facts(summary),
+        facts=[*_facts(summary), ("believed wrongly", ", ".join(map(str, mismatch)) or "nothing")],
         files=[*([summary.log] if summary.log else []), *_FILES],
         pictures=[
             Picture(name, CAPTIONS.get(name, name), base64.b64encode(content).decode())

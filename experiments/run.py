@@ -16,6 +16,7 @@ from experiments.figures import draw
 from experiments.metrics import summarise
 from experiments.report import report
 from experiments.scenario import Scenario, dump
+from experiments.settings.vehicle import Difference
 from experiments.summary import RunFacts, Summary
 from testbed.log import REFERENCE_PATH_TOPIC, LogWriter
 from testbed.loop import Outcome, drive
@@ -33,6 +34,7 @@ class Finished:
     summary: Summary
     record: Record
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
+    mismatch: tuple[Difference, ...]  # between the vehicle and what was believed of it
 
 
 def simulate(
@@ -75,13 +77,18 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
         "controller": scenario.controller.name,
         "seed": str(seed),
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
         **versions(),
     }
     recorder = Recorder()
     log = LogWriter(
         files["log"],
         metadata=metadata,
-        attachments={"scenario.toml": resolved, "model.xml": assembly.plant.mjcf},
+        attachments={
+            "scenario.toml": resolved,
+            "vehicle.toml": scenario.plant.vehicle.text(),
+            "model.xml": assembly.plant.mjcf,
+        },
         body_names=assembly.plant.body_names,
     )
     with log, _progress(assembly.ticks, f"{name}, {scenario.controller.name}, seed {seed}") as bar:
@@ -95,8 +102,9 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
         files[figure] = folder / f"{figure}.png"
         files[figure].write_bytes(content)
     files["report"] = folder / "report.html"
-    files["report"].write_text(report(summary, record.events, resolved, pictures), encoding="utf-8")
-    return Finished(summary, record, files)
+    page = report(summary, record.events, resolved, pictures, assembly.mismatch)
+    files["report"].write_text(page, encoding="utf-8")
+    return Finished(summary, record, files, assembly.mismatch)
 
 
 def _drive(assembly: Assembly, sink: Sink, on_tick: Callable[[int], object]) -> Outcome:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -10,20 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
-from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
-from experiments.complaint import first_complaint
 from experiments.errors import InvalidScenario
 from experiments.settings.actuators import ActuatorSettings
-from experiments.settings.base import STRICT
 from experiments.settings.controller import ControllerSettings
 from experiments.settings.path import FigureEight, PathSettings
 from experiments.settings.plant import PlantSettings
 from experiments.settings.sensors import SensorSettings
 from experiments.settings.soil import SoilSettings
 from experiments.settings.terrain import TerrainSettings
+from testbed.errors import InvalidPlant
 from testbed.resources import resource
+from testbed.strict import STRICT, read_toml, validated
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -38,9 +36,6 @@ class Scenario:
     actuators: ActuatorSettings = ActuatorSettings()
     sensors: SensorSettings = SensorSettings()
     controller: ControllerSettings = ControllerSettings()
-
-
-_SCENARIO = TypeAdapter(Scenario)
 
 
 def shipped() -> list[str]:
@@ -59,20 +54,23 @@ def load(name: str, overrides: Sequence[str] = ()) -> tuple[str, Scenario]:
         InvalidScenario: no such scenario, or one that says something impossible.
     """
     file = _find(name)
-    try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InvalidScenario(f"{file}: cannot be read as TOML: {error}") from None
+    content = read_toml(file, InvalidScenario)
     for line in overrides:
         _override(content, line)
     if isinstance(content.get("path"), dict):
         content["path"].setdefault("kind", FigureEight.kind)
-    scenario = _validate(content, str(file))
-    return file.stem, _anchored(scenario, file.parent)
+    try:
+        scenario = validated(Scenario, content, InvalidScenario)
+        return file.stem, _resolved(_anchored(scenario, file.parent))
+    except (InvalidScenario, InvalidPlant) as error:
+        raise InvalidScenario(f"{file}: {error}") from None
 
 
 def dump(scenario: Scenario) -> str:
-    """Return the scenario with every default written out, as TOML that `load` reads back."""
+    """Return the scenario with every default written out, as TOML that `load` reads back.
+
+    Of the vehicle, what is not given is left out: TOML has no word for it, and `load` fills it in.
+    """
     return tomli_w.dumps(_plain(asdict(scenario)))
 
 
@@ -110,14 +108,6 @@ def _merge(content: dict[str, Any], extra: Mapping[str, Any]) -> None:
             content[key] = value
 
 
-def _validate(content: Mapping[str, Any], where: str) -> Scenario:
-    try:
-        # By way of JSON, because only there does the strict mode take tables for dataclasses.
-        return _SCENARIO.validate_json(json.dumps(content, default=str))
-    except ValidationError as error:
-        raise InvalidScenario(f"{where}: {first_complaint(error, Scenario)}") from None
-
-
 def _plain(value: Any) -> Any:  # noqa: ANN401 - any TOML value
     """Return the value as TOML has it: without what is not there."""
     if isinstance(value, Mapping):
@@ -127,8 +117,21 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 - any TOML value
 
 def _anchored(scenario: Scenario, folder: Path) -> Scenario:
     """Return the scenario with the paths of its files made absolute."""
+    plant = scenario.plant
     return replace(
         scenario,
         terrain=scenario.terrain.anchored(folder),
         soil=scenario.soil.anchored(folder),
+        plant=replace(plant, vehicle=plant.vehicle.anchored(folder)),
+    )
+
+
+def _resolved(scenario: Scenario) -> Scenario:
+    """Return the scenario with every value of the vehicle and of the belief filled in."""
+    plant, controller = scenario.plant, scenario.controller
+    believed = controller.vehicle.resolved(plant.vehicle.filed())
+    return replace(
+        scenario,
+        plant=replace(plant, vehicle=plant.vehicle.resolved()),
+        controller=replace(controller, vehicle=believed),
     )

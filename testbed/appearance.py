@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from testbed.terrain import Terrain
 from testbed.truth import WHEELS
+from testbed.vehicle import PlantVehicle
 from ttempc.types import FloatArray
 
 _AROUND: Final = 80  # vertices around a tyre
@@ -31,11 +32,10 @@ _COLOURS: Final = np.array(
 )
 
 
-def put_tyres(spec: mujoco.MjSpec) -> None:
+def put_tyres(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
     """Draw lugged tyres over the plain cylinders of the mjcf, which keep the mass."""
-    for kind in dict.fromkeys(wheel.split("_")[0] for wheel in WHEELS):
-        radius, width, section = list(spec.numeric(f"tyre_{kind}").data)[:3]
-        vertices, faces = tyre_mesh(radius, width, section)
+    for kind, wheel in vehicle.wheels.items():
+        vertices, faces = tyre_mesh(wheel.radius_m, wheel.width_m, wheel.section_height_m)
         spec.add_mesh(name=f"tyre_{kind}", uservert=vertices.ravel(), userface=faces.ravel())
     for wheel in WHEELS:
         spec.geom(f"{wheel}_tyre").group = 4

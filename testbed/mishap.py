@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from testbed.terrain import Terrain
 from testbed.truth import Truth
+from testbed.vehicle import PlantVehicle
+
+_STOP_GIVES_DEG: Final = 2.0  # a stop is no wall; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +20,11 @@ class MishapLimits:
     tilt: float = math.radians(60.0)  # [rad] roll or pitch of tractor or trailer
     fold: float = math.radians(80.0)  # [rad] between tractor and drawbar, or drawbar and trailer
     deviation: float = 5.0  # [m] of the tractor point from its reference
+
+    @classmethod
+    def of(cls, vehicle: PlantVehicle) -> MishapLimits:
+        """Return the limits for a vehicle: jack-knifed is a drawbar as good as at its stop."""
+        return cls(fold=math.radians(vehicle.hitch.yaw_limit_deg - _STOP_GIVES_DEG))
 
 
 def mishap(

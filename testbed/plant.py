@@ -17,19 +17,14 @@ from testbed.actuators import Actuators, ActuatorSpecification, ActuatorState
 from testbed.appearance import paint_ground
 from testbed.errors import InvalidPlant, PlantDiverged
 from testbed.native_wheels import NativeWheels
+from testbed.servos import tyres_of
 from testbed.soil import SoilMap
 from testbed.terrain import Terrain
 from testbed.truth import WHEELS, Truth
 from testbed.truth_reader import TruthReader
 from testbed.tyre_kernel import Output, wheel_step
-from testbed.vehicle_model import (
-    PlantVehicle,
-    WheelModel,
-    build_spec,
-    mjcf_of,
-    physics_model,
-    tyres_of,
-)
+from testbed.vehicle import PlantVehicle
+from testbed.vehicle_model import WheelModel, build_spec, mjcf_of, physics_model
 from ttempc.types import Command, FloatArray
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -52,7 +47,7 @@ class Plant:
     """A tractor with a trailer on a field; one step is tyres, then MuJoCo.
 
     Args:
-        vehicle: true values that differ from the mjcf.
+        vehicle: as it really is.
         terrain: shape of the ground.
         soil: its strength.
         wheels: "soil" (`testbed.tyre`) or "contact" (MuJoCo's own, `testbed.native_wheels`).
@@ -79,7 +74,7 @@ class Plant:
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
-        self.tyres = tyres_of(model)
+        self.tyres = tyres_of(vehicle)
         self._deflection = np.zeros((len(WHEELS), 3))
         self._output = np.zeros((len(WHEELS), len(Output)))
         self._reader = TruthReader(
@@ -318,7 +313,7 @@ class Plant:
         data.qvel[:] = 0.0
         data.qvel[:3] = speed * ahead
         data.qvel[self._wheel_dofs] = speed / self.tyres.radius
-        hp = float(speed / self.model.numeric("hydrostat_speed_gain").data[0])
+        hp = speed / self.vehicle.hydrostat.speed_gain_mps
         data.act[self._hydrostat] = hp
         data.ctrl[:] = 0.0, 0.0, hp  # what held the speed until the first command arrives
         self._valves = self.actuators.start(hp)

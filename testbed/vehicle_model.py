@@ -1,4 +1,4 @@
-"""The true vehicle and its MuJoCo model: mjcf, the field, what the scenario changes."""
+"""The MuJoCo model of a vehicle on a field: mjcf, the vehicle's numbers, the ground."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -7,55 +7,27 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, fields
 from typing import Final, Literal, get_args
 
 import mujoco
-import numpy as np
 
 from testbed.appearance import put_tyres
+from testbed.drawing import fit_drawing
 from testbed.errors import InvalidPlant
+from testbed.linkage import linkage_polynomial
 from testbed.resources import resource
+from testbed.servos import SteeringServo, drive_servo, steering_servos
 from testbed.terrain import Terrain
 from testbed.truth import WHEELS
-from testbed.tyre import Tyres
+from testbed.vehicle import PlantVehicle
+from testbed.weights import put_masses
 
 WheelModel = Literal["soil", "contact"]
 
 _MJCF: Final = "tractor_trailer.xml"
-_DRAWN_DRAWBAR_M: Final = 0.8  # d for which the mjcf draws the A-frame
-_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the size of the load that is drawn
+_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the height of the load that is drawn
+_LOAD_SPREAD: Final = (0.67, 0.83)  # length and width of the load over those of the box; assumed
 _GROUND_BASE_M: Final = 1.0  # thickness of the ground below its lowest point
-
-
-@dataclass(frozen=True, slots=True)
-class PlantVehicle:
-    """True values of the vehicle that a scenario may change; the rest stands in `mjcf/`.
-
-    Raises:
-        InvalidPlant: a value is not finite or out of its range.
-    """
-
-    hitch_offset_m: float = 0.3  # a, rear axle to RJ1; assumed, a + d = 1.1 m is the paper's
-    drawbar_m: float = 0.8  # d, RJ1 to RJ2; assumed
-    load_kg: float = 0.0  # in the trailer
-    load_height_m: float = 0.55  # centre of the load above the trailer axle; assumed
-    load_forward_m: float = 0.0  # centre of the load ahead of the trailer axle
-
-    def __post_init__(self) -> None:
-        allowed = {
-            "hitch_offset_m": (0.1, 1.0),
-            "drawbar_m": (0.3, 3.0),
-            "load_kg": (0.0, 2000.0),
-            "load_height_m": (0.2, 2.0),
-            "load_forward_m": (-0.6, 0.6),
-        }
-        for item in fields(self):
-            value, (low, high) = getattr(self, item.name), allowed[item.name]
-            if not (math.isfinite(value) and low <= value <= high):
-                raise InvalidPlant(
-                    f"plant.vehicle.{item.name}: got {value}, must be in [{low}, {high}]"
-                )
 
 
 def build_spec(
@@ -64,7 +36,8 @@ def build_spec(
     """Return the model of the vehicle on this ground, ready to be compiled.
 
     Raises:
-        InvalidPlant: the wheel model has no such name, or the time step is out of range.
+        InvalidPlant: the wheel model has no such name, the time step is out of range, or the
+            vehicle cannot drive.
     """
     if wheels not in get_args(WheelModel):
         raise InvalidPlant(f"plant.wheels: got {wheels!r}, must be 'soil' or 'contact'")
@@ -72,19 +45,17 @@ def build_spec(
         raise InvalidPlant(f"plant.timestep_s: got {timestep_s}, must be above 0, at most 0.004")
     spec = mujoco.MjSpec.from_file(str(resource("mjcf", _MJCF)))
     spec.option.timestep = timestep_s
-    _put_lengths(spec, vehicle)
+    fit_drawing(spec, vehicle)
+    put_masses(spec, vehicle)
+    _put_stops(spec, vehicle)
+    _put_actuators(spec, vehicle)
     _put_load(spec, vehicle)
     _put_ground(spec, terrain)
-    put_tyres(spec)
+    put_tyres(spec, vehicle)
     if wheels == "contact":
         for wheel in WHEELS:
             geom = spec.geom(f"{wheel}_contact")
             geom.contype, geom.conaffinity = 2, 1
-    radius = spec.numeric("tyre_rear").data[0]
-    speed = spec.numeric("hydrostat_speed_gain").data[0]
-    hydrostat = spec.actuator("hydrostat")
-    wheel_speed = spec.numeric("hydrostat_calibration").data[0] * speed / radius  # [rad/s]
-    hydrostat.gainprm[0] = -hydrostat.biasprm[2] * wheel_speed
     return spec
 
 
@@ -105,38 +76,58 @@ def mjcf_of(spec: mujoco.MjSpec) -> str:
     return re.sub(r'\s+elevation="[^"]*"', "", spec.to_xml())
 
 
-def tyres_of(model: mujoco.MjModel) -> Tyres:
-    """Return the tyres of the model's wheels in the order of `WHEELS`."""
-    rows = np.array([model.numeric(f"tyre_{wheel.split('_')[0]}").data for wheel in WHEELS])
-    radius, width, section, relative, rated, damping = rows.T
-    return Tyres(radius, width, section, relative, rated, damping)
+def _put_stops(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+    hitch = vehicle.hitch
+    for joint, limit_deg in (
+        ("front_axle_roll", vehicle.front_axle.pivot_limit_deg),
+        ("steer", vehicle.front_steering.limit_deg),
+        ("rj1_yaw", hitch.yaw_limit_deg),
+        ("rj1_pitch", hitch.pitch_limit_deg),
+        ("rj1_roll", hitch.roll_limit_deg),
+        ("rj2_yaw", vehicle.trailer_steering.limit_deg),
+    ):
+        spec.joint(joint).range = [-limit_deg, limit_deg]  # the mjcf's angles are degrees
 
 
-def _put_lengths(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-    drawbar, trailer = spec.body("drawbar"), spec.body("trailer")
-    stretch = vehicle.drawbar_m - _DRAWN_DRAWBAR_M
-    drawbar.pos[0] = -vehicle.hitch_offset_m
-    spec.site("rj1").pos[0] = -vehicle.hitch_offset_m
-    trailer.pos[0] -= stretch
-    spec.site("rj2").pos[0] -= stretch
-    for geom in drawbar.geoms:
-        if not math.isnan(geom.fromto[0]):
-            for end in (0, 3):
-                geom.fromto[end] *= vehicle.drawbar_m / _DRAWN_DRAWBAR_M
+def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+    front, trailer = steering_servos(vehicle)
+    _put_steering(spec.actuator("steer"), front)
+    _put_steering(spec.actuator("rj2"), trailer)
+    spec.joint("steer").armature = front.linkage_inertia
+    limit = math.radians(vehicle.front_steering.limit_deg)
+    kingpin = 0.5 * vehicle.front_axle.kingpin_track_m
+    for side, y in (("left", kingpin), ("right", -kingpin)):
+        quartic = linkage_polynomial(limit, vehicle.tractor.wheelbase_m, y)
+        spec.equality(f"ackermann_{side}").data[:5] = quartic
+    drive, hydrostat = drive_servo(vehicle), spec.actuator("hydrostat")
+    hydrostat.dynprm[0] = drive.lag
+    hydrostat.gainprm[0] = drive.damping * drive.wheel_speed
+    hydrostat.biasprm[2] = -drive.damping
+    hydrostat.forcerange = [-drive.torque, drive.torque]
+
+
+def _put_steering(actuator: mujoco.MjsActuator, servo: SteeringServo) -> None:
+    actuator.dyntype = mujoco.mjtDyn.mjDYN_PID
+    actuator.dynprm[1] = servo.rate
+    actuator.biasprm[1], actuator.biasprm[2] = -servo.stiffness, -servo.damping
+    actuator.ctrlrange = [-servo.limit, servo.limit]
+    actuator.forcerange = [-servo.torque, servo.torque]
 
 
 def _put_load(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-    if vehicle.load_kg == 0.0:
+    """Lay the load into the box, as a body of its own: the trailer's inertial stays its own."""
+    load, box = vehicle.load, vehicle.box
+    if load.mass_kg == 0.0:
         return
-    half_x, half_y = 0.6, 0.5
-    half_z = vehicle.load_kg / _LOAD_DENSITY / (8.0 * half_x * half_y)
-    spec.body("trailer").add_geom(
+    half_x, half_y = 0.5 * _LOAD_SPREAD[0] * box.length_m, 0.5 * _LOAD_SPREAD[1] * box.width_m
+    half_z = load.mass_kg / _LOAD_DENSITY / (8.0 * half_x * half_y)
+    body = spec.body("trailer").add_body(name="load", pos=[load.forward_m, 0.0, load.height_m])
+    body.add_geom(
         spec.find_default("body"),
         name="load",
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[vehicle.load_forward_m, 0.0, vehicle.load_height_m],
         size=[half_x, half_y, half_z],
-        mass=vehicle.load_kg,
+        mass=load.mass_kg,
         material="load",
     )
 

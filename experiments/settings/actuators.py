@@ -8,8 +8,8 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from experiments.settings.base import STRICT, NotNegative
 from testbed.actuators import LONGEST_DEAD_TIME_S, ActuatorSpecification, SteeringValve
+from testbed.strict import STRICT, NotNegative
 
 DeadTime = Annotated[float, Field(ge=0, le=LONGEST_DEAD_TIME_S)]
 

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from experiments.settings.base import STRICT, NotNegative, Positive
 from testbed.features import Bump, Feature, Furrows, Profile, Rise, Step
+from testbed.strict import STRICT, NotNegative, Positive
 
 
 @dataclass(frozen=True, config=STRICT)

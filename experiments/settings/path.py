@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from experiments.settings.base import STRICT, Positive
+from testbed.strict import STRICT, Positive
 from ttempc.path import Path, figure_eight, straight
 
 

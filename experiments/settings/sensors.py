@@ -8,7 +8,6 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from experiments.settings.base import STRICT, NotNegative, Positive
 from testbed.sensor_specification import (
     LONGEST_LATENCY_S,
     EncoderOn,
@@ -17,6 +16,7 @@ from testbed.sensor_specification import (
     ImuSpecification,
     SensorSpecification,
 )
+from testbed.strict import STRICT, NotNegative, Positive
 from ttempc.noise import SensorNoise
 
 Latency = Annotated[float, Field(ge=0, le=LONGEST_LATENCY_S)]

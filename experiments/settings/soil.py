@@ -10,11 +10,11 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from experiments.settings.base import STRICT, Positive
 from experiments.settings.tramlines import TramlinesSettings
 from testbed.randomness import generator
 from testbed.soil import Layer, SoilMap
 from testbed.soil_layers import Gradient, Patch, RandomField, StrengthMap
+from testbed.strict import STRICT, Positive
 from testbed.terrain import Terrain
 from ttempc.path import Path as DrivenPath
 

@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from experiments.settings.base import STRICT
 from experiments.settings.features import FeatureSettings
 from testbed.randomness import generator
+from testbed.strict import STRICT
 from testbed.terrain import Terrain, flat, rough
 
 

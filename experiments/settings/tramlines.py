@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from experiments.settings.base import STRICT, Positive
+from testbed.strict import STRICT, Positive
 from testbed.tramlines import Tramlines, parallel_lines
 from ttempc.path import Path
 from ttempc.types import FloatArray

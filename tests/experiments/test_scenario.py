@@ -101,7 +101,7 @@ def test_what_is_wrong_where_and_what_is_allowed_in_one_line(override, said):
 
 @pytest.mark.parametrize("name", ["gras", "nowhere.toml"])
 def test_a_missing_scenario_is_refused_with_those_there_are(name):
-    with pytest.raises(InvalidScenario, match="shipped are furrows, grass"):
+    with pytest.raises(InvalidScenario, match="shipped are farm, furrows, grass"):
         load(name)
 
 

@@ -16,7 +16,7 @@ from testbed.actuators import (
 from testbed.errors import InvalidPlant
 from testbed.plant import Plant
 from testbed.soil import SoilMap
-from testbed.vehicle_model import PlantVehicle
+from testbed.vehicle_file import read_vehicle
 from ttempc.types import Command
 
 TIMESTEP_S = 0.002
@@ -175,7 +175,7 @@ def test_what_reaches_the_stop_is_refused(name):
 
 def plant_with(actuators=None, wheels="soil"):
     ground = terrain.flat((60.0, 40.0))
-    return Plant(PlantVehicle(), ground, SoilMap.named("hard"), wheels=wheels, actuators=actuators)
+    return Plant(read_vehicle(), ground, SoilMap.named("hard"), wheels=wheels, actuators=actuators)
 
 
 def qpos_after(plant, strides):

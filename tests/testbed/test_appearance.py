@@ -10,7 +10,7 @@ from testbed.plant import Plant
 from testbed.soil import SoilMap
 from testbed.soil_layers import Patch
 from testbed.tramlines import Tramlines
-from testbed.vehicle_model import PlantVehicle
+from testbed.vehicle_file import read_vehicle
 
 
 def test_tyre_mesh_is_closed_and_faces_outwards():
@@ -29,7 +29,7 @@ def test_tyre_mesh_is_closed_and_faces_outwards():
 
 def test_soft_soil_is_painted_where_it_lies():
     soil = SoilMap(800.0, (Patch.circle(6.0, -3.0, 2.0, 100.0),))
-    plant = Plant(PlantVehicle(), terrain.flat((20.0, 12.0)), soil)
+    plant = Plant(read_vehicle(), terrain.flat((20.0, 12.0)), soil)
     image = plant.drawn_model().texture("ground").data.astype(float)  # first row north
     rows, columns, _ = image.shape
     green = image[..., 1] - image[..., 0]
@@ -52,7 +52,7 @@ def test_hard_and_soft_tracks_and_a_bump_can_be_seen():
     for background in (300.0, 600.0, 1000.0):
         ground = terrain.flat((20.0, 12.0)).shaped((Bump(0.0, 0.0, 0.0, 10.0, 0.8, 0.1),))
         image = (
-            Plant(PlantVehicle(), ground, SoilMap(background, layers))
+            Plant(read_vehicle(), ground, SoilMap(background, layers))
             .drawn_model()
             .texture("ground")
             .data.astype(float)[::-1]
@@ -65,7 +65,7 @@ def test_hard_and_soft_tracks_and_a_bump_can_be_seen():
 
 
 def test_the_model_that_is_logged_can_be_loaded_and_drawn_again():
-    plant = Plant(PlantVehicle(), terrain.flat((10.0, 8.0)), SoilMap(600.0))
+    plant = Plant(read_vehicle(), terrain.flat((10.0, 8.0)), SoilMap(600.0))
     again = mujoco.MjModel.from_xml_string(plant.mjcf)
     assert again.nbody == plant.model.nbody
     assert again.ngeom == plant.drawn_model().ngeom
@@ -73,7 +73,7 @@ def test_the_model_that_is_logged_can_be_loaded_and_drawn_again():
 
 
 def test_drawn_model_moves_as_the_physics_does():
-    plant = Plant(PlantVehicle(), terrain.flat((20.0, 12.0)), SoilMap(600.0))
+    plant = Plant(read_vehicle(), terrain.flat((20.0, 12.0)), SoilMap(600.0))
     truth = plant.reset(0.0, 0.0, 0.5, 1.0)
     drawn = plant.drawn_model()
     assert [drawn.body(i).name for i in range(drawn.nbody)] == list(plant.body_names)

@@ -12,7 +12,7 @@ from testbed.randomness import generator
 from testbed.sensor_specification import ImuSpecification, SensorSpecification
 from testbed.sensors import SensorSuite
 from testbed.soil import SoilMap
-from testbed.vehicle_model import PlantVehicle
+from testbed.vehicle_file import read_vehicle
 from tests.testbed.truths import truth
 from ttempc.sensing import LENGTH
 from ttempc.types import Sensor
@@ -124,7 +124,7 @@ def test_same_seed_same_samples():
 def standing_on(slope, yaw, along=math.pi / 2):
     """The plant at rest on a slope that rises towards `along`, and its lever arms."""
     ground = terrain.flat((20.0, 20.0)).tilted(slope, along)
-    plant = Plant(PlantVehicle(), ground, SoilMap.named("hard"))
+    plant = Plant(read_vehicle(), ground, SoilMap.named("hard"))
     return plant.reset(0.0, 0.0, yaw, 0.0), plant.lever_arms
 
 

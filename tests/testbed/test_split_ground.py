@@ -12,7 +12,7 @@ from testbed.soil import SoilMap
 from testbed.soil_layers import Gradient
 from testbed.tramlines import Tramlines
 from testbed.truth import WHEELS
-from testbed.vehicle_model import PlantVehicle
+from testbed.vehicle_file import read_vehicle
 from ttempc.types import Command
 
 LEFT = [WHEELS.index(name) for name in ("front_left", "rear_left", "trailer_left")]
@@ -23,7 +23,7 @@ ROLL = Command(0.0, 0.0, 0.7)
 
 def driven(soil, ground=None, seconds=6.0):
     """Where a vehicle that starts eastwards on y = 0, steering straight, is after that time."""
-    plant = Plant(PlantVehicle(), ground or terrain.flat((40.0, 12.0)), soil)
+    plant = Plant(read_vehicle(), ground or terrain.flat((40.0, 12.0)), soil)
     plant.reset(-10.0, 0.0, 0.0, 0.9)
     return plant.advance(ROLL, round(seconds / plant.timestep_s))
 
@@ -66,7 +66,7 @@ def test_wheels_feel_the_tramline_that_they_run_in():
 def test_a_bump_under_one_side_rolls_the_tractor_away_from_it(side):
     bump = Bump(0.0, side * 0.475, 0.5 * math.pi, 0.2, 0.8, 0.1)
     ground = terrain.flat((40.0, 12.0)).shaped((bump,))
-    plant = Plant(PlantVehicle(), ground, SoilMap(1000.0))
+    plant = Plant(read_vehicle(), ground, SoilMap(1000.0))
     plant.reset(0.0, 0.0, 0.0, 0.0)
     truth = plant.truth()
     # the rear axle stands with one wheel on top; roll is positive to the right

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from testbed import terrain, tyre
+from testbed.servos import tyres_of
 from testbed.soil import SoilMap
 from testbed.terrain import Terrain
 from testbed.tyre import Tyres, WheelMotion
 from testbed.tyre_kernel import Output, wheel_step
-from testbed.vehicle_model import PlantVehicle, build_spec, tyres_of
+from testbed.vehicle_file import read_vehicle
 
 DT = 0.002
 FLAT = terrain.flat((20.0, 20.0))
@@ -17,7 +18,7 @@ FLAT = terrain.flat((20.0, 20.0))
 
 @pytest.fixture(scope="module")
 def tyres():
-    return tyres_of(build_spec(PlantVehicle(), FLAT, "soil", DT).compile())
+    return tyres_of(read_vehicle())
 
 
 def motion(centre, axle, velocity, rotation):

@@ -1,0 +1,51 @@
+"""Vehicles by name: the files that ship in `mjcf/vehicles/`, and files of one's own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from testbed.errors import InvalidPlant
+from testbed.resources import resource
+from testbed.strict import read_toml, validated
+from testbed.vehicle import PlantVehicle
+
+DEFAULT_VEHICLE: Final = "kayacan2016"
+
+
+def shipped_vehicles() -> list[str]:
+    """Return the names of the vehicles that ship with the project."""
+    return sorted(path.stem for path in resource("mjcf", "vehicles").glob("*.toml"))
+
+
+def find_vehicle(name: str) -> Path:
+    """Return the file of a vehicle: a shipped name, or the path of a TOML file.
+
+    Raises:
+        InvalidPlant: there is none.
+    """
+    if name in shipped_vehicles():
+        return resource("mjcf", f"vehicles/{name}.toml")
+    file = Path(name)
+    if file.suffix == ".toml" and file.is_file():
+        return file
+    reason = "no such file" if file.suffix == ".toml" else "no such vehicle"
+    raise InvalidPlant(
+        f"vehicle {name!r}: {reason}; shipped are {', '.join(shipped_vehicles())}, "
+        "or give the path of a .toml file"
+    )
+
+
+def read_vehicle(name: str = DEFAULT_VEHICLE) -> PlantVehicle:
+    """Return the vehicle with this name or in this file.
+
+    Raises:
+        InvalidPlant: no such file, a key or value that is not allowed (with file and key), or
+            parts that do not make a vehicle (with the reason).
+    """
+    file = find_vehicle(name)
+    content = read_toml(file, InvalidPlant)
+    try:
+        return validated(PlantVehicle, content, InvalidPlant)
+    except InvalidPlant as error:
+        raise InvalidPlant(f"{file}: {error}") from None
