@@ -55,12 +55,14 @@ MEASUREMENT: Final = Channel(
 )
 ESTIMATE: Final = Channel(
     "/estimate",
-    "the estimate that the controller acts on, its standard deviations, and the normalised "
-    "innovation squared of the samples taken in at this tick with their degrees of freedom",
+    "the estimate that the controller acts on, its standard deviations, the disturbances that "
+    "last, and the normalised innovation squared of the samples taken in at this tick with their "
+    "degrees of freedom",
     (
         *(*_POSES, "delta_t_rad", "delta_i_rad", "v_mps", "beta_rad"),
         *("sd_x_t_m", "sd_y_t_m", "sd_psi_t_rad", "sd_psi_i_rad"),
         *("sd_delta_t_rad", "sd_delta_i_rad", "sd_v_mps"),
+        *("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel_slip"),
         *("nis", "nis_dof"),
     ),
 )

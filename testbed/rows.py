@@ -66,6 +66,7 @@ def estimate_row(estimate: Estimate) -> list[float]:
         *(x, y, psi_t, *estimate.trailer_xy.tolist(), psi_i),
         *(delta_t, delta_i, v, estimate.hitch_angle),
         *np.sqrt(np.diag(estimate.covariance)).tolist(),
+        *estimate.disturbance.tolist(),
         sum(item.normalised_squared for item in weighed),
         sum(item.dimension for item in weighed),
     ]
