@@ -60,8 +60,8 @@ def section_spectrum(heights: FloatArray, spacing: float) -> tuple[FloatArray, F
     level = heights - heights.mean(axis=1, keepdims=True)
     level = level - (level @ x / (x @ x))[:, None] * x  # a slope is no roughness
     power = np.abs(np.fft.rfft(level * window, axis=1)) ** 2 * 2.0 * spacing / (window**2).sum()
-    density: FloatArray = np.asarray(power.mean(axis=0))
-    return np.fft.rfftfreq(n, spacing), density
+    frequency: FloatArray = np.arange(power.shape[1]) / (n * spacing)
+    return frequency, power.mean(axis=0)
 
 
 def _tracks(terrain: Terrain, offset: float) -> tuple[FloatArray, float]:

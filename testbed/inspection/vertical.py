@@ -12,7 +12,7 @@ from testbed.terrain import Terrain, flat
 from ttempc.types import FloatArray
 
 _HEIGHT: Final = 0.15  # of the bump over the smallest wheel's radius
-_LENGTH: Final = 3.0  # over the same
+_LENGTH: Final = 1.0  # over the same: short enough to meet the wheel hop
 _RUN_UP_M: Final = 2.0
 _EVERY_S: Final = 0.01
 
