@@ -6,10 +6,11 @@ import json
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
+from experiments.assembly import assemble
 from experiments.errors import OutputExists
 from experiments.figures import png
 from experiments.figures.card import chart_figure
@@ -63,21 +64,21 @@ class Card:
 
 
 def bench(scenario: Scenario) -> Bench:
-    """Return the bench with the scenario's vehicle, wheels and ground.
+    """Return the bench with the scenario's vehicle, wheels and ground, behind faultless valves.
 
     Raises:
-        TestbedError: the scenario asks for a ground or a vehicle that cannot be.
+        ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
     """
-    ground, plant = scenario.terrain, scenario.plant
-    terrain, soil = ground.terrain(_SEED), scenario.soil.soil()
+    ground, plant = scenario.terrain, assemble(scenario, _SEED).plant
     of_a_class = ground.iso_class != "flat" and not ground.height_map
     return Bench(
-        vehicle=plant.plant(terrain, soil).vehicle,
-        terrain=terrain,
-        soil=soil,
-        iso_class=ground.iso_class if of_a_class else None,
+        vehicle=plant.vehicle,
+        terrain=plant.terrain,
+        soil=plant.soil,
+        rough=replace(ground, features=()).terrain(_SEED) if of_a_class else None,
+        iso_class=ground.iso_class,
         slope_rad=ground.slope_rad,
-        wheels=plant.wheels,
+        wheels=scenario.plant.wheels,
         timestep_s=plant.timestep_s,
     )
 
@@ -97,7 +98,7 @@ def make_card(
         on_check: is called with each check as it is made.
 
     Raises:
-        TestbedError: the scenario asks for a ground or a vehicle that cannot be.
+        ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
     """
     checks = []
     for check in inspect(bench(scenario), experiments):
@@ -113,7 +114,8 @@ def write_card(
 
     Raises:
         OutputExists: the folder exists already; nothing is written.
-        TestbedError: the scenario asks for a ground or a vehicle that cannot be.
+        ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
+            nothing is written.
     """
     if folder.exists():
         raise OutputExists(f"output folder {folder}: exists already, give another or remove it")

@@ -32,7 +32,8 @@ class Bench:
     vehicle: PlantVehicle
     terrain: Terrain  # the scenario's own, slope included
     soil: SoilMap
-    iso_class: str | None = None  # of the terrain's roughness; None: flat or from a file
+    rough: Terrain | None = None  # the same without features; None: of no ISO 8608 class
+    iso_class: str = ""  # of `rough`
     slope_rad: float = 0.0
     wheels: WheelModel = "soil"
     timestep_s: float = 0.002

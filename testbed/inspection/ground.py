@@ -17,7 +17,7 @@ _LANE_M: Final = 3.0  # between passes
 
 def roughness(bench: Bench) -> list[Check]:
     """G_d(n0) of both wheel tracks over all passes across the field, over that of the class."""
-    if bench.iso_class is None:
+    if bench.rough is None:
         return [
             not_applicable(f"roughness of the {side} track", "the ground is of no ISO 8608 class")
             for side in ("left", "right")
@@ -28,7 +28,7 @@ def roughness(bench: Bench) -> list[Check]:
     expected = ISO_8608[bench.iso_class]
     lines, checks = [], []
     for side, offset in (("left", half), ("right", -half)):
-        frequency, density = section_spectrum(*_tracks(bench.terrain, offset))
+        frequency, density = section_spectrum(*_tracks(bench.rough, offset))
         inside = (frequency >= _BAND[0]) & (frequency <= _BAND[1])
         frequency, density = frequency[inside], density[inside]
         level = float(np.mean(density * (frequency / REFERENCE_FREQUENCY) ** 2))

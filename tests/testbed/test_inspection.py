@@ -1,11 +1,12 @@
 """The inspection: it passes on the default field, and a broken plant fails the right check."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from testbed import terrain, tyre
+from testbed import tyre
 from testbed.inspection import bench as bench_room
 from testbed.inspection import statics
 from testbed.inspection.bench import Bench
@@ -46,7 +47,7 @@ def test_a_check_passes_inside_its_range_and_nowhere_else():
 
 def test_another_vehicle_and_load_are_inspected_by_the_same_code():
     vehicle = PlantVehicle(hitch_offset_m=0.45, drawbar_m=1.2, load_kg=400.0, load_forward_m=0.2)
-    other = Bench(vehicle, GRASS.terrain, GRASS.soil, GRASS.iso_class)
+    other = dataclasses.replace(GRASS, vehicle=vehicle)
     assert other.nominal.hitch_offset == pytest.approx(0.45)
     assert other.nominal.drawbar_length == pytest.approx(1.2)
     for experiment in ("static loads", "load transfer", "turning", "kinematics", "contour"):
@@ -126,9 +127,9 @@ def test_a_flipped_sign_fails_the_kinematics(monkeypatch):
 
 
 def test_another_class_fails_the_roughness():
-    rougher = Bench(GRASS.vehicle, GRASS.terrain, GRASS.soil, "F")
+    rougher = dataclasses.replace(GRASS, iso_class="F")
     assert len(failed("roughness", rougher)) == 2
-    unclassed = Bench(GRASS.vehicle, GRASS.terrain, GRASS.soil, None)
+    unclassed = dataclasses.replace(GRASS, rough=None)
     assert [check.passed for check in EXPERIMENTS["roughness"](unclassed)] == [None, None]
 
 
@@ -142,7 +143,7 @@ def test_undamped_tyres_fail_the_bump(monkeypatch):
 
 def test_contact_wheels_are_shown_as_what_they_are():
     """Coulomb wheels do not understeer, whatever the soil; efficiency over slip they have none."""
-    native = Bench(GRASS.vehicle, GRASS.terrain, GRASS.soil, "D", wheels="contact")
+    native = dataclasses.replace(GRASS, wheels="contact")
     assert "side force over load at 600 kPa, off the law" in failed("side force", native)
     assert [check.passed for check in EXPERIMENTS["tractive efficiency"](native)] == [None, None]
 
@@ -164,5 +165,5 @@ def test_off_tracking_of_a_trailer_without_length_is_none():
 
 
 def test_soil_that_carries_nothing_fails_and_does_not_crash():
-    swamp = Bench(GRASS.vehicle, terrain.flat(), SoilMap(40.0))
+    swamp = dataclasses.replace(GRASS, soil=SoilMap(40.0))
     assert all(isinstance(check.passed, bool) for check in inspect(swamp, ("slip", "contour")))
