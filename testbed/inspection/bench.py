@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,8 @@ from testbed.soil import SoilMap
 from testbed.terrain import Terrain, flat
 from testbed.truth import WHEELS, Truth
 from testbed.tyre import WheelMotion
-from testbed.vehicle_model import PlantVehicle, WheelModel
+from testbed.vehicle import PlantVehicle
+from testbed.vehicle_model import WheelModel
 from ttempc.types import Command, FloatArray
 from ttempc.vehicle import Vehicle
 
@@ -45,8 +47,8 @@ class Bench:
 
     @cached_property
     def nominal(self) -> Vehicle:
-        """Return lengths, limits and drive of the vehicle as its model has them."""
-        return nominal(self.plant())
+        """Return lengths, limits and drive of the vehicle as its file has them."""
+        return nominal(self.vehicle)
 
     @property
     def roll(self) -> Command:
@@ -126,21 +128,21 @@ def wheel_motion(plant: Plant) -> WheelMotion:
     return WheelMotion(data.xpos[ids], data.xmat[ids][:, [1, 4, 7]], velocity, rotation)
 
 
-def nominal(plant: Plant) -> Vehicle:
-    """Return the vehicle in the words of the control side, read off the compiled model."""
-    model = plant.model
-    steer, rj2 = model.actuator("steer"), model.actuator("rj2")
-    drawbar = -float(model.site("rj2").pos[0])
+def nominal(vehicle: PlantVehicle) -> Vehicle:
+    """Return the vehicle as its file has it, in the words of the control side."""
+    front, trailer, drive = vehicle.front_steering, vehicle.trailer_steering, vehicle.hydrostat
     return Vehicle(
-        wheelbase=float(model.body("front_axle").pos[0]),
-        hitch_offset=-float(model.body("drawbar").pos[0]),
-        drawbar_length=drawbar,
-        trailer_length=-float(model.body("trailer").pos[0]) - drawbar,
-        speed_gain=float(model.numeric("hydrostat_speed_gain").data[0]),
-        steering_lag_t=float(steer.biasprm[2] / steer.biasprm[1]),
-        steering_lag_i=float(rj2.biasprm[2] / rj2.biasprm[1]),
-        steering_limit_t=float(model.joint("steer").range[1]),
-        steering_limit_i=float(model.joint("rj2_yaw").range[1]),
-        steering_rate_t=float(steer.dynprm[1]),
-        steering_rate_i=float(rj2.dynprm[1]),
+        wheelbase=vehicle.tractor.wheelbase_m,
+        hitch_offset=vehicle.hitch.offset_m,
+        drawbar_length=vehicle.drawbar.length_m,
+        trailer_length=vehicle.trailer.length_m,
+        speed_gain=drive.speed_gain_mps,
+        speed_time_constant=drive.time_constant_s,
+        steering_lag_t=front.lag_s,
+        steering_lag_i=trailer.lag_s,
+        steering_limit_t=math.radians(front.limit_deg),
+        steering_limit_i=math.radians(trailer.limit_deg),
+        steering_rate_t=math.radians(front.rate_degps),
+        steering_rate_i=math.radians(trailer.rate_degps),
+        hp_rate=drive.rate_per_s,
     )
