@@ -38,7 +38,8 @@ def side_force(bench: Bench) -> list[Check]:
         load = np.mean([t.wheels.load for t in truths], axis=0)
         side = np.mean([t.wheels.force_lat for t in truths], axis=0)
         _, bn1 = tyre.mobility(plant.tyres, load, np.full(len(WHEELS), bench.cone_index))
-        rear = np.mean([math.atan2(t.lateral_speed, t.speed) for t in truths])
+        # treads that spin are swept aside more slowly: the law is in the faster of rim and ground
+        rear = np.mean([math.atan2(t.lateral_speed, max(t.speed, t.rim_speed)) for t in truths])
         span = truths[-1].time_s - truths[0].time_s
         first, last = truths[0].trailer, truths[-1].trailer
         # the field's y rises with the slope
