@@ -1,4 +1,4 @@
-"""The command line: `ttempc run`, `ttempc list`."""
+"""The command line: `ttempc run`, `ttempc card`, `ttempc list`."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from testbed.vehicle_file import read_vehicle, shipped_vehicles
 from ttempc.controllers import CONTROLLERS
 from ttempc.errors import TtempcError
 
+_EXIT_CHECK_FAILED = 1
 _EXIT_BAD_INPUT = 2
 _EXIT_INTERRUPTED = 130
 _EXIT_LOST = 3
@@ -30,6 +31,7 @@ field in MuJoCo, under the controller of your choice.
   ttempc run wet-slope --seed 7     another field, another draw of terrain and noise
   ttempc run my-field.toml          a scenario of your own; `ttempc list` shows the shipped ones
   ttempc run grass --set soil.cone_index_kpa=250 --set path.laps=1
+  ttempc card wet-slope             is it my controller or the simulator? inspects the plant
 """
 
 _RUN = """\
@@ -43,6 +45,18 @@ Exit code 0 where the run ended as planned, 2 for bad input (one line says what,
 where and what is allowed; nothing is written), 3 where the vehicle was lost
 (roll-over, jack-knife, left the field, diverged) or the simulation became
 invalid; log and summary are written then, too.
+"""
+
+_CARD = """\
+Inspects the plant of a scenario - its vehicle, wheels, soil, roughness and slope -
+in experiments whose outcome is known without the simulation, or published. Prints
+a line a check and writes into DIR:
+
+  card.html   one page, to attach to a paper     card.json   the checks, for scripts
+  *.png       the figures
+
+Exit code 0 where all checks hold, 1 where one fails, 2 for bad input (one line;
+nothing is written). Takes up to a minute.
 """
 
 
@@ -80,27 +94,52 @@ def _parser() -> argparse.ArgumentParser:
         description=_RUN,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    _add_scenario(drive)
+    drive.add_argument("--controller", metavar="NAME", help=f"who drives: {', '.join(CONTROLLERS)}")
     drive.add_argument(
+        "--seed", type=_seed, default=1, metavar="N", help="draws terrain and noise (default: 1)"
+    )
+    drive.add_argument(
+        "--json", action="store_true", help="print summary.json, and nothing else, to stdout"
+    )
+    drive.set_defaults(command=_run)
+
+    inspection = commands.add_parser(
+        "card",
+        help="inspect the plant of one scenario",
+        description=_CARD,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_scenario(inspection)
+    inspection.add_argument(
+        "--wheels",
+        choices=("soil", "contact"),
+        help="wheel model to inspect: the project's own on soil or MuJoCo's contact (default: "
+        "the scenario's)",
+    )
+    inspection.set_defaults(command=_card)
+
+    listing = commands.add_parser("list", help="show the shipped scenarios and the controllers")
+    listing.set_defaults(command=_list)
+    return parser
+
+
+def _add_scenario(parser: argparse.ArgumentParser) -> None:
+    """Add what `run` and `card` share: the scenario, changes to it, the folder."""
+    parser.add_argument(
         "scenario",
         nargs="?",
         default="grass",
         metavar="SCENARIO",
         help="name of a shipped scenario or path of a .toml file (default: grass)",
     )
-    drive.add_argument("--controller", metavar="NAME", help=f"who drives: {', '.join(CONTROLLERS)}")
-    drive.add_argument(
-        "--seed", type=_seed, default=1, metavar="N", help="draws terrain and noise (default: 1)"
-    )
-    drive.add_argument(
+    parser.add_argument(
         "--out",
         type=Path,
         metavar="DIR",
         help="folder to make (default: a new one in runs/); an existing one is refused",
     )
-    drive.add_argument(
-        "--json", action="store_true", help="print summary.json, and nothing else, to stdout"
-    )
-    drive.add_argument(
+    parser.add_argument(
         "--set",
         action="append",
         default=[],
@@ -108,11 +147,6 @@ def _parser() -> argparse.ArgumentParser:
         dest="overrides",
         help="lay a value over the scenario, e.g. soil.cone_index_kpa=250; may be repeated",
     )
-    drive.set_defaults(command=_run)
-
-    listing = commands.add_parser("list", help="show the shipped scenarios and the controllers")
-    listing.set_defaults(command=_list)
-    return parser
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -137,6 +171,20 @@ def _run(options: argparse.Namespace) -> int:
         for what, file in finished.files.items():
             print(f"{what:<10}{file}")
     return 0 if finished.summary.status == "completed" else _EXIT_LOST
+
+
+def _card(options: argparse.Namespace) -> int:
+    # Here for the reason given in `_run`.
+    from experiments.card import line, summary_line, write_card
+
+    overrides = list(options.overrides)
+    if options.wheels is not None:
+        overrides.append(f'plant.wheels="{options.wheels}"')
+    name, scenario = load(options.scenario, overrides)
+    folder = options.out or _fresh(Path("runs"), f"{name}-card-{scenario.plant.wheels}")
+    card = write_card(name, scenario, folder, lambda check: print(line(check), flush=True))
+    print(f"\n{summary_line(card)}\npage      {folder / 'card.html'}")
+    return 0 if card.passed else _EXIT_CHECK_FAILED
 
 
 def _list(options: argparse.Namespace) -> int:

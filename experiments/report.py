@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple
 from typing import Final
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
 from experiments.figures import CAPTIONS
+from experiments.page import Picture, environment
 from experiments.published import CAVEAT, compare
 from experiments.settings.vehicle import Difference
 from experiments.summary import InputStatistics, Spread, Summary
 from experiments.table import centimetres
 from experiments.tracking import START_UP_S
 from testbed.record import Event
-from testbed.resources import resource
 
 _EVENTS_SHOWN: Final = 100  # a page is no log: a fault that flickers would fill it
 _FILES: Final = ("summary.json", "scenario.toml")  # beside the report, and the log
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure as the page holds it."""
-
-    name: str
-    caption: str
-    base64: str
 
 
 def report(
@@ -42,7 +30,7 @@ def report(
 
     `mismatch` is what the controller believed wrongly of the vehicle.
     """
-    page = _environment().get_template("report.html.j2")
+    page = environment().get_template("report.html.j2")
     return page.render(
         summary=summary,
         comparison=compare(summary),
@@ -52,23 +40,13 @@ def report(
         facts=[*_facts(summary), ("believed wrongly", ", ".join(map(str, mismatch)) or "nothing")],
         files=[*([summary.log] if summary.log else []), *_FILES],
         pictures=[
-            Picture(name, CAPTIONS.get(name, name), base64.b64encode(content).decode())
+            Picture.of(name, CAPTIONS.get(name, name), content)
             for name, content in pictures.items()
         ],
         events=events[:_EVENTS_SHOWN],
         hidden_events=max(0, len(events) - _EVENTS_SHOWN),
         scenario_toml=scenario_toml,
     )
-
-
-def _environment() -> Environment:
-    environment = Environment(
-        loader=FileSystemLoader(resource("experiments", "templates")),
-        autoescape=True,
-        undefined=StrictUndefined,
-    )
-    environment.filters["cm"] = centimetres
-    return environment
 
 
 def _errors(summary: Summary) -> list[tuple[str, tuple[float | None, ...]]]:

@@ -1,0 +1,58 @@
+"""The card of every shipped scenario, as published: `python -m experiments.studies.cards DIR`.
+
+Writes DIR/NAME.html, DIR/NAME.json and DIR/README.md, which lists what fails; grass is inspected
+with MuJoCo's own wheels as well.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from experiments.card import Card, figure_text, summary_line, write_card
+from experiments.scenario import load, shipped
+
+_HEAD: Final = """\
+# Cards of the shipped scenarios
+
+The plant of each scenario on the bench, made by `python -m experiments.studies.cards docs/card`;
+one alone by `ttempc card NAME`. A failed check stays in: it says where the plant or its law ends.
+
+| card | checks that hold | what fails |
+|---|---|---|
+"""
+
+
+def main(folder: Path) -> None:
+    """Write all cards; a card with a failed check is no error."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for name, wheels in [*((name, "soil") for name in shipped()), ("grass", "contact")]:
+        scenario = load(name, [f'plant.wheels="{wheels}"'])[1]
+        with tempfile.TemporaryDirectory() as parent:
+            made = Path(parent) / "card"
+            card = write_card(name, scenario, made, lambda check: None)
+            stem = name if wheels == "soil" else f"{name}-{wheels}"
+            for suffix in ("html", "json"):
+                content = (made / f"card.{suffix}").read_bytes()
+                (folder / f"{stem}.{suffix}").write_bytes(content)
+        rows.append(_row(stem, card))
+        print(summary_line(card), flush=True)
+    (folder / "README.md").write_text(_HEAD + "".join(rows), encoding="utf-8")
+
+
+def _row(stem: str, card: Card) -> str:
+    made = [check for check in card.checks if check.passed is not None]
+    failed = "; ".join(
+        f"{check.name}: {figure_text(check)}, expected {check.expectation}"
+        for check in made
+        if not check.passed
+    )
+    held = sum(bool(check.passed) for check in made)
+    return f"| [{stem}]({stem}.html) | {held} of {len(made)} | {failed or 'nothing'} |\n"
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

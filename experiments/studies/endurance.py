@@ -1,0 +1,116 @@
+"""Hours of random driving over every class of ground: does the simulation stay valid?
+
+`python -m experiments.studies.endurance [HOURS [SCENARIO]]` drives the scenario's vehicle (grass)
+for so many simulated hours (3), shared by classes A to F, on soils from soft to hard, with random
+steering and speeds up to the top speed. A warning, a reset or a NaN of MuJoCo ends a drive and is
+counted; so are roll-overs and jack-knives, which are no error of the simulation. Exit code 1 where
+the simulation was invalid once.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from experiments.card import bench
+from experiments.scenario import load
+from testbed.errors import PlantDiverged
+from testbed.inspection.bench import Bench, steps
+from testbed.mishap import MishapLimits, mishap
+from testbed.plant import Plant
+from testbed.randomness import generator
+from testbed.soil import SoilMap
+from testbed.terrain import ISO_8608, rough
+from ttempc.types import Command
+
+_PERIOD_S: Final = 0.2
+_HOLD: Final = 10  # periods between two random commands
+_EDGE_M: Final = 6.0  # nearer to the edge of the field a drive ends
+_DRIVE_S: Final = 120.0  # and after so long
+_STRENGTHS_KPA: Final = (150.0, 2000.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Endurance:
+    """What happened on one class of ground."""
+
+    iso_class: str
+    driven_s: float
+    drives: int
+    mishaps: int  # roll-overs and jack-knives
+    invalid: tuple[str, ...]  # what MuJoCo did wrong, in words
+    top_speed: float  # [m/s]
+    unloaded: float  # share of wheel samples in the air
+
+
+def endure(bench: Bench, iso_class: str, seconds: float, seed: int = 1) -> Endurance:
+    """Drive at random on one class of ground for so many simulated seconds."""
+    rng = generator(seed, f"endurance {iso_class}")
+    driven, drives, mishaps, invalid, top, loads = 0.0, 0, 0, [], 0.0, []
+    while driven < seconds - _PERIOD_S:
+        strength = float(np.exp(rng.uniform(*np.log(_STRENGTHS_KPA))))
+        plant = bench.plant(rough(iso_class, rng), SoilMap(strength))
+        drives += 1
+        try:
+            spent, lost, fastest, samples = _drive(
+                plant, bench, rng, min(_DRIVE_S, seconds - driven)
+            )
+        except PlantDiverged as error:
+            invalid.append(f"class {iso_class}, drive {drives}, {strength:.0f} kPa: {error}")
+            driven += _DRIVE_S
+            continue
+        driven, mishaps, top = driven + spent, mishaps + lost, max(top, fastest)
+        loads.append(samples)
+    unloaded = float(np.mean(np.concatenate(loads) <= 0.0)) if loads else math.nan
+    return Endurance(iso_class, driven, drives, mishaps, tuple(invalid), top, unloaded)
+
+
+def _drive(
+    plant: Plant, bench: Bench, rng: np.random.Generator, seconds: float
+) -> tuple[float, bool, float, np.ndarray]:
+    """Drive until time, field or luck end; return time [s], lost or not, top speed, loads."""
+    vehicle, limits = bench.nominal, replace(MishapLimits(), deviation=math.inf)
+    truth = plant.reset(0.0, 0.0, rng.uniform(-math.pi, math.pi), 0.0)
+    command, fastest, loads = Command(0.0, 0.0, 0.0), 0.0, []
+    for period in range(round(seconds / _PERIOD_S)):
+        if period % _HOLD == 0:
+            command = Command(
+                rng.uniform(-1.0, 1.0) * vehicle.steering_limit_t,
+                rng.uniform(-1.0, 1.0) * vehicle.steering_limit_i,
+                rng.choice([0.0, rng.uniform(0.0, 1.0), 1.0]),
+            )
+        truth = plant.advance(command, steps(plant, _PERIOD_S))
+        loads.append(truth.wheels.load)
+        fastest = max(fastest, truth.speed)
+        if not plant.terrain.contains(truth.tractor.x, truth.tractor.y, _EDGE_M):
+            break
+        if mishap(truth, (truth.tractor.x, truth.tractor.y), plant.terrain, limits):
+            return truth.time_s, True, fastest, np.array(loads)
+    return truth.time_s, False, fastest, np.array(loads)
+
+
+def main(hours: str = "3", scenario: str = "grass") -> None:
+    """Print a line a class; exit code 1 where the simulation was invalid once."""
+    vehicle = bench(load(scenario)[1])
+    wrong = 0
+    for iso_class in ISO_8608:
+        seen = endure(vehicle, iso_class, 3600.0 * float(hours) / len(ISO_8608))
+        print(
+            f"class {seen.iso_class}: {seen.driven_s / 60.0:6.1f} min in {seen.drives} drives, "
+            f"{seen.mishaps} roll-overs or jack-knives, up to {seen.top_speed:.2f} m/s, "
+            f"{seen.unloaded:.2%} of wheel samples in the air, invalid {len(seen.invalid)} times",
+            flush=True,
+        )
+        for reason in seen.invalid:
+            print(f"  {reason}")
+        wrong += len(seen.invalid)
+    if wrong:
+        raise SystemExit(1)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:3])

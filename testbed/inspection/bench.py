@@ -1,0 +1,148 @@
+"""The bench: builds the plant that an experiment asks for, and drives it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from testbed.plant import Plant
+from testbed.soil import SoilMap
+from testbed.terrain import Terrain, flat
+from testbed.truth import WHEELS, Truth
+from testbed.tyre import WheelMotion
+from testbed.vehicle import PlantVehicle
+from testbed.vehicle_model import WheelModel
+from ttempc.types import Command, FloatArray
+from ttempc.vehicle import Vehicle
+
+FIRM_KPA: Final = SoilMap.named("hard").background
+SPEED: Final = 1.0  # [m/s] of experiments that ask for none
+DRIVEN: Final = np.array([wheel.startswith("rear") for wheel in WHEELS])
+TRAILER: Final = np.array([wheel.startswith("trailer") for wheel in WHEELS])
+STOP: Final = Command(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A scenario's vehicle, ground and wheel model, for experiments to build plants from."""
+
+    vehicle: PlantVehicle
+    terrain: Terrain  # the scenario's own, slope included
+    soil: SoilMap
+    rough: Terrain | None = None  # the same without features; None: of no ISO 8608 class
+    iso_class: str = ""  # of `rough`
+    slope_rad: float = 0.0
+    wheels: WheelModel = "soil"
+    timestep_s: float = 0.002
+
+    @cached_property
+    def cone_index(self) -> float:
+        """Return the median cone index of the scenario's ground [kPa]."""
+        return float(np.median(self.soil.rasterised(self.terrain)))
+
+    @cached_property
+    def nominal(self) -> Vehicle:
+        """Return lengths, limits and drive of the vehicle as its file has them."""
+        return nominal(self.vehicle)
+
+    @property
+    def roll(self) -> Command:
+        """Return the command that drives straight on at `SPEED` on firm ground."""
+        return self.command(SPEED)
+
+    def command(self, speed: float, delta_t: float = 0.0, delta_i: float = 0.0) -> Command:
+        """Return the command for a speed [m/s] on firm ground and steering angles [rad]."""
+        return Command(delta_t, delta_i, speed / self.nominal.speed_gain)
+
+    def plant(
+        self,
+        ground: Terrain | None = None,
+        cone_index: float | SoilMap = FIRM_KPA,
+        *,
+        wheels: WheelModel | None = None,
+        timestep_s: float | None = None,
+    ) -> Plant:
+        """Return the vehicle on a ground: level and firm unless said otherwise."""
+        return Plant(
+            self.vehicle,
+            ground or flat((60.0, 40.0)),
+            cone_index if isinstance(cone_index, SoilMap) else SoilMap(cone_index),
+            wheels=wheels or self.wheels,
+            timestep_s=timestep_s or self.timestep_s,
+        )
+
+    def own(self, *, wheels: WheelModel | None = None, timestep_s: float | None = None) -> Plant:
+        """Return the vehicle on the scenario's own ground."""
+        return self.plant(self.terrain, self.soil, wheels=wheels, timestep_s=timestep_s)
+
+
+def steps(plant: Plant, seconds: float) -> int:
+    """Return the number of physics steps in a time [s]."""
+    return round(seconds / plant.timestep_s)
+
+
+def drive(plant: Plant, command: Command, seconds: float, every: float) -> list[Truth]:
+    """Return what the plant shows every so many seconds while it holds a command."""
+    count = steps(plant, every)
+    return [plant.advance(command, count) for _ in range(round(seconds / every))]
+
+
+def weight(plant: Plant) -> float:
+    """Return the weight of the vehicle [N]."""
+    return float(-plant.model.opt.gravity[2] * plant.model.body_mass.sum())
+
+
+def bodies(plant: Plant, root: str) -> Sequence[int]:
+    """Return the ids of a body and of all that hangs on it."""
+    parent, top = plant.model.body_parentid, plant.body_names.index(root)
+    found = [top]
+    for body in range(top + 1, len(parent)):
+        if parent[body] in found:
+            found.append(body)
+    return found
+
+
+def centre_of_mass(plant: Plant, members: Sequence[int]) -> tuple[float, FloatArray]:
+    """Return mass [kg] and centre of mass [m], (3,) map frame, of bodies as they are now."""
+    mass = plant.model.body_mass[list(members)]
+    return float(mass.sum()), mass @ plant.data.xipos[list(members)] / mass.sum()
+
+
+def wheel_places(plant: Plant) -> FloatArray:
+    """Return the centres of the wheels, (6, 3) [m], map frame."""
+    return plant.data.xpos[[plant.body_names.index(wheel) for wheel in WHEELS]].copy()
+
+
+def wheel_motion(plant: Plant) -> WheelMotion:
+    """Return where the wheels are and how they move."""
+    data = plant.data
+    ids = [plant.body_names.index(wheel) for wheel in WHEELS]
+    rotation = data.cvel[ids, :3]
+    arm = data.xpos[ids] - data.subtree_com[1]
+    velocity = data.cvel[ids, 3:] + np.cross(rotation, arm)
+    return WheelMotion(data.xpos[ids], data.xmat[ids][:, [1, 4, 7]], velocity, rotation)
+
+
+def nominal(vehicle: PlantVehicle) -> Vehicle:
+    """Return the vehicle as its file has it, in the words of the control side."""
+    front, trailer, drive = vehicle.front_steering, vehicle.trailer_steering, vehicle.hydrostat
+    return Vehicle(
+        wheelbase=vehicle.tractor.wheelbase_m,
+        hitch_offset=vehicle.hitch.offset_m,
+        drawbar_length=vehicle.drawbar.length_m,
+        trailer_length=vehicle.trailer.length_m,
+        speed_gain=drive.speed_gain_mps,
+        speed_time_constant=drive.time_constant_s,
+        steering_lag_t=front.lag_s,
+        steering_lag_i=trailer.lag_s,
+        steering_limit_t=math.radians(front.limit_deg),
+        steering_limit_i=math.radians(trailer.limit_deg),
+        steering_rate_t=math.radians(front.rate_degps),
+        steering_rate_i=math.radians(trailer.rate_degps),
+        hp_rate=drive.rate_per_s,
+    )

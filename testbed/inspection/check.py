@@ -1,0 +1,111 @@
+"""One check of the inspection: what was measured, what was expected, who says so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+
+from ttempc.types import FloatArray
+
+Verdict = Literal["pass", "FAIL", "not applicable"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Line:
+    """One line of a chart."""
+
+    label: str
+    x: FloatArray  # (n,)
+    y: FloatArray  # (n,)
+    measured: bool = True  # False: the law that it is held against
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """What an experiment measured, to be drawn; units stand in the labels."""
+
+    title: str
+    x_label: str
+    y_label: str
+    lines: tuple[Line, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A figure and the range that it has to lie in.
+
+    `figure` is None where the check does not apply; `note` then says why.
+    """
+
+    name: str
+    figure: float | None  # in `unit`
+    unit: str
+    expectation: str  # in words, with its tolerance
+    low: float  # smallest figure that passes
+    high: float  # largest figure that passes
+    source: str  # of the expectation
+    note: str = ""
+    chart: Chart | None = None
+
+    @property
+    def passed(self) -> bool | None:
+        """Return whether the figure is in its range (NaN is not), None where it does not apply."""
+        return None if self.figure is None else bool(self.low <= self.figure <= self.high)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return the outcome in a word."""
+        return _VERDICTS[self.passed]
+
+
+_VERDICTS: Final[dict[bool | None, Verdict]] = {True: "pass", False: "FAIL", None: "not applicable"}
+
+
+def near(
+    name: str,
+    figure: float,
+    expected: float,
+    tolerance: float,
+    unit: str,
+    source: str,
+    *,
+    note: str = "",
+    chart: Chart | None = None,
+) -> Check:
+    """Return a check of a figure that must lie within `tolerance` of `expected`, in `unit`."""
+    text = f"{number(expected)} ± {tolerance:.2g}"
+    low, high = expected - tolerance, expected + tolerance
+    return Check(name, float(figure), unit, text, low, high, source, note, chart)
+
+
+def between(
+    name: str,
+    figure: float,
+    low: float,
+    high: float,
+    unit: str,
+    source: str,
+    *,
+    note: str = "",
+    chart: Chart | None = None,
+) -> Check:
+    """Return a check of a figure that must lie in [low, high]; an infinite end is no bound."""
+    if np.isinf(high):
+        text = f"at least {number(low)}"
+    elif np.isinf(low) or low == 0.0:
+        text = f"at most {number(high)}"
+    else:
+        text = f"{number(low)} to {number(high)}"
+    return Check(name, float(figure), unit, text, low, high, source, note, chart)
+
+
+def number(value: float) -> str:
+    """Return a number in four digits, large ones in full."""
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
+
+
+def not_applicable(name: str, reason: str) -> Check:
+    """Return a check that says why it cannot be made here."""
+    return Check(name, None, "", "", -np.inf, np.inf, "", reason)

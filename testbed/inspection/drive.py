@@ -1,0 +1,97 @@
+"""The drive and what holds it back: hydrostat step, coast-down."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.optimize import curve_fit
+
+from testbed import tyre
+from testbed.inspection.bench import SPEED, STOP, Bench, bodies, centre_of_mass, drive
+from testbed.inspection.check import Chart, Check, Line, near
+from testbed.terrain import flat
+from testbed.truth import WHEELS
+from ttempc.types import Command
+
+_TAUS: Final = 6.0  # length of the step over the time constant
+_COAST_S: Final = 0.8
+_BUILD_UP_S: Final = 0.2  # in which motion resistance builds up over its relaxation length
+
+
+def hydrostat_step(bench: Bench) -> list[Check]:
+    """Speed after a full step of the hydrostat on firm level ground, as a first-order lag."""
+    vehicle = bench.nominal
+    plant = bench.plant(flat((120.0, 10.0)))
+    plant.reset(-50.0, 0.0, 0.0, 0.0)
+    truths = drive(plant, Command(0.0, 0.0, 1.0), _TAUS * vehicle.speed_time_constant, 0.05)
+    time = np.array([truth.time_s for truth in truths])
+    speed = np.array([truth.speed for truth in truths])
+
+    def lag(t: np.ndarray, gain: float, tau: float) -> np.ndarray:
+        return gain * (1.0 - np.exp(-t / tau))
+
+    (gain, tau), _ = curve_fit(lag, time, speed, (1.0, 1.0))
+    ideal = lag(time, vehicle.speed_gain, vehicle.speed_time_constant)
+    chart = Chart(
+        "Hydrostat step",
+        "time [s]",
+        "speed [m/s]",
+        (Line("plant", time, speed), Line("K (1 - exp(-t/tau))", time, ideal, measured=False)),
+    )
+    source = "vehicle's K and tau; for the paper's vehicle: Kayacan et al. 2016, sec. II"
+    return [
+        near(
+            *("hydrostat gain K", gain, vehicle.speed_gain),
+            *(0.05 * vehicle.speed_gain, "m/s", source),
+            chart=chart,
+        ),
+        near(
+            *("hydrostat time constant tau", tau, vehicle.speed_time_constant),
+            *(0.05 * vehicle.speed_time_constant, "s", source),
+        ),
+    ]
+
+
+def coast_down(bench: Bench) -> list[Check]:
+    """Deceleration with the drive disengaged against motion resistance over inertia.
+
+    (m + sum I/r^2) dv/dt = -sum W (1/Bn + 0.04)
+    """
+    plant = bench.plant(flat((20.0, 20.0)), bench.cone_index)
+    plant.reset(0.0, 0.0, 0.0, SPEED)
+    plant.model.actuator("hydrostat").forcerange[:] = 0.0
+    truths = drive(plant, STOP, _COAST_S, 0.02)
+    time = np.array([truth.time_s for truth in truths])
+    speed = np.array([truth.speed for truth in truths])
+    load = np.mean([truth.wheels.load for truth in truths], axis=0)
+    bn, _ = tyre.mobility(plant.tyres, load, np.full(len(WHEELS), bench.cone_index))
+    resistance = float(load @ tyre.motion_resistance_ratio(bn, np.zeros(len(WHEELS))))
+    mass, _ = centre_of_mass(plant, bodies(plant, "tractor"))
+    model = plant.model
+    spin = np.array(
+        [model.body(wheel).inertia[1] + model.joint(wheel).armature[0] for wheel in WHEELS]
+    )
+    expected = resistance / (mass + float((spin / plant.tyres.radius**2).sum()))
+    late = (time > _BUILD_UP_S) & (speed > 0.1)
+    measured = -float(np.polyfit(time[late], speed[late], 1)[0])
+    chart = Chart(
+        f"Coast-down, {bench.cone_index:.0f} kPa",
+        "time [s]",
+        "speed [m/s]",
+        (
+            Line("plant", time, speed),
+            Line("motion resistance", time, SPEED - expected * time, measured=False),
+        ),
+    )
+    return [
+        near(
+            f"coast-down at {bench.cone_index:.0f} kPa",
+            measured,
+            expected,
+            0.05 * expected,
+            "m/s²",
+            "Brixius 1987: motion resistance 1/Bn + 0.04",
+            chart=chart,
+        )
+    ]

@@ -1,0 +1,72 @@
+"""The ground: spectrum of its roughness under the left and under the right wheels."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from testbed.inspection.bench import Bench, wheel_places
+from testbed.inspection.check import Chart, Check, Line, between, not_applicable
+from testbed.terrain import ISO_8608, REFERENCE_FREQUENCY, Terrain, flat
+from ttempc.types import FloatArray
+
+_BAND: Final = (0.1, 1.5)  # [cycle/m] in which the class is read
+_LANE_M: Final = 3.0  # between passes
+
+
+def roughness(bench: Bench) -> list[Check]:
+    """G_d(n0) of both wheel tracks over all passes across the field, over that of the class."""
+    if bench.rough is None:
+        return [
+            not_applicable(f"roughness of the {side} track", "the ground is of no ISO 8608 class")
+            for side in ("left", "right")
+        ]
+    plant = bench.plant(flat((20.0, 20.0)))
+    plant.reset(0.0, 0.0, 0.0, 0.0)
+    half = 0.5 * float(np.ptp(wheel_places(plant)[2:4, 1]))
+    expected = ISO_8608[bench.iso_class]
+    lines, checks = [], []
+    for side, offset in (("left", half), ("right", -half)):
+        frequency, density = section_spectrum(*_tracks(bench.rough, offset))
+        inside = (frequency >= _BAND[0]) & (frequency <= _BAND[1])
+        frequency, density = frequency[inside], density[inside]
+        level = float(np.mean(density * (frequency / REFERENCE_FREQUENCY) ** 2))
+        lines.append(Line(side, np.log10(frequency), np.log10(density)))
+        checks.append((side, level / expected))
+    law = expected * (frequency / REFERENCE_FREQUENCY) ** -2
+    chart = Chart(
+        f"Roughness of both tracks, class {bench.iso_class}",
+        "log10 of wave number [cycle/m]",
+        "log10 of G_d [m³]",
+        (*lines, Line("ISO 8608", np.log10(frequency), np.log10(law), False)),
+    )
+    return [
+        between(
+            f"roughness of the {side} track over class {bench.iso_class}",
+            *(ratio, 0.5, 2.0, ""),
+            "ISO 8608:2016, table C.1: class limits are half and double the mean",
+            chart=chart if side == "left" else None,
+        )
+        for side, ratio in checks
+    ]
+
+
+def section_spectrum(heights: FloatArray, spacing: float) -> tuple[FloatArray, FloatArray]:
+    """Return frequency [cycle/m] and one-sided density [m^3], the mean over rows of heights [m]."""
+    n = heights.shape[1]
+    window = np.hanning(n)
+    x = np.linspace(-1.0, 1.0, n)
+    level = heights - heights.mean(axis=1, keepdims=True)
+    level = level - (level @ x / (x @ x))[:, None] * x  # a slope is no roughness
+    power = np.abs(np.fft.rfft(level * window, axis=1)) ** 2 * 2.0 * spacing / (window**2).sum()
+    frequency: FloatArray = np.arange(power.shape[1]) / (n * spacing)
+    return frequency, power.mean(axis=0)
+
+
+def _tracks(terrain: Terrain, offset: float) -> tuple[FloatArray, float]:
+    """Return the heights under one wheel along all passes, (passes, n) [m], and their spacing."""
+    (x0, y0), (width, depth) = terrain.origin, terrain.size_m
+    passes = np.arange(y0 + 2.0, y0 + depth - 2.0, _LANE_M)
+    x = np.arange(x0, x0 + width, terrain.spacing_m)
+    return terrain.height(x, passes[:, None] + offset), terrain.spacing_m

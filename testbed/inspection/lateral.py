@@ -1,0 +1,113 @@
+"""Side force: slip angle of the axles across slopes, drift along a contour."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from testbed import tyre
+from testbed.inspection.bench import DRIVEN, SPEED, TRAILER, Bench, drive, steps
+from testbed.inspection.check import Chart, Check, Line, between, near
+from testbed.inspection.steady_motion import Planar, steady_motion
+from testbed.terrain import flat
+from testbed.truth import WHEELS
+from ttempc.types import FloatArray
+
+_SLOPES: Final = np.radians([2.0, 4.0, 6.0, 8.0, 10.0])
+_CONTOUR: Final = 0.10  # [rad] of a level scenario
+_SETTLE_S: Final = 2.0
+_MEAN_S: Final = 1.0
+_DRIFT_S: Final = 8.0
+
+
+def side_force(bench: Bench) -> list[Check]:
+    """Side force over load against slip angle, both axles that do not steer, on side slopes.
+
+    Slip angles are taken from the motion of the axle points, not from what the wheels report.
+    """
+    angles, ratios, law = [], [], []
+    for slope in _SLOPES:
+        plant = bench.plant(
+            flat((40.0, 20.0)).tilted(float(slope), 0.5 * math.pi), bench.cone_index
+        )
+        plant.reset(-10.0, 0.0, 0.0, SPEED)
+        plant.advance(bench.roll, steps(plant, _SETTLE_S))
+        truths = drive(plant, bench.roll, _MEAN_S, 0.05)
+        load = np.mean([t.wheels.load for t in truths], axis=0)
+        side = np.mean([t.wheels.force_lat for t in truths], axis=0)
+        _, bn1 = tyre.mobility(plant.tyres, load, np.full(len(WHEELS), bench.cone_index))
+        # treads that spin are swept aside more slowly: the law is in the faster of rim and ground
+        rear = np.mean([math.atan2(t.lateral_speed, max(t.speed, t.rim_speed)) for t in truths])
+        span = truths[-1].time_s - truths[0].time_s
+        first, last = truths[0].trailer, truths[-1].trailer
+        # the field's y rises with the slope
+        velocity = np.array([last.x - first.x, (last.y - first.y) / math.cos(slope)]) / span
+        yaw = np.mean([t.trailer.yaw for t in truths])
+        trailer = math.atan2(
+            velocity[1] * math.cos(yaw) - velocity[0] * math.sin(yaw),
+            velocity[0] * math.cos(yaw) + velocity[1] * math.sin(yaw),
+        )
+        for axle, angle in ((DRIVEN, float(rear)), (TRAILER, trailer)):
+            angles.append(angle)
+            ratios.append(float(side[axle].sum() / load[axle].sum()))
+            both = tyre.lateral_ratio(bn1[axle], np.full(2, angle))
+            law.append(float(load[axle] @ both / load[axle].sum()))
+    order = np.argsort(angles)
+    degrees = np.degrees(np.array(angles)[order])
+    measured, expected = np.array(ratios)[order], np.array(law)[order]
+    chart = Chart(
+        f"Side force, {bench.cone_index:.0f} kPa",
+        "slip angle [deg]",
+        "side force / load",
+        (Line("plant", degrees, measured), Line("lateral law", degrees, expected, False)),
+    )
+    return [
+        between(
+            f"side force over load at {bench.cone_index:.0f} kPa, off the law",
+            *(np.abs(measured - expected).max(), 0.0, 0.01, ""),
+            "MAVS lateral law, mu_max (1 - exp(-B |alpha|))",
+            note=f"slip angles {degrees.min():.2f} to {degrees.max():.2f} deg",
+            chart=chart,
+        )
+    ]
+
+
+def contour(bench: Bench) -> list[Check]:
+    """Drift down the slope along a contour, steering straight, against the balance of forces."""
+    slope = bench.slope_rad or _CONTOUR
+    plant = bench.plant(flat((60.0, 30.0)), bench.cone_index)
+    plant.reset(0.0, 0.0, 0.0, 0.0)
+    planar = Planar.of(bench, plant)
+    plant = bench.plant(flat((60.0, 30.0)).tilted(slope, 0.5 * math.pi), bench.cone_index)
+    plant.reset(-20.0, 0.0, 0.0, SPEED)
+    truths = drive(plant, bench.roll, _DRIFT_S, 0.1)
+    speed = float(np.mean([t.speed for t in truths]))
+    load = np.mean([t.wheels.load for t in truths], axis=0)  # leaning downhill
+    pull = plant.model.opt.gravity[2] * math.sin(slope)
+    motion = steady_motion(planar, 0.0, speed, load, bench.cone_index, pull)
+    time = np.array([t.time_s for t in truths])
+    down = -np.array([t.tractor.y for t in truths]) / math.cos(slope)
+    predicted = -_drift(motion.lateral_speed, motion.yaw_rate, speed, time)
+    chart = Chart(
+        f"Along a contour, slope {slope:.2f} rad, {bench.cone_index:.0f} kPa",
+        "time [s]",
+        "drift down the slope [m]",
+        (Line("plant", time, down), Line("balance of forces", time, predicted, False)),
+    )
+    return [
+        near(
+            f"drift along a contour of {slope:.2f} rad in {speed * _DRIFT_S:.1f} m",
+            100.0 * down[-1],
+            100.0 * predicted[-1],
+            max(2.0, 15.0 * float(abs(predicted[-1]))),
+            "cm",
+            "planar balance of the lateral law, same law without simulation",
+            chart=chart,
+        )
+    ]
+
+
+def _drift(lateral: float, yaw_rate: float, speed: float, time: FloatArray) -> FloatArray:
+    return lateral * time + 0.5 * speed * yaw_rate * time**2

@@ -1,0 +1,156 @@
+"""The vehicle at rest: axle loads, load transfer on a slope, creep."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from testbed import tyre
+from testbed.inspection.bench import (
+    DRIVEN,
+    FIRM_KPA,
+    STOP,
+    TRAILER,
+    Bench,
+    bodies,
+    centre_of_mass,
+    drive,
+    steps,
+    weight,
+    wheel_motion,
+    wheel_places,
+)
+from testbed.inspection.check import Check, between, near
+from testbed.plant import Plant
+from testbed.terrain import flat
+from testbed.truth import WHEELS, Truth
+from ttempc.types import FloatArray
+
+_SLOPE: Final = math.radians(10.0)
+_STEEP: Final = math.radians(15.0)
+_CREEP_S: Final = 30.0
+_REST_S: Final = 5.0
+_UPHILL: Final = 0.5  # [m/s]
+_CLIMB_S: Final = 4.0
+_FRONT: Final = ~(DRIVEN | TRAILER)
+
+
+def axle_loads(plant: Plant) -> FloatArray:
+    """Return front, rear and trailer axle load [N] on level ground by the rule of the lever, (3,).
+
+    The pin RJ1 passes a vertical force on and no moment: first the trailer about the pin, then the
+    tractor with that force about its rear axle.
+    """
+    gravity = -plant.model.opt.gravity[2]
+    towed = bodies(plant, "drawbar")
+    tractor = [body for body in bodies(plant, "tractor") if body not in towed]
+    mass, centre = centre_of_mass(plant, tractor)
+    mass_towed, centre_towed = centre_of_mass(plant, towed)
+    wheels = wheel_places(plant)[:, 0]
+    front, rear, trailer = (wheels[axle].mean() for axle in (_FRONT, DRIVEN, TRAILER))
+    pin = plant.data.xpos[plant.body_names.index("drawbar"), 0]
+    load_trailer = mass_towed * gravity * (pin - centre_towed[0]) / (pin - trailer)
+    on_pin = mass_towed * gravity - load_trailer
+    load_front = (mass * gravity * (centre[0] - rear) + on_pin * (pin - rear)) / (front - rear)
+    return np.array([load_front, mass * gravity + on_pin - load_front, load_trailer])
+
+
+def static_loads(bench: Bench) -> list[Check]:
+    """Axle loads on level ground against the rule of the lever."""
+    plant = bench.plant(flat((20.0, 20.0)))
+    load = _standing(plant, 0.0).wheels.load
+    measured = np.array([load[axle].sum() for axle in (_FRONT, DRIVEN, TRAILER)])
+    source = "rule of the lever on masses and lengths of the model"
+    total = weight(plant)
+    checks = [near("weight on the wheels", load.sum(), total, 0.005 * total, "N", source)]
+    for axle, figure, expected in zip(
+        ("front", "rear", "trailer"), measured, axle_loads(plant), strict=True
+    ):
+        name = f"static load, {axle} axle"
+        checks.append(near(name, figure, float(expected), 0.01 * expected, "N", source))
+    return checks
+
+
+def load_transfer(bench: Bench) -> list[Check]:
+    """Shift of the loads' centre on a slope against the height h of the centre of mass.
+
+    Forces of the ground lie in its plane but the loads and, with soil wheels, motion resistance,
+    which acts on the hub (`testbed.tyre`): moments about the ground give
+
+        shift = h tan(slope) + lever,   lever = (sum R_i h_i - T (h_rear - r)) / sum N_i
+
+    down the slope from the foot of the centre of mass; the lever is that of motion resistance R_i
+    at the hubs' heights h_i and of traction T at the rim, and counts along the slope alone.
+    """
+    ground = flat((30.0, 20.0)).tilted(_SLOPE, 0.5 * math.pi)
+    across = bench.plant(ground)
+    load = _standing(across, 0.0).wheels.load
+    checks = [_transfer("across", across, load, _feet(across))]
+    up = bench.plant(ground)
+    up.reset(0.0, -4.0, 0.5 * math.pi, _UPHILL)
+    command = bench.command(_UPHILL)
+    up.advance(command, steps(up, _CLIMB_S))
+    load = np.mean([truth.wheels.load for truth in drive(up, command, 0.5, 0.05)], axis=0)
+    if bench.wheels == "soil":
+        lever = _resistance_lever(up, load)
+        return [*checks, _transfer("up", up, load, wheel_places(up), lever)]
+    return [*checks, _transfer("up", up, load, _feet(up))]
+
+
+def _standing(plant: Plant, yaw: float) -> Truth:
+    """Return the vehicle at rest, after what the treads keep from settling has crept away."""
+    plant.reset(0.0, 0.0, yaw, 0.0)
+    return plant.advance(STOP, steps(plant, _REST_S))
+
+
+def _feet(plant: Plant) -> FloatArray:
+    """Return the centres of pressure under the wheels, (6, 3) [m]; axles lean, treads give way."""
+    return tyre.contact(plant.tyres, plant.terrain, wheel_motion(plant)).point
+
+
+def _transfer(
+    name: str, plant: Plant, load: FloatArray, feet: FloatArray, lever: float = 0.0
+) -> Check:
+    uphill = np.array([0.0, math.cos(_SLOPE), math.sin(_SLOPE)])
+    normal = np.array([0.0, -math.sin(_SLOPE), math.cos(_SLOPE)])
+    centre = centre_of_mass(plant, bodies(plant, "tractor"))[1]
+    shift = float(centre @ uphill - load @ (feet @ uphill) / load.sum())
+    expected = float(centre @ normal) * math.tan(_SLOPE) + lever
+    return near(
+        f"load transfer {name} a slope of 10 deg",
+        *(1e3 * shift, 1e3 * expected, 20.0 * expected, "mm"),
+        "moments about the ground: h tan(slope), lever of motion resistance",
+    )
+
+
+def _resistance_lever(plant: Plant, load: FloatArray) -> float:
+    bn, _ = tyre.mobility(plant.tyres, load, np.full(len(WHEELS), FIRM_KPA))
+    resistance = load * tyre.motion_resistance_ratio(bn, np.zeros(len(WHEELS)))  # (6,)
+    normal = np.array([0.0, -math.sin(_SLOPE), math.cos(_SLOPE)])
+    heights = wheel_places(plant) @ normal  # the plane runs through the origin
+    traction = weight(plant) * math.sin(_SLOPE) + float(resistance.sum())
+    sunk = float((heights - plant.tyres.radius)[DRIVEN].mean())
+    return (float(resistance @ heights) - traction * sunk) / float(load.sum())
+
+
+def creep(bench: Bench) -> list[Check]:
+    """Standing across a slope of 15 deg for 30 s."""
+    plant = bench.plant(flat((20.0, 20.0)).tilted(_STEEP, 0.5 * math.pi), bench.cone_index)
+    before = plant.reset(0.0, 0.0, 0.0, 0.0)
+    after = plant.advance(STOP, steps(plant, _CREEP_S))
+    moved = [
+        math.hypot(b.x - a.x, b.y - a.y)
+        for a, b in ((before.tractor, after.tractor), (before.trailer, after.trailer))
+    ]
+    return [
+        between(
+            "creep across a slope of 15 deg in 30 s",
+            1e3 * max(moved),
+            0.0,
+            5.0,
+            "mm",
+            "a standing wheel holds; 5 mm assumed, a sixth of the GNSS noise of the paper",
+        )
+    ]

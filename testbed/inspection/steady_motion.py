@@ -1,0 +1,144 @@
+"""The vehicle in steady motion, solved from the law of the tyres without a simulation.
+
+Tractor and trailer in the plane on six wheels that slip as `testbed.tyre` says; unknown are yaw
+rate, side speed, hitch angle and traction, which the balances of force and moment give. Same law,
+another solver: what the plant adds (linkage, servos, integration, the third dimension) must not
+move the answer. Trailer steering is straight.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import fsolve
+
+from testbed import tyre
+from testbed.inspection.bench import DRIVEN, TRAILER, Bench, bodies, centre_of_mass, wheel_places
+from testbed.plant import Plant
+from testbed.truth import WHEELS
+from testbed.tyre import Tyres
+from ttempc.types import FloatArray
+from ttempc.vehicle import Vehicle
+
+_FRONT = ~(DRIVEN | TRAILER)
+
+
+@dataclass(frozen=True, slots=True)
+class Planar:
+    """A vehicle in the plane, seen in line: x ahead of the tractor point, y to its left."""
+
+    lengths: Vehicle
+    tyres: Tyres
+    place: FloatArray  # (6, 2) [m] of the wheels
+    kingpin_y: float  # [m] of the left one
+    mass: tuple[float, float]  # [kg] of tractor and of trailer with drawbar
+    centre_x: tuple[float, float]  # [m] of these
+
+    @classmethod
+    def of(cls, bench: Bench, plant: Plant) -> Planar:
+        """Return the vehicle of a plant that stands at the origin and looks along x."""
+        towed = bodies(plant, "drawbar")
+        tractor = [body for body in bodies(plant, "tractor") if body not in towed]
+        mass, centre = centre_of_mass(plant, tractor)
+        mass_towed, centre_towed = centre_of_mass(plant, towed)
+        return cls(
+            bench.nominal,
+            plant.tyres,
+            wheel_places(plant)[:, :2],
+            float(plant.model.body("knuckle_left").pos[1]),
+            (mass, mass_towed),
+            (float(centre[0]), float(centre_towed[0])),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyMotion:
+    """What the balances give."""
+
+    yaw_rate: float  # [rad/s]
+    lateral_speed: float  # [m/s] of the tractor point to the left
+    beta: float  # [rad] hitch angle psi_t - psi_d
+
+
+def steady_motion(
+    vehicle: Planar,
+    delta_t: float,
+    speed: float,
+    load: FloatArray,
+    cone_index: float,
+    side_pull: float = 0.0,
+) -> SteadyMotion:
+    """Return the motion in which all forces balance.
+
+    Args:
+        vehicle: the vehicle.
+        delta_t: front steering [rad].
+        speed: of the tractor point along the tractor [m/s].
+        load: on the wheels [N], (6,).
+        cone_index: of the soil [kPa].
+        side_pull: acceleration to the left [m/s^2] that gravity gives on a side slope.
+    """
+    lengths = vehicle.lengths
+    tangent = math.tan(delta_t)
+    heading = np.zeros(len(WHEELS))  # of the wheels in their own body
+    sides = np.sign(vehicle.place[:, 1])
+    heading[_FRONT] = np.arctan2(  # Ackermann
+        lengths.wheelbase * tangent,
+        lengths.wheelbase - sides[_FRONT] * vehicle.kingpin_y * tangent,
+    )
+    bn, bn1 = tyre.mobility(vehicle.tyres, load, np.full(len(WHEELS), cone_index))
+    grip = load * 0.88 * (1.0 - np.exp(-0.1 * bn))
+    pin = np.array([-lengths.hitch_offset, 0.0])
+    half = 0.5 * load[DRIVEN].sum()
+
+    def imbalance(unknown: FloatArray) -> FloatArray:
+        yaw_rate, lateral, beta, drive = unknown
+        cosine, sine = math.cos(beta), math.sin(beta)
+        turn = np.array([[cosine, sine], [-sine, cosine]])  # trailer's axes to the tractor's
+        place = vehicle.place.copy()
+        place[TRAILER] = pin + (place[TRAILER] - pin) @ turn.T
+        centres = np.array([[x, 0.0] for x in vehicle.centre_x])
+        centres[1] = pin + turn @ (centres[1] - pin)
+        absolute = heading - beta * TRAILER
+        ahead = np.column_stack([np.cos(absolute), np.sin(absolute)])
+        left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+
+        def velocity(points: FloatArray) -> FloatArray:
+            return np.column_stack(
+                [speed - yaw_rate * points[:, 1], lateral + yaw_rate * points[:, 0]]
+            )
+
+        moving = velocity(place)
+        along, across = (moving * ahead).sum(axis=1), (moving * left).sum(axis=1)
+        gross = np.where(DRIVEN, drive * half, 0.0)  # open differential: one torque for both
+        slip = -np.log(1.0 - np.minimum(np.abs(gross) / grip, 0.999)) / 7.5
+        rolling = along / (1.0 - slip)
+        side = load * tyre.lateral_ratio(bn1, np.arctan(across / rolling))
+        pull = gross - load * tyre.motion_resistance_ratio(bn, slip)
+        force = pull[:, None] * ahead + side[:, None] * left  # (6, 2)
+        # a body that circles steadily accelerates by yaw rate x velocity
+        circling = velocity(centres)
+        inertia = np.array(vehicle.mass)[:, None] * (
+            yaw_rate * np.column_stack([-circling[:, 1], circling[:, 0]]) - [0.0, side_pull]
+        )
+        total = force.sum(axis=0) - inertia.sum(axis=0)
+        moment = _moment(place, force) - _moment(centres, inertia)
+        about_pin = _moment(place[TRAILER] - pin, force[TRAILER]) - _moment(
+            centres[1:] - pin, inertia[1:]
+        )
+        return np.array([*total, moment, about_pin]) / half
+
+    circle = speed * tangent / lengths.wheelbase
+    behind = lengths.hitch_offset + lengths.drawbar_length + lengths.trailer_length
+    solution, _, found, _ = fsolve(
+        imbalance, [circle, 0.0, circle * behind / speed, 0.1], full_output=True
+    )
+    if found != 1:
+        return SteadyMotion(math.nan, math.nan, math.nan)
+    return SteadyMotion(*map(float, solution[:3]))
+
+
+def _moment(places: FloatArray, forces: FloatArray) -> float:
+    return float((places[:, 0] * forces[:, 1] - places[:, 1] * forces[:, 0]).sum())
