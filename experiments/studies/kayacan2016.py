@@ -45,8 +45,8 @@ STAGES: Final = {
     ],
     "fine": [
         Field("E", strength, slope)
-        for strength in (152.0, 154.0, 156.0, 158.0)
-        for slope in (0.0, 0.03, 0.06)
+        for slope, strengths in {0.0: (146.0, 148.0, 150.0), 0.02: (160.0, 170.0, 180.0)}.items()
+        for strength in strengths
     ],
 }
 
