@@ -1,0 +1,70 @@
+"""Plants to test, and what is asked of them again and again."""
+
+import dataclasses
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from testbed import terrain
+from testbed.plant import Plant
+from testbed.servos import wheel_loads
+from testbed.soil import SoilMap
+from testbed.vehicle_file import read_vehicle, shipped_vehicles
+from ttempc.types import Command
+
+ROOT = Path(__file__).parents[2]
+HARD = SoilMap.named("hard")
+SIDES = ("left", "right")
+STOP = Command(0.0, 0.0, 0.0)
+ROLL = Command(0.0, 0.0, 1.0 / 1.4)
+SMALL = read_vehicle()
+both_vehicles = pytest.mark.parametrize(
+    "vehicle", [read_vehicle(name) for name in shipped_vehicles()], ids=shipped_vehicles()
+)
+DRIVEN, TOWED = [2, 3], [0, 1, 4, 5]
+
+
+def plant_on(ground=None, soil=HARD, vehicle=None, **options):
+    return Plant(vehicle or SMALL, ground or terrain.flat((60.0, 40.0)), soil, **options)
+
+
+def changed(vehicle, table, **keys):
+    """Return the vehicle with some keys of one table of its file changed."""
+    return dataclasses.replace(
+        vehicle, **{table: dataclasses.replace(getattr(vehicle, table), **keys)}
+    )
+
+
+def as_strong(cone_index, vehicle):
+    """Return the soil whose cone index over ground pressure is what `cone_index` is to SMALL."""
+    large, small = (
+        (wheel_loads(each)[4:].sum()) / (each.trailer_wheel.width_m * each.trailer_wheel.radius_m)
+        for each in (vehicle, SMALL)
+    )
+    return SoilMap(cone_index * large / small)
+
+
+def top_speed(vehicle):
+    return vehicle.hydrostat.speed_gain_mps
+
+
+def weight(plant):
+    return -plant.model.opt.gravity[2] * plant.model.body_mass.sum()
+
+
+def axle_points(truth):
+    return np.array([truth.tractor.x, truth.tractor.y, truth.trailer.x, truth.trailer.y])
+
+
+def state_hash(plant):
+    snapshot = plant.snapshot()
+    return hashlib.sha256(snapshot.physics.tobytes() + snapshot.deflection.tobytes()).hexdigest()
+
+
+def rough_run(seed, steps=1000):
+    plant = plant_on(terrain.rough("E", np.random.default_rng(seed), (30.0, 20.0)), SoilMap(300.0))
+    plant.reset(-5.0, 0.0, 0.2, 1.0)
+    plant.advance(Command(0.2, -0.1, 0.8), steps)
+    return plant
