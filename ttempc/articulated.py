@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 
-from ttempc.error_model import exponential
+from ttempc.error_model import zero_order_hold
 from ttempc.feedforward import exact_feedforward
 from ttempc.kinematics import articulated_jacobian, trailer_point_jacobian, wrap_angle
 from ttempc.limits import CommandLimits
 from ttempc.lmpc import LinearMpc
+from ttempc.prediction import PredictedPath, rotation
 from ttempc.qp import CondensedHorizon, HorizonTuning, StageBounds
 from ttempc.reference import Reference, ReferenceSample
 from ttempc.tracking import Actions, TrackingController
@@ -45,18 +46,17 @@ def error_dynamics(
     """
     vehicle = reference.vehicle
     middle = reference.at((np.arange(ticks) + 0.5) * period_s)
-    block = np.zeros((ticks, _N + _D + _M, _N + _D + _M))
+    slope_a, slope_b = np.zeros((ticks, _N + _D, _N + _D)), np.zeros((ticks, _N + _D, _M))
     for k, (state, inputs) in enumerate(zip(middle.state, middle.inputs, strict=True)):
         by_state, by_input, by_disturbance = articulated_jacobian(state, inputs, vehicle)
-        block[k, :_N, :_N] = by_state
-        block[k, :_N, _N : _N + _D] = -by_disturbance
-        block[k, :_N, _N + _D :] = by_input
-    held = exponential(block * period_s)
-    a, b = held[:, : _N + _D, : _N + _D], held[:, : _N + _D, _N + _D :]
+        slope_a[k, :_N, :_N] = by_state
+        slope_a[k, :_N, _N:] = -by_disturbance
+        slope_b[k, :_N] = by_input
+    a, b = zero_order_hold(slope_a, slope_b, period_s)
 
     grid = reference.at(np.arange(ticks + 1) * period_s)
     turn = np.tile(np.eye(_N + _D), (ticks + 1, 1, 1))  # map frame -> reference frame
-    turn[:, :2, :2] = _rotation(-grid.state[:, State.PSI_T])
+    turn[:, :2, :2] = rotation(-grid.state[:, State.PSI_T])
     back = turn.transpose(0, 2, 1)
     a, b = turn[1:] @ a @ back[:-1], turn[1:] @ b
 
@@ -64,7 +64,7 @@ def error_dynamics(
     c[:, 0, State.X] = c[:, 1, State.Y] = 1.0
     trailer = np.zeros((ticks + 1, 2, _N + _D))
     trailer[:, :, :_N] = [trailer_point_jacobian(state, vehicle) for state in grid.state]
-    c[:, 2:] = _rotation(-grid.state[:, State.PSI_I]) @ trailer @ back
+    c[:, 2:] = rotation(-grid.state[:, State.PSI_I]) @ trailer @ back
     return a, b, c
 
 
@@ -85,24 +85,17 @@ class ArticulatedFeedback:
         horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds)
         self._mpc = LinearMpc(horizon)
         self._state = grid.state
-        ahead = 1 + np.arange(horizon.ticks)[:, None] + np.arange(tuning.horizon)  # (ticks, Np)
-        to_map = np.zeros((*ahead.shape, 4, 4))
-        to_map[..., :2, :2] = _rotation(grid.state[:, State.PSI_T])[ahead]
-        to_map[..., 2:, 2:] = _rotation(grid.state[:, State.PSI_I])[ahead]
-        by_plan = -to_map @ horizon.prediction  # (ticks, Np, 4, n + m + m Nc)
-        self._path_by_plan = by_plan.reshape(horizon.ticks, 4 * tuning.horizon, -1)
-        self._reference_path = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)[ahead]
+        self._path = PredictedPath(grid, horizon.prediction)
 
     def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`."""
         state = self._error(k, estimate)
         before = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         feedback = self._mpc.step(k, state, before)
-        path = self._reference_path[k]
         return Actions(
             feedback=-feedback.input,
             robust=np.zeros(_M),
-            predicted_path=path + (self._path_by_plan[k] @ feedback.plan).reshape(path.shape),
+            predicted_path=self._path.of(k, feedback.plan),
             solver=feedback.report,
             fallback=feedback.fallback,
         )
@@ -145,9 +138,3 @@ def _remaining(feedforward: FloatArray, limits: CommandLimits) -> StageBounds:
         step_lower=change - limits.step,
         step_upper=change + limits.step,
     )
-
-
-def _rotation(angle: FloatArray) -> FloatArray:
-    """Return the matrices that turn vectors by `angle` (N,), (N, 2, 2)."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)

@@ -106,11 +106,11 @@ def zero_order_hold(a: FloatArray, b: FloatArray, period_s: float) -> tuple[Floa
     block = np.zeros((count, n + m, n + m))
     block[:, :n, :n] = a * period_s
     block[:, :n, n:] = b * period_s
-    held = exponential(block)  # (N, n + m, n + m)
+    held = _exponential(block)  # (N, n + m, n + m)
     return held[:, :n, :n].copy(), held[:, :n, n:].copy()
 
 
-def exponential(matrices: FloatArray) -> FloatArray:
+def _exponential(matrices: FloatArray) -> FloatArray:
     """Return exp of each of (N, n, n) matrices by Taylor's series, scaled and squared.
 
     scipy's expm takes one matrix after the other and wakes a pool of threads for each: 20 times

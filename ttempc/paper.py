@@ -11,11 +11,12 @@ from ttempc.error_model import POSITIONS, linearise, zero_order_hold
 from ttempc.feedforward import exact_feedforward, printed_feedforward
 from ttempc.limits import CommandLimits
 from ttempc.lmpc import LinearMpc
+from ttempc.prediction import PredictedPath
 from ttempc.qp import CondensedHorizon, HorizonTuning
 from ttempc.reference import Reference, ReferenceSample
 from ttempc.robust import Nominal, RobustGains, RobustLaw
 from ttempc.tracking import Actions, TrackingController
-from ttempc.types import Estimate, FloatArray, Input, State
+from ttempc.types import Estimate, FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 
@@ -39,12 +40,7 @@ class PaperFeedback:
         self._nominal = Nominal(a, b, equations.nominal)
         self._robust = RobustLaw(gains, equations.robust_sign, period_s) if gains else None
         self._to_vehicle = np.array([1.0, 1.0, 1.0 / equations.hp_full_scale])
-        # Predicted path = reference - predicted error turned into the map frame, to first order.
-        ahead = 1 + np.arange(horizon.ticks)[:, None] + np.arange(tuning.horizon)  # (ticks, Np)
-        to_map = _rotations(grid.state[:, State.PSI_T], grid.state[:, State.PSI_I])[ahead]
-        by_plan = -to_map @ horizon.prediction[:, :, POSITIONS]  # (ticks, Np, 4, n + m + m Nc)
-        self._path_by_plan = by_plan.reshape(horizon.ticks, 4 * tuning.horizon, -1)
-        self._reference_path = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)[ahead]
+        self._path = PredictedPath(grid, horizon.prediction[:, :, POSITIONS])
 
     def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k` for the tracking error z_e (7,)."""
@@ -56,12 +52,11 @@ class PaperFeedback:
         u_m, z_m = np.zeros(3), None
         if self._robust:
             u_m, z_m = self._robust.step(k, nominal, error)
-        path = self._reference_path[k]
         return Actions(
             feedback=-feedback.input * self._to_vehicle,
             robust=u_m * self._to_vehicle,
             modelling_error=z_m,
-            predicted_path=path + (self._path_by_plan[k] @ feedback.plan).reshape(path.shape),
+            predicted_path=self._path.of(k, feedback.plan),
             solver=feedback.report,
             fallback=feedback.fallback,
         )
@@ -118,13 +113,3 @@ def _in_paper_unit(
     if gains:
         gains = replace(gains, saturation=scaled(gains.saturation))
     return tuning, gains
-
-
-def _rotations(psi_t: FloatArray, psi_i: FloatArray) -> FloatArray:
-    """Return the matrices that turn (x_t, y_t, x_i, y_i) errors into the map frame, (N, 4, 4)."""
-    rotation = np.zeros((len(psi_t), 4, 4))
-    for first, angle in ((0, psi_t), (2, psi_i)):
-        rotation[:, first, first] = rotation[:, first + 1, first + 1] = np.cos(angle)
-        rotation[:, first + 1, first] = np.sin(angle)
-        rotation[:, first, first + 1] = -np.sin(angle)
-    return rotation
