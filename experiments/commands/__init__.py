@@ -1,0 +1,1 @@
+"""The commands of `ttempc`, one a room: `add` declares it, its function carries it out."""

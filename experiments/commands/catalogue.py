@@ -1,0 +1,29 @@
+"""`ttempc list`: show what a scenario can be made of by name."""
+
+from __future__ import annotations
+
+import argparse
+
+from experiments.commands import options
+from experiments.scenario import load, shipped
+from testbed.vehicle_file import read_vehicle, shipped_vehicles
+from ttempc.controllers import CONTROLLERS
+
+
+def add(commands: options.Commands) -> None:
+    """Declare the command."""
+    listing = commands.add_parser("list", help="show the shipped scenarios and the controllers")
+    listing.set_defaults(command=_list)
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    print("Scenarios (ttempc run NAME):")
+    for name in shipped():
+        print(f"  {name:<14} {load(name)[1].description}")
+    print("\nVehicles (plant.vehicle.file):")
+    for name in shipped_vehicles():
+        print(f"  {name:<14} {read_vehicle(name).description}")
+    print("\nControllers (--controller NAME):")
+    for name, entry in CONTROLLERS.items():
+        print(f"  {name:<20} {entry.about}")
+    return 0

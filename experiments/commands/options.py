@@ -1,0 +1,67 @@
+"""Arguments that several commands take, and the exit codes of all."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Final
+
+EXIT_CHECK_FAILED: Final = 1
+EXIT_BAD_INPUT: Final = 2
+EXIT_LOST: Final = 3
+EXIT_INTERRUPTED: Final = 130
+
+Commands = argparse._SubParsersAction  # the type has no public name
+
+
+def command(commands: Commands, name: str, help: str, about: str) -> argparse.ArgumentParser:
+    """Declare a command with a one-line help and a description that keeps its line breaks."""
+    return commands.add_parser(
+        name,
+        help=help,
+        description=about,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def add_scenario(parser: argparse.ArgumentParser) -> None:
+    """Add what a command on one scenario takes: its name, changes to it, the folder."""
+    parser.add_argument(
+        "scenario",
+        nargs="?",
+        default="grass",
+        metavar="SCENARIO",
+        help="name of a shipped scenario or path of a .toml file (default: grass)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder to make (default: a new one in runs/); an existing one is refused",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        dest="overrides",
+        help="lay a value over the scenario, e.g. soil.cone_index_kpa=250; may be repeated",
+    )
+
+
+def seed(text: str) -> int:
+    """Read a seed from the command line."""
+    if not text.isdecimal() or int(text) >= 2**32:
+        raise argparse.ArgumentTypeError(
+            f"must be a whole number from 0 to 2**32 - 1, got {text!r}"
+        )
+    return int(text)
+
+
+def fresh(parent: Path, stem: str) -> Path:
+    """Return a folder that does not exist yet: the stem, or the stem with a number."""
+    folder, count = parent / stem, 1
+    while folder.exists():
+        count += 1
+        folder = parent / f"{stem}-{count}"
+    return folder
