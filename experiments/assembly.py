@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from experiments.errors import InvalidScenario
+from experiments.factory import ControllerFactory, controller_factory
 from experiments.scenario import Scenario
 from experiments.settings.vehicle import Difference, mismatch
 from testbed.grid import Grid
@@ -21,7 +20,6 @@ from testbed.sensors import SensorSuite
 from testbed.sink import Sink
 from testbed.steps import whole_steps
 from testbed.terrain import Terrain
-from ttempc.controllers import make_controller
 from ttempc.estimator import ExtendedKalmanFilter
 from ttempc.following import check_drivable
 from ttempc.path import Path
@@ -86,9 +84,6 @@ class Assembly:
         )
 
 
-ControllerFactory = Callable[[Vehicle, Reference, float], Controller]
-
-
 def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = None) -> Assembly:
     """Return the objects of a run.
 
@@ -107,7 +102,7 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     path = scenario.path.path()
     check_drivable(path, vehicle)
     reference = Reference(path, vehicle, ConstantSpeed(scenario.path.speed_mps))
-    factory = factory or partial(make_controller, scenario.controller.name)
+    factory = factory or controller_factory(scenario.controller.name)
     controller = factory(vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s
     for what, period in (("control", CONTROL_PERIOD_S), ("record", RECORD_PERIOD_S)):

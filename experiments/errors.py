@@ -11,3 +11,7 @@ class InvalidScenario(ExperimentError):
 
 class OutputExists(ExperimentError):
     """A folder that would have been written over."""
+
+
+class InvalidController(ExperimentError):
+    """A controller that cannot be found or made; the message says where and what is asked for."""

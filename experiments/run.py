@@ -10,8 +10,9 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from experiments.assembly import Assembly, ControllerFactory, assemble
+from experiments.assembly import Assembly, assemble
 from experiments.errors import OutputExists
+from experiments.factory import ControllerFactory
 from experiments.figures import draw
 from experiments.metrics import summarise
 from experiments.report import report

@@ -21,3 +21,7 @@ class PlantDiverged(TestbedError):
 
 class LogError(TestbedError):
     """A log that cannot be written or read."""
+
+
+class ControllerFailed(TestbedError):
+    """A controller raised, or returned what cannot be driven; ends the run as invalid."""

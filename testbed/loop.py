@@ -9,7 +9,8 @@ from time import perf_counter_ns
 from typing import Final, Literal
 
 from testbed import channels, rows
-from testbed.errors import PlantDiverged
+from testbed.border import Border
+from testbed.errors import ControllerFailed, PlantDiverged
 from testbed.log import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from testbed.mishap import MishapLimits, mishap
 from testbed.plant import Plant
@@ -45,6 +46,11 @@ class Rig:
     record_steps: int  # physics steps from one row of the truth to the next
     terrain: Terrain  # to see whether the vehicle is still on it
     mishaps: MishapLimits = field(default_factory=MishapLimits)
+
+    @property
+    def border(self) -> Border:
+        """What the controller's commands must keep to."""
+        return Border(self.vehicle, self.control_steps * self.plant.timestep_s)
 
 
 @dataclass(slots=True)
@@ -108,12 +114,12 @@ def estimate(rig: Rig, period: Period) -> None:
 
 
 def control(rig: Rig, period: Period) -> None:
-    """Turn the estimate into a command."""
+    """Turn the estimate into a command within the vehicle's limits."""
     assert period.estimate is not None
     start = perf_counter_ns()
-    period.control = rig.controller.step(period.estimate, period.k)
+    made = rig.border.ask(rig.controller, period.estimate, period.k, period.command)
     period.control_ns = perf_counter_ns() - start
-    period.command = period.control.command
+    period.control, period.command = made, made.command
 
 
 def note(rig: Rig, period: Period) -> None:
@@ -219,7 +225,7 @@ def drive(
             if period.lost:
                 status, failure = "lost", period.lost
                 break
-    except PlantDiverged as error:
+    except (PlantDiverged, ControllerFailed) as error:
         status, failure = "invalid", str(error)
     time = period.now.time_s
     if failure:

@@ -25,6 +25,8 @@ def numbers(text):
 
 
 def test_commands_run(tmp_path):
+    controller, _ = blocks("python")
+    (tmp_path / "hurried.py").write_text(controller)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     done = subprocess.run(
         ["bash", "-euc", "\n".join(blocks("bash"))],
@@ -36,10 +38,12 @@ def test_commands_run(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "wet" / "report.html").exists()
+    assert (tmp_path / "mine" / "report.html").exists()
 
 
 def test_the_python_example_prints_what_stands_below_it(tmp_path):
-    (example,), (output,) = blocks("python"), blocks("text")
+    (controller, example), (output,) = blocks("python"), blocks("text")
+    (tmp_path / "hurried.py").write_text(controller)
     done = subprocess.run(
         [sys.executable, "-c", example], cwd=tmp_path, capture_output=True, text=True, check=False
     )

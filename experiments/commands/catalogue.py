@@ -26,4 +26,5 @@ def _list(arguments: argparse.Namespace) -> int:
     print("\nControllers (--controller NAME):")
     for name, entry in CONTROLLERS.items():
         print(f"  {name:<20} {entry.about}")
+    print(f"  {'package.module:factory':<20} one of your own, importable from where you stand")
     return 0

@@ -29,7 +29,9 @@ def add(commands: options.Commands) -> None:
     parser = options.command(commands, "run", "drive one scenario to its end", _ABOUT)
     options.add_scenario(parser)
     parser.add_argument(
-        "--controller", metavar="NAME", help=f"who drives: {', '.join(CONTROLLERS)}"
+        "--controller",
+        metavar="NAME",
+        help=f"who drives: {', '.join(CONTROLLERS)}, or package.module:factory of your own",
     )
     parser.add_argument(
         "--seed",
@@ -53,7 +55,7 @@ def _run(arguments: argparse.Namespace) -> int:
         overrides.append(f'controller.name="{arguments.controller}"')
     name, scenario = load(arguments.scenario, overrides)
     folder = arguments.out or options.fresh(
-        Path("runs"), f"{name}-{scenario.controller.name}-{arguments.seed}"
+        Path("runs"), f"{name}-{scenario.controller.name.replace(':', '-')}-{arguments.seed}"
     )
     finished = run(name, scenario, arguments.seed, folder)
     if arguments.json:

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from experiments.assembly import ControllerFactory
 from experiments.batch import mean_errors_cm
+from experiments.factory import ControllerFactory
 from experiments.published import COLUMNS
 from experiments.run import simulate
 from experiments.scenario import load
