@@ -19,6 +19,7 @@ from experiments.report import report
 from experiments.scenario import Scenario, dump
 from experiments.settings.vehicle import Difference
 from experiments.summary import RunFacts, Summary
+from testbed.ground import GROUND_FILE
 from testbed.log import REFERENCE_PATH_TOPIC, LogWriter
 from testbed.loop import Outcome, drive
 from testbed.provenance import run_id, versions
@@ -89,6 +90,7 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
             "scenario.toml": resolved,
             "vehicle.toml": scenario.plant.vehicle.text(),
             "model.xml": assembly.plant.mjcf,
+            GROUND_FILE: assembly.plant.ground.to_npz(),
         },
         body_names=assembly.plant.body_names,
     )

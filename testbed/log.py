@@ -40,7 +40,11 @@ FORMAT: Final = "1"  # raised whenever a reader of the old logs would misread th
 
 _FLUSH_PERIOD_S: Final = 5.0  # what a killed process can lose, in simulated time
 _CHUNK_BYTES: Final = 4 * 2**20  # far above what a flush period holds: a chunk is a flush
-_MEDIA_TYPES: Final = {".toml": "application/toml", ".xml": "application/xml"}
+_MEDIA_TYPES: Final = {
+    ".toml": "application/toml",
+    ".xml": "application/xml",
+    ".npz": "application/zip",
+}
 
 
 class LogWriter:
@@ -60,7 +64,7 @@ class LogWriter:
         path: Path,
         *,
         metadata: Mapping[str, str],
-        attachments: Mapping[str, str],
+        attachments: Mapping[str, str | bytes],
         body_names: Sequence[str] = (),
         channels: Sequence[Channel] = CHANNELS,
     ) -> None:
@@ -76,9 +80,10 @@ class LogWriter:
         )
         self._writer.start(library=PROGRAM)
         self._writer.add_metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT})
-        for name, text in attachments.items():
+        for name, content in attachments.items():
             media_type = _MEDIA_TYPES.get(Path(name).suffix, "text/plain")
-            self._writer.add_attachment(0, 0, name, media_type, text.encode())
+            data = content.encode() if isinstance(content, str) else content
+            self._writer.add_attachment(0, 0, name, media_type, data)
         self._schemas: dict[str, int] = {}
         self._rows = {
             channel.topic: (self._flat_topic(channel), RowEncoder(channel)) for channel in channels

@@ -16,6 +16,7 @@ import numpy as np
 from testbed.actuators import Actuators, ActuatorSpecification, ActuatorState
 from testbed.appearance import paint_ground
 from testbed.errors import InvalidPlant, PlantDiverged
+from testbed.ground import Ground
 from testbed.native_wheels import NativeWheels
 from testbed.servos import tyres_of
 from testbed.soil import SoilMap
@@ -90,14 +91,14 @@ class Plant:
             actuators or ActuatorSpecification(), timestep_s, (front_stop, trailer_stop)
         )
         self._valves = self.actuators.start(hp=0.0)
-        cone_indices = soil.rasterised(terrain)  # (ny, nx)
+        self.ground = Ground(terrain, soil.rasterised(terrain))
         if wheels == "soil":
             self._grid = np.array([*terrain.origin, terrain.spacing_m, timestep_s])
             # views of MuJoCo's arrays, bound once: they outlive a reset of the data
             self._tyre_arguments = (
                 self.tyres.table(),
                 terrain.heights,
-                cone_indices,
+                self.ground.cone_index,
                 self._grid,
                 wheel_bodies,
                 data.xpos,
@@ -110,7 +111,7 @@ class Plant:
             )
             self._native = None
         else:
-            self._native = NativeWheels(model, self.tyres, terrain, cone_indices)
+            self._native = NativeWheels(model, self.tyres, terrain, self.ground.cone_index)
 
     def reset(self, x: float, y: float, yaw: float, speed: float) -> Truth:
         """Put the vehicle on the ground, in line, and let it roll from there.
@@ -181,7 +182,7 @@ class Plant:
         `model` itself holds only what the physics needs.
         """
         model = self._spec.compile()
-        paint_ground(model, self.terrain, self.soil.rasterised(self.terrain))
+        paint_ground(model, self.terrain, self.ground.cone_index)
         return model
 
     def snapshot(self) -> Snapshot:

@@ -20,7 +20,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from testbed.channels import CHANNELS, CONTROL, SOLVER, STATE, Channel
 from testbed.errors import LogError, PlantDiverged
 from testbed.log import FORMAT_KEY, PREDICTED_PATH_TOPIC, REFERENCE_PATH_TOPIC, LogWriter
-from testbed.log_reader import SALVAGED_KEY, read_log, salvage_log
+from testbed.log_content import salvage_content
+from testbed.log_reader import SALVAGED_KEY, read_log, record_of
 from testbed.record import Event, Record, Recorder
 from testbed.schemas import RowEncoder, message_class, message_name
 from testbed.sink import Tee
@@ -159,12 +160,13 @@ def test_at_most_a_flush_period_is_lost_wherever_the_log_is_torn(run, tmp_path):
     places |= set(range(len(data) - 45, len(data)))  # and everywhere in footer and magic
     for place in sorted(places):
         torn.write_bytes(data[:place])
-        left = salvage_log(torn)
+        content = salvage_content(torn)
+        left, found = content.salvage, record_of(content)
         assert left.chunks == sum(end <= place for end in ends)
         assert left.damaged == 0
-        assert starts_like(left.record, record)
+        assert starts_like(found, record)
         if left.chunks:
-            newest_s = left.record[STATE].time_s[-1]
+            newest_s = found[STATE].time_s[-1]
             assert newest_s == pytest.approx(last_s[left.chunks - 1], abs=1.5 * PERIOD_S)
         kept = read_log(torn).metadata[SALVAGED_KEY]
         assert kept.startswith(f"{left.chunks} whole chunks, up to ")
@@ -186,7 +188,7 @@ def test_a_damaged_chunk_costs_no_other(run, tmp_path):
     ends, _ = chunk_ends(bytes(data))
     data[ends[1] - 1000] ^= 0xFF
     damaged.write_bytes(data)
-    left = salvage_log(damaged)
+    left = salvage_content(damaged).salvage
     assert (left.chunks, left.damaged) == (len(ends) - 1, 1)
     found = read_log(damaged)
     assert "1 damaged left out" in found.metadata[SALVAGED_KEY]
