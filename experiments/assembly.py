@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from experiments.course import Course
 from experiments.errors import InvalidScenario
 from experiments.factory import ControllerFactory, controller_factory
 from experiments.scenario import Scenario
@@ -23,12 +24,13 @@ from testbed.terrain import Terrain
 from ttempc.estimator import ExtendedKalmanFilter
 from ttempc.following import check_drivable
 from ttempc.path import Path
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.reference import Reference
 from ttempc.types import Controller, Estimator, FloatArray
 from ttempc.vehicle import Vehicle
 
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
 RECORD_PERIOD_S = 0.04  # the period of the paper's fastest sensors
+_COVER_STEP_M = 0.1  # between the places at which the path is looked at
 EDGE_M = 4.0  # from path to edge of the field: vehicle, antenna and a metre of error
 
 
@@ -45,6 +47,7 @@ class Assembly:
     reference: Reference
     ticks: int
     mismatch: tuple[Difference, ...]  # between the vehicle and what is believed of it
+    notes: tuple[str, ...] = ()  # on the path, for the log
 
     def rig(self, sink: Sink) -> Rig:
         """Return the run with the sink in its place, the plant at its start and rolling."""
@@ -64,6 +67,7 @@ class Assembly:
             record_steps=whole_steps(RECORD_PERIOD_S, timestep, "record period"),
             terrain=self.terrain,
             mishaps=MishapLimits.of(self.plant.vehicle),
+            notes=self.notes,
         )
 
     def reference_path(self, step_m: float) -> FloatArray:
@@ -98,10 +102,11 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
             the message says what, where and what is allowed.
     """
     true, believed = scenario.plant.vehicle, scenario.controller.vehicle
-    vehicle = believed.vehicle(true.filed())
-    path = scenario.path.path()
+    course = scenario.path.course()
+    path = course.path
+    vehicle = _geared(believed.vehicle(true.filed()), course, scenario)
     check_drivable(path, vehicle)
-    reference = Reference(path, vehicle, ConstantSpeed(scenario.path.speed_mps))
+    reference = Reference(path, vehicle, course.speed)
     factory = factory or controller_factory(scenario.controller.name)
     controller = factory(vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s
@@ -124,22 +129,40 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     return Assembly(
         *(plant, sensors, estimator, controller, vehicle, terrain, reference, ticks),
         mismatch=mismatch(true, believed),
+        notes=course.notes,
     )
+
+
+def _geared(vehicle: Vehicle, course: Course, scenario: Scenario) -> Vehicle:
+    """Return the vehicle in the gear of the course.
+
+    Raises:
+        InvalidScenario: it has no such gear.
+    """
+    if course.reverse and not scenario.plant.vehicle.filed().hydrostat.reverse:
+        raise InvalidScenario(
+            f"path.reverse: vehicle {scenario.plant.vehicle.file} drives forward only; its file "
+            "must say hydrostat.reverse = true"
+        )
+    return replace(vehicle, reverse=course.reverse)
 
 
 def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:
     """Refuse a path that comes too near to an edge of the field, or of a map of its soil.
 
     Raises:
-        InvalidScenario: with the path's box, the grid's and the margin.
+        InvalidScenario: with the path's box, the grid's, the margin and the first place within it.
     """
-    box = path.extent()
-    corners = np.array([[box.x_min, box.y_min], [box.x_max, box.y_max]])
-    if not grid.contains(corners[:, 0], corners[:, 1], EDGE_M):
-        (x, y), (width, height) = grid.origin, grid.size_m
+    along = np.linspace(0.0, path.lap_m, math.ceil(path.lap_m / _COVER_STEP_M) + 1)
+    x, y, _ = path.pose(along).T
+    beyond = np.flatnonzero(~grid.inside(x, y, EDGE_M))
+    if len(beyond):
+        first, box = beyond[0], path.extent()
+        (left, low), (width, height) = grid.origin, grid.size_m
         raise InvalidScenario(
             f"path: reaches from ({box.x_min:.1f}, {box.y_min:.1f}) to "
             f"({box.x_max:.1f}, {box.y_max:.1f}) m; it must stay {EDGE_M:g} m inside the {what}, "
-            f"which reaches from ({x:.1f}, {y:.1f}) to ({x + width:.1f}, {y + height:.1f}) m "
-            f"({keys})"
+            f"which reaches from ({left:.1f}, {low:.1f}) to ({left + width:.1f}, "
+            f"{low + height:.1f}) m ({keys}), and does not at s = {along[first]:.1f} m "
+            f"(x = {x[first]:.1f}, y = {y[first]:.1f} m)"
         )

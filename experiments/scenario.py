@@ -120,6 +120,7 @@ def _anchored(scenario: Scenario, folder: Path) -> Scenario:
     plant = scenario.plant
     return replace(
         scenario,
+        path=scenario.path.anchored(folder),
         terrain=scenario.terrain.anchored(folder),
         soil=scenario.soil.anchored(folder),
         plant=replace(plant, vehicle=plant.vehicle.anchored(folder)),

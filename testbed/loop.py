@@ -46,6 +46,7 @@ class Rig:
     record_steps: int  # physics steps from one row of the truth to the next
     terrain: Terrain  # to see whether the vehicle is still on it
     mishaps: MishapLimits = field(default_factory=MishapLimits)
+    notes: tuple[str, ...] = ()  # on the reference, for the log
 
     @property
     def border(self) -> Border:
@@ -89,9 +90,10 @@ class Outcome:
 
 
 def announce(rig: Rig, period: Period) -> None:
-    """Say what of actuators and sensors is not as the paper has it; once, before the first tick."""
+    """Say where the path is from, and what of actuators and sensors is not as the paper has it."""
     specifications = rig.plant.actuators.specification, rig.sensors.specification
-    for text in (note for specification in specifications for note in specification.notes()):
+    said = (note for specification in specifications for note in specification.notes())
+    for text in (*rig.notes, *said):
         rig.sink.event(Event(period.now.time_s, "info", text))
 
 

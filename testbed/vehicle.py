@@ -121,6 +121,7 @@ class Hydrostat:
     speed_gain_mps: Positive  # K, steady speed at position 1
     time_constant_s: Positive  # tau
     rate_per_s: Positive  # change of position that the valve follows; kept by who commands it
+    reverse: bool = False  # positions of -1..0 drive backward, with the same K and tau
 
 
 @dataclass(frozen=True, config=STRICT)

@@ -112,6 +112,14 @@ class Path:
         inside = (along >= 0.0) & (along < self.lap_m)
         return np.where(inside, self._slope(index), 0.0)
 
+    def reversed(self) -> Path:
+        """Return the same curve in the other direction, from its end to its beginning."""
+        x, y, heading = self._pose[-1].tolist()
+        segments = tuple(
+            Segment(length, -last, -first) for length, first, last in reversed(self.segments)
+        )
+        return Path(segments, (x, y, heading + math.pi), self.laps)
+
     def extent(self) -> Extent:
         """Return the box that holds the driven part of the path."""
         count = math.ceil(self.lap_m / _EXTENT_STEP_M) + 1

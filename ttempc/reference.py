@@ -17,15 +17,18 @@ from ttempc.vehicle import Vehicle
 
 
 class SpeedProfile(Protocol):
-    """Where along the path the tractor point should be, and how fast, as a function of time."""
+    """Where along the path the tractor point should be, and how fast, as a function of time.
+
+    A negative speed drives in reverse, towards smaller arc lengths.
+    """
 
     @property
     def top_speed(self) -> float:
-        """Largest speed of the profile [m/s]."""
+        """Largest speed of the profile, forward or in reverse [m/s]."""
         ...
 
     def travel(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return distance [m], speed [m/s] and acceleration [m/s^2] at `times_s`."""
+        """Return arc length [m], speed [m/s] and acceleration [m/s^2] at `times_s`."""
         ...
 
     def duration_s(self, length_m: float) -> float:
@@ -53,7 +56,7 @@ class ConstantSpeed:
         return self.speed
 
     def travel(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return distance [m], speed [m/s] and acceleration [m/s^2] at `times_s`."""
+        """Return arc length [m], speed [m/s] and acceleration [m/s^2] at `times_s`."""
         return self.speed * times_s, np.full_like(times_s, self.speed), np.zeros_like(times_s)
 
     def duration_s(self, length_m: float) -> float:
@@ -92,10 +95,12 @@ class Reference:
         u_delta = delta_r + lag delta_r',   hp = (v_r + tau v_r') / K.
 
     Where nothing changes these are delta_t = atan(L^t kappa), delta_i_r and hp = v_r / K. Times
-    before 0 and beyond `duration_s` are allowed, the path goes on there.
+    before 0 and beyond `duration_s` are allowed, the path goes on there. In reverse the vehicle
+    looks along the path and rolls back over it, all of these hold with a negative v_r.
 
     Raises:
-        InvalidReference: the profile's top speed is beyond the hydrostat's.
+        InvalidReference: the profile's top speed is beyond the hydrostat's, or the vehicle is not
+            in the gear that it asks for.
     """
 
     path: Path
@@ -107,6 +112,12 @@ class Reference:
             raise InvalidReference(
                 f"speed: got {self.speed.top_speed} m/s, the hydrostat ends at "
                 f"{self.vehicle.speed_gain} m/s"
+            )
+        _, speed, _ = self.speed.travel(np.zeros(1))
+        if (speed[0] < 0.0) != self.vehicle.reverse:
+            gear = "in reverse" if self.vehicle.reverse else "forward"
+            raise InvalidReference(
+                f"speed: got {speed[0]} m/s at the start, the vehicle is geared to drive {gear}"
             )
 
     @property

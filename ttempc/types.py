@@ -26,7 +26,7 @@ class State(IntEnum):
     PSI_I = 3  # [rad] yaw of the trailer
     DELTA_T = 4  # [rad] steering angle of the front wheels
     DELTA_I = 5  # [rad] steering angle of the trailer at RJ2, psi_d - psi_i
-    V = 6  # [m/s] forward speed of the tractor point
+    V = 6  # [m/s] forward speed of the tractor point, negative in reverse
 
 
 class Input(IntEnum):
@@ -34,7 +34,7 @@ class Input(IntEnum):
 
     DELTA_T = 0  # [rad]
     DELTA_I = 1  # [rad]
-    HP = 2  # hydrostat position, fraction 0..1
+    HP = 2  # hydrostat position, fraction 0..1; -1..0 in reverse
 
 
 class Disturbance(IntEnum):
@@ -98,7 +98,7 @@ class Command:
 
     delta_t: float  # [rad] front steering
     delta_i: float  # [rad] trailer steering at RJ2
-    hp: float  # hydrostat position, fraction 0..1
+    hp: float  # hydrostat position, fraction 0..1; -1..0 in reverse
 
     def as_array(self) -> FloatArray:
         """Return the command as an (3,) array in the order of `Input`."""

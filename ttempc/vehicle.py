@@ -35,10 +35,13 @@ class Vehicle:
     steering_rate_t: float = math.radians(55.0)  # [rad/s]; paper, eq. (constraints)
     steering_rate_i: float = math.radians(35.0)  # [rad/s]; paper, eq. (constraints)
     hp_rate: float = 0.30  # hydrostat position a second [1/s]; paper, eq. (constraints)
+    reverse: bool = False  # the gear: hydrostat positions 0..1 forward, as in the paper, or -1..0
 
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
+            if item.name == "reverse":
+                continue
             low = 0.0 if item.name != "hitch_offset" else -math.inf
             if not math.isfinite(value) or value <= low:
                 allowed = "finite" if low == -math.inf else "finite and above 0"
@@ -57,12 +60,14 @@ class Vehicle:
     @property
     def input_min(self) -> FloatArray:
         """Smallest command, (3,) in the order of `Input`."""
-        return np.array([-self.steering_limit_t, -self.steering_limit_i, 0.0])
+        hp = -1.0 if self.reverse else 0.0
+        return np.array([-self.steering_limit_t, -self.steering_limit_i, hp])
 
     @property
     def input_max(self) -> FloatArray:
         """Largest command, (3,) in the order of `Input`."""
-        return np.array([self.steering_limit_t, self.steering_limit_i, 1.0])
+        hp = 0.0 if self.reverse else 1.0
+        return np.array([self.steering_limit_t, self.steering_limit_i, hp])
 
     @property
     def input_rate(self) -> FloatArray:
