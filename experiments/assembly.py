@@ -24,7 +24,7 @@ from testbed.terrain import Terrain
 from ttempc.estimator import ExtendedKalmanFilter
 from ttempc.following import check_drivable
 from ttempc.path import Path
-from ttempc.reference import Reference
+from ttempc.reference import Reference, check_pace
 from ttempc.types import Controller, Estimator, FloatArray
 from ttempc.vehicle import Vehicle
 
@@ -107,6 +107,7 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     vehicle = _geared(believed.vehicle(true.filed()), course, scenario)
     check_drivable(path, vehicle)
     reference = Reference(path, vehicle, course.speed)
+    check_pace(reference, CONTROL_PERIOD_S)
     factory = factory or controller_factory(scenario.controller.name)
     controller = factory(vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s

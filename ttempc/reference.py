@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ttempc.errors import InvalidReference
 from ttempc.following import follow
 from ttempc.path import Path
-from ttempc.types import FloatArray
+from ttempc.types import FloatArray, Input, State
 from ttempc.vehicle import Vehicle
 
 
@@ -155,3 +155,31 @@ class Reference:
         """Return the reference at every control tick to its end and `beyond` ticks further."""
         ticks = math.ceil(self.duration_s / period_s - 1e-9) + 1 + beyond
         return self.at(np.arange(ticks) * period_s)
+
+
+def check_pace(reference: Reference, period_s: float) -> None:
+    """Refuse a reference that is too fast for the valves: steering rates, reach of the hydrostat.
+
+    Seen at every control tick.
+
+    Raises:
+        InvalidReference: with the place, what it asks for and what is allowed.
+    """
+    grid, vehicle = reference.on_grid(period_s), reference.vehicle
+    lead = (grid.inputs - grid.state[:, State.DELTA_T :])[:, :2]  # lag times rate
+    rates = np.abs(lead / [vehicle.steering_lag_t, vehicle.steering_lag_i])
+    for what, asked, allowed, unit in (
+        ("front steering", np.degrees(rates[:, 0]), vehicle.steering_rate_t, "deg/s"),
+        ("trailer steering", np.degrees(rates[:, 1]), vehicle.steering_rate_i, "deg/s"),
+        ("hydrostat", np.abs(grid.inputs[:, Input.HP]), 1.0, "of its range"),
+    ):
+        most = math.degrees(allowed) if unit == "deg/s" else allowed
+        worst = int(np.argmax(asked))
+        if asked[worst] > most + 1e-9:
+            x, y = grid.state[worst, :2]
+            raise InvalidReference(
+                f"reference too fast at s = {grid.distance_m[worst]:.1f} m (x = {x:.1f}, "
+                f"y = {y:.1f} m): {what} would need {asked[worst]:.2f} {unit}, allowed are "
+                f"{most:.2f}; drive slower, or smoother (path.max_deviation_m, blend_m, "
+                "acceleration_mps2)"
+            )

@@ -13,6 +13,7 @@ from experiments.course import Course
 from experiments.errors import InvalidScenario
 from experiments.route import read_route
 from testbed.strict import STRICT, Positive
+from ttempc.headland import headland
 from ttempc.path import figure_eight, straight
 from ttempc.reference import ConstantSpeed
 from ttempc.smoothing import smooth
@@ -65,6 +66,25 @@ class Straight(Anchored):
 
 
 @dataclass(frozen=True, config=STRICT)
+class Headland(Anchored):
+    """Parallel passes, east-west about the middle of the field, with turns beyond their ends."""
+
+    kind: Literal["headland"]
+    length_m: Positive = 30.0  # of each pass
+    width_m: Positive = 4.0  # from pass to pass
+    passes: Annotated[int, Field(ge=1, le=200)] = 4
+    radius_m: Positive = 7.0  # smallest of the turns; these are loops, half circles or U's
+    blend_m: Positive = 2.0  # length over which curvature goes from 0 to that of the turn
+    speed_mps: Positive = 1.0
+    reverse: bool = False  # the vehicle backs along the path
+
+    def course(self) -> Course:
+        """Return path and speed."""
+        path = headland(self.length_m, self.width_m, self.passes, self.radius_m, self.blend_m)
+        return Course.along(path, ConstantSpeed(self.speed_mps), reverse=self.reverse)
+
+
+@dataclass(frozen=True, config=STRICT)
 class FilePath(Anchored):
     """Points from a file, smoothed; formats and columns: `experiments.route.read_route`."""
 
@@ -106,4 +126,4 @@ class FilePath(Anchored):
         return replace(self, file=str((folder / self.file).resolve()))
 
 
-PathSettings = Annotated[FigureEight | Straight | FilePath, Field(discriminator="kind")]
+PathSettings = Annotated[FigureEight | Straight | Headland | FilePath, Field(discriminator="kind")]

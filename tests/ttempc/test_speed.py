@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from ttempc.errors import InvalidReference
+from ttempc.headland import headland
 from ttempc.kinematics import advance, trailer_point
 from ttempc.path import Path, Segment, figure_eight, straight
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.reference import ConstantSpeed, Reference, check_pace
 from ttempc.speed import Backward, PlannedSpeed
 from ttempc.vehicle import Vehicle
 
@@ -106,8 +107,8 @@ def test_in_reverse_the_exact_model_stays_on_the_reference_for_a_while():
     assert reference.at(0.0).state[-1] == -1.0
     step_s = 0.01
     state = reference.at(0.0).state
-    for k in range(1200):
-        state = advance(state, reference.at((k + 0.5) * step_s).inputs, vehicle, step_s)
+    for inputs in reference.at((np.arange(1200) + 0.5) * step_s).inputs:
+        state = advance(state, inputs, vehicle, step_s)
     wanted = reference.at(12.0)
     np.testing.assert_allclose(state, wanted.state, atol=0.02)
     np.testing.assert_allclose(trailer_point(state, vehicle), wanted.trailer_xy, atol=0.02)
@@ -127,3 +128,25 @@ def test_limits_follow_the_gear():
     assert (Vehicle().input_min[2], Vehicle().input_max[2]) == (0.0, 1.0)
     backing = Vehicle(reverse=True)
     assert (backing.input_min[2], backing.input_max[2]) == (-1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("blend", "speed", "said"),
+    [
+        (0.05, ConstantSpeed(1.0), r"s = .* m \(x = .*front steering would need .* are 55.00"),
+        (
+            0.5,
+            PlannedSpeed(np.array([0.0, 99.0]), np.array([0.6, 1.4]), 0.5),
+            "hydrostat would need",
+        ),
+    ],
+)
+def test_what_is_too_fast_for_the_valves_is_refused_with_its_place(blend, speed, said):
+    path = figure_eight(blend_m=blend, laps=1)
+    with pytest.raises(InvalidReference, match=said):
+        check_pace(Reference(path, Vehicle(), speed), 0.2)
+
+
+def test_the_shipped_paths_are_slow_enough():
+    for path in (figure_eight(), headland(), figure_eight(6.0, 22.0)):
+        check_pace(Reference(path, Vehicle(), ConstantSpeed(1.3)), 0.2)
