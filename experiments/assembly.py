@@ -105,6 +105,11 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     course = scenario.path.course()
     path = course.path
     vehicle = _geared(believed.vehicle(true.filed()), course, scenario)
+    terrain = scenario.terrain.terrain(seed)
+    _check_covered(path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
+    strength_map = scenario.soil.strength_map()
+    if strength_map:
+        _check_covered(path, strength_map, "soil map", "soil.map")
     check_drivable(path, vehicle)
     reference = Reference(path, vehicle, course.speed)
     check_pace(reference, CONTROL_PERIOD_S)
@@ -113,11 +118,6 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     timestep = scenario.plant.timestep_s
     for what, period in (("control", CONTROL_PERIOD_S), ("record", RECORD_PERIOD_S)):
         whole_steps(period, timestep, f"plant.timestep_s = {timestep}: {what} period")
-    terrain = scenario.terrain.terrain(seed)
-    _check_covered(path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
-    strength_map = scenario.soil.strength_map()
-    if strength_map:
-        _check_covered(path, strength_map, "soil map", "soil.map")
     soil = scenario.soil.soil(seed, terrain, path, strength_map)
     plant = scenario.plant.plant(terrain, soil, scenario.actuators.specification())
     sensors = SensorSuite(scenario.sensors.specification(), timestep, seed, plant.lever_arms)
@@ -161,9 +161,9 @@ def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:
         first, box = beyond[0], path.extent()
         (left, low), (width, height) = grid.origin, grid.size_m
         raise InvalidScenario(
-            f"path: reaches from ({box.x_min:.1f}, {box.y_min:.1f}) to "
+            f"path: leaves at s = {along[first]:.1f} m (x = {x[first]:.1f}, y = {y[first]:.1f} m), "
+            f"reaches from ({box.x_min:.1f}, {box.y_min:.1f}) to "
             f"({box.x_max:.1f}, {box.y_max:.1f}) m; it must stay {EDGE_M:g} m inside the {what}, "
             f"which reaches from ({left:.1f}, {low:.1f}) to ({left + width:.1f}, "
-            f"{low + height:.1f}) m ({keys}), and does not at s = {along[first]:.1f} m "
-            f"(x = {x[first]:.1f}, y = {y[first]:.1f} m)"
+            f"{low + height:.1f}) m ({keys})"
         )

@@ -79,7 +79,7 @@ def follow(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Posture:
     misfit = np.abs(np.hypot(drawbar[..., 0], drawbar[..., 1]) - d)
     if not np.all(misfit < _CLOSED_M):  # NaN counts as a misfit
         worst = float(np.ravel(s_t)[np.argmax(misfit)])
-        raise InvalidPath(f"no posture fits the path with the tractor at s = {worst:.2f} m")
+        raise InvalidPath(f"no posture fits the path with the tractor at {_place(path, worst)}")
 
     psi_t, psi_i = pose_t[..., 2], pose_i[..., 2]
     psi_d = np.arctan2(drawbar[..., 1], drawbar[..., 0])
@@ -121,19 +121,26 @@ def check_drivable(
         InvalidPath: with the place, what it asks for and what is allowed.
     """
     count = math.ceil(path.length_m / _CHECK_STEP_M) + 1
-    posture = follow(path, vehicle, np.linspace(0.0, path.length_m, count))
-    for name, angle, stop, share in (
-        ("front steering", posture.delta_t, vehicle.steering_limit_t, front_share),
-        ("trailer steering", posture.delta_i, vehicle.steering_limit_i, trailer_share),
-    ):
+    along = np.linspace(0.0, path.length_m, count)
+
+    def check(name: str, angle: FloatArray, allowed: float, share: float) -> None:
         worst = int(np.argmax(np.abs(angle)))
-        if abs(angle[worst]) > share * stop:
-            x, y, _ = posture.pose_t[worst]
+        if abs(angle[worst]) > allowed:
             raise InvalidPath(
-                f"path too tight at s = {posture.distance_t[worst]:.1f} m (x = {x:.1f}, "
-                f"y = {y:.1f} m): {name} would need {math.degrees(abs(angle[worst])):.1f} deg, "
-                f"allowed are {math.degrees(share * stop):.1f} deg ({share:.0%} of its stop)"
+                f"path too tight at {_place(path, along[worst])}: {name} would need "
+                f"{math.degrees(abs(angle[worst])):.1f} deg, allowed are "
+                f"{math.degrees(allowed):.1f} deg ({share:.0%} of its stop)"
             )
+
+    delta_t = np.arctan(vehicle.wheelbase * path.curvature(along))
+    check("front steering", delta_t, front_share * vehicle.steering_limit_t, front_share)
+    delta_i = follow(path, vehicle, along).delta_i
+    check("trailer steering", delta_i, trailer_share * vehicle.steering_limit_i, trailer_share)
+
+
+def _place(path: Path, distance: float) -> str:
+    x, y, _ = path.pose(distance)
+    return f"s = {distance:.1f} m (x = {x:.1f}, y = {y:.1f} m)"
 
 
 def _drawbar(

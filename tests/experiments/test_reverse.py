@@ -34,7 +34,9 @@ def test_a_straight_reverse_on_grass_keeps_both_points_within_20_cm():
 
 
 def test_curves_hold_in_reverse_too():
-    summary, _, away = driven("path={kind='headland', passes=2, length_m=4.0, width_m=15.0, reverse=true}")
+    summary, _, away = driven(
+        "path={kind='headland', passes=2, length_m=4.0, width_m=15.0, reverse=true}"
+    )
     assert summary.status == "completed"
     assert away.max() < 0.20
 

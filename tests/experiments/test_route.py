@@ -183,7 +183,7 @@ def test_a_path_beside_the_scenario_is_driven_at_its_speeds(tmp_path, monkeypatc
             "",
             "point 2 at x = 10.00, y = 0.00 m, 10.00 m along the line repeats",
         ),
-        ("0 0\n60 0\n", "", "does not at s = 36.0 m (x = 36.0, y = 0.0 m)"),
+        ("0 0\n60 0\n", "", "leaves at s = 36."),
         ("0 0 0 0 1 9 -1 1\n9 0 0 0 1 9 -1 1\n", "", "set path.reverse = true"),
         (
             "0 0\n10 0\n",
