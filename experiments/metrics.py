@@ -89,9 +89,14 @@ def _estimation(record: Record) -> EstimationStatistics:
     def of(letter: str) -> MeanError:
         place = [f"x_{letter}_m", f"y_{letter}_m"]
         error = record[ESTIMATE].columns(*place)[estimate] - record[STATE].columns(*place)[state]
-        return MeanError(_mean(np.hypot(*error.T)))
+        return MeanError(_mean(_since_first(np.hypot(*error.T))))
 
     return EstimationStatistics(**{body: of(letter) for body, letter in BODIES.items()})
+
+
+def _since_first(samples: FloatArray) -> FloatArray:
+    """Return the samples from the first finite one on: a filter waits for its first readings."""
+    return samples[np.argmax(np.isfinite(samples)) :] if len(samples) else samples
 
 
 def _timing(record: Record, duration_s: float, wall_s: float) -> TimingStatistics:

@@ -69,7 +69,7 @@ class MeanError:
 
 @dataclass(frozen=True, slots=True)
 class EstimationStatistics:
-    """Errors of the estimate, start-up included."""
+    """Errors of the estimate from its first on, start-up included."""
 
     tractor: MeanError
     trailer: MeanError

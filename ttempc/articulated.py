@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from ttempc.belief import by_map, map_gain
 from ttempc.error_model import zero_order_hold
 from ttempc.feedforward import exact_feedforward
 from ttempc.kinematics import articulated_jacobian, trailer_point_jacobian, wrap_angle
@@ -15,10 +16,11 @@ from ttempc.prediction import PredictedPath, rotation
 from ttempc.qp import CondensedHorizon, HorizonTuning, StageBounds
 from ttempc.reference import Reference, ReferenceSample
 from ttempc.tracking import Actions, TrackingController
-from ttempc.types import Disturbance, Estimate, FloatArray, Input, State
+from ttempc.types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
 _N, _M, _D = len(State), len(Input), len(Disturbance)
+_SIZE = _N + _D + len(MapDisturbance)
 
 # Four seconds ahead, six free steps; outputs are x, y of tractor and trailer in their frames.
 TUNING = HorizonTuning(
@@ -33,12 +35,13 @@ TUNING = HorizonTuning(
 def error_dynamics(
     reference: Reference, period_s: float, ticks: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return A (N, 12, 12), B (N, 12, 3) and C (N + 1, 4, 12) along the reference.
+    """Return A (N, 16, 16), B (N, 16, 3) and C (N + 1, 4, 16) along the reference.
 
-    State (z_e, s): z_e = T (z_r - z) is the error of the minimal state with the position in the
-    frame of the reference tractor, s the disturbance, held over the horizon; input u_e = u_r - u:
+    State (z_e, s, m): z_e = T (z_r - z) is the error of the minimal state with the position in the
+    frame of the reference tractor, s the disturbance that turns with the vehicle and m the one that
+    stays with the field (`MapDisturbance`), both held over the horizon; input u_e = u_r - u:
 
-        z_e(k+1) = A_z z_e(k) + B_z u_e(k) - E s,   s(k+1) = s(k).
+        z_e(k+1) = A_z z_e(k) + B_z u_e(k) - E (s + G(psi_r) m),   s(k+1) = s(k),  m(k+1) = m(k).
 
     The Jacobians of the exact model, taken in the middle of each period, are held for it (zero-
     order hold by the matrix exponential); T turns with the reference. Outputs C z_e are the errors
@@ -46,23 +49,26 @@ def error_dynamics(
     """
     vehicle = reference.vehicle
     middle = reference.at((np.arange(ticks) + 0.5) * period_s)
-    slope_a, slope_b = np.zeros((ticks, _N + _D, _N + _D)), np.zeros((ticks, _N + _D, _M))
+    slope_a, slope_b = np.zeros((ticks, _SIZE, _SIZE)), np.zeros((ticks, _SIZE, _M))
     for k, (state, inputs) in enumerate(zip(middle.state, middle.inputs, strict=True)):
         by_state, by_input, by_disturbance = articulated_jacobian(state, inputs, vehicle)
         slope_a[k, :_N, :_N] = by_state
-        slope_a[k, :_N, _N:] = -by_disturbance
+        slope_a[k, :_N, _N : _N + _D] = -by_disturbance
+        _, _, psi_t, psi_i, _, _, v = state.tolist()
+        turning = by_map(psi_t, psi_i, v, float(middle.yaw_rate_t[k]), vehicle)
+        slope_a[k, :_N, _N + _D :] = -by_disturbance @ turning
         slope_b[k, :_N] = by_input
     a, b = zero_order_hold(slope_a, slope_b, period_s)
 
     grid = reference.at(np.arange(ticks + 1) * period_s)
-    turn = np.tile(np.eye(_N + _D), (ticks + 1, 1, 1))  # map frame -> reference frame
+    turn = np.tile(np.eye(_SIZE), (ticks + 1, 1, 1))  # map frame -> reference frame
     turn[:, :2, :2] = rotation(-grid.state[:, State.PSI_T])
     back = turn.transpose(0, 2, 1)
     a, b = turn[1:] @ a @ back[:-1], turn[1:] @ b
 
-    c = np.zeros((ticks + 1, 4, _N + _D))
+    c = np.zeros((ticks + 1, 4, _SIZE))
     c[:, 0, State.X] = c[:, 1, State.Y] = 1.0
-    trailer = np.zeros((ticks + 1, 2, _N + _D))
+    trailer = np.zeros((ticks + 1, 2, _SIZE))
     trailer[:, :, :_N] = [trailer_point_jacobian(state, vehicle) for state in grid.state]
     c[:, 2:] = rotation(-grid.state[:, State.PSI_I]) @ trailer @ back
     return a, b, c
@@ -85,6 +91,7 @@ class ArticulatedFeedback:
         horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds)
         self._mpc = LinearMpc(horizon)
         self._state = grid.state
+        self._vehicle = reference.vehicle
         self._path = PredictedPath(grid, horizon.prediction)
 
     def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
@@ -101,7 +108,7 @@ class ArticulatedFeedback:
         )
 
     def _error(self, k: int, estimate: Estimate) -> FloatArray:
-        """Return (z_e, s) of tick `k`, (12,)."""
+        """Return (z_e, s, m) of tick `k`, (16,)."""
         reference = self._state[k]
         error = reference - estimate.state
         for yaw in (State.PSI_T, State.PSI_I):
@@ -109,7 +116,9 @@ class ArticulatedFeedback:
         cos, sin = math.cos(reference[State.PSI_T]), math.sin(reference[State.PSI_T])
         dx, dy = error[State.X], error[State.Y]
         error[State.X], error[State.Y] = cos * dx + sin * dy, cos * dy - sin * dx
-        return np.concatenate([error, estimate.disturbance])
+        turning = estimate.map_disturbance
+        staying = estimate.disturbance - map_gain(estimate, self._vehicle) @ turning
+        return np.concatenate([error, staying, turning])
 
 
 def articulated_controller(

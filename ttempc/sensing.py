@@ -8,10 +8,12 @@ from typing import Final
 
 import numpy as np
 
+from ttempc.belief import SIZE
+from ttempc.belief_kernel import expect, vehicle_table
 from ttempc.errors import UnknownSensor
-from ttempc.kinematics import hitch_angle, trailer_point, trailer_point_jacobian, wrap_angle
+from ttempc.kinematics import wrap_angle
 from ttempc.noise import SensorNoise
-from ttempc.types import Disturbance, FloatArray, Measurement, Sensor, State
+from ttempc.types import FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
 LENGTH: Final = {
@@ -24,80 +26,23 @@ LENGTH: Final = {
 }
 """Entries of a sample of each sensor that has a model here; estimators pass over all others."""
 
-_ANGLES = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
+PLACE: Final = {sensor: place for place, sensor in enumerate(LENGTH)}
+"""Number of each of these sensors in `ttempc.belief_kernel.expect`."""
 
 
-_N = len(State)
-_COLUMNS = _N + len(Disturbance)
+def expected(sensor: Sensor, belief: FloatArray, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """Return the noise-free reading h of `sensor` at a belief (16,) and its Jacobian.
 
-
-def _row(**entries: float) -> FloatArray:
-    row = np.zeros((1, _COLUMNS))
-    for name, value in entries.items():
-        row[0, State[name]] = value
-    return row
-
-
-_CONSTANT_JACOBIAN = {
-    Sensor.GNSS_TRACTOR: np.eye(2, _COLUMNS),
-    Sensor.STEERING_TRACTOR: _row(DELTA_T=1.0),
-    Sensor.STEERING_TRAILER: _row(DELTA_I=1.0),
-    Sensor.HITCH: _row(PSI_T=1.0, PSI_I=-1.0, DELTA_I=-1.0),
-}
-
-
-def expected(
-    sensor: Sensor, state: FloatArray, disturbance: FloatArray, vehicle: Vehicle
-) -> FloatArray:
-    """Return the noise-free reading h(state, disturbance) of `sensor`, (m,).
+    (m,) and (m, 16). The encoder reads the rim, the others geometry.
 
     Raises:
         UnknownSensor: there is no model of it.
     """
-    match sensor:
-        case Sensor.GNSS_TRACTOR:
-            return state[: State.PSI_T]
-        case Sensor.GNSS_TRAILER:
-            return trailer_point(state, vehicle)
-        case Sensor.STEERING_TRACTOR:
-            return state[State.DELTA_T : State.DELTA_T + 1]
-        case Sensor.STEERING_TRAILER:
-            return state[State.DELTA_I : State.DELTA_I + 1]
-        case Sensor.HITCH:
-            return np.array([hitch_angle(state)])
-        case Sensor.ENCODER:
-            return state[State.V :] * (1.0 + disturbance[Disturbance.WHEEL])
-        case _:
-            raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
-
-
-def expected_jacobian(
-    sensor: Sensor, state: FloatArray, disturbance: FloatArray, vehicle: Vehicle
-) -> FloatArray:
-    """Return d `expected` / d (state, disturbance), (m, 12)."""
-    match sensor:
-        case Sensor.GNSS_TRAILER:
-            jacobian = np.zeros((2, _COLUMNS))
-            jacobian[:, :_N] = trailer_point_jacobian(state, vehicle)
-            return jacobian
-        case Sensor.ENCODER:
-            jacobian = np.zeros((1, _COLUMNS))
-            jacobian[0, State.V] = 1.0 + disturbance[Disturbance.WHEEL]
-            jacobian[0, _N + Disturbance.WHEEL] = state[State.V]
-            return jacobian
-        case _:
-            return _CONSTANT_JACOBIAN[sensor]
-
-
-def innovation(
-    measurement: Measurement, state: FloatArray, disturbance: FloatArray, vehicle: Vehicle
-) -> FloatArray:
-    """Return reading less expectation, (m,); angles within [-pi, pi]."""
-    read = expected(measurement.sensor, state, disturbance, vehicle)
-    difference = np.asarray(measurement.value) - read
-    if measurement.sensor in _ANGLES:
-        return np.array([wrap_angle(float(difference[0]))])
-    return difference
+    if sensor not in LENGTH:
+        raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
+    reading, by_belief = np.zeros(2), np.zeros((2, SIZE))
+    m = expect(PLACE[sensor], belief, vehicle_table(vehicle), reading, by_belief)
+    return reading[:m], by_belief[:m]
 
 
 def first_state(

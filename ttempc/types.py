@@ -38,13 +38,27 @@ class Input(IntEnum):
 
 
 class Disturbance(IntEnum):
-    """Index of each entry of a disturbance: what acts on the vehicle beside its inputs."""
+    """Index of each entry of a disturbance: what acts on the vehicle now, beside its inputs."""
 
     SLIP_T = 0  # [rad] side slip of the rear axle: its course is psi_t + slip
     SLIP_I = 1  # [rad] side slip of the trailer axle
     STEERING = 2  # [rad] front steering that acts beside the measured: bias, slip of the front axle
     DRIVE = 3  # [m/s^2] acceleration beside the hydrostat's: soil drag, slope
     WHEEL = 4  # slip of the driven wheels: their rim runs faster by this share of the speed
+
+
+class MapDisturbance(IntEnum):
+    """Index of each entry of a map disturbance: the part of a `Disturbance` that a slope causes.
+
+    It stays with the field where the vehicle turns: with unit vectors e(psi) along a heading and
+    n(psi) to its left, the axles slip by n(psi)'(SIDE_X, SIDE_Y), the driven wheels by
+    e(psi)'(CLIMB_X, CLIMB_Y).
+    """
+
+    SIDE_X = 0  # [rad] east
+    SIDE_Y = 1  # [rad] north
+    CLIMB_X = 2  # wheel slip on the way east
+    CLIMB_Y = 3  # wheel slip on the way north
 
 
 class Sensor(StrEnum):
@@ -89,7 +103,9 @@ class Estimate:
     trailer_xy: FloatArray  # (2,) [m] trailer point, map frame
     hitch_angle: float  # [rad] beta = psi_t - psi_d
     disturbance: FloatArray = field(default_factory=lambda: np.zeros(len(Disturbance)))  # (5,)
-    innovations: tuple[Innovation, ...] = ()  # of the samples taken in at this tick
+    innovations: tuple[Innovation, ...] = ()  # of the samples that came in for this tick
+    # (4,) see `MapDisturbance`: the share of `disturbance` that turns as the vehicle does not.
+    map_disturbance: FloatArray = field(default_factory=lambda: np.zeros(len(MapDisturbance)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from experiments.metrics import summarise
 from experiments.published import compare
 from experiments.summary import RunFacts
 from experiments.table import WIDTH, table
-from testbed.channels import CONTROL, STATE, TIMING
+from testbed.channels import CONTROL, ESTIMATE, STATE, TIMING
 from testbed.record import Record
 from tests.records import circle, eight, record, straight, table_of
 
@@ -104,6 +104,14 @@ def test_the_estimate_is_judged_at_its_own_times():
     estimation = summarise(record(estimate_off=(0.03, -0.04)), FACTS).estimation
     assert estimation.tractor.mean_euclidean_m == pytest.approx(0.03)
     assert estimation.trailer.mean_euclidean_m == pytest.approx(0.04)
+
+
+def test_estimation_error_counts_from_the_first_estimate_on():
+    """A filter that waits for its first readings has no error yet; one that breaks off has none."""
+    for gap, expected in ((slice(0, 3), pytest.approx(0.03)), (slice(3, 4), None)):
+        made = record(estimate_off=(0.03, -0.04))
+        made[ESTIMATE].values[gap] = np.nan
+        assert summarise(made, FACTS).estimation.tractor.mean_euclidean_m == expected
 
 
 def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it():

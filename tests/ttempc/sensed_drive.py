@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ttempc.belief import SIZE, Belief, slips
+from ttempc.belief_kernel import advance_belief, vehicle_table
 from ttempc.controllers import make_controller
 from ttempc.estimator import ExtendedKalmanFilter
-from ttempc.kinematics import advance
 from ttempc.noise import ProcessNoise, SensorNoise
 from ttempc.path import figure_eight
 from ttempc.reference import ConstantSpeed, Reference
 from ttempc.sensing import LENGTH, expected
-from ttempc.types import Command, Disturbance, Estimate, FloatArray, Measurement, Sensor, State
-from ttempc.valves import slew
+from ttempc.types import Command, Estimate, Estimator, FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
@@ -38,27 +37,30 @@ class SensedDrive:
     process_noise: ProcessNoise = field(default_factory=ProcessNoise)
     sensor_scale: float = 1.0  # how much noisier the sensors are than the filter believes
     spoil: Spoil | None = None  # what happens to a tick's samples on their way to the filter
-    estimator: ExtendedKalmanFilter = field(default_factory=lambda: ExtendedKalmanFilter(VEHICLE))
+    estimator: Estimator = field(default_factory=lambda: ExtendedKalmanFilter(VEHICLE))
     states: list[FloatArray] = field(default_factory=list)
     estimates: list[Estimate] = field(default_factory=list)
-    disturbances: list[FloatArray] = field(default_factory=list)  # every substep
+    received: list[tuple[list[Measurement], Command | None]] = field(default_factory=list)
 
     def run(self, ticks: int) -> SensedDrive:
         """Drive for `ticks` control periods."""
         self._generator = np.random.default_rng(self.seed)
         controller = make_controller("paper", VEHICLE, REFERENCE, PERIOD_S)
-        state, command = REFERENCE.at(0.0).state, None
-        self._valves = state[State.DELTA_T : State.V]
-        self._disturbance = np.zeros(len(Disturbance))
-        measurements = self._sample(state, 0.0, tuple(LENGTH))
+        belief, command = np.zeros(SIZE), None
+        belief[:7] = REFERENCE.at(0.0).state
+        self._valves = belief[Belief.DELTA_T : Belief.RIM].copy()
+        measurements = self._sample(belief, 0.0, tuple(LENGTH))
         for k in range(ticks):
             if self.spoil:
                 measurements = self.spoil(measurements)
             estimate = self.estimator.update(k * PERIOD_S, measurements, command)
+            state = belief[:7].copy()
+            state[State.V] *= 1.0 - slips(belief).wheel
             self.states.append(state)
             self.estimates.append(estimate)
+            self.received.append((measurements, command))
             command = controller.step(estimate, k).command
-            state, measurements = self._advance(state, command, k)
+            belief, measurements = self._advance(belief, command, k)
         return self
 
     def errors(self) -> FloatArray:
@@ -71,29 +73,30 @@ class SensedDrive:
         return np.array([i.normalised_squared for i in found if i.sensor is sensor])
 
     def _advance(
-        self, state: FloatArray, command: Command, k: int
+        self, belief: FloatArray, command: Command, k: int
     ) -> tuple[FloatArray, list[Measurement]]:
-        step_s = PERIOD_S / SUBSTEPS
+        step_s, noise = PERIOD_S / SUBSTEPS, self.process_noise
         measurements = []
+        belief, unused = belief.copy(), np.empty((SIZE, SIZE))
         for j in range(1, SUBSTEPS + 1):
-            density = self.process_noise.density(state[2], state[6])
-            kick = np.linalg.cholesky(density * step_s) @ self._generator.standard_normal(12)
-            inputs, self._valves = slew(self._valves, command.as_array(), VEHICLE, step_s)
-            fading = math.exp(-abs(state[State.V]) * step_s / self.process_noise.memory_m)
-            state = advance(state, inputs, VEHICLE, step_s, self._disturbance) + kick[:7]
-            self._disturbance = fading * self._disturbance + kick[7:]
-            self.disturbances.append(self._disturbance)
+            density = noise.density(belief[Belief.PSI_T], belief[Belief.RIM], noise.roughness)
+            advance_belief(
+                *(belief, self._valves, command.as_array(), vehicle_table(VEHICLE)),
+                *(noise.memories(), step_s, unused),
+            )
+            kick = np.linalg.cholesky(density * step_s) @ self._generator.standard_normal(SIZE)
+            belief += kick
             sensors = FAST if j % FAST_EVERY == 0 else ()
             sensors = (*sensors, *GNSS) if j == SUBSTEPS else sensors
-            measurements += self._sample(state, k * PERIOD_S + j * step_s, sensors)
-        return state, measurements
+            measurements += self._sample(belief, k * PERIOD_S + j * step_s, sensors)
+        return belief, measurements
 
     def _sample(
-        self, state: FloatArray, time_s: float, sensors: tuple[Sensor, ...]
+        self, belief: FloatArray, time_s: float, sensors: tuple[Sensor, ...]
     ) -> list[Measurement]:
         made = []
         for sensor in sensors:
-            value = expected(sensor, state, self._disturbance, VEHICLE)
+            value, _ = expected(sensor, belief, VEHICLE)
             sd = self.sensor_scale * SensorNoise().of(sensor)
             value = value + sd * self._generator.standard_normal(len(value))
             made.append(Measurement(time_s, sensor, tuple(value.tolist())))

@@ -10,9 +10,10 @@ import pytest
 from scipy.stats import chi2
 
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, REFERENCE, VEHICLE, SensedDrive
+from ttempc.belief import SIZE
 from ttempc.errors import InvalidTuning
 from ttempc.estimator import ExtendedKalmanFilter
-from ttempc.kinematics import NO_DISTURBANCE, trailer_point
+from ttempc.kinematics import trailer_point
 from ttempc.noise import ProcessNoise
 from ttempc.sensing import LENGTH, expected
 from ttempc.types import Command, Measurement, Sensor, State
@@ -108,10 +109,10 @@ def test_start_forgets_a_wrong_first_set():
 
 
 def perfect_set(state, time_s):
+    belief = np.zeros(SIZE)
+    belief[:7] = state
     return [
-        Measurement(
-            time_s, sensor, tuple(expected(sensor, state, NO_DISTURBANCE, VEHICLE).tolist())
-        )
+        Measurement(time_s, sensor, tuple(expected(sensor, belief, VEHICLE)[0].tolist()))
         for sensor in LENGTH
     ]
 
@@ -156,7 +157,7 @@ def test_sensor_that_is_kept_out_for_a_second_gets_its_way():
 
 def test_threefold_noise_does_not_upset_the_filter():
     """Neither sensors three times as noisy as believed, nor a process three times as rough."""
-    rough = ProcessNoise(0.006, 0.0105, 0.012, 0.0105, 0.009, 0.045)
+    rough = ProcessNoise(0.017, 0.0144, 0.042, 0.0144, 0.0054, 0.0102)
     for drive in (
         SensedDrive(9, sensor_scale=3.0).run(200),
         SensedDrive(9, process_noise=rough).run(200),
@@ -198,6 +199,92 @@ def test_outage_is_predicted_and_the_covariance_grows():
     assert position[34] > 2.0 * position[24]
     assert position[-1] < 1.5 * position[24]
     assert np.hypot(*drive.errors()[34, :2]) < 0.15
+
+
+@pytest.mark.parametrize("roughness", [0.02, 4.0])
+def test_roughness_of_the_ground_is_learnt(roughness):
+    """From the same start, innovations soon have the size that the filter says on any ground."""
+    noise = ProcessNoise(roughness=roughness)
+    drives = [SensedDrive(seed, noise).run(200) for seed in (21, 22)]
+    late = [i for drive in drives for e in drive.estimates[100:] for i in e.innovations]
+    squares, freedom = sum(i.normalised_squared for i in late), sum(i.dimension for i in late)
+    low, high = chi2.ppf([0.001, 0.999], freedom) / freedom
+    assert low < squares / freedom < high
+
+
+@pytest.fixture(scope="module")
+def sensed():
+    return SensedDrive(11).run(60)
+
+
+def estimates_of(arrivals, commands, **tuning):
+    estimator = ExtendedKalmanFilter(VEHICLE, **tuning)
+    return [
+        estimator.update(k * PERIOD_S, samples, command)
+        for k, (samples, command) in enumerate(zip(arrivals, commands, strict=True))
+    ]
+
+
+@pytest.mark.parametrize("latest", [1, 2, 4])
+def test_the_order_of_arrival_does_not_matter(sensed, latest):
+    """Every sample comes up to `latest` ticks late and in any order: in the end all is the same.
+
+    The last ticks hold nothing back. Outliers are among the samples, and a sensor that the gate
+    keeps out: its patience is a matter of the samples' times, too.
+    """
+    ticks, generator = len(sensed.received), np.random.default_rng(latest)
+    commands = [command for _, command in sensed.received]
+    ordered, mixed = ([[] for _ in range(ticks)] for _ in range(2))
+    for k, (samples, _) in enumerate(sensed.received):
+        for sample in samples:
+            if sample.sensor is Sensor.GNSS_TRAILER and 4.0 < sample.time_s < 7.0:
+                sample = replace(sample, value=(sample.value[0] + 2.0, sample.value[1]))
+            ordered[k].append(sample)
+            late = generator.integers(latest + 1) if 0 < k < ticks - latest else 0
+            mixed[k + late].append(sample)
+    for samples in mixed:
+        generator.shuffle(samples)
+    one, other = estimates_of(ordered, commands)[-1], estimates_of(mixed, commands)[-1]
+    np.testing.assert_array_equal(other.state, one.state)
+    np.testing.assert_array_equal(other.covariance, one.covariance)
+    np.testing.assert_array_equal(other.disturbance, one.disturbance)
+
+
+def test_late_positions_cost_little(sensed):
+    """GNSS samples two ticks late, as long as they come: near to what it is without latency."""
+    commands = [command for _, command in sensed.received]
+    arrivals = [[] for _ in range(len(commands) + 2)]
+    for k, (samples, _) in enumerate(sensed.received):
+        for sample in samples:
+            arrivals[k + 2 * (sample.sensor in GNSS)].append(sample)
+    estimates = estimates_of(arrivals[: len(commands)], commands)
+    errors = np.array(sensed.states) - np.array([e.state for e in estimates])
+    assert np.isnan(estimates[0].state).all(), "no position yet"
+    assert np.hypot(*errors[5:, :2].T).mean() < 1.5 * np.hypot(*sensed.errors()[5:, :2].T).mean()
+    assert all(i.accepted for e in estimates for i in e.innovations)
+
+
+def test_samples_older_than_the_memory_and_repeated_ones_are_refused(sensed):
+    commands = [command for _, command in sensed.received]
+    arrivals = [samples for samples, _ in sensed.received]
+    plain = estimates_of(arrivals, commands, memory_s=0.5)
+    old = next(m for m in arrivals[40] if m.sensor is Sensor.GNSS_TRACTOR)
+    for tick, copies in ((41, 1), (43, 2)):  # there already; older than 0.5 s
+        spoilt = [list(samples) for samples in arrivals]
+        spoilt[tick] += copies * [replace(old, value=(0.0, 0.0))]
+        if tick == 43:
+            spoilt[40].remove(old)
+        found = estimates_of(spoilt, commands, memory_s=0.5)[tick]
+        refused = [i for i in found.innovations if not i.accepted]
+        assert [i.sensor for i in refused] == copies * [Sensor.GNSS_TRACTOR]
+        if tick == 41:
+            np.testing.assert_array_equal(found.state, plain[tick].state)
+
+
+@pytest.mark.parametrize("memory_s", [0.0, -1.0, math.inf, math.nan])
+def test_memory_must_be_finite_and_positive(memory_s):
+    with pytest.raises(InvalidTuning, match="memory_s"):
+        ExtendedKalmanFilter(VEHICLE, memory_s=memory_s)
 
 
 def test_gate_must_be_a_probability():

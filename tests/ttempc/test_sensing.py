@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from tests.ttempc.numeric import central_differences
-from ttempc.errors import InvalidTuning
-from ttempc.kinematics import NO_DISTURBANCE
+from ttempc.belief import SIZE, Belief
+from ttempc.errors import InvalidTuning, UnknownSensor
+from ttempc.kinematics import hitch_angle, trailer_point
 from ttempc.noise import ProcessNoise, SensorNoise
-from ttempc.sensing import LENGTH, expected, expected_jacobian, first_state, innovation
+from ttempc.sensing import LENGTH, expected, first_state
 from ttempc.types import Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -24,10 +25,16 @@ def random_state(generator):
     return state
 
 
+def believed(state):
+    belief = np.zeros(SIZE)
+    belief[:7] = state
+    return belief
+
+
 def readings(state, noise=None, generator=None):
     made = {}
     for sensor in LENGTH:
-        value = expected(sensor, state, NO_DISTURBANCE, VEHICLE)
+        value, _ = expected(sensor, believed(state), VEHICLE)
         if noise:
             value = value + noise.of(sensor) * generator.normal(size=len(value))
         made[sensor] = Measurement(0.0, sensor, tuple(value.tolist()))
@@ -38,13 +45,26 @@ def readings(state, noise=None, generator=None):
 def test_jacobians(sensor):
     generator = np.random.default_rng(61)
     for _ in range(20):
-        state, disturbance = random_state(generator), 0.1 * generator.normal(size=5)
-        numeric = central_differences(
-            lambda x: expected(sensor, x[:7], x[7:], VEHICLE), np.concatenate([state, disturbance])
-        )
-        exact = expected_jacobian(sensor, state, disturbance, VEHICLE)
+        belief = np.concatenate([random_state(generator), 0.1 * generator.normal(size=9)])
+        numeric = central_differences(lambda x: expected(sensor, x, VEHICLE)[0], belief)
+        reading, exact = expected(sensor, belief, VEHICLE)
         np.testing.assert_allclose(exact, numeric, atol=1e-6)
-        assert len(exact) == LENGTH[sensor]
+        assert len(exact) == len(reading) == LENGTH[sensor]
+
+
+def test_sensors_read_what_their_names_say():
+    belief = np.concatenate([random_state(np.random.default_rng(64)), np.full(9, 0.1)])
+    read = {sensor: expected(sensor, belief, VEHICLE)[0] for sensor in LENGTH}
+    np.testing.assert_array_equal(read[Sensor.GNSS_TRACTOR], belief[:2])
+    np.testing.assert_allclose(
+        read[Sensor.GNSS_TRAILER], trailer_point(belief[:7], VEHICLE), atol=1e-12
+    )
+    np.testing.assert_array_equal(read[Sensor.STEERING_TRACTOR], belief[[Belief.DELTA_T]])
+    np.testing.assert_array_equal(read[Sensor.STEERING_TRAILER], belief[[Belief.DELTA_I]])
+    np.testing.assert_allclose(read[Sensor.HITCH], [hitch_angle(belief[:7])], atol=1e-12)
+    np.testing.assert_array_equal(read[Sensor.ENCODER], belief[[Belief.RIM]])
+    with pytest.raises(UnknownSensor, match="imu_tractor: no model"):
+        expected(Sensor.IMU_TRACTOR, belief, VEHICLE)
 
 
 def test_first_state_inverts_the_sensors():
@@ -70,20 +90,19 @@ def test_first_covariance_is_that_of_the_readings():
     assert np.mean(squares) / 7.0 == pytest.approx(1.0, abs=0.05)
 
 
-def test_angles_wrap_and_positions_do_not():
-    state = np.zeros(7)
-    turned = Measurement(0.0, Sensor.HITCH, (math.tau - 0.1,))
-    assert innovation(turned, state, NO_DISTURBANCE, VEHICLE)[0] == pytest.approx(-0.1)
-    far = Measurement(0.0, Sensor.GNSS_TRACTOR, (10.0, -10.0))
-    np.testing.assert_array_equal(innovation(far, state, NO_DISTURBANCE, VEHICLE), [10.0, -10.0])
-
-
 def test_process_noise_turns_with_the_vehicle_and_stops_with_it():
     noise = ProcessNoise()
-    ahead, aside = noise.density(0.0, 1.0), noise.density(math.pi / 2, 1.0)
+    ahead, aside = noise.density(0.0, 1.0, 1.0), noise.density(math.pi / 2, 1.0, 1.0)
     assert aside[0, 0] == pytest.approx(ahead[1, 1])
-    assert np.linalg.eigvalsh(noise.density(0.6, -2.0)).min() >= 0.0
-    assert not noise.density(0.6, 0.0)[:4, :4].any()
+    assert np.linalg.eigvalsh(noise.density(0.6, -2.0, 0.3)).min() >= 0.0
+    assert not noise.density(0.6, 0.0, 1.0)[:4, :4].any()
+
+
+def test_roughness_raises_the_variance_that_the_ground_causes_and_no_other():
+    noise = ProcessNoise()
+    smooth, rough = (noise.density(0.6, 1.0, r) for r in (0.5, 2.0))
+    np.testing.assert_allclose(rough[:4, :4], 4.0 * smooth[:4, :4])
+    np.testing.assert_array_equal(rough[4:, 4:], smooth[4:, 4:])
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
