@@ -37,6 +37,7 @@ class Finished:
     record: Record
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
     mismatch: tuple[Difference, ...]  # between the vehicle and what was believed of it
+    notes: tuple[str, ...] = ()  # on the path
 
 
 def simulate(
@@ -107,7 +108,7 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
     files["report"] = folder / "report.html"
     page = report(summary, record.events, resolved, pictures, assembly.mismatch)
     files["report"].write_text(page, encoding="utf-8")
-    return Finished(summary, record, files, assembly.mismatch)
+    return Finished(summary, record, files, assembly.mismatch, assembly.notes)
 
 
 def _drive(assembly: Assembly, sink: Sink, on_tick: Callable[[int], object]) -> Outcome:

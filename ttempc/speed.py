@@ -58,7 +58,7 @@ class PlannedSpeed:
 
     distance_m: FloatArray  # (n,) arc length of each place [m], rising
     speed_mps: FloatArray  # (n,) speed asked for there [m/s]
-    acceleration_mps2: float = 0.2  # a_max; with tau = 2 s a fifth of the hydrostat's range
+    acceleration_mps2: float = 0.1  # a_max; with the paper's K and tau 15 % of the hydrostat
 
     _speed: PchipInterpolator = field(init=False, repr=False)  # over time [s]
 

@@ -64,6 +64,8 @@ def _run(arguments: argparse.Namespace) -> int:
         print(table(finished.summary))
         if finished.mismatch:
             print(f"Believed wrongly: {', '.join(map(str, finished.mismatch))}")
+        for note in finished.notes:
+            print(f"{note[0].upper()}{note[1:]}")
         print()
         for what, file in finished.files.items():
             print(f"{what:<10}{file}")

@@ -90,9 +90,9 @@ class FilePath(Anchored):
 
     kind: Literal["file"]
     file: str  # relative to the scenario
-    max_deviation_m: Positive = 0.05  # of the smoothed path from the line through the points
+    max_deviation_m: Positive = 0.1  # of the smoothed path from the line through the points
     speed_mps: Positive | None = None  # instead of the file's own; 1.0 where that has none
-    acceleration_mps2: Positive = 0.2  # between the file's own speeds
+    acceleration_mps2: Positive = 0.1  # between the file's own speeds
     origin_m: tuple[float, float] | None = None  # file coordinates of the middle of the field
     origin_deg: tuple[float, float] | None = None  # latitude, longitude of it (GeoJSON)
     reverse: bool = False  # the vehicle backs along the path
