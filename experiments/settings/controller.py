@@ -15,5 +15,5 @@ class ControllerSettings:
     """Who drives."""
 
     name: str = "paper"
-    estimator: Literal["ekf", "truth"] = "ekf"
+    estimator: Literal["ekf", "nmhe", "truth"] = "ekf"
     vehicle: BelievedVehicle = BelievedVehicle()
