@@ -92,12 +92,12 @@ class MovingHorizonEstimator:
         if len(states) < 2:
             return filtered
         guess = np.array([self._last.get(s.time_s, s.beliefs[0]) for s in states])  # (n, 16)
-        for _ in range(self._iterations):
-            found = self._step(states, samples, guess)
-            guess = found.beliefs
-        self._last = {s.time_s: belief for s, belief in zip(states, guess, strict=True)}
+        found = self._step(states, samples, guess)
+        for _ in range(self._iterations - 1):
+            found = self._step(states, samples, found.beliefs)
+        self._last = {s.time_s: x for s, x in zip(states, found.beliefs, strict=True)}
         now = states[-1].copy()
-        now.beliefs[0], now.covariances[0] = guess[-1], found.covariance
+        now.beliefs[0], now.covariances[0] = found.beliefs[-1], found.covariance
         self._filter.predict(now, time_s)
         return estimate_of(
             now.beliefs[0], now.covariances[0], time_s, self._vehicle, filtered.innovations
