@@ -23,6 +23,7 @@ from testbed.steps import whole_steps
 from testbed.terrain import Terrain
 from ttempc.estimator import ExtendedKalmanFilter
 from ttempc.following import check_drivable
+from ttempc.moving_horizon import MovingHorizonEstimator
 from ttempc.path import Path
 from ttempc.reference import Reference, check_pace
 from ttempc.types import Controller, Estimator, FloatArray
@@ -121,11 +122,7 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     soil = scenario.soil.soil(seed, terrain, path, strength_map)
     plant = scenario.plant.plant(terrain, soil, scenario.actuators.specification())
     sensors = SensorSuite(scenario.sensors.specification(), timestep, seed, plant.lever_arms)
-    estimator: Estimator = (
-        TruthEstimator(plant.truth)
-        if scenario.controller.estimator == "truth"
-        else ExtendedKalmanFilter(vehicle, scenario.sensors.believed_noise())
-    )
+    estimator = _estimator(scenario, vehicle, plant)
     ticks = math.ceil(reference.duration_s / CONTROL_PERIOD_S - 1e-9)
     return Assembly(
         *(plant, sensors, estimator, controller, vehicle, terrain, reference, ticks),
@@ -146,6 +143,17 @@ def _geared(vehicle: Vehicle, course: Course, scenario: Scenario) -> Vehicle:
             "must say hydrostat.reverse = true"
         )
     return replace(vehicle, reverse=course.reverse)
+
+
+def _estimator(scenario: Scenario, vehicle: Vehicle, plant: Plant) -> Estimator:
+    noise = scenario.sensors.believed_noise()
+    match scenario.controller.estimator:
+        case "truth":
+            return TruthEstimator(plant.truth)
+        case "ekf":
+            return ExtendedKalmanFilter(vehicle, noise)
+        case "nmhe":
+            return MovingHorizonEstimator(vehicle, noise)
 
 
 def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:

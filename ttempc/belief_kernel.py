@@ -172,12 +172,16 @@ def advance_belief(
     held = np.empty((_N, _ALL))
     for term in range(_TERMS, 0, -1):
         held[:, :] = transition[:_N]
+        share = step_s / term
         for i in range(_N):
             for j in range(_ALL):
-                total = slope[i, j] * transition[j, j] if j >= _N else 0.0
-                for k in range(_N):
-                    total += slope[i, k] * held[k, j]
-                transition[i, j] = total * step_s / term
+                transition[i, j] = slope[i, j] * transition[j, j] if j >= _N else 0.0
+            for k in range(_N):
+                for j in range(_ALL):
+                    transition[i, j] += slope[i, k] * held[k, j]
+            for j in range(_ALL):
+                transition[i, j] *= share
+        for i in range(_N):
             transition[i, i] += 1.0
         for j in range(_N, _ALL):
             transition[j, j] = 1.0 + fade[j - _N] * transition[j, j] / term

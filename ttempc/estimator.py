@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import insort
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 
 import numpy as np
@@ -64,7 +64,7 @@ class ExtendedKalmanFilter:
             gate_probability,
         )
         self._samples: list[Measurement] = []  # by time, then sensor
-        self._known: set[tuple[Sensor, float]] = set()  # sensor and time of each of them
+        self._known: dict[tuple[Sensor, float], bool] = {}  # whether the gate let each of them in
         self._commands: list[tuple[float, FloatArray | None]] = []  # until when each was held
         self._states: list[FilterState] = []  # after the samples of each time
 
@@ -81,10 +81,14 @@ class ExtendedKalmanFilter:
                 continue
             if self._usable(sample, time_s):
                 taken.append(sample)
-                self._known.add((sample.sensor, sample.time_s))
-                insort(self._samples, sample, key=_order)
+                self._known[sample.sensor, sample.time_s] = False
             else:
                 refused.append(Innovation(sample.sensor, math.inf, LENGTH[sample.sensor], False))
+        in_order = sorted(taken, key=_order)
+        late = in_order and self._samples and _order(in_order[0]) < _order(self._samples[-1])
+        self._samples += in_order
+        if late:
+            self._samples.sort(key=_order)
         if self._states:
             fresh = {(sample.sensor, sample.time_s) for sample in taken}
             if taken:
@@ -95,7 +99,7 @@ class ExtendedKalmanFilter:
         if not self._states:
             return self._nothing_known(time_s, tuple(refused))
         now = self._states[-1].copy()
-        self._predict(now, time_s)
+        self.predict(now, time_s)
         innovations = (*refused, *(found[s.sensor, s.time_s] for s in taken if found))
         return estimate_of(now.beliefs[0], now.covariances[0], time_s, self._vehicle, innovations)
 
@@ -128,27 +132,48 @@ class ExtendedKalmanFilter:
             self._states.pop()
         now = self._states[-1].copy()
         said = {}
-        for sample in self._samples:
-            if sample.time_s <= self._states[-1].time_s:
-                continue
+        begin = bisect_right(self._samples, now.time_s, key=lambda sample: sample.time_s)
+        for sample in self._samples[begin:]:
             if sample.time_s > now.time_s and now.time_s > self._states[-1].time_s:
                 self._states.append(now.copy())
-            self._predict(now, sample.time_s)
+            self.predict(now, sample.time_s)
             innovation = self._filter.take_in(now, sample)
-            if (sample.sensor, sample.time_s) in wanted:
-                said[sample.sensor, sample.time_s] = innovation
+            key = sample.sensor, sample.time_s
+            self._known[key] = innovation.accepted
+            if key in wanted:
+                said[key] = innovation
         if now.time_s > self._states[-1].time_s:
             self._states.append(now)
         return said
 
-    def _predict(self, now: FilterState, time_s: float) -> None:
+    def predict(self, now: FilterState, time_s: float) -> None:
         """Run `now` on to `time_s` under the commands that were held on the way."""
-        if time_s - now.time_s > _SAME_TIME_S:
-            for until, command in self._commands:
-                if until > now.time_s + _SAME_TIME_S:
-                    reached = until if until < time_s - _SAME_TIME_S else time_s
-                    self._filter.predict(now, reached, command)
+        for reached, command in self.commands(now.time_s, time_s):
+            self._filter.predict(now, reached, command)
         now.time_s = time_s
+
+    def commands(self, since_s: float, until_s: float) -> list[tuple[float, FloatArray | None]]:
+        """Return the commands (3,) held between two times, each with the time until which."""
+        held = []
+        for until, command in self._commands:
+            if until_s - since_s <= _SAME_TIME_S:
+                break
+            if until > since_s + _SAME_TIME_S:
+                since_s = until if until < until_s - _SAME_TIME_S else until_s
+                held.append((since_s, command))
+        return held
+
+    def memory(self) -> tuple[list[FilterState], list[Measurement]]:
+        """Return the states that are remembered and the samples let in after the first of them."""
+        if not self._states:
+            return [], []
+        begin = self._states[0].time_s
+        let_in = [
+            sample
+            for sample in self._samples
+            if sample.time_s > begin and self._known[sample.sensor, sample.time_s]
+        ]
+        return self._states, let_in
 
     def _forget(self, time_s: float) -> None:
         """Drop what no sample that may still come can need."""
@@ -160,10 +185,12 @@ class ExtendedKalmanFilter:
         else:  # the newest reading of a sensor counts until the filter starts
             newest = {sample.sensor: sample for sample in self._samples}
             kept = [s for s in self._samples if s.time_s >= oldest or newest[s.sensor] is s]
-            self._samples = kept
+            self._samples, self._known = kept, {(s.sensor, s.time_s): False for s in kept}
             oldest = min((s.time_s for s in kept), default=oldest)
-        self._samples = [s for s in self._samples if s.time_s >= oldest]
-        self._known = {(s.sensor, s.time_s) for s in self._samples}
+        gone = bisect_left(self._samples, oldest, key=lambda sample: sample.time_s)
+        for sample in self._samples[:gone]:
+            del self._known[sample.sensor, sample.time_s]
+        del self._samples[:gone]
         self._commands = [item for item in self._commands if item[0] >= oldest]
 
     def _nothing_known(self, time_s: float, innovations: tuple[Innovation, ...]) -> Estimate:

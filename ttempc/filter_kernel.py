@@ -49,29 +49,30 @@ def noise_of(
 @numba.njit(cache=True)
 def _carry(matrix: FloatArray, transition: FloatArray, half: FloatArray) -> None:
     """Put Phi (M + N) Phi' + N in the place of M; all of them (16, 16)."""
-    product = np.empty((_ALL, _ALL))
+    product = np.zeros((_ALL, _ALL))  # Phi (M + N); the lower rows of Phi are diagonal
+    columns = np.empty((_ALL, _N))  # Phi' but for its diagonal part
     for i in range(_ALL):
         for j in range(_ALL):
             matrix[i, j] += half[i, j]
-    for i in range(_ALL):
+        for j in range(_N):
+            columns[i, j] = transition[j, i]
+    for i in range(_N):
+        for k in range(_ALL):  # innermost along rows, so that it becomes vector instructions
+            for j in range(_ALL):
+                product[i, j] += transition[i, k] * matrix[k, j]
+    for i in range(_N, _ALL):
         for j in range(_ALL):
-            total = 0.0
-            if i < _N:
-                for k in range(_ALL):
-                    total += transition[i, k] * matrix[k, j]
-            else:
-                total = transition[i, i] * matrix[i, j]
-            product[i, j] = total
+            product[i, j] = transition[i, i] * matrix[i, j]
+    row = np.empty(_ALL)
     for i in range(_ALL):
+        row[:] = half[i]
+        for k in range(_ALL):
+            for j in range(_N):
+                row[j] += product[i, k] * columns[k, j]
+        for j in range(_N, _ALL):
+            row[j] += product[i, j] * transition[j, j]
         for j in range(i + 1):
-            total = 0.0
-            if j < _N:
-                for k in range(_ALL):
-                    total += product[i, k] * transition[j, k]
-            else:
-                total = product[i, j] * transition[j, j]
-            total += half[i, j]
-            matrix[i, j] = matrix[j, i] = total
+            matrix[i, j] = matrix[j, i] = row[j]
 
 
 @numba.njit(cache=True)

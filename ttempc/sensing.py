@@ -29,6 +29,9 @@ LENGTH: Final = {
 PLACE: Final = {sensor: place for place, sensor in enumerate(LENGTH)}
 """Number of each of these sensors in `ttempc.belief_kernel.expect`."""
 
+ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
+"""Sensors whose readings repeat every turn."""
+
 
 def expected(sensor: Sensor, belief: FloatArray, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
     """Return the noise-free reading h of `sensor` at a belief (16,) and its Jacobian.

@@ -15,5 +15,5 @@ class ControllerSettings:
     """Who drives."""
 
     name: str = "paper"  # in ttempc/controllers.py, or "package.module:factory" of your own
-    estimator: Literal["ekf", "truth"] = "ekf"
+    estimator: Literal["ekf", "nmhe", "truth"] = "ekf"
     vehicle: BelievedVehicle = BelievedVehicle()
