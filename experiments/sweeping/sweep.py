@@ -31,6 +31,7 @@ def sweep(
     folder: Folder,
     engine: Engine,
     on_row: Callable[[Progress], object] = lambda progress: None,
+    work: Callable[[Job], Row] = work,
 ) -> None:
     """Drive what has not been driven.
 
@@ -39,6 +40,7 @@ def sweep(
         folder: held by this process.
         engine: carries the runs out.
         on_row: is told of every row when it is on the disk.
+        work: makes the row of a run.
 
     Raises:
         SweepStopped: the disk is full, or the scheduler is gone; rows that are there stay.
@@ -50,7 +52,7 @@ def sweep(
         keeper = _Keeper(plan, folder)
         jobs = (job(plan, folder, run) for run in range(plan.size) if not results.has(run))
         done = results.count
-        for row in driven(engine, jobs):
+        for row in driven(engine, jobs, work):
             keeper.weigh(row)
             results.append(row)
             done += 1

@@ -76,6 +76,6 @@ def fingerprint(scenario: Scenario) -> str:
     arrays += [record[channel].values for channel in CHANNELS if channel not in _NOT_COMPARED]
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
-    for text in (plant.mjcf, repr(assembly.vehicle), repr(assembly.ticks)):
-        digest.update(text.encode())
+    vehicles = (plant.vehicle, assembly.vehicle, plant.actuators.specification)
+    digest.update(repr((*vehicles, plant.timestep_s, assembly.ticks)).encode())
     return digest.hexdigest()
