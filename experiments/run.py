@@ -13,9 +13,7 @@ from tqdm import tqdm
 from experiments.assembly import Assembly, assemble
 from experiments.errors import OutputExists
 from experiments.factory import ControllerFactory
-from experiments.figures import draw
 from experiments.metrics import summarise
-from experiments.report import report
 from experiments.scenario import Scenario, dump, identity
 from experiments.settings.vehicle import Difference
 from experiments.summary import RunFacts, Summary
@@ -79,6 +77,10 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             nothing is written.
     """
+    # Here, because matplotlib takes a second to load, and workers that only simulate need none.
+    from experiments.figures import draw
+    from experiments.report import report
+
     if folder.exists():
         raise OutputExists(f"output folder {folder}: exists already, give another or remove it")
     assembly = assemble(scenario, seed)
