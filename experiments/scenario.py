@@ -101,10 +101,19 @@ def load(name: str, overrides: Sequence[str] = ()) -> tuple[str, Scenario]:
         InvalidScenario: no such scenario, or one that says something impossible.
     """
     draft = read(name)
+    return draft.name, draft.scenario(overridden(overrides))
+
+
+def overridden(lines: Sequence[str]) -> dict[str, Any]:
+    """Return lines `key.key=value` as tables to lay over a scenario.
+
+    Raises:
+        InvalidScenario: a line is no TOML.
+    """
     changes: dict[str, Any] = {}
-    for line in overrides:
+    for line in lines:
         merge(changes, _parsed(line))
-    return draft.name, draft.scenario(changes)
+    return changes
 
 
 def dump(scenario: Scenario) -> str:
