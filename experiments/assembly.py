@@ -19,6 +19,7 @@ from testbed.oracle import TruthEstimator
 from testbed.plant import Plant
 from testbed.sensors import SensorSuite
 from testbed.sink import Sink
+from testbed.soil_layers import StrengthMap
 from testbed.steps import whole_steps
 from testbed.terrain import Terrain
 from ttempc.estimator import ExtendedKalmanFilter
@@ -102,11 +103,67 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             the message says what, where and what is allowed.
     """
-    true, believed = scenario.plant.vehicle, scenario.controller.vehicle
     course = scenario.path.course()
-    path = course.path
-    vehicle = _geared(believed.vehicle(true.filed()), course, scenario)
+    vehicle = _geared(course, scenario)
     terrain = scenario.terrain.terrain(seed)
+    reference, strength_map = _way(course, vehicle, terrain, scenario)
+    factory = factory or controller_factory(scenario.controller.name)
+    controller = factory(vehicle, reference, CONTROL_PERIOD_S)
+    timestep = scenario.plant.timestep_s
+    _check_periods(timestep)
+    soil = scenario.soil.soil(seed, terrain, course.path, strength_map)
+    plant = scenario.plant.plant(terrain, soil, scenario.actuators.specification())
+    sensors = SensorSuite(scenario.sensors.specification(), timestep, seed, plant.lever_arms)
+    estimator = _estimator(scenario, vehicle, plant)
+    ticks = _ticks(reference)
+    return Assembly(
+        *(plant, sensors, estimator, controller, vehicle, terrain, reference, ticks),
+        mismatch=mismatch(scenario.plant.vehicle, scenario.controller.vehicle),
+        notes=course.notes,
+    )
+
+
+def check(scenario: Scenario) -> int:
+    """Refuse what `assemble` would refuse, in a fraction of its time; return the control ticks.
+
+    Nothing is drawn, compiled or solved for: the ground is level but for its features, there is
+    neither a plant nor a controller.
+
+    Raises:
+        ExperimentError, TestbedError, TtempcError: as `assemble`.
+    """
+    course = scenario.path.course()
+    vehicle = _geared(course, scenario)
+    level = replace(scenario.terrain, iso_class="flat").terrain(seed=0)
+    reference, strength_map = _way(course, vehicle, level, scenario)
+    controller_factory(scenario.controller.name)
+    _check_periods(scenario.plant.timestep_s)
+    scenario.soil.soil(0, level, course.path, strength_map)
+    scenario.plant.vehicle.vehicle()
+    scenario.sensors.specification()
+    return _ticks(reference)
+
+
+def _geared(course: Course, scenario: Scenario) -> Vehicle:
+    """Return the vehicle as it is believed, in the gear of the course.
+
+    Raises:
+        InvalidScenario: it has no such gear.
+    """
+    filed = scenario.plant.vehicle.filed()
+    if course.reverse and not filed.hydrostat.reverse:
+        raise InvalidScenario(
+            f"path.reverse: vehicle {scenario.plant.vehicle.file} drives forward only; its file "
+            "must say hydrostat.reverse = true"
+        )
+    return replace(scenario.controller.vehicle.vehicle(filed), reverse=course.reverse)
+
+
+def _way(
+    course: Course, vehicle: Vehicle, terrain: Terrain, scenario: Scenario
+) -> tuple[Reference, StrengthMap | None]:
+    """Return the reference, on a field and a soil map that cover it; the map, too."""
+    path = course.path
     _check_covered(path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
     strength_map = scenario.soil.strength_map()
     if strength_map:
@@ -114,35 +171,16 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     check_drivable(path, vehicle)
     reference = Reference(path, vehicle, course.speed)
     check_pace(reference, CONTROL_PERIOD_S)
-    factory = factory or controller_factory(scenario.controller.name)
-    controller = factory(vehicle, reference, CONTROL_PERIOD_S)
-    timestep = scenario.plant.timestep_s
+    return reference, strength_map
+
+
+def _ticks(reference: Reference) -> int:
+    return math.ceil(reference.duration_s / CONTROL_PERIOD_S - 1e-9)
+
+
+def _check_periods(timestep: float) -> None:
     for what, period in (("control", CONTROL_PERIOD_S), ("record", RECORD_PERIOD_S)):
         whole_steps(period, timestep, f"plant.timestep_s = {timestep}: {what} period")
-    soil = scenario.soil.soil(seed, terrain, path, strength_map)
-    plant = scenario.plant.plant(terrain, soil, scenario.actuators.specification())
-    sensors = SensorSuite(scenario.sensors.specification(), timestep, seed, plant.lever_arms)
-    estimator = _estimator(scenario, vehicle, plant)
-    ticks = math.ceil(reference.duration_s / CONTROL_PERIOD_S - 1e-9)
-    return Assembly(
-        *(plant, sensors, estimator, controller, vehicle, terrain, reference, ticks),
-        mismatch=mismatch(true, believed),
-        notes=course.notes,
-    )
-
-
-def _geared(vehicle: Vehicle, course: Course, scenario: Scenario) -> Vehicle:
-    """Return the vehicle in the gear of the course.
-
-    Raises:
-        InvalidScenario: it has no such gear.
-    """
-    if course.reverse and not scenario.plant.vehicle.filed().hydrostat.reverse:
-        raise InvalidScenario(
-            f"path.reverse: vehicle {scenario.plant.vehicle.file} drives forward only; its file "
-            "must say hydrostat.reverse = true"
-        )
-    return replace(vehicle, reverse=course.reverse)
 
 
 def _estimator(scenario: Scenario, vehicle: Vehicle, plant: Plant) -> Estimator:

@@ -1,10 +1,8 @@
-"""Many runs in memory, side by side in processes; each has its own seed and shares nothing."""
+"""Many runs in memory, for a study's table, on the engine of the sweeps."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 from tqdm import tqdm
@@ -13,6 +11,7 @@ from experiments.published import compare
 from experiments.run import simulate
 from experiments.scenario import load
 from experiments.summary import Summary
+from experiments.sweeping.engine import engine, flow
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +25,12 @@ class Job:
 
 def summaries(jobs: Sequence[Job]) -> Iterator[tuple[Job, Summary]]:
     """Return job and numbers of every run, in the order of the jobs, on all cores."""
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        yield from zip(jobs, tqdm(pool.map(_run, jobs), total=len(jobs)), strict=True)
+    finished = {}
+    with engine() as cores, tqdm(total=len(jobs)) as bar:
+        for job, future in flow(cores, _run, jobs):
+            finished[job] = future.result()
+            bar.update()
+    yield from ((job, finished[job]) for job in jobs)
 
 
 def mean_errors_cm(summary: Summary) -> list[float]:

@@ -19,3 +19,15 @@ class InvalidController(ExperimentError):
 
 class InvalidRoute(ExperimentError):
     """A file of points to drive along that cannot be used; the message names file and place."""
+
+
+class InvalidStudy(ExperimentError):
+    """A study that cannot be made; the message names file, axis and what is allowed."""
+
+
+class SweepRefused(ExperimentError):
+    """A sweep that cannot begin: its folder, its scheduler or its workers do not fit."""
+
+
+class SweepStopped(ExperimentError):
+    """A sweep that could not go on; what it had found is kept."""

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 
 from experiments.errors import InvalidController
-from ttempc.controllers import make_controller
+from ttempc.controllers import composition
 from ttempc.reference import Reference
 from ttempc.types import Controller
 from ttempc.vehicle import Vehicle
@@ -25,12 +25,12 @@ def controller_factory(name: str) -> ControllerFactory:
     `python -m`, that is from the working directory, too.
 
     Raises:
-        InvalidController: no such module or factory, or a module that cannot be imported. A name
-            of the project's that does not exist is refused by the maker.
+        InvalidController: no such module or factory, or a module that cannot be imported.
+        UnknownController: the project has none of that name.
     """
     if ":" in name:
         return partial(_made, name, _imported(name))
-    return partial(make_controller, name)
+    return composition(name).make
 
 
 def _imported(name: str) -> Callable[..., object]:

@@ -13,16 +13,14 @@ from tqdm import tqdm
 from experiments.assembly import Assembly, assemble
 from experiments.errors import OutputExists
 from experiments.factory import ControllerFactory
-from experiments.figures import draw
 from experiments.metrics import summarise
-from experiments.report import report
-from experiments.scenario import Scenario, dump
+from experiments.scenario import Scenario, dump, identity
 from experiments.settings.vehicle import Difference
 from experiments.summary import RunFacts, Summary
 from testbed.ground import GROUND_FILE
 from testbed.log import REFERENCE_PATH_TOPIC, LogWriter
 from testbed.loop import Outcome, drive
-from testbed.provenance import run_id, versions
+from testbed.provenance import versions
 from testbed.record import Record, Recorder
 from testbed.sink import Sink, Tee
 
@@ -41,20 +39,35 @@ class Finished:
 
 
 def simulate(
-    name: str, scenario: Scenario, seed: int, factory: ControllerFactory | None = None
+    name: str,
+    scenario: Scenario,
+    seed: int,
+    factory: ControllerFactory | None = None,
+    log: Path | None = None,
 ) -> tuple[Summary, Record]:
-    """Run a scenario in memory and return its numbers; nothing is written.
+    """Run a scenario in memory and return its numbers; nothing is written but the log, if asked.
 
-    `factory` makes a controller of your own from vehicle, reference and control period [s].
+    Args:
+        name: of the scenario.
+        scenario: what to run.
+        seed: draws terrain and noise.
+        factory: makes a controller of your own from vehicle, reference and control period [s].
+        log: file to write the log to, in a folder that exists.
 
     Raises:
+        LogError: the log cannot be written.
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
     """
     assembly = assemble(scenario, seed, factory)
     recorder = Recorder()
-    outcome = _drive(assembly, recorder, lambda k: None)
+    if log is None:
+        outcome = _drive(assembly, recorder, lambda k: None)
+    else:
+        with _log_writer(name, scenario, seed, assembly, log) as writer:
+            outcome = _drive(assembly, Tee(recorder, writer), lambda k: None)
     record = recorder.record()
-    return summarise(record, _facts(name, scenario, seed, outcome, log=None)), record
+    facts = _facts(name, scenario, seed, outcome, log and log.name)
+    return summarise(record, facts), record
 
 
 def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
@@ -65,6 +78,10 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             nothing is written.
     """
+    # Here, because matplotlib takes a second to load, and workers that only simulate need none.
+    from experiments.figures import draw
+    from experiments.report import report
+
     if folder.exists():
         raise OutputExists(f"output folder {folder}: exists already, give another or remove it")
     assembly = assemble(scenario, seed)
@@ -75,29 +92,11 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
     resolved = dump(scenario)
     files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
     files["scenario"].write_text(resolved, encoding="utf-8")
-    metadata = {
-        "scenario": name,
-        "controller": scenario.controller.name,
-        "seed": str(seed),
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
-        **versions(),
-    }
+    log = _log_writer(name, scenario, seed, assembly, files["log"])
     recorder = Recorder()
-    log = LogWriter(
-        files["log"],
-        metadata=metadata,
-        attachments={
-            "scenario.toml": resolved,
-            "vehicle.toml": scenario.plant.vehicle.text(),
-            "model.xml": assembly.plant.mjcf,
-            GROUND_FILE: assembly.plant.ground.to_npz(),
-        },
-        body_names=assembly.plant.body_names,
-    )
     with log, _progress(assembly.ticks, f"{name}, {scenario.controller.name}, seed {seed}") as bar:
         outcome = _drive(assembly, Tee(recorder, log), lambda k: bar.update())
-    record = recorder.record(metadata)
+    record = recorder.record(log.metadata)
     summary = summarise(record, _facts(name, scenario, seed, outcome, files["log"].name))
     files["summary"] = folder / "summary.json"
     files["summary"].write_text(summary.to_json(), encoding="utf-8")
@@ -111,6 +110,31 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
     return Finished(summary, record, files, assembly.mismatch, assembly.notes)
 
 
+def _log_writer(
+    name: str, scenario: Scenario, seed: int, assembly: Assembly, file: Path
+) -> LogWriter:
+    """Return the log of a run, with everything that describes it."""
+    metadata = {
+        "scenario": name,
+        "controller": scenario.controller.name,
+        "seed": str(seed),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
+        **versions(),
+    }
+    return LogWriter(
+        file,
+        metadata=metadata,
+        attachments={
+            "scenario.toml": dump(scenario),
+            "vehicle.toml": scenario.plant.vehicle.text(),
+            "model.xml": assembly.plant.mjcf,
+            GROUND_FILE: assembly.plant.ground.to_npz(),
+        },
+        body_names=assembly.plant.body_names,
+    )
+
+
 def _drive(assembly: Assembly, sink: Sink, on_tick: Callable[[int], object]) -> Outcome:
     rig = assembly.rig(sink)
     sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))
@@ -120,7 +144,7 @@ def _drive(assembly: Assembly, sink: Sink, on_tick: Callable[[int], object]) -> 
 def _facts(name: str, scenario: Scenario, seed: int, outcome: Outcome, log: str | None) -> RunFacts:
     code = versions()
     return RunFacts(
-        run_id=run_id(f"{dump(scenario)}\nseed = {seed}\n", code),
+        run_id=identity(dump(scenario), seed, code),
         scenario=name,
         controller=scenario.controller.name,
         seed=seed,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -20,6 +21,7 @@ from experiments.settings.sensors import SensorSettings
 from experiments.settings.soil import SoilSettings
 from experiments.settings.terrain import TerrainSettings
 from testbed.errors import InvalidPlant
+from testbed.provenance import run_id
 from testbed.resources import resource
 from testbed.strict import STRICT, read_toml, validated
 
@@ -43,6 +45,51 @@ def shipped() -> list[str]:
     return sorted(path.stem for path in resource("experiments", "scenarios").glob("*.toml"))
 
 
+@dataclass(frozen=True)
+class Draft:
+    """The file of a scenario, read but not yet checked."""
+
+    file: Path
+    content: dict[str, Any]
+
+    @property
+    def name(self) -> str:
+        """Return the name of the scenario."""
+        return self.file.stem
+
+    def scenario(self, changes: Mapping[str, Any] | None = None) -> Scenario:
+        """Return the scenario, checked and with every absent key filled in.
+
+        Args:
+            changes: tables laid over the content of the file.
+
+        Raises:
+            InvalidScenario: it says something impossible.
+        """
+        content = copy.deepcopy(self.content)
+        merge(content, changes or {})
+        if isinstance(content.get("path"), dict):
+            content["path"].setdefault("kind", FigureEight.kind)
+        try:
+            scenario = validated(Scenario, content, InvalidScenario)
+            return _resolved(_anchored(scenario, self.file.parent))
+        except (InvalidScenario, InvalidPlant) as error:
+            raise InvalidScenario(f"{self.file}: {error}") from None
+
+
+def read(name: str) -> Draft:
+    """Return what stands in the file of a scenario.
+
+    Args:
+        name: a shipped scenario, or the path of a TOML file.
+
+    Raises:
+        InvalidScenario: no such scenario, or its file is no TOML.
+    """
+    file = _find(name)
+    return Draft(file, read_toml(file, InvalidScenario))
+
+
 def load(name: str, overrides: Sequence[str] = ()) -> tuple[str, Scenario]:
     """Return name and content of a scenario.
 
@@ -53,17 +100,20 @@ def load(name: str, overrides: Sequence[str] = ()) -> tuple[str, Scenario]:
     Raises:
         InvalidScenario: no such scenario, or one that says something impossible.
     """
-    file = _find(name)
-    content = read_toml(file, InvalidScenario)
-    for line in overrides:
-        _override(content, line)
-    if isinstance(content.get("path"), dict):
-        content["path"].setdefault("kind", FigureEight.kind)
-    try:
-        scenario = validated(Scenario, content, InvalidScenario)
-        return file.stem, _resolved(_anchored(scenario, file.parent))
-    except (InvalidScenario, InvalidPlant) as error:
-        raise InvalidScenario(f"{file}: {error}") from None
+    draft = read(name)
+    return draft.name, draft.scenario(overridden(overrides))
+
+
+def overridden(lines: Sequence[str]) -> dict[str, Any]:
+    """Return lines `key.key=value` as tables to lay over a scenario.
+
+    Raises:
+        InvalidScenario: a line is no TOML.
+    """
+    changes: dict[str, Any] = {}
+    for line in lines:
+        merge(changes, _parsed(line))
+    return changes
 
 
 def dump(scenario: Scenario) -> str:
@@ -71,7 +121,12 @@ def dump(scenario: Scenario) -> str:
 
     Of the vehicle, what is not given is left out: TOML has no word for it, and `load` fills it in.
     """
-    return tomli_w.dumps(_plain(asdict(scenario)))
+    return tomli_w.dumps(plain(asdict(scenario)))
+
+
+def identity(scenario_toml: str, seed: int, code: dict[str, str]) -> str:
+    """Return the identity of a run of a dumped scenario with a seed under these versions."""
+    return run_id(f"{scenario_toml}\nseed = {seed}\n", code)
 
 
 def _find(name: str) -> Path:
@@ -87,32 +142,32 @@ def _find(name: str) -> Path:
     )
 
 
-def _override(content: dict[str, Any], line: str) -> None:
-    """Lay one `key.key=value` over the content of a file, in place."""
+def _parsed(line: str) -> dict[str, Any]:
+    """Return one `key.key=value` as tables."""
     try:
-        extra = tomllib.loads(line)
+        return tomllib.loads(line)
     except tomllib.TOMLDecodeError as error:
         raise InvalidScenario(
             f"--set {line}: must be key.key=value with a TOML value "
             f'(numbers 1.5, words "grass"): {error}'
         ) from None
-    _merge(content, extra)
 
 
-def _merge(content: dict[str, Any], extra: Mapping[str, Any]) -> None:
+def merge(content: dict[str, Any], extra: Mapping[str, Any]) -> None:
+    """Lay tables over others, in place."""
     for key, value in extra.items():
         below = content.get(key)
         if isinstance(value, Mapping) and isinstance(below, dict):
-            _merge(below, value)
+            merge(below, value)
         else:
-            content[key] = value
+            content[key] = copy.deepcopy(value)
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401 - any TOML value
+def plain(value: Any) -> Any:  # noqa: ANN401 - any TOML value
     """Return the value as TOML has it: without what is not there."""
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items() if item is not None}
-    return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+        return {key: plain(item) for key, item in value.items() if item is not None}
+    return [plain(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def _anchored(scenario: Scenario, folder: Path) -> Scenario:

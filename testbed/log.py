@@ -69,6 +69,7 @@ class LogWriter:
         channels: Sequence[Channel] = CHANNELS,
     ) -> None:
         self.file = path
+        self.metadata = dict(metadata)
         self.part = path.with_name(path.name + ".part")
         for file in (self.file, self.part):
             if file.exists():

@@ -81,6 +81,7 @@ class Plant:
         self._reader = TruthReader(
             model, data, self._output, self.tyres.radius[WHEELS.index("rear_left")]
         )
+        self._warnings = data.warning.number  # a view, as the arrays below
         self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
         wheel_bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
@@ -248,12 +249,12 @@ class Plant:
     def _check(self, before: float, steps: int) -> None:
         """Refuse what MuJoCo hides: it resets itself on NaN and carries on from time 0."""
         data = self.data
-        for kind in range(int(mujoco.mjtWarning.mjNWARNING)):
-            if data.warning[kind].number:
-                raise PlantDiverged(
-                    f"MuJoCo warned at {before:.3f} s: {mujoco.mjtWarning(kind).name} "
-                    f"({data.warning[kind].number} times, last info {data.warning[kind].lastinfo})"
-                )
+        if self._warnings.any():
+            kind = int(self._warnings.argmax())
+            raise PlantDiverged(
+                f"MuJoCo warned at {before:.3f} s: {mujoco.mjtWarning(kind).name} "
+                f"({data.warning[kind].number} times, last info {data.warning[kind].lastinfo})"
+            )
         expected = before + steps * self.model.opt.timestep
         if not abs(data.time - expected) < 1e-6:
             raise PlantDiverged(f"time went from {before:.3f} s to {data.time}, not {expected:.3f}")

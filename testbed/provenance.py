@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import platform
 import subprocess
@@ -10,6 +11,12 @@ from pathlib import Path
 from typing import Final
 
 _PACKAGES: Final = ("ttempc", "mujoco", "piqp", "numpy", "scipy", "numba")
+_SOURCE: Final = {  # what of each package drives; scenarios are in a run's own identity
+    "experiments": (".py",),
+    "mjcf": (".py", ".toml", ".xml"),
+    "testbed": (".py",),
+    "ttempc": (".py",),
+}
 _CHECKOUT: Final = Path(__file__).resolve().parent.parent
 
 
@@ -21,7 +28,7 @@ def versions() -> dict[str, str]:
     """
     found = {name: version(name) for name in _PACKAGES}
     found["python"] = platform.python_version()
-    commit = _commit()
+    commit = _commit(_CHECKOUT)
     return {**found, "commit": commit} if commit else found
 
 
@@ -31,11 +38,28 @@ def run_id(scenario_toml: str, code: dict[str, str]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def _commit() -> str:
+@functools.cache
+def code_digest() -> str:
+    """Return a hash of the source of the four packages, the vehicles included.
+
+    It says whether two processes, on two machines perhaps, drive with the same code, in a checkout
+    with changes and in an installed package alike.
+    """
+    digest = hashlib.sha256()
+    for package in _SOURCE:
+        for file in sorted((_CHECKOUT / package).rglob("*")):
+            if file.suffix in _SOURCE[package]:
+                digest.update(file.relative_to(_CHECKOUT).as_posix().encode() + b"\0")
+                digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+@functools.cache
+def _commit(checkout: Path) -> str:
     """Return the commit of the checkout, empty where there is none or no git to ask."""
-    if not (_CHECKOUT / ".git").exists():  # installed: a repository above is someone else's
+    if not (checkout / ".git").exists():  # installed: a repository above is someone else's
         return ""
-    command = ["git", "-C", str(_CHECKOUT), "describe", "--always", "--dirty", "--abbrev=12"]
+    command = ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=12"]
     try:
         answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)
     except (OSError, subprocess.SubprocessError):

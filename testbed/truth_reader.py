@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import mujoco
-import numpy as np
 
 from testbed.truth import Pose, Truth, Wheels
 from testbed.tyre_kernel import Output
@@ -33,71 +32,77 @@ class TruthReader:
         rear_radius: float,
     ) -> None:
         self._data, self._output, self._rear_radius = data, output, rear_radius
+        # views of MuJoCo's arrays, bound once: an attribute of `data` is a new array every time
+        self._xpos, self._xmat, self._xquat = data.xpos, data.xmat, data.xquat
+        self._cvel, self._sites = data.cvel, data.site_xpos
+        self._centre = data.subtree_com[1]  # to which `cvel` refers
+        self._qpos, self._qvel, self._act, self._ctrl = data.qpos, data.qvel, data.act, data.ctrl
         self._tractor, self._drawbar, self._trailer = (
             model.body(name).id for name in ("tractor", "drawbar", "trailer")
         )
         self._antennas = [model.site(f"antenna_{name}").id for name in ("tractor", "trailer")]
         self.lever_arms = model.site_pos[self._antennas]  # (2, 3) [m] bodies' frames
         self._beta, self._delta_t, self._delta_i = (
-            model.joint(name).qposadr[0] for name in ("rj1_yaw", "steer", "rj2_yaw")
+            int(model.joint(name).qposadr[0]) for name in ("rj1_yaw", "steer", "rj2_yaw")
         )
-        self._rear = [model.joint(name).dofadr[0] for name in ("rear_left", "rear_right")]
+        self._rear = [int(model.joint(name).dofadr[0]) for name in ("rear_left", "rear_right")]
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
 
     def truth(self) -> Truth:
         """Return the present state; wheel forces are those of the step that led to it."""
-        data, output = self._data, self._output
         tractor, trailer = self._tractor, self._trailer
-        velocity = self._velocity(tractor)
-        axes = data.xmat[tractor].reshape(3, 3)
+        xx, xy, _, yx, yy, _, zx, zy, _ = axes = self._xmat[tractor].tolist()
+        vx, vy, vz = self._velocity(tractor)
+        qpos, qvel = self._qpos.item, self._qvel.item
         left, right = self._rear
+        reported = self._output.T.copy()  # (7, 6)
         return Truth(
-            time_s=data.time,
-            tractor=self._pose(tractor),
-            trailer=self._pose(trailer),
-            antennas=data.site_xpos[self._antennas],
-            psi_d=_yaw(data.xmat[self._drawbar]),
-            beta=float(data.qpos[self._beta]),
-            delta_t=float(data.qpos[self._delta_t]),
-            delta_i=float(data.qpos[self._delta_i]),
-            speed=float(velocity @ axes[:, 0]),
-            lateral_speed=float(velocity @ axes[:, 1]),
-            yaw_rate_t=float(data.cvel[tractor, 2]),
-            yaw_rate_i=float(data.cvel[trailer, 2]),
-            rim_speed=float(0.5 * self._rear_radius * (data.qvel[left] + data.qvel[right])),
-            hp=float(data.act[self._hydrostat]),
-            set_points=data.ctrl.copy(),
+            time_s=self._data.time,
+            tractor=self._pose(tractor, axes),
+            trailer=self._pose(trailer, self._xmat[trailer].tolist()),
+            antennas=self._sites[self._antennas],
+            psi_d=_yaw(self._xmat[self._drawbar].tolist()),
+            beta=qpos(self._beta),
+            delta_t=qpos(self._delta_t),
+            delta_i=qpos(self._delta_i),
+            speed=vx * xx + vy * yx + vz * zx,
+            lateral_speed=vx * xy + vy * yy + vz * zy,
+            yaw_rate_t=self._cvel.item(tractor, 2),
+            yaw_rate_i=self._cvel.item(trailer, 2),
+            rim_speed=0.5 * self._rear_radius * (qvel(left) + qvel(right)),
+            hp=self._act.item(self._hydrostat),
+            set_points=self._ctrl.copy(),
             wheels=Wheels(
-                load=output[:, Output.LOAD].copy(),
-                slip=output[:, Output.SLIP].copy(),
-                slip_angle=output[:, Output.SLIP_ANGLE].copy(),
-                force_long=output[:, Output.FORCE_LONG].copy(),
-                force_lat=output[:, Output.FORCE_LAT].copy(),
-                cone_index=output[:, Output.CONE_INDEX].copy(),
-                ground=output[:, Output.GROUND].copy(),
+                load=reported[Output.LOAD],
+                slip=reported[Output.SLIP],
+                slip_angle=reported[Output.SLIP_ANGLE],
+                force_long=reported[Output.FORCE_LONG],
+                force_lat=reported[Output.FORCE_LAT],
+                cone_index=reported[Output.CONE_INDEX],
+                ground=reported[Output.GROUND],
             ),
-            body_xyz=data.xpos.copy(),
-            body_quat=data.xquat.copy(),
+            body_xyz=self._xpos.copy(),
+            body_quat=self._xquat.copy(),
         )
 
-    def _velocity(self, body: int) -> FloatArray:
-        """Return the velocity of a body's origin, (3,) [m/s], map frame."""
-        rotation, velocity = self._data.cvel[body, :3], self._data.cvel[body, 3:]
-        return velocity + np.cross(rotation, self._data.xpos[body] - self._data.subtree_com[1])
+    def _velocity(self, body: int) -> tuple[float, float, float]:
+        """Return the velocity of a body's origin [m/s], map frame."""
+        wx, wy, wz, vx, vy, vz = self._cvel[body].tolist()
+        rx, ry, rz = (self._xpos[body] - self._centre).tolist()
+        return vx + (wy * rz - wz * ry), vy + (wz * rx - wx * rz), vz + (wx * ry - wy * rx)
 
-    def _pose(self, body: int) -> Pose:
-        matrix = self._data.xmat[body]
-        x, y, z = self._data.xpos[body].tolist()
+    def _pose(self, body: int, axes: list[float]) -> Pose:
+        x, y, z = self._xpos[body].tolist()
         return Pose(
             x=x,
             y=y,
             z=z,
-            yaw=_yaw(matrix),
-            pitch=math.asin(min(1.0, max(-1.0, -matrix[6]))),
-            roll=math.atan2(matrix[7], matrix[8]),
+            yaw=_yaw(axes),
+            pitch=math.asin(min(1.0, max(-1.0, -axes[6]))),
+            roll=math.atan2(axes[7], axes[8]),
         )
 
 
-def _yaw(matrix: FloatArray) -> float:
-    """Return the yaw [rad] of a rotation matrix, (9,) row major."""
-    return math.atan2(matrix[3], matrix[0])
+def _yaw(axes: list[float]) -> float:
+    """Return the yaw [rad] of a rotation matrix, nine numbers row by row."""
+    return math.atan2(axes[3], axes[0])

@@ -57,10 +57,8 @@ CONTROLLERS = MappingProxyType(
 )
 
 
-def make_controller(
-    name: str, vehicle: Vehicle, reference: Reference, period_s: float
-) -> Controller:
-    """Return the controller called `name` for a command every `period_s`.
+def composition(name: str) -> Composition:
+    """Return the entry of the controller called `name`.
 
     Raises:
         UnknownController: with the names that exist.
@@ -69,4 +67,15 @@ def make_controller(
         raise UnknownController(
             f"controller {name!r} does not exist; allowed are {', '.join(sorted(CONTROLLERS))}"
         )
-    return CONTROLLERS[name].make(vehicle, reference, period_s)
+    return CONTROLLERS[name]
+
+
+def make_controller(
+    name: str, vehicle: Vehicle, reference: Reference, period_s: float
+) -> Controller:
+    """Return the controller called `name` for a command every `period_s`.
+
+    Raises:
+        UnknownController: with the names that exist.
+    """
+    return composition(name).make(vehicle, reference, period_s)

@@ -6,13 +6,14 @@ import argparse
 
 from experiments.commands import options
 from experiments.scenario import load, shipped
+from experiments.sweeping.study import load_study, shipped_studies
 from testbed.vehicle_file import read_vehicle, shipped_vehicles
 from ttempc.controllers import CONTROLLERS
 
 
 def add(commands: options.Commands) -> None:
     """Declare the command."""
-    listing = commands.add_parser("list", help="show the shipped scenarios and the controllers")
+    listing = commands.add_parser("list", help="show what ships with the project, by name")
     listing.set_defaults(command=_list)
 
 
@@ -20,6 +21,9 @@ def _list(arguments: argparse.Namespace) -> int:
     print("Scenarios (ttempc run NAME):")
     for name in shipped():
         print(f"  {name:<14} {load(name)[1].description}")
+    print("\nStudies (ttempc sweep NAME):")
+    for name in shipped_studies():
+        print(f"  {name:<14} {load_study(name)[1].description}")
     print("\nVehicles (plant.vehicle.file):")
     for name in shipped_vehicles():
         print(f"  {name:<14} {read_vehicle(name).description}")

@@ -1,0 +1,107 @@
+"""Where a controller fails: bracketed, bisected, and told where there is nothing to find."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from experiments.cli import main
+from experiments.errors import InvalidStudy
+from experiments.sweeping import envelope as room
+from experiments.sweeping.engine import Engine, InProcess
+from experiments.sweeping.envelope import ERROR, Question, envelope
+from experiments.sweeping.row import no_figures
+
+ASKED = Question(
+    scenario="grass",
+    controller="paper",
+    quantity="slope",
+    low=0.0,
+    high=0.4,
+    tolerance=0.01,
+    limit_m=0.5,
+    seeds=(1, 2, 3),
+)
+
+
+def answered(question, monkeypatch, error):
+    """Ask with runs whose error is a function of the slope and the seed, None where lost."""
+
+    def driven(engine, jobs):
+        for job in jobs:
+            found = error(next(iter(job.axes.values())), job.seed)
+            status = "completed" if found is not None else "lost"
+            yield job.row(status, None, {**no_figures(), ERROR: found}, 0.1)
+
+    monkeypatch.setattr(room, "driven", driven)
+    return envelope(question, Engine(InProcess(), lambda: 1))
+
+
+@pytest.mark.parametrize("threshold", [0.013, 0.1, 0.237, 0.399])
+def test_the_threshold_lies_between_what_holds_and_what_fails(threshold, monkeypatch):
+    found = answered(ASKED, monkeypatch, lambda slope, seed: 0.1 if slope < threshold else 0.9)
+    assert (found.outcome, found.monotone) == ("found", True)
+    assert found.holds_at < threshold <= found.fails_at
+    assert found.fails_at - found.holds_at <= ASKED.tolerance
+
+
+def test_a_quantity_that_is_hard_when_small_is_bisected_on_its_logarithm(monkeypatch):
+    asked = replace(ASKED, quantity="cone-index", low=100.0, high=2000.0, tolerance=5.0)
+    found = answered(asked, monkeypatch, lambda kpa, seed: None if kpa < 333.0 else 0.1)
+    assert found.fails_at < 333.0 <= found.holds_at
+    assert found.holds_at - found.fails_at <= 5.0
+
+
+def test_a_named_quantity_is_looked_through(monkeypatch):
+    asked = replace(ASKED, quantity="roughness")
+    found = answered(asked, monkeypatch, lambda name, seed: 0.9 if name >= "E" else 0.1)
+    assert (found.holds_at, found.fails_at) == ("D", "E")
+
+
+@pytest.mark.parametrize(("error", "outcome"), [(0.1, "holds"), (0.9, "fails"), (None, "fails")])
+def test_a_range_without_a_change_is_said_to_have_none(error, outcome, monkeypatch):
+    found = answered(ASKED, monkeypatch, lambda slope, seed: error)
+    assert found.outcome == outcome
+    assert found.holds_at is found.fails_at is None
+    assert outcome in str(found)
+
+
+def test_failure_that_comes_and_goes_is_said_to(monkeypatch):
+    found = answered(ASKED, monkeypatch, lambda slope, seed: 0.9 if 0.05 < slope < 0.25 else 0.1)
+    assert not found.monotone
+    assert "comes and goes" in str(found)
+    assert found.holds_at <= 0.05 < found.fails_at
+
+
+def test_a_value_fails_where_at_least_half_of_its_seeds_do(monkeypatch):
+    found = answered(ASKED, monkeypatch, lambda slope, seed: 0.9 if slope > 0.1 * seed else 0.1)
+    assert found.holds_at <= 0.2 < found.fails_at
+    assert all(probe.runs == 3 for probe in found.probes)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"low": 0.5},
+        {"tolerance": 0.0},
+        {"high": 0.9},
+        {"quantity": "cone-index", "low": 0.0, "high": 1.0},
+        {"controller": "me"},
+    ],
+)
+def test_what_cannot_be_asked_is_refused(change):
+    with pytest.raises(InvalidStudy):
+        replace(ASKED, **change).check()
+
+
+def test_the_command_writes_what_it_prints(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["envelope", "delay", "pavement", "--set", "path={kind='straight', length_m=2.0}"]
+    arguments += ["--seeds", "1", "--workers", "0", "--out", "e.json"]
+    assert main(arguments) == 0
+    assert "paper on pavement, delay [s]: holds from 0 to 1" in capsys.readouterr().out
+    (found,) = json.loads((tmp_path / "e.json").read_text())["envelopes"]
+    assert found["outcome"] == "holds"
+    assert [probe["value"] for probe in found["probes"]] == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert main(arguments) == 2
+    assert "exists already" in capsys.readouterr().err
