@@ -25,6 +25,7 @@ from ttempc.estimator import ExtendedKalmanFilter
 from ttempc.following import check_drivable
 from ttempc.path import Path
 from ttempc.reference import Reference, check_pace
+from ttempc.supervisor import Supervisor
 from ttempc.types import Controller, Estimator, FloatArray
 from ttempc.vehicle import Vehicle
 
@@ -115,6 +116,7 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     check_pace(reference, CONTROL_PERIOD_S)
     factory = factory or controller_factory(scenario.controller.name)
     controller = factory(vehicle, reference, CONTROL_PERIOD_S)
+    controller = Supervisor(controller, vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s
     for what, period in (("control", CONTROL_PERIOD_S), ("record", RECORD_PERIOD_S)):
         whole_steps(period, timestep, f"plant.timestep_s = {timestep}: {what} period")
