@@ -27,6 +27,7 @@ from ttempc.following import check_drivable
 from ttempc.moving_horizon import MovingHorizonEstimator
 from ttempc.path import Path
 from ttempc.reference import Reference, check_pace
+from ttempc.supervisor import Supervisor
 from ttempc.types import Controller, Estimator, FloatArray
 from ttempc.vehicle import Vehicle
 
@@ -109,6 +110,7 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     reference, strength_map = _way(course, vehicle, terrain, scenario)
     factory = factory or controller_factory(scenario.controller.name)
     controller = factory(vehicle, reference, CONTROL_PERIOD_S)
+    controller = Supervisor(controller, vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s
     _check_periods(timestep)
     soil = scenario.soil.soil(seed, terrain, course.path, strength_map)

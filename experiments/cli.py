@@ -20,7 +20,7 @@ _ABOUT = """\
 A tractor with a steerable trailer drives a figure eight over a bumpy, slippery
 field in MuJoCo, under the controller of your choice.
 
-  ttempc run                        the default: scenario `grass`, controller `paper`
+  ttempc run                        the default: scenario `grass`, controller `ttempc`
   ttempc run wet-slope --seed 7     another field, another draw of terrain and noise
   ttempc run my-field.toml          a scenario of your own; `ttempc list` shows the shipped ones
   ttempc run grass --set soil.cone_index_kpa=250 --set path.laps=1

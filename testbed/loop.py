@@ -27,6 +27,7 @@ from ttempc.types import (
     Estimator,
     FloatArray,
     Measurement,
+    Preparing,
 )
 from ttempc.vehicle import Vehicle
 
@@ -95,6 +96,12 @@ def announce(rig: Rig, period: Period) -> None:
     said = (note for specification in specifications for note in specification.notes())
     for text in (*rig.notes, *said):
         rig.sink.event(Event(period.now.time_s, "info", text))
+
+
+def prepare(rig: Rig, period: Period) -> None:
+    """Let the controller get ready, where it can, before the samples are there."""
+    if isinstance(rig.controller, Preparing):
+        rig.controller.prepare(period.k)
 
 
 def sense(rig: Rig, period: Period) -> None:
@@ -190,6 +197,7 @@ def judge(rig: Rig, period: Period) -> None:
 
 
 STAGES: Final[tuple[Stage, ...]] = (
+    prepare,
     sense,
     estimate,
     control,

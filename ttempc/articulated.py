@@ -1,4 +1,4 @@
-"""The controller `ttempc`: linear MPC on the articulated model, offset-free by its disturbances."""
+"""The controller `ttempc`: offset-free linear MPC on the articulated model, and a robust law."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ from ttempc.error_model import zero_order_hold
 from ttempc.feedforward import exact_feedforward
 from ttempc.kinematics import articulated_jacobian, trailer_point_jacobian, wrap_angle
 from ttempc.limits import CommandLimits
-from ttempc.lmpc import LinearMpc
+from ttempc.lmpc import FeedbackAction, LinearMpc
 from ttempc.prediction import PredictedPath, rotation
 from ttempc.qp import CondensedHorizon, HorizonTuning, StageBounds
 from ttempc.reference import Reference, ReferenceSample
+from ttempc.regulator import RegulatorTuning, RobustAction, RobustRegulator
 from ttempc.tracking import Actions, TrackingController
 from ttempc.types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, State
 from ttempc.vehicle import Vehicle
@@ -23,11 +24,13 @@ _N, _M, _D = len(State), len(Input), len(Disturbance)
 _SIZE = _N + _D + len(MapDisturbance)
 
 # Four seconds ahead, six free steps; outputs are x, y of tractor and trailer in their frames.
+# A step weighs as much as an error where it is 13 deg for 5 cm, and 0.35 of the hydrostat: on every
+# field stiffer is better, down to about a fifth of this, for twice the steering (docs/ablation.md).
 TUNING = HorizonTuning(
     horizon=20,
     moves=6,
     output_weight=(1.0, 1.0, 1.0, 1.0),  # [1/m^2]
-    step_weight=(1.0, 1.0, 1.0),  # [1/rad^2], [1/rad^2], for a hydrostat position of 0..1
+    step_weight=(0.05, 0.05, 0.02),  # [1/rad^2], [1/rad^2], for a hydrostat position of 0..1
     input_bound=(math.radians(20.0), math.radians(20.0), 0.5),
 )
 
@@ -75,7 +78,10 @@ def error_dynamics(
 
 
 class ArticulatedFeedback:
-    """Linear MPC on the articulated error model, which knows the disturbance that lasts."""
+    """Linear MPC on the articulated error model, and the robust law beside it where there is one.
+
+    The MPC knows the disturbance that lasts, unless `disturbed` is False.
+    """
 
     def __init__(
         self,
@@ -84,12 +90,16 @@ class ArticulatedFeedback:
         feedforward: FloatArray,
         period_s: float,
         tuning: HorizonTuning,
+        robust: RegulatorTuning | None,
+        disturbed: bool,
     ) -> None:
         a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
         self._feedforward = feedforward  # u_r (N, 3)
         bounds = _remaining(feedforward, CommandLimits.of(reference.vehicle, period_s))
         horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds)
         self._mpc = LinearMpc(horizon)
+        self._robust = RobustRegulator(a, b, c, period_s, robust) if robust else None
+        self._known = 1.0 if disturbed else 0.0
         self._state = grid.state
         self._vehicle = reference.vehicle
         self._path = PredictedPath(grid, horizon.prediction)
@@ -98,14 +108,28 @@ class ArticulatedFeedback:
         """Return the actions of tick `k`."""
         state = self._error(k, estimate)
         before = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
-        feedback = self._mpc.step(k, state, before)
+        if self._robust is None:
+            return self._actions(k, self._mpc.step(k, state, before))
+        robust = self._robust.step(k, state, before)
+        feedback = self._mpc.step(k, robust.mpc_state, robust.mpc_before)
+        self._robust.note(k, robust.mpc_state, feedback.input)
+        return self._actions(k, feedback, robust)
+
+    def _actions(
+        self, k: int, feedback: FeedbackAction, robust: RobustAction | None = None
+    ) -> Actions:
         return Actions(
             feedback=-feedback.input,
-            robust=np.zeros(_M),
+            robust=robust.input if robust else np.zeros(_M),
+            modelling_error=robust.modelling_error if robust else None,
             predicted_path=self._path.of(k, feedback.plan),
             solver=feedback.report,
-            fallback=feedback.fallback,
+            fallback=feedback.fallback or (robust.fallback if robust else ""),
         )
+
+    def prepare(self, k: int) -> None:
+        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        self._mpc.prepare(k)
 
     def _error(self, k: int, estimate: Estimate) -> FloatArray:
         """Return (z_e, s, m) of tick `k`, (16,)."""
@@ -118,7 +142,7 @@ class ArticulatedFeedback:
         error[State.X], error[State.Y] = cos * dx + sin * dy, cos * dy - sin * dx
         turning = estimate.map_disturbance
         staying = estimate.disturbance - map_gain(estimate, self._vehicle) @ turning
-        return np.concatenate([error, staying, turning])
+        return np.concatenate([error, self._known * staying, self._known * turning])
 
 
 def articulated_controller(
@@ -126,16 +150,31 @@ def articulated_controller(
     reference: Reference,
     period_s: float,
     tuning: HorizonTuning = TUNING,
+    robust: RegulatorTuning | None = RegulatorTuning(),  # noqa: B008 - frozen
+    disturbed: bool = True,
 ) -> TrackingController:
-    """Compose feedforward and MPC of the articulated model."""
+    """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
+
+    `robust` of None leaves the robust action out, `disturbed` of False tells the MPC nothing of
+    the disturbances that the filter knows.
+    """
     grid = reference.on_grid(period_s, beyond=tuning.horizon)
     feedforward = exact_feedforward(reference, len(grid.time_s) - 1, period_s)
-    feedback = ArticulatedFeedback(grid, reference, feedforward, period_s, tuning)
+    feedback = ArticulatedFeedback(
+        grid, reference, feedforward, period_s, tuning, robust, disturbed
+    )
     ticks = len(grid.time_s) - tuning.horizon
     as_lambda = feedforward[:ticks].copy()
     as_lambda[:, Input.DELTA_I] += grid.hitch_angle[:ticks]
     limits = CommandLimits.of(vehicle, period_s)
     return TrackingController(grid, as_lambda, feedback, limits, measured_hitch=False)
+
+
+def nominal_controller(
+    vehicle: Vehicle, reference: Reference, period_s: float
+) -> TrackingController:
+    """Compose `ttempc` without its robust action."""
+    return articulated_controller(vehicle, reference, period_s, robust=None)
 
 
 def _remaining(feedforward: FloatArray, limits: CommandLimits) -> StageBounds:

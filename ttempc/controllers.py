@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from ttempc.articulated import articulated_controller
+from ttempc.articulated import articulated_controller, nominal_controller
 from ttempc.errors import UnknownController
 from ttempc.feedforward import exact_feedforward
 from ttempc.limits import CommandLimits
@@ -39,10 +39,11 @@ class Composition:
 
 CONTROLLERS = MappingProxyType(
     {
-        "ttempc-nominal": Composition(
-            "articulated model: exact feedforward and offset-free linear MPC",
+        "ttempc": Composition(
+            "articulated model: exact feedforward, offset-free linear MPC, saturated robust law",
             articulated_controller,
         ),
+        "ttempc-nominal": Composition("ttempc without its robust law", nominal_controller),
         "paper": Composition(
             "the paper's equations as printed, errata 4, 6 and 7 corrected", paper_controller
         ),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ttempc.kernel import allowed
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 
@@ -39,9 +40,4 @@ class CommandLimits:
         An entry of `wanted` that is not finite becomes the one of `previous`, which must itself
         be allowed.
         """
-        finite = np.isfinite(wanted)
-        held = wanted if finite.all() else np.where(finite, wanted, previous)
-        low = np.maximum(self.lower, previous - self.step)
-        high = np.minimum(self.upper, previous + self.step)
-        allowed = np.minimum(np.maximum(held, low), high)
-        return allowed, allowed != wanted
+        return allowed(wanted, previous, self.lower, self.upper, self.step)

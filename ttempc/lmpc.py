@@ -22,7 +22,7 @@ class FeedbackAction:
 
 
 class LinearMpc:
-    """Receding horizon: solve, take the first step. Its only memory is the solver's.
+    """Receding horizon: solve, take the first step. It remembers nothing that changes a result.
 
     Where the solver gives no result that counts, the previous input is held.
     """
@@ -30,15 +30,12 @@ class LinearMpc:
     def __init__(self, horizon: CondensedHorizon) -> None:
         self._horizon = horizon
         self._solver = PersistentSolver()
+        self._rehearsal = PersistentSolver()  # an update leaves traces in PIQP's last digits
+        self._last: tuple[FloatArray, FloatArray] | None = None  # state and input of the last step
 
     def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:
         """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
-        bounds = self._horizon.first_bounds(k, len(previous))
-        # An input from which no allowed step leads back into the set would leave no solution.
-        previous = np.minimum(
-            np.maximum(previous, bounds.lower - bounds.step_upper),
-            bounds.upper - bounds.step_lower,
-        )
+        previous = self._horizon.within_reach(k, previous)
         qp = self._horizon.qp(k, state, previous)
         solution = self._solver.solve(qp)
         if solution.x is None:
@@ -47,7 +44,17 @@ class LinearMpc:
         else:
             steps = np.minimum(np.maximum(solution.x, qp.step_lower), qp.step_upper)
             fallback = ""
-        u = previous + steps[: len(previous)]
-        u = np.minimum(np.maximum(u, bounds.lower), bounds.upper)
+        u = self._horizon.within(k, previous + steps[: len(previous)])
         plan = np.concatenate([state, previous, steps])
+        self._last = state, previous
         return FeedbackAction(u, plan, solution.report, fallback)
+
+    def prepare(self, k: int) -> None:
+        """Solve tick `k` for what the last step was given, in another solver, and drop the result.
+
+        The next step then finds its code in the caches.
+        """
+        if self._last:
+            solver, self._solver = self._solver, self._rehearsal
+            self.step(k, *self._last)
+            self._solver = solver

@@ -61,6 +61,10 @@ class PaperFeedback:
             fallback=feedback.fallback,
         )
 
+    def prepare(self, k: int) -> None:
+        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        self._mpc.prepare(k)
+
 
 def paper_controller(
     vehicle: Vehicle,

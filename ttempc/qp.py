@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ttempc.errors import InvalidTuning
+from ttempc.kernel import clipped, tick_vectors
 from ttempc.types import FloatArray
 
 _ACTIVE = 1e-7  # distance to a bound below which it counts as active in `QP.residuals`
@@ -157,25 +158,39 @@ class CondensedHorizon:
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
         stage = ahead[:, :moves]  # (ticks, Nc) the stages with a free step
         self._bounds = _stacked(_intersection(tuning, period_s, len(a), bounds), stage)
+        first = _each(self._bounds, lambda values: values[:, :m])
+        self._first = np.stack([first.lower, first.upper], axis=1)  # (ticks, 2, m)
+        self._reach = np.stack(
+            [first.lower - first.step_upper, first.upper - first.step_lower], axis=1
+        )
         self._require_convex()
 
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
         """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
         bounds = self._bounds
-        shift = np.concatenate([previous_input] * (bounds.lower.shape[1] // len(previous_input)))
+        gradient, lower, upper = tick_vectors(
+            self._by_known, bounds.lower, bounds.upper, k, state, previous_input
+        )
         return QP(
             hessian=self._hessian[k],
-            gradient=self._by_known[k] @ np.concatenate([state, previous_input]),
+            gradient=gradient,
             matrix=self._matrix,
-            lower=bounds.lower[k] - shift,
-            upper=bounds.upper[k] - shift,
+            lower=lower,
+            upper=upper,
             step_lower=bounds.step_lower[k],
             step_upper=bounds.step_upper[k],
         )
 
-    def first_bounds(self, k: int, inputs: int) -> StageBounds:
-        """Return the bounds on the first of the `inputs` of tick `k`, (m,) each."""
-        return _each(self._bounds, lambda values: values[k, :inputs])
+    def within(self, k: int, inputs: FloatArray) -> FloatArray:
+        """Return the allowed first input of tick `k` nearest to `inputs` (m,)."""
+        return clipped(inputs, self._first[k])
+
+    def within_reach(self, k: int, previous: FloatArray) -> FloatArray:
+        """Return the input nearest to `previous` (m,) from which a step leads into the bounds.
+
+        From any other there is no solution at tick `k`.
+        """
+        return clipped(previous, self._reach[k])
 
     def _require_convex(self) -> None:
         try:

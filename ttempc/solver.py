@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import piqp
-from scipy.linalg import get_lapack_funcs
 
+from ttempc.kernel import convex, finite, slack
 from ttempc.qp import QP
 from ttempc.types import FloatArray, SolverReport
 
@@ -16,10 +16,6 @@ from ttempc.types import FloatArray, SolverReport
 _TOLERANCE = 1e-11
 # How far beyond a bound a solution may be before it counts as wrong; it is clamped anyway.
 _BOUND_TOLERANCE = 1e-6
-
-
-# LAPACK's own routine tells an indefinite or non-finite matrix in 2 us and without an exception.
-_cholesky = get_lapack_funcs(("potrf",), dtype=np.float64)[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,21 +42,22 @@ class PersistentSolver:
 
     def solve(self, qp: QP) -> QPSolution:
         """Return the minimiser of `qp`, or say why there is none."""
-        # The products are finite where all entries are: cheaper than to test each of them.
-        finite = math.isfinite(qp.gradient @ qp.gradient + qp.lower @ qp.upper)
-        if not finite or not _convex(qp.hessian):
+        sound = finite(qp.gradient, qp.lower, qp.upper)
+        if not sound or not convex(qp.hessian):
             self._solver = None
-            status = "hessian not convex" if finite else "input not finite"
+            status = "hessian not convex" if sound else "input not finite"
             return QPSolution(None, SolverReport(status, False, 0, 0.0, math.inf, math.inf))
         solver = self._load(qp)
         status = solver.solve()
         result = solver.result
         info = result.info
         x = result.x.copy()
-        solved = status == piqp.PIQP_SOLVED
-        accepted = bool(solved and _within_bounds(qp, x))
-        word = status.name.removeprefix("PIQP_").lower()
-        if solved and not accepted:
+        accepted, word = False, "solved"
+        if status != piqp.PIQP_SOLVED:
+            word = status.name.removeprefix("PIQP_").lower()
+        elif _within_bounds(qp, x):
+            accepted = True
+        else:
             word = "solved outside its bounds"
         if not accepted:
             self._solver = None
@@ -105,17 +102,7 @@ class PersistentSolver:
         return solver
 
 
-def _convex(hessian: FloatArray) -> bool:
-    """Whether `hessian` (n, n) is finite and positive definite, in the triangle that PIQP reads.
-
-    A number that is not finite runs through the factorisation into its last entry.
-    """
-    factor, failed_at = _cholesky(hessian.T)
-    return failed_at == 0 and math.isfinite(factor[-1, -1])
-
-
 def _within_bounds(qp: QP, x: FloatArray) -> bool:
     """Whether `x` (n,) is finite and inside the bounds; comparisons with NaN are false."""
-    rows = qp.matrix @ x
-    slack = np.concatenate([rows - qp.lower, qp.upper - rows, x - qp.step_lower, qp.step_upper - x])
-    return bool(slack.min() >= -_BOUND_TOLERANCE)
+    inside = slack(qp.matrix, x, qp.lower, qp.upper, qp.step_lower, qp.step_upper)
+    return inside >= -_BOUND_TOLERANCE

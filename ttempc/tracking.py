@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ttempc.error_model import tracking_error
+from ttempc.kernel import tracking_error
 from ttempc.limits import CommandLimits
 from ttempc.reference import ReferenceSample
 from ttempc.types import (
@@ -45,6 +45,10 @@ class FeedbackLaw(Protocol):
         """
         ...
 
+    def prepare(self, k: int) -> None:
+        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        ...
+
 
 class NoFeedback:
     """The feedback law that does nothing."""
@@ -52,6 +56,9 @@ class NoFeedback:
     def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return no feedback and no robust action."""
         return Actions(np.zeros(3), np.zeros(3))
+
+    def prepare(self, k: int) -> None:
+        """Do nothing: there is nothing to warm up."""
 
 
 class TrackingController:
@@ -82,6 +89,14 @@ class TrackingController:
         self._limits = limits
         self._measured_hitch = measured_hitch
         self._previous = limits.clamp(grid.inputs[0])
+
+    def prepare(self, k: int) -> None:
+        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        k = min(k, len(self._feedforward) - 1)
+        state, trailer_xy = self._state[k], self._trailer_xy[k]
+        tracking_error(state, trailer_xy, state, trailer_xy)
+        self._limits.apply(self._feedforward[k], self._previous)
+        self._feedback.prepare(k)
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick `k`."""

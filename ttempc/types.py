@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,6 +175,20 @@ class Controller(Protocol):
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick k."""
+        ...
+
+
+@runtime_checkable
+class Preparing(Protocol):
+    """A controller with work that can be done before the samples of a tick arrive.
+
+    Between two control periods the caches go cold, and a step that takes 0.1 ms in a row takes
+    several times that. `prepare` is called just before the samples are read: it may compute what
+    does not need them and run through the step's code. It must change no later result.
+    """
+
+    def prepare(self, k: int) -> None:
+        """Get ready for tick `k`."""
         ...
 
 

@@ -14,6 +14,6 @@ from testbed.strict import STRICT
 class ControllerSettings:
     """Who drives."""
 
-    name: str = "paper"  # in ttempc/controllers.py, or "package.module:factory" of your own
+    name: str = "ttempc"  # in ttempc/controllers.py, or "package.module:factory" of your own
     estimator: Literal["ekf", "nmhe", "truth"] = "ekf"
     vehicle: BelievedVehicle = BelievedVehicle()

@@ -34,6 +34,7 @@ class Field(NamedTuple):
             f'terrain.iso_class="{self.iso_class}"',
             f"terrain.slope_rad={self.slope_rad}",
             f"soil.cone_index_kpa={self.cone_index_kpa}",
+            'controller.name="paper"',
         )
 
 

@@ -1,0 +1,76 @@
+"""What does each part of `ttempc` bring?  Feedforward, MPC, disturbance estimate, robust law.
+
+    python -m experiments.studies.ablation [SEEDS [SCENARIO ...]]
+
+SEEDS is how many paired seeds, from 1 (default 2); by default the fields where the parts differ
+most. One lap each. Prints the Markdown table of docs/ablation.md: mean Euclidean errors in cm, and
+the root mean square of the front steering's command rate, which is what stiffness costs.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from experiments.batch import mean_errors_cm
+from experiments.factory import ControllerFactory
+from experiments.published import COLUMNS
+from experiments.run import simulate
+from experiments.scenario import load
+from experiments.summary import Summary
+from ttempc.articulated import TUNING, articulated_controller
+from ttempc.controllers import feedforward_controller
+from ttempc.regulator import TUBE, RegulatorTuning
+
+SCENARIOS: Final = ("grass", "wet-slope", "patchy")
+
+
+_without = partial(articulated_controller, robust=None)
+VARIANTS: Final[dict[str, ControllerFactory]] = {
+    "feedforward": feedforward_controller,
+    "+ LMPC": partial(_without, disturbed=False),
+    "+ LMPC, robust": partial(articulated_controller, disturbed=False),
+    "+ LMPC, disturbance (`ttempc-nominal`)": _without,
+    "+ LMPC, disturbance, robust (`ttempc`)": articulated_controller,
+    "robust in the tube reading": partial(articulated_controller, robust=TUBE),
+    "robust, a third of the input weights": partial(
+        articulated_controller, robust=RegulatorTuning(input_weight=(0.1, 0.1, 0.02))
+    ),
+    "no robust, step weights 1, 1, 1": partial(
+        _without, tuning=replace(TUNING, step_weight=(1.0, 1.0, 1.0))
+    ),
+    "no robust, step weights a fifth": partial(
+        _without, tuning=replace(TUNING, step_weight=(0.01, 0.01, 0.004))
+    ),
+    "no robust, horizon 12": partial(_without, tuning=replace(TUNING, horizon=12)),
+}
+
+
+def main(seeds: int, scenarios: tuple[str, ...]) -> None:
+    """Run and print."""
+    print(f"| scenario | parts | {' | '.join(COLUMNS)} | steering rate, deg/s | lost |")
+    print("|---" * (len(COLUMNS) + 4) + "|")
+    for scenario in scenarios:
+        name, content = load(scenario, ["path.laps=1"])
+        for parts, factory in VARIANTS.items():
+            runs = [simulate(name, content, seed, factory)[0] for seed in range(1, seeds + 1)]
+            errors = np.mean([mean_errors_cm(run) for run in runs], axis=0)
+            lost = sum(run.status != "completed" for run in runs)
+            cells = " | ".join(f"{error:.2f}" for error in errors)
+            rate = np.mean([_steering_rate(run) for run in runs])
+            print(f"| `{name}` | {parts} | {cells} | {rate:.1f} | {lost}/{seeds} |", flush=True)
+
+
+def _steering_rate(run: Summary) -> float:
+    """Return the root mean square rate of the front steering's command [deg/s]."""
+    rate = run.inputs.delta_t.rms_rate
+    return math.nan if rate is None else math.degrees(rate)
+
+
+if __name__ == "__main__":
+    main(int((sys.argv[1:] or ["2"])[0]), tuple(sys.argv[2:]) or SCENARIOS)

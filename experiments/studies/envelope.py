@@ -1,0 +1,55 @@
+"""Does a controller hold where nobody tuned it?  Speeds, radii, soft soil, rough ground.
+
+    python -m experiments.studies.envelope [SEEDS [CONTROLLER]]      (default: 2 ttempc)
+
+Changes one thing of `grass` at a time and drives one lap with SEEDS paired seeds, from 1. Prints
+the Markdown table of docs/ablation.md: mean Euclidean errors in cm.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Final
+
+import numpy as np
+
+from experiments.batch import Job, mean_errors_cm, summaries
+from experiments.published import COLUMNS
+
+CHANGES: Final[dict[str, tuple[str, ...]]] = {
+    "`grass` as it is": (),
+    "0.5 m/s": ("path.speed_mps=0.5",),
+    "1.3 m/s": ("path.speed_mps=1.3",),
+    "R = 6 m": ("path.radius_m=6.0",),
+    "R = 20 m": (
+        "path.radius_m=20.0",
+        "path.centre_distance_m=60.0",
+        "terrain.size_x_m=130.0",
+        "terrain.size_y_m=70.0",
+    ),
+    "150 kPa": ("soil.cone_index_kpa=150.0",),
+    "class F": ('terrain.iso_class="F"',),
+}
+
+
+def main(seeds: int, controller: str) -> None:
+    """Run and print."""
+    fixed = (f'controller.name="{controller}"', "path.laps=1")
+    jobs = [
+        Job("grass", seed, (*change, *fixed))
+        for change in CHANGES.values()
+        for seed in range(1, seeds + 1)
+    ]
+    finished = [summary for _, summary in summaries(jobs)]
+    print(f"| {controller} | {' | '.join(COLUMNS)} | lost |")
+    print("|---" * (len(COLUMNS) + 2) + "|")
+    for index, name in enumerate(CHANGES):
+        runs = finished[index * seeds : (index + 1) * seeds]
+        errors = np.mean([mean_errors_cm(run) for run in runs], axis=0)
+        lost = sum(run.status != "completed" for run in runs)
+        cells = " | ".join(f"{error:.1f}" for error in errors)
+        print(f"| {name} | {cells} | {lost}/{seeds} |")
+
+
+if __name__ == "__main__":
+    main(int((sys.argv[1:] or ["2"])[0]), (sys.argv[2:] or ["ttempc"])[0])
