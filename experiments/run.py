@@ -5,26 +5,25 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 from tqdm import tqdm
 
-from experiments.assembly import Assembly, assemble
+from experiments.assembly import RECORD_RATE_HZ, Assembly, assemble
 from experiments.errors import OutputExists
 from experiments.factory import ControllerFactory
 from experiments.figures import draw
+from experiments.log_file import describe, open_log
 from experiments.metrics import summarise
 from experiments.report import report
 from experiments.scenario import Scenario, dump
 from experiments.settings.vehicle import Difference
 from experiments.summary import RunFacts, Summary
-from testbed.ground import GROUND_FILE
-from testbed.log import REFERENCE_PATH_TOPIC, LogWriter
 from testbed.loop import Outcome, drive
 from testbed.provenance import run_id, versions
 from testbed.record import Record, Recorder
 from testbed.sink import Sink, Tee
+from testbed.topics import REFERENCE_PATH_TOPIC
 
 _PATH_STEP_M = 0.2  # between the points of the reference path in the log
 
@@ -52,13 +51,22 @@ def simulate(
     """
     assembly = assemble(scenario, seed, factory)
     recorder = Recorder()
-    outcome = _drive(assembly, recorder, lambda k: None)
+    outcome = drive_into(recorder, assembly)
     record = recorder.record()
     return summarise(record, _facts(name, scenario, seed, outcome, log=None)), record
 
 
-def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
+def run(
+    name: str,
+    scenario: Scenario,
+    seed: int,
+    folder: Path,
+    *,
+    record_hz: float = RECORD_RATE_HZ,
+) -> Finished:
     """Run a scenario and write log, summary, resolved scenario, figures and report to `folder`.
+
+    `record_hz` is how often the truth is written down [Hz].
 
     Raises:
         OutputExists: the folder exists already; nothing is written.
@@ -68,35 +76,19 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
     if folder.exists():
         raise OutputExists(f"output folder {folder}: exists already, give another or remove it")
     assembly = assemble(scenario, seed)
+    assembly.record_steps(record_hz)  # refused here, before anything is written
     try:
         folder.mkdir(parents=True)
     except OSError as error:
         raise OutputExists(f"output folder {folder}: cannot be made: {error.strerror}") from None
-    resolved = dump(scenario)
+    resolved, scenery = dump(scenario), assembly.plant.scenery
     files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
     files["scenario"].write_text(resolved, encoding="utf-8")
-    metadata = {
-        "scenario": name,
-        "controller": scenario.controller.name,
-        "seed": str(seed),
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
-        **versions(),
-    }
+    metadata = describe(name, scenario, seed, assembly)
     recorder = Recorder()
-    log = LogWriter(
-        files["log"],
-        metadata=metadata,
-        attachments={
-            "scenario.toml": resolved,
-            "vehicle.toml": scenario.plant.vehicle.text(),
-            "model.xml": assembly.plant.mjcf,
-            GROUND_FILE: assembly.plant.ground.to_npz(),
-        },
-        body_names=assembly.plant.body_names,
-    )
+    log = open_log(files["log"], scenario, assembly, scenery, metadata)
     with log, _progress(assembly.ticks, f"{name}, {scenario.controller.name}, seed {seed}") as bar:
-        outcome = _drive(assembly, Tee(recorder, log), lambda k: bar.update())
+        outcome = drive_into(Tee(recorder, log), assembly, record_hz, lambda k: bar.update())
     record = recorder.record(metadata)
     summary = summarise(record, _facts(name, scenario, seed, outcome, files["log"].name))
     files["summary"] = folder / "summary.json"
@@ -111,8 +103,14 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
     return Finished(summary, record, files, assembly.mismatch, assembly.notes)
 
 
-def _drive(assembly: Assembly, sink: Sink, on_tick: Callable[[int], object]) -> Outcome:
-    rig = assembly.rig(sink)
+def drive_into(
+    sink: Sink,
+    assembly: Assembly,
+    record_hz: float = RECORD_RATE_HZ,
+    on_tick: Callable[[int], object] = lambda k: None,
+) -> Outcome:
+    """Drive a run to its end and tell the sink of it, the reference path first."""
+    rig = assembly.rig(sink, record_hz)
     sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))
     return drive(rig, assembly.ticks, on_tick=on_tick)
 
