@@ -19,3 +19,11 @@ class InvalidController(ExperimentError):
 
 class InvalidRoute(ExperimentError):
     """A file of points to drive along that cannot be used; the message names file and place."""
+
+
+class MissingExtra(ExperimentError):
+    """A part of the project that is installed on request only; the message names it."""
+
+
+class BadOptions(ExperimentError):
+    """Options that do not go together."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,9 +20,11 @@ from experiments.report import report
 from experiments.scenario import Scenario, dump
 from experiments.settings.vehicle import Difference
 from experiments.summary import RunFacts, Summary
+from testbed.live import LiveView
 from testbed.loop import Outcome, drive
 from testbed.provenance import run_id, versions
 from testbed.record import Record, Recorder
+from testbed.scenery import Scenery
 from testbed.sink import Sink, Tee
 from testbed.topics import REFERENCE_PATH_TOPIC
 
@@ -63,10 +66,17 @@ def run(
     folder: Path,
     *,
     record_hz: float = RECORD_RATE_HZ,
+    watch: Callable[[Scenery], LiveView] | None = None,
 ) -> Finished:
     """Run a scenario and write log, summary, resolved scenario, figures and report to `folder`.
 
-    `record_hz` is how often the truth is written down [Hz].
+    Args:
+        name: of the scenario.
+        scenario: what to run.
+        seed: draws terrain and noise.
+        folder: to make.
+        record_hz: how often the truth is written down [Hz].
+        watch: opens a live view of the run; it is told the same as the log.
 
     Raises:
         OutputExists: the folder exists already; nothing is written.
@@ -77,18 +87,24 @@ def run(
         raise OutputExists(f"output folder {folder}: exists already, give another or remove it")
     assembly = assemble(scenario, seed)
     assembly.record_steps(record_hz)  # refused here, before anything is written
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise OutputExists(f"output folder {folder}: cannot be made: {error.strerror}") from None
-    resolved, scenery = dump(scenario), assembly.plant.scenery
-    files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
-    files["scenario"].write_text(resolved, encoding="utf-8")
-    metadata = describe(name, scenario, seed, assembly)
-    recorder = Recorder()
-    log = open_log(files["log"], scenario, assembly, scenery, metadata)
-    with log, _progress(assembly.ticks, f"{name}, {scenario.controller.name}, seed {seed}") as bar:
-        outcome = drive_into(Tee(recorder, log), assembly, record_hz, lambda k: bar.update())
+    scenery = assembly.plant.scenery
+    with ExitStack() as stack:
+        views = [stack.enter_context(watch(scenery))] if watch else []
+        try:
+            folder.mkdir(parents=True)
+        except OSError as error:
+            said = f"cannot be made: {error.strerror}"
+            raise OutputExists(f"output folder {folder}: {said}") from None
+        resolved = dump(scenario)
+        files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
+        files["scenario"].write_text(resolved, encoding="utf-8")
+        metadata = describe(name, scenario, seed, assembly)
+        recorder = Recorder()
+        log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
+        what = f"{name}, {scenario.controller.name}, seed {seed}"
+        bar = stack.enter_context(_progress(assembly.ticks, what))
+        sink = Tee(recorder, log, *views)
+        outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
     record = recorder.record(metadata)
     summary = summarise(record, _facts(name, scenario, seed, outcome, files["log"].name))
     files["summary"] = folder / "summary.json"

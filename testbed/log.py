@@ -21,7 +21,7 @@ FORMAT_KEY: Final = "log_format"
 FORMAT: Final = "1"  # raised whenever a reader of the old logs would misread the new ones
 
 _FLUSH_PERIOD_NS: Final = nanoseconds(5.0)  # what a killed process can lose, in simulated time
-_MEDIA_TYPES: Final = {
+MEDIA_TYPES: Final = {
     ".toml": "application/toml",
     ".xml": "application/xml",
     ".npz": "application/zip",
@@ -59,7 +59,7 @@ class LogWriter(Publisher):
         self._mcap = McapFile(self._stream, library=PROGRAM)
         self._mcap.add_metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT})
         for name, content in attachments.items():
-            media_type = _MEDIA_TYPES.get(Path(name).suffix, "text/plain")
+            media_type = MEDIA_TYPES.get(Path(name).suffix, "text/plain")
             data = content.encode() if isinstance(content, str) else content
             self._mcap.add_attachment(name, media_type, data)
         self._ids = {
