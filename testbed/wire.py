@@ -125,5 +125,5 @@ def _layout(names: Sequence[bytes], stamp_bytes: int) -> _Layout:
     return _Layout(
         np.frombuffer(message, np.uint8).copy(),
         np.array(stamps, np.intp).reshape(len(names), stamp_bytes),
-        np.array(numbers, np.intp).reshape(len(names), -1),
+        np.array(numbers, np.intp).reshape(len(names), _NUMBERS * _DOUBLE_BYTES),
     )

@@ -1,7 +1,11 @@
 """`ttempc log` and `ttempc run --live`, as a user runs them."""
 
 import csv
+import os
 import socket
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -190,3 +194,18 @@ def test_what_cannot_be_shown_is_refused_in_one_line(
     assert said in printed.err
     assert len(printed.err.strip().splitlines()) == 1
     assert not any(tmp_path.iterdir())
+
+
+def test_the_example_of_the_docs_draws_the_figures_of_the_paper(log, tmp_path):
+    example = Path(__file__).parents[2] / "docs" / "examples" / "read_a_log.py"
+    done = subprocess.run(
+        [sys.executable, str(example), str(log), str(tmp_path)],
+        env={**os.environ, "MPLBACKEND": "agg"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "tractor" in done.stdout
+    names = {file.name for file in tmp_path.iterdir()}
+    assert names == {"paths.png", "euclidean_errors.png", "control_signals.png"}

@@ -1,0 +1,39 @@
+"""The layout that ships: what it asks for, a log holds."""
+
+import json
+import re
+
+import pytest
+
+from testbed.channels import CHANNELS
+from testbed.publisher import topics_of
+
+pytest.importorskip("foxglove")
+FIELDS = {f"{channel.topic}.{name}" for channel in CHANNELS for name in channel.fields}
+
+
+def texts(node):
+    """Yield every key and text of a JSON tree."""
+    if isinstance(node, dict):
+        for key, value in node.items():
+            yield key
+            yield from texts(value)
+    elif isinstance(node, list):
+        for value in node:
+            yield from texts(value)
+    elif isinstance(node, str):
+        yield node
+
+
+def test_the_file_is_what_its_program_writes():
+    from experiments.foxglove_layout import FILE, text
+
+    assert FILE.read_text(encoding="utf-8") == text(), "run python -m experiments.foxglove_layout"
+
+
+def test_every_topic_and_field_in_it_exists():
+    from experiments.foxglove_layout import FILE
+
+    found = [each for each in texts(json.loads(FILE.read_text())) if re.match(r"/\w", each)]
+    assert len(found) > 30
+    assert set(found) <= FIELDS | {topic.name for topic in topics_of()}
