@@ -3,13 +3,12 @@
 import json
 import re
 
-import pytest
-
+from experiments.foxglove_layout import FILE, text
 from testbed.channels import CHANNELS
 from testbed.publisher import topics_of
 
-pytest.importorskip("foxglove")
 FIELDS = {f"{channel.topic}.{name}" for channel in CHANNELS for name in channel.fields}
+LAYOUT = json.loads(FILE.read_text(encoding="utf-8"))
 
 
 def texts(node):
@@ -25,15 +24,23 @@ def texts(node):
         yield node
 
 
-def test_the_file_is_what_its_program_writes():
-    from experiments.foxglove_layout import FILE, text
+def leaves(node):
+    if isinstance(node, str):
+        return [node]
+    assert node["direction"] in ("row", "column")
+    assert 0.0 < node["splitPercentage"] < 100.0
+    return leaves(node["first"]) + leaves(node["second"])
 
+
+def test_the_file_is_what_its_program_writes():
     assert FILE.read_text(encoding="utf-8") == text(), "run python -m experiments.foxglove_layout"
 
 
 def test_every_topic_and_field_in_it_exists():
-    from experiments.foxglove_layout import FILE
-
-    found = [each for each in texts(json.loads(FILE.read_text())) if re.match(r"/\w", each)]
+    found = [each for each in texts(LAYOUT["configById"]) if re.match(r"/\w", each)]
     assert len(found) > 30
     assert set(found) <= FIELDS | {topic.name for topic in topics_of()}
+
+
+def test_every_panel_has_one_place():
+    assert sorted(leaves(LAYOUT["layout"])) == sorted(LAYOUT["configById"])

@@ -28,7 +28,7 @@ def in_body(pose, point):
     turned, turn = np.zeros(3), pose.orientation
     quaternion = np.array([turn.w, turn.x, turn.y, turn.z])
     mujoco.mju_rotVecQuat(turned, np.array([point.x, point.y, point.z]), quaternion)
-    return turned + [pose.position.x, pose.position.y, pose.position.z]
+    return turned + np.array([pose.position.x, pose.position.y, pose.position.z])
 
 
 @pytest.mark.parametrize("time_ns", TIMES_NS)
