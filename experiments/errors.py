@@ -31,3 +31,11 @@ class SweepRefused(ExperimentError):
 
 class SweepStopped(ExperimentError):
     """A sweep that could not go on; what it had found is kept."""
+
+
+class MissingExtra(ExperimentError):
+    """A part of the project that is installed on request only; the message names it."""
+
+
+class BadOptions(ExperimentError):
+    """Options that do not go together."""

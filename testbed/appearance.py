@@ -91,6 +91,15 @@ def paint_ground(model: mujoco.MjModel, terrain: Terrain, cone_indices: FloatArr
     """Bake light, height and strength of the ground into its texture: a plain one looks flat."""
     texture = model.texture("ground")
     columns, rows = texture.width[0], texture.height[0]
+    colours = ground_colours(terrain, cone_indices, rows, columns)
+    # the first row of a texture lies at the far side of a height field
+    texture.data[:] = (255.0 * colours[::-1]).astype(np.uint8)
+
+
+def ground_colours(
+    terrain: Terrain, cone_indices: FloatArray, rows: int, columns: int
+) -> FloatArray:
+    """Return the colours of the ground seen from above, (rows, columns, 3) in 0..1, south first."""
     ny, nx = terrain.heights.shape
     x = terrain.origin[0] + terrain.size_m[0] * np.arange(columns) / (columns - 1)
     y = terrain.origin[1] + terrain.size_m[1] * np.arange(rows) / (rows - 1)
@@ -107,6 +116,4 @@ def paint_ground(model: mujoco.MjModel, terrain: Terrain, cone_indices: FloatArr
     strength = np.log(cone_indices[nearest])  # (rows, columns)
     colour = np.stack([np.interp(strength, _STRENGTHS, part) for part in _COLOURS.T], axis=-1)
     grain = np.random.default_rng(0).normal(0.0, 0.04, (rows, columns))  # blades of grass
-    image = colour * (1.0 + 0.28 * shade + grain)[..., None]  # (rows, columns, 3)
-    # the first row of a texture lies at the far side of a height field
-    texture.data[:] = np.clip(255.0 * image[::-1], 0.0, 255.0).astype(np.uint8)
+    return np.clip(colour * (1.0 + 0.28 * shade + grain)[..., None], 0.0, 1.0)
