@@ -9,12 +9,22 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import NoReturn
 
-from experiments.commands import card, catalogue, log, options, run, view
+from experiments.commands import (
+    card,
+    catalogue,
+    compare,
+    frame,
+    log,
+    options,
+    run,
+    video,
+    view,
+)
 from experiments.errors import ExperimentError
 from testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
-_COMMANDS = (run, view, log, card, catalogue)
+_COMMANDS = (run, view, log, video, frame, compare, card, catalogue)
 
 _ABOUT = """\
 A tractor with a steerable trailer drives a figure eight over a bumpy, slippery
@@ -26,6 +36,7 @@ field in MuJoCo, under the controller of your choice.
   ttempc run grass --set soil.cone_index_kpa=250 --set path.laps=1
   ttempc card wet-slope             is it my controller or the simulator? inspects the plant
   ttempc log info runs/DIR/log.mcap  what a log holds; export, check and recover it
+  ttempc video runs/.../log.mcap    a film of a run; `frame` takes one picture of it
 """
 
 
