@@ -37,7 +37,7 @@ def film(
     check_codec()
     setup.check()
     with FilmWriter(file, setup.shot.size) as writer:
-        for picture in _pictures(setup, workers):
+        for picture in pictures(setup, workers):
             writer.add(picture)
             on_frame()
 
@@ -61,7 +61,12 @@ def still(setup: Setup, file: Path, time_s: float) -> None:
         part.unlink(missing_ok=True)
 
 
-def _pictures(setup: Setup, workers: int) -> Iterator[NDArray[np.uint8]]:
+def pictures(setup: Setup, workers: int) -> Iterator[NDArray[np.uint8]]:
+    """Yield the frames of a film in their order, made by as many processes.
+
+    Raises:
+        InvalidFilm: a process was killed.
+    """
     times = setup.shot.times.tolist()
     if workers < 2 or len(times) < _WORTH_A_PROCESS:
         scene = setup.scene()

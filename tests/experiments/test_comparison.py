@@ -25,7 +25,7 @@ def test_the_figures_are_those_of_each_run(short_runs, tmp_path, capsys):
     folder = tmp_path / "both"
     assert main(["compare", *map(str, files), "-o", str(folder)]) == 0
     printed = capsys.readouterr().out
-    rows = list(csv.DictReader((folder / "comparison.csv").open()))
+    rows = list(csv.DictReader((folder / "comparison.csv").read_text().splitlines()))
     for file, controller in zip(files, ("paper", "ttempc-nominal"), strict=True):
         assert controller in printed
         summary = json.loads((file.parent / "summary.json").read_text())
