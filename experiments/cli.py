@@ -9,12 +9,24 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import NoReturn
 
-from experiments.commands import card, catalogue, envelope, log, options, run, sweep, view
+from experiments.commands import (
+    card,
+    catalogue,
+    compare,
+    envelope,
+    frame,
+    log,
+    options,
+    run,
+    sweep,
+    video,
+    view,
+)
 from experiments.errors import ExperimentError
 from testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
-_COMMANDS = (run, sweep, envelope, view, log, card, catalogue)
+_COMMANDS = (run, sweep, envelope, view, log, video, frame, compare, card, catalogue)
 
 _ABOUT = """\
 A tractor with a steerable trailer drives a figure eight over a bumpy, slippery
@@ -27,6 +39,7 @@ field in MuJoCo, under the controller of your choice.
   ttempc sweep terrain-slip         thousands of runs on all cores: where does a controller fail?
   ttempc card wet-slope             is it my controller or the simulator? inspects the plant
   ttempc log info runs/DIR/log.mcap  what a log holds; export, check and recover it
+  ttempc video runs/.../log.mcap    a film of a run; `frame` takes one picture of it
 """
 
 

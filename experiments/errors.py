@@ -39,3 +39,15 @@ class MissingExtra(ExperimentError):
 
 class BadOptions(ExperimentError):
     """Options that do not go together."""
+
+
+class InvalidFilm(ExperimentError):
+    """A film or picture that cannot be made of this log; the message says what is allowed."""
+
+
+class NoGraphics(ExperimentError):
+    """Off-screen rendering is not to be had; the message names what to install."""
+
+
+class NotComparable(ExperimentError):
+    """Runs that do not belong side by side."""

@@ -11,6 +11,7 @@ from typing import Final
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from testbed.terrain import Terrain
 from testbed.truth import WHEELS
@@ -100,7 +101,6 @@ def ground_colours(
     terrain: Terrain, cone_indices: FloatArray, rows: int, columns: int
 ) -> FloatArray:
     """Return the colours of the ground seen from above, (rows, columns, 3) in 0..1, south first."""
-    ny, nx = terrain.heights.shape
     x = terrain.origin[0] + terrain.size_m[0] * np.arange(columns) / (columns - 1)
     y = terrain.origin[1] + terrain.size_m[1] * np.arange(rows) / (rows - 1)
     height = terrain.height(x, y[:, None])  # (rows, columns)
@@ -109,11 +109,9 @@ def ground_colours(
     # light from the north-west, steepened until the roughest tenth spans the range
     shade = slope_x - slope_y
     shade = np.clip(shade / max(4.0 * float(shade.std()), 0.05), -1.0, 1.0)
-    nearest = np.ix_(
-        np.rint(np.linspace(0, ny - 1, rows)).astype(int),
-        np.rint(np.linspace(0, nx - 1, columns)).astype(int),
-    )
-    strength = np.log(cone_indices[nearest])  # (rows, columns)
+    # smoothed over a cell of the grid: the edge of a patch is no staircase
+    strengths = Image.fromarray(np.log(cone_indices).astype(np.float32))
+    strength = np.asarray(strengths.resize((columns, rows), Image.Resampling.BILINEAR))
     colour = np.stack([np.interp(strength, _STRENGTHS, part) for part in _COLOURS.T], axis=-1)
     grain = np.random.default_rng(0).normal(0.0, 0.04, (rows, columns))  # blades of grass
     return np.clip(colour * (1.0 + 0.28 * shade + grain)[..., None], 0.0, 1.0)
