@@ -48,8 +48,7 @@ class RegulatorTuning:
             raise InvalidTuning(f"memory_s: got {self.memory_s}, must be finite and above 0")
 
 
-# In the tube reading the law is all the feedback that the vehicle has: as stiff as the MPC's.
-TUBE = RegulatorTuning(nominal="tube", input_weight=(0.03, 0.03, 0.01))
+TUBE = RegulatorTuning(nominal="tube")
 
 
 @dataclass(frozen=True, slots=True)
