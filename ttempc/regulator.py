@@ -32,8 +32,8 @@ class RegulatorTuning:
     # Largest action k_s [rad], [rad], fraction; the paper's.
     saturation: tuple[float, float, float] = RobustGains().saturation
     # Cost of an action [1/rad^2], [1/rad^2], 1, beside errors of both points at 1 / m^2 each: 2 cm
-    # weigh as much as 2 deg of steering or 9 % of the hydrostat.
-    input_weight: tuple[float, float, float] = (0.3, 0.3, 0.05)
+    # weigh as much as 2 deg of steering or 4 % of the hydrostat.
+    input_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
     # In the one-step reading: time over which it is measured what comes again [s].
     memory_s: float = 5.0
 
