@@ -13,7 +13,7 @@ def short_runs(tmp_path_factory):
     """Folders of two controllers on one straight line, and a slower drive along it."""
     folder = tmp_path_factory.mktemp("short-runs")
     for name, overrides in (
-        ("paper", [STRAIGHT]),
+        ("paper", [STRAIGHT, 'controller.name="paper"']),
         ("nominal", [STRAIGHT, 'controller.name="ttempc-nominal"']),
         ("slower", ["path={kind='straight', length_m=12, speed_mps=0.8}"]),
     ):
