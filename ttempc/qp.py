@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from ttempc.errors import InvalidTuning
@@ -95,6 +96,10 @@ class StageBounds:
     upper: FloatArray
     step_lower: FloatArray
     step_upper: FloatArray
+
+    def at(self, *place: int | slice | NDArray[np.intp]) -> StageBounds:
+        """Return the bounds at a place in the arrays."""
+        return _each(self, lambda values: values[place])
 
     def reachable(self, previous: FloatArray) -> FloatArray:
         """Return the input (m,) nearest to `previous` from which a step leads within the bounds.

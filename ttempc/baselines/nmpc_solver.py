@@ -1,0 +1,139 @@
+"""Nonlinear least squares over a horizon: Gauss-Newton steps, each one a small QP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ttempc.baselines.nmpc_model import HorizonModel, Subsystem
+from ttempc.qp import QP, HorizonTuning, StageBounds
+from ttempc.reference import Reference
+from ttempc.solver import PersistentSolver
+from ttempc.types import FloatArray, SolverReport
+
+# A plan is converged where the last step changed no input of it by more than this, in rad or
+# hydrostat position. Near the solution steps shrink tenfold and more: less than a tenth is left.
+_TOLERANCE = 1e-4
+ITERATIONS = 20  # usual are 2 to 3
+_HALVINGS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What the problem of one tick is about."""
+
+    state: FloatArray  # (7,) the estimate
+    disturbance: FloatArray  # (5,) the estimate, held over the horizon
+    poses: FloatArray  # (Np, 6) reference at the ends of the periods, for `HorizonModel`
+    feedforward: FloatArray  # (Np, 3) u_r
+    inputs_e: FloatArray  # (Np, 3) u_e; columns of other subsystems' inputs stay as they are
+    previous: FloatArray  # (m,) own u_e(k-1)
+    bounds: StageBounds  # (m Nc,) each, own
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What Gauss-Newton found."""
+
+    steps: FloatArray | None  # (m Nc,) Delta u_e; None where a QP gave no result that counts
+    errors: FloatArray  # (Np, p) position errors under the steps, to first order of the last one
+    report: SolverReport
+    converged: bool
+
+
+class GaussNewton:
+    """Minimise the linear MPC's cost and bounds under the nonlinear model.
+
+    Unknown are the steps of u_e = u_r - u of one subsystem, as in `ttempc.qp.CondensedHorizon`:
+
+        min sum_j y_j' Q y_j + sum Delta u' R Delta u,    y_j = y_j(z_k, u_{k-1}, Delta U),
+
+    where y_j are the position errors of the nonlinear model (single shooting: a plan is feasible
+    where its steps are within linear bounds). Every iteration linearises y_j at the present plan,
+    accumulates its derivatives from stage to stage and solves the QP that is left. After the
+    first step a step that does not lower the cost is halved. Converged plans are stationary
+    points of the nonlinear problem; `iterations` = 1 is a real-time iteration (Diehl et al. 2005).
+    """
+
+    def __init__(
+        self,
+        reference: Reference,
+        subsystem: Subsystem,
+        tuning: HorizonTuning,
+        period_s: float,
+        iterations: int = ITERATIONS,
+    ) -> None:
+        self._model = HorizonModel(reference.vehicle, subsystem, tuning.horizon, period_s)
+        self._qp = PersistentSolver()
+        self._iterations = iterations
+        self._own = list(subsystem.inputs)
+        horizon, moves, m = tuning.horizon, tuning.moves, len(self._own)
+        n, p = len(subsystem.states), len(subsystem.outputs)
+        free = np.arange(horizon)[:, None] >= np.arange(moves)  # step i acts on stage j >= i
+        pick = np.kron(free, np.eye(m))  # (Np m, m Nc)
+        self._pick = pick.reshape(horizon, m, m * moves)
+        self._weight = np.array([tuning.output_weight[i] for i in subsystem.outputs])  # (p,)
+        self._weights = np.tile(self._weight, horizon)[:, None]  # (Np p, 1)
+        step_weight = np.array([tuning.step_weight[i] for i in self._own])
+        self._step_weight = np.tile(step_weight, moves)  # (m Nc,)
+        self._sums: FloatArray = np.kron(np.tril(np.ones((moves, moves))), np.eye(m))
+        self._by_steps = np.zeros((horizon + 1, n, m * moves))  # d state / d steps
+        self._jacobian = np.zeros((horizon, p, m * moves))
+
+    def minimise(self, task: Task, steps: FloatArray) -> Plan:
+        """Return the plan that is reached from `steps` (m Nc,)."""
+        self._model.start(task.state, task.disturbance, task.poses)
+        cost = self._evaluate(task, steps)
+        time_s = 0.0
+        for iteration in range(1, self._iterations + 1):
+            solution = self._qp.solve(self._linearised(task, steps))
+            time_s += solution.report.solve_time_s
+            report = replace(solution.report, iterations=iteration, solve_time_s=time_s)
+            if solution.x is None:
+                return Plan(None, self._model.errors.copy(), report, False)
+            change = solution.x - steps
+            converged = bool(np.abs(change).max() <= _TOLERANCE)
+            if converged or iteration == self._iterations:
+                break
+            trial = self._evaluate(task, steps + change)
+            for _ in range(_HALVINGS if iteration > 1 else 0):
+                if trial <= cost:
+                    break
+                change = 0.5 * change
+                trial = self._evaluate(task, steps + change)
+            steps, cost = steps + change, trial
+        errors = self._model.errors + self._jacobian @ change
+        return Plan(solution.x, errors, report, converged)
+
+    def _evaluate(self, task: Task, steps: FloatArray) -> float:
+        """Run the model under `steps` and return the cost."""
+        inputs_e = task.inputs_e.copy()
+        inputs_e[:, self._own] = task.previous + self._pick @ steps
+        self._model.evaluate(task.feedforward - inputs_e)
+        tracking = np.sum(self._weight * np.square(self._model.errors))
+        return float(tracking + self._step_weight @ np.square(steps))
+
+    def _linearised(self, task: Task, steps: FloatArray) -> QP:
+        """Return the QP in the steps themselves around the `steps` last evaluated."""
+        model, through = self._model, self._by_steps
+        by_input = model.by_input @ self._pick  # (Np, n, m Nc)
+        for j, by_state in enumerate(model.by_state):
+            np.dot(by_state, through[j], out=through[j + 1])
+            through[j + 1] -= by_input[j]  # u = u_r - u_e
+        np.matmul(model.error_by_state, through[1:], out=self._jacobian)
+        jacobian = self._jacobian.reshape(-1, len(steps))  # (Np p, m Nc)
+        weighted = 2.0 * self._weights * jacobian
+        hessian = jacobian.T @ weighted
+        hessian[np.diag_indices(len(steps))] += 2.0 * self._step_weight
+        errors = model.errors.reshape(-1)
+        bounds, shift = task.bounds, np.tile(task.previous, len(steps) // len(task.previous))
+        return QP(
+            hessian=hessian,
+            gradient=weighted.T @ (errors - jacobian @ steps),
+            matrix=self._sums,
+            lower=bounds.lower - shift,
+            upper=bounds.upper - shift,
+            step_lower=bounds.step_lower,
+            step_upper=bounds.step_upper,
+        )
