@@ -7,7 +7,7 @@ tractor-trailer system: a comparative study", American Control Conference, pp. 4
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ttempc.articulated import TUNING, remaining_bounds
 from ttempc.baselines.nmpc_model import TRACTOR, TRAILER, WHOLE, Subsystem
-from ttempc.baselines.nmpc_solver import ITERATIONS, GaussNewton, Plan, Task
+from ttempc.baselines.nmpc_solver import GaussNewton, HorizonSolver, Task
 from ttempc.limits import CommandLimits
 from ttempc.prediction import rotation
 from ttempc.qp import HorizonTuning, StageBounds, move_bounds
@@ -26,6 +26,8 @@ from ttempc.types import Estimate, FloatArray, Input, SolverReport, State
 from ttempc.vehicle import Vehicle
 
 _M = len(Input)
+
+SolverFactory = Callable[[Reference, Subsystem, HorizonTuning, float], HorizonSolver]
 
 
 class NonlinearFeedback:
@@ -49,11 +51,10 @@ class NonlinearFeedback:
         subsystems: Sequence[Subsystem],
         *,
         exchange: bool,
-        real_time: bool,
+        solver: SolverFactory,
     ) -> None:
         self._tuning = tuning
         self._exchange = exchange
-        self._real_time = real_time
         self._feedforward = feedforward  # u_r (N, 3)
         self._poses = np.hstack(
             [grid.state[:, :3], grid.trailer_xy, grid.state[:, State.PSI_I, None]]
@@ -61,11 +62,10 @@ class NonlinearFeedback:
         limits = CommandLimits.of(reference.vehicle, period_s)
         left = remaining_bounds(feedforward, limits)
         bounds = move_bounds(tuning, period_s, len(feedforward), left)
-        iterations = 1 if real_time else ITERATIONS
         self._parts = [
             _Part(
                 subsystem,
-                GaussNewton(reference, subsystem, tuning, period_s, iterations),
+                solver(reference, subsystem, tuning, period_s),
                 bounds.at(slice(None), _columns(subsystem, tuning.moves)),
             )
             for subsystem in subsystems
@@ -119,16 +119,8 @@ class NonlinearFeedback:
             robust=np.zeros(_M),
             predicted_path=self._points[ends] - along,
             solver=_joined([plan.report for plan in plans]),
-            fallback="; ".join(filter(None, map(self._trouble, plans))),
+            fallback="; ".join(plan.trouble for plan in plans if plan.trouble),
         )
-
-    def _trouble(self, plan: Plan) -> str:
-        """Say why a plan is not the minimiser, where it should be."""
-        if plan.steps is None:
-            return f"QP {plan.report.status}: previous feedback held"
-        if not (plan.converged or self._real_time):
-            return f"not converged in {plan.report.iterations} iterations: last plan driven"
-        return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +128,7 @@ class _Part:
     """One NMPC of those that share the vehicle."""
 
     subsystem: Subsystem
-    solver: GaussNewton
+    solver: HorizonSolver
     bounds: StageBounds  # of its own inputs at every tick, (ticks, m Nc)
 
 
@@ -165,7 +157,7 @@ def nmpc_controller(
     subsystems: Sequence[Subsystem] = (WHOLE,),
     *,
     exchange: bool = False,
-    real_time: bool = False,
+    solver: SolverFactory = GaussNewton,
 ) -> TrackingController:
     """Compose the exact feedforward and the NMPCs of `subsystems`.
 
@@ -182,12 +174,12 @@ def nmpc_controller(
             tuning,
             subsystems,
             exchange=exchange,
-            real_time=real_time,
+            solver=solver,
         )
 
     return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)
 
 
-nmpc_rti_controller = partial(nmpc_controller, real_time=True)
+nmpc_rti_controller = partial(nmpc_controller, solver=partial(GaussNewton, iterations=1))
 nmpc_decentralised_controller = partial(nmpc_controller, subsystems=(TRACTOR, TRAILER))
 nmpc_distributed_controller = partial(nmpc_decentralised_controller, exchange=True)

@@ -172,9 +172,9 @@ class HorizonModel:
         self.error_by_state = c.transpose(0, 2, 1)  # (Np, p, n)
         self._buffer, self._run = along.buffer()
         for place, array in enumerate((self._start, self._known)):
-            self._buffer.set_arg(place, memoryview(array))
+            self._buffer.set_arg(place, array.data)
         for place, array in enumerate((self.states, a, b, self.errors, c)):
-            self._buffer.set_res(place, memoryview(array))
+            self._buffer.set_res(place, array.data)
 
     def start(self, state: FloatArray, disturbance: FloatArray, poses: FloatArray) -> None:
         """Set the first state (7,), the disturbance (5,) and the reference's poses (Np, 6)."""

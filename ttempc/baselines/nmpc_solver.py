@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from ttempc.types import FloatArray, SolverReport
 _TOLERANCE = 1e-4
 ITERATIONS = 20  # usual are 2 to 3
 _HALVINGS = 6
+_KEPT = 0.25  # of the descent that the QP promises a step must keep, else it is halved (Armijo)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +36,20 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What Gauss-Newton found."""
+    """What a solver found."""
 
     steps: FloatArray | None  # (m Nc,) Delta u_e; None where a QP gave no result that counts
-    errors: FloatArray  # (Np, p) position errors under the steps, to first order of the last one
+    errors: FloatArray  # (Np, p) position errors under the steps [m]
     report: SolverReport
-    converged: bool
+    trouble: str = ""  # why the steps are not the minimiser, where they should be
+
+
+class HorizonSolver(Protocol):
+    """Anything that minimises over a horizon."""
+
+    def minimise(self, task: Task, steps: FloatArray) -> Plan:
+        """Return the plan that is reached from `steps` (m Nc,)."""
+        ...
 
 
 class GaussNewton:
@@ -51,9 +61,9 @@ class GaussNewton:
 
     where y_j are the position errors of the nonlinear model (single shooting: a plan is feasible
     where its steps are within linear bounds). Every iteration linearises y_j at the present plan,
-    accumulates its derivatives from stage to stage and solves the QP that is left. After the
-    first step a step that does not lower the cost is halved. Converged plans are stationary
-    points of the nonlinear problem; `iterations` = 1 is a real-time iteration (Diehl et al. 2005).
+    accumulates its derivatives from stage to stage and solves the QP that is left. Converged plans
+    are stationary points of the nonlinear problem. With one of the `iterations` it is a real-time
+    iteration (Diehl, Bock and Schloeder 2005, SIAM J. Control Optim. 43), not meant to converge.
     """
 
     def __init__(
@@ -77,7 +87,8 @@ class GaussNewton:
         self._weights = np.tile(self._weight, horizon)[:, None]  # (Np p, 1)
         step_weight = np.array([tuning.step_weight[i] for i in self._own])
         self._step_weight = np.tile(step_weight, moves)  # (m Nc,)
-        self._sums: FloatArray = np.kron(np.tril(np.ones((moves, moves))), np.eye(m))
+        sums = np.kron(np.tril(np.ones((moves, moves))), np.eye(m))
+        self._sums: FloatArray = sums.astype(np.float64)
         self._by_steps = np.zeros((horizon + 1, n, m * moves))  # d state / d steps
         self._jacobian = np.zeros((horizon, p, m * moves))
 
@@ -85,26 +96,33 @@ class GaussNewton:
         """Return the plan that is reached from `steps` (m Nc,)."""
         self._model.start(task.state, task.disturbance, task.poses)
         cost = self._evaluate(task, steps)
-        time_s = 0.0
-        for iteration in range(1, self._iterations + 1):
-            solution = self._qp.solve(self._linearised(task, steps))
+        time_s, iteration = 0.0, 0
+        while True:
+            iteration += 1
+            qp = self._linearised(task, steps)
+            solution = self._qp.solve(qp)
             time_s += solution.report.solve_time_s
             report = replace(solution.report, iterations=iteration, solve_time_s=time_s)
             if solution.x is None:
-                return Plan(None, self._model.errors.copy(), report, False)
+                trouble = f"QP {report.status}: previous feedback held"
+                return Plan(None, self._model.errors.copy(), report, trouble)
             change = solution.x - steps
             converged = bool(np.abs(change).max() <= _TOLERANCE)
             if converged or iteration == self._iterations:
                 break
+            promised = qp.objective(steps) - qp.objective(solution.x)
             trial = self._evaluate(task, steps + change)
+            # The first step is taken whole: it lands within the bounds wherever the guess lay.
             for _ in range(_HALVINGS if iteration > 1 else 0):
-                if trial <= cost:
+                if cost - trial >= _KEPT * promised:
                     break
-                change = 0.5 * change
+                change, promised = 0.5 * change, 0.5 * promised
                 trial = self._evaluate(task, steps + change)
             steps, cost = steps + change, trial
-        errors = self._model.errors + self._jacobian @ change
-        return Plan(solution.x, errors, report, converged)
+        errors = self._model.errors + self._jacobian @ change  # the last change to first order
+        missed = not converged and self._iterations > 1
+        trouble = f"not converged in {self._iterations} iterations: last plan driven"
+        return Plan(solution.x, errors, report, trouble if missed else "")
 
     def _evaluate(self, task: Task, steps: FloatArray) -> float:
         """Run the model under `steps` and return the cost."""
