@@ -118,7 +118,7 @@ class Programme:
             accepted=success,
             iterations=int(stats.get("iter_count", 0)),
             solve_time_s=float(stats["t_wall_total"]),
-            primal_residual=float(np.abs(result["g"]).max()),
+            primal_residual=float(np.abs(np.asarray(result["g"])).max()),
             dual_residual=math.nan,
         )
         if not success:

@@ -94,6 +94,11 @@ class GaussNewton:
 
     def minimise(self, task: Task, steps: FloatArray) -> Plan:
         """Return the plan that is reached from `steps` (m Nc,)."""
+        # An absurd estimate may grow beyond all numbers; the QP's solver then refuses and says so.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._minimise(task, steps)
+
+    def _minimise(self, task: Task, steps: FloatArray) -> Plan:
         self._model.start(task.state, task.disturbance, task.poses)
         cost = self._evaluate(task, steps)
         time_s, iteration = 0.0, 0
