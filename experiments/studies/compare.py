@@ -116,13 +116,21 @@ def _parser() -> argparse.ArgumentParser:
     driving.add_argument("--controllers", type=_names, default=list(CONTROLLERS))
     driving.add_argument("--scenarios", type=_names, default=list(shipped()))
     driving.add_argument("--seeds", type=_seeds, default=_seeds("1-10"), help="as 1-10 or 3,5")
-    driving.add_argument("--laps", type=int, help="of the figure eight (default: the scenario's)")
-    driving.add_argument("--processes", type=int, help="side by side (default: one a core)")
+    driving.add_argument(
+        "--laps", type=_positive, help="of the figure eight (default: the scenario's)"
+    )
+    driving.add_argument("--processes", type=_positive, help="side by side (default: one a core)")
     drawing = commands.add_parser("draw", help="make table and figure of a file")
     drawing.add_argument("file", type=Path)
     drawing.add_argument("--against", default="ttempc-nominal", help="whom to compare with")
     drawing.add_argument("--out", type=Path, default=Path("docs"), help="folder (default: docs)")
     return parser
+
+
+def _positive(text: str) -> int:
+    if int(text) < 1:
+        raise ValueError
+    return int(text)
 
 
 def _names(text: str) -> list[str]:

@@ -27,7 +27,6 @@ from experiments.figures.style import (
 from experiments.sweeping.row import Row
 from ttempc.types import FloatArray
 
-_KEYS: Final = ("scenario", "seed", "controller")
 _ERRORS: Final = tuple(f"tracking.all.{body}.mean_euclidean_m" for body in ("tractor", "trailer"))
 _STEP: Final = "timing.control_step_us.median"
 _RESAMPLED: Final = 10_000
@@ -75,23 +74,26 @@ class Comparison:
             InvalidRows: there is no run of it, or there are two of one controller, scenario and
                 seed.
         """
-        names = [list(dict.fromkeys(row[key] for row in rows)) for key in _KEYS]
-        if against not in names[2]:
-            raise InvalidRows(f"no run of {against!r} to compare with, there are {names[2]}")
-        shape = tuple(map(len, names))
+        runs_of = {_key(row): row for row in rows}
+        if len(runs_of) < len(rows):
+            raise InvalidRows("there are two runs of one controller, scenario and seed")
+        scenarios = tuple(dict.fromkeys(scenario for scenario, _, _ in runs_of))
+        seeds = tuple(dict.fromkeys(seed for _, seed, _ in runs_of))
+        controllers = tuple(dict.fromkeys(controller for _, _, controller in runs_of))
+        if against not in controllers:
+            raise InvalidRows(
+                f"no run of {against!r} to compare with, there are {', '.join(controllers)}"
+            )
+        shape = len(scenarios), len(seeds), len(controllers)
         error, cost = np.full(shape, np.nan), np.full(shape, np.nan)
         runs = np.zeros(shape, dtype=np.intp)
-        for row in rows:
-            place = tuple(known.index(row[key]) for known, key in zip(names, _KEYS, strict=True))
-            runs[place] += 1
-            if runs[place] > 1:
-                raise InvalidRows(f"two runs of {[row[key] for key in _KEYS]}")
+        for (scenario, seed, controller), row in runs_of.items():
+            place = scenarios.index(scenario), seeds.index(seed), controllers.index(controller)
+            runs[place] = 1
             cost[place] = _number(row[_STEP])
             if row["status"] == "completed":
                 error[place] = 100.0 * np.mean([_number(row[name]) for name in _ERRORS])
-        scenarios, seeds, controllers = map(tuple, names)
-        place = controllers.index(against)
-        return cls(scenarios, seeds, controllers, place, error, cost, runs)
+        return cls(scenarios, seeds, controllers, controllers.index(against), error, cost, runs)
 
     def lost(self, controller: int) -> int:
         """Return how many runs of a controller did not complete."""
@@ -103,6 +105,11 @@ class Comparison:
         found = self.error_cm[scenario, :, controller]
         found = found[np.isfinite(found)]
         return bootstrap(found) if len(found) else None
+
+    def over(self, scenarios: Sequence[int], controller: int) -> Mean | None:
+        """Return the mean error [cm] over scenarios in which all runs completed."""
+        found = self.error_cm[list(scenarios)][..., controller].T  # (seeds, scenarios)
+        return bootstrap(found) if found.size else None
 
     def difference(self, scenarios: Sequence[int], controller: int) -> Mean | None:
         """Return the mean of the paired differences to `against` [cm], over whole seeds alone."""
@@ -143,17 +150,13 @@ def markdown(comparison: Comparison) -> str:
     ]
     for c in everything:
         fields = it.survived(c)
-        mean = np.mean(it.error_cm[fields][..., c]) if fields else np.nan
-        whole = it.difference(fields, c) if fields else None
-        span = (
-            _interval(bootstrap(it.error_cm[fields].swapaxes(0, 1)[..., c]), "")
-            if (c == it.against)
-            else _interval(whole, "+")
-        )
+        mean, whole = it.over(fields, c), it.difference(fields, c)
+        value = "-" if mean is None else f"{mean.value:.2f}"
+        span = _interval(mean, "") if c == it.against else _interval(whole, "+")
         cost = it.cost_us(c)
         lines.append(
             f"| `{it.controllers[c]}` | {cost:.0f} | {cost / it.cost_us(it.against):.2f} | "
-            f"{mean:.2f} {span} | {len(fields)} | {it.lost(c)} |"
+            f"{value} {span} | {len(fields)} | {it.lost(c)} |"
         )
     lines += ["", "Only fields on which no run of the pair was lost count in the first table.", ""]
     lines.append("| field | " + " | ".join(f"`{name}`" for name in it.controllers) + " |")
@@ -182,8 +185,8 @@ def picture(comparison: Comparison) -> bytes:
         values = [mean.value for mean in errors]
         axes.plot([cost] * len(values), values, marker, color=colour, markersize=3, alpha=0.4)
         fields = it.survived(c)
-        if fields:
-            whole = bootstrap(it.error_cm[fields].swapaxes(0, 1)[..., c])
+        whole = it.over(fields, c)
+        if whole is not None:
             span = [[whole.value - whole.low], [whole.high - whole.value]]
             axes.errorbar(
                 [cost],
@@ -205,6 +208,12 @@ def picture(comparison: Comparison) -> bytes:
 
 def _interval(mean: Mean | None, sign: str) -> str:
     return "" if mean is None else f"({mean.low:{sign}.2f} to {mean.high:{sign}.2f})"
+
+
+def _key(row: Row) -> tuple[str, int, str]:
+    seed = row["seed"]
+    assert isinstance(seed, int)
+    return str(row["scenario"]), seed, str(row["controller"])
 
 
 def _number(value: object) -> float:
