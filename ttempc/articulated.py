@@ -82,7 +82,9 @@ def map_gains(reference: ReferenceSample, vehicle: Vehicle) -> FloatArray:
     return np.array(
         [
             by_map(psi_t, psi_i, v, yaw_rate, vehicle)
-            for (psi_t, psi_i, v), yaw_rate in zip(shape, reference.yaw_rate_t.tolist(), strict=True)
+            for (psi_t, psi_i, v), yaw_rate in zip(
+                shape, reference.yaw_rate_t.tolist(), strict=True
+            )
         ]
     )
 
@@ -95,9 +97,13 @@ def error_state(reference: FloatArray, estimate: Estimate, vehicle: Vehicle) -> 
     cos, sin = math.cos(reference[State.PSI_T]), math.sin(reference[State.PSI_T])
     dx, dy = error[State.X], error[State.Y]
     error[State.X], error[State.Y] = cos * dx + sin * dy, cos * dy - sin * dx
-    turning = estimate.map_disturbance
-    staying = estimate.disturbance - map_gain(estimate, vehicle) @ turning
-    return np.concatenate([error, staying, turning])
+    return np.concatenate([error, *lasting_disturbance(estimate, vehicle)])
+
+
+def lasting_disturbance(estimate: Estimate, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """Return what of the disturbance turns with the vehicle (5,), and what with the field (4,)."""
+    on_map = estimate.map_disturbance
+    return estimate.disturbance - map_gain(estimate, vehicle) @ on_map, on_map
 
 
 class ArticulatedFeedback:

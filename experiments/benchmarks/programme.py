@@ -95,9 +95,7 @@ class Programme:
             self._found = np.zeros(self._size)
             for node in self._nodes:
                 self._found[node] = start
-        known = np.hstack(
-            [task.feedforward, np.tile(task.disturbance, (len(task.poses), 1)), task.poses]
-        )
+        known = np.hstack([task.feedforward, task.disturbance, task.poses])
         given = np.concatenate([start, known.reshape(-1)])
         bounds = task.bounds
         result = self._solve(

@@ -10,10 +10,10 @@ from ttempc.articulated import TUNING, error_dynamics, error_state
 from ttempc.qp import HorizonTuning
 from ttempc.reference import Reference, ReferenceSample
 from ttempc.tracking import Actions, TrackingController, around_exact_feedforward
-from ttempc.types import Disturbance, Estimate, FloatArray, Input, State
+from ttempc.types import Estimate, FloatArray, Input
 from ttempc.vehicle import Vehicle
 
-_N, _M = len(State) + len(Disturbance), len(Input)
+_M = len(Input)
 
 # What lies farther ahead than this does not move the gain any more: a dozen vehicle lengths.
 _BEYOND_S = 30.0
@@ -66,10 +66,11 @@ class LqrFeedback:
         self._gains = riccati_gains(a, b, c, *weights)
         self._feedforward = feedforward  # u_r (N, 3)
         self._state = grid.state
+        self._vehicle = reference.vehicle
 
     def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`."""
-        state = error_state(self._state[k], estimate)
+        state = error_state(self._state[k], estimate, self._vehicle)
         before = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         u_e = before - self._gains[k] @ np.concatenate([state, before])
         return Actions(feedback=-u_e, robust=np.zeros(_M))

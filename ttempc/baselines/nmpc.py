@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ttempc.articulated import TUNING, remaining_bounds
+from ttempc.articulated import TUNING, lasting_disturbance, map_gains, remaining_bounds
 from ttempc.baselines.nmpc_model import TRACTOR, TRAILER, WHOLE, Subsystem
 from ttempc.baselines.nmpc_solver import GaussNewton, HorizonSolver, Task
 from ttempc.limits import CommandLimits
@@ -59,6 +59,9 @@ class NonlinearFeedback:
         self._poses = np.hstack(
             [grid.state[:, :3], grid.trailer_xy, grid.state[:, State.PSI_I, None]]
         )
+        self._vehicle = reference.vehicle
+        middle = reference.at((np.arange(len(feedforward)) + 0.5) * period_s)
+        self._turning = map_gains(middle, reference.vehicle)  # (N, 5, 4)
         limits = CommandLimits.of(reference.vehicle, period_s)
         left = remaining_bounds(feedforward, limits)
         bounds = move_bounds(tuning, period_s, len(feedforward), left)
@@ -89,6 +92,8 @@ class NonlinearFeedback:
             inputs_e = planned[np.minimum(np.arange(horizon), moves - 1)]
         else:
             inputs_e = feedforward - sent  # u = u_r - u_e stays as it is
+        staying, turning = lasting_disturbance(estimate, self._vehicle)
+        disturbance = staying + self._turning[k : k + horizon] @ turning  # (Np, 5)
         feedback, steps = before.copy(), np.zeros_like(guess)
         errors = np.zeros((horizon, 4))
         plans = []
@@ -98,7 +103,7 @@ class NonlinearFeedback:
             first = bounds.at(slice(len(own)))
             task = Task(
                 state=estimate.state,
-                disturbance=estimate.disturbance,
+                disturbance=disturbance,
                 poses=self._poses[ends],
                 feedforward=feedforward,
                 inputs_e=inputs_e,

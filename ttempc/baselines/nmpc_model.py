@@ -177,7 +177,7 @@ class HorizonModel:
             self._buffer.set_res(place, array.data)
 
     def start(self, state: FloatArray, disturbance: FloatArray, poses: FloatArray) -> None:
-        """Set the first state (7,), the disturbance (5,) and the reference's poses (Np, 6)."""
+        """Set the first state (7,), the disturbances (Np, 5) and the reference's poses (Np, 6)."""
         self._start[:] = state
         self._known[:, _M : _M + _D] = disturbance
         self._known[:, _M + _D :] = poses

@@ -26,7 +26,7 @@ class Task:
     """What the problem of one tick is about."""
 
     state: FloatArray  # (7,) the estimate
-    disturbance: FloatArray  # (5,) the estimate, held over the horizon
+    disturbance: FloatArray  # (Np, 5) as the linear MPC expects it
     poses: FloatArray  # (Np, 6) reference at the ends of the periods, for `HorizonModel`
     feedforward: FloatArray  # (Np, 3) u_r
     inputs_e: FloatArray  # (Np, 3) u_e; columns of other subsystems' inputs stay as they are

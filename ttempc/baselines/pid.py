@@ -23,6 +23,7 @@ from ttempc.vehicle import Vehicle
 # Closed loops are this many times slower than what they leave out, the steering's lag and half
 # of a period; a triple pole then keeps a phase margin of 40 deg.
 _SLOWER = 6.0
+_SLOWEST_MPS = 0.3  # no gain is made for less, for it would grow beyond all bounds; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,7 @@ def front_steering_gains(speed: FloatArray, vehicle: Vehicle, period_s: float) -
     three actions the poles are those of s^3 + 3 p s^2 + 3 p^2 s + p^3, p in `pole`.
     """
     p = pole(vehicle.steering_lag_t, period_s)
-    inverse = vehicle.wheelbase / speed**2
+    inverse = vehicle.wheelbase / _rolling(speed) ** 2
     return Gains(3.0 * p**2 * inverse, p**3 * inverse, 3.0 * p * inverse)
 
 
@@ -54,12 +55,12 @@ def trailer_steering_gains(speed: FloatArray, vehicle: Vehicle, period_s: float)
 
     the steering sets the trailer aside by the drawbar's length, and it gets there as it rolls.
     That is of first order: two actions place both poles at -p, a derivative would only pass
-    noise on. A loop slower than the trailer by itself would need a gain of the wrong sign, then
+    noise on. In reverse the lag is negative, the same two poles hold the trailer. A loop slower than the trailer by itself would need a gain of the wrong sign, then
     p = v / 2D, the integral action alone.
     """
     d = vehicle.drawbar_length
-    lag = (d + vehicle.trailer_length) / np.abs(speed)
-    p = np.maximum(pole(vehicle.steering_lag_i, period_s), 0.5 / lag)
+    lag = (d + vehicle.trailer_length) / _rolling(speed)
+    p = np.maximum(pole(vehicle.steering_lag_i, period_s), 0.5 / np.abs(lag))
     return Gains((1.0 - 2.0 * p * lag) / d, -(p**2) * lag / d, np.zeros_like(lag))
 
 
@@ -75,6 +76,11 @@ def speed_gains(speed: FloatArray, vehicle: Vehicle) -> Gains:
     """
     tau, unit = vehicle.speed_time_constant, np.ones_like(speed) / vehicle.speed_gain
     return Gains(3.0 / tau * unit, 1.0 / tau**2 * unit, 2.0 * unit)
+
+
+def _rolling(speed: FloatArray) -> FloatArray:
+    """Return the speed, or where it is slower the least for which gains are made [m/s]."""
+    return np.copysign(np.maximum(np.abs(speed), _SLOWEST_MPS), speed)
 
 
 def pole(lag_s: float, period_s: float) -> float:

@@ -34,7 +34,7 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
     horizon = CondensedHorizon(a, b, tuning, PERIOD_S, c)
     generator = np.random.default_rng(5)
     for _ in range(5):
-        state, before = 0.1 * generator.normal(size=12), 0.1 * generator.normal(size=3)
+        state, before = 0.1 * generator.normal(size=16), 0.1 * generator.normal(size=3)
         qp = horizon.qp(0, state, before)
         steps = np.linalg.solve(qp.hessian, -qp.gradient)
         np.testing.assert_allclose(
