@@ -23,9 +23,7 @@ class Job:
     overrides: tuple[str, ...] = ()
 
 
-def as_they_end(
-    jobs: Sequence[Job], workers: int | None = None
-) -> Iterator[tuple[Job, Summary]]:
+def as_they_end(jobs: Sequence[Job], workers: int | None = None) -> Iterator[tuple[Job, Summary]]:
     """Yield job and numbers of every run as it ends; `workers` are those of `engine`."""
     with engine(workers) as cores, tqdm(total=len(jobs)) as bar:
         for job, future in flow(cores, _run, jobs):

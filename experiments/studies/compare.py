@@ -2,7 +2,7 @@
 
     python -m experiments.studies.compare drive rows.jsonl [--controllers paper,nmpc]
         [--scenarios grass,farm] [--seeds 1-10] [--laps 1] [--processes 2]
-    python -m experiments.studies.compare draw rows.jsonl [--against ttempc-nominal] [--out docs]
+    python -m experiments.studies.compare draw rows.jsonl [--against ttempc] [--out docs]
 
 `drive` appends a row to the file for every run as it ends and leaves out the runs whose rows are
 there: break it off and start it again, with more seeds or controllers if you like. The columns are
@@ -21,7 +21,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from experiments.batch import Job, summaries
+from experiments.batch import Job, as_they_end
 from experiments.errors import ExperimentError, InvalidRows
 from experiments.factory import controller_factory
 from experiments.scenario import load, shipped
@@ -69,7 +69,7 @@ def drive(file: Path, wanted: Sequence[Job], processes: int | None) -> None:
     missing = [job for job in wanted if (job.scenario, job.seed, _text(job)) not in there]
     print(f"{len(wanted) - len(missing)} runs in {file}, {len(missing)} to make", file=sys.stderr)
     with file.open("a", encoding="utf-8") as out:
-        for job, summary in summaries(missing, processes):
+        for job, summary in as_they_end(missing, processes):
             row: Row = {
                 "run_id": summary.run_id,
                 "scenario": job.scenario,
@@ -122,7 +122,7 @@ def _parser() -> argparse.ArgumentParser:
     driving.add_argument("--processes", type=_positive, help="side by side (default: one a core)")
     drawing = commands.add_parser("draw", help="make table and figure of a file")
     drawing.add_argument("file", type=Path)
-    drawing.add_argument("--against", default="ttempc-nominal", help="whom to compare with")
+    drawing.add_argument("--against", default="ttempc", help="whom to compare with")
     drawing.add_argument("--out", type=Path, default=Path("docs"), help="folder (default: docs)")
     return parser
 

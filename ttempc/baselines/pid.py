@@ -55,8 +55,9 @@ def trailer_steering_gains(speed: FloatArray, vehicle: Vehicle, period_s: float)
 
     the steering sets the trailer aside by the drawbar's length, and it gets there as it rolls.
     That is of first order: two actions place both poles at -p, a derivative would only pass
-    noise on. In reverse the lag is negative, the same two poles hold the trailer. A loop slower than the trailer by itself would need a gain of the wrong sign, then
-    p = v / 2D, the integral action alone.
+    noise on. In reverse the lag is negative, and the same two poles hold the trailer. Forwards a
+    loop slower than the trailer by itself would need a gain of the wrong sign: then p = v / 2D,
+    the integral action alone.
     """
     d = vehicle.drawbar_length
     lag = (d + vehicle.trailer_length) / _rolling(speed)
