@@ -55,7 +55,9 @@ CONTROLLERS = MappingProxyType(
             printed_sign_controller,
         ),
         "pid": Composition("conventional guidance: a PID loop for each input", pid_controller),
-        "lqr": Composition("LQR on the articulated model, weights of the MPC", lqr_controller),
+        "lqr": Composition(
+            "LQR on the articulated model and the filter's disturbances", lqr_controller
+        ),
         "nmpc": Composition(
             "nonlinear MPC, converged: horizon, weights, bounds of the linear one", nmpc_controller
         ),

@@ -27,7 +27,16 @@ from ttempc.types import ControlStep
 from ttempc.vehicle import Vehicle
 
 LINEAR = "ttempc-nominal"
-NAMES = (LINEAR, "ttempc", "pid", "lqr", "nmpc", "nmpc-rti", "nmpc-decentralised", "nmpc-distributed")
+NAMES = (
+    LINEAR,
+    "ttempc",
+    "pid",
+    "lqr",
+    "nmpc",
+    "nmpc-rti",
+    "nmpc-decentralised",
+    "nmpc-distributed",
+)
 TICKS = 150  # 30 s
 WARM_UP = 5
 

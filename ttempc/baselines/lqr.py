@@ -1,8 +1,9 @@
-"""Linear quadratic regulator: the linear MPC's model and weights, without horizon and bounds."""
+"""Linear quadratic regulator: the linear MPC's model and outputs, without horizon and bounds."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,10 @@ from ttempc.types import Estimate, FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 _M = len(Input)
+
+# Steps weigh more than in the MPC. With its weights an LQR, which knows no bounds, runs into the
+# rates of the valves from an offset of some decimetres on and cycles there by metres.
+LQR_TUNING = replace(TUNING, step_weight=(1.0, 1.0, 1.0))
 
 # What lies farther ahead than this does not move the gain any more: a dozen vehicle lengths.
 _BEYOND_S = 30.0
@@ -75,9 +80,12 @@ class LqrFeedback:
         u_e = before - self._gains[k] @ np.concatenate([state, before])
         return Actions(feedback=-u_e, robust=np.zeros(_M))
 
+    def prepare(self, k: int) -> None:
+        """Do nothing: a product of a matrix and a vector needs no warming up."""
+
 
 def lqr_controller(
-    vehicle: Vehicle, reference: Reference, period_s: float, tuning: HorizonTuning = TUNING
+    vehicle: Vehicle, reference: Reference, period_s: float, tuning: HorizonTuning = LQR_TUNING
 ) -> TrackingController:
     """Compose the exact feedforward and the LQR of the articulated error model."""
 

@@ -127,6 +127,11 @@ class NonlinearFeedback:
             fallback="; ".join(plan.trouble for plan in plans if plan.trouble),
         )
 
+    def prepare(self, k: int) -> None:
+        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        for part in self._parts:
+            part.solver.prepare()
+
 
 @dataclass(frozen=True, slots=True)
 class _Part:

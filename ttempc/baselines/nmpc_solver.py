@@ -51,6 +51,10 @@ class HorizonSolver(Protocol):
         """Return the plan that is reached from `steps` (m Nc,)."""
         ...
 
+    def prepare(self) -> None:
+        """Warm up for the next call, without any effect on it."""
+        ...
+
 
 class GaussNewton:
     """Minimise the linear MPC's cost and bounds under the nonlinear model.
@@ -77,6 +81,7 @@ class GaussNewton:
         self._model = HorizonModel(reference.vehicle, subsystem, tuning.horizon, period_s)
         self._qp = PersistentSolver()
         self._iterations = iterations
+        self._last: tuple[Task, FloatArray] | None = None
         self._own = list(subsystem.inputs)
         horizon, moves, m = tuning.horizon, tuning.moves, len(self._own)
         n, p = len(subsystem.states), len(subsystem.outputs)
@@ -98,7 +103,13 @@ class GaussNewton:
         with np.errstate(over="ignore", invalid="ignore"):
             return self._minimise(task, steps)
 
+    def prepare(self) -> None:
+        """Minimise the last task again and drop the result: the code is in the caches then."""
+        if self._last:
+            self.minimise(*self._last)
+
     def _minimise(self, task: Task, steps: FloatArray) -> Plan:
+        self._last = task, steps
         self._model.start(task.state, task.disturbance, task.poses)
         cost = self._evaluate(task, steps)
         time_s, iteration = 0.0, 0

@@ -129,6 +129,9 @@ class GuidanceFeedback:
         self._wanted = self._feedforward[k] + feedback
         return Actions(feedback=feedback, robust=np.zeros(len(Input)))
 
+    def prepare(self, k: int) -> None:
+        """Do nothing: there is nothing to warm up."""
+
 
 def pid_controller(vehicle: Vehicle, reference: Reference, period_s: float) -> TrackingController:
     """Compose the exact feedforward and conventional guidance."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.test_articulated import estimate
-from ttempc.articulated import TUNING, error_dynamics
-from ttempc.baselines.lqr import riccati_gains
+from ttempc.articulated import error_dynamics
+from ttempc.baselines.lqr import LQR_TUNING, riccati_gains
 from ttempc.controllers import make_controller
 from ttempc.kinematics import advance, trailer_point
 from ttempc.path import figure_eight
@@ -22,7 +22,7 @@ from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
-WEIGHTS = np.array(TUNING.output_weight), np.array(TUNING.step_weight)
+WEIGHTS = np.array(LQR_TUNING.output_weight), np.array(LQR_TUNING.step_weight)
 
 
 def test_first_step_is_that_of_a_long_mpc_without_bounds():
@@ -30,7 +30,7 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
     stages = 80
     a, b, c = error_dynamics(REFERENCE, PERIOD_S, stages)
     gain = riccati_gains(a, b, c, *WEIGHTS)[0]
-    tuning = replace(TUNING, horizon=stages, moves=stages)
+    tuning = replace(LQR_TUNING, horizon=stages, moves=stages)
     horizon = CondensedHorizon(a, b, tuning, PERIOD_S, c)
     generator = np.random.default_rng(5)
     for _ in range(5):
