@@ -51,3 +51,7 @@ class NoGraphics(ExperimentError):
 
 class NotComparable(ExperimentError):
     """Runs that do not belong side by side."""
+
+
+class InvalidRows(ExperimentError):
+    """A file of finished runs that cannot be read or compared; the message names the place."""

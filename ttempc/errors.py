@@ -27,3 +27,7 @@ class UnknownSensor(TtempcError):
 
 class UnknownController(TtempcError):
     """A controller name that is not in the table; the message lists those that are."""
+
+
+class MissingPackage(TtempcError):
+    """An optional package that is asked for and not installed; the message says how to get it."""
