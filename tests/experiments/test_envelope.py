@@ -99,7 +99,7 @@ def test_the_command_writes_what_it_prints(tmp_path, monkeypatch, capsys):
     arguments = ["envelope", "delay", "pavement", "--set", "path={kind='straight', length_m=2.0}"]
     arguments += ["--seeds", "1", "--workers", "0", "--out", "e.json"]
     assert main(arguments) == 0
-    assert "paper on pavement, delay [s]: holds from 0 to 1" in capsys.readouterr().out
+    assert "ttempc on pavement, delay [s]: holds from 0 to 1" in capsys.readouterr().out
     (found,) = json.loads((tmp_path / "e.json").read_text())["envelopes"]
     assert found["outcome"] == "holds"
     assert [probe["value"] for probe in found["probes"]] == [0.0, 0.25, 0.5, 0.75, 1.0]
