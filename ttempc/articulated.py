@@ -95,7 +95,7 @@ class ArticulatedFeedback:
     ) -> None:
         a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
         self._feedforward = feedforward  # u_r (N, 3)
-        bounds = _remaining(feedforward, CommandLimits.of(reference.vehicle, period_s))
+        bounds = remaining_bounds(feedforward, CommandLimits.of(reference.vehicle, period_s))
         horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds)
         self._mpc = LinearMpc(horizon)
         self._robust = RobustRegulator(a, b, c, period_s, robust) if robust else None
@@ -106,7 +106,8 @@ class ArticulatedFeedback:
 
     def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`."""
-        state = self._error(k, estimate)
+        state = error_state(self._state[k], estimate, self._vehicle)
+        state[_N:] *= self._known
         before = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         if self._robust is None:
             return self._actions(k, self._mpc.step(k, state, before))
@@ -131,18 +132,18 @@ class ArticulatedFeedback:
         """Warm up for tick `k`, see `ttempc.types.Preparing`."""
         self._mpc.prepare(k)
 
-    def _error(self, k: int, estimate: Estimate) -> FloatArray:
-        """Return (z_e, s, m) of tick `k`, (16,)."""
-        reference = self._state[k]
-        error = reference - estimate.state
-        for yaw in (State.PSI_T, State.PSI_I):
-            error[yaw] = wrap_angle(error[yaw])
-        cos, sin = math.cos(reference[State.PSI_T]), math.sin(reference[State.PSI_T])
-        dx, dy = error[State.X], error[State.Y]
-        error[State.X], error[State.Y] = cos * dx + sin * dy, cos * dy - sin * dx
-        turning = estimate.map_disturbance
-        staying = estimate.disturbance - map_gain(estimate, self._vehicle) @ turning
-        return np.concatenate([error, self._known * staying, self._known * turning])
+
+def error_state(reference: FloatArray, estimate: Estimate, vehicle: Vehicle) -> FloatArray:
+    """Return (z_e, s, m), (16,), where the minimal state should be `reference` (7,)."""
+    error = reference - estimate.state
+    for yaw in (State.PSI_T, State.PSI_I):
+        error[yaw] = wrap_angle(error[yaw])
+    cos, sin = math.cos(reference[State.PSI_T]), math.sin(reference[State.PSI_T])
+    dx, dy = error[State.X], error[State.Y]
+    error[State.X], error[State.Y] = cos * dx + sin * dy, cos * dy - sin * dx
+    turning = estimate.map_disturbance
+    staying = estimate.disturbance - map_gain(estimate, vehicle) @ turning
+    return np.concatenate([error, staying, turning])
 
 
 def articulated_controller(
@@ -177,7 +178,7 @@ def nominal_controller(
     return articulated_controller(vehicle, reference, period_s, robust=None)
 
 
-def _remaining(feedforward: FloatArray, limits: CommandLimits) -> StageBounds:
+def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBounds:
     """Return what the limits of the command leave to u_e = u_r - u at every tick."""
     change = np.diff(feedforward, axis=0, prepend=feedforward[:1])
     return StageBounds(

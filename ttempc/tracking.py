@@ -19,6 +19,7 @@ from ttempc.types import (
     FloatArray,
     Input,
     SolverReport,
+    TubeReport,
 )
 
 
@@ -32,6 +33,7 @@ class Actions:
     predicted_path: FloatArray | None = None  # (Np, 4) [m], map frame
     solver: SolverReport | None = None
     fallback: str = ""
+    tube: TubeReport | None = None
 
 
 class FeedbackLaw(Protocol):
@@ -126,6 +128,7 @@ class TrackingController:
                 predicted_path=actions.predicted_path,
                 solver=actions.solver,
                 fallback=actions.fallback,
+                tube=actions.tube,
             ),
         )
 

@@ -111,7 +111,7 @@ class Tube:
         return terms.sum(axis=0) / (1.0 - self.certificate.alpha)
 
     def _terms(self, k: int, rows: FloatArray, terms: int) -> FloatArray:
-        """Return what each of the last windows adds to the supports of `rows` (r, n), (terms, r)."""
+        """Return what each of the last windows adds to the supports of `rows`, (terms, r)."""
         added, tick = [], k
         for _ in range(terms):
             energy = np.zeros_like(rows)

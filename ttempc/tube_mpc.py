@@ -1,0 +1,104 @@
+"""The controller `ttempc-tube`: a nominal vehicle under MPC, and a gain that keeps to its tube."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ttempc.articulated import TUNING, error_state
+from ttempc.limits import CommandLimits
+from ttempc.lmpc import LinearMpc
+from ttempc.prediction import PredictedPath
+from ttempc.qp import CondensedHorizon, HorizonTuning
+from ttempc.reference import Reference, ReferenceSample
+from ttempc.reference_tube import ReferenceTube, TubeDesign, seen
+from ttempc.tracking import Actions, TrackingController
+from ttempc.types import Estimate, FloatArray, Input, State, TubeReport
+from ttempc.vehicle import Vehicle
+
+_N, _M = len(State), len(Input)
+_OUTSIDE = "outside its tube: nominal state restarted at the estimate"
+
+
+class TubeFeedback:
+    """Tube MPC after Mayne, Seron and Rakovic (2005), on the estimate (Mayne et al. 2006).
+
+    A nominal error zbar obeys the model under the MPC, within bounds that the tube has tightened,
+    and knows the disturbance s that the estimator has found:
+
+        zbar(k+1) = A zbar(k) + B ubar(k) - E s(k),   u_e = ubar + K (zhat - zbar).
+
+    The estimate's deviation zhat - zbar then obeys A + B K under what each step adds beside the
+    model, and stays in the tube as long as that stays in its set. The nominal error follows from
+    itself alone: noise reaches the commands through K only. Constraints are those of the inputs,
+    and the reference lies inside them: every tick has a solution, and no terminal set is needed.
+    Where the deviation leaves the tube, as after a push or on ground unlike that of the data, the
+    nominal error starts again at the estimate, and the tick says so.
+    """
+
+    def __init__(
+        self, grid: ReferenceSample, along: ReferenceTube, horizon: CondensedHorizon
+    ) -> None:
+        tube = along.tube
+        self._mpc = LinearMpc(horizon)
+        self._state = grid.state
+        self._path = PredictedPath(grid, horizon.prediction)
+        self._a, self._b = along.a[:, :_N], along.b[:, :_N]  # (T, 7, 12), (T, 7, 3)
+        self._gains = tube.system.gains
+        self._seen = seen(tube.system.c)  # (T, 9, 7)
+        self._half_widths = along.half_widths
+        # States, trailer point and inputs by the deviation, each in its own half width.
+        rows = np.concatenate([self._seen, self._gains], axis=1)
+        widths = np.concatenate([tube.states, tube.outputs[:, 2:], tube.inputs], axis=1)
+        self._share = rows / widths[..., None]  # (T, 12, 7)
+        self._nominal: FloatArray | None = None
+        self._tick = -1
+        self._before: FloatArray = np.zeros(_M)  # ubar(k-1)
+
+    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
+        """Return the actions of tick `k`."""
+        state = error_state(self._state[k], estimate)  # (zhat, s)
+        here = state[:_N].copy()
+        nominal = here if self._nominal is None or k != self._tick else self._nominal
+        deviation = here - nominal
+        margin = 1.0 - float(np.abs(self._share[k] @ deviation).max())
+        inside = margin >= 0.0
+        report = TubeReport(inside, margin, self._seen[k] @ nominal, self._half_widths[k])
+        if not inside:
+            nominal, deviation = here, np.zeros(_N)
+        state[:_N] = nominal
+        feedback = self._mpc.step(k, state, self._before)
+        self._before = feedback.input
+        self._nominal = self._a[k] @ state + self._b[k] @ feedback.input
+        self._tick = k + 1
+        return Actions(
+            feedback=-feedback.input,
+            robust=-self._gains[k] @ deviation,
+            predicted_path=self._path.of(k, feedback.plan),
+            solver=feedback.report,
+            fallback=feedback.fallback or ("" if inside else _OUTSIDE),
+            tube=report,
+        )
+
+
+def tube_controller(
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    design: TubeDesign,
+    tuning: HorizonTuning = TUNING,
+) -> TrackingController:
+    """Compose feedforward, nominal MPC and ancillary gain of `design`.
+
+    Raises:
+        InvalidTube: see `ReferenceTube.along`.
+    """
+    design.require(vehicle, period_s)
+    grid = reference.on_grid(period_s, beyond=tuning.horizon)
+    along = ReferenceTube.along(design, reference, len(grid.time_s) - 1)
+    horizon = CondensedHorizon(along.a, along.b, tuning, period_s, along.c, along.bounds)
+    feedback = TubeFeedback(grid, along, horizon)
+    ticks = len(grid.time_s) - tuning.horizon
+    as_lambda = along.feedforward[:ticks].copy()
+    as_lambda[:, Input.DELTA_I] += grid.hitch_angle[:ticks]
+    limits = CommandLimits.of(vehicle, period_s)
+    return TrackingController(grid, as_lambda, feedback, limits, measured_hitch=False)
