@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import NoReturn
 
-from experiments.commands import card, catalogue, envelope, options, run, sweep
+from experiments.commands import card, catalogue, envelope, fit_tube, options, run, sweep
 from experiments.errors import ExperimentError
 from testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
-_COMMANDS = (run, sweep, envelope, card, catalogue)
+_COMMANDS = (run, sweep, envelope, card, fit_tube, catalogue)
 
 _ABOUT = """\
 A tractor with a steerable trailer drives a figure eight over a bumpy, slippery

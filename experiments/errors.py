@@ -10,7 +10,7 @@ class InvalidScenario(ExperimentError):
 
 
 class OutputExists(ExperimentError):
-    """A folder that would have been written over."""
+    """A folder or file that would have been written over, or that cannot be made."""
 
 
 class InvalidController(ExperimentError):
@@ -31,3 +31,7 @@ class SweepRefused(ExperimentError):
 
 class SweepStopped(ExperimentError):
     """A sweep that could not go on; what it had found is kept."""
+
+
+class InvalidFit(ExperimentError):
+    """Data from which a tube cannot be fitted, or a tube file that cannot be used."""

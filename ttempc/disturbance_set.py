@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -77,8 +78,8 @@ class DisturbanceSet:
     @property
     def faces(self) -> tuple[FloatArray, float]:
         """Return rows f (n, n) and r such that |f w| <= r for all f puts w inside for one step."""
-        inner = 1.0 / np.sqrt(self.dimension) if self.shape == "ellipsoid" else 1.0
-        return np.linalg.inv(self.axes), inner
+        inner = 1.0 / math.sqrt(self.dimension) if self.shape == "ellipsoid" else 1.0
+        return np.linalg.inv(self.axes).astype(np.float64), inner
 
     def worst(self, coefficients: FloatArray) -> FloatArray:
         """Return the window whose sum of coefficients (N, n) times w is largest, (N, n)."""

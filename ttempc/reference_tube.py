@@ -55,6 +55,7 @@ class TubeDesign:
 class ReferenceTube:
     """The tube of a design along a reference, a row for each of T control ticks."""
 
+    vehicle: Vehicle
     a: FloatArray  # (T, 12, 12) error dynamics with disturbances, see `error_dynamics`
     b: FloatArray  # (T, 12, 3)
     c: FloatArray  # (T + 1, 4, 12)
@@ -82,21 +83,21 @@ class ReferenceTube:
         _require_motion(reference, tube, period_s)
         limits = CommandLimits.of(reference.vehicle, period_s)
         return cls(
-            *(a, b, c, feedforward, tube),
+            *(reference.vehicle, a, b, c, feedforward, tube),
             half_widths=np.concatenate([tube.states, tube.outputs[:, 2:]], axis=1) + blur,
             bounds=tightened(remaining_bounds(feedforward, limits), tube, period_s),
         )
 
-    def free_share(self, vehicle: Vehicle) -> FloatArray:
+    @property
+    def free_share(self) -> FloatArray:
         """Return the share of each input's range that feedforward and tube leave free, (T, 3).
 
         The range is from the middle to a stop for a steering angle, and from 0 to 1 for the
         hydrostat; free is what lies between feedforward with tube and the nearer stop.
         """
-        room = np.minimum(
-            vehicle.input_max - self.feedforward, self.feedforward - vehicle.input_min
-        )
-        return (room - self.tube.inputs) / vehicle.input_max
+        low, high = self.vehicle.input_min, self.vehicle.input_max
+        room = np.minimum(high - self.feedforward, self.feedforward - low)
+        return (room - self.tube.inputs) / high
 
 
 def tracking_system(

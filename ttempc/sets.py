@@ -204,4 +204,5 @@ def outline(of: ConvexSet, plane: FloatArray, count: int = 180) -> FloatArray:
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)  # (count, 2)
     reach = of.support(normal @ plane)
     pairs = np.stack([normal, np.roll(normal, -1, axis=0)], axis=1)  # neighbouring tangents
-    return np.linalg.solve(pairs, np.stack([reach, np.roll(reach, -1)], axis=1)[..., None])[..., 0]
+    corners = np.linalg.solve(pairs, np.stack([reach, np.roll(reach, -1)], axis=1)[..., None])
+    return np.asarray(corners[..., 0], dtype=np.float64)

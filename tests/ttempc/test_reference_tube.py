@@ -44,7 +44,7 @@ def test_the_reference_itself_is_within_the_tightened_bounds():
     bounds = ALONG.bounds
     assert np.all(bounds.lower <= 0.0)
     assert np.all(bounds.upper >= 0.0)
-    assert np.all(ALONG.free_share(VEHICLE) > 0.0)
+    assert np.all(ALONG.free_share > 0.0)
 
 
 def test_the_true_vehicle_is_allowed_the_estimators_error_on_top():
