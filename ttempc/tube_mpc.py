@@ -12,6 +12,7 @@ from ttempc.qp import CondensedHorizon, HorizonTuning
 from ttempc.reference import Reference, ReferenceSample
 from ttempc.reference_tube import ReferenceTube, TubeDesign, seen
 from ttempc.tracking import Actions, TrackingController
+from ttempc.tube_kernel import successor, within
 from ttempc.types import Estimate, FloatArray, Input, State, TubeReport
 from ttempc.vehicle import Vehicle
 
@@ -42,7 +43,9 @@ class TubeFeedback:
         self._mpc = LinearMpc(horizon)
         self._state = grid.state
         self._path = PredictedPath(grid, horizon.prediction)
-        self._a, self._b = along.a[:, :_N], along.b[:, :_N]  # (T, 7, 12), (T, 7, 3)
+        # Contiguous, for the compiled functions are made for one layout.
+        self._a = np.ascontiguousarray(along.a[:, :_N])  # (T, 7, 12)
+        self._b = np.ascontiguousarray(along.b[:, :_N])  # (T, 7, 3)
         self._gains = tube.system.gains
         self._seen = seen(tube.system.c)  # (T, 9, 7)
         self._half_widths = along.half_widths
@@ -59,20 +62,22 @@ class TubeFeedback:
         state = error_state(self._state[k], estimate)  # (zhat, s)
         here = state[:_N].copy()
         nominal = here if self._nominal is None or k != self._tick else self._nominal
-        deviation = here - nominal
-        margin = 1.0 - float(np.abs(self._share[k] @ deviation).max())
+        margin, error_of_nominal, ancillary = within(
+            self._share, self._seen, self._gains, k, here, nominal
+        )
         inside = margin >= 0.0
-        report = TubeReport(inside, margin, self._seen[k] @ nominal, self._half_widths[k])
-        if not inside:
-            nominal, deviation = here, np.zeros(_N)
-        state[:_N] = nominal
+        report = TubeReport(inside, margin, error_of_nominal, self._half_widths[k])
+        if inside:
+            state[:_N] = nominal
+        else:
+            ancillary = np.zeros(_M)
         feedback = self._mpc.step(k, state, self._before)
         self._before = feedback.input
-        self._nominal = self._a[k] @ state + self._b[k] @ feedback.input
+        self._nominal = successor(self._a, self._b, k, state, feedback.input)
         self._tick = k + 1
         return Actions(
             feedback=-feedback.input,
-            robust=-self._gains[k] @ deviation,
+            robust=-ancillary,
             predicted_path=self._path.of(k, feedback.plan),
             solver=feedback.report,
             fallback=feedback.fallback or ("" if inside else _OUTSIDE),

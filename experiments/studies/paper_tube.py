@@ -96,7 +96,8 @@ def invariant(loop: FloatArray) -> str:
         half = invariant_tube(system, DisturbanceSet(1e-3 * np.eye(n), shape="box")).states[0]
     except InvalidTube as error:
         return f"no invariant set, {error}"
-    return f"x_t {half[Error.X_T]:.2f} m, y_t {half[Error.Y_T]:.2f} m, y_i {half[Error.Y_I - (n < 11)]:.2f} m"
+    trailer = half[Error.Y_I - (n < 11)]  # one place ahead where x_i is left out
+    return f"x_t {half[Error.X_T]:.2f} m, y_t {half[Error.Y_T]:.2f} m, y_i {trailer:.2f} m"
 
 
 def main() -> None:
