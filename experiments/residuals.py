@@ -9,15 +9,17 @@ import numpy as np
 from experiments.errors import InvalidFit
 from experiments.tracking import START_UP_S
 from testbed.channels import CONTROL, ESTIMATE, STATE
-from testbed.record import Record, Table
-from ttempc.articulated import error_dynamics
+from testbed.record import Record
+from ttempc.articulated import error_dynamics, error_state
 from ttempc.feedforward import exact_feedforward
-from ttempc.prediction import rotation
 from ttempc.reference import Reference
-from ttempc.types import Disturbance, FloatArray, State
+from ttempc.types import Estimate, FloatArray, State
 
 _N = len(State)
 _STATE = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
+# In the order of `Disturbance` and `MapDisturbance`.
+_DISTURBANCE = ("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel_slip")
+_MAP_DISTURBANCE = ("side_x_rad", "side_y_rad", "climb_x", "climb_y")
 _COMMAND = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
 _SAME_TIME_S = 1e-6
 
@@ -26,14 +28,18 @@ _SAME_TIME_S = 1e-6
 class Errors:
     """Errors z_e of one run at successive control ticks after start-up, seen and true.
 
-    In the frame of the reference and in the order of `State`, as in `ttempc.articulated`.
+    As `ttempc.articulated.error_state` has them.
     """
 
     tick: FloatArray  # (n,) whole numbers
-    seen: FloatArray  # (n, 7) of the estimate
+    state: FloatArray  # (n, 16) of the estimate, with its disturbances
     true: FloatArray  # (n, 7)
-    disturbance: FloatArray  # (n, d) as estimated
     command: FloatArray  # (n, 3) as sent
+
+    @property
+    def seen(self) -> FloatArray:
+        """Return the error of the estimate, (n, 7)."""
+        return self.state[:, :_N]
 
     @property
     def estimation(self) -> FloatArray:
@@ -45,9 +51,10 @@ class Errors:
 class Residuals:
     """What a step added to the error beside the model: w = z_e(k+1) - A z_e(k) - B u_e(k) + E s(k).
 
-    The estimated disturbance s is part of the model. `true` takes the true error at both ends of
-    the step; `seen` that of the estimate, on which a controller acts. The two differ by what the
-    estimator learns in that step, which a controller meets as a disturbance like any other.
+    The estimated disturbances, map disturbance included, are part of the model. `true` takes the
+    true error at both ends of the step; `seen` that of the estimate, on which a controller acts.
+    The two differ by what the estimator learns in that step, which a controller meets as a
+    disturbance like any other.
     """
 
     seen: FloatArray  # (n - 1, 7)
@@ -75,15 +82,18 @@ def errors(record: Record, reference: Reference, period_s: float) -> Errors:
             "row are needed"
         )
     at = time_s[first:last]
-    disturbance = record[ESTIMATE].values[first:last][:, _disturbance_columns()]
     sample = reference.at(at)
-    turn = rotation(-sample.state[:, State.PSI_T])
+    seen = record[ESTIMATE].columns(*_STATE, *_DISTURBANCE, *_MAP_DISTURBANCE)[first:last]
+    rows = np.searchsorted(record[STATE].time_s, at)
+    true = record[STATE].columns(*_STATE)[rows]
+    rows = np.searchsorted(record[CONTROL].time_s, at)
+    states = [_error(sample.state[k], row[:_N], row, reference) for k, row in enumerate(seen)]
+    truths = [_error(sample.state[k], true[k], row, reference) for k, row in enumerate(seen)]
     return Errors(
         ticks[first:last],
-        _error(sample.state, record[ESTIMATE].columns(*_STATE)[first:last], turn),
-        _error(sample.state, _at(record[STATE], at, _STATE), turn),
-        disturbance,
-        _at(record[CONTROL], at, _COMMAND),
+        np.array(states),
+        np.array(truths)[:, :_N],
+        record[CONTROL].columns(*_COMMAND)[rows],
     )
 
 
@@ -97,27 +107,27 @@ def residuals(run: Errors, reference: Reference, period_s: float) -> Residuals:
     driven = np.einsum("kij,kj->ki", b[tick, :_N], u_e)
 
     def of(error: FloatArray) -> FloatArray:
-        state = np.concatenate([error, run.disturbance], axis=1)[:-1]
+        state = np.concatenate([error, run.state[:, _N:]], axis=1)[:-1]
         return error[1:] - np.einsum("kij,kj->ki", a[tick, :_N], state) - driven
 
     return Residuals(seen=of(run.seen), true=of(run.true))
 
 
-def _error(reference: FloatArray, state: FloatArray, turn: FloatArray) -> FloatArray:
-    """Return T (z_r - z), (n, 7)."""
-    error = reference - state
-    yaw = [State.PSI_T, State.PSI_I]
-    error[:, yaw] = np.remainder(error[:, yaw] + np.pi, 2.0 * np.pi) - np.pi
-    error[:, :2] = np.einsum("kij,kj->ki", turn, error[:, :2])
-    return error
-
-
-def _at(table: Table, time_s: FloatArray, names: tuple[str, ...]) -> FloatArray:
-    rows = np.searchsorted(table.time_s, time_s)
-    return table.columns(*names)[rows]
-
-
-def _disturbance_columns() -> slice:
-    """Return where the disturbances stand in a row of the estimate: in the order of the enum."""
-    first = ESTIMATE.fields.index("slip_t_rad")
-    return slice(first, first + len(Disturbance))
+def _error(
+    wanted: FloatArray, state: FloatArray, row: FloatArray, reference: Reference
+) -> FloatArray:
+    """Return (z_e, s, m) of a `state` (7,) with the disturbances in a `row` of the estimate."""
+    last = _N + len(_DISTURBANCE)
+    return error_state(
+        wanted,
+        Estimate(
+            time_s=0.0,
+            state=state,
+            covariance=np.zeros((_N, _N)),
+            trailer_xy=np.zeros(2),
+            hitch_angle=0.0,
+            disturbance=row[_N:last],
+            map_disturbance=row[last:],
+        ),
+        reference.vehicle,
+    )

@@ -104,7 +104,7 @@ class TubeFile:
 
     format: Literal[1]
     about: str
-    vehicle: dict[str, float]
+    vehicle: dict[str, float | bool]
     period_s: Annotated[float, Field(gt=0)]
     disturbance: SetTable
     estimate_error: SetTable

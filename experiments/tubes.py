@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.assembly import CONTROL_PERIOD_S
+from experiments.assembly import CONTROL_PERIOD_S, geared
 from experiments.confidence import fewest_samples, share
 from experiments.errors import InvalidFit, InvalidScenario
 from experiments.residuals import Errors, Residuals, errors, residuals
@@ -23,7 +23,7 @@ from ttempc.articulated import error_dynamics
 from ttempc.disturbance_set import DisturbanceSet, Shape
 from ttempc.feedforward import exact_feedforward
 from ttempc.limits import CommandLimits
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.reference import Reference
 from ttempc.reference_tube import ReferenceTube, TubeDesign
 from ttempc.types import FloatArray, State
 
@@ -63,8 +63,9 @@ def fit_run(record: Record, scenario: Scenario) -> FitRun:
     Raises:
         InvalidFit: the run is too short.
     """
-    vehicle = scenario.controller.vehicle.vehicle(scenario.plant.vehicle.filed())
-    reference = Reference(scenario.path.path(), vehicle, ConstantSpeed(scenario.path.speed_mps))
+    course = scenario.path.course()
+    believed = scenario.controller.vehicle.vehicle(scenario.plant.vehicle.filed())
+    reference = Reference(course.path, geared(believed, course, scenario), course.speed)
     seen = errors(record, reference, CONTROL_PERIOD_S)
     return FitRun(
         record.metadata["scenario"],

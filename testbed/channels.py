@@ -56,8 +56,8 @@ MEASUREMENT: Final = Channel(
 ESTIMATE: Final = Channel(
     "/estimate",
     "the estimate that the controller acts on, its standard deviations, the disturbances that "
-    "last, the part of them that stays with the field, and the normalised innovation squared of the samples taken in at this tick with their "
-    "degrees of freedom",
+    "last and the part of them that stays with the field, and the normalised innovation squared of "
+    "the samples taken in at this tick with their degrees of freedom",
     (
         *(*_POSES, "delta_t_rad", "delta_i_rad", "v_mps", "beta_rad"),
         *("sd_x_t_m", "sd_y_t_m", "sd_psi_t_rad", "sd_psi_i_rad"),

@@ -56,9 +56,9 @@ class ReferenceTube:
     """The tube of a design along a reference, a row for each of T control ticks."""
 
     vehicle: Vehicle
-    a: FloatArray  # (T, 12, 12) error dynamics with disturbances, see `error_dynamics`
-    b: FloatArray  # (T, 12, 3)
-    c: FloatArray  # (T + 1, 4, 12)
+    a: FloatArray  # (T, 16, 16) error dynamics with disturbances, see `error_dynamics`
+    b: FloatArray  # (T, 16, 3)
+    c: FloatArray  # (T + 1, 4, 16)
     feedforward: FloatArray  # (T, 3) u_r
     tube: Tube  # of the estimate's deviation from the nominal error
     half_widths: FloatArray  # (T, 9) of the true one, of what `seen` gives
@@ -158,7 +158,7 @@ def _require_motion(reference: Reference, tube: Tube, period_s: float) -> None:
     The other states need no constraint of their own: the steering angles and the speed follow
     their commands with a lag of first order, and stay inside the limits that the commands keep.
     """
-    speed = reference.at(np.arange(len(tube.states)) * period_s).state[:, State.V]
+    speed = np.abs(reference.at(np.arange(len(tube.states)) * period_s).state[:, State.V])
     left = speed - tube.states[:, State.V]
     k = int(np.argmin(left))
     if left[k] <= 0.0:

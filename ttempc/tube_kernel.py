@@ -46,7 +46,7 @@ def within(
 def successor(
     a: FloatArray, b: FloatArray, k: int, state: FloatArray, inputs: FloatArray
 ) -> FloatArray:
-    """Return A_k state + B_k inputs with A (T, 7, 12) and B (T, 7, 3), (7,)."""
+    """Return A_k state + B_k inputs with A (T, 7, 16) and B (T, 7, 3), (7,)."""
     result = np.zeros(a.shape[1])
     for row in range(a.shape[1]):
         for column in range(state.shape[0]):

@@ -41,10 +41,10 @@ class TubeFeedback:
     ) -> None:
         tube = along.tube
         self._mpc = LinearMpc(horizon)
-        self._state = grid.state
+        self._state, self._vehicle = grid.state, along.vehicle
         self._path = PredictedPath(grid, horizon.prediction)
         # Contiguous, for the compiled functions are made for one layout.
-        self._a = np.ascontiguousarray(along.a[:, :_N])  # (T, 7, 12)
+        self._a = np.ascontiguousarray(along.a[:, :_N])  # (T, 7, 16)
         self._b = np.ascontiguousarray(along.b[:, :_N])  # (T, 7, 3)
         self._gains = tube.system.gains
         self._seen = seen(tube.system.c)  # (T, 9, 7)
@@ -59,7 +59,7 @@ class TubeFeedback:
 
     def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`."""
-        state = error_state(self._state[k], estimate)  # (zhat, s)
+        state = error_state(self._state[k], estimate, self._vehicle)  # (zhat, s, m)
         here = state[:_N].copy()
         nominal = here if self._nominal is None or k != self._tick else self._nominal
         margin, error_of_nominal, ancillary = within(

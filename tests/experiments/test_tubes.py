@@ -31,11 +31,11 @@ from ttempc.kinematics import trailer_point
 from ttempc.prediction import rotation
 from ttempc.reference import ConstantSpeed, Reference
 from ttempc.reference_tube import ReferenceTube
-from ttempc.types import State
+from ttempc.types import Disturbance, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
 NAME, SCENARIO = load("grass", ["path.laps=1"])
-REFERENCE_PATH = Reference(SCENARIO.path.path(), Vehicle(), ConstantSpeed(1.0))
+REFERENCE_PATH = Reference(SCENARIO.path.course().path, Vehicle(), ConstantSpeed(1.0))
 TICKS = 600
 FIELDS = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
 INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
@@ -47,7 +47,7 @@ def made_up(seed, spread=SPREAD, blur=0.3):
     generator = np.random.default_rng(seed)
     a, b, _ = DYNAMICS
     w = spread * generator.standard_normal((TICKS, 7))
-    lasting = 0.01 * generator.standard_normal((TICKS, a.shape[1] - 7))
+    lasting = 0.01 * generator.standard_normal((TICKS, len(Disturbance)))
     time_s = CONTROL_PERIOD_S * np.arange(TICKS)
     sample = REFERENCE_PATH.at(time_s)
     feedforward = exact_feedforward(REFERENCE_PATH, TICKS, CONTROL_PERIOD_S)
@@ -57,7 +57,7 @@ def made_up(seed, spread=SPREAD, blur=0.3):
         u_e = 0.01 * generator.standard_normal(3)
         command[k] = feedforward[k] - u_e
         if k + 1 < TICKS:
-            state = np.concatenate([seen[k], lasting[k]])
+            state = np.concatenate([seen[k], lasting[k], np.zeros(len(MapDisturbance))])
             seen[k + 1] = a[k, :7] @ state + b[k, :7] @ u_e + w[k]
     true = seen + blur * spread * generator.standard_normal((TICKS, 7))
 
@@ -73,7 +73,8 @@ def made_up(seed, spread=SPREAD, blur=0.3):
 
     estimate = columns(seen)
     names = ("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel_slip")
-    estimate |= dict(zip(names, lasting.T, strict=False))
+    estimate |= dict(zip(names, lasting.T, strict=True))
+    estimate |= dict.fromkeys(("side_x_rad", "side_y_rad", "climb_x", "climb_y"), np.zeros(TICKS))
     given = {
         STATE: columns(true),
         ESTIMATE: estimate,

@@ -14,7 +14,7 @@ from ttempc.limits import CommandLimits
 from ttempc.prediction import rotation
 from ttempc.qp import CondensedHorizon
 from ttempc.tube_kernel import successor, within
-from ttempc.types import Disturbance, Estimate, State
+from ttempc.types import Disturbance, Estimate, MapDisturbance, State
 
 TICKS = 300
 ALONG = along()
@@ -41,7 +41,7 @@ def drive(disturbances, lasting=None):
         errors.append(error)
         said.append(controller.step(estimate_of(k, error, lasting), k))
         u_e = ALONG.feedforward[k] - said[-1].command.as_array()
-        state = np.concatenate([error, lasting])
+        state = np.concatenate([error, lasting, np.zeros(len(MapDisturbance))])
         error = ALONG.a[k, :7] @ state + ALONG.b[k, :7] @ u_e + w
     return np.array(errors), [one.diagnostics for one in said]
 
