@@ -64,8 +64,7 @@ def fit_run(record: Record, scenario: Scenario) -> FitRun:
         InvalidFit: the run is too short.
     """
     course = scenario.path.course()
-    believed = scenario.controller.vehicle.vehicle(scenario.plant.vehicle.filed())
-    reference = Reference(course.path, geared(believed, course, scenario), course.speed)
+    reference = Reference(course.path, geared(course, scenario), course.speed)
     seen = errors(record, reference, CONTROL_PERIOD_S)
     return FitRun(
         record.metadata["scenario"],

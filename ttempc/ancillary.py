@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 from scipy.optimize import minimize
 
 from ttempc.disturbance_set import DisturbanceSet
-from ttempc.errors import InvalidTube
+from ttempc.errors import InvalidTube, InvalidTuning
 from ttempc.limits import CommandLimits
+from ttempc.riccati import regulator_gains
 from ttempc.tube import TrackingSystem, Tube, invariant_tube
 from ttempc.types import FloatArray, Input
 
@@ -68,20 +68,12 @@ def gain_schedule(
     Raises:
         InvalidTube: on that road no gain minimises the cost.
     """
-    outputs, inputs = np.array(weights.outputs), np.diag(weights.inputs)
-    inner = np.diag([0.0, 0.0, *weights.states])
+    outputs, inner = np.array(weights.outputs), np.diag([0.0, 0.0, *weights.states])
     cost = c.transpose(0, 2, 1) @ (outputs[:, None] * c) + inner  # (T, n, n)
-    gains = np.zeros((len(a), b.shape[2], a.shape[1]))
     try:
-        value = solve_discrete_are(a[-1], b[-1], cost[-1], inputs)
-    except np.linalg.LinAlgError as reason:
+        return -regulator_gains(a, b, cost, np.array(weights.inputs))
+    except InvalidTuning as reason:
         raise InvalidTube(f"no ancillary gain minimises {weights}: {reason}") from None
-    for k in range(len(a) - 1, -1, -1):
-        effect = b[k].T @ value  # (m, n)
-        gains[k] = -np.linalg.solve(inputs + effect @ b[k], effect @ a[k])
-        value = cost[k] + a[k].T @ value @ (a[k] + b[k] @ gains[k])
-        value = 0.5 * (value + value.T)
-    return gains
 
 
 @dataclass(frozen=True)

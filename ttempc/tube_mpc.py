@@ -84,6 +84,10 @@ class TubeFeedback:
             tube=report,
         )
 
+    def prepare(self, k: int) -> None:
+        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        self._mpc.prepare(k)
+
 
 def tube_controller(
     vehicle: Vehicle,
