@@ -37,7 +37,7 @@ from experiments.tubes import FitRun, fit_run, fit_tube
 from testbed.channels import TUBE
 from ttempc.errors import InvalidTube
 
-FIT_SEEDS: Final = tuple(range(1001, 1013))  # eight to fit, four held out
+FIRST_FIT_SEED: Final = 1001
 FIRST_SEED: Final = 2001  # of the fresh laps
 TRACKS: Final = 30  # laps whose deviations are kept for the figures
 POINTS: Final = [QUANTITIES.index(name) for name in ("x_t_e_m", "y_t_e_m", "x_i_e_m", "y_i_e_m")]
@@ -132,14 +132,14 @@ def fresh_lap(case: Case, tube: Path, folder: Path, key: str, seed: int) -> dict
     }
 
 
-def tube_of(key: str, folder: Path, pool: ProcessPoolExecutor) -> Path | None:
+def tube_of(key: str, folder: Path, laps: int, pool: ProcessPoolExecutor) -> Path | None:
     """Return the tube file of a case, fitted now if it is not there; None where there is none."""
     file = folder / f"{key}.json"
     refused = folder / f"{key}-refused.txt"
     if file.exists() or refused.exists():
         return file if file.exists() else None
-    laps = pool.map(partial(fit_lap, CASES[key]), FIT_SEEDS)
-    runs = list(tqdm(laps, total=len(FIT_SEEDS), desc=f"{key}: to fit"))
+    driven = pool.map(partial(fit_lap, CASES[key]), range(FIRST_FIT_SEED, FIRST_FIT_SEED + laps))
+    runs = list(tqdm(driven, total=laps, desc=f"{key}: to fit"))
     try:
         fit = fit_tube(runs)
     except (InvalidFit, InvalidTube) as error:
@@ -162,13 +162,13 @@ def rows(folder: Path) -> list[dict[str, Any]]:
     return found
 
 
-def drive(folder: Path, keys: Sequence[str], laps: int) -> None:
+def drive(folder: Path, keys: Sequence[str], laps: int, fit_laps: int) -> None:
     """Drive what is missing of the cases."""
     done = {(row["case"], row["seed"]) for row in rows(folder)}
     with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
         for key in keys:
             case = CASES[key]
-            tube = tube_of(case.tube_of or key, folder, pool)
+            tube = tube_of(case.tube_of or key, folder, fit_laps, pool)
             seeds = [FIRST_SEED + lap for lap in range(laps)]
             seeds = [seed for seed in seeds if (key, seed) not in done]
             if tube is None or not seeds:
@@ -228,11 +228,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--laps", type=int, default=10)
+    parser.add_argument("--fit-laps", type=int, default=12, help="a third of them held out")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--figures", action="store_true")
     arguments = parser.parse_args()
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    drive(arguments.folder, arguments.only, arguments.laps)
+    drive(arguments.folder, arguments.only, arguments.laps, arguments.fit_laps)
     print("\n".join(table(arguments.folder)))
     if arguments.figures:
         design = read_tube(str(arguments.folder / f"{BORROWED}.json")).design()
