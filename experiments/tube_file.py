@@ -118,7 +118,7 @@ class TubeFile:
             TtempcError: its numbers make no vehicle or no set.
         """
         return TubeDesign(
-            vehicle=Vehicle(**self.vehicle),
+            vehicle=Vehicle(**self.vehicle),  # pyright: ignore[reportArgumentType] - checked when read
             period_s=self.period_s,
             disturbance=self.disturbance.set(),
             estimate_error=self.estimate_error.set(),

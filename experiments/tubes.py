@@ -27,8 +27,8 @@ from ttempc.reference import Reference
 from ttempc.reference_tube import ReferenceTube, TubeDesign
 from ttempc.types import FloatArray, State
 
-WINDOW_STEPS = 5  # one second: by then the vehicle has moved by a third of its length
-COVERAGE = 0.99
+WINDOW_STEPS = 10  # two seconds: by then the vehicle has moved by two thirds of its length
+COVERAGE = 0.9
 RESERVE = 0.2  # share of each steering range that the tube shall leave free
 _HOLD_OUT_EVERY = 3  # of three runs, the third is held out
 _N = len(State)

@@ -24,7 +24,7 @@ _SLOWEST = 0.98  # a gain whose slowest mode remembers ten seconds leaves no nar
 _EVALUATIONS = 700
 _START = (0.1, 2.5, 0.05, 2.5, 0.01, 0.01, 0.01, 0.01, 0.01, 0.3, 1.5, 0.9)  # of the weights
 _HYDROSTAT_SHARE = 0.8  # of its room that a tube may take
-_RATE_SHARE = 0.8  # of the change in a period that a tube may take
+_RATE_SHARE = 0.9  # of the change in a period; where curves begin the feedforward takes the rest
 _PENALTY = 3.0  # [m] for a room overdrawn by its whole
 _FIRST_SIMPLEX = 1.0  # of the logarithms
 

@@ -6,8 +6,8 @@ import argparse
 
 from experiments.commands import options
 from experiments.scenario import load, shipped
-from experiments.tube_file import read_tube, shipped_tubes
 from experiments.sweeping.study import load_study, shipped_studies
+from experiments.tube_file import read_tube, shipped_tubes
 from testbed.vehicle_file import read_vehicle, shipped_vehicles
 from ttempc.controllers import CONTROLLERS
 

@@ -36,17 +36,17 @@ def add(commands: options.Commands) -> None:
     parser.add_argument(
         "--coverage",
         type=float,
-        default=0.99,
+        default=0.9,
         metavar="SHARE",
-        help="of all windows that shall lie in the set (default: 0.99)",
+        help="of all windows that shall lie in the set (default: 0.9)",
     )
     parser.add_argument(
         "--window",
         type=int,
-        default=5,
+        default=10,
         metavar="STEPS",
         help="steps over which the energy of a disturbance is bounded, 1 for every step by itself "
-        "(default: 5, a second)",
+        "(default: 10, two seconds)",
     )
     parser.add_argument(
         "--shape",

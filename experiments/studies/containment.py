@@ -104,7 +104,7 @@ def fresh_lap(case: Case, tube: Path, folder: Path, key: str, seed: int) -> dict
             half_width=found.half_width.astype(np.float32),
         )
 
-    def counts(where: NDArray[np.bool_]) -> dict[str, list[int] | int]:
+    def counts(where: NDArray[np.bool_]) -> dict[str, Any]:
         kept = inside[where]
         each = kept.sum(axis=0).tolist()
         points, everything = kept[:, POINTS].all(axis=1), kept.all(axis=1)
@@ -206,7 +206,7 @@ def table(folder: Path) -> Iterator[str]:
     yield f"| case | {' | '.join(QUANTITIES)} |"
     yield "|---" * (1 + len(QUANTITIES)) + "|"
     for key, laps in by_case.items():
-        each = sum(np.array(lap[where]["each"]) for lap in laps for where in ("straight", "curve"))
+        each = np.sum([lap[w]["each"] for lap in laps for w in ("straight", "curve")], axis=0)
         steps = sum(lap[where]["steps"] for lap in laps for where in ("straight", "curve"))
         yield f"| `{key}` | " + " | ".join(f"{one / steps:.4f}" for one in each) + " |"
     for file in sorted(folder.glob("*-refused.txt")):
@@ -225,7 +225,7 @@ def _whole(lap: dict[str, Any]) -> bool:
 
 def main() -> None:
     """Drive, then print."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="count how often reality stays inside the tube")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--laps", type=int, default=10)
     parser.add_argument("--fit-laps", type=int, default=12, help="a third of them held out")

@@ -156,7 +156,7 @@ def test_a_tube_is_fitted_written_and_read_back(monkeypatch, tmp_path):
     said = fit.file.provenance
     assert said.fitted_seeds == [0, 1, 3, 4]
     assert said.held_out_seeds == [2, 5]
-    assert said.disturbance.inside / said.disturbance.windows > 0.95
+    assert said.disturbance.inside / said.disturbance.windows > 0.8
     np.testing.assert_allclose(said.seen.sd, SPREAD, rtol=0.05)
     assert np.all(fit.along.free_share > 0.0)
     file = tmp_path / "tube.json"
@@ -169,11 +169,11 @@ def test_a_tube_is_fitted_written_and_read_back(monkeypatch, tmp_path):
 
 def test_too_little_or_too_much_is_refused_with_the_numbers():
     with pytest.raises(InvalidFit, match="got 2 runs, at least 3 are needed"):
-        fit_tube(fitted(2))
+        fit_tube(fitted(2), coverage=0.99)
     with pytest.raises(
         InvalidFit, match=r"got 2\d\d windows of 5 steps in 2 runs, .* 0\.99 .* takes 299"
     ):
-        fit_tube(fitted(3))
+        fit_tube(fitted(3), coverage=0.99, window=5)
     with pytest.raises(InvalidFit, match=r"coverage: got 1\.0, must be between 0 and 1"):
         fit_tube(fitted(), coverage=1.0)
 

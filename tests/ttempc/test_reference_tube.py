@@ -44,6 +44,8 @@ def test_the_reference_itself_is_within_the_tightened_bounds():
     bounds = ALONG.bounds
     assert np.all(bounds.lower <= 0.0)
     assert np.all(bounds.upper >= 0.0)
+    assert np.all(bounds.step_lower <= 0.0)
+    assert np.all(bounds.step_upper >= 0.0)
     assert np.all(ALONG.free_share > 0.0)
 
 
