@@ -146,7 +146,7 @@ def fit_tube(
     runs: Sequence[FitRun],
     coverage: float = COVERAGE,
     window: int = WINDOW_STEPS,
-    shape: Shape = "zonotope",
+    shape: Shape = "box",
     confidence: float = 0.95,
 ) -> Fit:
     """Return the tube that the runs ask for, every third of them held out.

@@ -51,8 +51,8 @@ def add(commands: options.Commands) -> None:
     parser.add_argument(
         "--shape",
         choices=("box", "zonotope", "ellipsoid"),
-        default="zonotope",
-        help="of the set of disturbances (default: zonotope)",
+        default="box",
+        help="of the set of disturbances (default: box)",
     )
     parser.set_defaults(command=_fit_tube)
 

@@ -3,7 +3,7 @@
     python -m experiments.studies.containment DIR --laps 200 [--only grass-soil grass-150kpa]
 
 Every lap is a run of one lap with a seed of its own. A case with a tube of its own fits one to laps
-of `ttempc-nominal` on its field first; the others borrow that of `grass-soil` and leave what it was
+of `ttempc-tube` on its field first; the others borrow that of `grass-soil` and leave what it was
 fitted on: soil, load, speed. DIR keeps tubes, a JSON line for every lap and the tracks of the first
 ones, so that a study that was stopped goes on where it was, and more laps come on top. Prints the
 tables of docs/tube.md; with --figures it draws its pictures from what is in DIR.
@@ -37,6 +37,7 @@ from experiments.tubes import FitRun, fit_run, fit_tube
 from testbed.channels import TUBE
 from ttempc.errors import InvalidTube
 
+DRIVER: Final = "ttempc-tube"  # of the laps to fit to, in the shipped tube of grass
 FIRST_FIT_SEED: Final = 1001
 FIRST_SEED: Final = 2001  # of the fresh laps
 TRACKS: Final = 30  # laps whose deviations are kept for the figures
@@ -82,9 +83,9 @@ def settings(case: Case, controller: str, tube: Path | None = None) -> list[str]
 
 def fit_lap(case: Case, seed: int) -> FitRun:
     """Drive a lap to fit a tube to."""
-    name, scenario = load(case.scenario, settings(case, "ttempc-nominal"))
+    name, scenario = load(case.scenario, settings(case, DRIVER))
     _, record = simulate(name, scenario, seed)
-    about = {"scenario": name, "controller": "ttempc-nominal", "seed": str(seed)}
+    about = {"scenario": name, "controller": DRIVER, "seed": str(seed)}
     return fit_run(replace(record, metadata=about), scenario)
 
 
