@@ -27,13 +27,13 @@ def main() -> None:
     """Print medians, their ratio, and the time of a tube."""
     vehicle = Vehicle()
     reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
-    estimates = estimates_along(vehicle, reference)
+    estimates = estimates_along("ttempc-nominal", vehicle, reference)
     design = read_tube("grass").design()
     steps: dict[str, list[float]] = {"ttempc-nominal": [], "ttempc-tube": []}
     for _ in range(REPEATS):
         for name, times in steps.items():
             controller = make_controller(name, vehicle, reference, PERIOD_S, design)
-            times.extend(timed(controller, estimates, pause_s=0.0)[0])
+            times.extend(timed(controller, estimates, pause_s=0.0, prepared=False)[0])
     medians = {name: 1e6 * float(np.median(times)) for name, times in steps.items()}
     for name, median in medians.items():
         print(f"{name:<16}{median:8.1f} us (median)")
