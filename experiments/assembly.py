@@ -32,7 +32,7 @@ from ttempc.types import Controller, Estimator, FloatArray
 from ttempc.vehicle import Vehicle
 
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
-RECORD_PERIOD_S = 0.04  # the period of the paper's fastest sensors
+RECORD_RATE_HZ = 25.0  # of the paper's fastest sensors
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
 EDGE_M = 4.0  # from path to edge of the field: vehicle, antenna and a metre of error
 
@@ -52,8 +52,13 @@ class Assembly:
     mismatch: tuple[Difference, ...]  # between the vehicle and what is believed of it
     notes: tuple[str, ...] = ()  # on the path, for the log
 
-    def rig(self, sink: Sink) -> Rig:
-        """Return the run with the sink in its place, the plant at its start and rolling."""
+    def rig(self, sink: Sink, record_hz: float = RECORD_RATE_HZ) -> Rig:
+        """Return the run with the sink in its place, the plant at its start and rolling.
+
+        Args:
+            sink: is told everything.
+            record_hz: how often it is told the truth [Hz]; see `record_steps`.
+        """
         start = self.reference.at(0.0)
         x, y, yaw = start.state[:3]
         self.plant.reset(float(x), float(y), float(yaw), float(start.state[6]))
@@ -65,9 +70,9 @@ class Assembly:
             controller=self.controller,
             vehicle=self.vehicle,
             sink=sink,
-            reference=self._reference_rows(),
+            reference=self._reference_rows(record_hz),
             control_steps=whole_steps(CONTROL_PERIOD_S, timestep, "control period"),
-            record_steps=whole_steps(RECORD_PERIOD_S, timestep, "record period"),
+            record_steps=record_steps(timestep, record_hz),
             terrain=self.terrain,
             mishaps=MishapLimits.of(self.plant.vehicle),
             notes=self.notes,
@@ -78,10 +83,10 @@ class Assembly:
         path = self.reference.path
         return path.pose(np.arange(0.0, path.lap_m + step_m, step_m))[:, :2]
 
-    def _reference_rows(self) -> FloatArray:
-        """Return rows of `channels.REFERENCE`, one every record period."""
-        count = self.ticks * round(CONTROL_PERIOD_S / RECORD_PERIOD_S) + 1
-        sample = self.reference.at(np.arange(count) * RECORD_PERIOD_S)
+    def _reference_rows(self, record_hz: float) -> FloatArray:
+        """Return rows of `channels.REFERENCE`, one for each of the truth."""
+        count = self.ticks * round(CONTROL_PERIOD_S * record_hz) + 1
+        sample = self.reference.at(np.arange(count) / record_hz)
         x, y, psi_t, psi_i, delta_t, delta_i, v = sample.state.T
         return np.column_stack(
             [
@@ -113,7 +118,7 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     controller = factory(vehicle, reference, CONTROL_PERIOD_S)
     controller = Supervisor(controller, vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s
-    _check_periods(timestep)
+    record_steps(timestep, RECORD_RATE_HZ)
     soil = scenario.soil.soil(seed, terrain, course.path, strength_map)
     plant = scenario.plant.plant(terrain, soil, scenario.actuators.specification())
     sensors = SensorSuite(scenario.sensors.specification(), timestep, seed, plant.lever_arms)
@@ -140,7 +145,7 @@ def check(scenario: Scenario) -> int:
     level = replace(scenario.terrain, iso_class="flat").terrain(seed=0)
     reference, strength_map = _way(course, vehicle, level, scenario)
     controller_factory(scenario.controller.name, scenario.controller.design())
-    _check_periods(scenario.plant.timestep_s)
+    record_steps(scenario.plant.timestep_s, RECORD_RATE_HZ)
     scenario.soil.soil(0, level, course.path, strength_map)
     scenario.plant.vehicle.vehicle()
     scenario.sensors.specification()
@@ -181,9 +186,24 @@ def _ticks(reference: Reference) -> int:
     return math.ceil(reference.duration_s / CONTROL_PERIOD_S - 1e-9)
 
 
-def _check_periods(timestep: float) -> None:
-    for what, period in (("control", CONTROL_PERIOD_S), ("record", RECORD_PERIOD_S)):
-        whole_steps(period, timestep, f"plant.timestep_s = {timestep}: {what} period")
+def record_steps(timestep_s: float, record_hz: float) -> int:
+    """Return the physics steps from one row of the truth to the next.
+
+    Raises:
+        InvalidScenario: a control period does not hold a whole number of rows.
+    """
+    what = f"plant.timestep_s = {timestep_s}: control period"
+    control_steps = whole_steps(CONTROL_PERIOD_S, timestep_s, what)
+    rows = round(CONTROL_PERIOD_S * record_hz) if math.isfinite(record_hz) else 0
+    exact = abs(rows - CONTROL_PERIOD_S * record_hz) < 1e-9
+    if rows < 1 or not exact or control_steps % rows:
+        allowed = (n / CONTROL_PERIOD_S for n in range(1, control_steps + 1))
+        rates = [f"{hz:g}" for n, hz in enumerate(allowed, 1) if control_steps % n == 0]
+        raise InvalidScenario(
+            f"record rate: got {record_hz:g} Hz, must be one of {', '.join(rates)} Hz, so that "
+            f"rows fall on physics steps of {1e3 * timestep_s:g} ms and on control ticks"
+        )
+    return control_steps // rows
 
 
 def _estimator(scenario: Scenario, vehicle: Vehicle, plant: Plant) -> Estimator:

@@ -23,13 +23,17 @@ class Job:
     overrides: tuple[str, ...] = ()
 
 
+def as_they_end(jobs: Sequence[Job], workers: int | None = None) -> Iterator[tuple[Job, Summary]]:
+    """Yield job and numbers of every run as it ends; `workers` are those of `engine`."""
+    with engine(workers) as cores, tqdm(total=len(jobs)) as bar:
+        for job, future in flow(cores, _run, jobs):
+            yield job, future.result()
+            bar.update()
+
+
 def summaries(jobs: Sequence[Job]) -> Iterator[tuple[Job, Summary]]:
     """Return job and numbers of every run, in the order of the jobs, on all cores."""
-    finished = {}
-    with engine() as cores, tqdm(total=len(jobs)) as bar:
-        for job, future in flow(cores, _run, jobs):
-            finished[job] = future.result()
-            bar.update()
+    finished = dict(as_they_end(jobs))
     yield from ((job, finished[job]) for job in jobs)
 
 

@@ -9,12 +9,25 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from typing import NoReturn
 
-from experiments.commands import card, catalogue, envelope, fit_tube, options, run, sweep
+from experiments.commands import (
+    card,
+    catalogue,
+    compare,
+    envelope,
+    fit_tube,
+    frame,
+    log,
+    options,
+    run,
+    sweep,
+    video,
+    view,
+)
 from experiments.errors import ExperimentError
 from testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
-_COMMANDS = (run, sweep, envelope, card, fit_tube, catalogue)
+_COMMANDS = (run, sweep, envelope, view, log, video, frame, compare, card, fit_tube, catalogue)
 
 _ABOUT = """\
 A tractor with a steerable trailer drives a figure eight over a bumpy, slippery
@@ -26,6 +39,8 @@ field in MuJoCo, under the controller of your choice.
   ttempc run grass --set soil.cone_index_kpa=250 --set path.laps=1
   ttempc sweep terrain-slip         thousands of runs on all cores: where does a controller fail?
   ttempc card wet-slope             is it my controller or the simulator? inspects the plant
+  ttempc log info runs/DIR/log.mcap  what a log holds; export, check and recover it
+  ttempc video runs/.../log.mcap    a film of a run; `frame` takes one picture of it
 """
 
 

@@ -33,5 +33,29 @@ class SweepStopped(ExperimentError):
     """A sweep that could not go on; what it had found is kept."""
 
 
+class MissingExtra(ExperimentError):
+    """A part of the project that is installed on request only; the message names it."""
+
+
+class BadOptions(ExperimentError):
+    """Options that do not go together."""
+
+
+class InvalidFilm(ExperimentError):
+    """A film or picture that cannot be made of this log; the message says what is allowed."""
+
+
+class NoGraphics(ExperimentError):
+    """Off-screen rendering is not to be had; the message names what to install."""
+
+
+class NotComparable(ExperimentError):
+    """Runs that do not belong side by side."""
+
+
+class InvalidRows(ExperimentError):
+    """A file of finished runs that cannot be read or compared; the message names the place."""
+
+
 class InvalidFit(ExperimentError):
     """Data from which a tube cannot be fitted, or a tube file that cannot be used."""

@@ -23,7 +23,14 @@ from experiments.summary import (
     TrackingStatistics,
     TubeStatistics,
 )
-from experiments.tracking import BODIES, START_UP_S, BodyError, rows_at_same_time, tracking
+from experiments.tracking import (
+    BODIES,
+    START_UP_S,
+    BodyError,
+    Tracking,
+    rows_at_same_time,
+    tracking,
+)
 from testbed.channels import CONTROL, ESTIMATE, STATE, TIMING, TUBE, TYRES
 from testbed.record import Record
 from ttempc.types import FloatArray
@@ -44,7 +51,7 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
         failure=facts.failure,
         duration_s=duration_s,
         versions=dict(facts.versions),
-        tracking=_tracking(record),
+        tracking=tracking_statistics(tracking(record)),
         estimation=_estimation(record),
         timing=_timing(record, duration_s, facts.wall_s),
         inputs=_inputs(record),
@@ -54,8 +61,8 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
     )
 
 
-def _tracking(record: Record) -> TrackingStatistics:
-    errors = tracking(record)
+def tracking_statistics(errors: Tracking) -> TrackingStatistics:
+    """Return the statistics of tracking errors after the start-up."""
     counted = errors.time_s >= START_UP_S
 
     def over(rows: NDArray[np.bool_]) -> BodyStatistics:

@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 from tqdm import tqdm
 
-from experiments.assembly import Assembly, assemble
+from experiments.assembly import RECORD_RATE_HZ, Assembly, assemble, record_steps
 from experiments.errors import OutputExists
 from experiments.factory import ControllerFactory
+from experiments.log_file import describe, open_log
 from experiments.metrics import summarise
 from experiments.scenario import Scenario, dump, identity
 from experiments.settings.vehicle import Difference
 from experiments.summary import RunFacts, Summary
-from testbed.ground import GROUND_FILE
-from testbed.log import REFERENCE_PATH_TOPIC, LogWriter
+from testbed.live import LiveView
 from testbed.loop import Outcome, drive
 from testbed.provenance import versions
 from testbed.record import Record, Recorder
+from testbed.scenery import Scenery
 from testbed.sink import Sink, Tee
+from testbed.topics import REFERENCE_PATH_TOPIC
 
 _PATH_STEP_M = 0.2  # between the points of the reference path in the log
 
@@ -61,17 +63,34 @@ def simulate(
     assembly = assemble(scenario, seed, factory)
     recorder = Recorder()
     if log is None:
-        outcome = _drive(assembly, recorder, lambda k: None)
+        outcome = drive_into(recorder, assembly)
     else:
-        with _log_writer(name, scenario, seed, assembly, log) as writer:
-            outcome = _drive(assembly, Tee(recorder, writer), lambda k: None)
+        metadata = describe(name, scenario, seed, assembly)
+        with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
+            outcome = drive_into(Tee(recorder, writer), assembly)
     record = recorder.record()
     facts = _facts(name, scenario, seed, outcome, log and log.name)
     return summarise(record, facts), record
 
 
-def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
+def run(
+    name: str,
+    scenario: Scenario,
+    seed: int,
+    folder: Path,
+    *,
+    record_hz: float = RECORD_RATE_HZ,
+    watch: Callable[[Scenery], LiveView] | None = None,
+) -> Finished:
     """Run a scenario and write log, summary, resolved scenario, figures and report to `folder`.
+
+    Args:
+        name: of the scenario.
+        scenario: what to run.
+        seed: draws terrain and noise.
+        folder: to make.
+        record_hz: how often the truth is written down [Hz].
+        watch: opens a live view of the run; it is told the same as the log.
 
     Raises:
         OutputExists: the folder exists already; nothing is written.
@@ -85,18 +104,26 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
     if folder.exists():
         raise OutputExists(f"output folder {folder}: exists already, give another or remove it")
     assembly = assemble(scenario, seed)
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise OutputExists(f"output folder {folder}: cannot be made: {error.strerror}") from None
-    resolved = dump(scenario)
-    files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
-    files["scenario"].write_text(resolved, encoding="utf-8")
-    log = _log_writer(name, scenario, seed, assembly, files["log"])
-    recorder = Recorder()
-    with log, _progress(assembly.ticks, f"{name}, {scenario.controller.name}, seed {seed}") as bar:
-        outcome = _drive(assembly, Tee(recorder, log), lambda k: bar.update())
-    record = recorder.record(log.metadata)
+    record_steps(assembly.plant.timestep_s, record_hz)  # refused here, before anything is written
+    scenery = assembly.plant.scenery
+    with ExitStack() as stack:
+        views = [stack.enter_context(watch(scenery))] if watch else []
+        try:
+            folder.mkdir(parents=True)
+        except OSError as error:
+            said = f"cannot be made: {error.strerror}"
+            raise OutputExists(f"output folder {folder}: {said}") from None
+        resolved = dump(scenario)
+        files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
+        files["scenario"].write_text(resolved, encoding="utf-8")
+        metadata = describe(name, scenario, seed, assembly)
+        recorder = Recorder()
+        log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
+        what = f"{name}, {scenario.controller.name}, seed {seed}"
+        bar = stack.enter_context(_progress(assembly.ticks, what))
+        sink = Tee(recorder, log, *views)
+        outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
+    record = recorder.record(metadata)
     summary = summarise(record, _facts(name, scenario, seed, outcome, files["log"].name))
     files["summary"] = folder / "summary.json"
     files["summary"].write_text(summary.to_json(), encoding="utf-8")
@@ -110,33 +137,14 @@ def run(name: str, scenario: Scenario, seed: int, folder: Path) -> Finished:
     return Finished(summary, record, files, assembly.mismatch, assembly.notes)
 
 
-def _log_writer(
-    name: str, scenario: Scenario, seed: int, assembly: Assembly, file: Path
-) -> LogWriter:
-    """Return the log of a run, with everything that describes it."""
-    metadata = {
-        "scenario": name,
-        "controller": scenario.controller.name,
-        "seed": str(seed),
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
-        "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
-        **versions(),
-    }
-    return LogWriter(
-        file,
-        metadata=metadata,
-        attachments={
-            "scenario.toml": dump(scenario),
-            "vehicle.toml": scenario.plant.vehicle.text(),
-            "model.xml": assembly.plant.mjcf,
-            GROUND_FILE: assembly.plant.ground.to_npz(),
-        },
-        body_names=assembly.plant.body_names,
-    )
-
-
-def _drive(assembly: Assembly, sink: Sink, on_tick: Callable[[int], object]) -> Outcome:
-    rig = assembly.rig(sink)
+def drive_into(
+    sink: Sink,
+    assembly: Assembly,
+    record_hz: float = RECORD_RATE_HZ,
+    on_tick: Callable[[int], object] = lambda k: None,
+) -> Outcome:
+    """Drive a run to its end and tell the sink of it, the reference path first."""
+    rig = assembly.rig(sink, record_hz)
     sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))
     return drive(rig, assembly.ticks, on_tick=on_tick)
 

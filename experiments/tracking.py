@@ -48,6 +48,12 @@ class Tracking:
     tractor: BodyError
     trailer: BodyError
 
+    def until(self, end_s: float) -> Tracking:
+        """Return the errors up to a time."""
+        rows = self.time_s <= end_s
+        tractor, trailer = self.tractor.at(rows), self.trailer.at(rows)
+        return Tracking(self.time_s[rows], self.curved[rows], tractor, trailer)
+
 
 def tracking(record: Record) -> Tracking:
     """Return the errors of both axle points against their time-based references."""

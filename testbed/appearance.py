@@ -11,6 +11,7 @@ from typing import Final
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from testbed.terrain import Terrain
 from testbed.truth import WHEELS
@@ -91,7 +92,15 @@ def paint_ground(model: mujoco.MjModel, terrain: Terrain, cone_indices: FloatArr
     """Bake light, height and strength of the ground into its texture: a plain one looks flat."""
     texture = model.texture("ground")
     columns, rows = texture.width[0], texture.height[0]
-    ny, nx = terrain.heights.shape
+    colours = ground_colours(terrain, cone_indices, rows, columns)
+    # the first row of a texture lies at the far side of a height field
+    texture.data[:] = (255.0 * colours[::-1]).astype(np.uint8)
+
+
+def ground_colours(
+    terrain: Terrain, cone_indices: FloatArray, rows: int, columns: int
+) -> FloatArray:
+    """Return the colours of the ground seen from above, (rows, columns, 3) in 0..1, south first."""
     x = terrain.origin[0] + terrain.size_m[0] * np.arange(columns) / (columns - 1)
     y = terrain.origin[1] + terrain.size_m[1] * np.arange(rows) / (rows - 1)
     height = terrain.height(x, y[:, None])  # (rows, columns)
@@ -100,13 +109,9 @@ def paint_ground(model: mujoco.MjModel, terrain: Terrain, cone_indices: FloatArr
     # light from the north-west, steepened until the roughest tenth spans the range
     shade = slope_x - slope_y
     shade = np.clip(shade / max(4.0 * float(shade.std()), 0.05), -1.0, 1.0)
-    nearest = np.ix_(
-        np.rint(np.linspace(0, ny - 1, rows)).astype(int),
-        np.rint(np.linspace(0, nx - 1, columns)).astype(int),
-    )
-    strength = np.log(cone_indices[nearest])  # (rows, columns)
+    # smoothed over a cell of the grid: the edge of a patch is no staircase
+    strengths = Image.fromarray(np.log(cone_indices).astype(np.float32))
+    strength = np.asarray(strengths.resize((columns, rows), Image.Resampling.BILINEAR))
     colour = np.stack([np.interp(strength, _STRENGTHS, part) for part in _COLOURS.T], axis=-1)
     grain = np.random.default_rng(0).normal(0.0, 0.04, (rows, columns))  # blades of grass
-    image = colour * (1.0 + 0.28 * shade + grain)[..., None]  # (rows, columns, 3)
-    # the first row of a texture lies at the far side of a height field
-    texture.data[:] = np.clip(255.0 * image[::-1], 0.0, 255.0).astype(np.uint8)
+    return np.clip(colour * (1.0 + 0.28 * shade + grain)[..., None], 0.0, 1.0)

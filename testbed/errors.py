@@ -25,3 +25,11 @@ class LogError(TestbedError):
 
 class ControllerFailed(TestbedError):
     """A controller raised, or returned what cannot be driven; ends the run as invalid."""
+
+
+class LiveError(TestbedError):
+    """A live view that cannot be opened."""
+
+
+class WindowClosed(TestbedError):
+    """The user has seen enough of a run that went on for the window alone."""

@@ -109,8 +109,10 @@ class Grid:
     def at(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
         """Return the value at (x, y) [m]; beyond the grid, that of its nearest edge."""
         ny, nx = self.values.shape
-        u = np.clip((np.asarray(x) - self.origin[0]) / self.spacing_m, 0.0, nx - 1.0)
-        v = np.clip((np.asarray(y) - self.origin[1]) / self.spacing_m, 0.0, ny - 1.0)
+        u = (np.asarray(x) - self.origin[0]) / self.spacing_m
+        v = (np.asarray(y) - self.origin[1]) / self.spacing_m
+        u = np.minimum(np.maximum(u, 0.0), nx - 1.0)  # np.clip takes ten times as long for a point
+        v = np.minimum(np.maximum(v, 0.0), ny - 1.0)
         i = np.minimum(u.astype(np.int64), nx - 2)
         j = np.minimum(v.astype(np.int64), ny - 2)
         p, q = u - i, v - j

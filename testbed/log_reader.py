@@ -16,10 +16,10 @@ from mcap.records import Message
 
 from testbed.channels import CHANNELS, Channel
 from testbed.errors import LogError
-from testbed.log import EVENT_TOPIC
 from testbed.log_content import Content, read_content
 from testbed.record import Event, Record, Table
 from testbed.schemas import message_class, row_fields
+from testbed.topics import EVENT_TOPIC
 from testbed.viewer_messages import LEVELS
 
 SALVAGED_KEY: Final = "salvaged"  # in the metadata of a torn log: what was kept, in words

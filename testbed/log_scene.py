@@ -12,8 +12,8 @@ from mcap.records import Message
 
 from testbed.errors import InvalidField, LogError
 from testbed.ground import GROUND_FILE, Ground
-from testbed.log import TRANSFORMS_TOPIC
 from testbed.log_content import Content
+from testbed.topics import TRANSFORMS_TOPIC
 from ttempc.types import FloatArray
 
 

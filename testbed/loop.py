@@ -11,13 +11,13 @@ from typing import Final, Literal
 from testbed import channels, rows
 from testbed.border import Border
 from testbed.errors import ControllerFailed, PlantDiverged
-from testbed.log import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from testbed.mishap import MishapLimits, mishap
 from testbed.plant import Plant
 from testbed.record import Event
 from testbed.sensors import SensorSuite
 from testbed.sink import Sink
 from testbed.terrain import Terrain
+from testbed.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from testbed.truth import Truth
 from ttempc.types import (
     Command,

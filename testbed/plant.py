@@ -18,6 +18,7 @@ from testbed.appearance import paint_ground
 from testbed.errors import InvalidPlant, PlantDiverged
 from testbed.ground import Ground
 from testbed.native_wheels import NativeWheels
+from testbed.scenery import Scenery, shapes_of
 from testbed.servos import tyres_of
 from testbed.soil import SoilMap
 from testbed.terrain import Terrain
@@ -25,7 +26,7 @@ from testbed.truth import WHEELS, Truth
 from testbed.truth_reader import TruthReader
 from testbed.tyre_kernel import Output, wheel_step
 from testbed.vehicle import PlantVehicle
-from testbed.vehicle_model import WheelModel, build_spec, mjcf_of, physics_model
+from testbed.vehicle_model import WheelModel, build_spec, level_model, physics_model
 from ttempc.types import Command, FloatArray
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -175,7 +176,13 @@ class Plant:
     @property
     def mjcf(self) -> str:
         """The whole model as MuJoCo compiled it, without the heights of the ground."""
-        return mjcf_of(self._spec)
+        return level_model(self._spec)[1]
+
+    @property
+    def scenery(self) -> Scenery:
+        """What viewers are told once."""
+        model, _ = level_model(self._spec)
+        return Scenery(self.body_names, self.ground, shapes_of(model, self.ground))
 
     def drawn_model(self) -> mujoco.MjModel:
         """Return a model to look at: the bodies of `model`, with every shape and a painted ground.

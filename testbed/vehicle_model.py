@@ -66,14 +66,20 @@ def physics_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
     return lean.compile()
 
 
-def mjcf_of(spec: mujoco.MjSpec) -> str:
-    """Return the MJCF of the whole model without the heights of its ground.
+def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, str]:
+    """Return the whole model on level ground, and its MJCF with the ground's heights left out.
 
     Written out, the heights are a hundred times as long as everything else; the loader takes a
     ground without them for a level one.
     """
-    spec.compile()  # nothing can be written before
-    return re.sub(r'\s+elevation="[^"]*"', "", spec.to_xml())
+    level = spec.copy()
+    ground = level.hfield("ground")
+    rows, columns = ground.nrow, ground.ncol
+    ground.nrow = ground.ncol = 2
+    ground.userdata = [0.0] * 4
+    model = level.compile()  # nothing can be written before
+    text = re.sub(r'\s+elevation="[^"]*"', "", level.to_xml())
+    return model, text.replace('nrow="2" ncol="2"', f'nrow="{rows}" ncol="{columns}"')
 
 
 def _put_stops(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:

@@ -75,14 +75,16 @@ class Slips:
 def slips(belief: FloatArray) -> Slips:
     """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of a belief (16,).
 
-    e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`.
+    e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`; both
+    change their signs in reverse, where the vehicle climbs with its back and drifts downhill all
+    the same.
     """
-    _, _, psi_t, psi_i, _, _, _, slip_t, slip_i, _, _, wheel, gx, gy, cx, cy = belief.tolist()
-    cos_t, sin_t = math.cos(psi_t), math.sin(psi_t)
+    _, _, psi_t, psi_i, _, _, rim, slip_t, slip_i, _, _, wheel, gx, gy, cx, cy = belief.tolist()
+    cos_t, sin_t, gear = math.cos(psi_t), math.sin(psi_t), math.copysign(1.0, rim)
     return Slips(
-        tractor=slip_t - gx * sin_t + gy * cos_t,
-        trailer=slip_i - gx * math.sin(psi_i) + gy * math.cos(psi_i),
-        wheel=wheel + cx * cos_t + cy * sin_t,
+        tractor=slip_t + gear * (gy * cos_t - gx * sin_t),
+        trailer=slip_i + gear * (gy * math.cos(psi_i) - gx * math.sin(psi_i)),
+        wheel=wheel + gear * (cx * cos_t + cy * sin_t),
     )
 
 
@@ -112,8 +114,9 @@ def by_map(
 ) -> FloatArray:
     """Return what a map disturbance of one unit is as a `Disturbance`, (5, 4).
 
-    With the wheel slip s = e(psi_t)'c the vehicle settles at rim - rim s and loses rim s' as it
-    turns, so that to first order in s the drive disturbance is -v (s / tau + s').
+    In reverse with the other sign. With the wheel slip s = e(psi_t)'c the vehicle settles at
+    rim - rim s and loses rim s' as it turns, so that to first order in s the drive disturbance is
+    -v (s / tau + s').
     """
     cos, sin = math.cos(psi_t), math.sin(psi_t)
     tau = vehicle.speed_time_constant
@@ -125,7 +128,7 @@ def by_map(
         -speed * (sin / tau + yaw_rate * cos),
     )
     gain[Disturbance.WHEEL, 2:] = cos, sin
-    return gain
+    return math.copysign(1.0, speed) * gain
 
 
 def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
@@ -152,13 +155,14 @@ def estimate_of(
     cos, sin = math.cos(psi_t), math.sin(psi_t)
     v = rim * (1.0 - acting.wheel)
     state[State.V] = v
-    by_heading = climb_y * cos - climb_x * sin  # ds / d(psi_t)
+    gear = math.copysign(1.0, rim)
+    by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
     turning = by_heading * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
     to_state = np.eye(STATES, SIZE)
     to_state[State.V, Belief.PSI_T] = -rim * by_heading
     to_state[State.V, Belief.RIM] = 1.0 - acting.wheel
     to_state[State.V, Belief.WHEEL] = -rim
-    to_state[State.V, Belief.CLIMB_X :] = -rim * cos, -rim * sin
+    to_state[State.V, Belief.CLIMB_X :] = -abs(rim) * cos, -abs(rim) * sin
     disturbance = np.array(
         [
             *(acting.tractor, acting.trailer, bias),

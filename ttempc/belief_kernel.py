@@ -46,9 +46,11 @@ def rate_of(belief: FloatArray, inputs: FloatArray, table: FloatArray, rate: Flo
     psi_t, psi_i, delta_i, rim = belief[2], belief[3], belief[5], belief[6]
     wheelbase, a, d, length_i = table[0], table[1], table[2], table[3]
     sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
-    slip_t = belief[7] - belief[12] * sin_t + belief[13] * cos_t
-    slip_i = belief[8] - belief[12] * math.sin(psi_i) + belief[13] * math.cos(psi_i)
-    v = rim * (1.0 - belief[11] - belief[14] * cos_t - belief[15] * sin_t)
+    gear = math.copysign(1.0, rim)
+    gx, gy, cx, cy = gear * belief[12], gear * belief[13], gear * belief[14], gear * belief[15]
+    slip_t = belief[7] - gx * sin_t + gy * cos_t
+    slip_i = belief[8] - gx * math.sin(psi_i) + gy * math.cos(psi_i)
+    v = rim * (1.0 - belief[11] - cx * cos_t - cy * sin_t)
     lam = psi_t - psi_i
     cos_l, cos_i = math.cos(lam), math.cos(delta_i)
     rate_t, _ = _steering(inputs[0], belief[4], table[6], table[8])
@@ -71,7 +73,8 @@ def slope_of(belief: FloatArray, inputs: FloatArray, table: FloatArray, slope: F
     wheelbase, a, d, length_i = table[0], table[1], table[2], table[3]
     sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
     sin_p, cos_p = math.sin(psi_i), math.cos(psi_i)
-    gx, gy, cx, cy = belief[12], belief[13], belief[14], belief[15]
+    gear = math.copysign(1.0, rim)
+    gx, gy, cx, cy = gear * belief[12], gear * belief[13], gear * belief[14], gear * belief[15]
     slip_t = belief[7] - gx * sin_t + gy * cos_t
     slip_i = belief[8] - gx * sin_p + gy * cos_p
     share = 1.0 - belief[11] - cx * cos_t - cy * sin_t
@@ -113,14 +116,14 @@ def slope_of(belief: FloatArray, inputs: FloatArray, table: FloatArray, slope: F
         slope[row, 6] = by_v[row] * share
         slope[row, 7] = by_slip_t[row]
         slope[row, 11] = -by_v[row] * rim
-        slope[row, 12] = -by_slip_t[row] * sin_t
-        slope[row, 13] = by_slip_t[row] * cos_t
-        slope[row, 14] = -by_v[row] * rim * cos_t
-        slope[row, 15] = -by_v[row] * rim * sin_t
+        slope[row, 12] = -gear * by_slip_t[row] * sin_t
+        slope[row, 13] = gear * by_slip_t[row] * cos_t
+        slope[row, 14] = -gear * by_v[row] * rim * cos_t
+        slope[row, 15] = -gear * by_v[row] * rim * sin_t
     slope[3, 3] += by_slip_i * (-gx * cos_p - gy * sin_p)
     slope[3, 8] = by_slip_i
-    slope[3, 12] -= by_slip_i * sin_p
-    slope[3, 13] += by_slip_i * cos_p
+    slope[3, 12] -= gear * by_slip_i * sin_p
+    slope[3, 13] += gear * by_slip_i * cos_p
 
 
 @numba.njit(cache=True)

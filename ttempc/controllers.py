@@ -7,15 +7,21 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from ttempc.articulated import articulated_controller, nominal_controller
+from ttempc.baselines.lqr import lqr_controller
+from ttempc.baselines.nmpc import (
+    nmpc_controller,
+    nmpc_decentralised_controller,
+    nmpc_distributed_controller,
+    nmpc_rti_controller,
+)
+from ttempc.baselines.pid import pid_controller
 from ttempc.errors import InvalidTube, UnknownController
-from ttempc.feedforward import exact_feedforward
-from ttempc.limits import CommandLimits
 from ttempc.paper import paper_controller, printed_sign_controller
 from ttempc.reference import Reference
 from ttempc.reference_tube import TubeDesign
-from ttempc.tracking import NoFeedback, TrackingController
+from ttempc.tracking import NoFeedback, TrackingController, around_exact_feedforward
 from ttempc.tube_mpc import tube_controller
-from ttempc.types import Controller, Input
+from ttempc.types import Controller
 from ttempc.vehicle import Vehicle
 
 
@@ -23,12 +29,9 @@ def feedforward_controller(
     vehicle: Vehicle, reference: Reference, period_s: float
 ) -> TrackingController:
     """Compose the exact feedforward alone: what the reference asks for, whatever happens."""
-    grid = reference.on_grid(period_s)
-    ticks = len(grid.time_s)
-    feedforward = exact_feedforward(reference, ticks, period_s)
-    feedforward[:, Input.DELTA_I] += grid.hitch_angle
-    limits = CommandLimits.of(vehicle, period_s)
-    return TrackingController(grid, feedforward, NoFeedback(), limits, measured_hitch=False)
+    return around_exact_feedforward(
+        vehicle, reference, period_s, 1, lambda grid, feedforward: NoFeedback()
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +61,23 @@ CONTROLLERS = MappingProxyType(
         "paper-printed-sign": Composition(
             "the same with erratum 6 as printed and a tube's nominal state: the vehicle is lost",
             printed_sign_controller,
+        ),
+        "pid": Composition("conventional guidance: a PID loop for each input", pid_controller),
+        "lqr": Composition(
+            "LQR on the articulated model and the filter's disturbances", lqr_controller
+        ),
+        "nmpc": Composition(
+            "nonlinear MPC, converged: horizon, weights, bounds of the linear one", nmpc_controller
+        ),
+        "nmpc-rti": Composition(
+            "the same with one Gauss-Newton iteration a period", nmpc_rti_controller
+        ),
+        "nmpc-decentralised": Composition(
+            "tractor and trailer each with an NMPC, the other's inputs taken as held",
+            nmpc_decentralised_controller,
+        ),
+        "nmpc-distributed": Composition(
+            "the same, plans exchanged once a period", nmpc_distributed_controller
         ),
         "feedforward": Composition(
             "inputs of the exact reference geometry, no feedback", feedforward_controller

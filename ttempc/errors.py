@@ -33,6 +33,10 @@ class UnknownController(TtempcError):
     """A controller name that is not in the table; the message lists those that are."""
 
 
+class MissingPackage(TtempcError):
+    """An optional package that is asked for and not installed; the message says how to get it."""
+
+
 class EmptySet(TtempcError):
     """A set without a point, as what is left where more is taken off than there is."""
 

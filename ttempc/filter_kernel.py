@@ -1,6 +1,7 @@
 """The two steps of a filter over a belief, compiled: predict and correct.
 
-A test holds them to a filter written plainly.
+A test holds them to a filter written plainly. numba's cache looks at this file alone: whoever
+changes `ttempc.belief` or `ttempc.belief_kernel` deletes `ttempc/__pycache__`.
 """
 
 from __future__ import annotations

@@ -97,6 +97,19 @@ class StageBounds:
     step_lower: FloatArray
     step_upper: FloatArray
 
+    def at(self, *place: int | slice | NDArray[np.intp]) -> StageBounds:
+        """Return the bounds at a place in the arrays."""
+        return _each(self, lambda values: values[place])
+
+    def reachable(self, previous: FloatArray) -> FloatArray:
+        """Return the input (m,) nearest to `previous` from which a step leads within the bounds.
+
+        For bounds of one stage, (m,) each; without it there would be no solution.
+        """
+        return np.minimum(
+            np.maximum(previous, self.lower - self.step_upper), self.upper - self.step_lower
+        )
+
 
 class CondensedHorizon:
     """All QPs along a reference: everything but the state and the previous input precomputed.
@@ -156,9 +169,8 @@ class CondensedHorizon:
         self._hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))  # (ticks, m Nc, m Nc)
         sums = np.tril(np.ones((moves, moves)))
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
-        stage = ahead[:, :moves]  # (ticks, Nc) the stages with a free step
-        self._bounds = _stacked(_intersection(tuning, period_s, len(a), bounds), stage)
-        first = _each(self._bounds, lambda values: values[:, :m])
+        self._bounds = move_bounds(tuning, period_s, len(a), bounds)
+        first = self._bounds.at(slice(None), slice(m))
         self._first = np.stack([first.lower, first.upper], axis=1)  # (ticks, 2, m)
         self._reach = np.stack(
             [first.lower - first.step_upper, first.upper - first.step_lower], axis=1
@@ -202,6 +214,19 @@ class CondensedHorizon:
             raise InvalidTuning("the cost is not finite and convex all along the reference")
 
 
+def move_bounds(
+    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None = None
+) -> StageBounds:
+    """Return the bounds on the free stages of every tick side by side, (ticks, m Nc).
+
+    Those of the tuning, within `bounds` (`stages`, m) where there are any.
+    """
+    ticks = stages - tuning.horizon + 1
+    free = np.arange(ticks)[:, None] + np.arange(tuning.moves)  # (ticks, Nc)
+    both = _intersection(tuning, period_s, stages, bounds)
+    return _each(both, lambda values: values[free].reshape(ticks, -1))
+
+
 def _each(bounds: StageBounds, change: Callable[[FloatArray], FloatArray]) -> StageBounds:
     return StageBounds(
         lower=change(bounds.lower),
@@ -209,11 +234,6 @@ def _each(bounds: StageBounds, change: Callable[[FloatArray], FloatArray]) -> St
         step_lower=change(bounds.step_lower),
         step_upper=change(bounds.step_upper),
     )
-
-
-def _stacked(bounds: StageBounds, stages: NDArray[np.intp]) -> StageBounds:
-    """Return the bounds of the `stages` (ticks, Nc) of every tick side by side, (ticks, m Nc)."""
-    return _each(bounds, lambda values: values[stages].reshape(len(stages), -1))
 
 
 def _intersection(

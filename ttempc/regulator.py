@@ -32,8 +32,8 @@ class RegulatorTuning:
     # Largest action k_s [rad], [rad], fraction; the paper's.
     saturation: tuple[float, float, float] = RobustGains().saturation
     # Cost of an action [1/rad^2], [1/rad^2], 1, beside errors of both points at 1 / m^2 each: 2 cm
-    # weigh as much as 2 deg of steering or 9 % of the hydrostat.
-    input_weight: tuple[float, float, float] = (0.3, 0.3, 0.05)
+    # weigh as much as 2 deg of steering or 4 % of the hydrostat.
+    input_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
     # In the one-step reading: time over which it is measured what comes again [s].
     memory_s: float = 5.0
 
@@ -48,8 +48,7 @@ class RegulatorTuning:
             raise InvalidTuning(f"memory_s: got {self.memory_s}, must be finite and above 0")
 
 
-# In the tube reading the law is all the feedback that the vehicle has: as stiff as the MPC's.
-TUBE = RegulatorTuning(nominal="tube", input_weight=(0.03, 0.03, 0.01))
+TUBE = RegulatorTuning(nominal="tube")
 
 
 @dataclass(frozen=True, slots=True)

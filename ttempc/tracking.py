@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from ttempc.feedforward import exact_feedforward
 from ttempc.kernel import tracking_error
 from ttempc.limits import CommandLimits
-from ttempc.reference import ReferenceSample
+from ttempc.reference import Reference, ReferenceSample
 from ttempc.types import (
     Command,
     ControlStep,
@@ -21,6 +23,7 @@ from ttempc.types import (
     SolverReport,
     TubeReport,
 )
+from ttempc.vehicle import Vehicle
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,3 +147,25 @@ class TrackingController:
                 fallback=why,
             ),
         )
+
+
+def around_exact_feedforward(
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    beyond: int,
+    law: Callable[[ReferenceSample, FloatArray], FeedbackLaw],
+) -> TrackingController:
+    """Compose the exact feedforward with the feedback law that `law` makes for it.
+
+    `law` gets the reference at N + 1 ticks, to the end and `beyond` ticks further, and the
+    feedforward (delta_t, delta_i, hp) of the N periods between them, (N, 3).
+    """
+    grid = reference.on_grid(period_s, beyond=beyond)
+    feedforward = exact_feedforward(reference, len(grid.time_s) - 1, period_s)
+    ticks = len(grid.time_s) - beyond
+    as_lambda = feedforward[:ticks].copy()
+    as_lambda[:, Input.DELTA_I] += grid.hitch_angle[:ticks]
+    limits = CommandLimits.of(vehicle, period_s)
+    feedback = law(grid, feedforward)
+    return TrackingController(grid, as_lambda, feedback, limits, measured_hitch=False)

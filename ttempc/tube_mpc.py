@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from ttempc.articulated import TUNING, error_state
-from ttempc.limits import CommandLimits
 from ttempc.lmpc import LinearMpc
 from ttempc.prediction import PredictedPath
 from ttempc.qp import CondensedHorizon, HorizonTuning
 from ttempc.reference import Reference, ReferenceSample
 from ttempc.reference_tube import ReferenceTube, TubeDesign, seen
-from ttempc.tracking import Actions, TrackingController
+from ttempc.tracking import Actions, TrackingController, around_exact_feedforward
 from ttempc.tube_kernel import successor, within
 from ttempc.types import Estimate, FloatArray, Input, State, TubeReport
 from ttempc.vehicle import Vehicle
@@ -102,12 +101,10 @@ def tube_controller(
         InvalidTube: see `ReferenceTube.along`.
     """
     design.require(vehicle, period_s)
-    grid = reference.on_grid(period_s, beyond=tuning.horizon)
-    along = ReferenceTube.along(design, reference, len(grid.time_s) - 1)
-    horizon = CondensedHorizon(along.a, along.b, tuning, period_s, along.c, along.bounds)
-    feedback = TubeFeedback(grid, along, horizon)
-    ticks = len(grid.time_s) - tuning.horizon
-    as_lambda = along.feedforward[:ticks].copy()
-    as_lambda[:, Input.DELTA_I] += grid.hitch_angle[:ticks]
-    limits = CommandLimits.of(vehicle, period_s)
-    return TrackingController(grid, as_lambda, feedback, limits, measured_hitch=False)
+
+    def law(grid: ReferenceSample, feedforward: FloatArray) -> TubeFeedback:
+        along = ReferenceTube.along(design, reference, len(feedforward))
+        horizon = CondensedHorizon(along.a, along.b, tuning, period_s, along.c, along.bounds)
+        return TubeFeedback(grid, along, horizon)
+
+    return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)

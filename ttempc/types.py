@@ -52,7 +52,7 @@ class MapDisturbance(IntEnum):
 
     It stays with the field where the vehicle turns: with unit vectors e(psi) along a heading and
     n(psi) to its left, the axles slip by n(psi)'(SIDE_X, SIDE_Y), the driven wheels by
-    e(psi)'(CLIMB_X, CLIMB_Y).
+    e(psi)'(CLIMB_X, CLIMB_Y); in reverse by as much with the other sign.
     """
 
     SIDE_X = 0  # [rad] east

@@ -24,8 +24,8 @@ def command(commands: Commands, name: str, help: str, about: str) -> argparse.Ar
     )
 
 
-def add_scenario(parser: argparse.ArgumentParser) -> None:
-    """Add what a command on one scenario takes: its name, changes to it, the folder."""
+def add_scenario(parser: argparse.ArgumentParser, writes: bool = True) -> None:
+    """Add what a command on one scenario takes: its name, changes to it, the folder it writes."""
     parser.add_argument(
         "scenario",
         nargs="?",
@@ -33,12 +33,13 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
         metavar="SCENARIO",
         help="name of a shipped scenario or path of a .toml file (default: grass)",
     )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="folder to make (default: a new one in runs/); an existing one is refused",
-    )
+    if writes:
+        parser.add_argument(
+            "--out",
+            type=Path,
+            metavar="DIR",
+            help="folder to make (default: a new one in runs/); an existing one is refused",
+        )
     parser.add_argument(
         "--set",
         action="append",

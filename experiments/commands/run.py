@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from experiments.commands import options
+from experiments.errors import BadOptions
 from experiments.scenario import load
 from experiments.table import table
 from ttempc.controllers import CONTROLLERS
+
+if TYPE_CHECKING:
+    from testbed.live import LiveView
+    from testbed.scenery import Scenery
 
 _ABOUT = """\
 Drives one scenario to its end and writes into DIR:
@@ -43,11 +51,28 @@ def add(commands: options.Commands) -> None:
     parser.add_argument(
         "--json", action="store_true", help="print summary.json, and nothing else, to stdout"
     )
+    parser.add_argument(
+        "--record-rate",
+        type=float,
+        metavar="HZ",
+        help="how often the truth is written down (default: 25)",
+    )
+    live = parser.add_argument_group("live view (extra `live`)")
+    live.add_argument(
+        "--live",
+        action="store_true",
+        help="serve the run to Foxglove while it goes on, at real time; the run is the same",
+    )
+    live.add_argument(
+        "--speed", type=float, metavar="FACTOR", help="simulated seconds in one of the clock's"
+    )
+    live.add_argument("--port", type=int, metavar="N", help="to serve on (default: 8765)")
     parser.set_defaults(command=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
+    from experiments.assembly import RECORD_RATE_HZ
     from experiments.run import run
 
     overrides = list(arguments.overrides)
@@ -57,7 +82,14 @@ def _run(arguments: argparse.Namespace) -> int:
     folder = arguments.out or options.fresh(
         Path("runs"), f"{name}-{scenario.controller.name.replace(':', '-')}-{arguments.seed}"
     )
-    finished = run(name, scenario, arguments.seed, folder)
+    finished = run(
+        name,
+        scenario,
+        arguments.seed,
+        folder,
+        record_hz=RECORD_RATE_HZ if arguments.record_rate is None else arguments.record_rate,
+        watch=_watch(arguments, name),
+    )
     if arguments.json:
         print(finished.summary.to_json())
     else:
@@ -70,3 +102,27 @@ def _run(arguments: argparse.Namespace) -> int:
         for what, file in finished.files.items():
             print(f"{what:<10}{file}")
     return 0 if finished.summary.status == "completed" else options.EXIT_LOST
+
+
+def _watch(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], LiveView] | None:
+    """Return what opens the live view that was asked for, if any."""
+    from testbed.live import DEFAULT_PORT, LiveView
+
+    if not arguments.live:
+        given = {"--speed": arguments.speed, "--port": arguments.port}
+        alone = [option for option, value in given.items() if value is not None]
+        if alone:
+            raise BadOptions(f"{alone[0]}: goes with --live only")
+        return None
+
+    def open_view(scenery: Scenery) -> LiveView:
+        view = LiveView(
+            scenery,
+            name=f"ttempc {name}, seed {arguments.seed}",
+            port=DEFAULT_PORT if arguments.port is None else arguments.port,
+            speed=1.0 if arguments.speed is None else arguments.speed,
+        )
+        print(f"live view: {view.url}, in Foxglove: Open connection", file=sys.stderr)
+        return view
+
+    return open_view

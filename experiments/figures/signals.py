@@ -11,7 +11,7 @@ from experiments.figures.style import BLACK, BLUE, GREY, RED, SKY, blank, dress,
 from testbed.channels import CONTROL
 from testbed.record import Record
 
-_INPUTS: Final = (  # field, label, factor from the field's unit to the label's
+INPUTS: Final = (  # field, label, factor from the field's unit to the label's
     ("delta_t_rad", "front steering [deg]", np.degrees(1.0)),
     ("delta_i_rad", "trailer steering [deg]", np.degrees(1.0)),
     ("hp", "hydrostat position [%]", 100.0),
@@ -31,7 +31,7 @@ def signals_figure(record: Record) -> Figure:
     table = record[CONTROL]
     figure = blank(6.2)
     rows = figure.subplots(3, 1, sharex=True)
-    for axes, (name, label, factor) in zip(rows, _INPUTS, strict=True):
+    for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
         for action, what, colour, width in _ACTIONS:
             axes.plot(
                 table.time_s,

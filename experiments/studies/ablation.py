@@ -25,9 +25,9 @@ from experiments.scenario import load
 from experiments.summary import Summary
 from ttempc.articulated import TUNING, articulated_controller
 from ttempc.controllers import feedforward_controller
-from ttempc.regulator import TUBE, RegulatorTuning
+from ttempc.regulator import TUBE
 
-SCENARIOS: Final = ("grass", "wet-slope", "patchy")
+SCENARIOS: Final = ("grass", "wet-slope", "patchy", "old-valves")
 
 
 _without = partial(articulated_controller, robust=None)
@@ -38,14 +38,11 @@ VARIANTS: Final[dict[str, ControllerFactory]] = {
     "+ LMPC, disturbance (`ttempc-nominal`)": _without,
     "+ LMPC, disturbance, robust (`ttempc`)": articulated_controller,
     "robust in the tube reading": partial(articulated_controller, robust=TUBE),
-    "robust, a third of the input weights": partial(
-        articulated_controller, robust=RegulatorTuning(input_weight=(0.1, 0.1, 0.02))
-    ),
     "no robust, step weights 1, 1, 1": partial(
         _without, tuning=replace(TUNING, step_weight=(1.0, 1.0, 1.0))
     ),
-    "no robust, step weights a fifth": partial(
-        _without, tuning=replace(TUNING, step_weight=(0.01, 0.01, 0.004))
+    "no robust, step weights 0.05, 0.05, 0.02": partial(
+        _without, tuning=replace(TUNING, step_weight=(0.05, 0.05, 0.02))
     ),
     "no robust, horizon 12": partial(_without, tuning=replace(TUNING, horizon=12)),
 }

@@ -3,7 +3,7 @@
     python -m experiments.studies.estimators [SCENARIO ...]
 
 Prints the Markdown table of docs/estimators.md: `ttempc-nominal` fed by `ekf` and by `nmhe`, the
-same seeds to both, two laps. The normalised innovations of `nmhe` are those of the filter within.
+same seeds to both, one lap. The normalised innovations of `nmhe` are those of the filter within.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from testbed.channels import ESTIMATE
 
 SCENARIOS = ("pavement", "grass", "wet-grass", "side-slope", "wet-slope", "patchy")
 ESTIMATORS = ("ekf", "nmhe")
-SEEDS = (1, 2, 3)
+SEEDS = (1, 2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,11 @@ class Row:
 def row(job: tuple[str, str, int]) -> Row:
     """Run scenario, estimator and seed."""
     scenario, estimator, seed = job
-    overrides = ['controller.name="ttempc-nominal"', f'controller.estimator="{estimator}"']
+    overrides = [
+        'controller.name="ttempc-nominal"',
+        f'controller.estimator="{estimator}"',
+        "path.laps=1",
+    ]
     summary, record = simulate(*load(scenario, overrides), seed)
     estimation, table = summary.estimation, record[ESTIMATE]
     points = (estimation.tractor.mean_euclidean_m, estimation.trailer.mean_euclidean_m)

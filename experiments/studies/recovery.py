@@ -22,7 +22,7 @@ from experiments.tracking import tracking
 from testbed.channels import CONTROL
 from testbed.loop import drive
 from testbed.record import Recorder
-from ttempc.types import Input
+from ttempc.types import Input, State
 
 NEAR_M: Final = 0.10
 OFFSETS: Final = ((1.0, 20.0), (-1.0, -20.0), (1.0, -20.0))  # [m] to the left, [deg] turned left
@@ -47,9 +47,10 @@ def recover(
     content = load(scenario, [path, f'controller.name="{controller}"'])[1]
     assembly, recorder = assemble(content, seed), Recorder()
     rig = assembly.rig(recorder)
-    x, y, yaw = assembly.reference.at(0.0).state[:3]
-    place = float(x) - lateral_m * math.sin(yaw), float(y) + lateral_m * math.cos(yaw)
-    assembly.plant.reset(*place, float(yaw) + math.radians(yaw_deg), content.path.speed_mps)
+    start = assembly.reference.at(0.0).state.tolist()
+    (x, y, yaw), speed = start[:3], start[State.V]
+    place = x - lateral_m * math.sin(yaw), y + lateral_m * math.cos(yaw)
+    assembly.plant.reset(*place, yaw + math.radians(yaw_deg), speed)
     drive(rig, ticks)
     record = recorder.record()
 
@@ -57,7 +58,7 @@ def recover(
     beside = np.stack([errors.tractor.cross_m, errors.trailer.cross_m])  # (2, n)
     outside = np.flatnonzero(np.abs(beside).max(axis=0) > NEAR_M)
     last = int(outside[-1]) + 1 if len(outside) else 0
-    travel = content.path.speed_mps * errors.time_s[last] if last < len(errors.time_s) else math.inf
+    travel = speed * errors.time_s[last] if last < len(errors.time_s) else math.inf
     sent = record[CONTROL]
     commands = np.stack([sent[f"{name}_command"] for name in ("delta_t_rad", "delta_i_rad", "hp")])
     vehicle, period = assembly.vehicle, rig.control_steps * assembly.plant.timestep_s

@@ -17,14 +17,16 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from testbed.channels import CHANNELS, CONTROL, SOLVER, STATE, Channel
+from testbed.channels import CHANNELS, CONTROL, MEASUREMENT, SOLVER, STATE, Channel
 from testbed.errors import LogError, PlantDiverged
-from testbed.log import FORMAT_KEY, PREDICTED_PATH_TOPIC, REFERENCE_PATH_TOPIC, LogWriter
+from testbed.log import FORMAT_KEY, LogWriter
 from testbed.log_content import salvage_content
 from testbed.log_reader import SALVAGED_KEY, read_log, record_of
 from testbed.record import Event, Record, Recorder
+from testbed.scenery import Scenery
 from testbed.schemas import RowEncoder, message_class, message_name
 from testbed.sink import Tee
+from testbed.topics import PREDICTED_PATH_TOPIC, REFERENCE_PATH_TOPIC
 from tests.testbed.truths import truth
 
 PERIOD_S = 0.04
@@ -34,7 +36,7 @@ BODIES = ("tractor", "trailer")
 
 
 def writer(path, **other) -> LogWriter:
-    given = {"metadata": METADATA, "attachments": ATTACHMENTS, "body_names": BODIES, **other}
+    given = {"metadata": METADATA, "attachments": ATTACHMENTS, "scenery": Scenery(BODIES), **other}
     return LogWriter(path, **given)
 
 
@@ -47,7 +49,8 @@ def feed(sink, duration_s=22.0) -> None:
     for k in range(round(duration_s / PERIOD_S)):
         for channel in CHANNELS:
             values = rng.normal(size=len(channel.fields))
-            values[:4] = (np.nan, -0.0, np.inf, 5e-324)
+            first = 4 if channel is MEASUREMENT else 0  # a fix has to be a place
+            values[first : first + 4] = (np.nan, -0.0, np.inf, 5e-324)
             sink.row(channel, now, values.tolist())
         bodies = {"body_xyz": rng.normal(size=(2, 3)), "body_quat": rng.normal(size=(2, 4))}
         sink.scene(truth(tractor={"x": now, "yaw": 0.3}, time_s=now, **bodies))
@@ -123,6 +126,10 @@ def test_a_reader_that_is_not_ours_finds_everything(run):
         "/tf": "foxglove.FrameTransforms",
         "/tractor/pose": "foxglove.PoseInFrame",
         "/trailer/pose": "foxglove.PoseInFrame",
+        "/tractor/path": "foxglove.PosesInFrame",
+        "/trailer/path": "foxglove.PosesInFrame",
+        "/gnss/tractor": "foxglove.LocationFix",
+        "/gnss/trailer": "foxglove.LocationFix",
         "/reference/path": "foxglove.PosesInFrame",
         "/mpc/predicted_path": "foxglove.PosesInFrame",
         "/log": "foxglove.Log",
@@ -133,7 +140,8 @@ def test_a_reader_that_is_not_ours_finds_everything(run):
     turn = seen["/tractor/pose"][1].pose.orientation
     assert (turn.w, turn.z) == pytest.approx((np.cos(0.15), np.sin(0.15)))
     ahead = seen["/reference/path"][1].poses[-1]
-    assert ahead.position.y == 0.4
+    assert ahead.position.y == pytest.approx(0.4, rel=1e-7)
+    assert ahead.position.z > 0.0, "above the ground, to be seen"
     assert ahead.orientation.z == pytest.approx(np.sin(np.pi / 4))
 
 

@@ -5,10 +5,12 @@ import pytest
 
 from testbed.errors import InvalidField, LogError
 from testbed.ground import GROUND_FILE, Ground
-from testbed.log import REFERENCE_PATH_TOPIC, LogWriter
+from testbed.log import LogWriter
 from testbed.log_content import read_content
 from testbed.log_scene import attachment, ground_of, lines_of, motion_of
+from testbed.scenery import Scenery
 from testbed.terrain import Terrain
+from testbed.topics import REFERENCE_PATH_TOPIC
 from tests.testbed.truths import truth
 
 BODIES = ("tractor", "trailer")
@@ -24,7 +26,8 @@ def ground():
 def log(path, ground, scenes):
     path.unlink(missing_ok=True)
     attachments = {"model.xml": "<mujoco/>", GROUND_FILE: ground.to_npz()}
-    with LogWriter(path, metadata={}, attachments=attachments, body_names=BODIES) as writer:
+    scenery = Scenery(BODIES, ground)
+    with LogWriter(path, metadata={}, attachments=attachments, scenery=scenery) as writer:
         writer.path(REFERENCE_PATH_TOPIC, 0.0, np.array([[0.0, 0.0], [1.0, 0.5]]))
         for scene in scenes:
             writer.scene(scene)

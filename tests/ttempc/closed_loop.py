@@ -56,11 +56,15 @@ def drive(
     noise: FloatArray | None = None,
     seed: int = 0,
     ticks: int | None = None,
+    offset: FloatArray | float = 0.0,
 ) -> Drive:
-    """Drive along `reference`; `noise` (7,) is the standard deviation of the seen state."""
+    """Drive along `reference`; `noise` (7,) is the standard deviation of the seen state.
+
+    The start is `offset` (7,) from the reference's.
+    """
     vehicle, generator = reference.vehicle, np.random.default_rng(seed)
     grid = reference.on_grid(PERIOD_S)
-    state, valves = grid.state[0], grid.inputs[0, :2]
+    state, valves = grid.state[0] + offset, grid.inputs[0, :2]
     tractor, trailer, steps = [], [], []
     for k in range(ticks or len(grid.time_s) - 1):
         tractor.append(np.hypot(*(state - grid.state[k])[:2]))

@@ -26,7 +26,7 @@ TABLE = vehicle_table(VEHICLE)
 def random_belief(generator):
     belief = generator.normal(size=SIZE) * [5, 5, 3, 0.3, 0.1, 0.1, 0.2, *[0.05] * 9]
     belief[Belief.PSI_I] += belief[Belief.PSI_T]
-    belief[Belief.RIM] += 1.0
+    belief[Belief.RIM] += generator.choice([1.0, -1.0])
     return belief
 
 
@@ -68,6 +68,21 @@ def test_what_the_controller_is_told_moves_the_vehicle_as_the_belief_does():
         rate = articulated(told.state, inputs, VEHICLE, told.disturbance)
         assert (v[1] - v[0]) / step == pytest.approx(rate[State.V], abs=1e-5)
         np.testing.assert_allclose(rate[:6], motion(belief, inputs, VEHICLE)[:6], atol=1e-12)
+
+
+def test_a_slope_pulls_downhill_in_reverse_too():
+    """Heading east on a slope that rises to the north: drift to the south whatever the gear.
+
+    And on the way north, wheels lose speed whether the vehicle climbs with its front or its back.
+    """
+    for gear in (1.0, -1.0):
+        across = np.zeros(SIZE)
+        across[Belief.RIM], across[Belief.SIDE_Y] = gear, -0.03
+        assert motion(across, np.zeros(3), VEHICLE)[Belief.Y] == pytest.approx(-0.03)
+        climbing = np.zeros(SIZE)
+        climbing[Belief.RIM], climbing[Belief.CLIMB_Y] = gear, 0.1
+        climbing[[Belief.PSI_T, Belief.PSI_I]] = gear * math.pi / 2.0
+        assert motion(climbing, np.zeros(3), VEHICLE)[Belief.Y] == pytest.approx(0.9)
 
 
 def test_map_gain_is_the_share_of_the_slope_in_the_disturbance():

@@ -1,6 +1,6 @@
 """Does a controller hold where nobody tuned it?  Speeds, radii, soft soil, rough ground.
 
-    python -m experiments.studies.envelope [SEEDS [CONTROLLER]]      (default: 2 ttempc)
+    python -m experiments.studies.conditions [SEEDS [CONTROLLER]]      (default: 2 ttempc)
 
 Changes one thing of `grass` at a time and drives one lap with SEEDS paired seeds, from 1. Prints
 the Markdown table of docs/ablation.md: mean Euclidean errors in cm.

@@ -1,0 +1,81 @@
+"""`ttempc log`: say what a log holds, hand it on as tables, check and recover it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from experiments.commands import options
+
+_ABOUT = """\
+  ttempc log info LOG.mcap                     which run, what happened, which topics
+  ttempc log export LOG.mcap --out DIR         CSV, one file a topic; --format parquet
+  ttempc log check LOG.mcap                    is it whole, complete, of this version?
+  ttempc log check TORN.part --recover NEW.mcap
+
+A log is log.mcap of a run's folder, or log.mcap.part of one that was killed. What
+a torn log still holds is shown and exported as well, and said. Exit code 0 where
+all is well, 1 where `check` finds a log damaged or incomplete, 2 for bad input
+(one line; nothing is written).
+"""
+
+
+def add(commands: options.Commands) -> None:
+    """Declare the command."""
+    parser = options.command(commands, "log", "show, export, check or recover a log", _ABOUT)
+    actions = parser.add_subparsers(required=True, metavar="ACTION")
+    info = actions.add_parser("info", help="which run, what happened, which topics")
+    info.set_defaults(command=_info)
+    export = actions.add_parser("export", help="tables, one file a topic")
+    export.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder to make (default: LOG-csv or LOG-parquet beside the log)",
+    )
+    export.add_argument("--format", choices=("csv", "parquet"), default="csv", dest="form")
+    export.set_defaults(command=_export)
+    check = actions.add_parser("check", help="validate a log, recover a torn one")
+    check.add_argument(
+        "--recover", type=Path, metavar="NEW.mcap", help="write what is left as a whole log"
+    )
+    check.set_defaults(command=_check)
+    for action in (info, export, check):
+        action.add_argument("log", type=Path, metavar="LOG")
+
+
+def _info(arguments: argparse.Namespace) -> int:
+    from experiments.log_check import information
+    from testbed.log_content import read_content
+
+    print("\n".join(information(read_content(arguments.log))))
+    return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from experiments.log_export import export
+    from testbed.log_content import read_content
+
+    content = read_content(arguments.log)
+    folder = arguments.out or arguments.log.with_name(f"{arguments.log.stem}-{arguments.form}")
+    files = export(content, folder, arguments.form)
+    if content.salvage is not None:
+        print(f"torn or damaged: {content.salvage}", file=sys.stderr)
+    print("\n".join(map(str, files)))
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from experiments.log_check import check
+    from testbed.log_content import read_content
+    from testbed.log_recovery import recover
+
+    content = read_content(arguments.log)
+    findings = check(content)
+    if arguments.recover is not None:
+        recover(content, arguments.recover)
+    print("\n".join(map(str, findings)))
+    if arguments.recover is not None:
+        print(f"recovered to {arguments.recover}")
+    return 0 if all(finding.good for finding in findings) else options.EXIT_CHECK_FAILED

@@ -1,0 +1,101 @@
+"""Several runs on one reference, laid over one another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from experiments.comparison import Compared
+from experiments.figures.signals import INPUTS
+from experiments.figures.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PALE,
+    PURPLE,
+    RED,
+    SKY,
+    blank,
+    dress,
+    legend,
+    note,
+    shade,
+)
+from experiments.tracking import BODIES, BodyError
+from testbed.channels import CONTROL, REFERENCE, STATE
+
+_COLOURS: Final = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
+
+
+def paths_figure(runs: Sequence[Compared]) -> Figure:
+    """Return the driven paths of both points over the reference."""
+    figure = blank(6.4)
+    for axes, (body, letter) in zip(figure.subplots(2, 1), BODIES.items(), strict=True):
+        place = (f"x_{letter}_m", f"y_{letter}_m")
+        longest = max(runs, key=lambda run: len(run.record[REFERENCE]))
+        reference = longest.record[REFERENCE].columns(*place)
+        axes.plot(*reference.T, color=PALE, linewidth=3.0, label="reference")
+        for run, colour in zip(runs, _COLOURS, strict=False):
+            table = run.record[STATE]
+            driven = table.columns(*place)[table.time_s <= run.end_s]
+            axes.plot(*driven.T, color=colour, linewidth=0.9, label=run.label)
+        dress(axes, "x east [m]", "y north [m]")
+        note(axes, 0.01, 0.97, body, va="top", fontweight="bold")
+        axes.set_aspect("equal", adjustable="datalim")
+    _legend(figure, len(runs) + 1)
+    return figure
+
+
+def errors_figure(runs: Sequence[Compared]) -> Figure:
+    """Return the error of both points over the common time, curves shaded."""
+    figure = blank(4.6)
+    rows = figure.subplots(2, 1, sharex=True, sharey=True)
+    for axes, body in zip(rows, BODIES, strict=True):
+        shade(axes, runs[0].errors.time_s, runs[0].errors.curved)
+        for run, colour in zip(runs, _COLOURS, strict=False):
+            error: BodyError = getattr(run.errors, body)
+            centimetres = 100 * error.euclidean_m
+            axes.plot(run.errors.time_s, centimetres, color=colour, linewidth=0.9, label=run.label)
+        dress(axes, "", f"{body} error [cm]")
+        axes.margins(x=0.0)
+        axes.set_ylim(bottom=0.0)
+    _legend(figure, len(runs))
+    rows[-1].set_xlabel("time [s] (shaded: curves)", fontsize=8.5)
+    return figure
+
+
+def inputs_figure(runs: Sequence[Compared]) -> Figure:
+    """Return the commands of all runs with the bounds of the first."""
+    figure = blank(6.2)
+    rows = figure.subplots(3, 1, sharex=True)
+    for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
+        for run, colour in zip(runs, _COLOURS, strict=False):
+            table = run.record[CONTROL]
+            there = table.time_s <= run.end_s
+            sent = np.where(there, factor * table[f"{name}_command"], np.nan)
+            axes.plot(table.time_s, sent, color=colour, linewidth=0.9, label=run.label)
+        bounds = runs[0].record[CONTROL]
+        for bound in ("min", "max"):
+            limit = factor * bounds[f"{name}_{bound}"]
+            axes.plot(bounds.time_s, limit, color=BLACK, linestyle="--", linewidth=0.9)
+        dress(axes, "", label)
+        axes.margins(x=0.0, y=0.06)
+    rows[-1].set_xlim(0.0, runs[0].end_s)
+    _legend(figure, len(runs))
+    rows[-1].set_xlabel("time [s]", fontsize=8.5)
+    return figure
+
+
+COMPARISONS: Final[dict[str, Callable[[Sequence[Compared]], Figure]]] = {
+    "path": paths_figure,
+    "error": errors_figure,
+    "signals": inputs_figure,
+}
+
+
+def _legend(figure: Figure, entries: int) -> None:
+    legend(figure.axes[0], min(entries, 3))

@@ -1,0 +1,126 @@
+"""The field as one mesh: fine where one looks, coarse far away, and a meadow around it."""
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from experiments.film.ribbon import MeshView, add_mesh, strip_faces
+from testbed.terrain import Terrain
+from ttempc.types import FloatArray
+
+_FINE_M: Final = 0.15  # between the lines of the grid near the middle
+_REACH_M: Final = 9.0  # of the fine part, to every side
+_GROWTH: Final = 1.17  # from one spacing to the next beyond it
+_SNAP_M: Final = 1.5  # the middle moves in steps, or far bumps would swim; whole fine spacings
+_MEADOW_M: Final = 220.0  # how far the meadow goes
+_LEVEL_M: Final = 8.0  # over which the edge of the field fades into it
+_STRIP_M: Final = 0.3  # depth of the meadow's edge below the field
+_STEP_M: Final = 0.1  # over which slopes are taken
+
+
+class FieldMesh:
+    """The ground of one run.
+
+    Drawn on its own grid, a field of 80 x 50 m has 800 000 triangles, most of them smaller than a
+    pixel, and a picture takes four times as long.
+    """
+
+    NAME: Final = "field"
+
+    def __init__(self, terrain: Terrain, unit: float) -> None:
+        self._terrain = terrain
+        self._offsets = _offsets(unit, max(terrain.size_m))  # (n,)
+        self._snap = _SNAP_M * unit
+        self._centre = (np.nan, np.nan)
+
+    def add_to(self, spec: mujoco.MjSpec) -> None:
+        """Put field and meadow into the model in place of the ground of the simulation."""
+        spec.delete(spec.geom("ground"))
+        spec.delete(spec.hfield("ground"))
+        x, y = np.meshgrid(self._offsets, self._offsets)
+        # Not level, which has no axes for the compiler to turn a mesh to.
+        vertices = np.stack([x, 0.5 * y, 0.01 * np.sin(x + y)], axis=-1).reshape(-1, 3)
+        n = len(self._offsets)
+        add_mesh(spec, self.NAME, vertices, strip_faces(n, n), material="ground")
+        meadow, faces = _meadow(self._terrain)
+        add_mesh(spec, "meadow", meadow, faces, material="meadow")
+
+    def lay_meadow(self, mesh: MeshView) -> None:
+        """Put the meadow to its place."""
+        mesh.vertices[:], _ = _meadow(self._terrain)
+
+    def lay(self, mesh: MeshView, x: float, y: float) -> bool:
+        """Make the mesh fine about (x, y) [m]; return whether that changed it."""
+        centre = (self._snap * round(x / self._snap), self._snap * round(y / self._snap))
+        if centre == self._centre:
+            return False
+        self._centre = centre
+        terrain = self._terrain
+        (x0, y0), (width, depth) = terrain.origin, terrain.size_m
+        east, north = np.meshgrid(
+            np.clip(centre[0] + self._offsets, x0, x0 + width),
+            np.clip(centre[1] + self._offsets, y0, y0 + depth),
+        )
+        mesh.vertices[:] = np.stack([east, north, terrain.height(east, north)], axis=-1).reshape(
+            -1, 3
+        )
+        mesh.normals[:] = _normals(terrain, east, north).reshape(-1, 3)
+        # the first row of a texture lies at the far side of the field
+        places = np.stack([(east - x0) / width, (north - y0) / depth], axis=-1)
+        mesh.texture_places[:] = places.reshape(-1, 2)
+        return True
+
+
+def _offsets(unit: float, end_m: float) -> FloatArray:
+    """Return the lines of the grid about its middle [m], symmetric."""
+    spacing = _FINE_M * unit
+    lines = list(np.arange(0.0, _REACH_M * unit, spacing))
+    while lines[-1] < end_m:
+        spacing *= _GROWTH
+        lines.append(lines[-1] + spacing)
+    outwards = np.array(lines)
+    return np.concatenate([-outwards[:0:-1], outwards])
+
+
+def _normals(terrain: Terrain, x: FloatArray, y: FloatArray) -> FloatArray:
+    slope_x = terrain.height(x + _STEP_M, y) - terrain.height(x - _STEP_M, y)
+    slope_y = terrain.height(x, y + _STEP_M) - terrain.height(x, y - _STEP_M)
+    up = np.full_like(slope_x, 2.0 * _STEP_M)
+    normal = np.stack([-slope_x, -slope_y, up], axis=-1)
+    return normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+
+def _meadow(terrain: Terrain) -> tuple[FloatArray, np.ndarray]:
+    """Return vertices (n, 3) [m] and faces (m, 3) of the land around the field.
+
+    At the edge it is as high as the field, farther out it lies on the plane through the field.
+    """
+    outwards = np.array([0.0, 1.0, 2.5, 5.0, 10.0, 20.0, 40.0, 80.0, 140.0, _MEADOW_M])
+    (x0, y0), (width, depth) = terrain.origin, terrain.size_m
+    x, y = (
+        np.concatenate([start - outwards[:0:-1], np.arange(start, end, 1.0), end + outwards])
+        for start, end in ((x0, x0 + width), (y0, y0 + depth))
+    )
+    east, north = np.meshgrid(x, y)
+    grid_x, grid_y = np.broadcast_arrays(*terrain.points())
+    design = np.column_stack([grid_x.ravel(), grid_y.ravel(), np.ones(grid_x.size)])
+    plane = np.linalg.lstsq(design, terrain.heights.ravel(), rcond=None)[0]
+    level = plane[0] * east + plane[1] * north + plane[2]
+    beyond = np.hypot(
+        np.maximum(np.maximum(x0 - east, east - x0 - width), 0.0),
+        np.maximum(np.maximum(y0 - north, north - y0 - depth), 0.0),
+    )
+    near = np.exp(-beyond / _LEVEL_M)
+    height = near * terrain.height(east, north) + (1.0 - near) * level
+    # A strip goes on below the field: between two meshes that only touch, the sky shines through.
+    height = np.where(terrain.inside(east, north, 0.5), height - _STRIP_M, height)
+    vertices = np.stack([east, north, height], axis=-1).reshape(-1, 3)
+    faces = strip_faces(len(y), len(x))
+    middle = vertices[faces].mean(axis=1)  # (m, 3)
+    return vertices, faces[~terrain.inside(middle[:, 0], middle[:, 1], 2.0)]

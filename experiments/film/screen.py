@@ -1,0 +1,99 @@
+"""A picture of a MuJoCo scene without a screen: EGL, in software where there is no GPU."""
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import os
+from types import TracebackType
+from typing import Any, Final, Self
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from experiments.errors import NoGraphics
+
+PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"
+_OFF: Final = ("disable", "disabled", "off", "false", "0")  # values of MUJOCO_GL
+
+
+def _context() -> Any:  # noqa: ANN401 - mujoco has no types
+    """Return an OpenGL context that needs no screen.
+
+    Raises:
+        NoGraphics: there is none.
+    """
+    if os.environ.get("MUJOCO_GL", "").lower() in _OFF:
+        raise NoGraphics(
+            f"MUJOCO_GL={os.environ['MUJOCO_GL']}: rendering is switched off; unset it, "
+            "or take --camera plan, which needs no OpenGL"
+        )
+    try:
+        from mujoco.egl import GLContext
+
+        context = GLContext(1, 1)  # of the frame buffer, which is MuJoCo's own, the size counts
+        context.make_current()
+    except (ImportError, AttributeError, OSError, RuntimeError) as error:
+        raise NoGraphics(
+            f"off-screen OpenGL is not to be had ({_first_line(error)}): install {PACKAGES}, "
+            "or take --camera plan, which needs none"
+        ) from None
+    return context
+
+
+def check_graphics() -> None:
+    """Refuse at once where nothing could be rendered later.
+
+    Raises:
+        NoGraphics: with what to install.
+    """
+    _context().free()
+
+
+class Screen:
+    """A frame buffer for the scenes of one model; a context manager."""
+
+    def __init__(self, model: mujoco.MjModel, size: tuple[int, int]) -> None:
+        self._gl = _context()
+        model.vis.global_.offwidth, model.vis.global_.offheight = size
+        self._mujoco = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._mujoco)
+        self._model, self._size = model, size
+        self._rect = mujoco.MjrRect(0, 0, *size)
+
+    def upload_mesh(self, mesh: int) -> None:
+        """Take over what has changed in a mesh of the model."""
+        self._gl.make_current()
+        mujoco.mjr_uploadMesh(self._model, self._mujoco, mesh)
+
+    def picture(self, scene: mujoco.MjvScene) -> NDArray[np.uint8]:
+        """Return the scene, (height, width, 3)."""
+        width, height = self._size
+        self._gl.make_current()
+        mujoco.mjr_render(self._rect, scene, self._mujoco)
+        pixels = np.empty((height, width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(pixels, None, self._rect, self._mujoco)
+        return pixels[::-1]  # the first row of OpenGL is the lowest
+
+    def close(self) -> None:
+        """Free the context; nothing can be rendered afterwards."""
+        self._gl.make_current()
+        self._mujoco.free()
+        self._gl.free()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

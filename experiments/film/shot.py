@@ -1,0 +1,101 @@
+"""What is to be filmed: camera, span of time, speed and size, checked before any work."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, get_args
+
+import numpy as np
+
+from experiments.errors import InvalidFilm
+from ttempc.types import FloatArray
+
+Camera = Literal["chase", "top", "side", "hitch", "split", "plan"]
+CAMERAS: Final[tuple[Camera, ...]] = get_args(Camera)
+
+FRAME_RATE: Final = 25  # frames a second of film
+SIZE: Final = (1280, 720)
+LEAST_SIZE: Final = (320, 180)  # below, no text can be read
+_GREATEST_SIZE: Final = (3840, 2160)
+_SPEEDS: Final = (0.05, 100.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One film.
+
+    Raises:
+        InvalidFilm: a value is out of its range; the message says which is allowed.
+    """
+
+    camera: Camera
+    begin_s: float  # of the run
+    end_s: float
+    speed: float  # seconds of the run in a second of film
+    size: tuple[int, int]  # width, height of a frame
+
+    def __post_init__(self) -> None:
+        if self.camera not in CAMERAS:
+            raise InvalidFilm(f"--camera: got {self.camera!r}, allowed are {', '.join(CAMERAS)}")
+        width, height = self.size
+        (low_w, low_h), (high_w, high_h) = LEAST_SIZE, _GREATEST_SIZE
+        if width % 2 or height % 2:
+            raise InvalidFilm(
+                f"--size: got {width}x{height}, H.264 needs an even width and an even height"
+            )
+        if not (low_w <= width <= high_w and low_h <= height <= high_h):
+            raise InvalidFilm(
+                f"--size: got {width}x{height}, must be from {low_w}x{low_h} to {high_w}x{high_h}"
+            )
+        if not _SPEEDS[0] <= self.speed <= _SPEEDS[1]:
+            raise InvalidFilm(
+                f"--speed: got {self.speed:g}, must be from {_SPEEDS[0]:g} to {_SPEEDS[1]:g}"
+            )
+        if not self.begin_s < self.end_s:
+            raise InvalidFilm(
+                f"--from {self.begin_s:g} --to {self.end_s:g}: the film must end after it begins"
+            )
+
+    @property
+    def times(self) -> FloatArray:
+        """Time of every frame [s of the run], one or more."""
+        seconds = (self.end_s - self.begin_s) / self.speed
+        count = max(1, int(seconds * FRAME_RATE + 1e-6))
+        return self.begin_s + np.arange(count) * self.speed / FRAME_RATE
+
+
+def check_within(what: str, time_s: float, begin_s: float, end_s: float) -> None:
+    """Refuse a time outside a run.
+
+    Raises:
+        InvalidFilm: with the run's span.
+    """
+    if not begin_s <= time_s <= end_s:
+        raise InvalidFilm(
+            f"{what}: got {time_s:g} s, the log reaches from {begin_s:g} to {end_s:.2f} s"
+        )
+
+
+def spanned(
+    camera: Camera,
+    wanted_s: tuple[float | None, float | None],
+    logged_s: tuple[float, float],
+    speed: float,
+    size: tuple[int, int],
+) -> Shot:
+    """Return a shot over the wanted part of a log, all of it where nothing is said.
+
+    Raises:
+        InvalidFilm: as `Shot`, or the part reaches beyond the log.
+    """
+    (begin_s, end_s), (first_s, last_s) = wanted_s, logged_s
+    for what, time_s in (("--from", begin_s), ("--to", end_s)):
+        if time_s is not None:
+            check_within(what, time_s, first_s, last_s)
+    return Shot(
+        camera,
+        first_s if begin_s is None else begin_s,
+        last_s if end_s is None else end_s,
+        speed,
+        size,
+    )

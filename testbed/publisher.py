@@ -1,0 +1,136 @@
+"""Turns what a run says into messages on topics: the same for a log and for a live view."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from testbed import topics
+from testbed.channels import CHANNELS, MEASUREMENT, Channel
+from testbed.record import Event
+from testbed.scenery import Scenery
+from testbed.schemas import RowEncoder, descriptor_set, message_name
+from testbed.topics import Topic
+from testbed.truth import Truth
+from testbed.viewer_messages import (
+    MAP_FRAME,
+    encode_event,
+    encode_fix,
+    encode_path,
+    encode_pose,
+)
+from testbed.wire import TransformsEncoder
+from ttempc.types import FloatArray
+
+_POSE_PERIOD_S: Final = 0.1 - 1e-6  # from one pose to the next: trails need no more, /tf has all
+_DRIVEN_PERIOD_S: Final = 5.0  # from one driven path to the next
+_DRIVEN_STEP_M: Final = 1.0  # between its points
+_GNSS: Final = (  # topic, frame, column of x in `MEASUREMENT`; y is next to it
+    (topics.GNSS_TOPIC, "tractor", MEASUREMENT.fields.index("gnss_tractor_x_m")),
+    (topics.GNSS_TRAILER_TOPIC, "trailer", MEASUREMENT.fields.index("gnss_trailer_x_m")),
+)
+_DRAWN: Final[tuple[tuple[str, Any], ...]] = (
+    (topics.TRANSFORMS_TOPIC, FrameTransforms),
+    (topics.TRACTOR_TOPIC, PoseInFrame),
+    (topics.TRAILER_TOPIC, PoseInFrame),
+    (topics.DRIVEN_TOPIC, PosesInFrame),
+    (topics.DRIVEN_TRAILER_TOPIC, PosesInFrame),
+    (topics.REFERENCE_PATH_TOPIC, PosesInFrame),
+    (topics.PREDICTED_PATH_TOPIC, PosesInFrame),
+    (topics.PREDICTED_TRAILER_PATH_TOPIC, PosesInFrame),
+    (topics.GNSS_TOPIC, LocationFix),
+    (topics.GNSS_TRAILER_TOPIC, LocationFix),
+    (topics.SCENE_TOPIC, SceneUpdate),
+    (topics.EVENT_TOPIC, Log),
+)
+
+
+def topics_of(channels: Sequence[Channel] = CHANNELS) -> list[Topic]:
+    """Return every topic of a run: its flat channels, then what viewers draw."""
+    flat = [Topic(each.topic, message_name(each), descriptor_set(each)) for each in channels]
+    drawn = [
+        Topic(name, kind.DESCRIPTOR.full_name, build_file_descriptor_set(kind).SerializeToString())
+        for name, kind in _DRAWN
+    ]
+    return [*flat, *drawn]
+
+
+class Publisher(ABC):
+    """A `testbed.sink.Sink` that makes messages; where they go is for a child to say.
+
+    A child makes itself ready to `_send` before it calls this constructor.
+    """
+
+    def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
+        self._encoders = {channel.topic: RowEncoder(channel) for channel in channels}
+        self._transforms = TransformsEncoder(MAP_FRAME, scenery.body_names)
+        self._scenery = scenery
+        self._driven: list[tuple[float, ...]] = []  # x, y of both axle points
+        self._next_pose_s = 0.0
+        self._next_driven_s = _DRIVEN_PERIOD_S
+        if scenery.shapes:
+            self._send(topics.SCENE_TOPIC, 0, scenery.shapes)
+
+    @abstractmethod
+    def _send(self, topic: str, time_ns: int, data: bytes) -> None:
+        """Hand on one message of one of the topics in `topics_of`."""
+
+    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
+        """Publish one row, one number per field of the channel.
+
+        Raises:
+            ValueError: the number of values is not the channel's.
+        """
+        time_ns = nanoseconds(time_s)
+        self._send(channel.topic, time_ns, self._encoders[channel.topic].encode(time_s, values))
+        if channel is MEASUREMENT:
+            for topic, frame, column in _GNSS:
+                x, y = values[column], values[column + 1]
+                if not math.isnan(x):
+                    self._send(topic, time_ns, encode_fix(time_ns, frame, x, y))
+
+    def event(self, event: Event) -> None:
+        """Publish one event as a log line; its time is kept to the nanosecond."""
+        time_ns = nanoseconds(event.time_s)
+        self._send(topics.EVENT_TOPIC, time_ns, encode_event(time_ns, event))
+
+    def scene(self, truth: Truth) -> None:
+        """Publish the transform of every body, the poses of both axle points and their path."""
+        time_ns = nanoseconds(truth.time_s)
+        transforms = self._transforms.encode(time_ns, truth.body_xyz, truth.body_quat)
+        self._send(topics.TRANSFORMS_TOPIC, time_ns, transforms)
+        if truth.time_s < self._next_pose_s:
+            return
+        self._next_pose_s = truth.time_s + _POSE_PERIOD_S
+        tractor, trailer = truth.tractor, truth.trailer
+        self._send(topics.TRACTOR_TOPIC, time_ns, encode_pose(time_ns, tractor))
+        self._send(topics.TRAILER_TOPIC, time_ns, encode_pose(time_ns, trailer))
+        x, y = self._driven[-1][:2] if self._driven else (math.inf, math.inf)
+        if math.hypot(tractor.x - x, tractor.y - y) > _DRIVEN_STEP_M:
+            self._driven.append((tractor.x, tractor.y, trailer.x, trailer.y))
+        if truth.time_s >= self._next_driven_s:
+            self._next_driven_s = truth.time_s + _DRIVEN_PERIOD_S
+            driven = np.array(self._driven)
+            self.path(topics.DRIVEN_TOPIC, truth.time_s, driven[:, :2])
+            self.path(topics.DRIVEN_TRAILER_TOPIC, truth.time_s, driven[:, 2:])
+
+    def path(self, topic: str, time_s: float, points: FloatArray) -> None:
+        """Publish a line of points (n, 2) [m], map frame, laid on the ground."""
+        time_ns = nanoseconds(time_s)
+        self._send(topic, time_ns, encode_path(time_ns, self._scenery.on_ground(points)))
+
+
+def nanoseconds(time_s: float) -> int:
+    """Return a simulated time [s] in whole nanoseconds, as logs and viewers count it."""
+    return round(time_s * 1e9)

@@ -1,0 +1,119 @@
+"""The NMPCs: solutions, limits of small errors, who knows what, fallbacks."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+import pytest
+
+from experiments.benchmarks.programme import Programme
+from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
+from ttempc.baselines.nmpc import nmpc_controller
+from ttempc.baselines.nmpc_solver import GaussNewton
+from ttempc.controllers import make_controller
+from ttempc.path import figure_eight, straight
+from ttempc.reference import ConstantSpeed, Reference
+from ttempc.types import State
+from ttempc.vehicle import Vehicle
+
+VEHICLE = Vehicle()
+EIGHT = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
+LINE = Reference(straight(60.0), VEHICLE, ConstantSpeed(1.0))
+NAMES = ("nmpc", "nmpc-rti", "nmpc-decentralised", "nmpc-distributed")
+NOISE = np.array([0.01, 0.01, 0.006, 0.006, 0.002, 0.002, 0.02])
+DIRECTION = np.array([0.5, 1.0, 0.2, -0.1, 0.05, 0.05, 0.3])
+
+
+def first_move(controller, reference, offset, k=0):
+    state = reference.at(k * PERIOD_S).state + offset
+    step = controller.step(seen_truth(state, k * PERIOD_S, VEHICLE), k)
+    assert step.diagnostics.fallback == ""
+    return step.command.as_array()
+
+
+@pytest.mark.parametrize("name", ["nmpc", "nmpc-rti"])
+def test_first_move_tends_to_the_linear_one_for_small_errors(name):
+    """What the linear model leaves out is of second order in the error."""
+
+    def apart(scale):
+        moves = [
+            first_move(make_controller(n, VEHICLE, LINE, PERIOD_S), LINE, scale * DIRECTION)
+            for n in (name, "ttempc-nominal")
+        ]
+        return np.abs(moves[0] - moves[1]).max()
+
+    assert apart(1e-2) < 1e-3
+    assert apart(1e-3) < apart(1e-2) / 10.0
+    assert apart(0.0) < 1e-9
+
+
+def test_converged_plans_are_those_of_an_interior_point_method():
+    """Another formulation, every state an unknown, and another method: the same commands."""
+    theirs = nmpc_controller(VEHICLE, EIGHT, PERIOD_S, solver=partial(Programme, solver="fatrop"))
+    ours = nmpc_controller(VEHICLE, EIGHT, PERIOD_S)
+    generator = np.random.default_rng(3)
+    for k in range(60, 68):  # from the straight into the curve
+        offset = NOISE * generator.standard_normal(7)
+        moves = [first_move(controller, EIGHT, offset, k) for controller in (ours, theirs)]
+        np.testing.assert_allclose(*moves, atol=2e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_points_stay_on_the_path(name):
+    run = drive(make_controller(name, VEHICLE, EIGHT, PERIOD_S), EIGHT, ticks=250)
+    assert max(run.tractor_m.max(), run.trailer_m.max()) < 0.02
+    assert not any(step.diagnostics.fallback for step in run.steps)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_recovers_from_a_metre_and_twenty_degrees_within_fifteen_metres(name):
+    controller = make_controller(name, VEHICLE, LINE, PERIOD_S)
+    turned = np.array([0.0, 1.0, math.radians(20.0), math.radians(20.0), 0.0, 0.0, 0.0])
+    run = drive(controller, LINE, ticks=100, offset=turned)
+    assert max(run.tractor_m[75:].max(), run.trailer_m[75:].max()) < 0.10
+
+
+@pytest.mark.parametrize("name", ["nmpc-decentralised", "nmpc-distributed"])
+def test_the_tractors_nmpc_does_not_look_at_the_trailer(name):
+    behind = np.zeros(7)
+    behind[[State.PSI_I, State.DELTA_I]] = 0.05, -0.03
+    commands = [
+        first_move(make_controller(name, VEHICLE, EIGHT, PERIOD_S), EIGHT, offset)
+        for offset in (np.zeros(7), behind)
+    ]
+    assert commands[0][0] == commands[1][0]
+    assert commands[0][2] == commands[1][2]
+    assert commands[0][1] != commands[1][1]
+
+
+def test_exchanged_plans_keep_the_trailer_closer_where_the_tractor_starts_to_turn():
+    """Only there does it matter what the tractor will do."""
+
+    def worst_cm(name):
+        run = drive(make_controller(name, VEHICLE, EIGHT, PERIOD_S), EIGHT, ticks=250)
+        return 100.0 * run.trailer_m.max()
+
+    assert worst_cm("nmpc-distributed") < worst_cm("nmpc-decentralised")
+
+
+def test_says_so_where_it_does_not_converge():
+    hasty = nmpc_controller(VEHICLE, LINE, PERIOD_S, solver=partial(GaussNewton, iterations=2))
+    step = hasty.step(seen_truth(LINE.at(0.0).state + 3.0 * DIRECTION, 0.0, VEHICLE), 0)
+    assert step.diagnostics.fallback == "not converged in 2 iterations: last plan driven"
+
+
+def test_report_counts_iterations_and_path_is_predicted():
+    controller = make_controller("nmpc", VEHICLE, EIGHT, PERIOD_S)
+    state = EIGHT.at(12.0).state + 0.02
+    found = controller.step(seen_truth(state, 12.0, VEHICLE), 60).diagnostics
+    assert found.solver is not None
+    assert found.predicted_path is not None
+    assert found.solver.accepted
+    assert found.solver.iterations >= 2
+    assert found.solver.solve_time_s > 0.0
+    ahead = EIGHT.at(16.0)
+    np.testing.assert_allclose(
+        found.predicted_path[-1], [*ahead.state[:2], *ahead.trailer_xy], atol=0.02
+    )

@@ -1,0 +1,100 @@
+"""Conventional guidance: poles where they were put, vehicles of other sizes, no winding up."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from experiments.scenario import load
+from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
+from ttempc.baselines.pid import (
+    front_steering_gains,
+    pole,
+    speed_gains,
+    trailer_steering_gains,
+)
+from ttempc.controllers import make_controller
+from ttempc.path import figure_eight, straight
+from ttempc.reference import ConstantSpeed, Reference
+from ttempc.vehicle import Vehicle
+
+
+def farm() -> Vehicle:
+    scenario = load("farm", [])[1]
+    return scenario.controller.vehicle.vehicle(scenario.plant.vehicle.filed())
+
+
+VEHICLES = {"paper": (Vehicle(), 1.0), "farm4500": (farm(), 1.5)}
+
+
+@pytest.fixture(params=VEHICLES.values(), ids=VEHICLES.keys())
+def moving(request):
+    return request.param
+
+
+def roots(*coefficients):
+    return np.roots([float(np.squeeze(c)) for c in coefficients])
+
+
+def test_front_steering_has_three_equal_poles(moving):
+    vehicle, v = moving
+    gains = front_steering_gains(np.array([v]), vehicle, PERIOD_S)
+    by_steering = v**2 / vehicle.wheelbase  # e'' = v^2 / L delta
+    found = roots(
+        1.0,
+        by_steering * gains.derivative,
+        by_steering * gains.proportional,
+        by_steering * gains.integral,
+    )
+    np.testing.assert_allclose(found, -pole(vehicle.steering_lag_t, PERIOD_S), rtol=1e-3)
+
+
+def test_trailer_steering_has_two_equal_poles_and_the_sign_of_its_axle(moving):
+    vehicle, v = moving
+    gains = trailer_steering_gains(np.array([v]), vehicle, PERIOD_S)
+    d = vehicle.drawbar_length
+    lag = (d + vehicle.trailer_length) / v
+    found = roots(lag, 1.0 - d * gains.proportional, -d * gains.integral)
+    np.testing.assert_allclose(found, found.mean(), rtol=1e-3)
+    assert np.all(found.real < 0.0)
+    assert gains.proportional <= 0.0  # a positive angle moves the trailer to the right
+
+
+def test_speed_has_three_equal_poles(moving):
+    vehicle, v = moving
+    gains, k, tau = (
+        speed_gains(np.array([v]), vehicle),
+        vehicle.speed_gain,
+        vehicle.speed_time_constant,
+    )
+    found = roots(tau, 1.0 + k * gains.derivative, k * gains.proportional, k * gains.integral)
+    np.testing.assert_allclose(found, -1.0 / tau, rtol=1e-3)
+
+
+def test_recovers_and_then_stays_on_the_path(moving):
+    vehicle, v = moving
+    path = figure_eight(radius_m=15.0, centre_distance_m=45.0, blend_m=6.0, laps=1)
+    reference = Reference(path, vehicle, ConstantSpeed(v))
+    aside = np.array([0.0, 0.5, math.radians(10.0), math.radians(10.0), 0.0, 0.0, -0.1])
+    controller = make_controller("pid", vehicle, reference, PERIOD_S)
+    run = drive(controller, reference, offset=aside)
+    assert not run.lost
+    settled = int(30.0 / PERIOD_S)
+    assert max(run.tractor_m[settled:].max(), run.trailer_m[settled:].max()) < 0.05
+
+
+def test_integral_waits_while_an_input_is_at_its_limit():
+    """Held aside for long, it leaves the limit as soon as the error has changed its sign."""
+    vehicle = Vehicle()
+    reference = Reference(straight(60.0), vehicle, ConstantSpeed(1.0))
+    controller = make_controller("pid", vehicle, reference, PERIOD_S)
+    for k in range(150):
+        held = reference.at(k * PERIOD_S).state + np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        command = controller.step(seen_truth(held, k * PERIOD_S, vehicle), k).command
+    assert command.delta_t == -vehicle.steering_limit_t
+    for k in range(150, 160):
+        beyond = reference.at(k * PERIOD_S).state + np.array([0.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+        command = controller.step(seen_truth(beyond, k * PERIOD_S, vehicle), k).command
+    assert command.delta_t > 0.0

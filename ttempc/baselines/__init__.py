@@ -1,0 +1,1 @@
+"""What `ttempc` is measured against: conventional guidance, LQR and nonlinear MPC."""

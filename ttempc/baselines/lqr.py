@@ -1,0 +1,96 @@
+"""Linear quadratic regulator: the linear MPC's model and outputs, without horizon and bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from ttempc.articulated import TUNING, error_dynamics, error_state
+from ttempc.qp import HorizonTuning
+from ttempc.reference import Reference, ReferenceSample
+from ttempc.tracking import Actions, TrackingController, around_exact_feedforward
+from ttempc.types import Estimate, FloatArray, Input
+from ttempc.vehicle import Vehicle
+
+_M = len(Input)
+
+# Steps weigh more than in the MPC. With its weights an LQR, which knows no bounds, runs into the
+# rates of the valves from an offset of some decimetres on and cycles there by metres.
+LQR_TUNING = replace(TUNING, step_weight=(1.0, 1.0, 1.0))
+
+# What lies farther ahead than this does not move the gain any more: a dozen vehicle lengths.
+_BEYOND_S = 30.0
+
+
+def riccati_gains(
+    a: FloatArray, b: FloatArray, c: FloatArray, output_weight: FloatArray, step_weight: FloatArray
+) -> FloatArray:
+    """Return the gains K (N, m, n + m) of the steps Delta u_k = -K_k (z_k, u_{k-1}).
+
+    They minimise sum y_k' Q y_k + sum Delta u_k' R Delta u_k over all N stages of
+
+        z_{k+1} = A_k z_k + B_k u_k,    y_k = C_k z_k,    u_k = u_{k-1} + Delta u_k,
+
+    by the Riccati recursion backwards from P_N = C_N' Q C_N, with A (N, n, n), B (N, n, m),
+    C (N + 1, p, n) and diagonal weights Q (p,), R (m,).
+    """
+    count, n, m = b.shape
+    gains = np.zeros((count, m, n + m))
+    cost = np.zeros((n + m, n + m))  # P
+    cost[:n, :n] = (c[count].T * output_weight) @ c[count]
+    for k in range(count - 1, -1, -1):
+        through = np.block([[a[k], b[k]], [np.zeros((m, n)), np.eye(m)]])
+        by_step = through[:, n:]  # a step acts as the input before it does
+        ahead = by_step.T @ cost
+        gains[k] = np.linalg.solve(np.diag(step_weight) + ahead @ by_step, ahead @ through)
+        cost = through.T @ cost @ (through - by_step @ gains[k])
+        cost[:n, :n] += (c[k].T * output_weight) @ c[k]
+        cost = 0.5 * (cost + cost.T)
+    return gains
+
+
+class LqrFeedback:
+    """Time-varying state feedback on the error and the disturbance that lasts.
+
+    The input of the period before is the one that was sent: what the limits cut off is not
+    wound up.
+    """
+
+    def __init__(
+        self,
+        grid: ReferenceSample,
+        reference: Reference,
+        feedforward: FloatArray,
+        period_s: float,
+        tuning: HorizonTuning,
+    ) -> None:
+        a, b, c = error_dynamics(reference, period_s, len(feedforward))
+        weights = np.array(tuning.output_weight), np.array(tuning.step_weight)
+        self._gains = riccati_gains(a, b, c, *weights)
+        self._feedforward = feedforward  # u_r (N, 3)
+        self._state = grid.state
+        self._vehicle = reference.vehicle
+
+    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
+        """Return the actions of tick `k`."""
+        state = error_state(self._state[k], estimate, self._vehicle)
+        before = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
+        u_e = before - self._gains[k] @ np.concatenate([state, before])
+        return Actions(feedback=-u_e, robust=np.zeros(_M))
+
+    def prepare(self, k: int) -> None:
+        """Do nothing: a product of a matrix and a vector needs no warming up."""
+
+
+def lqr_controller(
+    vehicle: Vehicle, reference: Reference, period_s: float, tuning: HorizonTuning = LQR_TUNING
+) -> TrackingController:
+    """Compose the exact feedforward and the LQR of the articulated error model."""
+
+    def law(grid: ReferenceSample, feedforward: FloatArray) -> LqrFeedback:
+        return LqrFeedback(grid, reference, feedforward, period_s, tuning)
+
+    beyond = math.ceil(_BEYOND_S / period_s)
+    return around_exact_feedforward(vehicle, reference, period_s, beyond, law)

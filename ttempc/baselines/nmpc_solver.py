@@ -1,0 +1,173 @@
+"""Nonlinear least squares over a horizon: Gauss-Newton steps, each one a small QP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from ttempc.baselines.nmpc_model import HorizonModel, Subsystem
+from ttempc.qp import QP, HorizonTuning, StageBounds
+from ttempc.reference import Reference
+from ttempc.solver import PersistentSolver
+from ttempc.types import FloatArray, SolverReport
+
+# A plan is converged where the last step changed no input of it by more than this, in rad or
+# hydrostat position. Near the solution steps shrink tenfold and more: less than a tenth is left.
+_TOLERANCE = 1e-4
+ITERATIONS = 20  # usual are 2 to 3
+_HALVINGS = 6
+_KEPT = 0.25  # of the descent that the QP promises a step must keep, else it is halved (Armijo)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What the problem of one tick is about."""
+
+    state: FloatArray  # (7,) the estimate
+    disturbance: FloatArray  # (Np, 5) as the linear MPC expects it
+    poses: FloatArray  # (Np, 6) reference at the ends of the periods, for `HorizonModel`
+    feedforward: FloatArray  # (Np, 3) u_r
+    inputs_e: FloatArray  # (Np, 3) u_e; columns of other subsystems' inputs stay as they are
+    previous: FloatArray  # (m,) own u_e(k-1)
+    bounds: StageBounds  # (m Nc,) each, own
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a solver found."""
+
+    steps: FloatArray | None  # (m Nc,) Delta u_e; None where a QP gave no result that counts
+    errors: FloatArray  # (Np, p) position errors under the steps [m]
+    report: SolverReport
+    trouble: str = ""  # why the steps are not the minimiser, where they should be
+
+
+class HorizonSolver(Protocol):
+    """Anything that minimises over a horizon."""
+
+    def minimise(self, task: Task, steps: FloatArray) -> Plan:
+        """Return the plan that is reached from `steps` (m Nc,)."""
+        ...
+
+    def prepare(self) -> None:
+        """Warm up for the next call, without any effect on it."""
+        ...
+
+
+class GaussNewton:
+    """Minimise the linear MPC's cost and bounds under the nonlinear model.
+
+    Unknown are the steps of u_e = u_r - u of one subsystem, as in `ttempc.qp.CondensedHorizon`:
+
+        min sum_j y_j' Q y_j + sum Delta u' R Delta u,    y_j = y_j(z_k, u_{k-1}, Delta U),
+
+    where y_j are the position errors of the nonlinear model (single shooting: a plan is feasible
+    where its steps are within linear bounds). Every iteration linearises y_j at the present plan,
+    accumulates its derivatives from stage to stage and solves the QP that is left. Converged plans
+    are stationary points of the nonlinear problem. With one of the `iterations` it is a real-time
+    iteration (Diehl, Bock and Schloeder 2005, SIAM J. Control Optim. 43), not meant to converge.
+    """
+
+    def __init__(
+        self,
+        reference: Reference,
+        subsystem: Subsystem,
+        tuning: HorizonTuning,
+        period_s: float,
+        iterations: int = ITERATIONS,
+    ) -> None:
+        self._model = HorizonModel(reference.vehicle, subsystem, tuning.horizon, period_s)
+        self._qp = PersistentSolver()
+        self._iterations = iterations
+        self._last: tuple[Task, FloatArray] | None = None
+        self._own = list(subsystem.inputs)
+        horizon, moves, m = tuning.horizon, tuning.moves, len(self._own)
+        n, p = len(subsystem.states), len(subsystem.outputs)
+        free = np.arange(horizon)[:, None] >= np.arange(moves)  # step i acts on stage j >= i
+        pick = np.kron(free, np.eye(m))  # (Np m, m Nc)
+        self._pick = pick.reshape(horizon, m, m * moves)
+        self._weight = np.array([tuning.output_weight[i] for i in subsystem.outputs])  # (p,)
+        self._weights = np.tile(self._weight, horizon)[:, None]  # (Np p, 1)
+        step_weight = np.array([tuning.step_weight[i] for i in self._own])
+        self._step_weight = np.tile(step_weight, moves)  # (m Nc,)
+        sums = np.kron(np.tril(np.ones((moves, moves))), np.eye(m))
+        self._sums: FloatArray = sums.astype(np.float64)
+        self._by_steps = np.zeros((horizon + 1, n, m * moves))  # d state / d steps
+        self._jacobian = np.zeros((horizon, p, m * moves))
+
+    def minimise(self, task: Task, steps: FloatArray) -> Plan:
+        """Return the plan that is reached from `steps` (m Nc,)."""
+        # An absurd estimate may grow beyond all numbers; the QP's solver then refuses and says so.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._minimise(task, steps)
+
+    def prepare(self) -> None:
+        """Minimise the last task again and drop the result: the code is in the caches then."""
+        if self._last:
+            self.minimise(*self._last)
+
+    def _minimise(self, task: Task, steps: FloatArray) -> Plan:
+        self._last = task, steps
+        self._model.start(task.state, task.disturbance, task.poses)
+        cost = self._evaluate(task, steps)
+        time_s, iteration = 0.0, 0
+        while True:
+            iteration += 1
+            qp = self._linearised(task, steps)
+            solution = self._qp.solve(qp)
+            time_s += solution.report.solve_time_s
+            report = replace(solution.report, iterations=iteration, solve_time_s=time_s)
+            if solution.x is None:
+                trouble = f"QP {report.status}: previous feedback held"
+                return Plan(None, self._model.errors.copy(), report, trouble)
+            change = solution.x - steps
+            converged = bool(np.abs(change).max() <= _TOLERANCE)
+            if converged or iteration == self._iterations:
+                break
+            promised = qp.objective(steps) - qp.objective(solution.x)
+            trial = self._evaluate(task, steps + change)
+            # The first step is taken whole: it lands within the bounds wherever the guess lay.
+            for _ in range(_HALVINGS if iteration > 1 else 0):
+                if cost - trial >= _KEPT * promised:
+                    break
+                change, promised = 0.5 * change, 0.5 * promised
+                trial = self._evaluate(task, steps + change)
+            steps, cost = steps + change, trial
+        errors = self._model.errors + self._jacobian @ change  # the last change to first order
+        missed = not converged and self._iterations > 1
+        trouble = f"not converged in {self._iterations} iterations: last plan driven"
+        return Plan(solution.x, errors, report, trouble if missed else "")
+
+    def _evaluate(self, task: Task, steps: FloatArray) -> float:
+        """Run the model under `steps` and return the cost."""
+        inputs_e = task.inputs_e.copy()
+        inputs_e[:, self._own] = task.previous + self._pick @ steps
+        self._model.evaluate(task.feedforward - inputs_e)
+        tracking = np.sum(self._weight * np.square(self._model.errors))
+        return float(tracking + self._step_weight @ np.square(steps))
+
+    def _linearised(self, task: Task, steps: FloatArray) -> QP:
+        """Return the QP in the steps themselves around the `steps` last evaluated."""
+        model, through = self._model, self._by_steps
+        by_input = model.by_input @ self._pick  # (Np, n, m Nc)
+        for j, by_state in enumerate(model.by_state):
+            np.dot(by_state, through[j], out=through[j + 1])
+            through[j + 1] -= by_input[j]  # u = u_r - u_e
+        np.matmul(model.error_by_state, through[1:], out=self._jacobian)
+        jacobian = self._jacobian.reshape(-1, len(steps))  # (Np p, m Nc)
+        weighted = 2.0 * self._weights * jacobian
+        hessian = jacobian.T @ weighted
+        hessian[np.diag_indices(len(steps))] += 2.0 * self._step_weight
+        errors = model.errors.reshape(-1)
+        bounds, shift = task.bounds, np.tile(task.previous, len(steps) // len(task.previous))
+        return QP(
+            hessian=hessian,
+            gradient=weighted.T @ (errors - jacobian @ steps),
+            matrix=self._sums,
+            lower=bounds.lower - shift,
+            upper=bounds.upper - shift,
+            step_lower=bounds.step_lower,
+            step_upper=bounds.step_upper,
+        )
