@@ -110,10 +110,11 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
             the message says what, where and what is allowed.
     """
     course = scenario.path.course()
-    vehicle = _geared(course, scenario)
+    vehicle = geared(course, scenario)
     terrain = scenario.terrain.terrain(seed)
     reference, strength_map = _way(course, vehicle, terrain, scenario)
-    factory = factory or controller_factory(scenario.controller.name)
+    asked = scenario.controller
+    factory = factory or controller_factory(asked.name, asked.design())
     controller = factory(vehicle, reference, CONTROL_PERIOD_S)
     controller = Supervisor(controller, vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s
@@ -140,10 +141,10 @@ def check(scenario: Scenario) -> int:
         ExperimentError, TestbedError, TtempcError: as `assemble`.
     """
     course = scenario.path.course()
-    vehicle = _geared(course, scenario)
+    vehicle = geared(course, scenario)
     level = replace(scenario.terrain, iso_class="flat").terrain(seed=0)
     reference, strength_map = _way(course, vehicle, level, scenario)
-    controller_factory(scenario.controller.name)
+    controller_factory(scenario.controller.name, scenario.controller.design())
     record_steps(scenario.plant.timestep_s, RECORD_RATE_HZ)
     scenario.soil.soil(0, level, course.path, strength_map)
     scenario.plant.vehicle.vehicle()
@@ -151,7 +152,7 @@ def check(scenario: Scenario) -> int:
     return _ticks(reference)
 
 
-def _geared(course: Course, scenario: Scenario) -> Vehicle:
+def geared(course: Course, scenario: Scenario) -> Vehicle:
     """Return the vehicle as it is believed, in the gear of the course.
 
     Raises:

@@ -14,6 +14,7 @@ from experiments.commands import (
     catalogue,
     compare,
     envelope,
+    fit_tube,
     frame,
     log,
     options,
@@ -26,7 +27,7 @@ from experiments.errors import ExperimentError
 from testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
-_COMMANDS = (run, sweep, envelope, view, log, video, frame, compare, card, catalogue)
+_COMMANDS = (run, sweep, envelope, view, log, video, frame, compare, card, fit_tube, catalogue)
 
 _ABOUT = """\
 A tractor with a steerable trailer drives a figure eight over a bumpy, slippery

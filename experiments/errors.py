@@ -10,7 +10,7 @@ class InvalidScenario(ExperimentError):
 
 
 class OutputExists(ExperimentError):
-    """A folder that would have been written over."""
+    """A folder or file that would have been written over, or that cannot be made."""
 
 
 class InvalidController(ExperimentError):
@@ -55,3 +55,7 @@ class NotComparable(ExperimentError):
 
 class InvalidRows(ExperimentError):
     """A file of finished runs that cannot be read or compared; the message names the place."""
+
+
+class InvalidFit(ExperimentError):
+    """Data from which a tube cannot be fitted, or a tube file that cannot be used."""

@@ -9,8 +9,9 @@ from collections.abc import Callable
 from functools import partial
 
 from experiments.errors import InvalidController
-from ttempc.controllers import composition
+from ttempc.controllers import composition, make_controller
 from ttempc.reference import Reference
+from ttempc.reference_tube import TubeDesign
 from ttempc.types import Controller
 from ttempc.vehicle import Vehicle
 
@@ -18,8 +19,8 @@ ControllerFactory = Callable[[Vehicle, Reference, float], Controller]
 """Makes a controller from the vehicle as believed, the reference and the control period [s]."""
 
 
-def controller_factory(name: str) -> ControllerFactory:
-    """Return the maker of the controller called `name`.
+def controller_factory(name: str, design: TubeDesign | None = None) -> ControllerFactory:
+    """Return the maker of the controller called `name`, with the tube of those that keep to one.
 
     A name with a colon, `package.module:factory`, is of your own package: importable as by
     `python -m`, that is from the working directory, too.
@@ -30,7 +31,8 @@ def controller_factory(name: str) -> ControllerFactory:
     """
     if ":" in name:
         return partial(_made, name, _imported(name))
-    return composition(name).make
+    composition(name)  # refuses a name that does not exist now, not when it is to drive
+    return partial(make_controller, name, design=design)
 
 
 def _imported(name: str) -> Callable[..., object]:

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.containment import containment
 from experiments.summary import (
     BodyStatistics,
     ErrorStatistics,
@@ -20,6 +21,7 @@ from experiments.summary import (
     Summary,
     TimingStatistics,
     TrackingStatistics,
+    TubeStatistics,
 )
 from experiments.tracking import (
     BODIES,
@@ -29,7 +31,7 @@ from experiments.tracking import (
     rows_at_same_time,
     tracking,
 )
-from testbed.channels import CONTROL, ESTIMATE, STATE, TIMING, TYRES
+from testbed.channels import CONTROL, ESTIMATE, STATE, TIMING, TUBE, TYRES
 from testbed.record import Record
 from ttempc.types import FloatArray
 
@@ -53,7 +55,7 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
         estimation=_estimation(record),
         timing=_timing(record, duration_s, facts.wall_s),
         inputs=_inputs(record),
-        tube=None,
+        tube=_tube(record),
         slip=_slip(record),
         log=facts.log,
     )
@@ -132,6 +134,15 @@ def _inputs(record: Record) -> InputsStatistics:
         return InputStatistics(saturated_fraction=_mean(saturated), rms_rate=_rms(rate))
 
     return InputsStatistics(delta_t=of("delta_t_rad"), delta_i=of("delta_i_rad"), hp=of("hp"))
+
+
+def _tube(record: Record) -> TubeStatistics | None:
+    if not len(record[TUBE]):
+        return None
+    found = containment(record)
+    margin = 1.0 - found.share[:, found.POINTS].max(axis=1)
+    inside = margin >= 0.0
+    return TubeStatistics(_mean(inside), _number(margin.min()) if margin.size else None)
 
 
 def _slip(record: Record) -> SlipStatistics:

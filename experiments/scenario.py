@@ -179,6 +179,7 @@ def _anchored(scenario: Scenario, folder: Path) -> Scenario:
         terrain=scenario.terrain.anchored(folder),
         soil=scenario.soil.anchored(folder),
         plant=replace(plant, vehicle=plant.vehicle.anchored(folder)),
+        controller=scenario.controller.anchored(folder),
     )
 
 

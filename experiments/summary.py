@@ -122,6 +122,17 @@ class SlipStatistics:
 
 
 @dataclass(frozen=True, slots=True)
+class TubeStatistics:
+    """How well the truth kept to the controller's tube after start-up, by both axle points.
+
+    The margin is 1 in the middle of the tube, 0 on its boundary and below 0 outside.
+    """
+
+    contained_fraction: float | None  # of the control ticks
+    margin_min: float | None
+
+
+@dataclass(frozen=True, slots=True)
 class Summary:
     """All numbers of a run."""
 
@@ -137,7 +148,7 @@ class Summary:
     estimation: EstimationStatistics
     timing: TimingStatistics
     inputs: InputsStatistics
-    tube: None  # no controller has a tube yet
+    tube: TubeStatistics | None  # None where the controller keeps to no tube
     slip: SlipStatistics
     log: str | None
 

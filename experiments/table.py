@@ -30,7 +30,7 @@ def table(summary: Summary) -> str:
             lines.append(f"{where:<10}{body}".ljust(_BODY_WIDTH) + _row(cells))
     lines += [
         "",
-        *_costs(summary),
+        *_figures(summary),
         CAVEAT[0].upper() + CAVEAT[1:] + ". The first 8 s do not count.",
     ]
     if summary.failure:
@@ -56,11 +56,17 @@ def _row(cells: tuple[str, ...]) -> str:
     return "".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))
 
 
-def _costs(summary: Summary) -> list[str]:
+def _figures(summary: Summary) -> list[str]:
     step, factor = summary.timing.control_step_us, summary.timing.real_time_factor
     lines = []
     if step.median is not None and step.p99 is not None:
         lines.append(f"Control step {step.median:.0f} us (median), {step.p99:.0f} us (p99)")
+    tube = summary.tube
+    if tube is not None and tube.contained_fraction is not None and tube.margin_min is not None:
+        lines.append(
+            f"In the tube {100.0 * tube.contained_fraction:.2f} % of the ticks, smallest margin "
+            f"{tube.margin_min:.2f}"
+        )
     if factor is not None:
         lines.append(f"Simulated {factor:.0f} times faster than real time")
     return lines

@@ -58,11 +58,15 @@ class Tracking:
 def tracking(record: Record) -> Tracking:
     """Return the errors of both axle points against their time-based references."""
     time_s, state, reference = rows_at_same_time(record, STATE, REFERENCE)
-    curvature = np.abs(record[REFERENCE]["curvature_per_m"])  # (m,) whole run
-    sharpest = float(curvature.max(initial=0.0, where=np.isfinite(curvature)))
-    threshold = max(_CURVED_FRACTION * sharpest, _STRAIGHT_PER_M)
     errors = {body: _body_error(record, state, reference, body) for body in BODIES}
-    return Tracking(time_s, curvature[reference] > threshold, **errors)
+    return Tracking(time_s, is_curved(record)[reference], **errors)
+
+
+def is_curved(record: Record) -> NDArray[np.bool_]:
+    """Return where the reference of a run counts as curve, one for each of its rows."""
+    curvature = np.abs(record[REFERENCE]["curvature_per_m"])
+    sharpest = float(curvature.max(initial=0.0, where=np.isfinite(curvature)))
+    return curvature > max(_CURVED_FRACTION * sharpest, _STRAIGHT_PER_M)
 
 
 def rows_at_same_time(

@@ -56,13 +56,14 @@ MEASUREMENT: Final = Channel(
 ESTIMATE: Final = Channel(
     "/estimate",
     "the estimate that the controller acts on, its standard deviations, the disturbances that "
-    "last, and the normalised innovation squared of the samples taken in at this tick with their "
-    "degrees of freedom",
+    "last and the part of them that stays with the field, and the normalised innovation squared of "
+    "the samples taken in at this tick with their degrees of freedom",
     (
         *(*_POSES, "delta_t_rad", "delta_i_rad", "v_mps", "beta_rad"),
         *("sd_x_t_m", "sd_y_t_m", "sd_psi_t_rad", "sd_psi_i_rad"),
         *("sd_delta_t_rad", "sd_delta_i_rad", "sd_v_mps"),
         *("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel_slip"),
+        *("side_x_rad", "side_y_rad", "climb_x", "climb_y"),
         *("nis", "nis_dof"),
     ),
 )
@@ -85,6 +86,21 @@ TRACKING: Final = Channel(
     (
         *("x_t_e_m", "y_t_e_m", "psi_t_e_rad", "x_i_e_m", "y_i_e_m", "psi_i_e_rad", "v_e_mps"),
         *("x_t_m_m", "y_t_m_m", "x_i_m_m", "y_i_m_m"),
+    ),
+)
+_WITHIN: Final = (
+    *("x_t_e_m", "y_t_e_m", "psi_t_e_rad", "psi_i_e_rad", "delta_t_e_rad", "delta_i_e_rad"),
+    *("v_e_mps", "x_i_e_m", "y_i_e_m"),
+)
+TUBE: Final = Channel(
+    "/tube",
+    "the tube of a controller that keeps to one: 1 where the estimate's deviation from the nominal "
+    "error is inside, its margin (1 in the middle, 0 on the boundary), the nominal error and the "
+    "half width about it in which the true one lies, in the frames of the reference",
+    (
+        *("inside", "margin"),
+        *(f"{name}_nominal" for name in _WITHIN),
+        *(f"{name}_half_width" for name in _WITHIN),
     ),
 )
 SOLVER: Final = Channel(
@@ -117,6 +133,7 @@ CHANNELS: Final = (
     ESTIMATE,
     CONTROL,
     TRACKING,
+    TUBE,
     SOLVER,
     TIMING,
     TYRES,

@@ -138,6 +138,8 @@ def note(rig: Rig, period: Period) -> None:
     rig.sink.row(channels.CONTROL, time, rows.control_row(period.control, rig.vehicle))
     rig.sink.row(channels.TRACKING, time, rows.tracking_row(said))
     rig.sink.row(channels.SOLVER, time, rows.solver_row(said))
+    if said.tube is not None:
+        rig.sink.row(channels.TUBE, time, rows.tube_row(said.tube))
     if said.predicted_path is not None:
         rig.sink.path(PREDICTED_PATH_TOPIC, time, said.predicted_path[:, :2])
         rig.sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, said.predicted_path[:, 2:])

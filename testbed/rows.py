@@ -10,7 +10,15 @@ import numpy as np
 
 from testbed.channels import MEASUREMENT
 from testbed.truth import Truth
-from ttempc.types import ControlStep, Diagnostics, Estimate, FloatArray, Measurement, Sensor
+from ttempc.types import (
+    ControlStep,
+    Diagnostics,
+    Estimate,
+    FloatArray,
+    Measurement,
+    Sensor,
+    TubeReport,
+)
 from ttempc.vehicle import Vehicle
 
 NAN: Final = float("nan")
@@ -67,6 +75,7 @@ def estimate_row(estimate: Estimate) -> list[float]:
         *(delta_t, delta_i, v, estimate.hitch_angle),
         *np.sqrt(np.diag(estimate.covariance)).tolist(),
         *estimate.disturbance.tolist(),
+        *estimate.map_disturbance.tolist(),
         sum(item.normalised_squared for item in weighed),
         sum(item.dimension for item in weighed),
     ]
@@ -85,6 +94,12 @@ def control_row(step: ControlStep, vehicle: Vehicle) -> list[float]:
 def tracking_row(said: Diagnostics) -> list[float]:
     """Return the row of `channels.TRACKING`."""
     return [*_or_nan(said.tracking_error, 7), *_or_nan(said.modelling_error, 4)]
+
+
+def tube_row(report: TubeReport) -> list[float]:
+    """Return the row of `channels.TUBE`."""
+    widths = [*report.nominal.tolist(), *report.half_width.tolist()]
+    return [float(report.inside), report.margin, *widths]
 
 
 def solver_row(said: Diagnostics) -> list[float]:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from testbed.channels import CHANNELS, CONTROL, ESTIMATE, REFERENCE, STATE, TIMING, TYRES
+from testbed.channels import CHANNELS, CONTROL, ESTIMATE, REFERENCE, STATE, TIMING, TUBE, TYRES
 from testbed.record import Record, Table
 
 PERIOD_S = 0.04
@@ -86,6 +86,7 @@ def record(
             {name: rng.lognormal(4.0, 0.3, len(t[ticks])) for name in TIMING.fields},
         ),
         TYRES: (t, _tyres(t, rng)),
+        TUBE: (t[:0], {}),  # kept to by few controllers
     }
     return Record(
         {

@@ -15,10 +15,12 @@ from ttempc.baselines.nmpc import (
     nmpc_rti_controller,
 )
 from ttempc.baselines.pid import pid_controller
-from ttempc.errors import UnknownController
+from ttempc.errors import InvalidTube, UnknownController
 from ttempc.paper import paper_controller, printed_sign_controller
 from ttempc.reference import Reference
+from ttempc.reference_tube import TubeDesign
 from ttempc.tracking import NoFeedback, TrackingController, around_exact_feedforward
+from ttempc.tube_mpc import tube_controller
 from ttempc.types import Controller
 from ttempc.vehicle import Vehicle
 
@@ -37,7 +39,8 @@ class Composition:
     """A controller that users can ask for by name."""
 
     about: str
-    make: Callable[[Vehicle, Reference, float], Controller]
+    make: Callable[..., Controller]  # of vehicle, reference, period [s], and a design if with_tube
+    with_tube: bool = False
 
 
 CONTROLLERS = MappingProxyType(
@@ -47,6 +50,11 @@ CONTROLLERS = MappingProxyType(
             articulated_controller,
         ),
         "ttempc-nominal": Composition("ttempc without its robust law", nominal_controller),
+        "ttempc-tube": Composition(
+            "tube MPC: nominal vehicle, tightened limits, a gain that keeps to a measured tube",
+            tube_controller,
+            with_tube=True,
+        ),
         "paper": Composition(
             "the paper's equations as printed, errata 4, 6 and 7 corrected", paper_controller
         ),
@@ -92,11 +100,23 @@ def composition(name: str) -> Composition:
 
 
 def make_controller(
-    name: str, vehicle: Vehicle, reference: Reference, period_s: float
+    name: str,
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    design: TubeDesign | None = None,
 ) -> Controller:
     """Return the controller called `name` for a command every `period_s`.
 
+    `design` is the tube of those that keep to one; others pass it over.
+
     Raises:
         UnknownController: with the names that exist.
+        InvalidTube: there is no design, or it does not fit vehicle and reference.
     """
-    return composition(name).make(vehicle, reference, period_s)
+    found = composition(name)
+    if not found.with_tube:
+        return found.make(vehicle, reference, period_s)
+    if design is None:
+        raise InvalidTube(f"controller {name!r}: needs the design of a tube")
+    return found.make(vehicle, reference, period_s, design)

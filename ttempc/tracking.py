@@ -21,6 +21,7 @@ from ttempc.types import (
     FloatArray,
     Input,
     SolverReport,
+    TubeReport,
 )
 from ttempc.vehicle import Vehicle
 
@@ -35,6 +36,7 @@ class Actions:
     predicted_path: FloatArray | None = None  # (Np, 4) [m], map frame
     solver: SolverReport | None = None
     fallback: str = ""
+    tube: TubeReport | None = None
 
 
 class FeedbackLaw(Protocol):
@@ -129,6 +131,7 @@ class TrackingController:
                 predicted_path=actions.predicted_path,
                 solver=actions.solver,
                 fallback=actions.fallback,
+                tube=actions.tube,
             ),
         )
 

@@ -134,6 +134,20 @@ class SolverReport:
 
 
 @dataclass(frozen=True, slots=True)
+class TubeReport:
+    """Where a tube lies around the reference at one tick, and where in it the estimate is.
+
+    Errors are z_e = T (z_r - z) of the minimal state, in the order of `State`, then x and y of the
+    trailer point; positions in the frames of the reference [m].
+    """
+
+    inside: bool  # whether the deviation of the estimate from the nominal state lies in its set
+    margin: float  # 1 on the nominal state, 0 on the boundary of the set, below 0 outside
+    nominal: FloatArray  # (9,) error of the nominal state
+    half_width: FloatArray  # (9,) within which the true error lies about the nominal one
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnostics:
     """How a command came about. Every action is in the order of `Input`.
 
@@ -151,6 +165,7 @@ class Diagnostics:
     predicted_path: FloatArray | None = None  # (N, 4) predicted x_t, y_t, x_i, y_i [m], map frame
     solver: SolverReport | None = None  # None where the controller solves no QP
     fallback: str = ""  # why another law than the stated one drove; empty where it did not
+    tube: TubeReport | None = None  # None where the controller keeps to no tube
 
     @property
     def total(self) -> FloatArray:

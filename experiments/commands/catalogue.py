@@ -7,6 +7,7 @@ import argparse
 from experiments.commands import options
 from experiments.scenario import load, shipped
 from experiments.sweeping.study import load_study, shipped_studies
+from experiments.tube_file import read_tube, shipped_tubes
 from testbed.vehicle_file import read_vehicle, shipped_vehicles
 from ttempc.controllers import CONTROLLERS
 
@@ -31,4 +32,8 @@ def _list(arguments: argparse.Namespace) -> int:
     for name, entry in CONTROLLERS.items():
         print(f"  {name:<20} {entry.about}")
     print(f"  {'package.module:factory':<20} one of your own, importable from where you stand")
+    print("\nTubes (controller.tube, of ttempc-tube):")
+    for name in shipped_tubes():
+        said = read_tube(name).provenance
+        print(f"  {name:<14} {', '.join(said.scenarios)}, coverage {said.coverage:g}")
     return 0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
+from tests.ttempc.tubes import DESIGN
 from ttempc.controllers import CONTROLLERS, make_controller
 from ttempc.equations import PaperEquations
 from ttempc.errors import UnknownController
@@ -23,7 +24,7 @@ NOISE = np.array([0.01, 0.01, 0.006, 0.006, 0.002, 0.002, 0.02])
 
 
 def make(name):
-    return make_controller(name, VEHICLE, REFERENCE, PERIOD_S)
+    return make_controller(name, VEHICLE, REFERENCE, PERIOD_S, DESIGN)
 
 
 def paper(**equations):

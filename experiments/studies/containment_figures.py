@@ -1,0 +1,119 @@
+"""Pictures of the containment study: tracks in the tube, cross-sections, containment and slip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from experiments.containment import QUANTITIES
+from experiments.figures.style import (
+    BLACK,
+    BLUE,
+    BODY_COLOURS,
+    GREY,
+    ORANGE,
+    PALE,
+    RED,
+    blank,
+    dress,
+    legend,
+)
+from ttempc.path import figure_eight
+from ttempc.reference import ConstantSpeed, Reference
+from ttempc.reference_tube import ReferenceTube, TubeDesign, seen
+from ttempc.sets import linear_map, minkowski_sum, outline
+
+_CROSS: Final = {"tractor": QUANTITIES.index("y_t_e_m"), "trailer": QUANTITIES.index("y_i_e_m")}
+_PLANES: Final = (("y_t_e_m", "psi_t_e_rad"), ("y_t_e_m", "y_i_e_m"), ("y_i_e_m", "psi_i_e_rad"))
+_LABELS: Final = {
+    "y_t_e_m": "tractor across [m]",
+    "y_i_e_m": "trailer across [m]",
+    "psi_t_e_rad": "tractor yaw [rad]",
+    "psi_i_e_rad": "trailer yaw [rad]",
+}
+_PERIOD_S: Final = 0.2
+_TICKS: Final = 690
+
+
+def draw(folder: Path, design: TubeDesign, laps: Sequence[dict[str, Any]], key: str) -> None:
+    """Write tracks.png and sections.png of the case `key`, and slip.png of all."""
+    reference = Reference(figure_eight(laps=1), design.vehicle, ConstantSpeed(1.0))
+    along = ReferenceTube.along(design, reference, _TICKS)
+    tracks = [np.load(file) for file in sorted((folder / "tracks").glob(f"{key}-2*.npz"))]
+    _tracks(folder / "tracks.png", tracks)
+    _sections(folder / "sections.png", design, reference, along, tracks)
+    _slip(folder / "slip.png", laps)
+
+
+def _tracks(file: Path, tracks: Sequence[Any]) -> None:
+    figure = blank(4.2)
+    for axes, (body, column) in zip(
+        figure.subplots(2, 1, sharex=True), _CROSS.items(), strict=True
+    ):
+        width = tracks[0]["half_width"][:, column]
+        time_s = tracks[0]["time_s"]
+        axes.fill_between(time_s, -width, width, color=PALE, alpha=0.6, label="tube")
+        for place, track in enumerate(tracks):
+            label = f"{len(tracks)} fresh laps" if place == 0 else None
+            axes.plot(
+                track["time_s"],
+                track["deviation"][:, column],
+                color=BODY_COLOURS[body],
+                linewidth=0.5,
+                label=label,
+            )
+        dress(axes, "time [s]" if body == "trailer" else "", f"{body} across [m]")
+        legend(axes, 2)
+    figure.savefig(file)
+
+
+def _sections(
+    file: Path,
+    design: TubeDesign,
+    reference: Reference,
+    along: ReferenceTube,
+    tracks: Sequence[Any],
+) -> None:
+    """Exact projections of the tube, true error included, where the road is straight and bent."""
+    figure = blank(2.8)
+    bend = np.abs(reference.at(_PERIOD_S * np.arange(_TICKS)).curvature)
+    roads = {"straight": int(np.argmin(bend)), "curve": int(np.argmax(bend > 0.0999)) + 40}
+    rows = seen(along.tube.system.c)
+    for axes, names in zip(figure.subplots(1, 3), _PLANES, strict=True):
+        columns = [QUANTITIES.index(name) for name in names]
+        points = np.concatenate([track["deviation"][:, columns] for track in tracks])
+        axes.plot(*points.T, ",", color=GREY)
+        for (where, k), colour in zip(roads.items(), (BLUE, RED), strict=True):
+            plane = rows[k][columns]
+            of_estimate = linear_map(plane, along.tube.at(k))
+            truth = minkowski_sum([of_estimate, linear_map(plane, design.estimate_error)])
+            for made, line in ((of_estimate, "--"), (truth, "-")):
+                corners = outline(made, np.eye(2))
+                closed = np.vstack([corners, corners[:1]])
+                label = where if line == "-" else None
+                axes.plot(*closed.T, line, color=colour, linewidth=1.0, label=label)
+        dress(axes, _LABELS[names[0]], _LABELS[names[1]])
+    legend(figure.axes[0], 2)
+    figure.savefig(file)
+
+
+def _slip(file: Path, laps: Sequence[dict[str, Any]]) -> None:
+    """Largest share of a cross-track half width by the mean slip of a lap, tubes of grass only."""
+    figure = blank(3.0)
+    axes = figure.subplots()
+    columns = list(_CROSS.values())
+    own = [lap for lap in laps if lap["case"] == "grass-soil"]
+    others = [lap for lap in laps if lap["case"].startswith("grass-") or "borrowed" in lap["case"]]
+    others = [lap for lap in others if lap["case"] not in ("grass-soil", "grass-contact")]
+    for some, colour, label in ((others, ORANGE, "other ground"), (own, BLUE, "as fitted")):
+        slip = [lap["slip_mean"] for lap in some]
+        used = [max(lap["largest_share"][column] for column in columns) for lap in some]
+        axes.plot(slip, used, "o", color=colour, markersize=3, label=label)
+    axes.axhline(1.0, color=BLACK, linewidth=0.8)
+    axes.set_yscale("log")
+    dress(axes, "mean slip of the driven wheels in a lap", "share of half width, largest")
+    legend(axes, 2)
+    figure.savefig(file)

@@ -1,0 +1,117 @@
+"""Does anything leave the tube?  Random and worst-case disturbances from its set, on its own model.
+
+    python -m experiments.studies.invariance [TUBE]
+
+100,000 deviations start in the middle at ticks all along the figure eight and are pushed for as
+long as the tube remembers: most by noise, by noise of full size and changing sign, and by square
+waves, each scaled until its fullest window fills the set; the rest by the worst case for a
+direction of their own, drawn at random or along a state, an output or an input. Prints the largest
+share of the tube that any of them took, and by how much the invariance condition itself holds in
+dense directions. Neither may exceed 1.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from experiments.tube_file import read_tube
+from ttempc.disturbance_set import DisturbanceSet
+from ttempc.path import figure_eight
+from ttempc.reference import ConstantSpeed, Reference
+from ttempc.reference_tube import ReferenceTube
+from ttempc.sets import directions_in, linear_map, minkowski_sum
+from ttempc.tube import Tube
+from ttempc.types import FloatArray
+
+SEED = 1
+RANDOM = 90_000
+WORST = 10_000
+BATCH = 1_000  # trajectories that end at the same tick
+DIRECTIONS = 1_000  # at each of the ticks where the condition is checked
+STRIDE = 20  # ticks between those
+
+
+def noise(
+    disturbance: DisturbanceSet, steps: int, kind: int, generator: np.random.Generator
+) -> FloatArray:
+    """Return admissible runs side by side, (`steps`, BATCH, 7)."""
+    y = generator.standard_normal((steps, BATCH, disturbance.dimension))
+    if kind == 1:
+        y = np.sign(y)
+    elif kind == 2:
+        half_period = generator.integers(1, 30, (BATCH, disturbance.dimension))
+        y = (-1.0) ** ((np.arange(steps)[:, None, None] // half_period) % 2)
+    energy = np.cumsum(y**2, axis=0)
+    windows = energy[disturbance.window - 1 :].copy()
+    windows[1:] -= energy[: -disturbance.window]
+    along = windows.sum(axis=2) if disturbance.shape == "ellipsoid" else windows.max(axis=2)
+    return (y / np.sqrt(along.max(axis=0))[:, None]) @ disturbance.axes.T
+
+
+def asked(tube: Tube, k: int) -> tuple[FloatArray, FloatArray]:
+    """Return rows for states, outputs and inputs at tick `k`, and their half widths."""
+    rows = np.concatenate([np.eye(7), tube.system.c[k], tube.system.gains[k]])
+    return rows, np.concatenate([tube.states[k], tube.outputs[k], tube.inputs[k]])
+
+
+def pushed(tube: Tube, k: int, runs: FloatArray) -> FloatArray:
+    """Return where runs (steps, ..., 7) of disturbances lead at tick `k`, from the middle."""
+    m = np.zeros(runs.shape[1:])
+    for step, w in enumerate(runs):
+        tick = max(0, k - len(runs) + step)
+        m = m @ tube.system.closed[tick].T + w
+    return m
+
+
+def main(name: str) -> None:
+    """Push, and print."""
+    generator = np.random.default_rng(SEED)
+    design = read_tube(name).design()
+    reference = Reference(figure_eight(laps=1), design.vehicle, ConstantSpeed(1.0))
+    ticks = int(reference.duration_s / design.period_s)
+    tube = ReferenceTube.along(design, reference, ticks).tube
+    certificate = tube.certificate
+    steps = certificate.terms * certificate.window
+    print(f"alpha {certificate.alpha:.4f}, {certificate.terms} windows of {certificate.window}")
+
+    worst = 0.0
+    for k in range(certificate.window, ticks, STRIDE):
+        directions = directions_in(7, DIRECTIONS, generator) / tube.states[k]
+        after = minkowski_sum(
+            [
+                linear_map(tube.transition(k, certificate.window), tube.at(k - certificate.window)),
+                tube.last_window(k),
+            ]
+        )
+        share = after.support(directions) / tube.at(k).support(directions)
+        worst = max(worst, float(share.max()))
+    print(f"Phi S + V over S, largest in {DIRECTIONS} directions every {STRIDE} ticks: {worst:.6f}")
+
+    for kind, label in enumerate(("noise", "noise of full size", "square waves")):
+        largest = 0.0
+        for _ in range(RANDOM // BATCH // 3):
+            k = int(generator.integers(steps, ticks))
+            rows, widths = asked(tube, k)
+            m = pushed(tube, k, noise(design.disturbance, steps, kind, generator))
+            largest = max(largest, float((np.abs(m @ rows.T) / widths).max()))
+        print(f"{RANDOM // 3} runs of {label}: largest share of a half width {largest:.4f}")
+
+    largest, least = 0.0, np.inf
+    for count in range(WORST):
+        k = int(generator.integers(steps, ticks))
+        rows, widths = asked(tube, k)
+        choice = count % (len(rows) + 6)
+        if choice < len(rows):
+            row, width = rows[choice], widths[choice]
+        else:
+            row = generator.standard_normal(7) / tube.states[k]
+            width = float(tube.at(k).support(row[None])[0])
+        reached = float(pushed(tube, k, tube.worst_case(k, row)) @ row) / width
+        largest, least = max(largest, reached), min(least, reached)
+    print(f"{WORST} worst cases: share {least:.4f} to {largest:.4f}")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else "grass")
