@@ -51,16 +51,20 @@ def possible(wanted: Sequence[Job]) -> list[Job]:
     Raises:
         ExperimentError, TtempcError: what a controller says that no scenario takes.
     """
-    asked = {(job.scenario, job.overrides): job for job in wanted}
     refusals: dict[tuple[str, tuple[str, ...]], ExperimentError | TtempcError] = {}
-    for key, job in asked.items():
+    driven: set[str] = set()  # controllers that some scenario takes
+    for key, job in {(job.scenario, job.overrides): job for job in wanted}.items():
         try:
             assemble(load(job.scenario, job.overrides)[1], job.seed)
         except (ExperimentError, TtempcError) as error:
             refusals[key] = error
-            print(f"left out: {job.scenario} {_text(job)}: {error}", file=sys.stderr)
-    if len(refusals) == len(asked):
-        raise next(iter(refusals.values()))
+        else:
+            driven.add(job.overrides[0])
+    for (_, (controller, *_)), error in refusals.items():
+        if controller not in driven:
+            raise error
+    for (scenario, (controller, *_)), error in refusals.items():
+        print(f"left out: {controller} on {scenario}: {error}", file=sys.stderr)
     return [job for job in wanted if (job.scenario, job.overrides) not in refusals]
 
 
