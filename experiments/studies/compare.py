@@ -21,17 +21,14 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from experiments.assembly import assemble
 from experiments.batch import Job, as_they_end
 from experiments.errors import ExperimentError, InvalidRows
-from experiments.factory import controller_factory
 from experiments.scenario import load, shipped
 from experiments.studies.comparison import Comparison, markdown, picture
 from experiments.sweeping.row import Row, figures, line
 from ttempc.controllers import CONTROLLERS
 from ttempc.errors import TtempcError
-from ttempc.path import straight
-from ttempc.reference import ConstantSpeed, Reference
-from ttempc.vehicle import Vehicle
 
 
 def jobs(
@@ -44,6 +41,31 @@ def jobs(
             length = (f"path.laps={laps}",) if laps is not None and eight else ()
             for controller in controllers:
                 yield Job(scenario, seed, (f'controller.name="{controller}"', *length))
+
+
+def possible(wanted: Sequence[Job]) -> list[Job]:
+    """Return the jobs that can be driven; say which scenario refuses which controller, and why.
+
+    A tube is fitted for one vehicle, so not every controller drives every scenario.
+
+    Raises:
+        ExperimentError, TtempcError: what a controller says that no scenario takes.
+    """
+    refusals: dict[tuple[str, tuple[str, ...]], ExperimentError | TtempcError] = {}
+    driven: set[str] = set()  # controllers that some scenario takes
+    for key, job in {(job.scenario, job.overrides): job for job in wanted}.items():
+        try:
+            assemble(load(job.scenario, job.overrides)[1], job.seed)
+        except (ExperimentError, TtempcError) as error:
+            refusals[key] = error
+        else:
+            driven.add(job.overrides[0])
+    for (_, (controller, *_)), error in refusals.items():
+        if controller not in driven:
+            raise error
+    for (scenario, (controller, *_)), error in refusals.items():
+        print(f"left out: {controller} on {scenario}: {error}", file=sys.stderr)
+    return [job for job in wanted if (job.scenario, job.overrides) not in refusals]
 
 
 def read(file: Path) -> list[Row]:
@@ -93,11 +115,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parsed = _parser().parse_args(arguments)
     try:
         if parsed.what == "drive":
-            trial = Reference(straight(30.0), Vehicle(), ConstantSpeed(1.0))
-            for controller in parsed.controllers:  # refuses before any work
-                controller_factory(controller)(trial.vehicle, trial, 0.2)
             wanted = jobs(parsed.controllers, parsed.scenarios, parsed.seeds, parsed.laps)
-            drive(parsed.file, list(wanted), parsed.processes)
+            drive(parsed.file, possible(list(wanted)), parsed.processes)
         else:
             comparison = Comparison.of(read(parsed.file), parsed.against)
             (parsed.out / "compare.png").write_bytes(picture(comparison))
