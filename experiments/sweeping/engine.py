@@ -141,11 +141,11 @@ def _local(workers: int) -> Iterator[str]:
         "n_workers": workers,
         "threads_per_worker": 1,
         "processes": True,
-        "dashboard_address": None,
+        "dashboard_address": "127.0.0.1:0",  # any free port: two sweeps may go on side by side
         "memory_limit": 0,
         "silence_logs": logging.CRITICAL,
         "preload": ["experiments.sweeping.worker"],
-        "scheduler_kwargs": {"allowed_failures": _KILLS},
+        "scheduler_kwargs": {"allowed_failures": _KILLS, "dashboard": False},
     }
     with dask.config.set({"distributed.nanny.pre-spawn-environ": _ENVIRONMENT}):
         cluster: Any = LocalCluster(**options)

@@ -128,8 +128,8 @@ def test_what_a_task_raises_is_in_its_future():
     assert isinstance(future.exception(), ValueError)
 
 
-def test_workers_on_this_machine_have_one_thread_each(tmp_path):
-    with engine(workers=1) as here:
+def test_workers_have_one_thread_each_and_two_sweeps_go_on_side_by_side():
+    with engine(workers=1), engine(workers=1) as here:
         asked = [here.executor.submit(os.environ.get, name) for name in ("OMP_NUM_THREADS",)]
         assert [future.result() for future in asked] == ["1"]
         assert here.width() == 1
