@@ -18,6 +18,7 @@ from experiments.commands import (
     frame,
     log,
     options,
+    report,
     run,
     sweep,
     video,
@@ -27,7 +28,9 @@ from experiments.errors import ExperimentError
 from testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
-_COMMANDS = (run, sweep, envelope, view, log, video, frame, compare, card, fit_tube, catalogue)
+_COMMANDS = (
+    *(run, sweep, report, envelope, view, log, video, frame, compare, card, fit_tube, catalogue),
+)
 
 _ABOUT = """\
 A tractor with a steerable trailer drives a figure eight over a bumpy, slippery
@@ -38,6 +41,7 @@ field in MuJoCo, under the controller of your choice.
   ttempc run my-field.toml          a scenario of your own; `ttempc list` shows the shipped ones
   ttempc run grass --set soil.cone_index_kpa=250 --set path.laps=1
   ttempc sweep terrain-slip         thousands of runs on all cores: where does a controller fail?
+  ttempc report runs/sweep-terrain-slip    what a sweep found: one page with tables and charts
   ttempc card wet-slope             is it my controller or the simulator? inspects the plant
   ttempc log info runs/DIR/log.mcap  what a log holds; export, check and recover it
   ttempc video runs/.../log.mcap    a film of a run; `frame` takes one picture of it

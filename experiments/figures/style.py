@@ -25,17 +25,28 @@ PURPLE: Final = "#CC79A7"
 GREY: Final = "#8A8A8A"
 PALE: Final = "#C4C4C4"
 
+_SERIES_COLOURS: Final = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
+_SERIES_MARKERS: Final = "osD^vP"
+
 BODY_COLOURS: Final = {"tractor": BLUE, "trailer": RED}
 CURVE_SHADE: Final = "#EDEDE6"
 HATCH: Final = "#CFCFCF"
+GRID: Final = "#DDDDDD"
 
 _FONT_PT: Final = 8.5
-_GRID: Final = "#DDDDDD"
 
 
 def blank(height_in: float) -> Figure:
     """Return an empty figure of page width that belongs to no window."""
     return Figure(figsize=(PAGE_WIDTH_IN, height_in), dpi=DPI, layout="constrained")
+
+
+def series(number: int) -> dict[str, Any]:
+    """Return colour and marker of one of several things that are compared; 24 differ."""
+    return {
+        "color": _SERIES_COLOURS[number % len(_SERIES_COLOURS)],
+        "marker": _SERIES_MARKERS[number % len(_SERIES_MARKERS)],
+    }
 
 
 def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
@@ -45,7 +56,7 @@ def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
     if title:
         axes.set_title(title, fontsize=_FONT_PT + 0.5, loc="left", fontweight="bold")
     axes.tick_params(labelsize=_FONT_PT - 0.5, length=3)
-    axes.grid(color=_GRID, linewidth=0.6)
+    axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
 

@@ -12,46 +12,13 @@ from numpy.typing import NDArray
 
 from experiments.errors import InvalidRows
 from experiments.figures import png
-from experiments.figures.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    PURPLE,
-    RED,
-    SKY,
-    blank,
-    dress,
-)
+from experiments.figures.style import blank, dress, series
+from experiments.statistics import Estimate, bootstrap
 from experiments.sweeping.row import Row
 from ttempc.types import FloatArray
 
 _ERRORS: Final = tuple(f"tracking.all.{body}.mean_euclidean_m" for body in ("tractor", "trailer"))
 _STEP: Final = "timing.control_step_us.median"
-_RESAMPLED: Final = 10_000
-_COLOURS: Final = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
-_MARKERS: Final = "osD^vP"
-
-
-@dataclass(frozen=True, slots=True)
-class Mean:
-    """A mean with its 95 % confidence interval."""
-
-    value: float
-    low: float
-    high: float
-
-
-def bootstrap(samples: FloatArray) -> Mean:
-    """Return the mean of samples (n, ...) over all axes; rows, the seeds, are drawn anew.
-
-    Percentile bootstrap (Efron and Tibshirani 1993, section 13.3) with a fixed seed.
-    """
-    rows = samples.reshape(len(samples), -1).mean(axis=1)
-    drawn = np.random.default_rng(0).integers(len(rows), size=(_RESAMPLED, len(rows)))
-    low, high = np.quantile(rows[drawn].mean(axis=1), (0.025, 0.975))
-    return Mean(float(rows.mean()), float(low), float(high))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,23 +67,23 @@ class Comparison:
         ended = np.isfinite(self.error_cm[..., controller])
         return int(self.runs[..., controller].sum() - ended.sum())
 
-    def error(self, scenario: int, controller: int) -> Mean | None:
+    def error(self, scenario: int, controller: int) -> Estimate | None:
         """Return the mean error [cm] of the runs that completed, None where there is none."""
         found = self.error_cm[scenario, :, controller]
         found = found[np.isfinite(found)]
         return bootstrap(found) if len(found) else None
 
-    def over(self, scenarios: Sequence[int], controller: int) -> Mean | None:
+    def over(self, scenarios: Sequence[int], controller: int) -> Estimate | None:
         """Return the mean error [cm] over scenarios in which all runs completed."""
         found = self.error_cm[list(scenarios)][..., controller].T  # (seeds, scenarios)
-        return bootstrap(found) if found.size else None
+        return bootstrap(found.mean(axis=1)) if found.size else None
 
-    def difference(self, scenarios: Sequence[int], controller: int) -> Mean | None:
+    def difference(self, scenarios: Sequence[int], controller: int) -> Estimate | None:
         """Return the mean of the paired differences to `against` [cm], over whole seeds alone."""
         chosen = self.error_cm[list(scenarios)]
         paired = (chosen[..., controller] - chosen[..., self.against]).T  # (seeds, scenarios)
         paired = paired[np.isfinite(paired).all(axis=1)]
-        return bootstrap(paired) if paired.size else None
+        return bootstrap(paired.mean(axis=1)) if paired.size else None
 
     def survived(self, controller: int) -> list[int]:
         """Return the scenarios in which all runs of it and of `against` completed."""
@@ -179,24 +146,23 @@ def picture(comparison: Comparison) -> bytes:
     axes.set(xscale="log", yscale="log")
     it = comparison
     for c, name in enumerate(it.controllers):
-        colour, marker = _COLOURS[c % len(_COLOURS)], _MARKERS[c % len(_MARKERS)]
+        looks = series(c) | {"linestyle": "none"}
         cost = it.cost_us(c)
         errors = [mean for s in range(len(it.scenarios)) if (mean := it.error(s, c))]
         values = [mean.value for mean in errors]
-        axes.plot([cost] * len(values), values, marker, color=colour, markersize=3, alpha=0.4)
+        axes.plot([cost] * len(values), values, markersize=3, alpha=0.4, **looks)
         fields = it.survived(c)
         whole = it.over(fields, c)
         if whole is not None:
-            span = [[whole.value - whole.low], [whole.high - whole.value]]
+            low, high = whole.ends
             axes.errorbar(
                 [cost],
                 [whole.value],
-                yerr=span,
-                fmt=marker,
-                color=colour,
+                yerr=[[whole.value - low], [high - whole.value]],
                 markersize=8,
                 capsize=3,
                 label=f"{name} ({len(fields)}/{len(it.scenarios)} fields)",
+                **looks,
             )
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -206,8 +172,10 @@ def picture(comparison: Comparison) -> bytes:
     return png(figure)
 
 
-def _interval(mean: Mean | None, sign: str) -> str:
-    return "" if mean is None else f"({mean.low:{sign}.2f} to {mean.high:{sign}.2f})"
+def _interval(mean: Estimate | None, sign: str) -> str:
+    if mean is None or mean.low is None:
+        return ""
+    return f"({mean.low:{sign}.2f} to {mean.high:{sign}.2f})"
 
 
 def _key(row: Row) -> tuple[str, int, str]:

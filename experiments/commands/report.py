@@ -1,0 +1,74 @@
+"""`ttempc report`: tell what a sweep found."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from experiments.commands import options
+
+_ABOUT = """\
+Reads the rows of a sweep, one that is still at work included, and writes into
+DIR/report, in place of an earlier report:
+
+  report.html   one page: tables to sort, charts, the worst runs, all runs
+  summary.md    the same in short      *.png   its pictures
+
+  ttempc report runs/sweep-terrain-slip
+  ttempc report runs/sweep-terrain-slip --limit 0.6 --against paper
+
+Exit code 2 for bad input, as a folder without rows (one line; nothing is written).
+"""
+
+
+def add(commands: options.Commands) -> None:
+    """Declare the command."""
+    parser = options.command(commands, "report", "tell what a sweep found", _ABOUT)
+    parser.add_argument("folder", type=Path, metavar="DIR", help="of a sweep")
+    parser.add_argument(
+        "--against",
+        metavar="NAME",
+        help="controller that the others are compared with (default: the first of the study)",
+    )
+    parser.add_argument(
+        "--limit",
+        type=_limit,
+        metavar="M",
+        help="a run fails above this 95 %% cross-track error of the trailer, too, in m",
+    )
+    parser.add_argument(
+        "--docs",
+        type=Path,
+        metavar="FOLDER",
+        help="write summary and pictures there alone, as STUDY.md and STUDY-*.png",
+    )
+    parser.set_defaults(command=_report)
+
+
+def _limit(text: str) -> float:
+    try:
+        limit = float(text)
+    except ValueError:
+        limit = 0.0
+    if not 0.0 < limit < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a length above 0 in m, got {text!r}")
+    return limit
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    # Here, because matplotlib takes a second to load, and help should not wait.
+    from experiments.findings.files import write_docs, write_report
+    from experiments.findings.report import report
+    from experiments.findings.runs import read_runs
+
+    runs = read_runs(arguments.folder, arguments.limit)
+    made = report(runs, arguments.against)
+    if arguments.docs is not None:
+        print(f"page      {write_docs(made, arguments.docs)}")
+        return 0
+    file = write_report(made, arguments.folder)
+    missing = runs.planned - len(runs.rows)
+    if missing:
+        print(f"in progress: {missing} of {runs.planned} runs are missing")
+    print(f"page      {file}\nsummary   {file.with_name('summary.md')}")
+    return 0

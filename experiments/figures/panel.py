@@ -1,0 +1,97 @@
+"""A panel: one chart that stands alone in a page, or beside others in a picture."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from experiments.figures.style import DPI, GRID, PAGE_WIDTH_IN, series
+
+_HEIGHT_IN: Final = 2.9
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """A chart of half a page's width.
+
+    Attributes:
+        title: what it shows.
+        draw: draws it onto empty axes.
+        series: names of what is compared in it, which need a key; in the order of their looks.
+    """
+
+    title: str
+    draw: Callable[[Axes], None]
+    series: tuple[str, ...] = ()
+
+
+def alone(panel: Panel) -> Figure:
+    """Return a figure of one panel, without its title, which a page has as text."""
+    figure = Figure(figsize=(0.5 * PAGE_WIDTH_IN, _HEIGHT_IN), dpi=DPI, layout="constrained")
+    panel.draw(figure.subplots())
+    _add_key(figure, panel.series, columns=2)
+    return figure
+
+
+def together(panels: Sequence[Panel]) -> Figure:
+    """Return a figure of page width with the panels in two columns and one key for all."""
+    columns = min(2, len(panels))
+    lines = math.ceil(len(panels) / columns)
+    size = (PAGE_WIDTH_IN, _HEIGHT_IN * lines)
+    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
+    grid = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes, panel in zip(grid, panels, strict=False):
+        panel.draw(axes)
+        axes.set_title(panel.title, fontsize=8.5, loc="left", fontweight="bold")
+    for axes in grid[len(panels) :]:
+        axes.set_axis_off()
+    _add_key(figure, max((panel.series for panel in panels), key=len), columns=4)
+    return figure
+
+
+def _add_key(figure: Figure, names: Sequence[str], columns: int) -> None:
+    """Add who is who above the charts, where it hides nothing."""
+    handles = [
+        Line2D([], [], linewidth=1.4, markersize=4.5, label=name, **series(number))
+        for number, name in enumerate(names)
+    ]
+    if handles:
+        looks = {"frameon": False, "fontsize": 8.0, "handlelength": 1.8, "columnspacing": 1.2}
+        figure.legend(handles=handles, loc="outside upper left", ncols=columns, **looks)
+
+
+def svg(figure: Figure, name: str) -> str:
+    """Return a figure as SVG for the inside of a page, the same for the same figure.
+
+    Black, the grid and the paper take the colours of the page, which may be dark: its `--line` and
+    `--paper`.
+
+    Args:
+        figure: to draw.
+        name: that no other figure of the page has.
+    """
+    buffer = io.StringIO()
+    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", transparent=True, metadata=nothing)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
+    head, _, rest = text.partition(">")
+    box = re.search(r'viewBox="[^"]*"', head)
+    assert box is not None
+    rest = re.sub(r"<defs>\s*<style[^>]*>.*?</style>\s*</defs>", "", rest, flags=re.DOTALL)
+    rest = re.sub(r'(id="|url\(#|href="#)', rf"\g<1>{name}-", rest)
+    rest = re.sub(r"(font: [^;\"]*?px) [^;\"]*", r"\1 sans-serif", rest)
+    rest = re.sub(r"\s*\n\s*", "\n", rest.replace("#000000", "currentColor"))
+    rest = rest.replace(GRID.lower(), "var(--line)").replace("#ffffff", "var(--paper)")
+    return f'<svg {box[0]} role="img" aria-labelledby="{name}-title">{rest}'
