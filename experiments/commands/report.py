@@ -67,8 +67,7 @@ def _report(arguments: argparse.Namespace) -> int:
         print(f"page      {write_docs(made, arguments.docs)}")
         return 0
     file = write_report(made, arguments.folder)
-    missing = runs.planned - len(runs.rows)
-    if missing:
-        print(f"in progress: {missing} of {runs.planned} runs are missing")
+    if runs.missing:
+        print(f"in progress: {runs.missing} of {runs.planned} runs are missing")
     print(f"page      {file}\nsummary   {file.with_name('summary.md')}")
     return 0

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
+from matplotlib.axis import XAxis, YAxis
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, StrMethodFormatter
 
 from experiments.figures.panel import Panel
@@ -19,6 +19,7 @@ from experiments.statistics import Estimate, survival
 from ttempc.types import FloatArray
 
 ERROR_LABEL: Final = "trailer cross-track p95 [cm]"
+_ASIDE: Final = 0.5  # width of the bars at one word, of the way to the next
 _LONG: Final = 34  # letters of all labels of an axis that fit side by side
 _WIDE: Final = 6.0  # greatest over least value from which a logarithm shows more
 
@@ -69,12 +70,33 @@ def _curves(
             continue
         x = np.array([place for place, _ in mine])
         y, low, high = factor * np.array([(found.value, *found.ends) for _, found in mine]).T
-        looks = series(number)
-        axes.fill_between(x, low, high, color=looks["color"], alpha=0.15, linewidth=0.0)
-        axes.plot(x, y, linewidth=1.3, markersize=3.8, **looks)
+        looks: dict[str, Any] = series(number) | {"markersize": 3.8}
+        if scale.numeric:
+            axes.fill_between(x, low, high, color=looks["color"], alpha=0.15, linewidth=0.0)
+            axes.plot(x, y, linewidth=1.3, **looks)
+        else:  # nothing lies between two words: no line, and bars beside each other
+            aside = _ASIDE * (number - 0.5 * (len(controllers) - 1)) / len(controllers)
+            axes.errorbar(x + aside, y, yerr=[y - low, high - y], linestyle="none", **looks)
+    if not any(told(cell.group) for cell in cells):
+        _say_none(axes)
     if scale.logarithmic:
         axes.set_xscale("log")
-    ticks(axes, scale, "x", scale.positions)
+    ticks(axes, scale, "x", scale.positions.tolist())
+    axes.set_xlim(_margins(scale))
+
+
+def _margins(scale: Scale) -> tuple[float, float]:
+    """Return the ends of an axis with some room beside its values."""
+    first, last = float(scale.positions[0]), float(scale.positions[-1])
+    if scale.logarithmic:
+        room = (last / first) ** 0.05
+        return first / room, last * room
+    room = 0.05 * (last - first) if scale.numeric else 0.5
+    return first - room, last + room
+
+
+def _say_none(axes: Axes) -> None:
+    note(axes, 0.5, 0.5, "no run completed", ha="center", color=GREY)
 
 
 def tail_panel(runs: Runs) -> Panel:
@@ -91,6 +113,8 @@ def tail_panel(runs: Runs) -> Panel:
             lost = 1.0 - len(there) / len(mine)
             x, y = np.append(x, right), np.append(y, lost)
             axes.step(x, 100.0 * np.where(y > 0.0, y, np.nan), where="post", **looks)
+        if not len(found):
+            _say_none(axes)
         dress(axes, ERROR_LABEL, "runs that are worse [%]")
         _logarithmic_where_wide(axes.xaxis, found)
         _make_logarithmic(axes.yaxis)
@@ -113,10 +137,13 @@ def cost_panel(controllers: Sequence[str], groups: Sequence[Group], tails: Seque
             spans = [
                 [[end.value - end.ends[0]], [end.ends[1] - end.value]] for end in (cost, error)
             ]
-            looks = series(group.controller) | {"markersize": 7.0, "linestyle": "none"}
+            looks: dict[str, Any] = series(group.controller) | {
+                "markersize": 7.0,
+                "linestyle": "none",
+            }
             axes.errorbar(cost.value, error.value, xerr=spans[0], yerr=spans[1], **looks)
         if not shown:
-            note(axes, 0.5, 0.5, "no run completed", ha="center", color=GREY)
+            _say_none(axes)
         dress(axes, "control step, median [us]", ERROR_LABEL)
         _logarithmic_where_wide(axes.xaxis, [cost.value for _, _, cost in shown])
         _logarithmic_where_wide(axes.yaxis, [error.value for _, error, _ in shown])
@@ -132,11 +159,16 @@ def difference_panel(
 
     def draw(axes: Axes) -> None:
         for place, item in enumerate(differences):
-            looks = series(item.controller) | {"markersize": 6.0, "linestyle": "none"}
+            looks: dict[str, Any] = series(item.controller) | {
+                "markersize": 6.0,
+                "linestyle": "none",
+            }
             if item.error_cm is not None:
                 found, (low, high) = item.error_cm, item.error_cm.ends
                 span = [[found.value - low], [high - found.value]]
                 axes.errorbar(found.value, place, xerr=span, capsize=3.0, **looks)
+        if not any(item.error_cm for item in differences):
+            note(axes, 0.5, 0.5, "no pair completed", ha="center", color=GREY)
         axes.axvline(0.0, color=BLACK, linewidth=0.9)
         dress(axes, "difference of the error, run by run [cm]", "")
         axes.set_yticks(
@@ -180,12 +212,12 @@ def ticks(
             label.set(ha="right", rotation_mode="anchor")
 
 
-def _logarithmic_where_wide(axis: Axis, values: Sequence[float] | FloatArray) -> None:
+def _logarithmic_where_wide(axis: XAxis | YAxis, values: Sequence[float] | FloatArray) -> None:
     if len(values) and min(values) > 0.0 and max(values) >= _WIDE * min(values):
         _make_logarithmic(axis)
 
 
-def _make_logarithmic(axis: Axis) -> None:
+def _make_logarithmic(axis: XAxis | YAxis) -> None:
     axis.axes.set(**{f"{axis.axis_name}scale": "log"})
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))

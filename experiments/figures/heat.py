@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib import colormaps
@@ -68,7 +68,7 @@ def _map(axes: Axes, across: Scale, cells: Sequence[Cell], norm: Normalize, fail
         x, y = cell.places
         found = cell.group.failure_rate if failures else cell.group.error_cm
         if found is None:
-            looks = {"facecolor": "none", "edgecolor": GREY, "hatch": "/////"}
+            looks: dict[str, Any] = {"facecolor": "none", "edgecolor": GREY, "hatch": "/////"}
             axes.add_patch(Rectangle((x - 0.47, y - 0.47), 0.94, 0.94, linewidth=0.0, **looks))
             continue
         colour = palette(float(norm(found.value)))

@@ -141,7 +141,8 @@ def _sections(
             "overview",
             "Where it ends, how bad it gets, what it costs",
             "Tails: the share of all runs that are worse than an error, failed runs worse than "
-            "any; dashed: the worst 5 %. Bars: 95 % intervals.",
+            "any; dashed: the worst 5 %. Bars: 95 % intervals."
+            + (" What has no run yet counts as holding." if runs.missing else ""),
             tuple(overview),
         ),
         *maps,

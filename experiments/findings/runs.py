@@ -50,6 +50,11 @@ class Runs:
         """Return the number of runs in the plan."""
         return int(self.origin["runs"])
 
+    @property
+    def missing(self) -> int:
+        """Return how many runs of the plan have no row yet."""
+        return self.planned - len(self.rows)
+
     @cached_property
     def controllers(self) -> tuple[str, ...]:
         """Return who drove, in the order of the plan."""

@@ -12,7 +12,6 @@ from experiments.findings.words import (
     estimate_text,
     numbers_text,
     percent_text,
-    value_text,
 )
 from experiments.table import centimetres
 
@@ -20,6 +19,7 @@ MARK: Final = "<!-- written by ttempc report -->"
 """The first line: what has it may be written over."""
 
 _MOST_CELLS: Final = 60  # rows of a table that still fits between the pictures
+
 
 def summary(report: Report, prefix: str = "") -> str:
     """Return the text of `summary.md`.
@@ -29,7 +29,6 @@ def summary(report: Report, prefix: str = "") -> str:
         prefix: of the pictures' files.
     """
     runs = report.runs
-    done, planned = len(runs.rows), runs.planned
     limit = runs.limit_m
     lines = [
         MARK,
@@ -37,8 +36,8 @@ def summary(report: Report, prefix: str = "") -> str:
         "",
         runs.study.description,
         "",
-        f"{done} of {planned} runs"
-        + (f": **in progress, {planned - done} missing**" if done < planned else "")
+        f"{len(runs.rows)} of {runs.planned} runs"
+        + (f": **in progress, {runs.missing} missing**" if runs.missing else "")
         + f"; seeds {numbers_text(runs.study.drawn_with)}, the same ground and noise for every "
         "controller. A run fails where it does not complete"
         + (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
@@ -146,7 +146,7 @@ def picture(comparison: Comparison) -> bytes:
     axes.set(xscale="log", yscale="log")
     it = comparison
     for c, name in enumerate(it.controllers):
-        looks = series(c) | {"linestyle": "none"}
+        looks: dict[str, Any] = series(c) | {"linestyle": "none"}
         cost = it.cost_us(c)
         errors = [mean for s in range(len(it.scenarios)) if (mean := it.error(s, c))]
         values = [mean.value for mean in errors]
