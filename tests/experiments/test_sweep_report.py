@@ -1,0 +1,204 @@
+"""The report of a sweep: one page that needs nothing else, in every state of a study."""
+
+import html
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from experiments.cli import main
+from experiments.findings.runs import read_runs
+from experiments.findings.summary import MARK
+from tests.experiments.findings import AXES, DRAWN, made_up, swept
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+VOID = {"meta", "br", "path", "use"}
+
+
+class Page(HTMLParser):
+    """Checks that tags are closed in order and names given once, and gathers what is pointed at."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.links, self.names = [], [], []
+        self.feed(text)
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.links += [given[name] for name in ("href", "src") if name in given]
+        self.names += [given["id"]] if "id" in given else []
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        if tag not in VOID:
+            attrs = [(name, value) for name, value in attrs]
+            self.names += [value for name, value in attrs if name == "id"]
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+
+def with_log(job):
+    """Leave a log of run 2 alone, and a film beside it."""
+    row = made_up(job)
+    if job.run != 2:
+        return row
+    for name in ("2.mcap", "2.mp4"):
+        (job.folder / "logs" / name).touch()
+    return {**row, "log": "logs/2.mcap"}
+
+
+def told(folder, *options):
+    assert main(["report", str(folder), *options]) == 0
+    return (folder / "report" / "report.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return swept(tmp_path_factory.mktemp("study"), "seeds = 2", AXES, work=with_log)
+
+
+@pytest.fixture(scope="module")
+def text(folder):
+    return told(folder)
+
+
+def test_it_needs_nothing_from_elsewhere_and_every_link_leads_somewhere(folder, text):
+    assert not re.search(r"https?:|@import|url\((?!#)", text)
+    page = Page(text)
+    assert len(set(page.names)) == len(page.names)
+    for link in page.links:
+        if link.startswith("#runs="):
+            continue
+        if link.startswith("#"):
+            assert link[1:] in page.names
+        else:
+            assert (folder / "report" / link).exists(), link
+    assert {"../logs/2.mcap", "../logs/2.mp4", "../results.jsonl"} <= set(page.links)
+
+
+def test_every_run_has_its_row_with_what_tells_it_from_others(folder, text):
+    for row in read_runs(folder).rows:
+        (line,) = re.findall(rf'<tr data-run="{row["run"]}">.*?</tr>', text, re.DOTALL)
+        for word in (row["run_id"], row["controller"], row["status"], html.escape(row["failure"])):
+            assert word in line
+
+
+def test_text_of_others_stays_text(text):
+    assert "<at>" not in text
+    assert "roll-over &lt;at&gt; the &amp; fence" in text
+
+
+def test_pictures_are_small_and_the_summary_shows_them_all(folder, text):
+    pictures = sorted((folder / "report").glob("*.png"))
+    assert [file.stem for file in pictures] == ["curves", "maps", "overview"]
+    assert all(file.stat().st_size < 300_000 for file in pictures)
+    summary = (folder / "report" / "summary.md").read_text()
+    for file in pictures:
+        assert f"]({file.name})" in summary
+    assert "| `feedforward` | 24 | 8 | 33 (16 to 55) |" in summary
+
+
+def test_a_report_follows_from_the_rows_alone_whatever_their_order(folder, text, tmp_path):
+    other = shutil.copytree(folder, tmp_path / folder.name)
+    file = other / "results.jsonl"
+    file.write_text("".join(reversed(file.read_text().splitlines(keepends=True))))
+    assert told(other) == text
+
+
+@pytest.mark.parametrize(
+    ("parts", "most", "there", "not_there"),
+    [
+        (("seeds = 3",), None, "Tails", "Differences to"),  # one controller, no axis
+        (("seeds = 2", DRAWN), None, "over wheelbase [m]", "Points:"),
+        (("seeds = 2", AXES), 1, "71 missing", "Error over"),
+        (("seeds = 2", AXES.replace('"paper", "ttempc", ', "")), None, "hatched", "Differences to"),
+    ],
+)
+def test_it_tells_of_any_study(parts, most, there, not_there, tmp_path):
+    folder = swept(tmp_path, *parts, most=most)
+    text = told(folder)
+    Page(text)
+    assert there in text
+    assert not_there not in text
+
+
+def test_an_old_report_is_replaced_and_what_is_not_its_own_is_left(tmp_path):
+    folder = swept(tmp_path, "seeds = 1", most=1)
+    (folder / "report").mkdir()
+    for name in ("maps-2.png", "curves.png", "report.html", "notes.txt"):
+        (folder / "report" / name).write_text("old")
+    told(folder)
+    names = {file.name for file in (folder / "report").iterdir()}
+    assert names == {"overview.png", "report.html", "summary.md", "notes.txt"}
+
+
+def test_a_report_that_cannot_be_written_leaves_the_old_one(tmp_path, capsys, monkeypatch):
+    folder = swept(tmp_path, "seeds = 1", most=1)
+    text, write = told(folder), Path.write_bytes
+
+    def full(path, content):
+        if path.name.startswith(".summary"):
+            raise OSError(28, "No space left on device")
+        return write(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert main(["report", str(folder), "--limit", "0.1"]) == 2
+    assert capsys.readouterr().err.endswith("cannot be written: No space left on device\n")
+    assert (folder / "report" / "report.html").read_text() == text
+    assert not list((folder / "report").glob(".*"))
+
+
+def test_docs_get_summary_and_pictures_and_keep_what_was_written_by_hand(tmp_path, capsys):
+    folder, docs = swept(tmp_path, "seeds = 1", most=1), tmp_path / "docs"
+    for _ in range(2):
+        assert main(["report", str(folder), "--docs", str(docs)]) == 0
+    assert {file.name for file in docs.iterdir()} == {"made-up.md", "made-up-overview.png"}
+    assert (docs / "made-up.md").read_text().startswith(MARK)
+    assert not (folder / "report").exists()
+    (docs / "made-up.md").write_text("# By hand\n")
+    assert main(["report", str(folder), "--docs", str(docs)]) == 2
+    assert "was not written by" in capsys.readouterr().err
+    assert (docs / "made-up.md").read_text() == "# By hand\n"
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs a browser: Debian's package chromium")
+def test_a_browser_sorts_tables_and_picks_runs(folder, text, tmp_path):
+    # Two clicks on "error, mean" of the controllers, one on the failed runs of feedforward.
+    clicks = """<script>
+      const heads = document.querySelectorAll("#controllers th button");
+      heads[4].click(); heads[4].click();
+      location.hash = document.querySelector("#controllers tbody tr:last-child a[data-runs]").hash;
+    </script>"""
+    file = tmp_path / "clicked.html"
+    file.write_text(text.replace("</body>", f"{clicks}</body>"))
+    done = subprocess.run(
+        [
+            CHROMIUM,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--virtual-time-budget=2000",
+            f"--user-data-dir={tmp_path / 'profile'}",
+            "--dump-dom",
+            file.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    table = re.search(r'id="controllers".*?</table>', done.stdout, re.DOTALL)[0]
+    order = re.findall(r"<tr><td>([\w-]+)</td>", table)
+    assert order == ["feedforward", "paper", "ttempc"]
+    assert 'aria-sort="descending"' in table
+    shown = re.findall(r'<tr data-run="(\d+)">', done.stdout)
+    assert [int(run) for run in shown] == list(range(1, 72, 3))
+    assert "24 picked." in done.stdout
+    assert re.search(r'<details id="runs"[^>]* open', done.stdout)
