@@ -70,13 +70,14 @@ def _curves(
             continue
         x = np.array([place for place, _ in mine])
         y, low, high = factor * np.array([(found.value, *found.ends) for _, found in mine]).T
-        looks: dict[str, Any] = series(number) | {"markersize": 3.8}
+        looks = series(number)
         if scale.numeric:
             axes.fill_between(x, low, high, color=looks["color"], alpha=0.15, linewidth=0.0)
-            axes.plot(x, y, linewidth=1.3, **looks)
+            axes.plot(x, y, linewidth=1.3, markersize=3.8, **looks)
         else:  # nothing lies between two words: no line, and bars beside each other
             aside = _ASIDE * (number - 0.5 * (len(controllers) - 1)) / len(controllers)
-            axes.errorbar(x + aside, y, yerr=[y - low, high - y], linestyle="none", **looks)
+            points: dict[str, Any] = looks | {"linestyle": "none", "markersize": 3.8}
+            axes.errorbar(x + aside, y, yerr=[y - low, high - y], **points)
     if not any(told(cell.group) for cell in cells):
         _say_none(axes)
     if scale.logarithmic:
@@ -109,7 +110,7 @@ def tail_panel(runs: Runs) -> Panel:
             mine = runs.error_cm[runs.driver == number]
             there = mine[np.isfinite(mine)]
             x, y = survival(there, len(mine) - len(there))
-            looks = {"color": series(number)["color"], "linewidth": 1.4}
+            looks = series(number) | {"marker": "", "linewidth": 1.4}
             lost = 1.0 - len(there) / len(mine)
             x, y = np.append(x, right), np.append(y, lost)
             axes.step(x, 100.0 * np.where(y > 0.0, y, np.nan), where="post", **looks)

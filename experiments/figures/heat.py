@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 
 from experiments.figures.curves import ERROR_LABEL, ticks
 from experiments.figures.panel import Panel
-from experiments.figures.style import GREY, dress, note, series
+from experiments.figures.style import GREY, GRID, dress, note, series
 from experiments.findings.axes import Scale
 from experiments.findings.groups import Cell
 
@@ -90,15 +90,17 @@ def boundary_panel(
             mine = [cell for cell in cells if cell.group.controller == number]
             fails = {cell.places for cell in mine if cell.group.fails}
             inset = _APART * (number - 0.5 * (len(controllers) - 1))
-            colour = series(number)["color"]
+            looks = series(number) | {"marker": "", "linewidth": 1.5}
+            colour = looks["color"]
             for x, y in fails:
                 box = Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, color=colour, alpha=0.13, linewidth=0)
                 axes.add_patch(box)
             for line in _outline(fails):
-                axes.plot(*(line + inset).T, color=colour, linewidth=1.5)
+                axes.plot(*(line + inset).T, **looks)
         if not any(cell.group.fails for cell in cells):
             note(axes, 0.5, 0.5, "nowhere", ha="center", color=GREY)
         _frame(axes, across, up)
+        axes.spines[:].set(visible=True, color=GRID)
 
     return Panel("Where at least half of the runs fail", draw, tuple(controllers))
 

@@ -42,9 +42,10 @@ def blank(height_in: float) -> Figure:
 
 
 def series(number: int) -> dict[str, Any]:
-    """Return colour and marker of one of several things that are compared; 24 differ."""
+    """Return the looks of one of several things that are compared; lines of 16 differ."""
     return {
         "color": _SERIES_COLOURS[number % len(_SERIES_COLOURS)],
+        "linestyle": ("-", "--")[number // len(_SERIES_COLOURS) % 2],
         "marker": _SERIES_MARKERS[number % len(_SERIES_MARKERS)],
     }
 

@@ -178,17 +178,10 @@ def test_a_browser_sorts_tables_and_picks_runs(folder, text, tmp_path):
     </script>"""
     file = tmp_path / "clicked.html"
     file.write_text(text.replace("</body>", f"{clicks}</body>"))
+    options = ("--no-sandbox", "--disable-gpu", "--virtual-time-budget=2000", "--dump-dom")
+    profile = f"--user-data-dir={tmp_path / 'profile'}"
     done = subprocess.run(
-        [
-            CHROMIUM,
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--virtual-time-budget=2000",
-            f"--user-data-dir={tmp_path / 'profile'}",
-            "--dump-dom",
-            file.as_uri(),
-        ],
+        [CHROMIUM, "--headless", *options, profile, file.as_uri()],
         capture_output=True,
         text=True,
         timeout=120,
