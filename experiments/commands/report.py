@@ -37,6 +37,14 @@ def add(commands: options.Commands) -> None:
         help="a run fails above this 95 %% cross-track error of the trailer, too, in m",
     )
     parser.add_argument(
+        "--envelope",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="show what `ttempc envelope` found, too; may be repeated",
+    )
+    parser.add_argument(
         "--docs",
         type=Path,
         metavar="FOLDER",
@@ -57,12 +65,13 @@ def _limit(text: str) -> float:
 
 def _report(arguments: argparse.Namespace) -> int:
     # Here, because matplotlib takes a second to load, and help should not wait.
+    from experiments.findings.breaking import read_breaking
     from experiments.findings.files import write_docs, write_report
     from experiments.findings.report import report
     from experiments.findings.runs import read_runs
 
     runs = read_runs(arguments.folder, arguments.limit)
-    made = report(runs, arguments.against)
+    made = report(runs, arguments.against, read_breaking(arguments.envelope))
     if arguments.docs is not None:
         print(f"page      {write_docs(made, arguments.docs)}")
         return 0

@@ -40,7 +40,8 @@ def write_report(report: Report, folder: Path) -> Path:
             "report.html": page(report, folder).encode(),
         },
     )
-    for stale in {*there.glob("maps*.png"), there / "curves.png"} - {there / n for n in pictures}:
+    optional = {*there.glob("maps*.png"), there / "curves.png", there / "envelope.png"}
+    for stale in optional - {there / name for name in pictures}:
         stale.unlink(missing_ok=True)
     return there / "report.html"
 

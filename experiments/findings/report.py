@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from experiments.errors import BadOptions
+from experiments.figures.breaking import breaking_panel
 from experiments.figures.curves import (
     cost_panel,
     curve_panels,
@@ -20,6 +21,7 @@ from experiments.figures.curves import (
 from experiments.figures.heat import boundary_panel, error_maps, failure_maps
 from experiments.figures.panel import Panel
 from experiments.findings.axes import Scale, scales
+from experiments.findings.breaking import Breaking
 from experiments.findings.groups import (
     Cell,
     Difference,
@@ -60,14 +62,16 @@ class Report:
     cells: tuple[Cell, ...]  # none where there is no such scale
     sections: tuple[Section, ...]
     worst: tuple[tuple[Row, ...], ...]  # of each controller
+    breaking: tuple[Breaking, ...]  # what was found apart from the sweep
 
 
-def report(runs: Runs, against: str | None = None) -> Report:
+def report(runs: Runs, against: str | None = None, breaking: Sequence[Breaking] = ()) -> Report:
     """Work out a report.
 
     Args:
         runs: of a sweep.
         against: the controller that the others are compared with; the first of the study if None.
+        breaking: breaking points that belong to it.
 
     Raises:
         BadOptions: the study has no such controller.
@@ -90,8 +94,12 @@ def report(runs: Runs, against: str | None = None) -> Report:
         paired,
         grid,
         tuple(cells(runs, grid)) if grid else (),
-        tuple(_sections(runs, over, groups, tails, reference, paired)),
+        (
+            *_sections(runs, over, groups, tails, reference, paired),
+            *([_breaking(controllers, breaking)] if breaking else ()),
+        ),
         tuple(_worst(runs, number) for number in range(len(controllers))),
+        tuple(breaking),
     )
 
 
@@ -163,6 +171,18 @@ def _sections(
             )
         )
     return sections
+
+
+def _breaking(controllers: Sequence[str], breaking: Sequence[Breaking]) -> Section:
+    files = ", ".join(dict.fromkeys(name for item in breaking for name in item.files))
+    asked = "; ".join(f"{item.label}: {item.asked}" for item in breaking)
+    return Section(
+        "envelope",
+        "Breaking points",
+        f"All values that were tried, bars between the last that holds and the first that fails. "
+        f"{asked}. From {files}.",
+        tuple(breaking_panel(controllers, item) for item in breaking),
+    )
 
 
 def _worst(runs: Runs, controller: int) -> tuple[Row, ...]:

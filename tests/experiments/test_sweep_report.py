@@ -1,9 +1,11 @@
 """The report of a sweep: one page that needs nothing else, in every state of a study."""
 
 import html
+import json
 import re
 import shutil
 import subprocess
+from dataclasses import asdict
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 from experiments.cli import main
 from experiments.findings.runs import read_runs
 from experiments.findings.summary import MARK
+from experiments.sweeping.envelope import Envelope, Probe, Question
 from tests.experiments.findings import AXES, DRAWN, made_up, swept
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
@@ -166,6 +169,40 @@ def test_docs_get_summary_and_pictures_and_keep_what_was_written_by_hand(tmp_pat
     assert main(["report", str(folder), "--docs", str(docs)]) == 2
     assert "was not written by" in capsys.readouterr().err
     assert (docs / "made-up.md").read_text() == "# By hand\n"
+
+
+def answer(controller, outcome, holds_at, fails_at, probes):
+    """Return an object of the JSON file of `ttempc envelope`."""
+    question = Question("grass", controller, "slope", 0.0, 0.4, 0.01, 0.6, (1, 2))
+    probes = tuple(Probe(value, 2, failed, 0, (0.1, None)) for value, failed in probes)
+    return asdict(Envelope(question, outcome, True, holds_at, fails_at, probes))
+
+
+def test_breaking_points_stand_beside_the_sweep(tmp_path):
+    folder, file = swept(tmp_path, "seeds = 1", most=1), tmp_path / "slope.json"
+    answers = [
+        answer("paper", "found", 0.2, 0.25, [(0.0, 0), (0.2, 0), (0.25, 1), (0.4, 2)]),
+        answer("pid", "holds", None, None, [(0.0, 0), (0.4, 0)]),
+    ]
+    file.write_text(json.dumps({"versions": {}, "envelopes": answers}))
+    text = told(folder, "--envelope", str(file))
+    Page(text)
+    (table,) = re.findall(r'id="breaking".*?</table>', text, re.DOTALL)
+    cells = [re.findall(r"<td>(.*?)</td>", row) for row in re.findall(r"<tr>.*?</tr>", table, re.S)]
+    assert cells[1] == ["paper", "slope [rad]", "0.2", "0.25", "once", "4", "8"]
+    assert cells[2] == ["pid", "slope [rad]", "throughout", "–", "–", "2", "4"]
+    assert "grass, seeds 1, 2; a run fails where it is lost, or errs by more than 60 cm" in text
+    assert (folder / "report" / "envelope.png").exists()
+
+
+@pytest.mark.parametrize("content", [None, "", "{}", '{"envelopes": [{"question": {}}]}'])
+def test_a_file_that_is_no_envelope_is_refused(content, tmp_path, capsys):
+    folder, file = swept(tmp_path, "seeds = 1", most=1), tmp_path / "slope.json"
+    if content is not None:
+        file.write_text(content)
+    assert main(["report", str(folder), "--envelope", str(file)]) == 2
+    assert re.fullmatch(r"ttempc: error: .*slope.json: [^\n]*\n", capsys.readouterr().err)
+    assert not (folder / "report").exists()
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs a browser: Debian's package chromium")
