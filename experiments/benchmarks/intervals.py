@@ -1,0 +1,43 @@
+"""How often the bootstrap interval of a mean holds the true one, by the number of seeds.
+
+    python -m experiments.benchmarks.intervals [DRAWS]
+
+draws that many (2000) sets of samples of each size, normal and skewed, with a fixed seed.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Final
+
+import numpy as np
+
+from experiments.statistics import CONFIDENCE, bootstrap
+from testbed.randomness import generator
+
+_COUNTS: Final = (3, 5, 8, 14, 30)
+_SKEW: Final = 0.5  # standard deviation of the logarithm
+
+
+def coverage(count: int, draws: int, skewed: bool) -> float:
+    """Return the share of intervals, each of `count` samples, that hold the mean."""
+    random = generator(count, "intervals")
+    held = 0
+    for _ in range(draws):
+        normal = random.normal(0.0, 1.0, count)
+        found = bootstrap(np.exp(_SKEW * normal) if skewed else normal)
+        low, high = found.ends
+        held += low <= (np.exp(0.5 * _SKEW**2) if skewed else 0.0) <= high
+    return held / draws
+
+
+def main(draws: str = "2000") -> None:
+    """Print the figures."""
+    print(f"seeds   normal  log-normal   (an interval of {CONFIDENCE:.0%})")
+    for count in _COUNTS:
+        normal, skewed = (coverage(count, int(draws), skewed) for skewed in (False, True))
+        print(f"{count:5d} {normal:8.1%} {skewed:11.1%}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
