@@ -2,7 +2,7 @@
 
 import json
 import shlex
-import subprocess
+import shutil
 import sys
 
 import numpy as np
@@ -23,6 +23,17 @@ from tests.experiments.findings import AXES, DRAWN, swept
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return swept(tmp_path_factory.mktemp("study"), "seeds = 5", AXES)
+
+
+@pytest.fixture(scope="module")
+def three_rows(tmp_path_factory):
+    return swept(tmp_path_factory.mktemp("begun"), "seeds = 5", AXES, most=3)
+
+
+@pytest.fixture
+def begun(three_rows, tmp_path):
+    """A folder of three rows, to spoil."""
+    return shutil.copytree(three_rows, tmp_path / three_rows.name)
 
 
 @pytest.fixture(scope="module")
@@ -166,25 +177,23 @@ def _without(lines):
         (_without, "line 2 .* column tracking.all.trailer.cross_p95_m is missing"),
     ],
 )
-def test_rows_of_something_else_are_refused_in_one_line(change, said, tmp_path, capsys):
-    folder = swept(tmp_path, "seeds = 5", AXES, most=3)
-    _changed(folder, change)
+def test_rows_of_something_else_are_refused_in_one_line(change, said, begun, capsys):
+    _changed(begun, change)
     with pytest.raises(InvalidRows, match=said):
-        read_runs(folder)
-    before = sorted(folder.iterdir())
-    assert main(["report", str(folder)]) == 2
+        read_runs(begun)
+    before = sorted(begun.iterdir())
+    assert main(["report", str(begun)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
-    assert sorted(folder.iterdir()) == before
+    assert sorted(begun.iterdir()) == before
 
 
 @pytest.mark.parametrize("missing", ["", "study.toml", "versions.json", "results.jsonl"])
-def test_a_folder_that_is_no_sweeps_is_refused(missing, tmp_path, capsys):
-    folder = swept(tmp_path, "seeds = 5", AXES, most=3)
+def test_a_folder_that_is_no_sweeps_is_refused(missing, begun, capsys):
     if missing:
-        (folder / missing).unlink()
+        (begun / missing).unlink()
     else:
-        folder = tmp_path / "nowhere"
-    assert main(["report", str(folder)]) == 2
+        shutil.rmtree(begun)
+    assert main(["report", str(begun)]) == 2
     assert "is no folder of a sweep" in capsys.readouterr().err
 
 
@@ -192,14 +201,10 @@ def test_a_folder_that_is_no_sweeps_is_refused(missing, tmp_path, capsys):
     ("option", "value", "said"),
     [("--against", "pid", "the study has paper"), ("--limit", "0", "must be a length above 0")],
 )
-def test_options_that_make_no_sense_are_refused(option, value, said, folder):
-    done = subprocess.run(
-        [sys.executable, "-m", "experiments.cli", "report", str(folder), option, value],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert said in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert not (folder / "report").exists()
+def test_options_that_make_no_sense_are_refused(option, value, said, begun, capsys):
+    with pytest.raises(SystemExit, match=r"^2$"):  # as the program itself leaves
+        sys.exit(main(["report", str(begun), option, value]))
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+    assert not (begun / "report").exists()
