@@ -29,6 +29,7 @@ def add(commands: options.Commands) -> None:
     info.set_defaults(command=_info)
     export = actions.add_parser("export", help="tables, one file a topic")
     export.add_argument(
+        "-o",
         "--out",
         type=Path,
         metavar="DIR",

@@ -35,6 +35,7 @@ def add_scenario(parser: argparse.ArgumentParser, writes: bool = True) -> None:
     )
     if writes:
         parser.add_argument(
+            "-o",
             "--out",
             type=Path,
             metavar="DIR",

@@ -35,6 +35,7 @@ def add(commands: options.Commands) -> None:
     parser.add_argument("study", metavar="STUDY", help="name of a shipped study or a .toml file")
     add_workers(parser)
     parser.add_argument(
+        "-o",
         "--out",
         type=Path,
         metavar="DIR",

@@ -46,7 +46,10 @@ STAGES: Final = {
     ],
     "fine": [
         Field("E", strength, slope)
-        for slope, strengths in {0.0: (152.0, 154.0, 156.0, 158.0), 0.02: (160.0, 170.0, 180.0)}.items()
+        for slope, strengths in {
+            0.0: (152.0, 154.0, 156.0, 158.0),
+            0.02: (160.0, 170.0, 180.0),
+        }.items()
         for strength in strengths
     ],
 }
