@@ -133,7 +133,8 @@ def markdown(comparison: Comparison) -> str:
         for c in everything:
             mean = it.error(s, c)
             span = _interval(mean, "") if c == it.against else _interval(it.difference([s], c), "+")
-            cells.append("lost" if mean is None else f"{mean.value:.2f} {span}")
+            none = "lost" if it.runs[s, :, c].any() else "not driven"
+            cells.append(none if mean is None else f"{mean.value:.2f} {span}")
         lines.append(f"| `{name}` | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
