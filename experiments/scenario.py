@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import tomli_w
 from pydantic.dataclasses import dataclass
@@ -22,8 +22,10 @@ from experiments.settings.soil import SoilSettings
 from experiments.settings.terrain import TerrainSettings
 from testbed.errors import InvalidPlant
 from testbed.provenance import run_id
-from testbed.resources import resource
+from testbed.resources import Shelf
 from testbed.strict import STRICT, read_toml, validated
+
+_SCENARIOS: Final = Shelf("scenario", "experiments", "scenarios", ".toml", InvalidScenario)
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -42,7 +44,7 @@ class Scenario:
 
 def shipped() -> list[str]:
     """Return the names of the scenarios that ship with the project."""
-    return sorted(path.stem for path in resource("experiments", "scenarios").glob("*.toml"))
+    return _SCENARIOS.names()
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def read(name: str) -> Draft:
     Raises:
         InvalidScenario: no such scenario, or its file is no TOML.
     """
-    file = _find(name)
+    file = _SCENARIOS.find(name)
     return Draft(file, read_toml(file, InvalidScenario))
 
 
@@ -127,19 +129,6 @@ def dump(scenario: Scenario) -> str:
 def identity(scenario_toml: str, seed: int, code: dict[str, str]) -> str:
     """Return the identity of a run of a dumped scenario with a seed under these versions."""
     return run_id(f"{scenario_toml}\nseed = {seed}\n", code)
-
-
-def _find(name: str) -> Path:
-    if name in shipped():
-        return resource("experiments", f"scenarios/{name}.toml")
-    file = Path(name)
-    if file.suffix == ".toml" and file.is_file():
-        return file
-    reason = "no such file" if file.suffix == ".toml" else "no such scenario"
-    raise InvalidScenario(
-        f"scenario {name!r}: {reason}; shipped are {', '.join(shipped())}, "
-        "or give the path of a .toml file"
-    )
 
 
 def _parsed(line: str) -> dict[str, Any]:

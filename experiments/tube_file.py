@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, fields
-from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -13,7 +12,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from experiments.errors import InvalidFit
-from testbed.resources import resource
+from testbed.resources import Shelf
 from testbed.strict import STRICT, validated
 from ttempc.ancillary import AncillaryWeights
 from ttempc.disturbance_set import DisturbanceSet, Shape
@@ -22,6 +21,7 @@ from ttempc.reference_tube import TubeDesign
 from ttempc.types import FloatArray, State
 from ttempc.vehicle import Vehicle
 
+_TUBES: Final = Shelf("tube", "experiments", "fitted", ".json", InvalidFit, "`ttempc fit-tube`")
 _DIMENSION: Final = len(State)
 _Row = Annotated[list[float], Field(min_length=_DIMENSION, max_length=_DIMENSION)]
 _Matrix = Annotated[list[_Row], Field(min_length=_DIMENSION, max_length=_DIMENSION)]
@@ -150,25 +150,7 @@ def residual_table(samples: FloatArray) -> ResidualTable:
 
 def shipped_tubes() -> list[str]:
     """Return the names of the tubes that ship with the project."""
-    return sorted(path.stem for path in resource("experiments", "fitted").glob("*.json"))
-
-
-def find_tube(name: str) -> Path:
-    """Return the file of a shipped tube by its name, or the path of a .json file as it is.
-
-    Raises:
-        InvalidFit: there is no such tube.
-    """
-    if name in shipped_tubes():
-        return resource("experiments", f"fitted/{name}.json")
-    file = Path(name)
-    if file.suffix == ".json" and file.is_file():
-        return file
-    reason = "no such file" if file.suffix == ".json" else "no such tube"
-    raise InvalidFit(
-        f"tube {name!r}: {reason}; shipped are {', '.join(shipped_tubes())}, or give the path of a "
-        ".json file that `ttempc fit-tube` has written"
-    )
+    return _TUBES.names()
 
 
 def read_tube(name: str) -> TubeFile:
@@ -177,7 +159,7 @@ def read_tube(name: str) -> TubeFile:
     Raises:
         InvalidFit: there is none, or it is not understood; key and what is allowed.
     """
-    file = find_tube(name)
+    file = _TUBES.find(name)
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

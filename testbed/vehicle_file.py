@@ -6,16 +6,17 @@ from pathlib import Path
 from typing import Final
 
 from testbed.errors import InvalidPlant
-from testbed.resources import resource
+from testbed.resources import Shelf
 from testbed.strict import read_toml, validated
 from testbed.vehicle import PlantVehicle
 
 DEFAULT_VEHICLE: Final = "kayacan2016"
+_VEHICLES: Final = Shelf("vehicle", "mjcf", "vehicles", ".toml", InvalidPlant)
 
 
 def shipped_vehicles() -> list[str]:
     """Return the names of the vehicles that ship with the project."""
-    return sorted(path.stem for path in resource("mjcf", "vehicles").glob("*.toml"))
+    return _VEHICLES.names()
 
 
 def find_vehicle(name: str) -> Path:
@@ -24,16 +25,7 @@ def find_vehicle(name: str) -> Path:
     Raises:
         InvalidPlant: there is none.
     """
-    if name in shipped_vehicles():
-        return resource("mjcf", f"vehicles/{name}.toml")
-    file = Path(name)
-    if file.suffix == ".toml" and file.is_file():
-        return file
-    reason = "no such file" if file.suffix == ".toml" else "no such vehicle"
-    raise InvalidPlant(
-        f"vehicle {name!r}: {reason}; shipped are {', '.join(shipped_vehicles())}, "
-        "or give the path of a .toml file"
-    )
+    return _VEHICLES.find(name)
 
 
 def read_vehicle(name: str = DEFAULT_VEHICLE) -> PlantVehicle:

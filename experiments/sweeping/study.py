@@ -13,8 +13,10 @@ from pydantic.dataclasses import dataclass
 from experiments.errors import InvalidStudy
 from experiments.scenario import plain
 from experiments.sweeping.row import FIGURES
-from testbed.resources import resource
+from testbed.resources import Shelf
 from testbed.strict import STRICT, read_toml, validated
+
+_STUDIES: Final = Shelf("study", "experiments", "sweeps", ".toml", InvalidStudy)
 
 Scalar = bool | int | float | str
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
@@ -157,7 +159,7 @@ class Study:
 
 def shipped_studies() -> list[str]:
     """Return the names of the studies that ship with the project."""
-    return sorted(path.stem for path in resource("experiments", "sweeps").glob("*.toml"))
+    return _STUDIES.names()
 
 
 def load_study(name: str) -> tuple[str, Study]:
@@ -169,14 +171,7 @@ def load_study(name: str) -> tuple[str, Study]:
     Raises:
         InvalidStudy: no such study, or one that says something impossible.
     """
-    file = Path(name)
-    if name in shipped_studies():
-        file = resource("experiments", f"sweeps/{name}.toml")
-    elif file.suffix != ".toml" or not file.is_file():
-        raise InvalidStudy(
-            f"study {name!r}: no such {'file' if file.suffix == '.toml' else 'study'}; shipped "
-            f"are {', '.join(shipped_studies())}, or give the path of a .toml file"
-        )
+    file = _STUDIES.find(name)
     content = read_toml(file, InvalidStudy)
     try:
         study = validated(Study, _anchored(content, file.parent), InvalidStudy)
