@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy.special import betaincinv
+from experiments import statistics
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +34,9 @@ def share(inside: int, total: int, confidence: float = 0.95) -> Share:
     """
     if not 0 <= inside <= total:
         raise ValueError(f"{inside} of {total}")
-    tail = 0.5 * (1.0 - confidence)
-    low = float(betaincinv(inside, total - inside + 1, tail)) if inside else 0.0
-    high = float(betaincinv(inside + 1, total - inside, 1.0 - tail)) if inside < total else 1.0
-    return Share(inside, total, low, high)
+    if not total:
+        return Share(0, 0, 0.0, 1.0)
+    return Share(inside, total, *statistics.share(inside, total, confidence).ends)
 
 
 def fewest_samples(coverage: float, confidence: float = 0.95) -> int:

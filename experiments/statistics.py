@@ -122,9 +122,9 @@ def _drawn_few(count: int) -> NDArray[np.int16]:
     return _drawn(count, _RESAMPLED)
 
 
-def share(hits: int, trials: int) -> Estimate:
+def share(hits: int, trials: int, confidence: float = CONFIDENCE) -> Estimate:
     """Return a share, such as that of failed runs, with its Clopper-Pearson interval."""
-    interval = binomtest(hits, trials).proportion_ci(CONFIDENCE, method="exact")
+    interval = binomtest(hits, trials).proportion_ci(confidence, method="exact")
     return Estimate(hits / trials, float(interval.low), float(interval.high))
 
 
