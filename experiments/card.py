@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Final
 
 from experiments.assembly import assemble
-from experiments.errors import OutputExists
 from experiments.figures import png
 from experiments.figures.card import chart_figure
+from experiments.output import make_folder, refuse_existing
 from experiments.page import Picture, environment
 from experiments.scenario import Scenario, dump
 from testbed.inspection.bench import Bench
@@ -117,13 +117,9 @@ def write_card(
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             nothing is written.
     """
-    if folder.exists():
-        raise OutputExists(f"output folder {folder}: exists already, give another or remove it")
+    refuse_existing(folder)
     card = make_card(name, scenario, on_check=on_check)
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise OutputExists(f"output folder {folder}: cannot be made: {error.strerror}") from None
+    make_folder(folder)
     (folder / "card.json").write_text(card.to_json(), encoding="utf-8")
     pictures = {}
     for check in card.checks:

@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from experiments.errors import MissingExtra, OutputExists
+from experiments.output import part_of, refuse_existing
 from testbed.errors import LogError
 from testbed.log_content import Content
 from testbed.log_reader import record_of
@@ -35,15 +36,14 @@ def export(content: Content, folder: Path, form: str) -> list[Path]:
         MissingExtra: there is nothing that writes Parquet.
         LogError: the log is of another version, or says nothing on any topic.
     """
-    if folder.exists():
-        raise OutputExists(f"output folder {folder}: exists already, give another or remove it")
+    refuse_existing(folder)
     if form == "parquet" and importlib.util.find_spec("pyarrow") is None:
         raise MissingExtra("--format parquet: needs pyarrow, pip install 'ttempc[export]'")
     tables = columns_of(content)
     if not any(len(next(iter(columns.values()))) for columns in tables.values()):
         raise LogError(f"{content.path}: holds no rows")
     write: Callable[[Columns, Path], None] = _parquet if form == "parquet" else _csv
-    part = folder.with_name(folder.name + ".part")
+    part = part_of(folder)
     try:
         part.mkdir(parents=True)
         for topic, columns in tables.items():

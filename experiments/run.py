@@ -11,10 +11,10 @@ from pathlib import Path
 from tqdm import tqdm
 
 from experiments.assembly import RECORD_RATE_HZ, Assembly, assemble, record_steps
-from experiments.errors import OutputExists
 from experiments.factory import ControllerFactory
 from experiments.log_file import describe, open_log
 from experiments.metrics import summarise
+from experiments.output import make_folder, refuse_existing
 from experiments.scenario import Scenario, dump, identity
 from experiments.settings.vehicle import Difference
 from experiments.summary import RunFacts, Summary
@@ -101,18 +101,13 @@ def run(
     from experiments.figures import draw
     from experiments.report import report
 
-    if folder.exists():
-        raise OutputExists(f"output folder {folder}: exists already, give another or remove it")
+    refuse_existing(folder)
     assembly = assemble(scenario, seed)
     record_steps(assembly.plant.timestep_s, record_hz)  # refused here, before anything is written
     scenery = assembly.plant.scenery
     with ExitStack() as stack:
         views = [stack.enter_context(watch(scenery))] if watch else []
-        try:
-            folder.mkdir(parents=True)
-        except OSError as error:
-            said = f"cannot be made: {error.strerror}"
-            raise OutputExists(f"output folder {folder}: {said}") from None
+        make_folder(folder)
         resolved = dump(scenario)
         files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
         files["scenario"].write_text(resolved, encoding="utf-8")

@@ -46,19 +46,15 @@ def add(commands: options.Commands) -> None:
 def _compare(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
     from experiments.comparison import read_compared, table, table_csv
-    from experiments.errors import OutputExists
     from experiments.figures import png
     from experiments.figures.comparison import COMPARISONS
+    from experiments.output import make_folder, refuse_existing
 
     folder = arguments.out or options.fresh(Path("runs"), "comparison")
-    if folder.exists():
-        raise OutputExists(f"output folder {folder}: exists already, give another or remove it")
+    refuse_existing(folder)
     runs = read_compared(arguments.logs)
     setup = _setup(arguments) if arguments.video else None
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise OutputExists(f"output folder {folder}: cannot be made: {error.strerror}") from None
+    make_folder(folder)
     print(table(runs) + "\n")
     files = {name: folder / f"{name}.png" for name in COMPARISONS}
     for name, figure in COMPARISONS.items():

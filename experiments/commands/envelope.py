@@ -9,7 +9,7 @@ from pathlib import Path
 
 from experiments.commands import options
 from experiments.commands.sweep import add_workers
-from experiments.errors import OutputExists
+from experiments.output import begin_part, refuse_existing
 
 _ABOUT = """\
 Makes one quantity of a scenario harder until a controller fails: the vehicle is lost,
@@ -67,9 +67,8 @@ def _envelope(arguments: argparse.Namespace) -> int:
     settings = overridden(arguments.overrides)
     draft = read(arguments.scenario)
     name, quantity = arguments.quantity, QUANTITIES[arguments.quantity]
-    file = arguments.out or options.fresh(Path("runs"), f"envelope-{draft.name}-{name}.json")
-    if file.exists():
-        raise OutputExists(f"output {file}: exists already, give another or remove it")
+    file = arguments.out or options.fresh(Path("runs"), f"envelope-{draft.name}-{name}", ".json")
+    refuse_existing(file)
     questions = [
         Question(
             scenario=arguments.scenario,
@@ -88,11 +87,13 @@ def _envelope(arguments: argparse.Namespace) -> int:
         question.check()
     found = []
     with engine(arguments.workers, arguments.dask) as carried_out:
+        part = begin_part(file)
         for question in questions:
             found.append(envelope(question, carried_out))
             print(found[-1], flush=True)
-    content = {"versions": versions(), "envelopes": [asdict(item) for item in found]}
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            content = {"versions": versions(), "envelopes": [asdict(item) for item in found]}
+            text = json.dumps(content, indent=2, allow_nan=False) + "\n"
+            part.write_text(text, encoding="utf-8")
+    part.rename(file)
     print(f"values    {file}")
     return 0

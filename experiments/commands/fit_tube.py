@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from experiments.commands import options
-from experiments.errors import OutputExists
 
 _ABOUT = """\
 Reads the logs of runs of one vehicle, measures what its error model leaves
@@ -59,15 +58,16 @@ def add(commands: options.Commands) -> None:
 
 def _fit_tube(arguments: argparse.Namespace) -> int:
     # Here, because help should not wait for what loads slowly.
+    from experiments.output import begin_part, refuse_existing
     from experiments.tube_file import to_json
     from experiments.tube_table import tube_table
     from experiments.tubes import fit_tube, read_runs
 
-    if arguments.out.exists() or not arguments.out.parent.is_dir():
-        wrong = "exists already" if arguments.out.exists() else "its folder does not exist"
-        raise OutputExists(f"output file {arguments.out}: {wrong}, give another")
+    refuse_existing(arguments.out)
     runs = read_runs(arguments.folders)
     fit = fit_tube(runs, arguments.coverage, arguments.window, arguments.shape)
-    arguments.out.write_text(to_json(fit.file), encoding="utf-8")
+    part = begin_part(arguments.out)
+    part.write_text(to_json(fit.file), encoding="utf-8")
+    part.rename(arguments.out)
     print(f"{tube_table(fit)}\n\ntube      {arguments.out}")
     return 0

@@ -6,6 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Final
 
+from experiments.output import part_of
+from experiments.scenario import Scenario, load
+from ttempc.controllers import CONTROLLERS
+
 EXIT_CHECK_FAILED: Final = 1
 EXIT_BAD_INPUT: Final = 2
 EXIT_LOST: Final = 3
@@ -51,6 +55,30 @@ def add_scenario(parser: argparse.ArgumentParser, writes: bool = True) -> None:
     )
 
 
+def add_driver(parser: argparse.ArgumentParser) -> None:
+    """Add who drives, and with which seed."""
+    parser.add_argument(
+        "--controller",
+        metavar="NAME",
+        help=f"who drives: {', '.join(CONTROLLERS)}, or package.module:factory of your own",
+    )
+    parser.add_argument(
+        "--seed", type=seed, default=1, metavar="N", help="draws terrain and noise (default: 1)"
+    )
+
+
+def driven(arguments: argparse.Namespace) -> tuple[str, Scenario]:
+    """Return name and settings of the scenario with its changes, the driver's among them.
+
+    Raises:
+        InvalidScenario: it is not understood.
+    """
+    overrides = list(arguments.overrides)
+    if arguments.controller is not None:
+        overrides.append(f'controller.name="{arguments.controller}"')
+    return load(arguments.scenario, overrides)
+
+
 def seed(text: str) -> int:
     """Read a seed from the command line."""
     if not text.isdecimal() or int(text) >= 2**32:
@@ -60,10 +88,10 @@ def seed(text: str) -> int:
     return int(text)
 
 
-def fresh(parent: Path, stem: str) -> Path:
-    """Return a folder that does not exist yet: the stem, or the stem with a number."""
-    folder, count = parent / stem, 1
-    while folder.exists():
+def fresh(parent: Path, stem: str, suffix: str = "") -> Path:
+    """Return a folder or file that does not exist yet: the stem, or the stem with a number."""
+    path, count = parent / f"{stem}{suffix}", 1
+    while path.exists() or part_of(path).exists():
         count += 1
-        folder = parent / f"{stem}-{count}"
-    return folder
+        path = parent / f"{stem}-{count}{suffix}"
+    return path

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING
 
 from experiments.commands import options
 from experiments.errors import BadOptions
-from experiments.scenario import load
 from experiments.table import table
-from ttempc.controllers import CONTROLLERS
 
 if TYPE_CHECKING:
     from testbed.live import LiveView
@@ -36,18 +34,7 @@ def add(commands: options.Commands) -> None:
     """Declare the command."""
     parser = options.command(commands, "run", "drive one scenario to its end", _ABOUT)
     options.add_scenario(parser)
-    parser.add_argument(
-        "--controller",
-        metavar="NAME",
-        help=f"who drives: {', '.join(CONTROLLERS)}, or package.module:factory of your own",
-    )
-    parser.add_argument(
-        "--seed",
-        type=options.seed,
-        default=1,
-        metavar="N",
-        help="draws terrain and noise (default: 1)",
-    )
+    options.add_driver(parser)
     parser.add_argument(
         "--json", action="store_true", help="print summary.json, and nothing else, to stdout"
     )
@@ -75,10 +62,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from experiments.assembly import RECORD_RATE_HZ
     from experiments.run import run
 
-    overrides = list(arguments.overrides)
-    if arguments.controller is not None:
-        overrides.append(f'controller.name="{arguments.controller}"')
-    name, scenario = load(arguments.scenario, overrides)
+    name, scenario = options.driven(arguments)
     folder = arguments.out or options.fresh(
         Path("runs"), f"{name}-{scenario.controller.name.replace(':', '-')}-{arguments.seed}"
     )

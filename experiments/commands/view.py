@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 
 from experiments.commands import options
-from experiments.scenario import load
-from ttempc.controllers import CONTROLLERS
 
 _ABOUT = """\
 Opens a window of MuJoCo's viewer on a run and drives it at real time; nothing is
@@ -18,16 +16,7 @@ def add(commands: options.Commands) -> None:
     """Declare the command."""
     parser = options.command(commands, "view", "watch a run in MuJoCo's viewer", _ABOUT)
     options.add_scenario(parser, writes=False)
-    parser.add_argument(
-        "--controller", metavar="NAME", help=f"who drives: {', '.join(CONTROLLERS)}"
-    )
-    parser.add_argument(
-        "--seed",
-        type=options.seed,
-        default=1,
-        metavar="N",
-        help="draws terrain and noise (default: 1)",
-    )
+    options.add_driver(parser)
     parser.add_argument(
         "--speed",
         type=float,
@@ -45,10 +34,7 @@ def _view(arguments: argparse.Namespace) -> int:
     from testbed.errors import WindowClosed
     from testbed.window import Window
 
-    overrides = list(arguments.overrides)
-    if arguments.controller is not None:
-        overrides.append(f'controller.name="{arguments.controller}"')
-    _, scenario = load(arguments.scenario, overrides)
+    _, scenario = options.driven(arguments)
     assembly = assemble(scenario, arguments.seed)
     with Window(assembly.plant, arguments.speed) as window:
         try:

@@ -17,7 +17,8 @@ from PIL import Image
 
 from experiments.errors import InvalidFilm
 from experiments.film.scenes import Scene, Setup
-from experiments.film.writer import FilmWriter, check_codec, check_writable, part_of
+from experiments.film.writer import FilmWriter, check_codec, check_writable
+from experiments.output import part_of
 
 FILM_SUFFIXES: Final = (".mp4",)
 STILL_SUFFIXES: Final = (".png", ".jpg")

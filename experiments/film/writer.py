@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from experiments.errors import InvalidFilm
 from experiments.film.shot import FRAME_RATE
+from experiments.output import part_of, refuse_existing
 
 _CODEC: Final = "libx264"
 # yuv420p and the index at the front are what browsers play at once.
@@ -30,13 +31,13 @@ def check_writable(file: Path, suffixes: tuple[str, ...]) -> None:
     """Refuse a file that exists, has no folder, cannot be written or has a wrong ending.
 
     Raises:
-        InvalidFilm: with the reason.
+        OutputExists: it does, or a part of it.
+        InvalidFilm: with the reason otherwise.
     """
     if file.suffix.lower() not in suffixes:
         raise InvalidFilm(f"{file}: must end in {' or '.join(suffixes)}")
     for taken in (file, part_of(file)):
-        if taken.exists():
-            raise InvalidFilm(f"{taken}: exists already and is not written over")
+        refuse_existing(taken)
     folder = file.parent
     if not folder.is_dir():
         raise InvalidFilm(f"{file}: there is no folder {folder}")
@@ -52,11 +53,6 @@ def check_codec() -> None:
     """
     if _CODEC not in av.codecs_available:
         raise InvalidFilm(f"no H.264 encoder ({_CODEC}) in PyAV {av.__version__}: pip install av")
-
-
-def part_of(file: Path) -> Path:
-    """Return the name of a file as long as it is not whole."""
-    return file.with_name(f"{file.name}.part")
 
 
 class FilmWriter:
