@@ -148,15 +148,16 @@ class CondensedHorizon:
                 f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
             )
         known = n + m
-        stages = np.zeros((self.ticks, horizon + 1, n, known + m * moves))  # Z_0 ... Z_Np
-        stages[:, 0, :, :n] = np.eye(n)
+        state = np.zeros((self.ticks, n, known + m * moves))  # Z_0
+        state[:, :, :n] = np.eye(n)
+        stages = np.empty((self.ticks, horizon + 1, p, known + m * moves))  # C Z_0 ... C Z_Np
+        stages[:, 0] = seen[: self.ticks] @ state
         for j in range(horizon):
             steps = np.arange(moves) <= j
             pick = np.hstack([np.zeros((m, n)), np.eye(m), np.kron(steps, np.eye(m))])  # U_j
             window = slice(j, j + self.ticks)
-            stages[:, j + 1] = a[window] @ stages[:, j] + b[window] @ pick
-        ahead = np.arange(self.ticks)[:, None] + np.arange(horizon + 1)  # (ticks, Np + 1)
-        stages = seen[ahead] @ stages  # from states to outputs
+            state = a[window] @ state + b[window] @ pick
+            stages[:, j + 1] = seen[j + 1 : j + 1 + self.ticks] @ state
         weighted = np.asarray(tuning.output_weight)[:, None] * stages
         flat = (self.ticks, (horizon + 1) * p, -1)
         transposed = stages[..., known:].reshape(flat).transpose(0, 2, 1)
