@@ -10,7 +10,7 @@ from experiments.errors import InvalidFit
 from experiments.tracking import START_UP_S
 from testbed.channels import CONTROL, ESTIMATE, STATE
 from testbed.record import Record
-from ttempc.articulated import error_dynamics, error_state
+from ttempc.articulated_error import error_dynamics, error_state
 from ttempc.feedforward import exact_feedforward
 from ttempc.reference import Reference
 from ttempc.types import Estimate, FloatArray, State
@@ -28,7 +28,7 @@ _SAME_TIME_S = 1e-6
 class Errors:
     """Errors z_e of one run at successive control ticks after start-up, seen and true.
 
-    As `ttempc.articulated.error_state` has them.
+    As `ttempc.articulated_error.error_state` has them.
     """
 
     tick: FloatArray  # (n,) whole numbers

@@ -19,7 +19,7 @@ from testbed.log_reader import read_log
 from testbed.provenance import versions
 from testbed.record import Record
 from ttempc.ancillary import AncillaryWeights, InputRoom, search_weights
-from ttempc.articulated import error_dynamics
+from ttempc.articulated_error import error_dynamics
 from ttempc.disturbance_set import DisturbanceSet, Shape
 from ttempc.feedforward import exact_feedforward
 from ttempc.limits import CommandLimits

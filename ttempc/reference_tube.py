@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ttempc.ancillary import AncillaryWeights, gain_schedule
-from ttempc.articulated import error_dynamics, remaining_bounds
+from ttempc.articulated_error import error_dynamics, remaining_bounds
 from ttempc.disturbance_set import DisturbanceSet
 from ttempc.errors import InvalidTube
 from ttempc.feedforward import exact_feedforward

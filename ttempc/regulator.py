@@ -84,7 +84,7 @@ class RobustRegulator:
     z_e where the law's authority is exhausted: then the MPC has to bring the vehicle back.
 
     `a` (N, n, n), `b` (N, n, 3) and `c` (N + 1, 4, n) are those of
-    `ttempc.articulated.error_dynamics`.
+    `ttempc.articulated_error.error_dynamics`.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class RobustRegulator:
 
         Args:
             k: the tick.
-            error: z_e and the disturbances as in `ttempc.articulated`, (n,).
+            error: z_e and the disturbances as in `ttempc.articulated_error`, (n,).
             before: u_e(k-1) (3,), the reference's input less the one that was sent.
         """
         if self._last:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ttempc.articulated import TUNING, error_state
+from ttempc.articulated import TUNING
+from ttempc.articulated_error import error_state
 from ttempc.lmpc import LinearMpc
 from ttempc.prediction import PredictedPath
 from ttempc.qp import CondensedHorizon, HorizonTuning

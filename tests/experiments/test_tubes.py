@@ -23,7 +23,7 @@ from testbed.channels import CHANNELS, CONTROL, ESTIMATE, REFERENCE, STATE, TUBE
 from testbed.record import Record
 from tests.records import table_of
 from tests.ttempc.tubes import SPREAD
-from ttempc.articulated import error_dynamics
+from ttempc.articulated_error import error_dynamics
 from ttempc.disturbance_set import DisturbanceSet
 from ttempc.errors import InvalidTube
 from ttempc.feedforward import exact_feedforward

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ttempc.articulated import TUNING, error_dynamics
+from ttempc.articulated import TUNING
+from ttempc.articulated_error import error_dynamics
 from ttempc.belief import SIZE, Belief, estimate_of
 from ttempc.belief_kernel import advance_belief, vehicle_table
 from ttempc.controllers import make_controller

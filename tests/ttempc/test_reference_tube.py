@@ -10,7 +10,7 @@ from scipy.linalg import solve_discrete_are
 
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WEIGHTS, WINDOW, along
 from ttempc.ancillary import InputRoom, gain_schedule, search_weights
-from ttempc.articulated import remaining_bounds
+from ttempc.articulated_error import remaining_bounds
 from ttempc.errors import InvalidTube
 from ttempc.limits import CommandLimits
 from ttempc.reference import ConstantSpeed, Reference

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ttempc.articulated import error_dynamics
+from ttempc.articulated_error import error_dynamics
 from ttempc.errors import InvalidTuning
 from ttempc.path import figure_eight
 from ttempc.reference import ConstantSpeed, Reference

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WINDOW, admissible, along
-from ttempc.articulated import TUNING, error_dynamics
+from ttempc.articulated import TUNING
+from ttempc.articulated_error import error_dynamics
 from ttempc.controllers import make_controller
 from ttempc.errors import InvalidTube
 from ttempc.kinematics import hitch_angle, trailer_point

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ttempc.articulated import TUNING, error_dynamics, error_state
+from ttempc.articulated import TUNING
+from ttempc.articulated_error import error_dynamics, error_state
 from ttempc.qp import HorizonTuning
 from ttempc.reference import Reference, ReferenceSample
 from ttempc.tracking import Actions, TrackingController, around_exact_feedforward

@@ -14,7 +14,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ttempc.articulated import TUNING, lasting_disturbance, map_gains, remaining_bounds
+from ttempc.articulated import TUNING
+from ttempc.articulated_error import lasting_disturbance, map_gains, remaining_bounds
 from ttempc.baselines.nmpc_model import TRACTOR, TRAILER, WHOLE, Subsystem
 from ttempc.baselines.nmpc_solver import GaussNewton, HorizonSolver, Task
 from ttempc.limits import CommandLimits

@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.test_articulated import estimate
-from ttempc.articulated import error_dynamics
+from ttempc.articulated_error import error_dynamics
 from ttempc.baselines.lqr import LQR_TUNING, riccati_gains
 from ttempc.controllers import make_controller
 from ttempc.kinematics import advance, trailer_point
