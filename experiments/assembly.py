@@ -114,7 +114,7 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     terrain = scenario.terrain.terrain(seed)
     reference, strength_map = _way(course, vehicle, terrain, scenario)
     asked = scenario.controller
-    factory = factory or controller_factory(asked.name, asked.design())
+    factory = factory or controller_factory(asked.name, asked.design(vehicle, CONTROL_PERIOD_S))
     controller = factory(vehicle, reference, CONTROL_PERIOD_S)
     controller = Supervisor(controller, vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s
@@ -144,7 +144,8 @@ def check(scenario: Scenario) -> int:
     vehicle = geared(course, scenario)
     level = replace(scenario.terrain, iso_class="flat").terrain(seed=0)
     reference, strength_map = _way(course, vehicle, level, scenario)
-    controller_factory(scenario.controller.name, scenario.controller.design())
+    asked = scenario.controller
+    controller_factory(asked.name, asked.design(vehicle, CONTROL_PERIOD_S))
     record_steps(scenario.plant.timestep_s, RECORD_RATE_HZ)
     scenario.soil.soil(0, level, course.path, strength_map)
     scenario.plant.vehicle.vehicle()

@@ -20,7 +20,7 @@ ControllerFactory = Callable[[Vehicle, Reference, float], Controller]
 
 
 def controller_factory(name: str, design: TubeDesign | None = None) -> ControllerFactory:
-    """Return the maker of the controller called `name`, with the tube of those that keep to one.
+    """Return the maker of the controller called `name`, with the tube of those that have one.
 
     A name with a colon, `package.module:factory`, is of your own package: importable as by
     `python -m`, that is from the working directory, too.

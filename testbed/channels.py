@@ -94,9 +94,10 @@ _WITHIN: Final = (
 )
 TUBE: Final = Channel(
     "/tube",
-    "the tube of a controller that keeps to one: 1 where the estimate's deviation from the nominal "
-    "error is inside, its margin (1 in the middle, 0 on the boundary), the nominal error and the "
-    "half width about it in which the true one lies, in the frames of the reference",
+    "the tube of a controller that keeps to one or watches one: 1 where the estimate's deviation "
+    "from the nominal error is inside, its margin (1 in the middle, 0 on the boundary), the "
+    "nominal error and the half width about it in which the true one lies, in the frames of the "
+    "reference",
     (
         *("inside", "margin"),
         *(f"{name}_nominal" for name in _WITHIN),

@@ -12,7 +12,9 @@ from ttempc.lmpc import FeedbackAction, LinearMpc
 from ttempc.prediction import PredictedPath
 from ttempc.qp import CondensedHorizon, HorizonTuning
 from ttempc.reference import Reference, ReferenceSample
+from ttempc.reference_tube import TubeDesign
 from ttempc.regulator import RegulatorTuning, RobustAction, RobustRegulator
+from ttempc.step_set import StepSet
 from ttempc.tracking import Actions, TrackingController, around_exact_feedforward
 from ttempc.types import Estimate, FloatArray, Input, State
 from ttempc.vehicle import Vehicle
@@ -47,6 +49,7 @@ class ArticulatedFeedback:
         tuning: HorizonTuning,
         robust: RegulatorTuning | None,
         disturbed: bool,
+        design: TubeDesign | None,
     ) -> None:
         a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
         self._feedforward = feedforward  # u_r (N, 3)
@@ -54,6 +57,8 @@ class ArticulatedFeedback:
         horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds)
         self._mpc = LinearMpc(horizon)
         self._robust = RobustRegulator(a, b, c, period_s, robust) if robust else None
+        watched = design and robust and robust.nominal == "one-step"
+        self._steps = StepSet(design, c[:-1, :, :_N]) if design and watched else None
         self._known = 1.0 if disturbed else 0.0
         self._state = grid.state
         self._vehicle = reference.vehicle
@@ -81,6 +86,9 @@ class ArticulatedFeedback:
             predicted_path=self._path.of(k, feedback.plan),
             solver=feedback.report,
             fallback=feedback.fallback or (robust.fallback if robust else ""),
+            tube=self._steps.report(k, robust.nominal, robust.deviation)
+            if robust and self._steps
+            else None,
         )
 
     def prepare(self, k: int) -> None:
@@ -95,16 +103,23 @@ def articulated_controller(
     tuning: HorizonTuning = TUNING,
     robust: RegulatorTuning | None = RegulatorTuning(),  # noqa: B008 - frozen
     disturbed: bool = True,
+    design: TubeDesign | None = None,
 ) -> TrackingController:
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
     `robust` of None leaves the robust action out, `disturbed` of False tells the MPC nothing of
-    the disturbances that the filter knows.
+    the disturbances that the filter knows. `design` is the tube against whose set each step's
+    disturbance is held, for the record; it changes no command.
+
+    Raises:
+        InvalidTube: the design was made for another vehicle.
     """
+    if design:
+        design.require(vehicle, period_s)
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> ArticulatedFeedback:
         return ArticulatedFeedback(
-            grid, reference, feedforward, period_s, tuning, robust, disturbed
+            grid, reference, feedforward, period_s, tuning, robust, disturbed, design
         )
 
     return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Literal
 
 from ttempc.articulated import articulated_controller, nominal_controller
 from ttempc.baselines.lqr import lqr_controller
@@ -39,8 +40,9 @@ class Composition:
     """A controller that users can ask for by name."""
 
     about: str
-    make: Callable[..., Controller]  # of vehicle, reference, period [s], and a design if with_tube
-    with_tube: bool = False
+    make: Callable[..., Controller]  # of vehicle, reference, period [s], and design if it takes one
+    # Whether it keeps to a tube, which it cannot do without, or watches where it is in one.
+    tube: Literal["keeps", "watches"] | None = None
 
 
 CONTROLLERS = MappingProxyType(
@@ -48,12 +50,13 @@ CONTROLLERS = MappingProxyType(
         "ttempc": Composition(
             "articulated model: exact feedforward, offset-free linear MPC, saturated robust law",
             articulated_controller,
+            tube="watches",
         ),
         "ttempc-nominal": Composition("ttempc without its robust law", nominal_controller),
         "ttempc-tube": Composition(
             "tube MPC: nominal vehicle, tightened limits, a gain that keeps to a measured tube",
             tube_controller,
-            with_tube=True,
+            tube="keeps",
         ),
         "paper": Composition(
             "the paper's equations as printed, errata 4, 6 and 7 corrected", paper_controller
@@ -108,15 +111,15 @@ def make_controller(
 ) -> Controller:
     """Return the controller called `name` for a command every `period_s`.
 
-    `design` is the tube of those that keep to one; others pass it over.
+    `design` is the tube of those that keep to one or watch one; others pass it over.
 
     Raises:
         UnknownController: with the names that exist.
         InvalidTube: there is no design, or it does not fit vehicle and reference.
     """
     found = composition(name)
-    if not found.with_tube:
-        return found.make(vehicle, reference, period_s)
-    if design is None:
+    if found.tube == "keeps" and design is None:
         raise InvalidTube(f"controller {name!r}: needs the design of a tube")
-    return found.make(vehicle, reference, period_s, design)
+    if found.tube is None or design is None:
+        return found.make(vehicle, reference, period_s)
+    return found.make(vehicle, reference, period_s, design=design)

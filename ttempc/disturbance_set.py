@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -57,8 +58,15 @@ class DisturbanceSet:
         """Return how full every window of a run (k, n) is, at most 1 inside, (k - N + 1,)."""
         energy = np.linalg.solve(self.axes, disturbances.T) ** 2  # (n, k)
         windows = np.lib.stride_tricks.sliding_window_view(energy, self.window, axis=1).sum(axis=2)
-        along = windows.sum(axis=0) if self.shape == "ellipsoid" else windows.max(axis=0)
-        return np.sqrt(along)
+        return np.sqrt(self._along(windows))
+
+    def gauge(self, disturbance: FloatArray) -> float:
+        """Return how much of what one step may be a `disturbance` (n,) takes, at most 1 inside."""
+        return math.sqrt(self._along((self._inverse @ disturbance) ** 2))
+
+    def _along(self, energies: FloatArray) -> FloatArray:
+        """Return the energy that counts of the axes' energies (n, ...)."""
+        return energies.sum(axis=0) if self.shape == "ellipsoid" else energies.max(axis=0)
 
     def reach(self, energies: FloatArray) -> FloatArray:
         """Return the most that a window can add up to, (...).
@@ -75,11 +83,15 @@ class DisturbanceSet:
         """Return the support function of what one step may be, (k,) for `directions` (k, n)."""
         return self.reach((directions @ self.axes) ** 2)
 
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        return np.linalg.inv(self.axes).astype(np.float64)
+
     @property
     def faces(self) -> tuple[FloatArray, float]:
         """Return rows f (n, n) and r such that |f w| <= r for all f puts w inside for one step."""
         inner = 1.0 / math.sqrt(self.dimension) if self.shape == "ellipsoid" else 1.0
-        return np.linalg.inv(self.axes).astype(np.float64), inner
+        return self._inverse, inner
 
     def worst(self, coefficients: FloatArray) -> FloatArray:
         """Return the window whose sum of coefficients (N, n) times w is largest, (N, n)."""

@@ -33,22 +33,25 @@ class TubeDesign:
     estimate_error: DisturbanceSet  # where the true error lies about the estimated one
     weights: AncillaryWeights
 
+    def differing(self, vehicle: Vehicle, period_s: float) -> str:
+        """Return in words what differs from what the tube was made for; empty where it fits."""
+        pairs = [("period_s", self.period_s, period_s)]
+        for item in fields(Vehicle):
+            pairs.append((item.name, getattr(self.vehicle, item.name), getattr(vehicle, item.name)))
+        return ", ".join(
+            f"{name} {made:.6g} (here {here:.6g})"
+            for name, made, here in pairs
+            if not math.isclose(made, here, rel_tol=1e-6, abs_tol=1e-12)
+        )
+
     def require(self, vehicle: Vehicle, period_s: float) -> None:
         """Refuse another vehicle or control period than the tube was made for.
 
         Raises:
             InvalidTube: with what differs.
         """
-        pairs = [("period_s", self.period_s, period_s)]
-        for item in fields(Vehicle):
-            pairs.append((item.name, getattr(self.vehicle, item.name), getattr(vehicle, item.name)))
-        differing = [
-            f"{name} {made:.6g} (here {here:.6g})"
-            for name, made, here in pairs
-            if not math.isclose(made, here, rel_tol=1e-6, abs_tol=1e-12)
-        ]
-        if differing:
-            raise InvalidTube(f"the tube was made for another vehicle: {', '.join(differing)}")
+        if differing := self.differing(vehicle, period_s):
+            raise InvalidTube(f"the tube was made for another vehicle: {differing}")
 
 
 @dataclass(frozen=True)

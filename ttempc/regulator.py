@@ -56,6 +56,8 @@ class RobustAction:
     """What the robust law wants at one tick, and what is left to the MPC."""
 
     input: FloatArray  # u_m (3,)
+    nominal: FloatArray  # (7,) zbar_e
+    deviation: FloatArray  # (7,) z_e - zbar_e
     modelling_error: FloatArray  # (4,) z_m of x, y of tractor, of trailer [m]
     mpc_state: FloatArray  # (n,) the error on which the MPC acts
     mpc_before: FloatArray  # (3,) the input u_e(k-1) from which the MPC steps on
@@ -118,20 +120,22 @@ class RobustRegulator:
             tick, state, feedback = self._last
             before = feedback if self._tube else before
             self._nominal.advance(tick, state, before)
-        nominal = self._nominal.at(k, error)
-        deviation = error[:_N] - nominal[:_N]  # z_m
+        nominal = self._nominal.at(k, error)[:_N]
+        deviation = error[:_N] - nominal  # z_m
         wanted = self._relative[k] @ deviation
         if not self._tube:
             wanted = self._recurrence.share(wanted) * wanted
             mpc_state, fallback = error, ""
         elif np.abs(wanted).max() <= _EXHAUSTED:
             # What lasts acts on both, as it is known now.
-            mpc_state, fallback = np.concatenate([nominal[:_N], error[_N:]]), ""
+            mpc_state, fallback = np.concatenate([nominal, error[_N:]]), ""
         else:
             mpc_state, fallback = error, "robust action exhausted: nominal state starts anew"
             deviation, wanted = np.zeros(_N), np.zeros(len(wanted))
         return RobustAction(
             self._limit * np.tanh(wanted),
+            nominal,
+            deviation,
             self._positions[k] @ deviation,
             mpc_state,
             before,

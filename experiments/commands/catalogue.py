@@ -32,7 +32,7 @@ def _list(arguments: argparse.Namespace) -> int:
     for name, entry in CONTROLLERS.items():
         print(f"  {name:<20} {entry.about}")
     print(f"  {'package.module:factory':<20} one of your own, importable from where you stand")
-    print("\nTubes (controller.tube, of ttempc-tube):")
+    print("\nTubes (controller.tube; ttempc-tube keeps to it, ttempc watches it):")
     for name in shipped_tubes():
         said = read_tube(name).provenance
         print(f"  {name:<14} {', '.join(said.scenarios)}, coverage {said.coverage:g}")
