@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from ttempc.articulated_error import error_dynamics, error_state, remaining_boun
 from ttempc.limits import CommandLimits
 from ttempc.lmpc import FeedbackAction, LinearMpc
 from ttempc.prediction import PredictedPath
-from ttempc.qp import CondensedHorizon, HorizonTuning
+from ttempc.qp import CondensedHorizon, HorizonTuning, StageBounds
 from ttempc.reference import Reference, ReferenceSample
 from ttempc.reference_tube import TubeDesign
 from ttempc.regulator import RegulatorTuning, RobustAction, RobustRegulator
@@ -54,6 +56,8 @@ class ArticulatedFeedback:
         a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
         self._feedforward = feedforward  # u_r (N, 3)
         bounds = remaining_bounds(feedforward, CommandLimits.of(reference.vehicle, period_s))
+        if robust and robust.tightened:
+            bounds = without(bounds, robust.saturation)
         horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds)
         self._mpc = LinearMpc(horizon)
         self._robust = RobustRegulator(a, b, c, period_s, robust) if robust else None
@@ -94,6 +98,19 @@ class ArticulatedFeedback:
     def prepare(self, k: int) -> None:
         """Warm up for tick `k`, see `ttempc.types.Preparing`."""
         self._mpc.prepare(k)
+
+
+def without(bounds: StageBounds, taken: Sequence[float]) -> StageBounds:
+    """Return the Pontryagin difference of the inputs' bounds and +-`taken` (m,); 0 stays allowed.
+
+    Steps are left: what is bounded may still move from one end to the other in a period.
+    """
+    room = np.asarray(taken)
+    return replace(
+        bounds,
+        lower=np.minimum(bounds.lower + room, 0.0),
+        upper=np.maximum(bounds.upper - room, 0.0),
+    )
 
 
 def articulated_controller(

@@ -34,6 +34,9 @@ class RegulatorTuning:
     # Cost of an action [1/rad^2], [1/rad^2], 1, beside errors of both points at 1 / m^2 each: 2 cm
     # weigh as much as 2 deg of steering or 4 % of the hydrostat.
     input_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
+    # Whether the MPC leaves k_s of every input free, so that no sum of both is ever limited: the
+    # law's exact tightening. It takes room from the MPC that the law seldom uses.
+    tightened: bool = False
     # In the one-step reading: time over which it is measured what comes again [s].
     memory_s: float = 5.0
 

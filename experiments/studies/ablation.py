@@ -25,7 +25,7 @@ from experiments.scenario import load
 from experiments.summary import Summary
 from ttempc.articulated import TUNING, articulated_controller
 from ttempc.controllers import feedforward_controller
-from ttempc.regulator import TUBE
+from ttempc.regulator import TUBE, RegulatorTuning
 
 SCENARIOS: Final = ("grass", "wet-slope", "patchy", "old-valves")
 
@@ -37,6 +37,9 @@ VARIANTS: Final[dict[str, ControllerFactory]] = {
     "+ LMPC, robust": partial(articulated_controller, disturbed=False),
     "+ LMPC, disturbance (`ttempc-nominal`)": _without,
     "+ LMPC, disturbance, robust (`ttempc`)": articulated_controller,
+    "the same, MPC tightened by the law's authority": partial(
+        articulated_controller, robust=RegulatorTuning(tightened=True)
+    ),
     "robust in the tube reading": partial(articulated_controller, robust=TUBE),
     "no robust, step weights 1, 1, 1": partial(
         _without, tuning=replace(TUNING, step_weight=(1.0, 1.0, 1.0))

@@ -8,14 +8,14 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from experiments.assembly import CONTROL_PERIOD_S
+from experiments.assembly import CONTROL_PERIOD_S, check, geared
 from experiments.cli import main
 from experiments.confidence import fewest_samples, share
 from experiments.containment import QUANTITIES, containment
 from experiments.errors import InvalidFit, InvalidScenario
 from experiments.metrics import summarise
 from experiments.run import run, simulate
-from experiments.scenario import dump, load
+from experiments.scenario import load
 from experiments.summary import RunFacts
 from experiments.tube_file import read_tube, shipped_tubes, to_json
 from experiments.tubes import fit_run, fit_set, fit_tube, hold_out, read_runs
@@ -242,6 +242,34 @@ def test_a_tube_of_another_vehicle_is_refused_before_driving():
         simulate(name, scenario, 1)
 
 
+@pytest.mark.parametrize(
+    ("scenario", "overrides", "watched"),
+    [
+        ("grass", [], True),
+        ("grass", ['controller.name="pid"'], False),
+        ("farm", [], False),  # another vehicle than that of the default tube
+        ("farm", ['controller.name="ttempc-tube"'], None),  # keeps to it: refused
+        ("farm", ['controller.tube="grass"'], None),  # asked for by name: refused
+    ],
+)
+def test_ttempc_watches_the_default_tube_where_it_fits(scenario, overrides, watched):
+    _, settings = load(scenario, overrides)
+    if watched is None:
+        with pytest.raises(InvalidTube, match="made for another vehicle"):
+            check(settings)
+    else:
+        vehicle = geared(settings.path.course(), settings)
+        assert (settings.controller.design(vehicle, CONTROL_PERIOD_S) is not None) == watched
+
+
+def test_a_run_of_ttempc_says_where_it_is_in_the_set_of_steps():
+    name, settings = load("grass", ['path={kind="straight", length_m=4.0}'])
+    summary, record = simulate(name, settings, 1)
+    assert len(record[TUBE]) == len(record[CONTROL])
+    assert np.all(record[TUBE]["margin"] <= 1.0)
+    assert summary.tube is not None
+
+
 def test_containment_is_counted_on_the_truth():
     record, _, true, _ = RUNS[0]
 
@@ -266,7 +294,6 @@ def test_a_run_in_the_tube_says_so_and_a_single_run_is_no_fit(tmp_path, capsys):
     finished = run(name, scenario, 5, tmp_path / "run")
     assert asdict(finished.summary)["tube"]["contained_fraction"] == 1.0
     assert len(finished.record[TUBE]) == len(finished.record[CONTROL])
-    assert 'tube = "grass"' in dump(scenario)
     assert len(read_runs([tmp_path])) == 1
     out = tmp_path / "tube.json"
     assert main(["fit-tube", str(tmp_path), "-o", str(out)]) == 2
