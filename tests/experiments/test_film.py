@@ -254,7 +254,7 @@ def bad_logs(log, tmp_path):
         (["video", "log.mcap", "--camera", "plan", "-o", "film.avi"], "must end in .mp4"),
         (["video", "log.mcap", "--camera", "plan", "-o", "no/film.mp4"], "there is no folder"),
         (["frame", "log.mcap", "--at", "99"], "the log reaches from"),
-        (["frame", "log.mcap", "--at", "nan"], "must be a time in seconds"),
+        (["frame", "log.mcap", "--at", "nan"], "must be a finite number"),
         (["frame", "log.mcap", "--at", "5", "-o", "still.gif"], "must end in .png or .jpg"),
     ],
 )
