@@ -1,8 +1,12 @@
-"""Where results go: never over what is there."""
+"""Where results go: whole or not at all, and over nothing that was not meant."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from experiments.errors import OutputExists
 
@@ -53,3 +57,24 @@ def begin_part(file: Path) -> Path:
     except OSError as error:
         raise OutputExists(f"output {file}: cannot be written: {error.strerror}") from None
     return part
+
+
+@contextmanager
+def in_place_of(file: Path) -> Iterator[BinaryIO]:
+    """Open what takes the place of a file once the block ends well and the disk has it.
+
+    Otherwise the file is as it was, there or not, and nothing is left beside it.
+
+    Raises:
+        OSError: the disk does not take it.
+    """
+    part = part_of(file)
+    try:
+        with part.open("wb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        part.replace(file)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise

@@ -1,6 +1,11 @@
 """Errors of the plant side. Every one of them is a `TestbedError`."""
 
 
+def first_line(error: Exception) -> str:
+    """Return the first line of what an error of others says, its kind where it says nothing."""
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
 class TestbedError(Exception):
     """Root of all errors that the plant side raises on purpose."""
 

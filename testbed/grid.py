@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from testbed.errors import InvalidField
+from testbed.errors import InvalidField, first_line
 from ttempc.types import FloatArray
 
 
@@ -63,7 +63,7 @@ class Grid:
                 values = np.loadtxt(lines, ndmin=2) if some else np.empty((0, 0))
             values = np.asarray(values, dtype=np.float64)
         except (OSError, ValueError, TypeError) as error:
-            raise InvalidField(f"{where}: {_first_line(error)}") from error
+            raise InvalidField(f"{where}: {first_line(error)}") from error
         try:
             middle = cls(values, spacing_m, (0.0, 0.0)).centre
             return cls(values, spacing_m, (centre[0] - middle[0], centre[1] - middle[1]))
@@ -127,7 +127,3 @@ class Grid:
             raise InvalidField(
                 f"{self.what}: got {values[row, column]} at row {row}, column {column}, {allowed}"
             )
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

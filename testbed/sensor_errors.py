@@ -93,13 +93,6 @@ class HeavyTailed:
         rng: of this sensor.
     """
 
-    excess_kurtosis: Final = (
-        3.0
-        * (1.0 + _BAD_SHARE * (_BAD_FACTOR**4 - 1.0))
-        / (1.0 + _BAD_SHARE * (_BAD_FACTOR**2 - 1.0)) ** 2
-        - 3.0
-    )
-
     def __init__(self, sd: FloatArray, rng: np.random.Generator) -> None:
         self._rng = rng
         self._good_sd = sd / math.sqrt(1.0 + _BAD_SHARE * (_BAD_FACTOR**2 - 1.0))

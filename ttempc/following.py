@@ -25,7 +25,6 @@ class Posture:
     Derivatives are by the tractor point's travel, so that they hold at any speed.
     """
 
-    distance_t: FloatArray  # (...) arc length of the tractor point [m]
     distance_i: FloatArray  # (...) arc length of the trailer point [m]
     pose_t: FloatArray  # (..., 3) x, y [m] and heading [rad] of the tractor
     pose_i: FloatArray  # (..., 3) of the trailer
@@ -94,7 +93,6 @@ def follow(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Posture:
     across_2 = ratio * (length_i * kappa_i * np.cos(delta_i) - np.sin(delta_i))
     wheelbase = vehicle.wheelbase
     return Posture(
-        distance_t=s_t,
         distance_i=s_i,
         pose_t=pose_t,
         pose_i=pose_i,

@@ -35,7 +35,7 @@ class LinearMpc:
 
     def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:
         """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
-        previous = self._horizon.within_reach(k, previous)
+        previous = self._horizon.first.within_reach(k, previous)
         qp = self._horizon.qp(k, state, previous)
         solution = self._solver.solve(qp)
         if solution.x is None:
@@ -44,7 +44,7 @@ class LinearMpc:
         else:
             steps = np.minimum(np.maximum(solution.x, qp.step_lower), qp.step_upper)
             fallback = ""
-        u = self._horizon.within(k, previous + steps[: len(previous)])
+        u = self._horizon.first.within(k, previous + steps[: len(previous)])
         plan = np.concatenate([state, previous, steps])
         self._last = state, previous
         return FeedbackAction(u, plan, solution.report, fallback)

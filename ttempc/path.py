@@ -85,12 +85,6 @@ class Path:
         """Length to be driven, all laps together [m]."""
         return self.lap_m * max(1, self.laps)
 
-    @property
-    def min_radius_m(self) -> float:
-        """Smallest radius of curvature [m]; infinite on a straight line."""
-        sharpest = float(np.max(np.abs(self._curvature)))
-        return math.inf if sharpest == 0.0 else 1.0 / sharpest
-
     def pose(self, s: ArrayLike) -> FloatArray:
         """Return x [m], y [m] and the continuous heading [rad] at arc length `s`, (..., 3)."""
         along, laps = self._wrap(s)

@@ -101,14 +101,32 @@ class StageBounds:
         """Return the bounds at a place in the arrays."""
         return _each(self, lambda values: values[place])
 
-    def reachable(self, previous: FloatArray) -> FloatArray:
-        """Return the input (m,) nearest to `previous` from which a step leads within the bounds.
 
-        For bounds of one stage, (m,) each; without it there would be no solution.
-        """
-        return np.minimum(
-            np.maximum(previous, self.lower - self.step_upper), self.upper - self.step_lower
+@dataclass(frozen=True, slots=True)
+class FirstInputs:
+    """Where the first input of every tick may lie, and the one before it; (ticks, 2, m)."""
+
+    bounds: FloatArray  # lower, upper
+    reach: FloatArray  # from where a step leads into the bounds
+
+    @classmethod
+    def of(cls, first: StageBounds) -> FirstInputs:
+        """Return those that follow from the bounds on the first stage of every tick, (ticks, m)."""
+        return cls(
+            np.stack([first.lower, first.upper], axis=1),
+            np.stack([first.lower - first.step_upper, first.upper - first.step_lower], axis=1),
         )
+
+    def within(self, k: int, inputs: FloatArray) -> FloatArray:
+        """Return the allowed first input of tick `k` nearest to `inputs` (m,)."""
+        return clipped(inputs, self.bounds[k])
+
+    def within_reach(self, k: int, previous: FloatArray) -> FloatArray:
+        """Return the input nearest to `previous` (m,) from which a step leads into the bounds.
+
+        From any other there is no solution at tick `k`.
+        """
+        return clipped(previous, self.reach[k])
 
 
 class CondensedHorizon:
@@ -171,11 +189,7 @@ class CondensedHorizon:
         sums = np.tril(np.ones((moves, moves)))
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
         self._bounds = move_bounds(tuning, period_s, len(a), bounds)
-        first = self._bounds.at(slice(None), slice(m))
-        self._first = np.stack([first.lower, first.upper], axis=1)  # (ticks, 2, m)
-        self._reach = np.stack(
-            [first.lower - first.step_upper, first.upper - first.step_lower], axis=1
-        )
+        self.first = FirstInputs.of(self._bounds.at(slice(None), slice(m)))
         self._require_convex()
 
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
@@ -193,17 +207,6 @@ class CondensedHorizon:
             step_lower=bounds.step_lower[k],
             step_upper=bounds.step_upper[k],
         )
-
-    def within(self, k: int, inputs: FloatArray) -> FloatArray:
-        """Return the allowed first input of tick `k` nearest to `inputs` (m,)."""
-        return clipped(inputs, self._first[k])
-
-    def within_reach(self, k: int, previous: FloatArray) -> FloatArray:
-        """Return the input nearest to `previous` (m,) from which a step leads into the bounds.
-
-        From any other there is no solution at tick `k`.
-        """
-        return clipped(previous, self._reach[k])
 
     def _require_convex(self) -> None:
         try:

@@ -34,12 +34,12 @@ def add(commands: options.Commands) -> None:
         metavar="NAME",
         help="who drives; may be repeated (default: the scenario's)",
     )
-    parser.add_argument("--low", type=float, metavar="X", help="one end of the range")
-    parser.add_argument("--high", type=float, metavar="X", help="the other end")
-    parser.add_argument("--tolerance", type=float, metavar="X", help="how close to come")
+    parser.add_argument("--low", type=options.number, metavar="X", help="one end of the range")
+    parser.add_argument("--high", type=options.number, metavar="X", help="the other end")
+    parser.add_argument("--tolerance", type=options.number, metavar="X", help="how close to come")
     parser.add_argument(
         "--limit",
-        type=float,
+        type=options.number,
         metavar="M",
         help="fails above this 95 %% cross-track error of the trailer, in m (default: only where "
         "the vehicle is lost)",
@@ -61,7 +61,7 @@ def _envelope(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and Dask take seconds to load, and help should not wait.
     from experiments.scenario import overridden, read
     from experiments.sweeping.engine import engine
-    from experiments.sweeping.envelope import QUANTITIES, Question, envelope
+    from experiments.sweeping.envelope import QUANTITIES, EnvelopeFile, Question, envelope
     from testbed.provenance import versions
 
     settings = overridden(arguments.overrides)
@@ -91,7 +91,7 @@ def _envelope(arguments: argparse.Namespace) -> int:
         for question in questions:
             found.append(envelope(question, carried_out))
             print(found[-1], flush=True)
-            content = {"versions": versions(), "envelopes": [asdict(item) for item in found]}
+            content = asdict(EnvelopeFile(versions(), tuple(found)))
             text = json.dumps(content, indent=2, allow_nan=False) + "\n"
             part.write_text(text, encoding="utf-8")
     part.rename(file)

@@ -20,7 +20,7 @@ def add(commands: options.Commands) -> None:
     parser = options.command(commands, "frame", "one picture of a run from its log", _ABOUT)
     parser.add_argument("log", type=Path, metavar="LOG", help="log.mcap of a run")
     parser.add_argument(
-        "--at", type=shots.seconds, required=True, dest="at_s", metavar="S", help="time [s]"
+        "--at", type=options.number, required=True, dest="at_s", metavar="S", help="time [s]"
     )
     parser.add_argument(
         "-o",

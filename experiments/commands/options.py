@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Final
 
@@ -86,6 +87,17 @@ def seed(text: str) -> int:
             f"must be a whole number from 0 to 2**32 - 1, got {text!r}"
         )
     return int(text)
+
+
+def number(text: str) -> float:
+    """Read a number from the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"must be a finite number, got {text!r}")
+    return value
 
 
 def fresh(parent: Path, stem: str, suffix: str = "") -> Path:

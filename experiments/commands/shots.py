@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import math
 import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from experiments.commands import options
 from experiments.film.shot import CAMERAS, SIZE
 
 if TYPE_CHECKING:
@@ -35,10 +35,14 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
 def add_span(parser: argparse.ArgumentParser) -> None:
     """Add which part of a run is filmed, and how fast."""
     parser.add_argument(
-        "--from", type=seconds, dest="begin_s", metavar="S", help="start [s] (default: of the log)"
+        "--from",
+        type=options.number,
+        dest="begin_s",
+        metavar="S",
+        help="start [s] (default: of the log)",
     )
     parser.add_argument(
-        "--to", type=seconds, dest="end_s", metavar="S", help="end [s] (default: of the log)"
+        "--to", type=options.number, dest="end_s", metavar="S", help="end [s] (default: of the log)"
     )
     parser.add_argument(
         "--speed",
@@ -62,17 +66,6 @@ def size(text: str) -> tuple[int, int]:
     if not found:
         raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, as 1280x720, got {text!r}")
     return int(found[1]), int(found[2])
-
-
-def seconds(text: str) -> float:
-    """Read a time."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"must be a time in seconds, got {text!r}")
-    return value
 
 
 def workers(text: str) -> int:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from experiments.figures.panel import Panel
 from experiments.figures.style import dress, series
-from experiments.findings.breaking import Breaking, Value
+from experiments.findings.breaking import Breaking
 
 
 def breaking_panel(controllers: Sequence[str], breaking: Breaking) -> Panel:
@@ -29,7 +29,7 @@ def breaking_panel(controllers: Sequence[str], breaking: Breaking) -> Panel:
         )
     )
 
-    def at(value: Value) -> float:
+    def at(value: float | str) -> float:
         return float(words.index(value)) if isinstance(value, str) else value
 
     def draw(axes: Axes) -> None:

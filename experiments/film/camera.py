@@ -25,26 +25,11 @@ class View:
     eye: FloatArray  # (3,) [m] map frame
     target: FloatArray  # (3,)
 
-    def axes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the unit vectors forward, up and right, (3,) each."""
-        forward = self.target - self.eye
-        forward = forward / np.linalg.norm(forward)
-        upright = np.array([0.0, 0.0, 1.0])
-        if abs(forward[2]) > 1.0 - 1e-9:
-            upright = np.array([0.0, 1.0, 0.0])
-        right = np.cross(forward, upright)
-        right = right / np.linalg.norm(right)
-        return forward, np.cross(right, forward), right
-
-    def project(self, points: FloatArray, size: tuple[int, int]) -> FloatArray:
-        """Return where points (n, 3) [m] appear in a frame, (n, 2) [pixels] right and down."""
-        width, height = size
-        forward, up, right = self.axes()
-        offset = points - self.eye
-        scale = 0.5 * height / (math.tan(0.5 * FIELD_OF_VIEW) * (offset @ forward))
-        return np.column_stack(
-            [0.5 * width + scale * (offset @ right), 0.5 * height - scale * (offset @ up)]
-        )
+    @property
+    def forward(self) -> FloatArray:
+        """Unit vector along the line of sight, (3,)."""
+        along = self.target - self.eye
+        return along / np.linalg.norm(along)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from PIL import Image
 from experiments.errors import InvalidFilm
 from experiments.film.scenes import Scene, Setup
 from experiments.film.writer import FilmWriter, check_codec, check_writable
-from experiments.output import part_of
+from experiments.output import in_place_of
 
 FILM_SUFFIXES: Final = (".mp4",)
 STILL_SUFFIXES: Final = (".png", ".jpg")
@@ -52,14 +52,12 @@ def still(setup: Setup, file: Path, time_s: float) -> None:
     check_writable(file, STILL_SUFFIXES)
     setup.check()
     image = Image.fromarray(setup.scene().picture(time_s))
-    part = part_of(file)
+    form = "png" if file.suffix.lower() == ".png" else "jpeg"
     try:
-        image.save(part, format="png" if file.suffix.lower() == ".png" else "jpeg", quality=88)
-        part.rename(file)
+        with in_place_of(file) as stream:
+            image.save(stream, format=form, quality=88)
     except OSError as error:
-        raise InvalidFilm(f"{part}: cannot be written: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
+        raise InvalidFilm(f"{file}: cannot be written: {error.strerror or error}") from error
 
 
 def pictures(setup: Setup, workers: int) -> Iterator[NDArray[np.uint8]]:

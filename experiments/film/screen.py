@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.errors import NoGraphics
+from testbed.errors import first_line
 
 PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"
 _OFF: Final = ("disable", "disabled", "off", "false", "0")  # values of MUJOCO_GL
@@ -37,7 +38,7 @@ def _context() -> Any:  # noqa: ANN401 - mujoco has no types
         context.make_current()
     except (ImportError, AttributeError, OSError, RuntimeError) as error:
         raise NoGraphics(
-            f"off-screen OpenGL is not to be had ({_first_line(error)}): install {PACKAGES}, "
+            f"off-screen OpenGL is not to be had ({first_line(error)}): install {PACKAGES}, "
             "or take --camera plan, which needs none"
         ) from None
     return context
@@ -93,7 +94,3 @@ class Screen:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -199,7 +199,7 @@ class Stage:
 
 
 def _camera(view: View) -> mujoco.MjvCamera:
-    forward, _, _ = view.axes()
+    forward = view.forward
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
     camera.lookat = view.target

@@ -10,12 +10,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, Literal, cast
+from typing import Annotated, Any, Final, Literal, cast
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from experiments.errors import InvalidStudy
 from experiments.sweeping.engine import Engine
@@ -24,11 +25,13 @@ from experiments.sweeping.plan import Plan
 from experiments.sweeping.row import Row
 from experiments.sweeping.study import ListAxis, Study
 from experiments.sweeping.sweep import driven, job
+from testbed.strict import STRICT
 
 ERROR: Final = "tracking.all.trailer.cross_p95_m"
+_Count = Annotated[int, Field(ge=0)]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, config=STRICT)
 class Quantity:
     """What may be made harder and harder, and over which range by default."""
 
@@ -54,7 +57,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, config=STRICT)
 class Question:
     """What is asked of a controller."""
 
@@ -67,7 +70,13 @@ class Question:
     limit_m: float | None  # on the trailer's 95 % cross-track error; None: only lost counts
     seeds: tuple[int, ...]
     scan: int = 5  # values over the range before bisection, ends included
-    settings: Mapping[str, Any] = field(default_factory=dict)  # laid over the scenario
+    settings: dict[str, Any] = Field(default_factory=dict)  # laid over the scenario
+
+    def __post_init__(self) -> None:
+        if self.quantity not in QUANTITIES:
+            raise ValueError(
+                f"quantity must be one of {', '.join(QUANTITIES)}, got {self.quantity!r}"
+            )
 
     def first_look(self) -> list[float]:
         """Return values over the whole range; those of a named quantity are its numbers.
@@ -102,7 +111,7 @@ class Question:
         study = Study(
             scenario=self.scenario,
             seeds=self.seeds,
-            set=dict(self.settings),
+            set=self.settings,
             axis=(
                 ListAxis(kind="list", keys=keys, values=tuple(values)),
                 ListAxis(kind="list", key="controller", values=(self.controller,)),
@@ -119,14 +128,14 @@ class Question:
         self.plan([self.value(place) for place in self.first_look()]).extent()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, config=STRICT)
 class Probe:
     """What happened at one value."""
 
     value: float | str
-    runs: int
-    failed: int
-    lost: int
+    runs: Annotated[int, Field(ge=1)]
+    failed: _Count
+    lost: _Count
     cross_p95_m: tuple[float | None, ...]
 
     @property
@@ -135,7 +144,7 @@ class Probe:
         return 2 * self.failed >= self.runs
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, config=STRICT)
 class Envelope:
     """The answer."""
 
@@ -144,7 +153,7 @@ class Envelope:
     monotone: bool  # failure sets in once over the values that were tried
     holds_at: float | str | None
     fails_at: float | str | None
-    probes: tuple[Probe, ...]  # in the order of the values
+    probes: Annotated[tuple[Probe, ...], Field(min_length=1)]  # in the order of the values
 
     def __str__(self) -> str:
         asked = self.question
@@ -159,6 +168,14 @@ class Envelope:
             f"{what}: holds at {_text(self.holds_at)}, fails at {_text(self.fails_at)}"
             f"{comes_and_goes}"
         )
+
+
+@dataclass(frozen=True, config=STRICT)
+class EnvelopeFile:
+    """What `ttempc envelope` writes, as JSON."""
+
+    versions: dict[str, str]
+    envelopes: tuple[Envelope, ...]  # of a controller each
 
 
 def envelope(

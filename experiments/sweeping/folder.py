@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from experiments.errors import SweepRefused, SweepStopped
+from experiments.output import in_place_of, part_of
 from experiments.sweeping.plan import Plan
 from testbed.provenance import code_digest, versions
 
@@ -75,7 +76,8 @@ def held(path: Path, plan: Plan, digest: str) -> Iterator[Folder]:
         SweepRefused: the folder holds something else, another study or other versions, or another
             process is at work in it; nothing is changed.
     """
-    ours = {_LOCK, f"{_VERSIONS}.part", _VERSIONS, f"{_STUDY}.part"}  # of one that died at once
+    parts = {part_of(path / name).name for name in (_VERSIONS, _STUDY)}
+    ours = {_LOCK, _VERSIONS, *parts}  # of one that died at once
     try:
         if not is_begun(path) and path.exists() and {item.name for item in path.iterdir()} - ours:
             raise SweepRefused(f"output folder {path}: holds something else, give another")
@@ -138,13 +140,8 @@ def _difference(begun: Mapping[str, Any], now: Origin) -> str:
 
 
 def _write(file: Path, text: str) -> None:
-    """Write a file so that it is whole where it exists."""
-    part = file.with_name(f"{file.name}.part")
     try:
-        with open(part, "w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.replace(file)
+        with in_place_of(file) as stream:
+            stream.write(text.encode())
     except OSError as error:
-        raise SweepStopped(f"{part}: cannot be written: {error.strerror}") from None
+        raise SweepStopped(f"{file}: cannot be written: {error.strerror}") from None

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final, Self
 
 from experiments.errors import SweepRefused, SweepStopped
+from experiments.output import in_place_of
 from experiments.sweeping.row import Row, line
 
 _SEEN: Final = 100  # rows from which polars.read_ndjson learns the types
@@ -117,19 +118,14 @@ def settle(file: Path, change: Callable[[Row], Row] = lambda row: row) -> None:
         seen |= found
     if not changed and not moved:
         return
-    part = file.with_name(f"{file.name}.part")
     try:
-        with open(part, "wb") as stream:
+        with in_place_of(file) as stream:
             for first in (True, False):
                 for number, row in enumerate(rows(file)):
                     if (number in moved) is first:
                         stream.write(line(change(row)).encode())
-            stream.flush()
-            os.fsync(stream.fileno())
-        part.replace(file)
     except OSError as error:
-        part.unlink(missing_ok=True)
-        raise SweepStopped(f"{part}: cannot be written: {error.strerror}") from None
+        raise SweepStopped(f"{file}: cannot be written: {error.strerror}") from None
 
 
 def _lines(file: Path) -> Iterator[bytes]:

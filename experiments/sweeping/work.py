@@ -11,6 +11,7 @@ from time import perf_counter
 from typing import Literal
 
 from experiments.errors import SweepStopped
+from experiments.output import part_of
 from experiments.run import simulate
 from experiments.scenario import Scenario
 from experiments.sweeping.row import Row, RowStatus, Value, figures, no_figures
@@ -90,7 +91,7 @@ def work(job: Job) -> Row:
         return job.row("failed", reason, no_figures(), perf_counter() - start)
     finally:
         if job.keep != "none":
-            for file in (part, part.with_name(f"{part.name}.part")):
+            for file in (part, part_of(part)):
                 with contextlib.suppress(OSError):
                     file.unlink(missing_ok=True)
     wall_s = perf_counter() - start

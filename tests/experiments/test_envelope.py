@@ -94,6 +94,16 @@ def test_what_cannot_be_asked_is_refused(change):
         replace(ASKED, **change).check()
 
 
+@pytest.mark.parametrize("option", ["--low", "--high", "--tolerance", "--limit"])
+def test_a_number_that_is_none_is_refused_before_any_run(option, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as left:
+        main(["envelope", "slope", option, "nan"])
+    assert left.value.code == 2
+    assert "must be a finite number, got 'nan'" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_command_writes_what_it_prints(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     arguments = ["envelope", "delay", "pavement", "--set", "path={kind='straight', length_m=2.0}"]

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import asdict
+from functools import reduce
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -195,13 +196,51 @@ def test_breaking_points_stand_beside_the_sweep(tmp_path):
     assert (folder / "report" / "envelope.png").exists()
 
 
-@pytest.mark.parametrize("content", [None, "", "{}", '{"envelopes": [{"question": {}}]}'])
-def test_a_file_that_is_no_envelope_is_refused(content, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "cannot be read: No such file"),
+        ("", "is not what"),
+        ("[]", "is not what"),
+        ("{}", "Field required"),
+        ('{"versions": {}, "envelopes": [{"question": {}}]}', "Field required"),
+    ],
+)
+def test_a_file_that_is_no_envelope_is_refused(content, words, tmp_path, capsys):
     folder, file = swept(tmp_path, "seeds = 1", most=1), tmp_path / "slope.json"
     if content is not None:
         file.write_text(content)
+    refused(folder, file, words, capsys)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        (("question", "quantity"), "colour", "must be one of cone-index, slope"),
+        (("question", "mood"), "good", "envelopes.0.question.mood: unknown key"),
+        (("outcome",), "perhaps", "envelopes.0.outcome: "),
+        (("probes",), [], "envelopes.0.probes: "),
+        (("probes", 0, "runs"), 0, "envelopes.0.probes.0.runs: "),
+        (("probes", 0, "failed"), -1, "envelopes.0.probes.0.failed: "),
+        (("probes", 0, "value"), float("nan"), "envelopes.0.probes.0.value"),
+    ],
+)
+def test_an_envelope_that_cannot_be_is_refused_with_its_place(
+    place, value, words, tmp_path, capsys
+):
+    folder, file = swept(tmp_path, "seeds = 1", most=1), tmp_path / "slope.json"
+    made = json.loads(json.dumps(answer("pid", "holds", None, None, [(0.0, 0), (0.4, 0)])))
+    *above, last = place
+    reduce(lambda part, key: part[key], above, made)[last] = value
+    file.write_text(json.dumps({"versions": {}, "envelopes": [made]}))
+    refused(folder, file, words, capsys)
+
+
+def refused(folder, file, words, capsys):
     assert main(["report", str(folder), "--envelope", str(file)]) == 2
-    assert re.fullmatch(r"ttempc: error: .*slope.json: [^\n]*\n", capsys.readouterr().err)
+    said = capsys.readouterr().err
+    assert re.fullmatch(r"ttempc: error: .*slope.json: [^\n]*\n", said)
+    assert words in said
     assert not (folder / "report").exists()
 
 

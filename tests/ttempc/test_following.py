@@ -29,7 +29,7 @@ def test_trailer_is_on_the_path_behind_the_tractor():
     posture = follow(EIGHT, VEHICLE, ALONG)
     np.testing.assert_allclose(posture.pose_i, EIGHT.pose(posture.distance_i), atol=1e-12)
     length = VEHICLE.drawbar_offset + VEHICLE.trailer_length
-    assert np.all(np.abs(posture.distance_t - posture.distance_i - length) < 0.05)
+    assert np.all(np.abs(ALONG - posture.distance_i - length) < 0.05)
 
 
 def test_derivatives_agree_with_differences():

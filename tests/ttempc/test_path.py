@@ -68,7 +68,8 @@ def test_figure_eight_has_the_lap_of_the_scenarios():
     eight = figure_eight()
     assert eight.lap_m == pytest.approx(136.7, abs=0.2)
     assert eight.length_m == 2 * eight.lap_m
-    assert eight.min_radius_m == pytest.approx(10.0)
+    along = np.linspace(0.0, eight.lap_m, 2000)
+    assert np.max(np.abs(eight.curvature(along))) == pytest.approx(1.0 / 10.0)
 
 
 @pytest.mark.parametrize("blend", [0.5, 2.0, 5.0])

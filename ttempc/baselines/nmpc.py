@@ -20,7 +20,7 @@ from ttempc.baselines.nmpc_model import TRACTOR, TRAILER, WHOLE, Subsystem
 from ttempc.baselines.nmpc_solver import GaussNewton, HorizonSolver, Task
 from ttempc.limits import CommandLimits
 from ttempc.prediction import rotation
-from ttempc.qp import HorizonTuning, StageBounds, move_bounds
+from ttempc.qp import FirstInputs, HorizonTuning, StageBounds, move_bounds
 from ttempc.reference import Reference, ReferenceSample
 from ttempc.tracking import Actions, TrackingController, around_exact_feedforward
 from ttempc.types import Estimate, FloatArray, Input, SolverReport, State
@@ -71,6 +71,7 @@ class NonlinearFeedback:
                 subsystem,
                 solver(reference, subsystem, tuning, period_s),
                 bounds.at(slice(None), _columns(subsystem, tuning.moves)),
+                FirstInputs.of(bounds.at(slice(None), np.array(subsystem.inputs))),
             )
             for subsystem in subsystems
         ]
@@ -100,24 +101,21 @@ class NonlinearFeedback:
         plans = []
         for part in self._parts:
             own = list(part.subsystem.inputs)
-            bounds = part.bounds.at(k)
-            first = bounds.at(slice(len(own)))
             task = Task(
                 state=estimate.state,
                 disturbance=disturbance,
                 poses=self._poses[ends],
                 feedforward=feedforward,
                 inputs_e=inputs_e,
-                previous=first.reachable(before[own]),
-                bounds=bounds,
+                previous=part.first.within_reach(k, before[own]),
+                bounds=part.bounds.at(k),
             )
             plan = part.solver.minimise(task, guess[:, own].reshape(-1))
             plans.append(plan)
             errors[:, list(part.subsystem.outputs)] = plan.errors
             if plan.steps is not None:
                 steps[:, own] = plan.steps.reshape(moves, -1)
-            u_e = task.previous + steps[0, own]
-            feedback[own] = np.minimum(np.maximum(u_e, first.lower), first.upper)
+            feedback[own] = part.first.within(k, task.previous + steps[0, own])
         self._steps = steps
         along = (self._to_map[ends] @ errors[:, :, None])[:, :, 0]
         return Actions(
@@ -141,6 +139,7 @@ class _Part:
     subsystem: Subsystem
     solver: HorizonSolver
     bounds: StageBounds  # of its own inputs at every tick, (ticks, m Nc)
+    first: FirstInputs
 
 
 def _columns(subsystem: Subsystem, moves: int) -> NDArray[np.intp]:

@@ -1,0 +1,56 @@
+"""What takes the place of a file is whole, or the file is as it was."""
+
+import errno
+import os
+
+import pytest
+
+from experiments.errors import SweepStopped
+from experiments.output import in_place_of
+from experiments.sweeping.results import Results, settle
+
+
+@pytest.fixture(params=[None, b"old"], ids=["new", "old"])
+def file(request, tmp_path):
+    file = tmp_path / "rows.jsonl"
+    if request.param is not None:
+        file.write_bytes(request.param)
+    return file
+
+
+def test_the_file_is_what_was_written_and_nothing_else_is_left(file):
+    with in_place_of(file) as stream:
+        stream.write(b"new")
+        assert not file.exists() or file.read_bytes() == b"old"
+    assert file.read_bytes() == b"new"
+    assert list(file.parent.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, OSError])
+def test_whatever_breaks_it_off_leaves_what_was_there(error, file):
+    before = {each: each.read_bytes() for each in file.parent.iterdir()}
+    with pytest.raises(error):
+        broken_off(file, error)
+    assert {each: each.read_bytes() for each in file.parent.iterdir()} == before
+
+
+def broken_off(file, error):
+    with in_place_of(file) as stream:
+        stream.write(b"ne")
+        raise error
+
+
+def test_rows_that_the_disk_does_not_take_stay_as_they_were(tmp_path, monkeypatch):
+    file = tmp_path / "rows.jsonl"
+    with Results(file, 1) as results:
+        results.append({"run": 0, "x": 1.0})
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    before = file.read_bytes()
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(SweepStopped, match=r"rows.jsonl: cannot be written: No space left"):
+        settle(file, lambda row: {**row, "x": 2.0})
+    assert file.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [file]

@@ -1,0 +1,17 @@
+"""A log made up once, read by many tests."""
+
+import pytest
+
+from testbed.record import Recorder
+from testbed.sink import Tee
+from tests.testbed.logs import METADATA, feed, writer
+
+
+@pytest.fixture(scope="session")
+def logged(tmp_path_factory):
+    """Return a whole log and the record of the same run."""
+    path = tmp_path_factory.mktemp("log") / "log.mcap"
+    recorder = Recorder()
+    with writer(path) as log:
+        feed(Tee(recorder, log))
+    return path, recorder.record(METADATA)

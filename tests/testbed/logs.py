@@ -1,0 +1,40 @@
+"""Logs made up: everything that a run says, written without a run."""
+
+import numpy as np
+
+from testbed.channels import CHANNELS, MEASUREMENT
+from testbed.log import LogWriter
+from testbed.record import Event
+from testbed.scenery import Scenery
+from testbed.topics import PREDICTED_PATH_TOPIC, REFERENCE_PATH_TOPIC
+from tests.testbed.truths import truth
+
+PERIOD_S = 0.04
+METADATA = {"scenario": "made up", "seed": "7", "ttempc": "0.1.0"}
+ATTACHMENTS = {"scenario.toml": 'name = "made up"\n', "model.xml": "<mujoco/>"}
+BODIES = ("tractor", "trailer")
+
+
+def writer(path, **other) -> LogWriter:
+    given = {"metadata": METADATA, "attachments": ATTACHMENTS, "scenery": Scenery(BODIES), **other}
+    return LogWriter(path, **given)
+
+
+def feed(sink, duration_s=22.0) -> None:
+    """Say all that a run says, with every number that a double can be."""
+    rng = np.random.default_rng(3)
+    sink.path(REFERENCE_PATH_TOPIC, 0.0, np.array([[0.0, 0.0], [0.0, 0.2], [0.0, 0.4]]))
+    sink.event(Event(0.0, "info", "start"))
+    now = 0.0
+    for k in range(round(duration_s / PERIOD_S)):
+        for channel in CHANNELS:
+            values = rng.normal(size=len(channel.fields))
+            first = 4 if channel is MEASUREMENT else 0  # a fix has to be a place
+            values[first : first + 4] = (np.nan, -0.0, np.inf, 5e-324)
+            sink.row(channel, now, values.tolist())
+        bodies = {"body_xyz": rng.normal(size=(2, 3)), "body_quat": rng.normal(size=(2, 4))}
+        sink.scene(truth(tractor={"x": now, "yaw": 0.3}, time_s=now, **bodies))
+        if k % 5 == 0:
+            sink.path(PREDICTED_PATH_TOPIC, now, rng.normal(size=(15, 2)))
+        now += PERIOD_S  # adds up rounding errors, as simulated time does
+    sink.event(Event(round(now, 9), "error", "roll-over – über Kopf"))
