@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from matplotlib.ticker import PercentFormatter
 
 from experiments.containment import QUANTITIES
 from experiments.figures.style import (
@@ -25,6 +26,7 @@ from ttempc.path import figure_eight
 from ttempc.reference import ConstantSpeed, Reference
 from ttempc.reference_tube import ReferenceTube, TubeDesign, seen
 from ttempc.sets import linear_map, minkowski_sum, outline
+from ttempc.types import State
 
 _CROSS: Final = {"tractor": QUANTITIES.index("y_t_e_m"), "trailer": QUANTITIES.index("y_i_e_m")}
 _PLANES: Final = (("y_t_e_m", "psi_t_e_rad"), ("y_t_e_m", "y_i_e_m"), ("y_i_e_m", "psi_i_e_rad"))
@@ -36,16 +38,55 @@ _LABELS: Final = {
 }
 _PERIOD_S: Final = 0.2
 _TICKS: Final = 690
+_NEAR_M: Final = 0.9  # half width of the close views
+_INTO_THE_BEND: Final = 40  # ticks, of the cross-sections and the close views
 
 
 def draw(folder: Path, design: TubeDesign, laps: Sequence[dict[str, Any]], key: str) -> None:
-    """Write tracks.png and sections.png of the case `key`, and slip.png of all."""
+    """Write path.png, tracks.png and sections.png of the case `key`, and slip.png of all."""
     reference = Reference(figure_eight(laps=1), design.vehicle, ConstantSpeed(1.0))
     along = ReferenceTube.along(design, reference, _TICKS)
     tracks = [np.load(file) for file in sorted((folder / "tracks").glob(f"{key}-2*.npz"))]
+    _path(folder / "path.png", reference, tracks)
     _tracks(folder / "tracks.png", tracks)
     _sections(folder / "sections.png", design, reference, along, tracks)
     _slip(folder / "slip.png", laps)
+
+
+def _path(file: Path, reference: Reference, tracks: Sequence[Any]) -> None:
+    """The tube around the path with the laps in it, each about a nominal vehicle on the path."""
+    figure = blank(3.6)
+    views = figure.subplot_mosaic(
+        [["whole", "tractor"], ["whole", "trailer"]], width_ratios=(1.5, 1.0)
+    )
+    time_s = tracks[0]["time_s"]
+    on_path = reference.at(time_s)
+    middle = int(np.argmax(np.abs(on_path.curvature) > 0.0999)) + _INTO_THE_BEND
+    roads = {
+        "tractor": (on_path.state[:, :2], on_path.state[:, State.PSI_T]),
+        "trailer": (on_path.trailer_xy, on_path.state[:, State.PSI_I]),
+    }
+    for body, (place, heading) in roads.items():
+        near, colour, column = views[body], BODY_COLOURS[body], _CROSS[body]
+        left = np.column_stack([-np.sin(heading), np.cos(heading)])
+        width = tracks[0]["half_width"][:, column, None] * left
+        band = np.concatenate([place + width, (place - width)[::-1]])
+        for axes in (views["whole"], near):
+            axes.fill(*band.T, color=PALE, alpha=0.6, linewidth=0.0)
+        for number, track in enumerate(tracks):
+            ticks = slice(len(track["time_s"]))  # a lap that was lost has fewer
+            # An error is z_r - z: where it exceeds the nominal one, the vehicle is to the right.
+            driven = place[ticks] - track["deviation"][:, column, None] * left[ticks]
+            near.plot(*driven.T, color=colour, linewidth=0.5)
+            label = body if number == 0 else None
+            views["whole"].plot(*driven.T, color=colour, linewidth=0.5, label=label)
+        (x, y), reach = place[middle], np.array([-_NEAR_M, _NEAR_M])
+        near.set(xlim=x + reach, ylim=y + 0.5 * reach)
+    for name, axes in views.items():
+        axes.set_aspect("equal")
+        dress(axes, "" if name == "tractor" else "x [m]", "y [m]")
+    legend(views["whole"], 2)
+    figure.savefig(file)
 
 
 def _tracks(file: Path, tracks: Sequence[Any]) -> None:
@@ -80,7 +121,10 @@ def _sections(
     """Exact projections of the tube, true error included, where the road is straight and bent."""
     figure = blank(2.8)
     bend = np.abs(reference.at(_PERIOD_S * np.arange(_TICKS)).curvature)
-    roads = {"straight": int(np.argmin(bend)), "curve": int(np.argmax(bend > 0.0999)) + 40}
+    roads = {
+        "straight": int(np.argmin(bend)),
+        "curve": int(np.argmax(bend > 0.0999)) + _INTO_THE_BEND,
+    }
     rows = seen(along.tube.system.c)
     for axes, names in zip(figure.subplots(1, 3), _PLANES, strict=True):
         columns = [QUANTITIES.index(name) for name in names]
@@ -114,6 +158,9 @@ def _slip(file: Path, laps: Sequence[dict[str, Any]]) -> None:
         axes.plot(slip, used, "o", color=colour, markersize=3, label=label)
     axes.axhline(1.0, color=BLACK, linewidth=0.8)
     axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    axes.yaxis.set_minor_formatter(PercentFormatter(1.0, decimals=0))
+    axes.tick_params(which="minor", labelsize=8.0)
     dress(axes, "mean slip of the driven wheels in a lap", "share of half width, largest")
     legend(axes, 2)
     figure.savefig(file)

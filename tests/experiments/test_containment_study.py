@@ -63,7 +63,7 @@ def test_the_figures_are_drawn_from_what_is_in_the_folder(tmp_path):
             half_width=np.full((600, 9), 0.2),
         )
     draw(tmp_path, DESIGN, [lap(), lap("grass-200kpa")], "grass-soil")
-    for name in ("tracks", "sections", "slip"):
+    for name in ("path", "tracks", "sections", "slip"):
         picture = (tmp_path / f"{name}.png").read_bytes()
         assert picture.startswith(b"\x89PNG")
         assert 5_000 < len(picture) < 300_000
