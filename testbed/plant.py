@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import mujoco
@@ -26,7 +27,7 @@ from testbed.truth import WHEELS, Truth
 from testbed.truth_reader import TruthReader
 from testbed.tyre_kernel import Output, wheel_step
 from testbed.vehicle import PlantVehicle
-from testbed.vehicle_model import WheelModel, build_spec, level_model, physics_model
+from testbed.vehicle_model import WheelModel, build_spec, level_mjcf, level_model, physics_model
 from ttempc.types import Command, FloatArray
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -174,16 +175,20 @@ class Plant:
         """From tractor and trailer point to their antennas, (2, 3) [m], in the bodies' frames."""
         return self._reader.lever_arms
 
+    @cached_property
+    def _level(self) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
+        return level_model(self._spec)
+
     @property
     def mjcf(self) -> str:
         """The whole model as MuJoCo compiled it, without the heights of the ground."""
-        return level_model(self._spec)[1]
+        rows, columns = self.terrain.heights.shape
+        return level_mjcf(self._level[1], (rows, columns))
 
     @property
     def scenery(self) -> Scenery:
         """What viewers are told once."""
-        model, _ = level_model(self._spec)
-        return Scenery(self.body_names, self.ground, shapes_of(model, self.ground))
+        return Scenery(self.body_names, self.ground, shapes_of(self._level[0], self.ground))
 
     def drawn_model(self) -> mujoco.MjModel:
         """Return a model to look at: the bodies of `model`, with every shape and a painted ground.
