@@ -29,14 +29,21 @@ class Ground:
         Heights of a field of 80 m in single precision are good to a micrometre: enough for
         every picture and not what a simulation starts from.
         """
+        arrays = {
+            "heights_m": self.terrain.heights.astype(np.float32),
+            "cone_index_kpa": self.cone_index.astype(np.float32),
+            "spacing_m": np.array(self.terrain.spacing_m),
+            "origin_m": np.array(self.terrain.origin),
+        }
         stream = io.BytesIO()
-        np.savez_compressed(
-            stream,
-            heights_m=self.terrain.heights.astype(np.float32),
-            cone_index_kpa=self.cone_index.astype(np.float32),
-            spacing_m=self.terrain.spacing_m,
-            origin_m=np.array(self.terrain.origin),
-        )
+        with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+            for name, values in arrays.items():
+                file = io.BytesIO()
+                np.save(file, values, allow_pickle=False)
+                # Rough ground is hardly compressed: 60 ms for 7 % of its bytes.
+                rough = name == "heights_m" and values.std() > 0
+                kind = zipfile.ZIP_STORED if rough else None
+                archive.writestr(f"{name}.npy", file.getvalue(), kind)
         return stream.getvalue()
 
     @classmethod

@@ -127,6 +127,9 @@ class LiveView(Publisher):
             self._kept[topic] = (data, time_ns)
         self._channels[topic].log(data, log_time=time_ns)
 
+    def _gathered(self, time_s: float) -> None:
+        self._publish()
+
     def _wait(self, time_ns: int) -> None:
         """Sleep until a simulated time has come on the wall clock."""
         due_s = self._start_s + 1e-9 * time_ns / self._speed

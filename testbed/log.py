@@ -9,10 +9,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from testbed.channels import CHANNELS, Channel
 from testbed.errors import LogError, TestbedError
 from testbed.mcap_file import McapFile
-from testbed.publisher import Publisher, nanoseconds, topics_of
+from testbed.publisher import Publisher, topics_of
 from testbed.scenery import Scenery
 
 PROGRAM: Final = "ttempc"  # what wrote the log, in its header
@@ -20,7 +23,7 @@ RUN_METADATA: Final = "run"  # the name of the MCAP metadata record that describ
 FORMAT_KEY: Final = "log_format"
 FORMAT: Final = "1"  # raised whenever a reader of the old logs would misread the new ones
 
-_FLUSH_PERIOD_NS: Final = nanoseconds(5.0)  # what a killed process can lose, in simulated time
+_FLUSH_PERIOD_S: Final = 5.0  # what a killed process can lose, in simulated time
 MEDIA_TYPES: Final = {
     ".toml": "application/toml",
     ".xml": "application/xml",
@@ -67,7 +70,7 @@ class LogWriter(Publisher):
             topic.name: self._mcap.add_topic(topic.name, topic.schema_name, topic.schema)
             for topic in topics_of(channels)
         }
-        self._next_flush_ns = _FLUSH_PERIOD_NS
+        self._next_flush_s = _FLUSH_PERIOD_S
         super().__init__(scenery or Scenery(), channels)
 
     def __enter__(self) -> Self:
@@ -94,6 +97,7 @@ class LogWriter(Publisher):
     def _finish(self) -> None:
         """Write the index, and hand everything to the disk."""
         try:
+            self._publish()
             self._mcap.finish()
             self._stream.flush()
             os.fsync(self._stream.fileno())
@@ -101,11 +105,19 @@ class LogWriter(Publisher):
             self._stream.close()
 
     def _send(self, topic: str, time_ns: int, data: bytes) -> None:
-        if time_ns >= self._next_flush_ns:
-            self._next_flush_ns = time_ns + _FLUSH_PERIOD_NS
+        self._mcap.add_message(self._ids[topic], time_ns, data)
+
+    def _send_all(
+        self, topic: str, times_ns: NDArray[np.int64], messages: NDArray[np.uint8]
+    ) -> None:
+        self._mcap.add_messages(self._ids[topic], times_ns, messages)
+
+    def _gathered(self, time_s: float) -> None:
+        if time_s >= self._next_flush_s:
+            self._next_flush_s = time_s + _FLUSH_PERIOD_S
+            self._publish()
             with self._writing():
                 self._mcap.flush()
-        self._mcap.add_message(self._ids[topic], time_ns, data)
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:

@@ -13,6 +13,7 @@ from array import array
 from collections.abc import Mapping
 from typing import BinaryIO, Final
 
+import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -34,14 +35,21 @@ from mcap.records import (
 )
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC
+from numpy.typing import NDArray
 
 # opcode, length, channel, sequence, log time, publish time; the data follow
 _MESSAGE: Final = struct.Struct("<BQHIQQ")
+_MESSAGE_HEAD: Final = np.dtype(
+    [
+        *(("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4")),
+        *(("log_time", "<u8"), ("publish_time", "<u8")),
+    ]
+)  # the same
 _MESSAGE_HEAD_BYTES: Final = 22  # counted in the length: all but opcode and length
 # opcode, length, channel, bytes of the pairs (time, place in the chunk) that follow
 _MESSAGE_INDEX: Final = struct.Struct("<BQHI")
 _MESSAGE_INDEX_HEAD_BYTES: Final = 6
-_LEVEL: Final = 1  # of zstandard: 4 % more bytes than with the usual 3, in 60 % of the time
+_LEVEL: Final = -1  # of zstandard: 2 % more bytes than with 1, in 80 % of the time
 _FOOTER: Final = struct.Struct("<BQQQ")  # the part of it that its checksum covers
 
 
@@ -111,6 +119,20 @@ class McapFile:
         length = _MESSAGE_HEAD_BYTES + len(data)
         buffer += _MESSAGE.pack(Opcode.MESSAGE, length, channel, 0, time_ns, time_ns)
         buffer += data
+
+    def add_messages(
+        self, channel: int, times_ns: NDArray[np.int64], messages: NDArray[np.uint8]
+    ) -> None:
+        """Add messages of one length, (n, bytes), to the chunk at hand."""
+        count, size = messages.shape
+        heads = np.zeros(count, _MESSAGE_HEAD)
+        heads["opcode"], heads["channel"] = Opcode.MESSAGE, channel
+        heads["length"] = _MESSAGE_HEAD_BYTES + size
+        heads["log_time"] = heads["publish_time"] = times_ns
+        block = np.column_stack([heads.view(np.uint8).reshape(count, -1), messages])
+        places = len(self._buffer) + block.shape[1] * np.arange(count)
+        self._places[channel - 1].frombytes(np.column_stack([times_ns, places]).tobytes())
+        self._buffer += block.tobytes()
 
     def flush(self) -> None:
         """Write the chunk at hand and hand all to the operating system."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import mujoco
@@ -26,7 +27,7 @@ from testbed.truth import WHEELS, Truth
 from testbed.truth_reader import TruthReader
 from testbed.tyre_kernel import Output, wheel_step
 from testbed.vehicle import PlantVehicle
-from testbed.vehicle_model import WheelModel, build_spec, level_model, physics_model
+from testbed.vehicle_model import WheelModel, build_spec, level_mjcf, level_model, physics_model
 from ttempc.types import Command, FloatArray
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -82,7 +83,8 @@ class Plant:
         self._reader = TruthReader(
             model, data, self._output, self.tyres.radius[WHEELS.index("rear_left")]
         )
-        self._warnings = data.warning.number  # a view, as the arrays below
+        # views, as the arrays below
+        self._warnings, self._qpos, self._qvel = data.warning.number, data.qpos, data.qvel
         self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
         wheel_bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
@@ -173,16 +175,20 @@ class Plant:
         """From tractor and trailer point to their antennas, (2, 3) [m], in the bodies' frames."""
         return self._reader.lever_arms
 
+    @cached_property
+    def _level(self) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
+        return level_model(self._spec)
+
     @property
     def mjcf(self) -> str:
         """The whole model as MuJoCo compiled it, without the heights of the ground."""
-        return level_model(self._spec)[1]
+        rows, columns = self.terrain.heights.shape
+        return level_mjcf(self._level[1], (rows, columns))
 
     @property
     def scenery(self) -> Scenery:
         """What viewers are told once."""
-        model, _ = level_model(self._spec)
-        return Scenery(self.body_names, self.ground, shapes_of(model, self.ground))
+        return Scenery(self.body_names, self.ground, shapes_of(self._level[0], self.ground))
 
     def drawn_model(self) -> mujoco.MjModel:
         """Return a model to look at: the bodies of `model`, with every shape and a painted ground.
@@ -265,7 +271,7 @@ class Plant:
         expected = before + steps * self.model.opt.timestep
         if not abs(data.time - expected) < 1e-6:
             raise PlantDiverged(f"time went from {before:.3f} s to {data.time}, not {expected:.3f}")
-        if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+        if not math.isfinite(sum(self._qpos.tolist()) + sum(self._qvel.tolist())):
             raise PlantDiverged(f"the state is not finite at {data.time:.3f} s")
 
     def _place(self, x: float, y: float, yaw: float) -> None:

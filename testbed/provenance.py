@@ -26,7 +26,7 @@ def versions() -> dict[str, str]:
     "commit" is among them where the code runs from a checkout, with "-dirty" where that differs
     from its last commit.
     """
-    found = {name: version(name) for name in _PACKAGES}
+    found = {name: _version(name) for name in _PACKAGES}
     found["python"] = platform.python_version()
     commit = _commit(_CHECKOUT)
     return {**found, "commit": commit} if commit else found
@@ -52,6 +52,11 @@ def code_digest() -> str:
                 digest.update(file.relative_to(_CHECKOUT).as_posix().encode() + b"\0")
                 digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
+
+
+@functools.cache
+def _version(package: str) -> str:
+    return version(package)  # reads files: a millisecond
 
 
 @functools.cache

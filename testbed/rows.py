@@ -53,7 +53,7 @@ def tyres_row(truth: Truth) -> list[float]:
         *(wheels.load, wheels.slip, wheels.slip_angle, wheels.force_long, wheels.force_lat),
         *(wheels.cone_index, wheels.ground),
     )
-    return np.stack(parts, axis=1).ravel().tolist()
+    return np.array(parts).T.ravel().tolist()
 
 
 def measurement_row(samples: Sequence[Measurement]) -> list[float]:
@@ -86,9 +86,9 @@ def control_row(step: ControlStep, vehicle: Vehicle) -> list[float]:
     said = step.diagnostics
     parts = (
         *(said.feedforward, said.feedback, said.robust, said.total, step.command.as_array()),
-        *(vehicle.input_min, vehicle.input_max, said.limited.astype(float)),
+        *(vehicle.input_min, vehicle.input_max, said.limited),
     )
-    return np.stack(parts, axis=1).ravel().tolist()
+    return np.array(parts, dtype=float).T.ravel().tolist()
 
 
 def tracking_row(said: Diagnostics) -> list[float]:

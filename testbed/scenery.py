@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from testbed.appearance import ground_colours
 from testbed.ground import Ground
 from testbed.viewer_messages import MAP_FRAME
-from testbed.wire import single, varint
+from testbed.wire import Form, single, varint
 from ttempc.types import FloatArray
 
 _GEOM: Final = mujoco.mjtGeom
@@ -143,12 +143,5 @@ def _triangles(
 
 def _records(head: bytes, values: FloatArray) -> bytes:
     """Return one message of doubles, fields 1, 2, ..., for every row of values."""
-    count = values.shape[1]
-    names = ["head", *(part for i in range(count) for part in (f"tag{i}", f"value{i}"))]
-    kinds = [f"V{len(head)}", *("u1", "<f8") * count]
-    wire = np.zeros(len(values), dtype=list(zip(names, kinds, strict=True)))
-    wire["head"] = np.void(head)
-    for i, column in enumerate(single(values).T):
-        wire[f"tag{i}"] = (i + 1) << 3 | 1
-        wire[f"value{i}"] = column
-    return wire.tobytes()
+    first, *others = (bytes([number << 3 | 1]) for number in range(1, values.shape[1] + 1))
+    return Form.of_doubles([head + first, *others]).fill(single(values)).tobytes()

@@ -16,7 +16,7 @@ _BAD_FACTOR: Final = 3.0
 class ErrorSource(Protocol):
     """Anything that yields the error of one sample after the other."""
 
-    def draw(self) -> FloatArray:
+    def draw(self) -> list[float]:
         """Return the error of the next sample, (m,) in the sensor's unit."""
         ...
 
@@ -33,12 +33,15 @@ class White:
     def __init__(
         self, sd: FloatArray, rng: np.random.Generator, bias: FloatArray | None = None
     ) -> None:
-        self._sd, self._rng = sd, rng
-        self._bias = np.zeros_like(sd) if bias is None else bias
+        self._rng = rng
+        # Floats: on one to three numbers numpy takes longer to start than to calculate.
+        self._sd = sd.tolist()
+        self._bias = [0.0] * len(sd) if bias is None else bias.tolist()
 
-    def draw(self) -> FloatArray:
+    def draw(self) -> list[float]:
         """Return the error of the next sample, (m,)."""
-        return self._bias + self._sd * self._rng.standard_normal(len(self._sd))
+        drawn = self._rng.standard_normal(len(self._sd)).tolist()
+        return [b + sd * z for b, sd, z in zip(self._bias, self._sd, drawn, strict=True)]
 
 
 class Correlated:
@@ -72,12 +75,12 @@ class Correlated:
         self._keeps = math.exp(-period / correlation_time)
         self._state = self._sd * slow_rng.standard_normal(len(sd))  # (m,)
 
-    def draw(self) -> FloatArray:
+    def draw(self) -> list[float]:
         """Return the error of the next sample, (m,)."""
         present = self._state
         kick = math.sqrt(1.0 - self._keeps**2) * self._sd
         self._state = self._keeps * present + kick * self._rng.standard_normal(len(kick))
-        return present + self._white.draw()
+        return (present + self._white.draw()).tolist()
 
 
 class HeavyTailed:
@@ -97,7 +100,8 @@ class HeavyTailed:
         self._rng = rng
         self._good_sd = sd / math.sqrt(1.0 + _BAD_SHARE * (_BAD_FACTOR**2 - 1.0))
 
-    def draw(self) -> FloatArray:
+    def draw(self) -> list[float]:
         """Return the error of the next sample, (m,)."""
         factor = _BAD_FACTOR if self._rng.random() < _BAD_SHARE else 1.0
-        return factor * self._good_sd * self._rng.standard_normal(len(self._good_sd))
+        drawn = self._rng.standard_normal(len(self._good_sd))
+        return (factor * self._good_sd * drawn).tolist()

@@ -141,8 +141,10 @@ class SensorSuite:
         """
         for channel in self._channels:
             if step % channel.every == 0:
-                reading = np.array(channel.read(truth)) + channel.error.draw()  # (m,)
-                value = tuple(map(quantised, reading.tolist(), channel.resolution))
+                reading = zip(
+                    *(channel.read(truth), channel.error.draw(), channel.resolution), strict=True
+                )
+                value = tuple(quantised(true + error, to) for true, error, to in reading)
                 if channel.sensor in _IMU:
                     self._attitude[channel.sensor] = value[1], value[2]
                 sample = Measurement(truth.time_s, channel.sensor, value)

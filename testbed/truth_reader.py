@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 import mujoco
+import numpy as np
 
 from testbed.truth import Pose, Truth, Wheels
-from testbed.tyre_kernel import Output
 from ttempc.types import FloatArray
 
 
@@ -40,7 +40,8 @@ class TruthReader:
         self._tractor, self._drawbar, self._trailer = (
             model.body(name).id for name in ("tractor", "drawbar", "trailer")
         )
-        self._antennas = [model.site(f"antenna_{name}").id for name in ("tractor", "trailer")]
+        antennas = [model.site(f"antenna_{name}").id for name in ("tractor", "trailer")]
+        self._antennas = np.array(antennas)  # a list as index is made an array every time
         self.lever_arms = model.site_pos[self._antennas]  # (2, 3) [m] bodies' frames
         self._beta, self._delta_t, self._delta_i = (
             int(model.joint(name).qposadr[0]) for name in ("rj1_yaw", "steer", "rj2_yaw")
@@ -55,7 +56,6 @@ class TruthReader:
         vx, vy, vz = self._velocity(tractor)
         qpos, qvel = self._qpos.item, self._qvel.item
         left, right = self._rear
-        reported = self._output.T.copy()  # (7, 6)
         return Truth(
             time_s=self._data.time,
             tractor=self._pose(tractor, axes),
@@ -72,15 +72,7 @@ class TruthReader:
             rim_speed=0.5 * self._rear_radius * (qvel(left) + qvel(right)),
             hp=self._act.item(self._hydrostat),
             set_points=self._ctrl.copy(),
-            wheels=Wheels(
-                load=reported[Output.LOAD],
-                slip=reported[Output.SLIP],
-                slip_angle=reported[Output.SLIP_ANGLE],
-                force_long=reported[Output.FORCE_LONG],
-                force_lat=reported[Output.FORCE_LAT],
-                cone_index=reported[Output.CONE_INDEX],
-                ground=reported[Output.GROUND],
-            ),
+            wheels=Wheels(*self._output.T.copy()),  # `Output` has the order of its fields
             body_xyz=self._xpos.copy(),
             body_quat=self._xquat.copy(),
         )
@@ -88,7 +80,9 @@ class TruthReader:
     def _velocity(self, body: int) -> tuple[float, float, float]:
         """Return the velocity of a body's origin [m/s], map frame."""
         wx, wy, wz, vx, vy, vz = self._cvel[body].tolist()
-        rx, ry, rz = (self._xpos[body] - self._centre).tolist()
+        x, y, z = self._xpos[body].tolist()
+        cx, cy, cz = self._centre.tolist()
+        rx, ry, rz = x - cx, y - cy, z - cz
         return vx + (wy * rz - wz * ry), vy + (wz * rx - wx * rz), vz + (wx * ry - wy * rx)
 
     def _pose(self, body: int, axes: list[float]) -> Pose:

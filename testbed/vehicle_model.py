@@ -66,20 +66,23 @@ def physics_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
     return lean.compile()
 
 
-def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, str]:
-    """Return the whole model on level ground, and its MJCF with the ground's heights left out.
-
-    Written out, the heights are a hundred times as long as everything else; the loader takes a
-    ground without them for a level one.
-    """
+def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
+    """Return the whole model on level ground, and what it was compiled of."""
     level = spec.copy()
     ground = level.hfield("ground")
-    rows, columns = ground.nrow, ground.ncol
     ground.nrow = ground.ncol = 2
     ground.userdata = [0.0] * 4
-    model = level.compile()  # nothing can be written before
+    return level.compile(), level
+
+
+def level_mjcf(level: mujoco.MjSpec, grid: tuple[int, int]) -> str:
+    """Return the MJCF of what `level_model` compiled, with ground of a `grid` (rows, columns).
+
+    The heights are left out: written out, they are a hundred times as long as everything else; the
+    loader takes a ground without them for a level one.
+    """
     text = re.sub(r'\s+elevation="[^"]*"', "", level.to_xml())
-    return model, text.replace('nrow="2" ncol="2"', f'nrow="{rows}" ncol="{columns}"')
+    return text.replace('nrow="2" ncol="2"', f'nrow="{grid[0]}" ncol="{grid[1]}"')
 
 
 def _put_stops(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:

@@ -3,46 +3,56 @@
 from __future__ import annotations
 
 import math
+import struct
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from testbed.datum import DATUM
 from testbed.errors import LogError
 from testbed.record import Event
 from testbed.truth import Pose
-from testbed.wire import in_frame, pose
+from testbed.wire import in_frame, poses, sized, stamp
 from ttempc.types import FloatArray
 
 MAP_FRAME: Final = "map"
 _MAP: Final = MAP_FRAME.encode()
+_FIX: Final = struct.Struct("<cdcd")  # latitude and longitude, each with its tag
 LEVELS: Final = {"info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR}
 
 _NS_PER_S: Final = 1_000_000_000
 
 
-def encode_pose(time_ns: int, place: Pose) -> bytes:
-    """Return the pose of one point of the vehicle as a PoseInFrame."""
-    w, x, y, z = quaternion(place)
-    return in_frame(time_ns, _MAP, pose(place.x, place.y, place.z, x, y, z, w))
+def encode_poses(times_ns: Sequence[int], places: Sequence[Pose]) -> list[bytes]:
+    """Return poses of points of the vehicle, each as a PoseInFrame."""
+    turns = np.array([quaternion(place) for place in places])  # (n, 4) w, x, y, z
+    points = np.array([(place.x, place.y, place.z) for place in places])
+    wire = poses(np.column_stack([points, turns[:, 1:], turns[:, 0]]))
+    return [
+        in_frame(time_ns, _MAP, each.tobytes())
+        for time_ns, each in zip(times_ns, wire, strict=True)
+    ]
 
 
-def encode_path(time_ns: int, points: FloatArray) -> bytes:
-    """Return a line of poses, each heading for the next, as a PosesInFrame; `points` (n, 3) [m]."""
-    half = 0.5 * headings(points)  # (n,)
-    places = zip(points.tolist(), np.sin(half).tolist(), np.cos(half).tolist(), strict=True)
-    line = [pose(x, y, z, 0.0, 0.0, sine, cosine) for (x, y, z), sine, cosine in places]
-    return in_frame(time_ns, _MAP, b"".join(line))
+def encode_paths(times_ns: Sequence[int], lines: Sequence[FloatArray]) -> list[bytes]:
+    """Return lines of poses, each heading for the next, as PosesInFrame; a line is (n, 3) [m]."""
+    half = 0.5 * np.concatenate([headings(line) for line in lines])  # of all poses in turn
+    level = np.zeros_like(half)
+    wire = poses(np.column_stack([np.concatenate(lines), level, level, np.sin(half), np.cos(half)]))
+    ends = np.cumsum([len(line) for line in lines]).tolist()
+    return [
+        in_frame(time_ns, _MAP, wire[first:end].tobytes())
+        for time_ns, first, end in zip(times_ns, [0, *ends[:-1]], ends, strict=True)
+    ]
 
 
 def encode_fix(time_ns: int, frame: str, x: float, y: float) -> bytes:
     """Return a measured place (x, y) [m] as a LocationFix; it says nothing of the height."""
     latitude, longitude = DATUM.degrees(x, y)
-    fix = LocationFix(frame_id=frame, latitude=latitude, longitude=longitude)
-    fix.timestamp.seconds, fix.timestamp.nanos = divmod(time_ns, _NS_PER_S)
-    return fix.SerializeToString()
+    place = _FIX.pack(b"\x09", latitude, b"\x11", longitude)
+    return place + sized(b"\x32", stamp(time_ns)) + sized(b"\x3a", frame.encode())
 
 
 def encode_event(time_ns: int, event: Event) -> bytes:

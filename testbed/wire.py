@@ -8,9 +8,7 @@ number are compressed away.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -21,15 +19,43 @@ from ttempc.types import FloatArray
 
 _NS_PER_S: Final = 1_000_000_000
 
-# x, y, z of a Vector3 (27 bytes) and x, y, z, w of a Quaternion (36), each with its tag
-_INNER_TAGS: Final = (b"\x0a\x1b\x09", b"\x11", b"\x19", b"\x12\x24\x09", b"\x11", b"\x19", b"\x21")
-_NUMBERS: Final = len(_INNER_TAGS)
-_POSE_TAGS: Final = (b"\x1a\x43" + _INNER_TAGS[0], *_INNER_TAGS[1:])  # field 3: a pose, 67 bytes
-_POSE: Final = struct.Struct("<" + "".join(f"{len(tag)}sd" for tag in _POSE_TAGS))
-_SINGLE: Final = struct.Struct("<7f")
-_TRANSFORM_TAGS: Final = (b"\x22\x1b\x09", *_INNER_TAGS[1:3], b"\x2a\x24\x09", *_INNER_TAGS[4:])
 _DOUBLE_BYTES: Final = 8
+# x, y, z of a Vector3 (27 bytes) and x, y, z, w of a Quaternion (36), each with its tag
+_POSE_TAGS: Final = (b"\x0a\x1b\x09", b"\x11", b"\x19", b"\x12\x24\x09", b"\x11", b"\x19", b"\x21")
+_TRANSFORM_TAGS: Final = (b"\x22\x1b\x09", *_POSE_TAGS[1:3], b"\x2a\x24\x09", *_POSE_TAGS[4:])
 _PLACE_BYTES: Final = 67  # of translation and rotation together
+
+
+class Form:
+    """Messages of one length that differ in some of their bytes only, made many at a time.
+
+    Args:
+        parts: of a message in their order: constant bytes, or how many bytes are to be filled in.
+    """
+
+    def __init__(self, parts: Sequence[bytes | int]) -> None:
+        message, holes = bytearray(), []
+        for part in parts:
+            if isinstance(part, int):
+                holes += range(len(message), len(message) + part)
+                part = bytes(part)
+            message += part
+        self._message = np.frombuffer(bytes(message), np.uint8).reshape(1, -1)
+        self._holes = np.array(holes, np.intp)
+
+    @classmethod
+    def of_doubles(cls, tags: Sequence[bytes]) -> Form:
+        """Return the form in which a double follows each of the tags."""
+        return cls([part for tag in tags for part in (tag, _DOUBLE_BYTES)])
+
+    def fill(self, content: NDArray[np.generic]) -> NDArray[np.uint8]:
+        """Return n messages, (n, bytes); `content` has a row for each, with all that goes in."""
+        filled = np.repeat(self._message, len(content), axis=0)
+        filled[:, self._holes] = np.ascontiguousarray(content).view(np.uint8)
+        return filled
+
+
+_POSE: Final = Form.of_doubles((b"\x1a\x43" + _POSE_TAGS[0], *_POSE_TAGS[1:]))  # field 3, 67 bytes
 
 
 def single(values: FloatArray) -> FloatArray:
@@ -61,69 +87,60 @@ def sized(tag: bytes, content: bytes) -> bytes:
     return tag + varint(len(content)) + content
 
 
-def pose(x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: float) -> bytes:
-    """Return field 3 of a PoseInFrame or PosesInFrame: a place [m] and its quaternion."""
-    x, y, z, qx, qy, qz, qw = _SINGLE.unpack(_SINGLE.pack(x, y, z, qx, qy, qz, qw))
-    a, b, c, d, e, f, g = _POSE_TAGS
-    return _POSE.pack(a, x, b, y, c, z, d, qx, e, qy, f, qz, g, qw)
+def poses(places: FloatArray) -> NDArray[np.uint8]:
+    """Return field 3 of a PoseInFrame or PosesInFrame, once for every place, (n, bytes).
+
+    `places` (n, 7) holds x, y, z [m] and the quaternion x, y, z, w.
+    """
+    return _POSE.fill(single(places))
 
 
 def in_frame(time_ns: int, frame: bytes, poses: bytes) -> bytes:
-    """Return a PoseInFrame or PosesInFrame of one or more of what `pose` returned."""
+    """Return a PoseInFrame or PosesInFrame of one or more of what `poses` returned."""
     time = stamp(time_ns)
     return b"\x0a%c%b\x12%c%b%b" % (len(time), time, len(frame), frame, poses)
 
 
 class TransformsEncoder:
-    """Transforms from one frame to every body, as a FrameTransforms message.
-
-    A message is a copy of the last one of the same length with other bytes in the same places.
-    """
+    """Transforms from one frame to every body, as FrameTransforms messages."""
 
     def __init__(self, parent: str, body_names: Sequence[str]) -> None:
         self._names = [
             sized(b"\x12", parent.encode()) + sized(b"\x1a", name.encode()) for name in body_names
         ]
-        self._layouts: dict[int, _Layout] = {}  # by the length of a stamp
-        self._numbers = np.empty((len(self._names), _NUMBERS), np.float32)
+        self._forms: dict[int, Form] = {}  # by the length of a stamp
 
-    def encode(self, time_ns: int, xyz: FloatArray, quaternions: FloatArray) -> bytes:
-        """Return the message; `xyz` (n, 3) [m], `quaternions` (n, 4) in the order w, x, y, z."""
-        time, numbers = stamp(time_ns), self._numbers
-        numbers[:, :3], numbers[:, 3:6], numbers[:, 6] = xyz, quaternions[:, 1:], quaternions[:, 0]
-        layout = self._layouts.get(len(time))
-        if layout is None:
-            layout = self._layouts[len(time)] = _layout(self._names, len(time))
-        layout.message[layout.stamps] = np.frombuffer(time, np.uint8)
-        layout.message[layout.numbers] = numbers.astype(np.float64).view(np.uint8)
-        return layout.message.tobytes()
+    def encode(
+        self, times_ns: Sequence[int], xyz: FloatArray, quaternions: FloatArray
+    ) -> list[bytes]:
+        """Return a message for each of n times.
 
+        `xyz` is (n, bodies, 3) [m], `quaternions` (n, bodies, 4) in the order w, x, y, z.
+        """
+        stamps, bodies = [stamp(time_ns) for time_ns in times_ns], len(self._names)
+        places = single(np.concatenate([xyz, quaternions[..., 1:], quaternions[..., :1]], axis=2))
+        numbers = places.view(np.uint8)  # (n, bodies, 56)
+        messages = [b""] * len(stamps)
+        for length in {len(time) for time in stamps}:
+            chosen = [i for i, time in enumerate(stamps) if len(time) == length]
+            times = np.frombuffer(b"".join(stamps[i] for i in chosen), np.uint8)
+            times = np.broadcast_to(
+                times.reshape(len(chosen), 1, length), (len(chosen), bodies, length)
+            )
+            content = np.concatenate([times, numbers[chosen]], axis=2)
+            filled = self._form(length).fill(content.reshape(len(chosen), -1))
+            for i, message in zip(chosen, filled, strict=True):
+                messages[i] = message.tobytes()
+        return messages
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
-    """A message and where in it are the bytes that change."""
-
-    message: NDArray[np.uint8]
-    stamps: NDArray[np.intp]  # (bodies, bytes of a stamp)
-    numbers: NDArray[np.intp]  # (bodies, bytes of the numbers)
-
-
-def _layout(names: Sequence[bytes], stamp_bytes: int) -> _Layout:
-    message, stamps, numbers = bytearray(), [], []
-    for name in names:
-        time_head = b"\x0a" + varint(stamp_bytes)
-        length = len(time_head) + stamp_bytes + len(name) + _PLACE_BYTES
-        message += b"\x0a" + varint(length) + time_head
-        stamps.append(len(message) + np.arange(stamp_bytes))
-        message += bytes(stamp_bytes) + name
-        places = []
-        for tag in _TRANSFORM_TAGS:
-            message += tag
-            places.append(len(message) + np.arange(_DOUBLE_BYTES))
-            message += bytes(_DOUBLE_BYTES)
-        numbers.append(np.concatenate(places))
-    return _Layout(
-        np.frombuffer(message, np.uint8).copy(),
-        np.array(stamps, np.intp).reshape(len(names), stamp_bytes),
-        np.array(numbers, np.intp).reshape(len(names), _NUMBERS * _DOUBLE_BYTES),
-    )
+    def _form(self, stamp_bytes: int) -> Form:
+        """Return the form of a message whose stamps have a length."""
+        if stamp_bytes not in self._forms:
+            parts: list[bytes | int] = []
+            for name in self._names:
+                time_head = b"\x0a" + varint(stamp_bytes)
+                length = len(time_head) + stamp_bytes + len(name) + _PLACE_BYTES
+                parts += [b"\x0a" + varint(length) + time_head, stamp_bytes, name]
+                parts += [part for tag in _TRANSFORM_TAGS for part in (tag, _DOUBLE_BYTES)]
+            self._forms[stamp_bytes] = Form(parts)
+        return self._forms[stamp_bytes]

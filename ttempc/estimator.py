@@ -134,9 +134,10 @@ class ExtendedKalmanFilter:
         said = {}
         begin = bisect_right(self._samples, now.time_s, key=lambda sample: sample.time_s)
         for sample in self._samples[begin:]:
-            if sample.time_s > now.time_s and now.time_s > self._states[-1].time_s:
-                self._states.append(now.copy())
-            self.predict(now, sample.time_s)
+            if sample.time_s > now.time_s:
+                if now.time_s > self._states[-1].time_s:
+                    self._states.append(now.copy())
+                self.predict(now, sample.time_s)
             innovation = self._filter.take_in(now, sample)
             key = sample.sensor, sample.time_s
             self._known[key] = innovation.accepted

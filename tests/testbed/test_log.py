@@ -39,7 +39,10 @@ def test_what_is_written_is_read_back_to_the_bit(logged):
 def test_rows_are_what_protobuf_itself_would_write(channel):
     values = np.random.default_rng(1).normal(size=len(channel.fields)).tolist()
     message = message_class(channel)(time_s=1.5, **dict(zip(channel.fields, values, strict=True)))
-    assert RowEncoder(channel).encode(1.5, values) == message.SerializeToString()
+    filled = RowEncoder(channel).encode(np.array([[1.5, *values], [2.0, *values]]))
+    assert filled[0].tobytes() == message.SerializeToString()
+    message.time_s = 2.0
+    assert filled[1].tobytes() == message.SerializeToString()
 
 
 def test_a_reader_that_is_not_ours_finds_everything(logged):

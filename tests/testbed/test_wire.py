@@ -17,7 +17,7 @@ from testbed.soil import SoilMap
 from testbed.terrain import flat
 from testbed.truth import WHEELS, Pose
 from testbed.vehicle_file import read_vehicle
-from testbed.viewer_messages import encode_fix, encode_path, encode_pose
+from testbed.viewer_messages import encode_fix, encode_paths, encode_poses, quaternion
 from testbed.wire import TransformsEncoder, single
 
 TIMES_NS = (0, 1, 40_000_000, 10**9, 127 * 10**9 + 999_999_999, 128 * 10**9, 20_000 * 10**9 + 127)
@@ -31,16 +31,15 @@ def in_body(pose, point):
     return turned + np.array([pose.position.x, pose.position.y, pose.position.z])
 
 
-@pytest.mark.parametrize("time_ns", TIMES_NS)
-def test_transforms_are_protobufs_own_bytes(time_ns):
+def test_transforms_are_protobufs_own_bytes():
     rng = np.random.default_rng(2)
     encoder = TransformsEncoder("map", ("tractor", "a" * 150))
-    for _ in range(2):
-        xyz, quat = rng.normal(size=(2, 3)), rng.normal(size=(2, 4))
-        data = encoder.encode(time_ns, xyz, quat)
+    xyz, quat = rng.normal(size=(len(TIMES_NS), 2, 3)), rng.normal(size=(len(TIMES_NS), 2, 4))
+    messages = encoder.encode(TIMES_NS, xyz, quat)
+    for data, time_ns, places, turns in zip(messages, TIMES_NS, xyz, quat, strict=True):
         message = FrameTransforms.FromString(data)
         assert message.SerializeToString() == data
-        for found, place, turn in zip(message.transforms, xyz, quat, strict=True):
+        for found, place, turn in zip(message.transforms, places, turns, strict=True):
             stamp, at, by = found.timestamp, found.translation, found.rotation
             assert stamp.seconds * 10**9 + stamp.nanos == time_ns
             assert [at.x, at.y, at.z] == single(place).tolist()
@@ -48,23 +47,38 @@ def test_transforms_are_protobufs_own_bytes(time_ns):
 
 
 def test_bodies_may_be_none():
-    assert TransformsEncoder("map", ()).encode(5, np.zeros((0, 3)), np.zeros((0, 4))) == b""
+    encoder = TransformsEncoder("map", ())
+    assert encoder.encode([5, 6], np.zeros((2, 0, 3)), np.zeros((2, 0, 4))) == [b"", b""]
 
 
-@pytest.mark.parametrize("time_ns", TIMES_NS)
-def test_poses_are_protobufs_own_bytes(time_ns):
-    data = encode_pose(time_ns, Pose(1.0, 2.0, 3.0, 0.4, 0.1, -0.2))
-    message = PoseInFrame.FromString(data)
-    assert message.SerializeToString() == data
-    turn = message.pose.orientation
-    assert math.hypot(turn.w, turn.x, turn.y, turn.z) == pytest.approx(1.0, abs=1e-6)
-    path = PosesInFrame.FromString(encode_path(time_ns, np.eye(3)))
-    assert [pose.position.y for pose in path.poses] == [0.0, 1.0, 0.0]
-    assert path.frame_id == "map"
+def test_poses_are_protobufs_own_bytes():
+    places = [Pose(1.0, 2.0, 3.0, 0.4, 0.1, -0.2 * i) for i in range(len(TIMES_NS))]
+    for data, time_ns, place in zip(encode_poses(TIMES_NS, places), TIMES_NS, places, strict=True):
+        message = PoseInFrame.FromString(data)
+        assert message.SerializeToString() == data
+        assert message.timestamp.ToNanoseconds() == time_ns
+        turn = message.pose.orientation
+        assert [turn.w, turn.x, turn.y, turn.z] == pytest.approx(quaternion(place), abs=1e-7)
+        assert math.hypot(turn.w, turn.x, turn.y, turn.z) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_paths_made_together_are_those_made_alone():
+    lines = [np.eye(3), np.ones((1, 3)), np.arange(12.0).reshape(4, 3)]
+    together = encode_paths(TIMES_NS[:3], lines)
+    alone = zip(TIMES_NS[:3], lines, strict=True)
+    assert together == [encode_paths([time_ns], [line])[0] for time_ns, line in alone]
+    for data, line, time_ns in zip(together, lines, TIMES_NS[:3], strict=True):
+        path = PosesInFrame.FromString(data)
+        assert path.frame_id == "map"
+        assert path.timestamp.ToNanoseconds() == time_ns
+        assert [pose.position.y for pose in path.poses] == line[:, 1].tolist()
 
 
 def test_a_fix_lies_where_the_ellipsoid_says():
-    fix = LocationFix.FromString(encode_fix(0, "tractor", 40.0, 30.0))
+    data = encode_fix(127 * 10**9 + 5, "tractor", 40.0, 30.0)
+    fix = LocationFix.FromString(data)
+    assert fix.SerializeToString() == data
+    assert (fix.frame_id, fix.timestamp.ToNanoseconds()) == ("tractor", 127 * 10**9 + 5)
     north, east = fix.latitude - DATUM.latitude_deg, fix.longitude - DATUM.longitude_deg
     # Length of a degree at 50.86 deg north: series of the WGS 84 ellipsoid (NIMA TR8350.2).
     phi = math.radians(DATUM.latitude_deg)
