@@ -16,7 +16,9 @@ from experiments.figures.path import path_figure
 from experiments.figures.signals import signals_figure
 from experiments.figures.style import DPI
 from experiments.figures.timing import timing_figure
+from experiments.figures.tube import tube_figure
 from experiments.figures.tyres import tyres_figure
+from testbed.channels import TUBE
 from testbed.record import Record
 
 FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
@@ -25,6 +27,7 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
     "signals": signals_figure,
     "tyres": tyres_figure,
     "timing": timing_figure,
+    "tube": tube_figure,
 }
 
 CAPTIONS: Final = {
@@ -32,6 +35,8 @@ CAPTIONS: Final = {
     "error": "Distance to the time-based reference. Shaded: curves. Means leave out the start-up.",
     "signals": "The three actions, their sum, and what was sent. Dashed: the vehicle's bounds.",
     "tyres": "Slip of the driven wheels, slip angles of the trailer's wheels, loads of all wheels.",
+    "tube": "The truth across the track about the nominal vehicle, in the tube of the controller; "
+    "below, how far inside the estimate was: 1 in the middle, 0 on the boundary.",
     "timing": "Wall-clock cost of the parts of a control period, on the machine that made the run.",
 }
 
@@ -39,8 +44,12 @@ _PALETTE: Final = 128  # colours
 
 
 def draw(record: Record) -> dict[str, bytes]:
-    """Return every figure of a run as a PNG file's content, by the figure's name."""
-    return {name: png(figure(record)) for name, figure in FIGURES.items()}
+    """Return every figure of a run as a PNG file's content, by the figure's name.
+
+    The one of the tube is left out where the controller had none.
+    """
+    names = [name for name in FIGURES if name != "tube" or len(record[TUBE])]
+    return {name: png(FIGURES[name](record)) for name in names}
 
 
 def png(figure: Figure) -> bytes:

@@ -35,7 +35,8 @@ def test_every_run_has_figures(curvature, duration_s):
 
 def test_figures_are_light_and_as_wide_as_a_page():
     pictures = draw(record(duration_s=273.0, noise_m=0.03))
-    assert set(pictures) == set(CAPTIONS) == set(FIGURES)
+    assert set(pictures) == set(FIGURES) - {"tube"}
+    assert set(CAPTIONS) == set(FIGURES)
     for content in pictures.values():
         assert len(content) < MAX_BYTES
         assert Image.open(io.BytesIO(content)).width == 792

@@ -13,6 +13,7 @@ from experiments.cli import main
 from experiments.confidence import fewest_samples, share
 from experiments.containment import QUANTITIES, containment
 from experiments.errors import InvalidFit, InvalidScenario
+from experiments.figures.tube import tube_figure
 from experiments.metrics import summarise
 from experiments.run import run, simulate
 from experiments.scenario import load
@@ -285,6 +286,9 @@ def test_containment_is_counted_on_the_truth():
     said = summarise(record, facts).tube
     assert said is not None
     assert said.contained_fraction == pytest.approx(0.75, abs=0.01)
+    tractor = tube_figure(record).axes[0]
+    drawn = np.asarray(tractor.lines[-1].get_ydata(), float)
+    np.testing.assert_allclose(drawn, 100.0 * found.deviation[:, 1])
     assert said.margin_min == pytest.approx(-1.0)
 
 
@@ -294,6 +298,7 @@ def test_a_run_in_the_tube_says_so_and_a_single_run_is_no_fit(tmp_path, capsys):
     finished = run(name, scenario, 5, tmp_path / "run")
     assert asdict(finished.summary)["tube"]["contained_fraction"] == 1.0
     assert len(finished.record[TUBE]) == len(finished.record[CONTROL])
+    assert finished.files["tube"].exists()
     assert len(read_runs([tmp_path])) == 1
     out = tmp_path / "tube.json"
     assert main(["fit-tube", str(tmp_path), "-o", str(out)]) == 2
