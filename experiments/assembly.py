@@ -12,6 +12,7 @@ from experiments.errors import InvalidScenario
 from experiments.factory import ControllerFactory, controller_factory
 from experiments.scenario import Scenario
 from experiments.settings.vehicle import Difference, mismatch
+from testbed.actuators import Actuators
 from testbed.grid import Grid
 from testbed.loop import Rig
 from testbed.mishap import MishapLimits
@@ -146,10 +147,14 @@ def check(scenario: Scenario) -> int:
     reference, strength_map = _way(course, vehicle, level, scenario)
     asked = scenario.controller
     controller_factory(asked.name, asked.design(vehicle, CONTROL_PERIOD_S))
-    record_steps(scenario.plant.timestep_s, RECORD_RATE_HZ)
+    timestep_s = scenario.plant.timestep_s
+    record_steps(timestep_s, RECORD_RATE_HZ)
     scenario.soil.soil(0, level, course.path, strength_map)
-    scenario.plant.vehicle.vehicle()
-    scenario.sensors.specification()
+    steered = scenario.plant.vehicle.vehicle()
+    stops = (steered.front_steering.limit_deg, steered.trailer_steering.limit_deg)
+    front, trailer = (math.radians(stop) for stop in stops)
+    Actuators(scenario.actuators.specification(), timestep_s, (front, trailer))
+    SensorSuite(scenario.sensors.specification(), timestep_s, 0, np.zeros((2, 3)))
     return _ticks(reference)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from experiments.errors import InvalidStudy
+from experiments.errors import InvalidStudy, SweepStopped
 from experiments.sweeping.engine import Engine
 from experiments.sweeping.folder import Folder, Origin
 from experiments.sweeping.plan import Plan
@@ -41,6 +41,7 @@ class Quantity:
     high: float
     spacing: Literal["linear", "log"] = "linear"
     names: tuple[str, ...] = ()  # in place of a range
+    step: float = 0.0  # of which all values are whole multiples; 0: any value can be
 
 
 QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
@@ -51,6 +52,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
         "delay": Quantity(
             tuple(f"actuators.{name}.dead_time_s" for name in ("front", "trailer", "hydrostat")),
             *("s", 0.0, 1.0),
+            step=0.01,  # a dead time is a whole number of physics steps
         ),
         "roughness": Quantity(("terrain.iso_class",), "ISO 8608", 0.0, 5.0, names=tuple("ABCDEF")),
     }
@@ -91,10 +93,27 @@ class Question:
             raise InvalidStudy(f"{self.quantity}: low must be below high, got {low:g}, {high:g}")
         if not self.tolerance > 0.0:
             raise InvalidStudy(f"tolerance must be above 0, got {self.tolerance:g}")
+        if self.tolerance < quantity.step:
+            raise InvalidStudy(
+                f"tolerance must be at least {quantity.step:g} {quantity.unit}, the step of "
+                f"{self.quantity}, got {self.tolerance:g}"
+            )
+        for end in (low, high):
+            if not math.isclose(self.snapped(end), end, abs_tol=1e-12):
+                raise InvalidStudy(
+                    f"{self.quantity}: must be a multiple of {quantity.step:g} {quantity.unit}, "
+                    f"got {end:g}"
+                )
         if quantity.spacing == "log" and low <= 0.0:
             raise InvalidStudy(f"{self.quantity}: low must be above 0, got {low:g}")
         space = np.geomspace if quantity.spacing == "log" else np.linspace
-        return [low, *space(low, high, self.scan)[1:-1].tolist(), high]
+        between = (self.snapped(place) for place in space(low, high, self.scan)[1:-1].tolist())
+        return sorted({low, *between, high})
+
+    def snapped(self, place: float) -> float:
+        """Return the nearest value that the quantity may have."""
+        step = QUANTITIES[self.quantity].step
+        return round(round(place / step) * step, 12) if step else place
 
     def value(self, place: float) -> float | str:
         """Return what the scenario has for a value of `first_look`, or one between two."""
@@ -190,6 +209,7 @@ def envelope(
 
     Raises:
         InvalidStudy: the question cannot be asked; no run is made.
+        SweepStopped: a run raised an error, which says nothing of the controller.
     """
     places = question.first_look()
     probes: dict[float, Probe] = {}
@@ -216,6 +236,7 @@ def probed(question: Question, places: Sequence[float], engine: Engine) -> Itera
 
     Raises:
         InvalidStudy: a value cannot be.
+        SweepStopped: a run raised an error.
     """
     values = [question.value(place) for place in places]
     plan = question.plan(values)
@@ -228,6 +249,12 @@ def probed(question: Question, places: Sequence[float], engine: Engine) -> Itera
 
 
 def _judged(question: Question, value: float | str, rows: Sequence[Row]) -> Probe:
+    for row in rows:
+        if row["status"] in ("failed", "crashed"):
+            raise SweepStopped(
+                f"{question.quantity} at {_text(value)}, {question.controller}, seed "
+                f"{row['seed']}: {row['failure']}"
+            )
     errors = tuple(cast("float | None", row[ERROR]) for row in rows)
     lost = [row["status"] != "completed" for row in rows]
     limit = math.inf if question.limit_m is None else question.limit_m
@@ -253,12 +280,12 @@ def _bracket(probes: Mapping[float, Probe]) -> tuple[float, float] | None:
 
 def _close(question: Question, one: float, other: float) -> bool:
     named = QUANTITIES[question.quantity].names
-    return bool(named) or other - one <= question.tolerance
+    return bool(named) or other - one <= question.tolerance * (1.0 + 1e-9)
 
 
 def _middle(question: Question, one: float, other: float) -> float:
     logarithmic = QUANTITIES[question.quantity].spacing == "log"
-    return math.sqrt(one * other) if logarithmic else 0.5 * (one + other)
+    return question.snapped(math.sqrt(one * other) if logarithmic else 0.5 * (one + other))
 
 
 def _text(value: float | str | None) -> str:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from experiments.cli import main
-from experiments.errors import InvalidStudy
+from experiments.errors import InvalidStudy, SweepStopped
 from experiments.sweeping import envelope as room
 from experiments.sweeping.engine import Engine, InProcess
 from experiments.sweeping.envelope import ERROR, Question, envelope
@@ -52,6 +52,28 @@ def test_a_quantity_that_is_hard_when_small_is_bisected_on_its_logarithm(monkeyp
     assert found.holds_at - found.fails_at <= 5.0
 
 
+def test_delays_are_whole_steps_on_the_way_to_the_answer(monkeypatch):
+    asked = replace(ASKED, quantity="delay", low=0.0, high=1.0, tolerance=0.03)
+    found = answered(asked, monkeypatch, lambda delay, seed: 0.1 if delay < 0.33 else None)
+    assert found.holds_at < 0.33 <= found.fails_at <= found.holds_at + 0.03 + 1e-9
+    for probe in found.probes:
+        assert probe.value == round(probe.value, 2)
+    found = answered(
+        replace(asked, tolerance=0.01), monkeypatch, lambda delay, seed: 0.1 if delay < 0.33 else 9
+    )
+    assert (found.holds_at, found.fails_at) == (0.32, 0.33)
+
+
+def test_a_run_that_raised_an_error_says_nothing_of_the_controller(monkeypatch):
+    def driven(engine, jobs):
+        for job in jobs:
+            yield job.row("failed", "no such thing", no_figures(), 0.1)
+
+    monkeypatch.setattr(room, "driven", driven)
+    with pytest.raises(SweepStopped, match=r"slope at 0, paper, seed 1: no such thing"):
+        envelope(ASKED, Engine(InProcess(), lambda: 1))
+
+
 def test_a_named_quantity_is_looked_through(monkeypatch):
     asked = replace(ASKED, quantity="roughness")
     found = answered(asked, monkeypatch, lambda name, seed: 0.9 if name >= "E" else 0.1)
@@ -87,6 +109,8 @@ def test_a_value_fails_where_at_least_half_of_its_seeds_do(monkeypatch):
         {"high": 0.9},
         {"quantity": "cone-index", "low": 0.0, "high": 1.0},
         {"controller": "me"},
+        {"quantity": "delay", "tolerance": 0.001},
+        {"quantity": "delay", "high": 0.305, "tolerance": 0.05},
     ],
 )
 def test_what_cannot_be_asked_is_refused(change):

@@ -125,6 +125,14 @@ def test_a_dumped_study_is_the_study(tmp_path):
         ),
         ('[[axis]]\nkind="list"\nkey="soil"\nvalues=[3]', "soil = 3:"),
         (
+            '[[axis]]\nkind="list"\nkey="actuators.front.dead_time_s"\nvalues=[0.1, 0.03125]',
+            "not a whole number of physics steps",
+        ),
+        (
+            '[[axis]]\nkind="list"\nkey="sensors.gnss_latency_s"\nvalues=[0.2, 0.0125]',
+            "not a whole number of physics steps",
+        ),
+        (
             '[[axis]]\nkind="list"\nkey="controller"\nvalues=["me"]',
             "controller = 'me': controller 'me' does not exist; allowed are",
         ),
