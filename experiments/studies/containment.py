@@ -133,10 +133,15 @@ def fresh_lap(case: Case, tube: Path, folder: Path, key: str, seed: int) -> dict
     }
 
 
+def refused_file(folder: Path, key: str) -> Path:
+    """Return where it stands why no tube drives a case."""
+    return folder / f"{key}-refused.txt"
+
+
 def tube_of(key: str, folder: Path, laps: int, pool: ProcessPoolExecutor) -> Path | None:
     """Return the tube file of a case, fitted now if it is not there; None where there is none."""
     file = folder / f"{key}.json"
-    refused = folder / f"{key}-refused.txt"
+    refused = refused_file(folder, key)
     if file.exists() or refused.exists():
         return file if file.exists() else None
     driven = pool.map(partial(fit_lap, CASES[key]), range(FIRST_FIT_SEED, FIRST_FIT_SEED + laps))
@@ -172,12 +177,15 @@ def drive(folder: Path, keys: Sequence[str], laps: int, fit_laps: int) -> None:
             tube = tube_of(case.tube_of or key, folder, fit_laps, pool)
             seeds = [FIRST_SEED + lap for lap in range(laps)]
             seeds = [seed for seed in seeds if (key, seed) not in done]
-            if tube is None or not seeds:
+            if tube is None or not seeds or refused_file(folder, key).exists():
                 continue
             driven = pool.map(partial(fresh_lap, case, tube, folder, key), seeds)
-            for row in tqdm(driven, total=len(seeds), desc=key):
-                with (folder / "laps.jsonl").open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(row) + "\n")
+            try:
+                for row in tqdm(driven, total=len(seeds), desc=key):
+                    with (folder / "laps.jsonl").open("a", encoding="utf-8") as file:
+                        file.write(json.dumps(row) + "\n")
+            except InvalidTube as error:  # a borrowed one, along another reference
+                refused_file(folder, key).write_text(f"{error}\n", encoding="utf-8")
 
 
 def table(folder: Path) -> Iterator[str]:
