@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -12,9 +10,9 @@ from ttempc.articulated_error import error_dynamics, error_state, remaining_boun
 from ttempc.limits import CommandLimits
 from ttempc.lmpc import FeedbackAction, LinearMpc
 from ttempc.prediction import PredictedPath
-from ttempc.qp import CondensedHorizon, HorizonTuning, StageBounds
+from ttempc.qp import CondensedHorizon, HorizonTuning
 from ttempc.reference import Reference, ReferenceSample
-from ttempc.reference_tube import TubeDesign
+from ttempc.reference_tube import TubeDesign, tightened
 from ttempc.regulator import RegulatorTuning, RobustAction, RobustRegulator
 from ttempc.step_set import StepSet
 from ttempc.tracking import Actions, TrackingController, around_exact_feedforward
@@ -57,12 +55,13 @@ class ArticulatedFeedback:
         self._feedforward = feedforward  # u_r (N, 3)
         bounds = remaining_bounds(feedforward, CommandLimits.of(reference.vehicle, period_s))
         if robust and robust.tightened:
-            bounds = without(bounds, robust.saturation)
+            taken = np.tile(robust.saturation, (len(feedforward), 1))
+            bounds = tightened(bounds, taken, np.zeros_like(taken), period_s)
         horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds)
         self._mpc = LinearMpc(horizon)
         self._robust = RobustRegulator(a, b, c, period_s, robust) if robust else None
-        watched = design and robust and robust.nominal == "one-step"
-        self._steps = StepSet(design, c[:-1, :, :_N]) if design and watched else None
+        one_step = robust is not None and robust.nominal == "one-step"
+        self._steps = StepSet(design, c[:-1, :, :_N]) if design and one_step else None
         self._known = 1.0 if disturbed else 0.0
         self._state = grid.state
         self._vehicle = reference.vehicle
@@ -100,19 +99,6 @@ class ArticulatedFeedback:
         self._mpc.prepare(k)
 
 
-def without(bounds: StageBounds, taken: Sequence[float]) -> StageBounds:
-    """Return the Pontryagin difference of the inputs' bounds and +-`taken` (m,); 0 stays allowed.
-
-    Steps are left: what is bounded may still move from one end to the other in a period.
-    """
-    room = np.asarray(taken)
-    return replace(
-        bounds,
-        lower=np.minimum(bounds.lower + room, 0.0),
-        upper=np.maximum(bounds.upper - room, 0.0),
-    )
-
-
 def articulated_controller(
     vehicle: Vehicle,
     reference: Reference,
@@ -126,10 +112,12 @@ def articulated_controller(
 
     `robust` of None leaves the robust action out, `disturbed` of False tells the MPC nothing of
     the disturbances that the filter knows. `design` is the tube against whose set each step's
-    disturbance is held, for the record; it changes no command.
+    disturbance is held, for the record, in the one-step reading of the robust law; it changes no
+    command.
 
     Raises:
-        InvalidTube: the design was made for another vehicle.
+        InvalidTube: the design was made for another vehicle, or the law is to have its authority
+            free (`RegulatorTuning.tightened`) and the feedforward leaves less.
     """
     if design:
         design.require(vehicle, period_s)

@@ -88,7 +88,9 @@ class ReferenceTube:
         return cls(
             *(reference.vehicle, a, b, c, feedforward, tube),
             half_widths=np.concatenate([tube.states, tube.outputs[:, 2:]], axis=1) + blur,
-            bounds=tightened(remaining_bounds(feedforward, limits), tube, period_s),
+            bounds=tightened(
+                remaining_bounds(feedforward, limits), tube.inputs, tube.rates, period_s
+            ),
         )
 
     @property
@@ -121,30 +123,39 @@ def seen(outputs: FloatArray) -> FloatArray:
     return np.concatenate([unit, outputs[:, 2:]], axis=1)
 
 
-def tightened(bounds: StageBounds, tube: Tube, period_s: float) -> StageBounds:
-    """Return the Pontryagin difference of `bounds` and what the tube takes.
+def tightened(
+    bounds: StageBounds, inputs: FloatArray, rates: FloatArray, period_s: float
+) -> StageBounds:
+    """Return the Pontryagin difference of `bounds` and what a tube takes.
+
+    Args:
+        bounds: on the whole input, (T, m) each.
+        inputs: half widths that the tube takes of the inputs, (T, m).
+        rates: half widths that it takes of their change in a period, (T, m).
+        period_s: of the ticks.
 
     Raises:
         InvalidTube: nothing is left of an input or of its change; which, when, and by how much.
     """
     left = StageBounds(
-        bounds.lower + tube.inputs,
-        bounds.upper - tube.inputs,
-        bounds.step_lower + tube.rates,
-        bounds.step_upper - tube.rates,
+        bounds.lower + inputs,
+        bounds.upper - inputs,
+        bounds.step_lower + rates,
+        bounds.step_upper - rates,
     )
-    _require_width("", left.lower, left.upper, tube.inputs, period_s)
-    _require_width("change in a period of ", left.step_lower, left.step_upper, tube.rates, period_s)
+    _require_width("", left.lower, left.upper, inputs, period_s)
+    _require_width("change in a period of ", left.step_lower, left.step_upper, rates, period_s)
     return left
 
 
 def _require_width(
     what: str, lower: FloatArray, upper: FloatArray, taken: FloatArray, period_s: float
 ) -> None:
-    missing = (lower - upper) / (2.0 * taken)
+    missing = lower - upper
     if np.all(missing <= 0.0):
         return
-    k, item = np.unravel_index(int(np.argmax(missing)), missing.shape)
+    share = np.divide(missing, taken, out=np.full_like(missing, -np.inf), where=taken > 0.0)
+    k, item = np.unravel_index(int(np.argmax(share)), share.shape)
     wanted = float(taken[k, item])
     there = wanted - 0.5 * float(lower[k, item] - upper[k, item])
     scale, unit = (100.0, "%") if item == Input.HP else (_DEGREES, "deg")

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, STEP, VEHICLE
-from ttempc.articulated import articulated_controller, without
+from ttempc.articulated import articulated_controller
 from ttempc.articulated_error import error_dynamics, error_state
 from ttempc.disturbance_set import DisturbanceSet
 from ttempc.errors import InvalidTube
 from ttempc.kinematics import trailer_point
-from ttempc.qp import StageBounds
 from ttempc.reference_tube import seen
 from ttempc.regulator import TUBE, RegulatorTuning
 from ttempc.step_set import StepSet
@@ -111,11 +110,7 @@ def test_tightened_by_its_authority_no_sum_of_mpc_and_law_is_limited():
     assert min(left) < 1e-6  # pressed to its end
 
 
-def test_a_difference_of_bounds_is_what_any_sum_stays_inside_of():
-    low, high = np.array([[-0.5, -0.1, -0.3]]), np.array([[0.4, 0.3, 0.05]])
-    step = np.full((1, 3), 0.2)
-    taken = (0.2, 0.1, 0.1)
-    left = without(StageBounds(low, high, -step, step), taken)
-    np.testing.assert_allclose(left.lower, [[-0.3, 0.0, -0.2]])
-    np.testing.assert_allclose(left.upper, [[0.2, 0.2, 0.0]])  # nothing is left upwards of the last
-    np.testing.assert_array_equal(left.step_upper, step)
+def test_an_authority_that_the_feedforward_does_not_leave_free_is_refused():
+    tuning = RegulatorTuning(saturation=(0.2, 0.6, 0.1), tightened=True)
+    with pytest.raises(InvalidTube, match=r"tightened set is empty: .* of the delta_i"):
+        articulated_controller(VEHICLE, REFERENCE, PERIOD_S, robust=tuning)
