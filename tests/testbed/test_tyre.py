@@ -1,5 +1,6 @@
 import itertools
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from testbed import terrain, tyre
 from testbed.servos import tyres_of
 from testbed.soil import SoilMap
 from testbed.terrain import Terrain
+from testbed.truth import Wheels
 from testbed.tyre import Tyres, WheelMotion
 from testbed.tyre_kernel import Output, wheel_step
 from testbed.vehicle_file import read_vehicle
@@ -99,6 +101,10 @@ def run_kernel(tyres, ground, soil, wheels, deflection):
         xfrc,
     )
     return state, output, xfrc[2:]
+
+
+def test_the_reports_columns_are_the_fields_of_what_is_told_of_wheels():
+    assert [column.name.lower() for column in Output] == [item.name for item in fields(Wheels)]
 
 
 def test_compiled_law_is_the_reference_law(tyres):
