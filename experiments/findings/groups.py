@@ -20,6 +20,7 @@ from experiments.statistics import (
     quantile95,
     share,
 )
+from experiments.sweeping.envelope import mostly
 from ttempc.types import FloatArray
 
 
@@ -40,8 +41,8 @@ class Group:
 
     @property
     def fails(self) -> bool:
-        """Return whether at least half of the runs fail, as `ttempc envelope` counts it."""
-        return 2 * len(self.failed) >= self.count
+        """Return whether at least half of the runs fail."""
+        return mostly(len(self.failed), self.count)
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,7 @@ def page(report: Report, folder: Path) -> str:
             (section, [_chart(f"{section.name}-{n}", p) for n, p in enumerate(section.panels)])
             for section in report.sections
         ],
-        axes=[name for name in runs.study.names if name not in ("controller",)],
+        axes=[name for name in runs.study.names if name != "controller"],
         worst=[(row, command(runs.study, row)) for rows in report.worst for row in rows],
         links=lambda row: links(row, folder),
         ERROR=ERROR,

@@ -59,6 +59,11 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
 )
 
 
+def mostly(failed: int, runs: int) -> bool:
+    """Return whether at least half of the runs fail, which counts as failing at a value."""
+    return 2 * failed >= runs
+
+
 @dataclass(frozen=True, config=STRICT)
 class Question:
     """What is asked of a controller."""
@@ -160,7 +165,7 @@ class Probe:
     @property
     def fails(self) -> bool:
         """Return whether at least half of the runs fail."""
-        return 2 * self.failed >= self.runs
+        return mostly(self.failed, self.runs)
 
 
 @dataclass(frozen=True, config=STRICT)
