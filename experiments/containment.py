@@ -39,6 +39,10 @@ class Containment:
     half_width: FloatArray  # (n, 9)
 
     POINTS: ClassVar = [QUANTITIES.index(name) for name in (*_TRACTOR, *_TRAILER)]
+    ACROSS: ClassVar = {
+        "tractor": QUANTITIES.index(_TRACTOR[1]),
+        "trailer": QUANTITIES.index(_TRAILER[1]),
+    }
 
     @property
     def share(self) -> FloatArray:
@@ -75,3 +79,11 @@ def _true_error(record: Record, state: NDArray[np.intp], reference: NDArray[np.i
             error = np.remainder(error + np.pi, 2.0 * np.pi) - np.pi
         columns[name] = error
     return np.column_stack([columns[name] for name in QUANTITIES])
+
+
+def to_the_left(deviation: FloatArray) -> FloatArray:
+    """Return how far left of the nominal vehicle a point is, for its deviation across [m].
+
+    Errors are z_r - z: one that exceeds the nominal error means a vehicle to the right.
+    """
+    return -deviation

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from experiments.containment import Containment
 from experiments.tube_file import HoldOut
 from experiments.tubes import Fit
-
-_CROSS_T, _CROSS_I = 1, 8  # in the half widths: y of tractor and of trailer point
 
 
 def tube_table(fit: Fit) -> str:
@@ -25,8 +24,8 @@ def tube_table(fit: Fit) -> str:
         "",
         f"{'half width':<24}{'straight':>10}{'curve':>10}{'largest':>10}",
     ]
-    for name, column in (("tractor cross-track", _CROSS_T), ("trailer cross-track", _CROSS_I)):
-        lines.append(_row(name, fit.along.half_widths[:, column], fit, "m"))
+    for body, column in Containment.ACROSS.items():
+        lines.append(_row(f"{body} cross-track", fit.along.half_widths[:, column], fit, "m"))
     lines.append(f"{'free share of range':<24}{'straight':>10}{'curve':>10}{'least':>10}")
     for column, name in enumerate(("front steering", "trailer steering", "hydrostat")):
         lines.append(_row(name, free[:, column], fit, "", least=True))

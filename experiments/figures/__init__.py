@@ -35,8 +35,9 @@ CAPTIONS: Final = {
     "error": "Distance to the time-based reference. Shaded: curves. Means leave out the start-up.",
     "signals": "The three actions, their sum, and what was sent. Dashed: the vehicle's bounds.",
     "tyres": "Slip of the driven wheels, slip angles of the trailer's wheels, loads of all wheels.",
-    "tube": "The truth across the track about the nominal vehicle, in the tube of the controller; "
-    "below, how far inside the estimate was: 1 in the middle, 0 on the boundary.",
+    "tube": "How far left of the nominal vehicle the truth was, in the tube of the controller; of "
+    "`ttempc` that is the tube of one step, predicted from the last estimate. Below, how far "
+    "inside the estimate was: 1 in the middle, 0 on the boundary.",
     "timing": "Wall-clock cost of the parts of a control period, on the machine that made the run.",
 }
 

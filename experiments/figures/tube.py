@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.containment import QUANTITIES, Containment, containment
+from experiments.containment import Containment, containment, to_the_left
 from experiments.figures.style import (
     BLACK,
     BODY_COLOURS,
@@ -22,16 +22,14 @@ from testbed.channels import TUBE
 from testbed.record import Record
 from ttempc.types import FloatArray
 
-_ACROSS = {"tractor": "y_t_e_m", "trailer": "y_i_e_m"}
-
 
 def tube_figure(record: Record) -> Figure:
     """Return the truth's deviation of both axle points in the tube, and the estimate's margin."""
     found = containment(record)
     figure = blank(5.4)
     *rows, last = figure.subplots(3, 1, sharex=True)
-    for axes, (body, name) in zip(rows, _ACROSS.items(), strict=True):
-        _across(axes, found, QUANTITIES.index(name), body)
+    for axes, (body, column) in zip(rows, found.ACROSS.items(), strict=True):
+        _across(axes, found, column, body)
     shade(last, found.time_s, found.curved)
     counted = record[TUBE].time_s >= found.time_s.min(initial=np.inf)
     margin: FloatArray = record[TUBE]["margin"][counted]
@@ -45,10 +43,11 @@ def tube_figure(record: Record) -> Figure:
 
 
 def _across(axes: Axes, found: Containment, column: int, body: str) -> None:
-    width, deviation = 100 * found.half_width[:, column], 100 * found.deviation[:, column]
+    width = 100 * found.half_width[:, column]
+    aside = 100 * to_the_left(found.deviation[:, column])
     shade(axes, found.time_s, found.curved)
     axes.fill_between(found.time_s, -width, width, color=PALE, alpha=0.6, label="tube")
-    axes.plot(found.time_s, deviation, color=BODY_COLOURS[body], linewidth=0.8, label=body)
-    dress(axes, "", "across [cm]")
+    axes.plot(found.time_s, aside, color=BODY_COLOURS[body], linewidth=0.8, label=body)
+    dress(axes, "", "to the left [cm]")
     axes.margins(x=0.0)
     legend(axes, 2)

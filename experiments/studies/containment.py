@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from experiments.confidence import Share, share
-from experiments.containment import QUANTITIES, containment
+from experiments.containment import QUANTITIES, Containment, containment
 from experiments.errors import InvalidFit
 from experiments.run import simulate
 from experiments.scenario import load
@@ -41,8 +41,6 @@ DRIVER: Final = "ttempc-tube"  # of the laps to fit to, in the shipped tube of g
 FIRST_FIT_SEED: Final = 1001
 FIRST_SEED: Final = 2001  # of the fresh laps
 TRACKS: Final = 30  # laps whose deviations are kept for the figures
-POINTS: Final = [QUANTITIES.index(name) for name in ("x_t_e_m", "y_t_e_m", "x_i_e_m", "y_i_e_m")]
-CROSS: Final = [QUANTITIES.index(name) for name in ("y_t_e_m", "y_i_e_m")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +106,7 @@ def fresh_lap(case: Case, tube: Path, folder: Path, key: str, seed: int) -> dict
     def counts(where: NDArray[np.bool_]) -> dict[str, Any]:
         kept = inside[where]
         each = kept.sum(axis=0).tolist()
-        points, everything = kept[:, POINTS].all(axis=1), kept.all(axis=1)
+        points, everything = kept[:, found.POINTS].all(axis=1), kept.all(axis=1)
         return {
             "steps": len(kept),
             "each": each,
@@ -206,7 +204,9 @@ def table(folder: Path) -> Iterator[str]:
         whole = share(sum(_whole(lap) for lap in laps), len(laps))
         lost = sum(lap["status"] != "completed" for lap in laps)
         restarts = sum(lap["restarts"] for lap in laps) / len(laps)
-        used = np.max([lap["largest_share"] for lap in laps], axis=0)[CROSS].max()
+        used = np.max([lap["largest_share"] for lap in laps], axis=0)[
+            [*Containment.ACROSS.values()]
+        ].max()
         yield (
             f"| `{key}` | {len(laps)} | {lost} | {both} | {points['straight'].fraction:.4f} | "
             f"{points['curve'].fraction:.4f} | {whole} | {restarts:.2f} | {used:.2f} |"

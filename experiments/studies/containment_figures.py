@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.ticker import PercentFormatter
 
-from experiments.containment import QUANTITIES
+from experiments.containment import QUANTITIES, Containment, to_the_left
 from experiments.figures.style import (
     BLACK,
     BLUE,
@@ -23,12 +23,11 @@ from experiments.figures.style import (
     legend,
 )
 from ttempc.path import figure_eight
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.reference import ConstantSpeed, Reference, ReferenceSample
 from ttempc.reference_tube import ReferenceTube, TubeDesign, seen
 from ttempc.sets import linear_map, minkowski_sum, outline
 from ttempc.types import State
 
-_CROSS: Final = {"tractor": QUANTITIES.index("y_t_e_m"), "trailer": QUANTITIES.index("y_i_e_m")}
 _PLANES: Final = (("y_t_e_m", "psi_t_e_rad"), ("y_t_e_m", "y_i_e_m"), ("y_i_e_m", "psi_i_e_rad"))
 _LABELS: Final = {
     "y_t_e_m": "tractor across [m]",
@@ -61,13 +60,13 @@ def _path(file: Path, reference: Reference, tracks: Sequence[Any]) -> None:
     )
     time_s = tracks[0]["time_s"]
     on_path = reference.at(time_s)
-    middle = int(np.argmax(np.abs(on_path.curvature) > 0.0999)) + _INTO_THE_BEND
+    middle = _in_the_bend(on_path)
     roads = {
         "tractor": (on_path.state[:, :2], on_path.state[:, State.PSI_T]),
         "trailer": (on_path.trailer_xy, on_path.state[:, State.PSI_I]),
     }
     for body, (place, heading) in roads.items():
-        near, colour, column = views[body], BODY_COLOURS[body], _CROSS[body]
+        near, colour, column = views[body], BODY_COLOURS[body], Containment.ACROSS[body]
         left = np.column_stack([-np.sin(heading), np.cos(heading)])
         width = tracks[0]["half_width"][:, column, None] * left
         band = np.concatenate([place + width, (place - width)[::-1]])
@@ -75,8 +74,7 @@ def _path(file: Path, reference: Reference, tracks: Sequence[Any]) -> None:
             axes.fill(*band.T, color=PALE, alpha=0.6, linewidth=0.0)
         for number, track in enumerate(tracks):
             ticks = slice(len(track["time_s"]))  # a lap that was lost has fewer
-            # An error is z_r - z: where it exceeds the nominal one, the vehicle is to the right.
-            driven = place[ticks] - track["deviation"][:, column, None] * left[ticks]
+            driven = place[ticks] + to_the_left(track["deviation"][:, column, None]) * left[ticks]
             near.plot(*driven.T, color=colour, linewidth=0.5)
             label = body if number == 0 else None
             views["whole"].plot(*driven.T, color=colour, linewidth=0.5, label=label)
@@ -89,10 +87,16 @@ def _path(file: Path, reference: Reference, tracks: Sequence[Any]) -> None:
     figure.savefig(file)
 
 
+def _in_the_bend(samples: ReferenceSample) -> int:
+    """Return the place of a sample well inside the first curve."""
+    bend = np.abs(samples.curvature)
+    return int(np.argmax(bend > 0.999 * bend.max())) + _INTO_THE_BEND
+
+
 def _tracks(file: Path, tracks: Sequence[Any]) -> None:
     figure = blank(4.2)
     for axes, (body, column) in zip(
-        figure.subplots(2, 1, sharex=True), _CROSS.items(), strict=True
+        figure.subplots(2, 1, sharex=True), Containment.ACROSS.items(), strict=True
     ):
         width = tracks[0]["half_width"][:, column]
         time_s = tracks[0]["time_s"]
@@ -101,12 +105,12 @@ def _tracks(file: Path, tracks: Sequence[Any]) -> None:
             label = f"{len(tracks)} fresh laps" if place == 0 else None
             axes.plot(
                 track["time_s"],
-                track["deviation"][:, column],
+                to_the_left(track["deviation"][:, column]),
                 color=BODY_COLOURS[body],
                 linewidth=0.5,
                 label=label,
             )
-        dress(axes, "time [s]" if body == "trailer" else "", f"{body} across [m]")
+        dress(axes, "time [s]" if body == "trailer" else "", f"{body}, to the left [m]")
         legend(axes, 2)
     figure.savefig(file)
 
@@ -148,7 +152,7 @@ def _slip(file: Path, laps: Sequence[dict[str, Any]]) -> None:
     """Largest share of a cross-track half width by the mean slip of a lap, tubes of grass only."""
     figure = blank(3.0)
     axes = figure.subplots()
-    columns = list(_CROSS.values())
+    columns = list(Containment.ACROSS.values())
     own = [lap for lap in laps if lap["case"] == "grass-soil"]
     others = [lap for lap in laps if lap["case"].startswith("grass-") or "borrowed" in lap["case"]]
     others = [lap for lap in others if lap["case"] not in ("grass-soil", "grass-contact")]

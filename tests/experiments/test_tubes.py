@@ -288,7 +288,11 @@ def test_containment_is_counted_on_the_truth():
     assert said.contained_fraction == pytest.approx(0.75, abs=0.01)
     tractor = tube_figure(record).axes[0]
     drawn = np.asarray(tractor.lines[-1].get_ydata(), float)
-    np.testing.assert_allclose(drawn, 100.0 * found.deviation[:, 1])
+    tables = record[STATE], record[REFERENCE]
+    there, due = (table.columns("x_t_m", "y_t_m")[40:] for table in tables)
+    heading = record[REFERENCE]["psi_t_rad"][40:]
+    left = np.column_stack([-np.sin(heading), np.cos(heading)])
+    np.testing.assert_allclose(drawn, 100.0 * np.sum(left * (there - due), axis=1), atol=1e-9)
     assert said.margin_min == pytest.approx(-1.0)
 
 
