@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run test lint clean
+.PHONY: run test lint wheels clean
 
 run: $(VENV)/.ready          ## drive the default scenario to its end
 	$(BIN)/ttempc run grass
@@ -15,9 +15,16 @@ lint: $(VENV)/.ready         ## ruff and pyright
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 
-$(VENV)/.ready: pyproject.toml
+wheels: $(VENV)/.ready       ## dist/: the control library alone, and the proving ground
+	cd packaging/ttempc && $(CURDIR)/$(BIN)/python -m hatchling build -t wheel -d $(CURDIR)/dist
+	TTEMPC_LIBRARY="==$$($(BIN)/python -c 'import ttempc; print(ttempc.__version__)')" \
+		$(BIN)/python -m hatchling build -t wheel -d dist
+
+# Both editable: the library is named here, so that no copy of it from packaging/ is installed.
+$(VENV)/.ready: pyproject.toml packaging/ttempc/pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	TTEMPC_LIBRARY= $(BIN)/python -m pip install --quiet \
+		--editable packaging/ttempc --editable '.[dev]'
 	touch $@
 
 clean:                       ## remove the virtual environment

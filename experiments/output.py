@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from experiments.errors import OutputExists
+from .errors import OutputExists
 
 
 def refuse_existing(path: Path) -> None:

@@ -4,8 +4,17 @@ import math
 
 import numpy as np
 
-from testbed.channels import CHANNELS, CONTROL, ESTIMATE, REFERENCE, STATE, TIMING, TUBE, TYRES
-from testbed.record import Record, Table
+from proving_ground.testbed.recording.channels import (
+    CHANNELS,
+    CONTROL,
+    ESTIMATE,
+    REFERENCE,
+    STATE,
+    TIMING,
+    TUBE,
+    TYRES,
+)
+from proving_ground.testbed.recording.record import Record, Table
 
 PERIOD_S = 0.04
 TRAILER_BEHIND_M = 2.4

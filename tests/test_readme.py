@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.scenario import load
+from proving_ground.experiments.scenario.scenario import load
 
 ROOT = Path(__file__).parents[1]
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)

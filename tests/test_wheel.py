@@ -22,7 +22,15 @@ def test_the_wheel_carries_model_scenarios_and_templates(tmp_path):
     done = subprocess.run(
         [
             sys.executable,
-            *("-m", "experiments.cli", "run", "pavement", "--json", "--out", "out"),
+            *(
+                "-m",
+                "proving_ground.experiments.commands.cli",
+                "run",
+                "pavement",
+                "--json",
+                "--out",
+                "out",
+            ),
             *("--set", "path={kind='straight', length_m=10}"),
         ],
         cwd=tmp_path,

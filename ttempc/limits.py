@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ttempc.kernel import allowed
-from ttempc.types import FloatArray
-from ttempc.vehicle import Vehicle
+from .types import FloatArray
+from .vehicle import Vehicle
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,4 +39,8 @@ class CommandLimits:
         An entry of `wanted` that is not finite becomes the one of `previous`, which must itself
         be allowed.
         """
-        return allowed(wanted, previous, self.lower, self.upper, self.step)
+        finite = np.where(np.isfinite(wanted), wanted, previous)
+        least = np.maximum(self.lower, previous - self.step)
+        most = np.minimum(self.upper, previous + self.step)
+        command = np.minimum(np.maximum(finite, least), most)
+        return command, command != wanted

@@ -17,7 +17,7 @@ class State(IntEnum):
     """Index of each entry of the minimal articulated state vector.
 
     The tractor point is the centre of the rear axle; the trailer point follows from the two yaw
-    angles and the steering angle of the trailer (`ttempc.kinematics.trailer_point`).
+    angles and the steering angle of the trailer (`ttempc.models.kinematics.trailer_point`).
     """
 
     X = 0  # [m] tractor point, map frame

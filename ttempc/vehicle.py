@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ttempc.errors import InvalidVehicle
-from ttempc.types import FloatArray
+from .errors import InvalidVehicle
+from .types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

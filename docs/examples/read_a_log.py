@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-from testbed.log_reader import read_log
+from proving_ground.testbed.log.log_reader import read_log
 
 log = Path(sys.argv[1])
 folder = Path(sys.argv[2]) if len(sys.argv) > 2 else log.parent

@@ -17,10 +17,10 @@ from typing import Final
 
 import numpy as np
 
-from ttempc.controllers import make_controller
-from ttempc.kinematics import advance, hitch_angle, trailer_point
-from ttempc.path import figure_eight
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.guidance.controllers import make_controller
+from ttempc.models.kinematics import advance, hitch_angle, trailer_point
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Controller, Estimate, FloatArray, Preparing
 from ttempc.vehicle import Vehicle
 

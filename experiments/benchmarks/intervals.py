@@ -12,8 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from experiments.statistics import CONFIDENCE, bootstrap
-from testbed.randomness import generator
+from proving_ground.testbed.randomness import generator
+
+from ..results.statistics import CONFIDENCE, bootstrap
 
 _COUNTS: Final = (3, 5, 8, 14, 30)
 _SKEW: Final = 0.5  # standard deviation of the logarithm

@@ -15,15 +15,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from experiments.assembly import assemble
-from experiments.log_file import describe, open_log
-from experiments.run import drive_into
-from experiments.scenario import load
-from testbed.channels import Channel
-from testbed.record import Event, Recorder
-from testbed.sink import Sink, Tee
-from testbed.truth import Truth
+from proving_ground.testbed.recording.channels import Channel
+from proving_ground.testbed.recording.record import Event, Recorder
+from proving_ground.testbed.recording.sink import Sink, Tee
+from proving_ground.testbed.truth import Truth
 from ttempc.types import FloatArray
+
+from ..run.assembly import assemble
+from ..run.log_file import describe, open_log
+from ..run.simulate import drive_into
+from ..scenario.scenario import load
 
 LARGEST_SHARE: Final = 0.10  # of the time of the run
 LARGEST_MB: Final = 30.0  # for two laps

@@ -17,14 +17,15 @@ from functools import partial
 
 import numpy as np
 
-from experiments.benchmarks.control_step import PERIOD_S, estimates_along
-from experiments.benchmarks.programme import SOLVERS, Programme
 from ttempc.baselines.nmpc import nmpc_controller
-from ttempc.controllers import make_controller
-from ttempc.path import figure_eight
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.guidance.controllers import make_controller
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import ControlStep, Preparing
 from ttempc.vehicle import Vehicle
+
+from .control_step import PERIOD_S, estimates_along
+from .programme import SOLVERS, Programme
 
 LINEAR = "ttempc-nominal"
 NAMES = (

@@ -16,12 +16,12 @@ from typing import Final
 
 import mujoco
 
-from testbed import terrain
-from testbed.plant import Plant
-from testbed.randomness import generator
-from testbed.soil import SoilMap
-from testbed.vehicle import PlantVehicle
-from testbed.vehicle_file import read_vehicle, shipped_vehicles
+from proving_ground.testbed.ground import terrain
+from proving_ground.testbed.ground.soil import SoilMap
+from proving_ground.testbed.randomness import generator
+from proving_ground.testbed.simulation.plant import Plant
+from proving_ground.testbed.vehicle.vehicle import PlantVehicle
+from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
 from ttempc.types import Command
 
 STEPS: Final = 2000

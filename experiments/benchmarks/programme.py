@@ -14,8 +14,8 @@ import numpy as np
 from ttempc.baselines.nmpc_model import WHOLE, ArticulatedExpressions, Subsystem, load_casadi
 from ttempc.baselines.nmpc_solver import Plan, Task
 from ttempc.errors import InvalidTuning
-from ttempc.qp import HorizonTuning
-from ttempc.reference import Reference
+from ttempc.mpc.qp import HorizonTuning
+from ttempc.reference.reference import Reference
 from ttempc.types import Disturbance, FloatArray, Input, SolverReport, State
 
 _N, _M, _D = len(State), len(Input), len(Disturbance)

@@ -20,14 +20,14 @@ import time
 from pathlib import Path
 from typing import Final
 
-from experiments.sweeping.engine import engine
-from experiments.sweeping.folder import Folder, Origin
-from experiments.sweeping.plan import Plan
-from experiments.sweeping.results import rows
-from experiments.sweeping.row import Row, no_figures
-from experiments.sweeping.study import ListAxis, Study
-from experiments.sweeping.sweep import sweep
-from experiments.sweeping.work import Job
+from ..sweep.engine import engine
+from ..sweep.folder import Folder, Origin
+from ..sweep.plan import Plan
+from ..sweep.results import rows
+from ..sweep.row import Row, no_figures
+from ..sweep.study import ListAxis, Study
+from ..sweep.sweep import sweep
+from ..sweep.work import Job
 
 LARGEST_OVERHEAD: Final = 0.05
 LEAST_EFFICIENCY: Final = 0.9

@@ -12,13 +12,14 @@ import time
 
 import numpy as np
 
-from experiments.benchmarks.control_step import PERIOD_S, estimates_along, timed
-from experiments.tube_file import read_tube
-from ttempc.controllers import make_controller
-from ttempc.path import figure_eight
-from ttempc.reference import ConstantSpeed, Reference
-from ttempc.reference_tube import ReferenceTube
+from ttempc.guidance.controllers import make_controller
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.tube.reference_tube import ReferenceTube
 from ttempc.vehicle import Vehicle
+
+from ..scenario.tube_file import read_tube
+from .control_step import PERIOD_S, estimates_along, timed
 
 REPEATS = 5
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from experiments.commands import options
-from experiments.scenario import load
+from ..scenario.scenario import load
+from . import options
 
 _ABOUT = """\
 Inspects the plant of a scenario - its vehicle, wheels, soil, roughness and slope -
@@ -36,7 +36,7 @@ def add(commands: options.Commands) -> None:
 
 def _card(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
-    from experiments.card import line, summary_line, write_card
+    from ..validation.plant_validation import line, summary_line, write_card
 
     overrides = list(arguments.overrides)
     if arguments.wheels is not None:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 
-from experiments.commands import options
-from experiments.scenario import load, shipped
-from experiments.sweeping.study import load_study, shipped_studies
-from experiments.tube_file import read_tube, shipped_tubes
-from testbed.vehicle_file import read_vehicle, shipped_vehicles
-from ttempc.controllers import CONTROLLERS
+from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
+from ttempc.guidance.controllers import CONTROLLERS
+
+from ..scenario.scenario import load, shipped
+from ..scenario.tube_file import read_tube, shipped_tubes
+from ..sweep.study import load_study, shipped_studies
+from . import options
 
 
 def add(commands: options.Commands) -> None:

@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiments.commands import options, shots
+from . import options, shots
 
 if TYPE_CHECKING:
-    from experiments.film.scenes import Setup
+    from ..film.scenes import Setup
 
 _ABOUT = """\
 Lays runs of one reference over one another, aligned by its time, prints a table
@@ -45,10 +45,10 @@ def add(commands: options.Commands) -> None:
 
 def _compare(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
-    from experiments.comparison import read_compared, table, table_csv
-    from experiments.figures import png
-    from experiments.figures.comparison import COMPARISONS
-    from experiments.output import make_folder, refuse_existing
+    from ..figures import png
+    from ..figures.comparison import COMPARISONS
+    from ..output import make_folder, refuse_existing
+    from ..results.comparison import read_compared, table, table_csv
 
     folder = arguments.out or options.fresh(Path("runs"), "comparison")
     refuse_existing(folder)
@@ -71,9 +71,9 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 def _setup(arguments: argparse.Namespace) -> Setup:
     """Return what is to be filmed: from the latest start of all runs to the latest end."""
-    from experiments.film.replay import read_replay
-    from experiments.film.scenes import Setup
-    from experiments.film.shot import spanned
+    from ..film.replay import read_replay
+    from ..film.scenes import Setup
+    from ..film.shot import spanned
 
     replays = tuple(read_replay(log) for log in arguments.logs)
     logged_s = max(r.begin_s for r in replays), max(r.end_s for r in replays)

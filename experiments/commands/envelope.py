@@ -7,9 +7,9 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from experiments.commands import options
-from experiments.commands.sweep import add_workers
-from experiments.output import begin_part, refuse_existing
+from ..output import begin_part, refuse_existing
+from . import options
+from .sweep import add_workers
 
 _ABOUT = """\
 Makes one quantity of a scenario harder until a controller fails: the vehicle is lost,
@@ -59,10 +59,11 @@ def _seeds(text: str) -> int:
 
 def _envelope(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and Dask take seconds to load, and help should not wait.
-    from experiments.scenario import overridden, read
-    from experiments.sweeping.engine import engine
-    from experiments.sweeping.envelope import QUANTITIES, EnvelopeFile, Question, envelope
-    from testbed.provenance import versions
+    from proving_ground.testbed.recording.provenance import versions
+
+    from ..scenario.scenario import overridden, read
+    from ..sweep.engine import engine
+    from ..sweep.envelope import QUANTITIES, EnvelopeFile, Question, envelope
 
     settings = overridden(arguments.overrides)
     draft = read(arguments.scenario)

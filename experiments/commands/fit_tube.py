@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from experiments.commands import options
+from . import options
 
 _ABOUT = """\
 Reads the logs of runs of one vehicle, measures what its error model leaves
@@ -58,10 +58,10 @@ def add(commands: options.Commands) -> None:
 
 def _fit_tube(arguments: argparse.Namespace) -> int:
     # Here, because help should not wait for what loads slowly.
-    from experiments.output import begin_part, refuse_existing
-    from experiments.tube_file import to_json
-    from experiments.tube_table import tube_table
-    from experiments.tubes import fit_tube, read_runs
+    from ..output import begin_part, refuse_existing
+    from ..scenario.tube_file import to_json
+    from ..tubes.fit import fit_tube, read_runs
+    from ..tubes.tube_table import tube_table
 
     refuse_existing(arguments.out)
     runs = read_runs(arguments.folders)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from experiments.commands import options, shots
+from . import options, shots
 
 _ABOUT = """\
 Takes one picture of a run from its log alone, as `ttempc video` films it.
@@ -35,10 +35,10 @@ def add(commands: options.Commands) -> None:
 
 def _frame(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
-    from experiments.film.film import still
-    from experiments.film.replay import read_replay
-    from experiments.film.scenes import Setup
-    from experiments.film.shot import Shot, check_within
+    from ..film.film import still
+    from ..film.replay import read_replay
+    from ..film.scenes import Setup
+    from ..film.shot import Shot, check_within
 
     name = f"{arguments.camera}-{arguments.at_s:g}.png"
     file = arguments.out or shots.beside(arguments.log, name)

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from experiments.commands import options
+from . import options
 
 _ABOUT = """\
   ttempc log info LOG.mcap                     which run, what happened, which topics
@@ -47,16 +47,18 @@ def add(commands: options.Commands) -> None:
 
 
 def _info(arguments: argparse.Namespace) -> int:
-    from experiments.log_check import information
-    from testbed.log_content import read_content
+    from proving_ground.testbed.log.log_content import read_content
+
+    from ..logs.log_check import information
 
     print("\n".join(information(read_content(arguments.log))))
     return 0
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from experiments.log_export import export
-    from testbed.log_content import read_content
+    from proving_ground.testbed.log.log_content import read_content
+
+    from ..logs.log_export import export
 
     content = read_content(arguments.log)
     folder = arguments.out or arguments.log.with_name(f"{arguments.log.stem}-{arguments.form}")
@@ -68,9 +70,10 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from experiments.log_check import check
-    from testbed.log_content import read_content
-    from testbed.log_recovery import recover
+    from proving_ground.testbed.log.log_content import read_content
+    from proving_ground.testbed.log.log_recovery import recover
+
+    from ..logs.log_check import check
 
     content = read_content(arguments.log)
     findings = check(content)

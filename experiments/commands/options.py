@@ -7,9 +7,10 @@ import math
 from pathlib import Path
 from typing import Final
 
-from experiments.output import part_of
-from experiments.scenario import Scenario, load
-from ttempc.controllers import CONTROLLERS
+from ttempc.guidance.controllers import CONTROLLERS
+
+from ..output import part_of
+from ..scenario.scenario import Scenario, load
 
 EXIT_CHECK_FAILED: Final = 1
 EXIT_BAD_INPUT: Final = 2

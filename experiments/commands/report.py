@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from experiments.commands import options
+from . import options
 
 _ABOUT = """\
 Reads the rows of a sweep, one that is still at work included, and writes into
@@ -65,10 +65,10 @@ def _limit(text: str) -> float:
 
 def _report(arguments: argparse.Namespace) -> int:
     # Here, because matplotlib takes a second to load, and help should not wait.
-    from experiments.findings.breaking import read_breaking
-    from experiments.findings.files import write_docs, write_report
-    from experiments.findings.report import report
-    from experiments.findings.runs import read_runs
+    from ..sweep_report.envelope_results import read_breaking
+    from ..sweep_report.files import write_docs, write_report
+    from ..sweep_report.report import report
+    from ..sweep_report.runs import read_runs
 
     runs = read_runs(arguments.folder, arguments.limit)
     made = report(runs, arguments.against, read_breaking(arguments.envelope))

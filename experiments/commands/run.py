@@ -8,13 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiments.commands import options
-from experiments.errors import BadOptions
-from experiments.table import table
+from ..errors import BadOptions
+from ..results.table import table
+from . import options
 
 if TYPE_CHECKING:
-    from testbed.live import LiveView
-    from testbed.scenery import Scenery
+    from proving_ground.testbed.messages.scenery import Scenery
+    from proving_ground.testbed.viewers.live import LiveView
 
 _ABOUT = """\
 Drives one scenario to its end and writes into DIR:
@@ -59,8 +59,8 @@ def add(commands: options.Commands) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
-    from experiments.assembly import RECORD_RATE_HZ
-    from experiments.run import run
+    from ..run.assembly import RECORD_RATE_HZ
+    from ..run.simulate import run
 
     name, scenario = options.driven(arguments)
     folder = arguments.out or options.fresh(
@@ -90,7 +90,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _watch(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], LiveView] | None:
     """Return what opens the live view that was asked for, if any."""
-    from testbed.live import DEFAULT_PORT, LiveView
+    from proving_ground.testbed.viewers.live import DEFAULT_PORT, LiveView
 
     if not arguments.live:
         given = {"--speed": arguments.speed, "--port": arguments.port}

@@ -8,11 +8,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiments.commands import options
-from experiments.film.shot import CAMERAS, SIZE
+from ..film.shot import CAMERAS, SIZE
+from . import options
 
 if TYPE_CHECKING:
-    from experiments.film.scenes import Setup
+    from ..film.scenes import Setup
 
 CAMERA_HELP = (
     "chase (behind, default), top, side, hitch, split (chase and top), or plan, which is drawn "
@@ -84,7 +84,7 @@ def shoot(setup: Setup, file: Path, workers: int) -> None:
     """Write a film, with a bar where someone watches."""
     from tqdm import tqdm
 
-    from experiments.film.film import film
+    from ..film.film import film
 
     quiet, count = not sys.stderr.isatty(), len(setup.shot.times)
     with tqdm(total=count, desc=file.name, unit="frame", disable=quiet, leave=False) as bar:

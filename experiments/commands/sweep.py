@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
-from experiments.commands import options
+from . import options
 
 if TYPE_CHECKING:
-    from experiments.sweeping.sweep import Progress
+    from ..sweep.sweep import Progress
 
 _ABOUT = """\
 Drives all runs of a study, as many at a time as there are workers, and writes into DIR:
@@ -69,13 +69,13 @@ def _count(text: str) -> int:
 
 def _sweep(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and Dask take seconds to load, and help should not wait.
-    from experiments.sweeping.engine import engine
-    from experiments.sweeping.estimate import described, estimate
-    from experiments.sweeping.folder import held, is_begun
-    from experiments.sweeping.plan import Plan
-    from experiments.sweeping.study import load_study
-    from experiments.sweeping.sweep import sweep
-    from experiments.sweeping.unread import unread
+    from ..sweep.engine import engine
+    from ..sweep.estimate import described, estimate
+    from ..sweep.folder import held, is_begun
+    from ..sweep.inert_axes import unread
+    from ..sweep.plan import Plan
+    from ..sweep.study import load_study
+    from ..sweep.sweep import sweep
 
     name, study = load_study(arguments.study)
     plan = Plan(name, study)
@@ -125,7 +125,7 @@ def _told(results: Path) -> str:
     """Return how the runs of a sweep ended, and where their rows are."""
     from collections import Counter
 
-    from experiments.sweeping.results import rows
+    from ..sweep.results import rows
 
     counts = Counter(str(row["status"]) for row in rows(results))
     ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from experiments.commands import options, shots
+from . import options, shots
 
 _ABOUT = """\
 Films a run from its log alone; nothing is simulated again. Rendered in software
@@ -40,9 +40,9 @@ def add(commands: options.Commands) -> None:
 
 def _video(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
-    from experiments.film.replay import read_replay
-    from experiments.film.scenes import Setup
-    from experiments.film.shot import FRAME_RATE, spanned
+    from ..film.replay import read_replay
+    from ..film.scenes import Setup
+    from ..film.shot import FRAME_RATE, spanned
 
     file = arguments.out or shots.beside(arguments.log, f"{arguments.camera}.mp4")
     replay = read_replay(arguments.log)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from experiments.commands import options
+from . import options
 
 _ABOUT = """\
 Opens a window of MuJoCo's viewer on a run and drives it at real time; nothing is
@@ -29,10 +29,11 @@ def add(commands: options.Commands) -> None:
 
 def _view(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo takes a second to load, and help should not wait.
-    from experiments.assembly import assemble
-    from experiments.run import drive_into
-    from testbed.errors import WindowClosed
-    from testbed.window import Window
+    from proving_ground.testbed.errors import WindowClosed
+    from proving_ground.testbed.viewers.window import Window
+
+    from ..run.assembly import assemble
+    from ..run.simulate import drive_into
 
     _, scenario = options.driven(arguments)
     assembly = assemble(scenario, arguments.seed)

@@ -11,15 +11,16 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from experiments.figures.errors import error_figure
-from experiments.figures.path import path_figure
-from experiments.figures.signals import signals_figure
-from experiments.figures.style import DPI
-from experiments.figures.timing import timing_figure
-from experiments.figures.tube import tube_figure
-from experiments.figures.tyres import tyres_figure
-from testbed.channels import TUBE
-from testbed.record import Record
+from proving_ground.testbed.recording.channels import TUBE
+from proving_ground.testbed.recording.record import Record
+
+from .errors import error_figure
+from .path import path_figure
+from .signals import signals_figure
+from .style import DPI
+from .timing import timing_figure
+from .tube import tube_figure
+from .tyres import tyres_figure
 
 FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
     "path": path_figure,

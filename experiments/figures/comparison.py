@@ -8,9 +8,12 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.comparison import Compared
-from experiments.figures.signals import INPUTS
-from experiments.figures.style import (
+from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE
+
+from ..results.comparison import Compared
+from ..results.tracking import BODIES, BodyError
+from .signals import INPUTS
+from .style import (
     BLACK,
     BLUE,
     GREEN,
@@ -25,8 +28,6 @@ from experiments.figures.style import (
     note,
     shade,
 )
-from experiments.tracking import BODIES, BodyError
-from testbed.channels import CONTROL, REFERENCE, STATE
 
 _COLOURS: Final = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
 

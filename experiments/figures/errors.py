@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.figures.style import BODY_COLOURS, GREY, blank, dress, note, shade
-from experiments.tracking import BODIES, START_UP_S, BodyError, Tracking, tracking
-from testbed.record import Record
+from proving_ground.testbed.recording.record import Record
+
+from ..results.tracking import BODIES, START_UP_S, BodyError, Tracking, tracking
+from .style import BODY_COLOURS, GREY, blank, dress, note, shade
 
 
 def error_figure(record: Record) -> Figure:

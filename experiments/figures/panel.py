@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from experiments.figures.style import DPI, GRID, PAGE_WIDTH_IN, series
+from .style import DPI, GRID, PAGE_WIDTH_IN, series
 
 _HEIGHT_IN: Final = 2.9
 

@@ -10,10 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from experiments.figures.style import BLACK, BODY_COLOURS, GREY, PALE, blank, dress, legend, note
-from experiments.tracking import BODIES, START_UP_S, Tracking, rows_at_same_time, tracking
-from testbed.channels import REFERENCE, STATE
-from testbed.record import Record
+from proving_ground.testbed.recording.channels import REFERENCE, STATE
+from proving_ground.testbed.recording.record import Record
+
+from ..results.tracking import BODIES, START_UP_S, Tracking, rows_at_same_time, tracking
+from .style import BLACK, BODY_COLOURS, GREY, PALE, blank, dress, legend, note
 
 _ZOOM_ERRORS: Final = 4.0  # half width of a zoom in errors of the moment that it shows
 _ZOOM_MIN_M: Final = 1.0  # but no less, so that a good run still shows a piece of path

@@ -7,9 +7,10 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.figures.style import BLACK, BLUE, GREY, RED, SKY, blank, dress, legend
-from testbed.channels import CONTROL
-from testbed.record import Record
+from proving_ground.testbed.recording.channels import CONTROL
+from proving_ground.testbed.recording.record import Record
+
+from .style import BLACK, BLUE, GREY, RED, SKY, blank, dress, legend
 
 INPUTS: Final = (  # field, label, factor from the field's unit to the label's
     ("delta_t_rad", "front steering [deg]", np.degrees(1.0)),

@@ -9,10 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from experiments.figures.style import BLACK, GREY, RED, SKY, blank, dress, note
-from testbed.channels import TIMING
-from testbed.record import Record
+from proving_ground.testbed.recording.channels import TIMING
+from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
+
+from .style import BLACK, GREY, RED, SKY, blank, dress, note
 
 _PARTS: Final = (
     ("estimator_us", "estimator"),

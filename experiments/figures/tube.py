@@ -6,21 +6,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.containment import Containment, containment, to_the_left
-from experiments.figures.style import (
-    BLACK,
-    BODY_COLOURS,
-    GREY,
-    PALE,
-    blank,
-    dress,
-    legend,
-    note,
-    shade,
-)
-from testbed.channels import TUBE
-from testbed.record import Record
+from proving_ground.testbed.recording.channels import TUBE
+from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
+
+from ..results.containment import Containment, containment, to_the_left
+from .style import BLACK, BODY_COLOURS, GREY, PALE, blank, dress, legend, note, shade
 
 
 def tube_figure(record: Record) -> Figure:

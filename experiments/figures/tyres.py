@@ -7,11 +7,12 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.figures.style import BLUE, GREEN, RED, blank, dress, legend, shade
-from experiments.tracking import tracking
-from testbed.channels import TYRES
-from testbed.record import Record
+from proving_ground.testbed.recording.channels import TYRES
+from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
+
+from ..results.tracking import tracking
+from .style import BLUE, GREEN, RED, blank, dress, legend, shade
 
 _AXLES: Final = {"front": GREEN, "rear": BLUE, "trailer": RED}
 _SIDES: Final = {"left": "-", "right": (0, (2, 1))}

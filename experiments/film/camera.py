@@ -10,8 +10,9 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from experiments.film.replay import Replay
 from ttempc.types import FloatArray
+
+from .replay import Replay
 
 FIELD_OF_VIEW: Final = math.radians(42.0)  # vertical
 _LEAST_CLEARANCE_M: Final = 0.6  # of the eye above the ground

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from PIL import ImageColor
 
-from experiments.figures.style import BODY_COLOURS
+from ..figures.style import BODY_COLOURS
 
 Rgb = tuple[int, int, int]
 

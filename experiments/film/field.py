@@ -10,9 +10,10 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from experiments.film.ribbon import MeshView, add_mesh, strip_faces
-from testbed.terrain import Terrain
+from proving_ground.testbed.ground.terrain import Terrain
 from ttempc.types import FloatArray
+
+from .ribbon import MeshView, add_mesh, strip_faces
 
 _FINE_M: Final = 0.15  # between the lines of the grid near the middle
 _REACH_M: Final = 9.0  # of the fine part, to every side

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from experiments.errors import InvalidFilm
-from experiments.film.scenes import Scene, Setup
-from experiments.film.writer import FilmWriter, check_codec, check_writable
-from experiments.output import in_place_of
+from ..errors import InvalidFilm
+from ..output import in_place_of
+from .scenes import Scene, Setup
+from .writer import FilmWriter, check_codec, check_writable
 
 FILM_SUFFIXES: Final = (".mp4",)
 STILL_SUFFIXES: Final = (".png", ".jpg")

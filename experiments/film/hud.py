@@ -10,7 +10,10 @@ from typing import Final
 import numpy as np
 from PIL import Image
 
-from experiments.film.colours import (
+from proving_ground.testbed.recording.channels import CONTROL, STATE
+
+from ..results.tracking import BODIES, BodyError
+from .colours import (
     ALARM,
     FAINT,
     FULL_SLIP,
@@ -22,10 +25,8 @@ from experiments.film.colours import (
     Rgb,
     slip_colour,
 )
-from experiments.film.panel import Panel, Side, font
-from experiments.film.replay import Replay, newest
-from experiments.tracking import BODIES, BodyError
-from testbed.channels import CONTROL, STATE
+from .panel import Panel, Side, font
+from .replay import Replay, newest
 
 _MARGIN: Final = 14.0
 _LEAST_ERROR_M: Final = 0.4  # at the end of an error bar

@@ -8,7 +8,7 @@ from typing import Final, Literal
 import matplotlib
 from PIL import Image, ImageDraw, ImageFont
 
-from experiments.film.colours import FAINT, INK, Rgb
+from .colours import FAINT, INK, Rgb
 
 _PLATE: Final = (16, 20, 24, 176)  # see-through
 _ROUND: Final = 7  # radius of a corner

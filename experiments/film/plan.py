@@ -14,15 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from experiments.errors import InvalidFilm
-from experiments.film.camera import Operator
-from experiments.film.colours import PLAN, REFERENCE, TRACTOR, TRAILER, Rgb, slip_colour
-from experiments.film.posing import rotation_matrices
-from experiments.film.replay import Replay
-from testbed.appearance import ground_colours
-from testbed.channels import REFERENCE as REFERENCE_ROWS
-from testbed.truth import WHEELS
+from proving_ground.testbed.recording.channels import REFERENCE as REFERENCE_ROWS
+from proving_ground.testbed.truth import WHEELS
+from proving_ground.testbed.vehicle.appearance import ground_colours
 from ttempc.types import FloatArray
+
+from ..errors import InvalidFilm
+from .camera import Operator
+from .colours import PLAN, REFERENCE, TRACTOR, TRAILER, Rgb, slip_colour
+from .posing import rotation_matrices
+from .replay import Replay
 
 _MARGIN_M: Final = 3.0  # of ground around the path
 _TRAIL_STEP_M: Final = 0.25

@@ -12,23 +12,31 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.errors import InvalidFilm
-from experiments.tracking import Tracking, tracking
-from testbed.channels import CONTROL, REFERENCE, STATE, TYRES, Channel
-from testbed.ground import Ground
-from testbed.log_content import read_content
-from testbed.log_reader import record_of
-from testbed.log_scene import Line, Motion, attachment, ground_of, lines_of, motion_of
-from testbed.record import Record, Table
-from testbed.topics import (
+from proving_ground.testbed.ground.ground import Ground
+from proving_ground.testbed.log.log_content import read_content
+from proving_ground.testbed.log.log_reader import record_of
+from proving_ground.testbed.log.log_scene import (
+    Line,
+    Motion,
+    attachment,
+    ground_of,
+    lines_of,
+    motion_of,
+)
+from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE, TYRES, Channel
+from proving_ground.testbed.recording.record import Record, Table
+from proving_ground.testbed.recording.topics import (
     EVENT_TOPIC,
     PREDICTED_PATH_TOPIC,
     PREDICTED_TRAILER_PATH_TOPIC,
     REFERENCE_PATH_TOPIC,
     TRANSFORMS_TOPIC,
 )
-from testbed.truth import WHEELS
+from proving_ground.testbed.truth import WHEELS
 from ttempc.types import FloatArray
+
+from ..errors import InvalidFilm
+from ..results.tracking import Tracking, tracking
 
 MODEL_FILE: Final = "model.xml"
 _CHANNELS: Final = (STATE, REFERENCE, CONTROL, TYRES)

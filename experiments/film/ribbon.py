@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from testbed.terrain import Terrain
+from proving_ground.testbed.ground.terrain import Terrain
 from ttempc.types import FloatArray
 
 

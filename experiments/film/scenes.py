@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from experiments.errors import InvalidFilm
-from experiments.film.hud import Overlay, error_scale
-from experiments.film.plan import PlanView
-from experiments.film.replay import Replay
-from experiments.film.screen import check_graphics
-from experiments.film.shot import LEAST_SIZE, Camera, Shot
-from experiments.film.stage import Stage
+from ..errors import InvalidFilm
+from .hud import Overlay, error_scale
+from .plan import PlanView
+from .replay import Replay
+from .screen import check_graphics
+from .shot import LEAST_SIZE, Camera, Shot
+from .stage import Stage
 
 _SPLIT: tuple[Camera, Camera] = ("chase", "top")
 

@@ -13,8 +13,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.errors import NoGraphics
-from testbed.errors import first_line
+from proving_ground.testbed.errors import first_line
+
+from ..errors import NoGraphics
 
 PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"
 _OFF: Final = ("disable", "disabled", "off", "false", "0")  # values of MUJOCO_GL

@@ -7,8 +7,9 @@ from typing import Final, Literal, get_args
 
 import numpy as np
 
-from experiments.errors import InvalidFilm
 from ttempc.types import FloatArray
+
+from ..errors import InvalidFilm
 
 Camera = Literal["chase", "top", "side", "hitch", "split", "plan"]
 CAMERAS: Final[tuple[Camera, ...]] = get_args(Camera)

@@ -12,18 +12,19 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.errors import InvalidFilm
-from experiments.film.camera import FIELD_OF_VIEW, Operator, View
-from experiments.film.colours import PLAN, REFERENCE, TRACTOR, TRAILER, slip_colour, unit_rgb
-from experiments.film.field import FieldMesh
-from experiments.film.posing import place_bodies
-from experiments.film.replay import Replay
-from experiments.film.ribbon import MeshView, Ribbon
-from experiments.film.screen import Screen
-from testbed.appearance import paint_ground
-from testbed.channels import REFERENCE as REFERENCE_ROWS
-from testbed.truth import WHEELS
+from proving_ground.testbed.recording.channels import REFERENCE as REFERENCE_ROWS
+from proving_ground.testbed.truth import WHEELS
+from proving_ground.testbed.vehicle.appearance import paint_ground
 from ttempc.types import FloatArray
+
+from ..errors import InvalidFilm
+from .camera import FIELD_OF_VIEW, Operator, View
+from .colours import PLAN, REFERENCE, TRACTOR, TRAILER, slip_colour, unit_rgb
+from .field import FieldMesh
+from .posing import place_bodies
+from .replay import Replay
+from .ribbon import MeshView, Ribbon
+from .screen import Screen
 
 _HORIZON: Final = (0.80, 0.87, 0.94)  # colour of the sky there, and of what is far away
 _SUN: Final = (0.45, -0.45, -0.77)  # from the north-west, where the ground's picture has it

@@ -15,9 +15,9 @@ import numpy as np
 from av.error import FFmpegError
 from numpy.typing import NDArray
 
-from experiments.errors import InvalidFilm
-from experiments.film.shot import FRAME_RATE
-from experiments.output import part_of, refuse_existing
+from ..errors import InvalidFilm
+from ..output import part_of, refuse_existing
+from .shot import FRAME_RATE
 
 _CODEC: Final = "libx264"
 # yuv420p and the index at the front are what browsers play at once.

@@ -17,15 +17,16 @@ from typing import Final
 
 import numpy as np
 
-from experiments.batch import mean_errors_cm
-from experiments.factory import ControllerFactory
-from experiments.published import COLUMNS
-from experiments.run import simulate
-from experiments.scenario import load
-from experiments.summary import Summary
-from ttempc.articulated import TUNING, articulated_controller
-from ttempc.controllers import feedforward_controller
-from ttempc.regulator import TUBE, RegulatorTuning
+from ttempc.guidance.controllers import feedforward_controller
+from ttempc.laws.articulated_mpc import TUNING, articulated_controller
+from ttempc.laws.lq_robust_law import TUBE, RegulatorTuning
+
+from ..results.published import COLUMNS
+from ..results.summary import Summary
+from ..run.controller_factory import ControllerFactory
+from ..run.simulate import simulate
+from ..scenario.scenario import load
+from .batch import mean_errors_cm
 
 SCENARIOS: Final = ("grass", "wet-slope", "patchy", "old-valves")
 

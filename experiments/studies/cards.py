@@ -11,8 +11,8 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-from experiments.card import Card, figure_text, summary_line, write_card
-from experiments.scenario import load, shipped
+from ..scenario.scenario import load, shipped
+from ..validation.plant_validation import Card, figure_text, summary_line, write_card
 
 _HEAD: Final = """\
 # Cards of the shipped scenarios

@@ -6,7 +6,7 @@
 
 `drive` appends a row to the file for every run as it ends and leaves out the runs whose rows are
 there: break it off and start it again, with more seeds or controllers if you like. The columns are
-those of a sweep (`experiments.sweeping.row`). `draw` writes compare.md and compare.png.
+those of a sweep (`experiments.sweep.row`). `draw` writes compare.md and compare.png.
 
 Seeds are paired: all controllers meet the same ground and the same noise. Costs are medians of
 the control step as the loop measures it, the caches cold from a period of physics; run as many
@@ -21,14 +21,15 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from experiments.assembly import assemble
-from experiments.batch import Job, as_they_end
-from experiments.errors import ExperimentError, InvalidRows
-from experiments.scenario import load, shipped
-from experiments.studies.comparison import Comparison, markdown, picture
-from experiments.sweeping.row import Row, figures, line
-from ttempc.controllers import CONTROLLERS
 from ttempc.errors import TtempcError
+from ttempc.guidance.controllers import CONTROLLERS
+
+from ..errors import ExperimentError, InvalidRows
+from ..run.assembly import assemble
+from ..scenario.scenario import load, shipped
+from ..sweep.row import Row, figures, line
+from .batch import Job, as_they_end
+from .comparison import Comparison, markdown, picture
 
 
 def jobs(

@@ -10,12 +10,13 @@ import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
-from experiments.errors import InvalidRows
-from experiments.figures import png
-from experiments.figures.style import blank, dress, series
-from experiments.statistics import Estimate, bootstrap
-from experiments.sweeping.row import Row
 from ttempc.types import FloatArray
+
+from ..errors import InvalidRows
+from ..figures import png
+from ..figures.style import blank, dress, series
+from ..results.statistics import Estimate, bootstrap
+from ..sweep.row import Row
 
 _ERRORS: Final = tuple(f"tracking.all.{body}.mean_euclidean_m" for body in ("tractor", "trailer"))
 _STEP: Final = "timing.control_step_us.median"

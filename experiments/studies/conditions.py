@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from experiments.batch import Job, mean_errors_cm, summaries
-from experiments.published import COLUMNS
+from ..results.published import COLUMNS
+from .batch import Job, mean_errors_cm, summaries
 
 CHANGES: Final[dict[str, tuple[str, ...]]] = {
     "`grass` as it is": (),

@@ -25,17 +25,18 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from experiments.confidence import Share, share
-from experiments.containment import QUANTITIES, Containment, containment
-from experiments.errors import InvalidFit
-from experiments.run import simulate
-from experiments.scenario import load
-from experiments.studies.containment_figures import draw
-from experiments.tube_file import read_tube, to_json
-from experiments.tube_table import tube_table
-from experiments.tubes import FitRun, fit_run, fit_tube
-from testbed.channels import TUBE
+from proving_ground.testbed.recording.channels import TUBE
 from ttempc.errors import InvalidTube
+
+from ..errors import InvalidFit
+from ..results.confidence import Share, share
+from ..results.containment import QUANTITIES, Containment, containment
+from ..run.simulate import simulate
+from ..scenario.scenario import load
+from ..scenario.tube_file import read_tube, to_json
+from ..tubes.fit import FitRun, fit_run, fit_tube
+from ..tubes.tube_table import tube_table
+from .containment_figures import draw
 
 DRIVER: Final = "ttempc-tube"  # of the laps to fit to, in the shipped tube of grass
 FIRST_FIT_SEED: Final = 1001

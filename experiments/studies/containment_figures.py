@@ -9,8 +9,13 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.ticker import PercentFormatter
 
-from experiments.containment import QUANTITIES, Containment, to_the_left
-from experiments.figures.style import (
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference, ReferenceSample
+from ttempc.tube.reference_tube import ReferenceTube, TubeDesign, seen
+from ttempc.tube.sets import linear_map, minkowski_sum, outline
+from ttempc.types import State
+
+from ..figures.style import (
     BLACK,
     BLUE,
     BODY_COLOURS,
@@ -22,11 +27,7 @@ from experiments.figures.style import (
     dress,
     legend,
 )
-from ttempc.path import figure_eight
-from ttempc.reference import ConstantSpeed, Reference, ReferenceSample
-from ttempc.reference_tube import ReferenceTube, TubeDesign, seen
-from ttempc.sets import linear_map, minkowski_sum, outline
-from ttempc.types import State
+from ..results.containment import QUANTITIES, Containment, to_the_left
 
 _PLANES: Final = (("y_t_e_m", "psi_t_e_rad"), ("y_t_e_m", "y_i_e_m"), ("y_i_e_m", "psi_i_e_rad"))
 _LABELS: Final = {

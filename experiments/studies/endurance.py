@@ -16,16 +16,17 @@ from typing import Final
 
 import numpy as np
 
-from experiments.card import bench
-from experiments.scenario import load
-from testbed.errors import PlantDiverged
-from testbed.inspection.bench import Bench, steps
-from testbed.mishap import MishapLimits, mishap
-from testbed.plant import Plant
-from testbed.randomness import generator
-from testbed.soil import SoilMap
-from testbed.terrain import ISO_8608, rough
+from proving_ground.testbed.errors import PlantDiverged
+from proving_ground.testbed.ground.soil import SoilMap
+from proving_ground.testbed.ground.terrain import ISO_8608, rough
+from proving_ground.testbed.inspection.bench import Bench, steps
+from proving_ground.testbed.randomness import generator
+from proving_ground.testbed.simulation.plant import Plant
+from proving_ground.testbed.simulation.termination import MishapLimits, mishap
 from ttempc.types import Command
+
+from ..scenario.scenario import load
+from ..validation.plant_validation import bench
 
 _PERIOD_S: Final = 0.2
 _HOLD: Final = 10  # periods between two random commands

@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from experiments.batch import mean_errors_cm
-from experiments.factory import ControllerFactory
-from experiments.published import COLUMNS
-from experiments.run import simulate
-from experiments.scenario import load
-from ttempc.equations import PaperEquations
-from ttempc.paper import paper_controller
+from ttempc.paper.composition import paper_controller
+from ttempc.paper.equations import PaperEquations
+
+from ..results.published import COLUMNS
+from ..run.controller_factory import ControllerFactory
+from ..run.simulate import simulate
+from ..scenario.scenario import load
+from .batch import mean_errors_cm
 
 SEEDS = (1, 2, 3)
 

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from tqdm import tqdm
 
-from experiments.batch import mean_errors_cm
-from experiments.published import COLUMNS
-from experiments.run import simulate
-from experiments.scenario import load
-from testbed.channels import ESTIMATE
+from proving_ground.testbed.recording.channels import ESTIMATE
+
+from ..results.published import COLUMNS
+from ..run.simulate import simulate
+from ..scenario.scenario import load
+from .batch import mean_errors_cm
 
 SCENARIOS = ("pavement", "grass", "wet-grass", "side-slope", "wet-slope", "patchy")
 ESTIMATORS = ("ekf", "nmhe")

@@ -16,14 +16,15 @@ import sys
 
 import numpy as np
 
-from experiments.tube_file import read_tube
-from ttempc.disturbance_set import DisturbanceSet
-from ttempc.path import figure_eight
-from ttempc.reference import ConstantSpeed, Reference
-from ttempc.reference_tube import ReferenceTube
-from ttempc.sets import directions_in, linear_map, minkowski_sum
-from ttempc.tube import Tube
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.tube.disturbance_set import DisturbanceSet
+from ttempc.tube.reference_tube import ReferenceTube
+from ttempc.tube.sets import directions_in, linear_map, minkowski_sum
+from ttempc.tube.tube import Tube
 from ttempc.types import FloatArray
+
+from ..scenario.tube_file import read_tube
 
 SEED = 1
 RANDOM = 90_000

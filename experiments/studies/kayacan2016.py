@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from experiments.batch import Job, mean_errors_cm, summaries
-from experiments.published import COLUMNS, compare
+from ..results.published import COLUMNS, compare
+from .batch import Job, mean_errors_cm, summaries
 
 SEEDS: Final = (1, 2, 3, 4, 5)
 

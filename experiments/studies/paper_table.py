@@ -12,10 +12,10 @@ import sys
 
 import numpy as np
 
-from experiments.batch import Job, mean_errors_cm, summaries
-from experiments.published import COLUMNS
-from experiments.scenario import load, shipped
-from experiments.settings.path import FigureEight
+from ..results.published import COLUMNS
+from ..scenario.path import FigureEight
+from ..scenario.scenario import load, shipped
+from .batch import Job, mean_errors_cm, summaries
 
 
 def main(controller: str = "paper", seeds: str = "5", laps: str = "") -> None:

@@ -14,15 +14,17 @@ import math
 
 import numpy as np
 
-from ttempc.disturbance_set import DisturbanceSet
-from ttempc.equations import PaperEquations
-from ttempc.error_model import POSITIONS, Error, linearise, zero_order_hold
 from ttempc.errors import InvalidTube
-from ttempc.path import figure_eight
-from ttempc.qp import HorizonTuning
-from ttempc.reference import ConstantSpeed, Reference
-from ttempc.robust import RobustGains
-from ttempc.tube import TrackingSystem, invariant_tube
+from ttempc.laws.robust_law import RobustGains
+from ttempc.models.tracking_error import POSITIONS, Error
+from ttempc.mpc.discretisation import zero_order_hold
+from ttempc.mpc.qp import HorizonTuning
+from ttempc.paper.equations import PaperEquations
+from ttempc.paper.error_model import linearise
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.tube.disturbance_set import DisturbanceSet
+from ttempc.tube.tube import TrackingSystem, invariant_tube
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 

@@ -16,13 +16,14 @@ from typing import Final
 
 import numpy as np
 
-from experiments.assembly import assemble
-from experiments.scenario import load
-from experiments.tracking import tracking
-from testbed.channels import CONTROL
-from testbed.loop import drive
-from testbed.record import Recorder
+from proving_ground.testbed.recording.channels import CONTROL
+from proving_ground.testbed.recording.record import Recorder
+from proving_ground.testbed.simulation.loop import drive
 from ttempc.types import Input, State
+
+from ..results.tracking import tracking
+from ..run.assembly import assemble
+from ..scenario.scenario import load
 
 NEAR_M: Final = 0.10
 OFFSETS: Final = ((1.0, 20.0), (-1.0, -20.0), (1.0, -20.0))  # [m] to the left, [deg] turned left

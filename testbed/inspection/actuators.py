@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from testbed.inspection.bench import Bench, drive
-from testbed.inspection.check import Chart, Check, Line, near
+from .bench import Bench, drive
+from .check import Chart, Check, Line, near
 
 _EVERY_S = 0.01
 

@@ -10,15 +10,16 @@ from typing import Final
 
 import numpy as np
 
-from testbed.plant import Plant
-from testbed.soil import SoilMap
-from testbed.terrain import Terrain, flat
-from testbed.truth import WHEELS, Truth
-from testbed.tyre import WheelMotion
-from testbed.vehicle import PlantVehicle
-from testbed.vehicle_model import WheelModel
 from ttempc.types import Command, FloatArray
 from ttempc.vehicle import Vehicle
+
+from ..ground.soil import SoilMap
+from ..ground.terrain import Terrain, flat
+from ..simulation.plant import Plant
+from ..truth import WHEELS, Truth
+from ..vehicle.vehicle import PlantVehicle
+from ..vehicle.vehicle_model import WheelModel
+from ..wheels.tyre import WheelMotion
 
 FIRM_KPA: Final = SoilMap.named("hard").background
 SPEED: Final = 1.0  # [m/s] of experiments that ask for none

@@ -10,13 +10,14 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from testbed import tyre
-from testbed.inspection.bench import Bench, steps, wheel_motion
-from testbed.inspection.check import Check, between
-from testbed.plant import Plant
-from testbed.terrain import flat
-from testbed.truth import WHEELS
 from ttempc.types import FloatArray
+
+from ..ground.terrain import flat
+from ..simulation.plant import Plant
+from ..truth import WHEELS
+from ..wheels import tyre
+from .bench import Bench, steps, wheel_motion
+from .check import Check, between
 
 _FALL_S: Final = 0.5
 _HEIGHT_M: Final = 5.0  # above the ground, more than it falls

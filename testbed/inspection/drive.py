@@ -7,12 +7,13 @@ from typing import Final
 import numpy as np
 from scipy.optimize import curve_fit
 
-from testbed import tyre
-from testbed.inspection.bench import SPEED, STOP, Bench, bodies, centre_of_mass, drive
-from testbed.inspection.check import Chart, Check, Line, near
-from testbed.terrain import flat
-from testbed.truth import WHEELS
 from ttempc.types import Command
+
+from ..ground.terrain import flat
+from ..truth import WHEELS
+from ..wheels import tyre
+from .bench import SPEED, STOP, Bench, bodies, centre_of_mass, drive
+from .check import Chart, Check, Line, near
 
 _TAUS: Final = 6.0  # length of the step over the time constant
 _COAST_S: Final = 0.8

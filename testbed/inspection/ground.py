@@ -6,10 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from testbed.inspection.bench import Bench, wheel_places
-from testbed.inspection.check import Chart, Check, Line, between, not_applicable
-from testbed.terrain import ISO_8608, REFERENCE_FREQUENCY, Terrain, flat
 from ttempc.types import FloatArray
+
+from ..ground.terrain import ISO_8608, REFERENCE_FREQUENCY, Terrain, flat
+from .bench import Bench, wheel_places
+from .check import Chart, Check, Line, between, not_applicable
 
 _BAND: Final = (0.1, 1.5)  # [cycle/m] in which the class is read
 _LANE_M: Final = 3.0  # between passes

@@ -6,20 +6,20 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
-from testbed.errors import TestbedError
-from testbed.inspection.actuators import steering_steps
-from testbed.inspection.bench import Bench
-from testbed.inspection.check import Check, between
-from testbed.inspection.conservation import free_fall, frictionless
-from testbed.inspection.drive import coast_down, hydrostat_step
-from testbed.inspection.ground import roughness
-from testbed.inspection.kinematics import hitch_kinematics
-from testbed.inspection.lateral import contour, side_force
-from testbed.inspection.numerics import convergence, same_bits, wheel_models
-from testbed.inspection.statics import creep, load_transfer, static_loads
-from testbed.inspection.traction import efficiency, slip_against_pull
-from testbed.inspection.turning import circles, softening
-from testbed.inspection.vertical import bump
+from ..errors import TestbedError
+from .actuators import steering_steps
+from .bench import Bench
+from .check import Check, between
+from .conservation import free_fall, frictionless
+from .drive import coast_down, hydrostat_step
+from .ground import roughness
+from .kinematics import hitch_kinematics
+from .lateral import contour, side_force
+from .numerics import convergence, same_bits, wheel_models
+from .statics import creep, load_transfer, static_loads
+from .traction import efficiency, slip_against_pull
+from .turning import circles, softening
+from .vertical import bump
 
 Experiment = Callable[[Bench], list[Check]]
 

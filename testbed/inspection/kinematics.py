@@ -7,10 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from testbed.inspection.bench import SPEED, Bench, steps
-from testbed.inspection.check import Check, between
-from testbed.terrain import flat
 from ttempc.types import FloatArray
+
+from ..ground.terrain import flat
+from .bench import SPEED, Bench, steps
+from .check import Check, between
 
 _EVERY_S: Final = 0.02
 _ROWS: Final = 750

@@ -7,13 +7,14 @@ from typing import Final
 
 import numpy as np
 
-from testbed import tyre
-from testbed.inspection.bench import DRIVEN, SPEED, TRAILER, Bench, drive, steps
-from testbed.inspection.check import Chart, Check, Line, between, near
-from testbed.inspection.steady_motion import Planar, steady_motion
-from testbed.terrain import flat
-from testbed.truth import WHEELS
 from ttempc.types import FloatArray
+
+from ..ground.terrain import flat
+from ..truth import WHEELS
+from ..wheels import tyre
+from .bench import DRIVEN, SPEED, TRAILER, Bench, drive, steps
+from .check import Chart, Check, Line, between, near
+from .steady_motion import Planar, steady_motion
 
 _SLOPES: Final = np.radians([2.0, 4.0, 6.0, 8.0, 10.0])
 _CONTOUR: Final = 0.10  # [rad] of a level scenario

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from testbed.inspection.bench import SPEED, Bench, steps
-from testbed.inspection.check import Check, between
-from testbed.plant import Plant
+from ..simulation.plant import Plant
+from .bench import SPEED, Bench, steps
+from .check import Check, between
 
 _TIMESTEPS_S: Final = (0.0005, 0.001, 0.002, 0.004)
 _CONVERGE_S: Final = 10.0

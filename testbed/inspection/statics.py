@@ -7,8 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from testbed import tyre
-from testbed.inspection.bench import (
+from ttempc.types import FloatArray
+
+from ..ground.terrain import flat
+from ..simulation.plant import Plant
+from ..truth import WHEELS, Truth
+from ..wheels import tyre
+from .bench import (
     DRIVEN,
     FIRM_KPA,
     STOP,
@@ -22,11 +27,7 @@ from testbed.inspection.bench import (
     wheel_motion,
     wheel_places,
 )
-from testbed.inspection.check import Check, between, near
-from testbed.plant import Plant
-from testbed.terrain import flat
-from testbed.truth import WHEELS, Truth
-from ttempc.types import FloatArray
+from .check import Check, between, near
 
 _SLOPE: Final = math.radians(10.0)
 _STEEP: Final = math.radians(15.0)
@@ -77,7 +78,7 @@ def load_transfer(bench: Bench) -> list[Check]:
     """Shift of the loads' centre on a slope against the height h of the centre of mass.
 
     Forces of the ground lie in its plane but the loads and, with soil wheels, motion resistance,
-    which acts on the hub (`testbed.tyre`): moments about the ground give
+    which acts on the hub (`testbed.wheels.tyre`): moments about the ground give
 
         shift = h tan(slope) + lever,   lever = (sum R_i h_i - T (h_rear - r)) / sum N_i
 

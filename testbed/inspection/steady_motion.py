@@ -1,6 +1,6 @@
 """The vehicle in steady motion, solved from the law of the tyres without a simulation.
 
-Tractor and trailer in the plane on six wheels that slip as `testbed.tyre` says; unknown are yaw
+Tractor and trailer in the plane on six wheels that slip as `tyre` says; unknown are yaw
 rate, side speed, hitch angle and traction, which the balances of force and moment give. Same law,
 another solver: what the plant adds (linkage, servos, integration, the third dimension) must not
 move the answer. Trailer steering is straight.
@@ -14,13 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import fsolve
 
-from testbed import tyre
-from testbed.inspection.bench import DRIVEN, TRAILER, Bench, bodies, centre_of_mass, wheel_places
-from testbed.plant import Plant
-from testbed.truth import WHEELS
-from testbed.tyre import Tyres
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
+
+from ..simulation.plant import Plant
+from ..truth import WHEELS
+from ..wheels import tyre
+from ..wheels.tyre import Tyres
+from .bench import DRIVEN, TRAILER, Bench, bodies, centre_of_mass, wheel_places
 
 _FRONT = ~(DRIVEN | TRAILER)
 

@@ -8,13 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from testbed import tyre
-from testbed.inspection.bench import DRIVEN, FIRM_KPA, Bench, drive, steps
-from testbed.inspection.check import Chart, Check, Line, between, not_applicable
-from testbed.plant import Plant
-from testbed.terrain import flat
-from testbed.truth import WHEELS
 from ttempc.types import FloatArray
+
+from ..ground.terrain import flat
+from ..simulation.plant import Plant
+from ..truth import WHEELS
+from ..wheels import tyre
+from .bench import DRIVEN, FIRM_KPA, Bench, drive, steps
+from .check import Chart, Check, Line, between, not_applicable
 
 _SPEED: Final = 0.7  # [m/s]
 _SETTLE_S: Final = 6.0

@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from testbed.inspection.bench import FIRM_KPA, SPEED, Bench, drive, steps
-from testbed.inspection.check import Chart, Check, Line, between, near
-from testbed.inspection.steady_motion import Planar, steady_motion
-from testbed.terrain import flat
+from ..ground.terrain import flat
+from .bench import FIRM_KPA, SPEED, Bench, drive, steps
+from .check import Chart, Check, Line, between, near
+from .steady_motion import Planar, steady_motion
 
 _RADII: Final = (6.0, 8.0, 10.0, 14.0, 20.0)  # [m]
 _STRENGTHS: Final = (FIRM_KPA, 600.0, 300.0)  # [kPa]

@@ -6,10 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from testbed.inspection.bench import SPEED, Bench, drive, wheel_places
-from testbed.inspection.check import Chart, Check, Line, between
-from testbed.terrain import Terrain, flat
 from ttempc.types import FloatArray
+
+from ..ground.terrain import Terrain, flat
+from .bench import SPEED, Bench, drive, wheel_places
+from .check import Chart, Check, Line, between
 
 _HEIGHT: Final = 0.15  # of the bump over the smallest wheel's radius
 _LENGTH: Final = 1.0  # over the same: short enough to meet the wheel hop

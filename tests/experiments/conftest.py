@@ -2,8 +2,8 @@
 
 import pytest
 
-from experiments.run import run
-from experiments.scenario import load
+from proving_ground.experiments.run.simulate import run
+from proving_ground.experiments.scenario.scenario import load
 
 STRAIGHT = "path={kind='straight', length_m=12}"
 

@@ -7,16 +7,16 @@ import sys
 import numpy as np
 import pytest
 
-from experiments.cli import main
-from testbed.channels import STATE
-from testbed.log_reader import read_log
+from proving_ground.experiments.commands.cli import main
+from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.testbed.recording.channels import STATE
 
 SHORT = ("--set", "path={kind='straight', length_m=15}")
 
 
 def ttempc(*arguments, cwd):
     return subprocess.run(
-        [sys.executable, "-m", "experiments.cli", *arguments],
+        [sys.executable, "-m", "proving_ground.experiments.commands.cli", *arguments],
         cwd=cwd,
         capture_output=True,
         text=True,

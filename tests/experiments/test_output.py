@@ -5,9 +5,9 @@ import os
 
 import pytest
 
-from experiments.errors import SweepStopped
-from experiments.output import in_place_of
-from experiments.sweeping.results import Results, settle
+from proving_ground.experiments.errors import SweepStopped
+from proving_ground.experiments.output import in_place_of
+from proving_ground.experiments.sweep.results import Results, settle
 
 
 @pytest.fixture(params=[None, b"old"], ids=["new", "old"])

@@ -2,8 +2,8 @@
 
 import pytest
 
-from testbed.record import Recorder
-from testbed.sink import Tee
+from proving_ground.testbed.recording.record import Recorder
+from proving_ground.testbed.recording.sink import Tee
 from tests.testbed.logs import METADATA, feed, writer
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from testbed.channels import CHANNELS, MEASUREMENT
-from testbed.log import LogWriter
-from testbed.record import Event
-from testbed.scenery import Scenery
-from testbed.topics import PREDICTED_PATH_TOPIC, REFERENCE_PATH_TOPIC
+from proving_ground.testbed.log.log import LogWriter
+from proving_ground.testbed.messages.scenery import Scenery
+from proving_ground.testbed.recording.channels import CHANNELS, MEASUREMENT
+from proving_ground.testbed.recording.record import Event
+from proving_ground.testbed.recording.topics import PREDICTED_PATH_TOPIC, REFERENCE_PATH_TOPIC
 from tests.testbed.truths import truth
 
 PERIOD_S = 0.04

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from testbed.truth import Pose, Truth, Wheels
+from proving_ground.testbed.truth import Pose, Truth, Wheels
 
 _LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ttempc.kinematics import advance, hitch_angle, trailer_point
-from ttempc.reference import Reference
+from ttempc.models.kinematics import advance, hitch_angle, trailer_point
+from ttempc.models.valves import slew
+from ttempc.reference.reference import Reference
 from ttempc.types import Controller, ControlStep, Estimate, FloatArray
-from ttempc.valves import slew
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ttempc.qp import QP
+from ttempc.mpc.qp import QP
 from ttempc.types import FloatArray
 
 

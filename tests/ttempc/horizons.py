@@ -6,11 +6,12 @@ from functools import cache
 
 import numpy as np
 
-from ttempc.equations import PaperEquations
-from ttempc.error_model import linearise, zero_order_hold
-from ttempc.path import figure_eight
-from ttempc.qp import QP, CondensedHorizon, HorizonTuning
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.mpc.discretisation import zero_order_hold
+from ttempc.mpc.qp import QP, CondensedHorizon, HorizonTuning
+from ttempc.paper.equations import PaperEquations
+from ttempc.paper.error_model import linearise
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ttempc.belief import SIZE, Belief, slips
-from ttempc.belief_kernel import advance_belief, vehicle_table
-from ttempc.controllers import make_controller
-from ttempc.estimator import ExtendedKalmanFilter
-from ttempc.noise import ProcessNoise, SensorNoise
-from ttempc.path import figure_eight
-from ttempc.reference import ConstantSpeed, Reference
-from ttempc.sensing import LENGTH, expected
+from ttempc.estimation.augmented_state import SIZE, Belief, slips
+from ttempc.estimation.augmented_state_kernel import advance_belief, vehicle_table
+from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.estimation.measurement_model import LENGTH, expected
+from ttempc.estimation.noise import ProcessNoise, SensorNoise
+from ttempc.guidance.controllers import make_controller
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, Estimate, Estimator, FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 

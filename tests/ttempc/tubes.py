@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ttempc.ancillary import AncillaryWeights
-from ttempc.disturbance_set import DisturbanceSet
-from ttempc.path import figure_eight
-from ttempc.reference import ConstantSpeed, Reference
-from ttempc.reference_tube import ReferenceTube, TubeDesign
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.tube.ancillary import AncillaryWeights
+from ttempc.tube.disturbance_set import DisturbanceSet
+from ttempc.tube.reference_tube import ReferenceTube, TubeDesign
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ttempc.articulated import TUNING
-from ttempc.articulated_error import error_dynamics, error_state
-from ttempc.qp import HorizonTuning
-from ttempc.reference import Reference, ReferenceSample
-from ttempc.tracking import Actions, TrackingController, around_exact_feedforward
-from ttempc.types import Estimate, FloatArray, Input
-from ttempc.vehicle import Vehicle
+from ..laws.articulated_mpc import TUNING
+from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
+from ..mpc.articulated_error import error_dynamics, error_state
+from ..mpc.qp import HorizonTuning
+from ..reference.reference import Reference, ReferenceSample
+from ..types import Estimate, FloatArray, Input
+from ..vehicle import Vehicle
 
 _M = len(Input)
 

@@ -14,17 +14,17 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ttempc.articulated import TUNING
-from ttempc.articulated_error import lasting_disturbance, map_gains, remaining_bounds
-from ttempc.baselines.nmpc_model import TRACTOR, TRAILER, WHOLE, Subsystem
-from ttempc.baselines.nmpc_solver import GaussNewton, HorizonSolver, Task
-from ttempc.limits import CommandLimits
-from ttempc.prediction import rotation
-from ttempc.qp import FirstInputs, HorizonTuning, StageBounds, move_bounds
-from ttempc.reference import Reference, ReferenceSample
-from ttempc.tracking import Actions, TrackingController, around_exact_feedforward
-from ttempc.types import Estimate, FloatArray, Input, SolverReport, State
-from ttempc.vehicle import Vehicle
+from ..laws.articulated_mpc import TUNING
+from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
+from ..limits import CommandLimits
+from ..mpc.articulated_error import lasting_disturbance, map_gains, remaining_bounds
+from ..mpc.prediction import rotation
+from ..mpc.qp import FirstInputs, HorizonTuning, StageBounds, move_bounds
+from ..reference.reference import Reference, ReferenceSample
+from ..types import Estimate, FloatArray, Input, SolverReport, State
+from ..vehicle import Vehicle
+from .nmpc_model import TRACTOR, TRAILER, WHOLE, Subsystem
+from .nmpc_solver import GaussNewton, HorizonSolver, Task
 
 _M = len(Input)
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ttempc.errors import MissingPackage
-from ttempc.types import Disturbance, FloatArray, Input, State
-from ttempc.vehicle import Vehicle
+from ..errors import MissingPackage
+from ..types import Disturbance, FloatArray, Input, State
+from ..vehicle import Vehicle
 
 _N, _M, _D = len(State), len(Input), len(Disturbance)
 _POSE = 6  # x, y, psi of tractor and of trailer
@@ -56,14 +56,14 @@ TRAILER = Subsystem((Input.DELTA_I,), (2, 3), (State.PSI_I, State.DELTA_I), tupl
 
 
 class ArticulatedExpressions:
-    """`ttempc.kinematics` once more, on CasADi's symbols."""
+    """`ttempc.models.kinematics` once more, on CasADi's symbols."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._ca = load_casadi()
         self._vehicle = vehicle
 
     def rate(self, state: Any, inputs: Any, disturbance: Any) -> Any:  # noqa: ANN401 - CasADi
-        """Return `ttempc.kinematics.articulated`, (7,)."""
+        """Return `ttempc.models.kinematics.articulated`, (7,)."""
         ca, vehicle = self._ca, self._vehicle
         _, _, psi_t, psi_i, delta_t, delta_i, v = ca.vertsplit(state)
         u_t, u_i, hp = ca.vertsplit(inputs)

@@ -7,11 +7,11 @@ from typing import Protocol
 
 import numpy as np
 
-from ttempc.baselines.nmpc_model import HorizonModel, Subsystem
-from ttempc.qp import QP, HorizonTuning, StageBounds
-from ttempc.reference import Reference
-from ttempc.solver import PersistentSolver
-from ttempc.types import FloatArray, SolverReport
+from ..mpc.qp import QP, HorizonTuning, StageBounds
+from ..mpc.solver import PersistentSolver
+from ..reference.reference import Reference
+from ..types import FloatArray, SolverReport
+from .nmpc_model import HorizonModel, Subsystem
 
 # A plan is converged where the last step changed no input of it by more than this, in rad or
 # hydrostat position. Near the solution steps shrink tenfold and more: less than a tenth is left.
@@ -59,7 +59,7 @@ class HorizonSolver(Protocol):
 class GaussNewton:
     """Minimise the linear MPC's cost and bounds under the nonlinear model.
 
-    Unknown are the steps of u_e = u_r - u of one subsystem, as in `ttempc.qp.CondensedHorizon`:
+    Unknown are the steps of u_e = u_r - u of one subsystem, as in `ttempc.mpc.qp.CondensedHorizon`:
 
         min sum_j y_j' Q y_j + sum Delta u' R Delta u,    y_j = y_j(z_k, u_{k-1}, Delta U),
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ttempc.error_model import Error
-from ttempc.reference import Reference, ReferenceSample
-from ttempc.tracking import Actions, TrackingController, around_exact_feedforward
-from ttempc.types import Estimate, FloatArray, Input, State
-from ttempc.vehicle import Vehicle
+from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
+from ..models.tracking_error import Error
+from ..reference.reference import Reference, ReferenceSample
+from ..types import Estimate, FloatArray, Input, State
+from ..vehicle import Vehicle
 
 # Closed loops are this many times slower than what they leave out, the steering's lag and half
 # of a period; a triple pole then keeps a phase margin of 40 deg.

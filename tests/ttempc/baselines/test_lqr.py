@@ -8,16 +8,16 @@ from dataclasses import replace
 import numpy as np
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
-from tests.ttempc.test_articulated import estimate
-from ttempc.articulated_error import error_dynamics
+from tests.ttempc.laws.test_articulated_mpc import estimate
 from ttempc.baselines.lqr import LQR_TUNING, riccati_gains
-from ttempc.controllers import make_controller
-from ttempc.kinematics import advance, trailer_point
-from ttempc.path import figure_eight
-from ttempc.qp import CondensedHorizon
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.guidance.controllers import make_controller
+from ttempc.models.kinematics import advance, trailer_point
+from ttempc.models.valves import slew
+from ttempc.mpc.articulated_error import error_dynamics
+from ttempc.mpc.qp import CondensedHorizon
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Disturbance, State
-from ttempc.valves import slew
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()

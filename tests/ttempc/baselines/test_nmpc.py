@@ -8,13 +8,13 @@ from functools import partial
 import numpy as np
 import pytest
 
-from experiments.benchmarks.programme import Programme
+from proving_ground.experiments.benchmarks.programme import Programme
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from ttempc.baselines.nmpc import nmpc_controller
 from ttempc.baselines.nmpc_solver import GaussNewton
-from ttempc.controllers import make_controller
-from ttempc.path import figure_eight, straight
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.guidance.controllers import make_controller
+from ttempc.reference.path import figure_eight, straight
+from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import State
 from ttempc.vehicle import Vehicle
 

@@ -1,4 +1,4 @@
-"""The articulated model on CasADi's symbols is the one of `ttempc.kinematics`."""
+"""The articulated model on CasADi's symbols is the one of `ttempc.models.kinematics`."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from tests.ttempc.models.test_kinematics import OTHER, VEHICLE, random_cases
 from tests.ttempc.numeric import central_differences
-from tests.ttempc.test_kinematics import OTHER, VEHICLE, random_cases
 from ttempc.baselines.nmpc_model import (
     TRACTOR,
     TRAILER,
@@ -17,12 +17,12 @@ from ttempc.baselines.nmpc_model import (
     ArticulatedExpressions,
     HorizonModel,
 )
-from ttempc.controllers import make_controller
 from ttempc.errors import MissingPackage
-from ttempc.kinematics import advance, articulated, trailer_point
-from ttempc.path import straight
-from ttempc.prediction import rotation
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.guidance.controllers import make_controller
+from ttempc.models.kinematics import advance, articulated, trailer_point
+from ttempc.mpc.prediction import rotation
+from ttempc.reference.path import straight
+from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import State
 
 PERIOD_S = 0.2

@@ -7,17 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from experiments.scenario import load
+from proving_ground.experiments.scenario.scenario import load
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
-from ttempc.baselines.pid import (
-    front_steering_gains,
-    pole,
-    speed_gains,
-    trailer_steering_gains,
-)
-from ttempc.controllers import make_controller
-from ttempc.path import figure_eight, straight
-from ttempc.reference import ConstantSpeed, Reference
+from ttempc.baselines.pid import front_steering_gains, pole, speed_gains, trailer_steering_gains
+from ttempc.guidance.controllers import make_controller
+from ttempc.reference.path import figure_eight, straight
+from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.vehicle import Vehicle
 
 

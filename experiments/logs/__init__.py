@@ -1,0 +1,1 @@
+"""Checks and exports of logs; layouts for viewers."""

@@ -1,0 +1,102 @@
+"""The one-page report of a run: a single HTML file that needs nothing else to be read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple
+from typing import Final
+
+from proving_ground.testbed.recording.record import Event
+
+from ..figures import CAPTIONS
+from ..results.published import CAVEAT, compare
+from ..results.summary import InputStatistics, Spread, Summary
+from ..results.table import centimetres
+from ..results.tracking import START_UP_S
+from ..scenario.vehicle import Difference
+from .page import Picture, environment
+
+_EVENTS_SHOWN: Final = 100  # a page is no log: a fault that flickers would fill it
+_FILES: Final = ("summary.json", "scenario.toml")  # beside the report, and the log
+
+
+def report(
+    summary: Summary,
+    events: Sequence[Event],
+    scenario_toml: str,
+    pictures: Mapping[str, bytes],
+    mismatch: Sequence[Difference] = (),
+) -> str:
+    """Return the text of `report.html`; `pictures` are PNG files' contents by figure name.
+
+    `mismatch` is what the controller believed wrongly of the vehicle.
+    """
+    page = environment().get_template("report.html.j2")
+    return page.render(
+        summary=summary,
+        comparison=compare(summary),
+        caveat=CAVEAT,
+        start_up_s=START_UP_S,
+        errors=_errors(summary),
+        facts=[*_facts(summary), ("believed wrongly", ", ".join(map(str, mismatch)) or "nothing")],
+        files=[*([summary.log] if summary.log else []), *_FILES],
+        pictures=[
+            Picture.of(name, CAPTIONS.get(name, name), content)
+            for name, content in pictures.items()
+        ],
+        events=events[:_EVENTS_SHOWN],
+        hidden_events=max(0, len(events) - _EVENTS_SHOWN),
+        scenario_toml=scenario_toml,
+    )
+
+
+def _errors(summary: Summary) -> list[tuple[str, tuple[float | None, ...]]]:
+    return [
+        (f"{body}, {where}", astuple(getattr(getattr(summary.tracking, where), body)))
+        for where in ("straight", "curve", "all")
+        for body in ("tractor", "trailer")
+    ]
+
+
+def _facts(summary: Summary) -> list[tuple[str, str]]:
+    timing, inputs, slip = summary.timing, summary.inputs, summary.slip
+    estimation = summary.estimation
+    return [
+        ("run", summary.run_id),
+        ("versions", ", ".join(f"{name} {text}" for name, text in summary.versions.items())),
+        ("real-time factor", _number(timing.real_time_factor, "{:.1f}")),
+        ("control step", _spread(timing.control_step_us)),
+        ("QP solve", _spread(timing.qp_solve_us)),
+        ("estimator", _spread(timing.estimator_us)),
+        ("physics step", _spread(timing.plant_step_us)),
+        (
+            "estimation error",
+            f"tractor {centimetres(estimation.tractor.mean_euclidean_m)} cm, "
+            f"trailer {centimetres(estimation.trailer.mean_euclidean_m)} cm (mean)",
+        ),
+        ("front steering", _input(inputs.delta_t, "rad/s")),
+        ("trailer steering", _input(inputs.delta_i, "rad/s")),
+        ("hydrostat", _input(inputs.hp, "1/s")),
+        (
+            "slip",
+            f"rear wheels {_number(slip.rear_mean, '{:.1%}')} (mean), "
+            f"{_number(slip.rear_p95, '{:.1%}')} (p95); trailer's slip angle "
+            f"{_number(slip.trailer_slip_angle_p95_rad, '{:.3f}')} rad (p95)",
+        ),
+    ]
+
+
+def _spread(cost_us: Spread) -> str:
+    parts = (("median", cost_us.median), ("p99", cost_us.p99), ("max", cost_us.max))
+    return ", ".join(f"{name} {_number(value, '{:.0f}')} us" for name, value in parts)
+
+
+def _input(use: InputStatistics, unit: str) -> str:
+    return (
+        f"at a limit {_number(use.saturated_fraction, '{:.1%}')} of the ticks, "
+        f"rms rate {_number(use.rms_rate, '{:.3f}')} {unit}"
+    )
+
+
+def _number(value: float | None, form: str) -> str:
+    return "–" if value is None else form.format(value)

@@ -1,0 +1,171 @@
+"""A record and what is known of its run -> the run's `Summary`."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING, TUBE, TYRES
+from proving_ground.testbed.recording.record import Record
+from ttempc.types import FloatArray
+
+from .containment import containment
+from .summary import (
+    BodyStatistics,
+    ErrorStatistics,
+    EstimationStatistics,
+    InputsStatistics,
+    InputStatistics,
+    MeanError,
+    RunFacts,
+    SlipStatistics,
+    Spread,
+    Summary,
+    TimingStatistics,
+    TrackingStatistics,
+    TubeStatistics,
+)
+from .tracking import BODIES, START_UP_S, BodyError, Tracking, rows_at_same_time, tracking
+
+_AT_BOUND: Final = 1e-9  # [rad] or fraction: a command this close to a limit is at it
+
+
+def summarise(record: Record, facts: RunFacts) -> Summary:
+    """Return the numbers of a run."""
+    times = record[STATE].time_s
+    duration_s = float(times[-1]) if len(times) else 0.0
+    return Summary(
+        run_id=facts.run_id,
+        scenario=facts.scenario,
+        controller=facts.controller,
+        seed=facts.seed,
+        status=facts.status,
+        failure=facts.failure,
+        duration_s=duration_s,
+        versions=dict(facts.versions),
+        tracking=tracking_statistics(tracking(record)),
+        estimation=_estimation(record),
+        timing=_timing(record, duration_s, facts.wall_s),
+        inputs=_inputs(record),
+        tube=_tube(record),
+        slip=_slip(record),
+        log=facts.log,
+    )
+
+
+def tracking_statistics(errors: Tracking) -> TrackingStatistics:
+    """Return the statistics of tracking errors after the start-up."""
+    counted = errors.time_s >= START_UP_S
+
+    def over(rows: NDArray[np.bool_]) -> BodyStatistics:
+        return BodyStatistics(
+            _error_statistics(errors.tractor.at(rows)), _error_statistics(errors.trailer.at(rows))
+        )
+
+    return TrackingStatistics(
+        straight=over(counted & ~errors.curved),
+        curve=over(counted & errors.curved),
+        all=over(counted),
+    )
+
+
+def _error_statistics(error: BodyError) -> ErrorStatistics:
+    euclidean = error.euclidean_m
+    return ErrorStatistics(
+        mean_euclidean_m=_mean(euclidean),
+        rms_m=_rms(euclidean),
+        p95_m=_percentile(euclidean, 95.0),
+        max_m=_percentile(euclidean, 100.0),
+        along_mean_m=_mean(error.along_m),
+        along_sd_m=_sd(error.along_m),
+        cross_mean_m=_mean(error.cross_m),
+        cross_sd_m=_sd(error.cross_m),
+        cross_p95_m=_percentile(np.abs(error.cross_m), 95.0),
+    )
+
+
+def _estimation(record: Record) -> EstimationStatistics:
+    _, state, estimate = rows_at_same_time(record, STATE, ESTIMATE)
+
+    def of(letter: str) -> MeanError:
+        place = [f"x_{letter}_m", f"y_{letter}_m"]
+        error = record[ESTIMATE].columns(*place)[estimate] - record[STATE].columns(*place)[state]
+        return MeanError(_mean(_since_first(np.hypot(*error.T))))
+
+    return EstimationStatistics(**{body: of(letter) for body, letter in BODIES.items()})
+
+
+def _since_first(samples: FloatArray) -> FloatArray:
+    """Return the samples from the first finite one on: a filter waits for its first readings."""
+    return samples[np.argmax(np.isfinite(samples)) :] if len(samples) else samples
+
+
+def _timing(record: Record, duration_s: float, wall_s: float) -> TimingStatistics:
+    table = record[TIMING]
+    spreads = {name: _spread(table[name]) for name in table.channel.fields}
+    return TimingStatistics(
+        **spreads, real_time_factor=duration_s / wall_s if wall_s > 0.0 else None
+    )
+
+
+def _spread(cost_us: FloatArray) -> Spread:
+    there = cost_us[np.isfinite(cost_us)]  # a tick without a QP has no QP solve time
+    return Spread(_percentile(there, 50.0), _percentile(there, 99.0), _percentile(there, 100.0))
+
+
+def _inputs(record: Record) -> InputsStatistics:
+    table = record[CONTROL]
+
+    def of(name: str) -> InputStatistics:
+        command = table[f"{name}_command"]
+        at_bound = (command <= table[f"{name}_min"] + _AT_BOUND) | (
+            command >= table[f"{name}_max"] - _AT_BOUND
+        )
+        saturated = at_bound | (table[f"{name}_limited"] > 0.5)
+        rate = np.diff(command) / np.diff(table.time_s)
+        return InputStatistics(saturated_fraction=_mean(saturated), rms_rate=_rms(rate))
+
+    return InputsStatistics(delta_t=of("delta_t_rad"), delta_i=of("delta_i_rad"), hp=of("hp"))
+
+
+def _tube(record: Record) -> TubeStatistics | None:
+    if not len(record[TUBE]):
+        return None
+    found = containment(record)
+    margin = 1.0 - found.share[:, found.POINTS].max(axis=1)
+    inside = margin >= 0.0
+    return TubeStatistics(_mean(inside), _number(margin.min()) if margin.size else None)
+
+
+def _slip(record: Record) -> SlipStatistics:
+    table = record[TYRES]
+    rear = np.abs(table.columns("rear_left_slip", "rear_right_slip"))
+    angle = np.abs(table.columns("trailer_left_slip_angle_rad", "trailer_right_slip_angle_rad"))
+    return SlipStatistics(
+        rear_mean=_mean(rear),
+        rear_p95=_percentile(rear, 95.0),
+        trailer_slip_angle_p95_rad=_percentile(angle, 95.0),
+    )
+
+
+def _mean(samples: FloatArray | NDArray[np.bool_]) -> float | None:
+    return _number(np.mean(samples)) if samples.size else None
+
+
+def _sd(samples: FloatArray) -> float | None:
+    return _number(np.std(samples)) if samples.size else None
+
+
+def _rms(samples: FloatArray) -> float | None:
+    return _number(np.sqrt(np.mean(np.square(samples)))) if samples.size else None
+
+
+def _percentile(samples: FloatArray, percent: float) -> float | None:
+    return _number(np.percentile(samples, percent)) if samples.size else None
+
+
+def _number(value: np.floating) -> float | None:
+    """Return a finite number, None else: one missing sample makes a statistic unknown, not good."""
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,48 @@
+"""What the paper published: mean Euclidean errors on a real field, to set beside a simulation's.
+
+Kayacan, Ramon, Saeys (2016), "Robust Trajectory Tracking Error Model-Based Predictive Control for
+Unmanned Ground Vehicles", section V: the time-based linear MPC with the robust action.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from .summary import Summary
+
+CAVEAT: Final = "published: field experiment; here: simulation"
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """One mean Euclidean error beside its published counterpart."""
+
+    where: str  # "straight" or "curve"
+    body: str  # "tractor" or "trailer"
+    measured_m: float | None
+    published_m: float
+
+
+_PUBLISHED_M: Final = {
+    ("straight", "tractor"): 0.2349,
+    ("straight", "trailer"): 0.2121,
+    ("curve", "tractor"): 0.3982,
+    ("curve", "trailer"): 0.3621,
+}
+
+COLUMNS: Final = tuple(f"{body} {where}" for where, body in _PUBLISHED_M)
+"""What the entries of `compare` are, in their order."""
+
+
+def compare(summary: Summary) -> tuple[Comparison, ...]:
+    """Return the run's mean Euclidean errors beside the published ones."""
+    return tuple(
+        Comparison(
+            where,
+            body,
+            getattr(getattr(summary.tracking, where), body).mean_euclidean_m,
+            published_m,
+        )
+        for (where, body), published_m in _PUBLISHED_M.items()
+    )

@@ -1,0 +1,72 @@
+"""The table of a run for the console: plain text, at most 80 columns."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Final
+
+from .published import CAVEAT, compare
+from .summary import BodyStatistics, ErrorStatistics, Summary
+
+WIDTH: Final = 80
+
+_HEADS: Final = ("mean", "published", "rms", "p95", "max", "cross mean", "sd")
+_BODY_WIDTH: Final = 18
+
+
+def table(summary: Summary) -> str:
+    """Return the tracking errors of a run beside the published ones, in centimetres."""
+    published = {(item.where, item.body): item.published_m for item in compare(summary)}
+    lines = [
+        f"{summary.scenario} · {summary.controller} · seed {summary.seed}: {summary.status} "
+        f"after {summary.duration_s:.1f} s",
+        "",
+        "Tracking error [cm]".ljust(_BODY_WIDTH) + _row(_HEADS),
+    ]
+    for where in ("straight", "curve", "all"):
+        bodies: BodyStatistics = getattr(summary.tracking, where)
+        for body, error in (("tractor", bodies.tractor), ("trailer", bodies.trailer)):
+            cells = _cells(error, published.get((where, body)))
+            lines.append(f"{where:<10}{body}".ljust(_BODY_WIDTH) + _row(cells))
+    lines += [
+        "",
+        *_figures(summary),
+        CAVEAT[0].upper() + CAVEAT[1:] + ". The first 8 s do not count.",
+    ]
+    if summary.failure:
+        lines += ["", *textwrap.wrap(f"{summary.status}: {summary.failure}", WIDTH)]
+    return "\n".join(lines)
+
+
+def centimetres(metres: float | None, decimals: int = 1) -> str:
+    """Return a length as text in centimetres, a dash where there is none."""
+    return "–" if metres is None else f"{100.0 * metres:.{decimals}f}"
+
+
+def _cells(error: ErrorStatistics, published_m: float | None) -> tuple[str, ...]:
+    numbers = (
+        *(error.mean_euclidean_m, published_m, error.rms_m, error.p95_m, error.max_m),
+        *(error.cross_mean_m, error.cross_sd_m),
+    )
+    return tuple(centimetres(number) for number in numbers)
+
+
+def _row(cells: tuple[str, ...]) -> str:
+    widths = [max(len(head), 5) + 2 for head in _HEADS]
+    return "".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))
+
+
+def _figures(summary: Summary) -> list[str]:
+    step, factor = summary.timing.control_step_us, summary.timing.real_time_factor
+    lines = []
+    if step.median is not None and step.p99 is not None:
+        lines.append(f"Control step {step.median:.0f} us (median), {step.p99:.0f} us (p99)")
+    tube = summary.tube
+    if tube is not None and tube.contained_fraction is not None and tube.margin_min is not None:
+        lines.append(
+            f"In the tube {100.0 * tube.contained_fraction:.2f} % of the ticks, smallest margin "
+            f"{tube.margin_min:.2f}"
+        )
+    if factor is not None:
+        lines.append(f"Simulated {factor:.0f} times faster than real time")
+    return lines

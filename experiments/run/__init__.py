@@ -1,0 +1,1 @@
+"""One run: from a scenario and a seed to its results."""

@@ -1,0 +1,165 @@
+"""One run, in memory or into a folder."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from tqdm import tqdm
+
+from proving_ground.testbed.messages.scenery import Scenery
+from proving_ground.testbed.recording.provenance import versions
+from proving_ground.testbed.recording.record import Record, Recorder
+from proving_ground.testbed.recording.sink import Sink, Tee
+from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
+from proving_ground.testbed.simulation.loop import Outcome, drive
+from proving_ground.testbed.viewers.live import LiveView
+
+from ..output import make_folder, refuse_existing
+from ..results.metrics import summarise
+from ..results.summary import RunFacts, Summary
+from ..scenario.scenario import Scenario, dump, identity
+from ..scenario.vehicle import Difference
+from .assembly import RECORD_RATE_HZ, Assembly, assemble, record_steps
+from .controller_factory import ControllerFactory
+from .log_file import describe, open_log
+
+_PATH_STEP_M = 0.2  # between the points of the reference path in the log
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """What a run left."""
+
+    summary: Summary
+    record: Record
+    files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
+    mismatch: tuple[Difference, ...]  # between the vehicle and what was believed of it
+    notes: tuple[str, ...] = ()  # on the path
+
+
+def simulate(
+    name: str,
+    scenario: Scenario,
+    seed: int,
+    factory: ControllerFactory | None = None,
+    log: Path | None = None,
+) -> tuple[Summary, Record]:
+    """Run a scenario in memory and return its numbers; nothing is written but the log, if asked.
+
+    Args:
+        name: of the scenario.
+        scenario: what to run.
+        seed: draws terrain and noise.
+        factory: makes a controller of your own from vehicle, reference and control period [s].
+        log: file to write the log to, in a folder that exists.
+
+    Raises:
+        LogError: the log cannot be written.
+        ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
+    """
+    assembly = assemble(scenario, seed, factory)
+    recorder = Recorder()
+    if log is None:
+        outcome = drive_into(recorder, assembly)
+    else:
+        metadata = describe(name, scenario, seed, assembly)
+        with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
+            outcome = drive_into(Tee(recorder, writer), assembly)
+    record = recorder.record()
+    facts = _facts(name, scenario, seed, outcome, log and log.name)
+    return summarise(record, facts), record
+
+
+def run(
+    name: str,
+    scenario: Scenario,
+    seed: int,
+    folder: Path,
+    *,
+    record_hz: float = RECORD_RATE_HZ,
+    watch: Callable[[Scenery], LiveView] | None = None,
+) -> Finished:
+    """Run a scenario and write log, summary, resolved scenario, figures and report to `folder`.
+
+    Args:
+        name: of the scenario.
+        scenario: what to run.
+        seed: draws terrain and noise.
+        folder: to make.
+        record_hz: how often the truth is written down [Hz].
+        watch: opens a live view of the run; it is told the same as the log.
+
+    Raises:
+        OutputExists: the folder exists already; nothing is written.
+        ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
+            nothing is written.
+    """
+    # Here, because matplotlib takes a second to load, and workers that only simulate need none.
+    from ..figures import draw
+    from ..report.report import report
+
+    refuse_existing(folder)
+    assembly = assemble(scenario, seed)
+    record_steps(assembly.plant.timestep_s, record_hz)  # refused here, before anything is written
+    scenery = assembly.plant.scenery
+    with ExitStack() as stack:
+        views = [stack.enter_context(watch(scenery))] if watch else []
+        make_folder(folder)
+        resolved = dump(scenario)
+        files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
+        files["scenario"].write_text(resolved, encoding="utf-8")
+        metadata = describe(name, scenario, seed, assembly)
+        recorder = Recorder()
+        log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
+        what = f"{name}, {scenario.controller.name}, seed {seed}"
+        bar = stack.enter_context(_progress(assembly.ticks, what))
+        sink = Tee(recorder, log, *views)
+        outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
+    record = recorder.record(metadata)
+    summary = summarise(record, _facts(name, scenario, seed, outcome, files["log"].name))
+    files["summary"] = folder / "summary.json"
+    files["summary"].write_text(summary.to_json(), encoding="utf-8")
+    pictures = draw(record)
+    for figure, content in pictures.items():
+        files[figure] = folder / f"{figure}.png"
+        files[figure].write_bytes(content)
+    files["report"] = folder / "report.html"
+    page = report(summary, record.events, resolved, pictures, assembly.mismatch)
+    files["report"].write_text(page, encoding="utf-8")
+    return Finished(summary, record, files, assembly.mismatch, assembly.notes)
+
+
+def drive_into(
+    sink: Sink,
+    assembly: Assembly,
+    record_hz: float = RECORD_RATE_HZ,
+    on_tick: Callable[[int], object] = lambda k: None,
+) -> Outcome:
+    """Drive a run to its end and tell the sink of it, the reference path first."""
+    rig = assembly.rig(sink, record_hz)
+    sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))
+    return drive(rig, assembly.ticks, on_tick=on_tick)
+
+
+def _facts(name: str, scenario: Scenario, seed: int, outcome: Outcome, log: str | None) -> RunFacts:
+    code = versions()
+    return RunFacts(
+        run_id=identity(dump(scenario), seed, code),
+        scenario=name,
+        controller=scenario.controller.name,
+        seed=seed,
+        status=outcome.status,
+        failure=outcome.failure,
+        wall_s=outcome.wall_s,
+        versions=code,
+        log=log,
+    )
+
+
+def _progress(ticks: int, what: str) -> tqdm:
+    """Return a bar over control periods; silent where no one is watching."""
+    return tqdm(total=ticks, desc=what, unit="tick", disable=not sys.stderr.isatty(), leave=False)

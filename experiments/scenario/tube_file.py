@@ -1,0 +1,186 @@
+"""`tube.json`: the design of a tube with all that it was fitted on, written and read strictly."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from proving_ground.testbed.configuration.config_io import STRICT, validated
+from proving_ground.testbed.configuration.resources import Shelf
+from ttempc.errors import TtempcError
+from ttempc.tube.ancillary import AncillaryWeights
+from ttempc.tube.disturbance_set import DisturbanceSet, Shape
+from ttempc.tube.reference_tube import TubeDesign
+from ttempc.types import FloatArray, State
+from ttempc.vehicle import Vehicle
+
+from ..errors import InvalidFit
+
+_TUBES: Final = Shelf(
+    "tube", "proving_ground.experiments", "fitted", ".json", InvalidFit, "`ttempc fit-tube`"
+)
+_DIMENSION: Final = len(State)
+_Row = Annotated[list[float], Field(min_length=_DIMENSION, max_length=_DIMENSION)]
+_Matrix = Annotated[list[_Row], Field(min_length=_DIMENSION, max_length=_DIMENSION)]
+_Fraction = Annotated[float, Field(gt=0, lt=1)]
+_Count = Annotated[int, Field(ge=0)]
+
+
+@dataclass(frozen=True, config=STRICT)
+class SetTable:
+    """A `DisturbanceSet`; rows in the order of `State`."""
+
+    axes: _Matrix
+    window: Annotated[int, Field(ge=1)]
+    shape: Shape
+
+    @classmethod
+    def of(cls, made: DisturbanceSet) -> SetTable:
+        """Return the table of a set."""
+        return cls(made.axes.tolist(), made.window, made.shape)
+
+    def set(self) -> DisturbanceSet:
+        """Return the set."""
+        return DisturbanceSet(np.array(self.axes), self.window, self.shape)
+
+
+@dataclass(frozen=True, config=STRICT)
+class WeightsTable:
+    """Weights of the ancillary gain, see `AncillaryWeights`."""
+
+    outputs: tuple[float, float, float, float]
+    states: tuple[float, float, float, float, float]
+    inputs: tuple[float, float, float]
+
+
+@dataclass(frozen=True, config=STRICT)
+class HoldOut:
+    """How many windows of runs that the fit did not see lie in its set.
+
+    The interval is that of Clopper and Pearson for windows that follow one another without
+    overlap, taken as independent.
+    """
+
+    windows: _Count
+    inside: _Count
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, config=STRICT)
+class ResidualTable:
+    """Size of the residuals, in the order of `State`; see `experiments.tubes.residuals`."""
+
+    mean: _Row
+    sd: _Row
+    largest: _Row
+
+
+@dataclass(frozen=True, config=STRICT)
+class Provenance:
+    """What a tube was fitted on, and how well that holds for runs that the fit did not see."""
+
+    scenarios: list[str]
+    controllers: list[str]
+    fitted_seeds: list[int]
+    held_out_seeds: list[int]
+    reference: dict[str, str]  # path and speed as in the scenarios
+    coverage: _Fraction  # asked for, of windows, by disturbance and estimate error each
+    confidence: _Fraction
+    disturbance: HoldOut
+    estimate_error: HoldOut
+    seen: ResidualTable  # of the estimate
+    true: ResidualTable  # of the truth
+    estimation: ResidualTable  # true less estimated error
+    versions: dict[str, str]
+
+
+@dataclass(frozen=True, config=STRICT)
+class TubeFile:
+    """The content of a `tube.json`."""
+
+    format: Literal[1]
+    about: str
+    vehicle: dict[str, float | bool]
+    period_s: Annotated[float, Field(gt=0)]
+    disturbance: SetTable
+    estimate_error: SetTable
+    weights: WeightsTable
+    provenance: Provenance
+
+    def design(self) -> TubeDesign:
+        """Return the design of the tube.
+
+        Raises:
+            TtempcError: its numbers make no vehicle or no set.
+        """
+        return TubeDesign(
+            vehicle=Vehicle(**self.vehicle),  # pyright: ignore[reportArgumentType] - checked when read
+            period_s=self.period_s,
+            disturbance=self.disturbance.set(),
+            estimate_error=self.estimate_error.set(),
+            weights=AncillaryWeights(**asdict(self.weights)),
+        )
+
+
+def tube_file(design: TubeDesign, about: str, provenance: Provenance) -> TubeFile:
+    """Return the file of a design."""
+    return TubeFile(
+        format=1,
+        about=about,
+        vehicle=asdict(design.vehicle),
+        period_s=design.period_s,
+        disturbance=SetTable.of(design.disturbance),
+        estimate_error=SetTable.of(design.estimate_error),
+        weights=WeightsTable(**asdict(design.weights)),
+        provenance=provenance,
+    )
+
+
+def residual_table(samples: FloatArray) -> ResidualTable:
+    """Return the sizes of residuals (n, 7)."""
+    largest = np.abs(samples).max(axis=0)
+    return ResidualTable(
+        samples.mean(axis=0).tolist(), samples.std(axis=0).tolist(), largest.tolist()
+    )
+
+
+def shipped_tubes() -> list[str]:
+    """Return the names of the tubes that ship with the project."""
+    return _TUBES.names()
+
+
+def read_tube(name: str) -> TubeFile:
+    """Return the content of a tube file.
+
+    Raises:
+        InvalidFit: there is none, or it is not understood; key and what is allowed.
+    """
+    file = _TUBES.find(name)
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InvalidFit(f"{file}: cannot be read as JSON: {error}") from None
+    if not isinstance(content, Mapping):
+        raise InvalidFit(f"{file}: must be a table")
+    try:
+        read = validated(TubeFile, content, InvalidFit)
+        known = {item.name for item in fields(Vehicle)}
+        if set(read.vehicle) != known:
+            differing = ", ".join(sorted(known ^ set(read.vehicle)))
+            raise InvalidFit(f"vehicle: keys that are missing or unknown: {differing}")
+        read.design()
+    except (InvalidFit, TtempcError) as error:
+        raise InvalidFit(f"{file}: {error}") from None
+    return read
+
+
+def to_json(made: TubeFile) -> str:
+    """Return the text of a tube file."""
+    return json.dumps(asdict(made), indent=1, allow_nan=False) + "\n"

@@ -1,0 +1,244 @@
+"""A route: points to drive along, as a file tells them."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Never
+
+import numpy as np
+
+from ttempc.types import FloatArray
+
+from ..errors import InvalidRoute
+from .geodesy import east_north
+
+_GEOJSON: Final = (".geojson", ".json")
+# Columns without a header, by their number.
+_UNNAMED: Final = {
+    2: ("x", "y"),
+    3: ("x", "y", "speed"),
+    # Fields2Cover, Path::serializePath. The sixth is the length of the section that starts here,
+    # in older versions its duration.
+    8: ("x", "y", "z", "angle", "speed", "extent", "direction", "type"),
+}
+_NAMES: Final = {  # of a header, in lower case and without unit
+    **dict.fromkeys(("x", "east", "easting"), "x"),
+    **dict.fromkeys(("y", "north", "northing"), "y"),
+    **dict.fromkeys(("speed", "v", "velocity"), "speed"),
+    **dict.fromkeys(("t", "time"), "time"),
+}
+_USED: Final = ("x", "y", "speed", "time", "angle", "extent", "direction")
+_UNIT: Final = re.compile(r"(_mps|_m|_s)$|\s*\[.*\]$")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """Points in the order in which they are driven along."""
+
+    points: FloatArray  # (n, 2) x, y [m], map frame
+    speed: FloatArray | None = None  # (n,) [m/s]; None where the file has none
+    backward: bool = False  # the file has the vehicle drive in reverse
+
+
+def read_route(
+    file: Path,
+    origin_m: tuple[float, float] | None = None,
+    origin_deg: tuple[float, float] | None = None,
+) -> Route:
+    """Return the route in a file.
+
+    A .geojson or .json file holds one LineString in WGS84. Any other holds columns between commas,
+    semicolons or blanks: x y, x y speed or the eight of Fields2Cover, in metres and m/s; a header
+    may name columns x, y, speed and time in any order. From times follow the speeds.
+
+    Args:
+        file: to be read.
+        origin_m: what becomes (0, 0) of the map, in the file's coordinates; columns only, their
+            own where there is none.
+        origin_deg: what becomes (0, 0) of the map, latitude and longitude; GeoJSON only, the first
+            point where there is none.
+
+    Raises:
+        InvalidRoute: with file, line or point, and what is allowed there.
+    """
+    try:
+        text = file.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidRoute(f"{file}: cannot be read as text: {error}") from None
+    try:
+        if file.suffix.lower() in _GEOJSON:
+            if origin_m is not None:
+                raise InvalidRoute("is GeoJSON, its origin is given as origin_deg, not origin_m")
+            return Route(_geojson_points(text, origin_deg))
+        if origin_deg is not None:
+            raise InvalidRoute("is in metres, its origin is given as origin_m, not origin_deg")
+        return _columns_route(text, origin_m or (0.0, 0.0))
+    except InvalidRoute as error:
+        raise InvalidRoute(f"{file}: {error}") from None
+
+
+def _columns_route(text: str, origin_m: tuple[float, float]) -> Route:
+    lines = [(number, _words(line)) for number, line in enumerate(text.splitlines(), 1)]
+    lines = [(number, words) for number, words in lines if words]
+    names, lines = _header(lines)
+    values = np.array([[*row] for row in _rows(lines, names)]).reshape(-1, len(names))
+    column = dict(zip(names, values.T, strict=True))
+    points = np.column_stack([column["x"], column["y"]]) - origin_m
+    numbers = [number for number, _ in lines]
+    if "direction" in column:
+        return _fields2cover_route(points, column, numbers)
+    if "speed" in column:
+        return Route(points, column["speed"])
+    if "time" in column and len(points) > 1:
+        return Route(points, _speed_of(points, column["time"], numbers))
+    return Route(points)
+
+
+def _words(line: str) -> list[str]:
+    """Return the words of a line without comment; a header may stand in a comment."""
+    words = [word for word in re.split(r"[,;\s]+", line.strip()) if word]
+    if words and words[0].startswith("#"):
+        words = [words[0].lstrip("#"), *words[1:]]
+        words = [word for word in words if word]
+        return words if {"x", "y"} <= {_plain(word) for word in words} else []
+    return words
+
+
+def _plain(word: str) -> str:
+    name = _UNIT.sub("", word.strip("\"'").lower())
+    return _NAMES.get(name, name)
+
+
+def _header(
+    lines: list[tuple[int, list[str]]],
+) -> tuple[Sequence[str], list[tuple[int, list[str]]]]:
+    """Return the names of the columns, and the lines that hold numbers."""
+    if not lines:
+        raise InvalidRoute("is empty, must hold points")
+    number, words = lines[0]
+    if not all(map(_is_number, words)):
+        names = [_plain(word) for word in words]
+        for name in ("x", "y"):
+            if names.count(name) != 1:
+                raise InvalidRoute(
+                    f"line {number}: header {' '.join(words)}: needs one column x and one y, "
+                    "may have speed and time"
+                )
+        return names, lines[1:]
+    if len(words) not in _UNNAMED:
+        raise InvalidRoute(
+            f"line {number}: got {len(words)} columns, must be 2 (x y), 3 (x y speed), 8 "
+            "(Fields2Cover), or have a header"
+        )
+    return _UNNAMED[len(words)], lines
+
+
+def _rows(lines: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> Iterator[list[float]]:
+    for number, words in lines:
+        if len(words) != len(names):
+            raise InvalidRoute(f"line {number}: got {len(words)} columns, must be {len(names)}")
+        used = [name in _USED for name in names]
+        row = []
+        for name, word, needed in zip(names, words, used, strict=True):
+            if needed and not (_is_number(word) and np.isfinite(float(word))):
+                raise InvalidRoute(f"line {number}: {name} is {word!r}, must be a finite number")
+            row.append(float(word) if needed else 0.0)
+        yield row
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _speed_of(points: FloatArray, times: FloatArray, numbers: Sequence[int]) -> FloatArray:
+    """Return the speeds (n,) with which the points are passed at `times` (n,)."""
+    late = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(late):
+        index = int(late[0]) + 1
+        raise InvalidRoute(
+            f"line {numbers[index]} (point {index} at x = {points[index, 0]:.2f}, "
+            f"y = {points[index, 1]:.2f} m): time goes from {times[index - 1]:g} to "
+            f"{times[index]:g} s, must rise"
+        )
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    return np.gradient(along, times)
+
+
+def _fields2cover_route(
+    points: FloatArray, column: dict[str, FloatArray], numbers: Sequence[int]
+) -> Route:
+    """Return the route of Fields2Cover's states, each the start of a section.
+
+    The last section's end is a point, too. Which of length and duration the sixth column holds
+    is seen from the sections before it: the reading that fits their ends.
+    """
+    direction = column["direction"]
+    for index, value in enumerate(direction):
+        if value != direction[0] or abs(value) != 1.0:
+            raise InvalidRoute(
+                f"line {numbers[index]} (point {index} at x = {points[index, 0]:.2f}, "
+                f"y = {points[index, 1]:.2f} m): direction is {value:g}, must be 1 (forward) or "
+                "-1 (backward) and the same all along: a change of gear needs a path of its own"
+            )
+    speed, extent = column["speed"], column["extent"]
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    driven = np.append(steps > 0.0, True)  # a section without length is no point
+    lengths = min((extent, extent * speed), key=lambda read: float(np.abs(read[:-1] - steps).sum()))
+    angle = column["angle"][-1]
+    end = points[-1] + lengths[-1] * np.array([np.cos(angle), np.sin(angle)])
+    points, speed = points[driven], speed[driven]
+    if lengths[-1] > 0.0:
+        points, speed = np.vstack([points, end]), np.append(speed, speed[-1])
+    return Route(points, speed, backward=bool(direction[0] < 0.0))
+
+
+def _geojson_points(text: str, origin_deg: tuple[float, float] | None) -> FloatArray:
+    try:
+        content = json.loads(text)
+    except ValueError as error:
+        raise InvalidRoute(f"is no JSON: {error}") from None
+    lines = list(_line_strings(content))
+    if len(lines) != 1:
+        raise InvalidRoute(f"holds {len(lines)} LineStrings, must be one")
+    places = []
+    for index, place in enumerate(lines[0] if isinstance(lines[0], list) else _no_points()):
+        numbers = place if isinstance(place, list) else []
+        good = len(numbers) in (2, 3) and all(
+            isinstance(value, int | float) and np.isfinite(value) for value in numbers
+        )
+        if not good or abs(numbers[0]) > 180.0 or abs(numbers[1]) > 90.0:
+            raise InvalidRoute(
+                f"point {index} is {place!r}, must be [longitude, latitude] in degrees (WGS84)"
+            )
+        places.append(numbers[:2])
+    if not places:
+        _no_points()
+    longitude, latitude = np.array(places, dtype=float).T
+    origin = origin_deg or (float(latitude[0]), float(longitude[0]))
+    return east_north(latitude, longitude, origin)
+
+
+def _line_strings(content: Any) -> Iterator[Any]:  # noqa: ANN401 - any JSON value
+    """Yield the coordinates of every LineString in a GeoJSON object (RFC 7946)."""
+    if not isinstance(content, dict):
+        return
+    match content.get("type"):
+        case "LineString":
+            yield content.get("coordinates")
+        case "Feature":
+            yield from _line_strings(content.get("geometry"))
+        case "FeatureCollection":
+            for feature in content.get("features") or ():
+                yield from _line_strings(feature)
+
+
+def _no_points() -> Never:
+    raise InvalidRoute("the LineString has no coordinates")

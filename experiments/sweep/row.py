@@ -1,0 +1,73 @@
+"""A row of `results.jsonl`: one run as one flat JSON object, the same columns in every row.
+
+docs/sweeps.md describes the columns. They follow from `Summary`, so that a figure added there is a
+column here. Words are never null ("" where there is none), numbers are null where there are none.
+"""
+
+from __future__ import annotations
+
+import json
+import typing
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, fields, is_dataclass
+from typing import Any, Final, Literal
+
+from ..results.summary import Summary
+
+Value = str | float | int | bool | None
+Row = dict[str, Value]
+RowStatus = Literal["completed", "lost", "invalid", "failed", "crashed"]
+
+_IDENTITY: Final = ("run_id", "scenario", "controller", "seed", "status", "failure", "log")
+_LEADING: Final = ("run", "point", "run_id", "scenario", "controller", "seed")
+_TRAILING: Final = ("wall_s", "attempts", "log", "code")
+
+
+def _figures(table: type, prefix: str = "") -> Iterator[str]:
+    """Yield the dotted names of all numbers in a dataclass of dataclasses, in their order."""
+    hints = typing.get_type_hints(table)
+    for field in fields(table):
+        hint, name = hints[field.name], f"{prefix}{field.name}"
+        parts = (hint, *typing.get_args(hint))
+        below = [part for part in parts if is_dataclass(part)]
+        if below:
+            yield from _figures(typing.cast(type, below[0]), f"{name}.")
+        elif any(part in (float, int) for part in parts) and name not in _IDENTITY:
+            yield name
+
+
+FIGURES: Final = tuple(_figures(Summary))
+"""The columns that hold the numbers of a summary, from `duration_s` on."""
+
+
+def columns(axes: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of all columns of a study that varies these keys, in their order."""
+    own = [key for key in axes if key not in _LEADING]
+    return (*_LEADING, *own, "status", "failure", *FIGURES, *_TRAILING)
+
+
+def figures(summary: Summary) -> dict[str, float | None]:
+    """Return the numbers of a summary by their dotted names."""
+    content = asdict(summary)
+    return {name: _dig(content, name) for name in FIGURES}
+
+
+def no_figures() -> dict[str, float | None]:
+    """Return the same for a run that left none."""
+    return dict.fromkeys(FIGURES)
+
+
+def line(row: Row) -> str:
+    """Return a row as a line of `results.jsonl`.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    return json.dumps(row, ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
+
+
+def _dig(content: Mapping[str, Any], name: str) -> float | None:
+    value: Any = content
+    for part in name.split("."):
+        value = value[part] if value is not None else None
+    return None if value is None else float(value)

@@ -1,0 +1,205 @@
+"""The file of a study: what is varied, how often, and what is kept. docs/sweeps.md has the keys."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import tomli_w
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
+from proving_ground.testbed.configuration.resources import Shelf
+
+from ..errors import InvalidStudy
+from ..scenario.scenario import plain
+from .row import FIGURES
+
+_STUDIES: Final = Shelf("study", "proving_ground.experiments", "sweeps", ".toml", InvalidStudy)
+
+Scalar = bool | int | float | str
+Seed = Annotated[int, Field(ge=0, lt=2**32)]
+Distribution = Literal["uniform", "log-uniform", "normal"]
+
+BY_NAME: Final = ("scenario", "controller")
+"""Axes that are no key of a scenario file."""
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Keys:
+    """What every axis has: the key that it moves, or several."""
+
+    key: str | None = None
+    keys: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
+    relative: bool = False  # values are factors on what the scenario has
+
+    def __post_init__(self) -> None:
+        if (self.key is None) == (self.keys is None):
+            raise ValueError("give key, or keys for several that move together, not both")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the keys that move together."""
+        return self.keys or (self.key or "",)
+
+    @property
+    def label(self) -> str:
+        """Return the axis as a message names it."""
+        return " and ".join(self.names)
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class ListAxis(Keys):
+    """These values."""
+
+    kind: Literal["list"]
+    values: Annotated[tuple[Scalar | tuple[Scalar, ...], ...], Field(min_length=1)]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for value in self.values:
+            if isinstance(value, tuple) and len(value) != len(self.names):
+                raise ValueError(
+                    f"values of {self.label} must be single ones or lists of {len(self.names)}"
+                )
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class GridAxis(Keys):
+    """Evenly spaced values."""
+
+    kind: Literal["grid"]
+    low: float
+    high: float
+    count: Annotated[int, Field(ge=2)]
+    spacing: Literal["linear", "log"] = "linear"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_range(self.low, self.high, self.spacing == "log")
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class DrawnAxis(Keys):
+    """Values drawn at random, alone or jointly with other axes so that they fill the space."""
+
+    kind: Literal["random", "latin-hypercube"]
+    low: float
+    high: float
+    distribution: Distribution = "uniform"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_range(self.low, self.high, self.distribution == "log-uniform")
+
+
+def _check_range(low: float, high: float, logarithmic: bool) -> None:
+    if not low < high:
+        raise ValueError(f"low must be below high, got {low:g} and {high:g}")
+    if logarithmic and low <= 0.0:
+        raise ValueError(f"low must be above 0 on a logarithmic scale, got {low:g}")
+
+
+Axis = Annotated[ListAxis | GridAxis | DrawnAxis, Field(discriminator="kind")]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Study:
+    """Everything that a sweep's plan follows from."""
+
+    description: str = ""
+    scenario: str = "grass"
+    seeds: Annotated[int, Field(ge=1)] | Annotated[tuple[Seed, ...], Field(min_length=1)] = 1
+    samples: Annotated[int, Field(ge=1)] | None = None  # of all drawn axes together
+    draw: Seed = 1  # seed of the drawing
+    keep: Literal["none", "all", "failed", "worst"] = "none"
+    worst: Annotated[int, Field(ge=1)] = 5
+    worst_by: str = "tracking.all.trailer.cross_p95_m"
+    set: dict[str, Any] = Field(default_factory=dict)
+    axis: tuple[Axis, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.worst_by not in FIGURES:
+            raise ValueError(f"worst_by must be a figure of results.jsonl, got {self.worst_by!r}")
+        drawn = any(isinstance(axis, DrawnAxis) for axis in self.axis)
+        if drawn != (self.samples is not None):
+            raise ValueError(
+                "samples is missing: how many points to draw for the drawn axes"
+                if drawn
+                else "samples is given, but no axis is random or latin-hypercube"
+            )
+        names = [name for axis in self.axis for name in axis.names]
+        for name in names:
+            if name == "controller.name":
+                raise ValueError('axis controller.name: its name is "controller"')
+            if names.count(name) > 1:
+                raise ValueError(f"two axes move {name}")
+        for axis in self.axis:
+            named = any(name in BY_NAME for name in axis.names)
+            if named and (not isinstance(axis, ListAxis) or axis.relative):
+                raise ValueError(f"axis {axis.label}: names come as a list of values")
+        if isinstance(self.seeds, tuple) and len({*self.seeds}) < len(self.seeds):
+            raise ValueError("seeds holds one twice")
+
+    @property
+    def drawn_with(self) -> tuple[int, ...]:
+        """Return the seeds of each point."""
+        return self.seeds if isinstance(self.seeds, tuple) else tuple(range(1, self.seeds + 1))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return all keys that are varied, in the order of the file."""
+        return tuple(name for axis in self.axis for name in axis.names)
+
+    def dump(self) -> str:
+        """Return the study as TOML, with every default written out."""
+        return tomli_w.dumps(plain(asdict(self)))
+
+
+def shipped_studies() -> list[str]:
+    """Return the names of the studies that ship with the project."""
+    return _STUDIES.names()
+
+
+def load_study(name: str) -> tuple[str, Study]:
+    """Return name and content of a study; a scenario by path is made absolute.
+
+    Args:
+        name: a shipped study, or the path of a TOML file.
+
+    Raises:
+        InvalidStudy: no such study, or one that says something impossible.
+    """
+    file = _STUDIES.find(name)
+    content = read_toml(file, InvalidStudy)
+    try:
+        study = validated(Study, _anchored(content, file.parent), InvalidStudy)
+    except InvalidStudy as error:
+        raise InvalidStudy(f"{file}: {error}") from None
+    return file.stem, study
+
+
+def _anchored(content: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the content of a file with the paths of its scenarios made absolute."""
+
+    def anchored(value: Any) -> Any:  # noqa: ANN401 - not validated yet
+        if isinstance(value, str) and value.endswith(".toml"):
+            return str((folder / value).resolve())
+        return value
+
+    content = dict(content)
+    if "scenario" in content:
+        content["scenario"] = anchored(content["scenario"])
+    axes = content.get("axis")
+    if isinstance(axes, list):
+        content["axis"] = [
+            {**axis, "values": [anchored(value) for value in axis["values"]]}
+            if isinstance(axis, dict)
+            and axis.get("key") == "scenario"
+            and isinstance(axis.get("values"), list)
+            else axis
+            for axis in axes
+        ]
+    return content

@@ -1,0 +1,100 @@
+"""What a worker does: one run of a plan, to its row."""
+
+from __future__ import annotations
+
+import contextlib
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Literal
+
+from proving_ground.testbed.errors import LogError
+from proving_ground.testbed.recording.provenance import code_digest
+
+from ..errors import SweepStopped
+from ..output import part_of
+from ..run.simulate import simulate
+from ..scenario.scenario import Scenario
+from .row import Row, RowStatus, Value, figures, no_figures
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A run as it is sent to a worker."""
+
+    run: int
+    point: int
+    run_id: str
+    name: str  # of the scenario
+    scenario: Scenario
+    seed: int
+    axes: Mapping[str, Value]
+    code: str  # digest of the code that shall drive
+    folder: Path  # of the sweep; for logs, so that it must be one folder for driver and workers
+    keep: Literal["none", "all", "failed"]
+
+    def row(
+        self,
+        status: RowStatus,
+        failure: str | None,
+        found: Mapping[str, float | None],
+        wall_s: float | None,
+        log: str = "",
+    ) -> Row:
+        """Return the row of the run."""
+        return {
+            "run": self.run,
+            "point": self.point,
+            "run_id": self.run_id,
+            "scenario": self.name,
+            "controller": self.scenario.controller.name,
+            "seed": self.seed,
+            **{key: self.axes[key] for key in self.axes if key not in ("scenario", "controller")},
+            "status": status,
+            "failure": failure or "",
+            **found,
+            "wall_s": wall_s,
+            "attempts": 1,
+            "log": log,
+            "code": self.code,
+        }
+
+    def crashed(self) -> Row:
+        """Return the row of the run when every process that drove it has died."""
+        return self.row("crashed", "every process that drove it died", no_figures(), None)
+
+
+def work(job: Job) -> Row:
+    """Drive a run; whatever goes wrong in it is a row, too.
+
+    Raises:
+        SweepStopped: this process has other code than the driver, or the log cannot be written.
+    """
+    if code_digest() != job.code:
+        raise SweepStopped(f"a worker has other code than the driver: {code_digest()}, {job.code}")
+    start = perf_counter()
+    log = job.folder / "logs" / f"{job.run}.mcap"
+    # Hidden until it is whole: the run may be driven twice, when its first worker seems to be dead.
+    part = log.with_name(f".{job.run}-{uuid.uuid4().hex[:8]}.mcap")
+    try:
+        summary, _ = simulate(
+            job.name, job.scenario, job.seed, log=None if job.keep == "none" else part
+        )
+        kept = job.keep == "all" or (job.keep == "failed" and summary.status != "completed")
+        if kept:
+            part.replace(log)
+    except LogError as error:
+        raise SweepStopped(f"run {job.run}: {error}") from None
+    except Exception as error:  # a run may fail in any way, a controller's own included
+        reason = f"{type(error).__name__}: {error}".partition("\n")[0]
+        return job.row("failed", reason, no_figures(), perf_counter() - start)
+    finally:
+        if job.keep != "none":
+            for file in (part, part_of(part)):
+                with contextlib.suppress(OSError):
+                    file.unlink(missing_ok=True)
+    wall_s = perf_counter() - start
+    name = log.relative_to(job.folder).as_posix() if kept else ""
+    return job.row(summary.status, summary.failure, figures(summary), wall_s, name)

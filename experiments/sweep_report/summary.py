@@ -1,0 +1,152 @@
+"""A sweep's report in Markdown, with its pictures beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from ..results.table import centimetres
+from .format import command, estimate_text, numbers_text, percent_text
+from .report import Report
+from .runs import ERROR
+
+MARK: Final = "<!-- written by ttempc report -->"
+"""The first line: what has it may be written over."""
+
+_MOST_CELLS: Final = 60  # rows of a table that still fits between the pictures
+
+
+def summary(report: Report, prefix: str = "") -> str:
+    """Return the text of `summary.md`.
+
+    Args:
+        report: what it tells.
+        prefix: of the pictures' files.
+    """
+    runs = report.runs
+    limit = runs.limit_m
+    lines = [
+        MARK,
+        f"# {runs.name}",
+        "",
+        runs.study.description,
+        "",
+        f"{len(runs.rows)} of {runs.planned} runs"
+        + (f": **in progress, {runs.missing} missing**" if runs.missing else "")
+        + f"; seeds {numbers_text(runs.study.drawn_with)}, the same ground and noise for every "
+        "controller. A run fails where it does not complete"
+        + (
+            f", or where the trailer's 95 % cross-track error exceeds {centimetres(limit)} cm"
+            if limit is not None
+            else ""
+        )
+        + ". Errors are the 95th percentile of the trailer's unsigned cross-track error in a run "
+        "(ISO 12188-2), of runs that completed [cm]. In brackets 95 % intervals: failure rates by "
+        "Clopper and Pearson, all others by bootstrap over whole "
+        f"{'points' if runs.by_point else 'seeds'}. Simulation.",
+        "",
+        *_controllers(report),
+        *(_differences(report) if report.differences else ()),
+    ]
+    for section in report.sections:
+        picture = f"![{section.title}]({prefix}{section.name}.png)"
+        lines += [f"## {section.title}", "", section.caption, "", picture, ""]
+    if 0 < len(report.cells) <= _MOST_CELLS:
+        lines += _cells(report)
+    lines += _worst(report)
+    versions = ", ".join(f"{name} {text}" for name, text in runs.origin["versions"].items())
+    lines += [
+        "## The study",
+        "",
+        f"Driven with {versions}; code {runs.origin['code']}.",
+        "",
+        "```toml",
+        runs.study.dump().rstrip(),
+        "```",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _controllers(report: Report) -> list[str]:
+    heads = (
+        *("controller", "runs", "failed", "failed [%]", "error, mean", "95 % of runs below"),
+        *("mean of worst 5 %", "control step [us]"),
+    )
+    rows = []
+    for group in report.groups:
+        tail = report.tails[group.controller]
+        rows.append(
+            (
+                f"`{report.runs.controllers[group.controller]}`",
+                str(group.count),
+                str(len(group.failed)),
+                percent_text(group.failure_rate),
+                estimate_text(group.error_cm),
+                estimate_text(tail.quantile95_cm),
+                estimate_text(tail.cvar95_cm),
+                estimate_text(tail.step_us, 0),
+            )
+        )
+    return _table(heads, rows)
+
+
+def _differences(report: Report) -> list[str]:
+    against = report.runs.controllers[report.against]
+    heads = (
+        *(f"against `{against}`", "paired runs", "both completed", "difference of errors"),
+        *("it alone failed", f"`{against}` alone failed"),
+    )
+    rows = [
+        (
+            f"`{report.runs.controllers[item.controller]}`",
+            str(len(item.runs)),
+            str(item.pairs),
+            estimate_text(item.error_cm, sign="+"),
+            str(len(item.alone_failed)),
+            str(len(item.other_failed)),
+        )
+        for item in report.differences
+    ]
+    return _table(heads, rows)
+
+
+def _cells(report: Report) -> list[str]:
+    labels = [scale.label for scale in report.scales]
+    heads = (*labels, "controller", "failed [%]", "error, mean", "runs")
+    rows = []
+    for cell in report.cells:
+        values = [
+            scale.texts[place] for scale, place in zip(report.scales, cell.places, strict=True)
+        ]
+        group = cell.group
+        controller = f"`{report.runs.controllers[group.controller]}`"
+        found = percent_text(group.failure_rate), estimate_text(group.error_cm)
+        rows.append((*values, controller, *found, numbers_text(group.runs)))
+    return ["## Points", "", *_table(heads, rows)]
+
+
+def _worst(report: Report) -> list[str]:
+    lines = [
+        "## The worst run of each controller",
+        "",
+        "Driven again, with its log, by the command below it.",
+        "",
+    ]
+    for row, *_ in report.worst:
+        error = row[ERROR]
+        size = f", {centimetres(error)} cm" if isinstance(error, float) else ""
+        why = f": {row['failure']}" if row["failure"] else ""
+        lines += [
+            f"- `{row['controller']}`, run {row['run']}, {row['status']}{why}{size}",
+            "",
+            f"      {command(report.runs.study, row)}",
+            "",
+        ]
+    return lines
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    def line(cells: Sequence[str]) -> str:
+        return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+    return [line(heads), "|---" * len(heads) + "|", *map(line, rows), ""]

@@ -1,0 +1,1 @@
+"""Fitting of tubes to logged runs."""

@@ -1,0 +1,1 @@
+"""Plant validation: the card of a scenario."""

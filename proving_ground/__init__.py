@@ -1,0 +1,1 @@
+"""Import root of the proving ground: `testbed`, `experiments` and `mjcf` under one name."""

@@ -1,0 +1,1 @@
+"""From command to servo set point."""

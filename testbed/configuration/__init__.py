@@ -1,0 +1,1 @@
+"""Strict configuration files and the data files that ship with the project."""

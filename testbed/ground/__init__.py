@@ -1,0 +1,1 @@
+"""Shape and strength of the ground."""

@@ -1,0 +1,130 @@
+"""Numbers on a square grid over the map frame: heights or strengths, from memory or from a file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ttempc.types import FloatArray
+
+from ..errors import InvalidField, first_line
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """Values on a square grid, bilinear in between; each child says what they are.
+
+    Raises:
+        InvalidField: the grid is not 2-D, smaller than 2 x 2, or holds a number that is not finite.
+    """
+
+    what: ClassVar[str] = "grid"  # the noun that starts a refusal
+
+    values: FloatArray  # (ny, nx), row = y, column = x
+    spacing_m: float  # between neighbours, along x and y
+    origin: tuple[float, float]  # (x, y) [m] of values[0, 0]
+
+    def __post_init__(self) -> None:
+        values = np.ascontiguousarray(self.values, dtype=np.float64)  # (ny, nx)
+        if values.ndim != 2 or min(values.shape) < 2:
+            raise InvalidField(
+                f"{self.what}: got a {values.shape} grid, must be 2-D, 2 x 2 or larger"
+            )
+        self._refuse_where(~np.isfinite(values), values, "every value must be finite")
+        if not (math.isfinite(self.spacing_m) and self.spacing_m > 0.0):
+            raise InvalidField(f"{self.what}: got spacing {self.spacing_m} m, must be above 0")
+        if not all(math.isfinite(value) for value in self.origin):
+            raise InvalidField(f"{self.what}: got origin {self.origin}, must be finite")
+        values.setflags(write=False)
+        object.__setattr__(self, "values", values)
+
+    @classmethod
+    def from_file(
+        cls, path: Path, spacing_m: float, centre: tuple[float, float] = (0.0, 0.0)
+    ) -> Self:
+        """Return the grid in a .npy file, or in text with commas or blanks between numbers.
+
+        Rows run along x, the first row is the southern edge.
+
+        Raises:
+            InvalidField: the file is missing, is no grid of numbers, or the grid is not usable.
+        """
+        where = f"{cls.what} file {path}"
+        try:
+            if path.suffix == ".npy":
+                values = np.load(path, allow_pickle=False)
+            else:
+                lines = path.read_text(encoding="utf-8").replace(",", " ").splitlines()
+                some = any(map(str.strip, lines))
+                values = np.loadtxt(lines, ndmin=2) if some else np.empty((0, 0))
+            values = np.asarray(values, dtype=np.float64)
+        except (OSError, ValueError, TypeError) as error:
+            raise InvalidField(f"{where}: {first_line(error)}") from error
+        try:
+            middle = cls(values, spacing_m, (0.0, 0.0)).centre
+            return cls(values, spacing_m, (centre[0] - middle[0], centre[1] - middle[1]))
+        except InvalidField as error:
+            raise InvalidField(f"{where}: {error}") from error
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Return the extent along x and y [m]."""
+        ny, nx = self.values.shape
+        return (nx - 1) * self.spacing_m, (ny - 1) * self.spacing_m
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Return (x, y) [m] of the middle of the grid."""
+        return (
+            self.origin[0] + 0.5 * self.size_m[0],
+            self.origin[1] + 0.5 * self.size_m[1],
+        )
+
+    def points(self) -> tuple[FloatArray, FloatArray]:
+        """Return x (nx,) and y (ny, 1) [m] of the grid's points; together they make (ny, nx)."""
+        ny, nx = self.values.shape
+        x = self.origin[0] + self.spacing_m * np.arange(nx)
+        y = self.origin[1] + self.spacing_m * np.arange(ny)
+        return x, y[:, None]
+
+    def inside(self, x: ArrayLike, y: ArrayLike, margin: float = 0.0) -> np.ndarray:
+        """Return where (x, y) [m] lies at least `margin` [m] inside the grid, boolean."""
+        u = np.asarray(x) - self.origin[0]
+        v = np.asarray(y) - self.origin[1]
+        return (
+            (u >= margin)
+            & (u <= self.size_m[0] - margin)
+            & (v >= margin)
+            & (v <= self.size_m[1] - margin)
+        )
+
+    def contains(self, x: ArrayLike, y: ArrayLike, margin: float = 0.0) -> bool:
+        """Return whether every point (x, y) [m] lies at least `margin` [m] inside the grid."""
+        return bool(np.all(self.inside(x, y, margin)))
+
+    def at(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Return the value at (x, y) [m]; beyond the grid, that of its nearest edge."""
+        ny, nx = self.values.shape
+        u = (np.asarray(x) - self.origin[0]) / self.spacing_m
+        v = (np.asarray(y) - self.origin[1]) / self.spacing_m
+        u = np.minimum(np.maximum(u, 0.0), nx - 1.0)  # np.clip takes ten times as long for a point
+        v = np.minimum(np.maximum(v, 0.0), ny - 1.0)
+        i = np.minimum(u.astype(np.int64), nx - 2)
+        j = np.minimum(v.astype(np.int64), ny - 2)
+        p, q = u - i, v - j
+        south = (1.0 - p) * self.values[j, i] + p * self.values[j, i + 1]
+        north = (1.0 - p) * self.values[j + 1, i] + p * self.values[j + 1, i + 1]
+        return (1.0 - q) * south + q * north
+
+    def _refuse_where(self, wrong: np.ndarray, values: FloatArray, allowed: str) -> None:
+        """Refuse the grid with the first of its values that are wrong."""
+        if wrong.any():
+            row, column = np.argwhere(wrong)[0]
+            raise InvalidField(
+                f"{self.what}: got {values[row, column]} at row {row}, column {column}, {allowed}"
+            )

@@ -1,0 +1,164 @@
+"""The shape of the ground: a grid of heights, rough after ISO 8608, tilted, with features on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ttempc.types import FloatArray
+
+from ..errors import InvalidField
+from .features import Feature
+from .grid import Grid
+
+# Geometric means G_d(n0) of the classes [m^3] at n0 = 0.1 cycle/m; ISO 8608:2016, table C.1.
+# (The class limits are half and double these; some public code returns the upper limit.)
+ISO_8608: Final = {letter: 16e-6 * 4**i for i, letter in enumerate("ABCDEF")}
+REFERENCE_FREQUENCY: Final = 0.1  # n0 [cycle/m]; ISO 8608
+LOWEST_FREQUENCY: Final = 0.05  # [cycle/m]; longer waves are slopes, not roughness
+HIGHEST_FREQUENCY: Final = 2.0  # [cycle/m]; shorter waves drown under the tyre
+
+DEFAULT_SIZE_M: Final = (80.0, 50.0)  # figure eight of 50 x 20 m and 15 m around it
+DEFAULT_SPACING_M: Final = 0.1  # five points on the shortest wave
+LEAST_FLANK_CELLS: Final = 2  # a rise over less is a wall between two points of the grid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Terrain(Grid):
+    """Heights [m] on a square grid over the map frame, bilinear in between."""
+
+    what: ClassVar[str] = "terrain"
+
+    @property
+    def heights(self) -> FloatArray:
+        """Return the heights [m] at the grid's points, (ny, nx), row = y, column = x."""
+        return self.values
+
+    def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Return the height [m] at (x, y) [m]; beyond the field, that of its nearest edge."""
+        return self.at(x, y)
+
+    def shaped(self, features: Iterable[Feature]) -> Terrain:
+        """Return this ground with the heights of features added to it.
+
+        Raises:
+            InvalidField: a feature lies outside the field, or is finer than its grid can hold.
+        """
+        x, y = self.points()
+        heights = self.heights.copy()
+        for feature in features:
+            if feature.place and not self.contains(*feature.place):
+                raise InvalidField(
+                    f"{feature.what}: got a place at {feature.place} m, must be on the field, "
+                    f"{self.size_m[0]:g} x {self.size_m[1]:g} m "
+                    f"about ({self.centre[0]:.1f}, {self.centre[1]:.1f})"
+                )
+            if feature.flank < LEAST_FLANK_CELLS * self.spacing_m * (1.0 - 1e-9):
+                raise InvalidField(
+                    f"{feature.what}: rises over {feature.flank:g} m, must be "
+                    f"{LEAST_FLANK_CELLS * self.spacing_m:g} m or more on a grid of "
+                    f"{self.spacing_m:g} m"
+                )
+            heights += feature.height(x, y)
+        return Terrain(heights, self.spacing_m, self.origin)
+
+    def tilted(self, slope_rad: float, uphill_rad: float = 0.0) -> Terrain:
+        """Return this ground on a plane that rises by `slope_rad` towards `uphill_rad`.
+
+        The direction is counter-clockwise from x; the plane is 0 at the middle of the field.
+
+        Raises:
+            InvalidField: the slope is not in [0, 1.2] rad.
+        """
+        if not 0.0 <= slope_rad <= 1.2:
+            raise InvalidField(f"terrain: got slope {slope_rad} rad, must be in [0, 1.2]")
+        if not math.isfinite(uphill_rad):
+            raise InvalidField(f"terrain: got uphill direction {uphill_rad}, must be finite")
+        x, y = self.points()
+        x, y = x - self.centre[0], y - self.centre[1]
+        along = math.cos(uphill_rad) * x + math.sin(uphill_rad) * y  # (ny, nx)
+        return Terrain(self.heights + math.tan(slope_rad) * along, self.spacing_m, self.origin)
+
+
+def flat(
+    size_m: tuple[float, float] = DEFAULT_SIZE_M,
+    spacing_m: float = DEFAULT_SPACING_M,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> Terrain:
+    """Return level ground."""
+    shape, origin = _grid(size_m, spacing_m, centre)
+    return Terrain(np.zeros(shape), spacing_m, origin)
+
+
+def rough(
+    iso_class: str,
+    generator: np.random.Generator,
+    size_m: tuple[float, float] = DEFAULT_SIZE_M,
+    spacing_m: float = DEFAULT_SPACING_M,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> Terrain:
+    """Return an isotropic random field whose every straight section is of an ISO 8608 class.
+
+    The one-sided spectrum of a section is G_d(n) = G_d(n0) (n/n0)^-2 between 0.05 and 2 cycles/m
+    (ISO 8608:2016, eq. (C.1)) and 0 above. White noise is shaped by the two-dimensional spectrum
+    that has these sections (see `_spectrum`).
+
+    Raises:
+        InvalidField: the class is not a letter A to F, or the size is out of range.
+    """
+    if iso_class not in ISO_8608:
+        raise InvalidField(
+            f"terrain: got class {iso_class!r}, must be one of {', '.join(ISO_8608)}"
+        )
+    shape, origin = _grid(size_m, spacing_m, centre)
+    noise = np.fft.rfft2(generator.standard_normal(shape))
+    ny, nx = shape
+    n_x = np.fft.rfftfreq(nx, spacing_m)  # (nx//2 + 1,) [cycle/m]
+    n_y = np.fft.fftfreq(ny, spacing_m)  # (ny,)
+    frequency = np.hypot(n_x, n_y[:, None])  # (ny, nx//2 + 1)
+    resolution = max(n_x[1], n_y[1])
+    # unit white noise has the two-sided spectrum spacing^2
+    gain = np.sqrt(_spectrum(frequency, ISO_8608[iso_class], resolution)) / spacing_m
+    return Terrain(np.fft.irfft2(noise * gain, s=shape), spacing_m, origin)
+
+
+def _grid(
+    size_m: tuple[float, float], spacing_m: float, centre: tuple[float, float]
+) -> tuple[tuple[int, int], tuple[float, float]]:
+    """Return shape (ny, nx) and origin of a field; refuse what cannot be one."""
+    if not (math.isfinite(spacing_m) and 0.0 < spacing_m <= 0.25):
+        # two points on the shortest wave of the spectrum
+        raise InvalidField(f"terrain: got spacing {spacing_m} m, must be above 0, at most 0.25")
+    if not all(2.0 <= side <= 1000.0 for side in size_m):
+        raise InvalidField(f"terrain: got size {size_m} m, each side must be in [2, 1000]")
+    nx, ny = (round(side / spacing_m) + 1 for side in size_m)
+    origin = (
+        centre[0] - 0.5 * (nx - 1) * spacing_m,
+        centre[1] - 0.5 * (ny - 1) * spacing_m,
+    )
+    return (ny, nx), origin
+
+
+def _spectrum(frequency: FloatArray, roughness: float, resolution: float) -> FloatArray:
+    """Return the two-sided isotropic spectrum [m^4] whose sections are G_d(n0) (n/n0)^-2.
+
+    A section at frequency n collects all waves with that component along it,
+    G(n) = 2 integral S(sqrt(n^2 + m^2)) dm. Solved for S (an Abel integral) with G cut off at
+    K = 2 cycles/m:
+
+        S(k) = G_d(n0) n0^2 / (4 k^3) * (2/pi) (theta + cot theta),   cos theta = k / K.
+
+    The integrable pole at k = K is capped half a grid frequency below it.
+    """
+    inside = (frequency >= LOWEST_FREQUENCY) & (frequency < HIGHEST_FREQUENCY)
+    k = np.where(inside, frequency, 1.0)
+    cosine = np.minimum(k, HIGHEST_FREQUENCY - 0.5 * resolution) / HIGHEST_FREQUENCY
+    theta = np.arccos(cosine)
+    shape = (2.0 / np.pi) * (theta + cosine / np.sqrt(1.0 - cosine**2))
+    power = roughness * REFERENCE_FREQUENCY**2 / (4.0 * k**3) * shape
+    return np.where(inside, power, 0.0)

@@ -1,0 +1,86 @@
+"""Reads logs back into records: whole ones by their index, torn ones by what is still there."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from dataclasses import replace
+from operator import attrgetter
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from mcap.records import Message
+
+from ..errors import LogError
+from ..messages.schemas import message_class, row_fields
+from ..messages.viewer_messages import LEVELS
+from ..recording.channels import CHANNELS, Channel
+from ..recording.record import Event, Record, Table
+from ..recording.topics import EVENT_TOPIC
+from .log_content import Content, read_content
+
+SALVAGED_KEY: Final = "salvaged"  # in the metadata of a torn log: what was kept, in words
+
+_LEVEL_NAMES: Final = {number: name for name, number in LEVELS.items()}
+
+
+def read_log(path: Path, channels: Sequence[Channel] = CHANNELS) -> Record:
+    """Return the record of a log, with `SALVAGED_KEY` among its metadata where it is torn.
+
+    Raises:
+        LogError: no such file, not a log of this project, or of another version of it.
+    """
+    wanted = {EVENT_TOPIC, *(channel.topic for channel in channels)}
+    content = read_content(path, wanted.__contains__)
+    record = record_of(content, channels)
+    if content.salvage is None:
+        return record
+    return replace(record, metadata={**record.metadata, SALVAGED_KEY: str(content.salvage)})
+
+
+def record_of(content: Content, channels: Sequence[Channel] = CHANNELS) -> Record:
+    """Return the rows and events among the content of a log.
+
+    Raises:
+        LogError: a channel has other fields than in this version.
+    """
+    for channel in channels:
+        _check_fields(content, channel)
+    tables = {
+        channel.topic: _table(channel, content.messages.get(channel.topic, []))
+        for channel in channels
+    }
+    events = tuple(_event(message) for message in content.messages.get(EVENT_TOPIC, []))
+    return Record(tables, events, content.metadata)
+
+
+def _check_fields(content: Content, channel: Channel) -> None:
+    schema = content.schemas.get(channel.topic)
+    if schema is None:
+        return
+    file = FileDescriptorSet.FromString(schema.data).file[0]
+    logged = tuple(field.name for field in file.message_type[0].field)
+    if logged != row_fields(channel):
+        differing = sorted(set(logged) ^ set(row_fields(channel))) or ["their order"]
+        raise LogError(
+            f"{content.path}: {channel.topic} has other fields than in this version "
+            f"({', '.join(differing)}); written by ttempc "
+            f"{content.metadata.get('ttempc', 'of unknown version')}"
+        )
+
+
+def _event(message: Message) -> Event:
+    line = Log.FromString(message.data)
+    return Event(message.log_time / 1e9, _LEVEL_NAMES[line.level], line.message)
+
+
+def _table(channel: Channel, messages: Sequence[Message]) -> Table:
+    parse, numbers = message_class(channel).FromString, attrgetter(*row_fields(channel))
+    flat = array("d")
+    for message in messages:
+        flat.extend(numbers(parse(message.data)))
+    rows = np.array(flat).reshape(-1, 1 + len(channel.fields))  # (n, 1 + fields), time first
+    return Table(channel, rows[:, 0].copy(), rows[:, 1:].copy())

@@ -1,0 +1,104 @@
+"""What a log holds for the eye: the ground, the place of every body, the paths that were drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from mcap.records import Message
+
+from ttempc.types import FloatArray
+
+from ..errors import InvalidField, LogError
+from ..ground.ground import GROUND_FILE, Ground
+from ..recording.topics import TRANSFORMS_TOPIC
+from .log_content import Content
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Where every body of the vehicle was."""
+
+    body_names: tuple[str, ...]
+    time_s: FloatArray  # (n,)
+    xyz: FloatArray  # (n, bodies, 3) [m] map frame
+    quat: FloatArray  # (n, bodies, 4) w, x, y, z
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A path as it stood from one moment on."""
+
+    time_s: float
+    points: FloatArray  # (n, 3) [m] map frame
+
+
+def ground_of(content: Content) -> Ground:
+    """Return the ground of the run.
+
+    Raises:
+        LogError: the log holds none.
+    """
+    return _ground(content, attachment(content, GROUND_FILE))
+
+
+def attachment(content: Content, name: str) -> bytes:
+    """Return an attachment, "scenario.toml", "vehicle.toml", "model.xml" or "ground.npz".
+
+    Raises:
+        LogError: the log has none of that name.
+    """
+    try:
+        return content.attachments[name]
+    except KeyError:
+        raise LogError(f"{content.path}: holds no {name}") from None
+
+
+def motion_of(content: Content) -> Motion:
+    """Return where every body was.
+
+    Raises:
+        LogError: the log says nothing of it.
+    """
+    messages = _messages(content, TRANSFORMS_TOPIC)
+    names = tuple(
+        transform.child_frame_id
+        for transform in FrameTransforms.FromString(messages[0].data).transforms
+    )
+    places = np.empty((len(messages), len(names), 7))
+    for row, message in zip(places, messages, strict=True):
+        transforms = FrameTransforms.FromString(message.data).transforms
+        row[:] = [
+            (at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z)
+            for at, turn in ((each.translation, each.rotation) for each in transforms)
+        ]
+    time_s = np.array([message.log_time for message in messages]) / 1e9
+    return Motion(names, time_s, places[..., :3].copy(), places[..., 3:].copy())
+
+
+def lines_of(content: Content, topic: str) -> Sequence[Line]:
+    """Return the paths of a topic in the order of their times; empty where there are none."""
+    return [_line(message) for message in content.messages.get(topic, [])]
+
+
+def _ground(content: Content, data: bytes) -> Ground:
+    try:
+        return Ground.from_npz(data)
+    except InvalidField as error:
+        raise LogError(f"{content.path}: {error}") from error
+
+
+def _messages(content: Content, topic: str) -> Sequence[Message]:
+    found: Mapping[str, Sequence[Message]] = content.messages
+    if not found.get(topic):
+        raise LogError(f"{content.path}: holds nothing on {topic}")
+    return found[topic]
+
+
+def _line(message: Message) -> Line:
+    poses = PosesInFrame.FromString(message.data).poses
+    points = [(pose.position.x, pose.position.y, pose.position.z) for pose in poses]
+    return Line(message.log_time / 1e9, np.array(points, dtype=float).reshape(-1, 3))

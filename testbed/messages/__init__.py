@@ -1,0 +1,1 @@
+"""Messages for logs and viewers."""

@@ -1,0 +1,196 @@
+"""Turns what a run says into messages on topics: the same for a log and for a live view."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from array import array
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from mcap_protobuf.schema import build_file_descriptor_set
+from numpy.typing import NDArray
+
+from ttempc.types import FloatArray
+
+from ..recording import topics
+from ..recording.channels import CHANNELS, MEASUREMENT, Channel
+from ..recording.record import Event
+from ..recording.topics import Topic
+from ..truth import Pose, Truth
+from .protobuf_wire import TransformsEncoder
+from .scenery import Scenery
+from .schemas import RowEncoder, descriptor_set, message_name
+from .viewer_messages import MAP_FRAME, encode_event, encode_fix, encode_paths, encode_poses
+
+_POSE_PERIOD_S: Final = 0.1 - 1e-6  # from one pose to the next: trails need no more, /tf has all
+_DRIVEN_PERIOD_S: Final = 5.0  # from one driven path to the next
+_DRIVEN_STEP_M: Final = 1.0  # between its points
+_GNSS: Final = (  # topic, frame, column of x in `MEASUREMENT`; y is next to it
+    (topics.GNSS_TOPIC, "tractor", MEASUREMENT.fields.index("gnss_tractor_x_m")),
+    (topics.GNSS_TRAILER_TOPIC, "trailer", MEASUREMENT.fields.index("gnss_trailer_x_m")),
+)
+_DRAWN: Final[tuple[tuple[str, Any], ...]] = (
+    (topics.TRANSFORMS_TOPIC, FrameTransforms),
+    (topics.TRACTOR_TOPIC, PoseInFrame),
+    (topics.TRAILER_TOPIC, PoseInFrame),
+    (topics.DRIVEN_TOPIC, PosesInFrame),
+    (topics.DRIVEN_TRAILER_TOPIC, PosesInFrame),
+    (topics.REFERENCE_PATH_TOPIC, PosesInFrame),
+    (topics.PREDICTED_PATH_TOPIC, PosesInFrame),
+    (topics.PREDICTED_TRAILER_PATH_TOPIC, PosesInFrame),
+    (topics.GNSS_TOPIC, LocationFix),
+    (topics.GNSS_TRAILER_TOPIC, LocationFix),
+    (topics.SCENE_TOPIC, SceneUpdate),
+    (topics.EVENT_TOPIC, Log),
+)
+
+
+def topics_of(channels: Sequence[Channel] = CHANNELS) -> list[Topic]:
+    """Return every topic of a run: its flat channels, then what viewers draw."""
+    flat = [Topic(each.topic, message_name(each), descriptor_set(each)) for each in channels]
+    drawn = [
+        Topic(name, kind.DESCRIPTOR.full_name, build_file_descriptor_set(kind).SerializeToString())
+        for name, kind in _DRAWN
+    ]
+    return [*flat, *drawn]
+
+
+class Publisher(ABC):
+    """A `testbed.recording.sink.Sink` that makes messages; where they go is for a child to say.
+
+    Rows, transforms, poses and paths are gathered, and made messages together when a child says so:
+    many cost a tenth each of what one costs. A child makes itself ready to `_send` before it calls
+    this constructor.
+    """
+
+    def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
+        self._encoders = {channel.topic: RowEncoder(channel) for channel in channels}
+        self._transforms = TransformsEncoder(MAP_FRAME, scenery.body_names)
+        self._scenery = scenery
+        self._rows = {topic: array("d") for topic in self._encoders}  # each with its time first
+        self._scenes: list[tuple[float, FloatArray, FloatArray]] = []  # time, places, turns
+        self._poses: list[tuple[str, float, Pose]] = []
+        self._paths: list[tuple[str, float, FloatArray]] = []
+        self._driven: list[tuple[float, ...]] = []  # x, y of both axle points
+        self._next_pose_s = 0.0
+        self._next_driven_s = _DRIVEN_PERIOD_S
+        if scenery.shapes:
+            self._send(topics.SCENE_TOPIC, 0, scenery.shapes)
+
+    @abstractmethod
+    def _send(self, topic: str, time_ns: int, data: bytes) -> None:
+        """Hand on one message of one of the topics in `topics_of`."""
+
+    @abstractmethod
+    def _gathered(self, time_s: float) -> None:
+        """Hear that something of a time [s] has been gathered, and `_publish` where it is time."""
+
+    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
+        """Publish one row, one number per field of the channel.
+
+        Raises:
+            ValueError: the number of values is not the channel's.
+        """
+        if len(values) != len(channel.fields):
+            raise ValueError(
+                f"{channel.topic}: got {len(values)} values, has {len(channel.fields)} fields"
+            )
+        rows = self._rows[channel.topic]
+        rows.append(time_s)
+        rows.extend(values)
+        self._gathered(time_s)
+
+    def event(self, event: Event) -> None:
+        """Publish one event as a log line; its time is kept to the nanosecond."""
+        time_ns = nanoseconds(event.time_s)
+        self._send(topics.EVENT_TOPIC, time_ns, encode_event(time_ns, event))
+
+    def scene(self, truth: Truth) -> None:
+        """Publish the transform of every body, the poses of both axle points and their path."""
+        self._scenes.append((truth.time_s, truth.body_xyz, truth.body_quat))
+        if truth.time_s >= self._next_pose_s:
+            self._pose(truth)
+        self._gathered(truth.time_s)
+
+    def _pose(self, truth: Truth) -> None:
+        """Gather the poses of both axle points, and every few seconds their path so far."""
+        self._next_pose_s = truth.time_s + _POSE_PERIOD_S
+        tractor, trailer = truth.tractor, truth.trailer
+        self._poses.append((topics.TRACTOR_TOPIC, truth.time_s, tractor))
+        self._poses.append((topics.TRAILER_TOPIC, truth.time_s, trailer))
+        x, y = self._driven[-1][:2] if self._driven else (math.inf, math.inf)
+        if math.hypot(tractor.x - x, tractor.y - y) > _DRIVEN_STEP_M:
+            self._driven.append((tractor.x, tractor.y, trailer.x, trailer.y))
+        if truth.time_s >= self._next_driven_s:
+            self._next_driven_s = truth.time_s + _DRIVEN_PERIOD_S
+            driven = np.array(self._driven)
+            self.path(topics.DRIVEN_TOPIC, truth.time_s, driven[:, :2])
+            self.path(topics.DRIVEN_TRAILER_TOPIC, truth.time_s, driven[:, 2:])
+
+    def path(self, topic: str, time_s: float, points: FloatArray) -> None:
+        """Publish a line of points (n, 2) [m], map frame, laid on the ground."""
+        self._paths.append((topic, time_s, np.array(points)))  # the caller may write over his
+        self._gathered(time_s)
+
+    def _publish(self) -> None:
+        """Hand on all that has been gathered, topic by topic."""
+        for topic, rows in self._rows.items():
+            if rows:
+                encoder, self._rows[topic] = self._encoders[topic], array("d")
+                table = np.array(rows).reshape(-1, encoder.width)
+                times_ns = np.rint(table[:, 0] * 1e9).astype(np.int64)  # as `nanoseconds`
+                self._send_all(topic, times_ns, encoder.encode(table))
+                if topic == MEASUREMENT.topic:
+                    self._publish_fixes(times_ns.tolist(), table[:, 1:].tolist())
+        if self._scenes:
+            scenes, self._scenes = self._scenes, []
+            times, places, turns = zip(*scenes, strict=True)
+            times_ns = [nanoseconds(time_s) for time_s in times]
+            messages = self._transforms.encode(times_ns, np.array(places), np.array(turns))
+            self._send_each([topics.TRANSFORMS_TOPIC] * len(times_ns), times_ns, messages)
+        if self._poses:
+            poses, self._poses = self._poses, []
+            names, times, places = zip(*poses, strict=True)
+            times_ns = [nanoseconds(time_s) for time_s in times]
+            self._send_each(names, times_ns, encode_poses(times_ns, places))
+        if self._paths:
+            paths, self._paths = self._paths, []
+            names, times, lines = zip(*paths, strict=True)
+            times_ns = [nanoseconds(time_s) for time_s in times]
+            drawn = self._scenery.on_ground(np.concatenate(lines))
+            lines = np.split(drawn, np.cumsum([len(line) for line in lines[:-1]]))
+            self._send_each(names, times_ns, encode_paths(times_ns, lines))
+
+    def _publish_fixes(self, times_ns: Sequence[int], measured: Sequence[Sequence[float]]) -> None:
+        """Hand on the GNSS samples among rows of measurements, as fixes."""
+        for topic, frame, column in _GNSS:
+            for time_ns, values in zip(times_ns, measured, strict=True):
+                x, y = values[column], values[column + 1]
+                if not math.isnan(x):
+                    self._send(topic, time_ns, encode_fix(time_ns, frame, x, y))
+
+    def _send_each(
+        self, names: Sequence[str], times_ns: Sequence[int], messages: Sequence[bytes]
+    ) -> None:
+        for topic, time_ns, message in zip(names, times_ns, messages, strict=True):
+            self._send(topic, time_ns, message)
+
+    def _send_all(
+        self, topic: str, times_ns: NDArray[np.int64], messages: NDArray[np.uint8]
+    ) -> None:
+        """Hand on messages of one length on a topic, (n, bytes)."""
+        for time_ns, message in zip(times_ns.tolist(), messages, strict=True):
+            self._send(topic, time_ns, message.tobytes())
+
+
+def nanoseconds(time_s: float) -> int:
+    """Return a simulated time [s] in whole nanoseconds, as logs and viewers count it."""
+    return round(time_s * 1e9)

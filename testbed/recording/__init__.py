@@ -1,0 +1,1 @@
+"""Channels, rows and records of a run."""

@@ -1,0 +1,75 @@
+"""Where a run comes from: versions, commit and identity, as words for log, summary and report."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import platform
+import subprocess
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+_PACKAGES: Final = ("ttempc", "mujoco", "piqp", "numpy", "scipy", "numba")
+_SOURCE: Final = {  # what of each package drives; scenarios are in a run's own identity
+    "experiments": (".py",),
+    "mjcf": (".py", ".toml", ".xml"),
+    "testbed": (".py",),
+    "ttempc": (".py",),
+}
+_ROOT: Final = Path(__file__).resolve().parents[2]  # what holds testbed, experiments and mjcf
+
+
+def versions() -> dict[str, str]:
+    """Return the version of everything whose change can change a run.
+
+    "commit" is among them where the code runs from a checkout, with "-dirty" where that differs
+    from its last commit.
+    """
+    found = {name: _version(name) for name in _PACKAGES}
+    found["python"] = platform.python_version()
+    commit = _commit(_ROOT)
+    return {**found, "commit": commit} if commit else found
+
+
+def run_id(scenario_toml: str, code: dict[str, str]) -> str:
+    """Return the identity of a run: a hash of its resolved scenario and the code's `versions`."""
+    text = scenario_toml + "".join(f"\n{name} {code[name]}" for name in sorted(code))
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+@functools.cache
+def code_digest() -> str:
+    """Return a hash of the source of the four packages, the vehicles included.
+
+    It says whether two processes, on two machines perhaps, drive with the same code, in a checkout
+    with changes and in an installed package alike.
+    """
+    digest = hashlib.sha256()
+    for package, suffixes in _SOURCE.items():
+        folder = Path(str(files(package))) if package == "ttempc" else _ROOT / package
+        for file in sorted(folder.rglob("*")):
+            if file.suffix in suffixes:
+                name = f"{package}/{file.relative_to(folder).as_posix()}"
+                digest.update(name.encode() + b"\0")
+                digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+@functools.cache
+def _version(package: str) -> str:
+    return version(package)  # reads files: a millisecond
+
+
+@functools.cache
+def _commit(checkout: Path) -> str:
+    """Return the commit of the checkout, empty where there is none or no git to ask."""
+    if not (checkout / ".git").exists():  # installed: a repository above is someone else's
+        return ""
+    command = ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return answer.stdout.strip()

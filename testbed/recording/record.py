@@ -1,0 +1,107 @@
+"""A run as columns of numbers: the one shape in which metrics, figures and readers see it."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ttempc.types import FloatArray
+
+from ..truth import Truth
+from .channels import CHANNELS, Channel
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened once, in words."""
+
+    time_s: float
+    level: str  # "info", "warning" or "error"
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """All rows of one channel."""
+
+    channel: Channel
+    time_s: FloatArray  # (n,)
+    values: FloatArray  # (n, len(channel.fields))
+
+    def __getitem__(self, name: str) -> FloatArray:
+        """Return the column of the field `name`, (n,).
+
+        Raises:
+            KeyError: the channel has no such field.
+        """
+        try:
+            return self.values[:, self.channel.fields.index(name)]
+        except ValueError:
+            raise KeyError(f"{self.channel.topic} has no field {name!r}") from None
+
+    def columns(self, *names: str) -> FloatArray:
+        """Return the named columns side by side, (n, len(names))."""
+        return np.column_stack([self[name] for name in names])
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """Everything that a run left: a table per topic, events, and what describes the run."""
+
+    tables: Mapping[str, Table]
+    events: Sequence[Event] = ()
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+    def __getitem__(self, channel: Channel) -> Table:
+        return self.tables[channel.topic]
+
+
+class Recorder:
+    """Collects rows and events in memory while a run goes on; a `testbed.recording.sink.Sink`."""
+
+    def __init__(self, channels: Sequence[Channel] = CHANNELS) -> None:
+        self._channels = {channel.topic: channel for channel in channels}
+        self._times = {topic: array("d") for topic in self._channels}
+        self._values = {topic: array("d") for topic in self._channels}
+        self._events: list[Event] = []
+
+    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
+        """Add one row, one number per field of the channel.
+
+        Raises:
+            ValueError: the number of values is not the channel's.
+        """
+        if len(values) != len(channel.fields):
+            raise ValueError(
+                f"{channel.topic}: got {len(values)} values, has {len(channel.fields)} fields"
+            )
+        self._times[channel.topic].append(time_s)
+        self._values[channel.topic].extend(values)
+
+    def event(self, event: Event) -> None:
+        """Add one event."""
+        self._events.append(event)
+
+    def scene(self, truth: Truth) -> None:
+        """Ignore a scene: it is for viewers, the rows have its numbers."""
+
+    def path(self, topic: str, time_s: float, points: FloatArray) -> None:
+        """Ignore a path, for the same reason."""
+
+    def record(self, metadata: Mapping[str, str] | None = None) -> Record:
+        """Return what has been collected so far."""
+        tables = {
+            topic: Table(
+                channel,
+                np.array(self._times[topic]),
+                np.array(self._values[topic]).reshape(-1, len(channel.fields)),
+            )
+            for topic, channel in self._channels.items()
+        }
+        return Record(tables, tuple(self._events), dict(metadata or {}))

@@ -1,0 +1,1 @@
+"""The plant and the loop that drives it."""

@@ -1,0 +1,335 @@
+"""The plant: vehicle, ground and soil in MuJoCo, moved by commands, seen as `Truth`."""
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from ttempc.types import Command, FloatArray
+
+from ..actuation.actuators import Actuators, ActuatorSpecification, ActuatorState
+from ..errors import InvalidPlant, PlantDiverged
+from ..ground.ground import Ground
+from ..ground.soil import SoilMap
+from ..ground.terrain import Terrain
+from ..messages.scenery import Scenery, shapes_of
+from ..truth import WHEELS, Truth
+from ..vehicle.appearance import paint_ground
+from ..vehicle.servos import tyres_of
+from ..vehicle.vehicle import PlantVehicle
+from ..vehicle.vehicle_model import WheelModel, build_spec, level_mjcf, level_model, physics_model
+from ..wheels.contact_wheels import NativeWheels
+from ..wheels.tyre_kernel import Output, wheel_step
+from .truth_reader import TruthReader
+
+_STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
+_SETTLE_CHUNK_S: Final = 0.1  # loads are compared this far apart
+_SETTLE_CHUNKS: Final = 30  # and no more often than this
+_SETTLED: Final = 1e-4  # largest change of a wheel load over the weight
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """Everything that the plant's future depends on."""
+
+    physics: FloatArray  # MuJoCo's integration state
+    deflection: FloatArray  # (6, 3) [m] tread deflections: without them 29 mm off after 10 s
+    output: FloatArray  # (6, 7) what the wheels last reported
+    valves: ActuatorState  # commands under way to the servos
+
+
+class Plant:
+    """A tractor with a trailer on a field; one step is tyres, then MuJoCo.
+
+    Args:
+        vehicle: as it really is.
+        terrain: shape of the ground.
+        soil: its strength.
+        wheels: "soil" (`tyre`) or "contact" (MuJoCo's own, `contact_wheels`).
+        timestep_s: of the physics.
+        actuators: what is lost between a command and the servos; nothing by default.
+
+    Raises:
+        InvalidPlant: a setting that cannot be.
+    """
+
+    def __init__(
+        self,
+        vehicle: PlantVehicle,
+        terrain: Terrain,
+        soil: SoilMap,
+        *,
+        wheels: WheelModel = "soil",
+        timestep_s: float = 0.002,
+        actuators: ActuatorSpecification | None = None,
+    ) -> None:
+        self.vehicle, self.terrain, self.soil = vehicle, terrain, soil
+        self._spec = build_spec(vehicle, terrain, wheels, timestep_s)
+        self.model = physics_model(self._spec)
+        self.data = mujoco.MjData(self.model)
+        model, data = self.model, self.data
+        self.body_names = tuple(model.body(i).name for i in range(model.nbody))
+        self.tyres = tyres_of(vehicle)
+        self._deflection = np.zeros((len(WHEELS), 3))
+        self._output = np.zeros((len(WHEELS), len(Output)))
+        self._reader = TruthReader(
+            model, data, self._output, self.tyres.radius[WHEELS.index("rear_left")]
+        )
+        # views, as the arrays below
+        self._warnings, self._qpos, self._qvel = data.warning.number, data.qpos, data.qvel
+        self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
+        wheel_bodies = np.array([model.body(wheel).id for wheel in WHEELS])
+        self._hydrostat = int(model.actuator("hydrostat").actadr[0])
+        steering = [model.joint(name) for name in ("steer", "rj2_yaw")]
+        self._steering_angles = [int(joint.qposadr[0]) for joint in steering]
+        front_stop, trailer_stop = (float(joint.range[1]) for joint in steering)
+        self.actuators = Actuators(
+            actuators or ActuatorSpecification(), timestep_s, (front_stop, trailer_stop)
+        )
+        self._valves = self.actuators.start(hp=0.0)
+        self.ground = Ground(terrain, soil.rasterised(terrain))
+        if wheels == "soil":
+            self._grid = np.array([*terrain.origin, terrain.spacing_m, timestep_s])
+            # views of MuJoCo's arrays, bound once: they outlive a reset of the data
+            self._tyre_arguments = (
+                self.tyres.table(),
+                terrain.heights,
+                self.ground.cone_index,
+                self._grid,
+                wheel_bodies,
+                data.xpos,
+                data.xmat,
+                data.cvel,
+                data.subtree_com,
+                self._deflection,
+                self._output,
+                data.xfrc_applied,
+            )
+            self._native = None
+        else:
+            self._native = NativeWheels(model, self.tyres, terrain, self.ground.cone_index)
+
+    def reset(self, x: float, y: float, yaw: float, speed: float) -> Truth:
+        """Put the vehicle on the ground, in line, and let it roll from there.
+
+        It stands braked until its wheel loads are steady; then every body gets the forward speed
+        and every wheel its spin, and time starts at 0.
+
+        Args:
+            x: east position of the tractor point [m].
+            y: north position [m].
+            yaw: heading [rad], counter-clockwise from east.
+            speed: forward speed at the start [m/s].
+
+        Raises:
+            InvalidPlant: a value is not finite, or the vehicle would not stand on the field.
+        """
+        if not all(map(math.isfinite, (x, y, yaw, speed))):
+            raise InvalidPlant(f"reset: got {(x, y, yaw, speed)}, every value must be finite")
+        mujoco.mj_resetData(self.model, self.data)
+        self._deflection[:] = 0.0
+        self._output[:] = 0.0
+        self._place(x, y, yaw)
+        if not self.terrain.contains(*self._wheel_places(), margin=0.5):
+            raise InvalidPlant(
+                f"reset: at ({x}, {y}) the vehicle stands outside the field, which reaches from "
+                f"{self.terrain.origin} over {self.terrain.size_m} m"
+            )
+        self._settle(x, y)
+        self._roll(speed)
+        self.data.time = 0.0
+        mujoco.mj_step1(self.model, self.data)
+        return self.truth()
+
+    def advance(self, command: Command, steps: int) -> Truth:
+        """Hold a command for a number of physics steps.
+
+        Raises:
+            PlantDiverged: the state is no longer one that physics could have led to.
+        """
+        data = self.data
+        before = data.time
+        if self.actuators.passive:
+            data.ctrl[:] = command.delta_t, command.delta_i, command.hp
+            self._run(steps)
+        else:
+            self._run(steps, before_step=lambda: self._move_valves(command))
+        self._check(before, steps)
+        return self.truth()
+
+    @property
+    def timestep_s(self) -> float:
+        """Physics step [s]."""
+        return self.model.opt.timestep
+
+    @property
+    def lever_arms(self) -> FloatArray:
+        """From tractor and trailer point to their antennas, (2, 3) [m], in the bodies' frames."""
+        return self._reader.lever_arms
+
+    @cached_property
+    def _level(self) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
+        return level_model(self._spec)
+
+    @property
+    def mjcf(self) -> str:
+        """The whole model as MuJoCo compiled it, without the heights of the ground."""
+        rows, columns = self.terrain.heights.shape
+        return level_mjcf(self._level[1], (rows, columns))
+
+    @property
+    def scenery(self) -> Scenery:
+        """What viewers are told once."""
+        return Scenery(self.body_names, self.ground, shapes_of(self._level[0], self.ground))
+
+    def drawn_model(self) -> mujoco.MjModel:
+        """Return a model to look at: the bodies of `model`, with every shape and a painted ground.
+
+        `model` itself holds only what the physics needs.
+        """
+        model = self._spec.compile()
+        paint_ground(model, self.terrain, self.ground.cone_index)
+        return model
+
+    def snapshot(self) -> Snapshot:
+        """Return the present state, to be handed to `restore`."""
+        physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, physics, _STATE)
+        return Snapshot(physics, self._deflection.copy(), self._output.copy(), self._valves)
+
+    def restore(self, snapshot: Snapshot) -> Truth:
+        """Go back to a state; what follows is the same, bit for bit, as it was the first time."""
+        mujoco.mj_setState(self.model, self.data, snapshot.physics, _STATE)
+        self._deflection[:] = snapshot.deflection
+        self._output[:] = snapshot.output
+        self._valves = snapshot.valves
+        mujoco.mj_step1(self.model, self.data)
+        return self.truth()
+
+    def truth(self) -> Truth:
+        """Return the present state; wheel forces are those of the step that led to it."""
+        return self._reader.truth()
+
+    def _move_valves(self, command: Command) -> None:
+        """Let the command go one physics step further on its way to the servos."""
+        delta_t, delta_i = map(self.data.qpos.item, self._steering_angles)
+        self._valves = self.actuators.step(self._valves, command, delta_t, delta_i)
+        self.data.ctrl[:] = self._valves.set_points
+
+    def _run(
+        self,
+        steps: int,
+        before_step: Callable[[], None] | None = None,
+        after_step: Callable[[], None] | None = None,
+    ) -> None:
+        """Step the physics; positions and velocities are up to date before and after.
+
+        A step is forces of the ground, accelerations and integration (mj_step2), positions and
+        velocities (mj_step1): the same as mj_step with the tyres in its middle.
+        """
+        model, data = self.model, self.data
+        step1, step2 = mujoco.mj_step1, mujoco.mj_step2
+        if self._native is not None:
+            self._native.prepare(data, self._output[:, Output.LOAD])
+            for step in range(steps):
+                if before_step:
+                    before_step()
+                step2(model, data)
+                if step == steps - 1:  # while contacts and their forces are of one step
+                    self._native.report(data, self._output)
+                if after_step:
+                    after_step()
+                step1(model, data)
+            return
+        arguments = self._tyre_arguments
+        for _ in range(steps):
+            if before_step:
+                before_step()
+            wheel_step(*arguments)
+            step2(model, data)
+            if after_step:
+                after_step()
+            step1(model, data)
+
+    def _check(self, before: float, steps: int) -> None:
+        """Refuse what MuJoCo hides: it resets itself on NaN and carries on from time 0."""
+        data = self.data
+        if self._warnings.any():
+            kind = int(self._warnings.argmax())
+            raise PlantDiverged(
+                f"MuJoCo warned at {before:.3f} s: {mujoco.mjtWarning(kind).name} "
+                f"({data.warning[kind].number} times, last info {data.warning[kind].lastinfo})"
+            )
+        expected = before + steps * self.model.opt.timestep
+        if not abs(data.time - expected) < 1e-6:
+            raise PlantDiverged(f"time went from {before:.3f} s to {data.time}, not {expected:.3f}")
+        if not math.isfinite(sum(self._qpos.tolist()) + sum(self._qvel.tolist())):
+            raise PlantDiverged(f"the state is not finite at {data.time:.3f} s")
+
+    def _place(self, x: float, y: float, yaw: float) -> None:
+        """Put the vehicle in line on the plane through the ground under its wheels."""
+        data, qpos = self.data, self.data.qpos
+        qpos[:7] = x, y, 0.0, math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)
+        mujoco.mj_kinematics(self.model, data)
+        wheels_x, wheels_y = self._wheel_places()
+        ground = self.terrain.height(wheels_x, wheels_y)
+        design = np.column_stack([wheels_x - x, wheels_y - y, np.ones_like(wheels_x)])
+        slope_x, slope_y, height = np.linalg.lstsq(design, ground, rcond=None)[0]
+        up = np.array([-slope_x, -slope_y, 1.0]) / math.hypot(slope_x, slope_y, 1.0)
+        ahead = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+        ahead -= (ahead @ up) * up
+        ahead /= np.linalg.norm(ahead)
+        mujoco.mju_mat2Quat(qpos[3:7], np.column_stack([ahead, np.cross(up, ahead), up]).ravel())
+        qpos[:3] = np.array([x, y, height]) + self.tyres.radius[2] * up
+        qpos[:2] = x, y
+        mujoco.mj_step1(self.model, data)
+
+    def _wheel_places(self) -> tuple[FloatArray, FloatArray]:
+        wheels = self.data.xpos[[self.model.body(wheel).id for wheel in WHEELS]]
+        return wheels[:, 0], wheels[:, 1]
+
+    def _settle(self, x: float, y: float) -> None:
+        """Let the vehicle sink onto its tyres at (x, y), wheels locked, all motion damped."""
+        data = self.data
+        data.ctrl[:] = 0.0
+        fade = math.exp(-10.0 * self.model.opt.timestep)
+
+        def brake() -> None:
+            data.qvel[:] *= fade
+            data.qvel[self._wheel_dofs] = 0.0
+
+        weight = -self.model.opt.gravity[2] * self.model.body_mass.sum()
+        steps = round(_SETTLE_CHUNK_S / self.model.opt.timestep)
+        mujoco.mj_step1(self.model, data)
+        for _ in range(_SETTLE_CHUNKS):
+            previous = self._output[:, Output.LOAD].copy()
+            self._run(steps, after_step=brake)
+            # on a slope it gives way by millimetres until its treads hold it
+            sunk = data.qpos[2] - self.terrain.height(*data.qpos[:2])
+            data.qpos[:3] = x, y, self.terrain.height(x, y) + sunk
+            mujoco.mj_step1(self.model, data)
+            load = self._output[:, Output.LOAD]
+            steady = np.abs(load - previous).max() < _SETTLED * weight
+            if steady and load.sum() > 0.5 * weight:  # not while it still falls
+                break
+
+    def _roll(self, speed: float) -> None:
+        """Give every body the forward speed, every wheel its spin, the hydrostat its position."""
+        data = self.data
+        ahead = data.body("tractor").xmat.reshape(3, 3)[:, 0]
+        data.qvel[:] = 0.0
+        data.qvel[:3] = speed * ahead
+        data.qvel[self._wheel_dofs] = speed / self.tyres.radius
+        hp = speed / self.vehicle.hydrostat.speed_gain_mps
+        data.act[self._hydrostat] = hp
+        data.ctrl[:] = 0.0, 0.0, hp  # what held the speed until the first command arrives
+        self._valves = self.actuators.start(hp)

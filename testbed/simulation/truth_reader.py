@@ -1,0 +1,103 @@
+"""How `Truth` is read out of MuJoCo's data: which body, joint and site holds which number."""
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from ttempc.types import FloatArray
+
+from ..truth import Pose, Truth, Wheels
+
+
+class TruthReader:
+    """Reads the state that positions and velocities in `data` are up to date with.
+
+    Args:
+        model: of the plant.
+        data: that is read; never written.
+        output: (6, 7) what the wheels report, in the order of `WHEELS` and `Output`.
+        rear_radius: of the driven wheels [m].
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        output: FloatArray,
+        rear_radius: float,
+    ) -> None:
+        self._data, self._output, self._rear_radius = data, output, rear_radius
+        # views of MuJoCo's arrays, bound once: an attribute of `data` is a new array every time
+        self._xpos, self._xmat, self._xquat = data.xpos, data.xmat, data.xquat
+        self._cvel, self._sites = data.cvel, data.site_xpos
+        self._centre = data.subtree_com[1]  # to which `cvel` refers
+        self._qpos, self._qvel, self._act, self._ctrl = data.qpos, data.qvel, data.act, data.ctrl
+        self._tractor, self._drawbar, self._trailer = (
+            model.body(name).id for name in ("tractor", "drawbar", "trailer")
+        )
+        antennas = [model.site(f"antenna_{name}").id for name in ("tractor", "trailer")]
+        self._antennas = np.array(antennas)  # a list as index is made an array every time
+        self.lever_arms = model.site_pos[self._antennas]  # (2, 3) [m] bodies' frames
+        self._beta, self._delta_t, self._delta_i = (
+            int(model.joint(name).qposadr[0]) for name in ("rj1_yaw", "steer", "rj2_yaw")
+        )
+        self._rear = [int(model.joint(name).dofadr[0]) for name in ("rear_left", "rear_right")]
+        self._hydrostat = int(model.actuator("hydrostat").actadr[0])
+
+    def truth(self) -> Truth:
+        """Return the present state; wheel forces are those of the step that led to it."""
+        tractor, trailer = self._tractor, self._trailer
+        xx, xy, _, yx, yy, _, zx, zy, _ = axes = self._xmat[tractor].tolist()
+        vx, vy, vz = self._velocity(tractor)
+        qpos, qvel = self._qpos.item, self._qvel.item
+        left, right = self._rear
+        return Truth(
+            time_s=self._data.time,
+            tractor=self._pose(tractor, axes),
+            trailer=self._pose(trailer, self._xmat[trailer].tolist()),
+            antennas=self._sites[self._antennas],
+            psi_d=_yaw(self._xmat[self._drawbar].tolist()),
+            beta=qpos(self._beta),
+            delta_t=qpos(self._delta_t),
+            delta_i=qpos(self._delta_i),
+            speed=vx * xx + vy * yx + vz * zx,
+            lateral_speed=vx * xy + vy * yy + vz * zy,
+            yaw_rate_t=self._cvel.item(tractor, 2),
+            yaw_rate_i=self._cvel.item(trailer, 2),
+            rim_speed=0.5 * self._rear_radius * (qvel(left) + qvel(right)),
+            hp=self._act.item(self._hydrostat),
+            set_points=self._ctrl.copy(),
+            wheels=Wheels(*self._output.T.copy()),  # `Output` has the order of its fields
+            body_xyz=self._xpos.copy(),
+            body_quat=self._xquat.copy(),
+        )
+
+    def _velocity(self, body: int) -> tuple[float, float, float]:
+        """Return the velocity of a body's origin [m/s], map frame."""
+        wx, wy, wz, vx, vy, vz = self._cvel[body].tolist()
+        x, y, z = self._xpos[body].tolist()
+        cx, cy, cz = self._centre.tolist()
+        rx, ry, rz = x - cx, y - cy, z - cz
+        return vx + (wy * rz - wz * ry), vy + (wz * rx - wx * rz), vz + (wx * ry - wy * rx)
+
+    def _pose(self, body: int, axes: list[float]) -> Pose:
+        x, y, z = self._xpos[body].tolist()
+        return Pose(
+            x=x,
+            y=y,
+            z=z,
+            yaw=_yaw(axes),
+            pitch=math.asin(min(1.0, max(-1.0, -axes[6]))),
+            roll=math.atan2(axes[7], axes[8]),
+        )
+
+
+def _yaw(axes: list[float]) -> float:
+    """Return the yaw [rad] of a rotation matrix, nine numbers row by row."""
+    return math.atan2(axes[3], axes[0])

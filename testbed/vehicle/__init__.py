@@ -1,0 +1,1 @@
+"""The true vehicle: its file, its checks and its MuJoCo model."""

@@ -1,0 +1,39 @@
+"""How the weight of a standing vehicle divides over its axles: moments, on level ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from .vehicle_parts import VehicleParts
+
+GRAVITY: Final = 9.81  # [m/s^2] as in MuJoCo
+
+
+@dataclass(frozen=True, slots=True)
+class AxleLoads:
+    """What each axle carries, both wheels together, and the pin between tractor and drawbar [N]."""
+
+    front: float
+    rear: float
+    trailer: float
+    pin: float  # downward on the tractor
+
+    @classmethod
+    def of(cls, vehicle: VehicleParts) -> AxleLoads:
+        """Return the static loads of a vehicle with its load."""
+        tractor, drawbar, trailer = vehicle.tractor, vehicle.drawbar, vehicle.trailer
+        load, reach = vehicle.load, drawbar.length_m + trailer.length_m
+        # drawbar and trailer are one beam in pitch: moments about the trailer axle, then about
+        # the rear axle of the tractor
+        ahead = (
+            trailer.mass_kg * trailer.centre_forward_m
+            + drawbar.mass_kg * (trailer.length_m + 0.5 * drawbar.length_m)
+            + load.mass_kg * load.forward_m
+        )
+        pin = GRAVITY * ahead / reach
+        front = (
+            GRAVITY * tractor.mass_kg * tractor.centre_forward_m - pin * vehicle.hitch.offset_m
+        ) / tractor.wheelbase_m
+        towed = GRAVITY * (trailer.mass_kg + drawbar.mass_kg + load.mass_kg)
+        return cls(front, GRAVITY * tractor.mass_kg + pin - front, towed - pin, pin)

@@ -1,0 +1,89 @@
+"""Masses, centres of mass and inertias of the bodies, from those of the vehicle.
+
+The masses in `mjcf/` are shares: shapes divide the weight of their body, or of the bodies that
+the vehicle weighs together, and give its inertia where the vehicle does not.
+"""
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from ..truth import WHEELS
+from .vehicle import PlantVehicle
+from .vehicle_parts import Tractor, Trailer
+
+_FRONT_AXLE: Final = ("front_axle", "steer", "knuckle_left", "knuckle_right")
+
+
+def put_masses(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+    """Put the vehicle's masses into a spec whose shapes have their final sizes, in place.
+
+    Of tractor and trailer the vehicle tells mass and centre as a whole: what axle and wheels
+    leave of them is the chassis.
+    """
+    for wheel in WHEELS:
+        _share(spec, (wheel,), vehicle.wheels[wheel.split("_")[0]].mass_kg)
+    _share(spec, _FRONT_AXLE, vehicle.front_axle.mass_kg)
+    _share(spec, ("drawbar",), vehicle.drawbar.mass_kg)
+    model = spec.copy().compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    radius = vehicle.rear_wheel.radius_m
+    tractor_parts = (*_FRONT_AXLE, *WHEELS[:4])
+    _put_chassis(spec, data, "tractor", vehicle.tractor, tractor_parts, radius)
+    radius = vehicle.trailer_wheel.radius_m
+    _put_chassis(spec, data, "trailer", vehicle.trailer, WHEELS[4:], radius)
+    centre = np.array([-0.5 * vehicle.drawbar.length_m, 0.0, 0.0])
+    _put_inertial(spec, model, "drawbar", vehicle.drawbar.mass_kg, centre, None)
+
+
+def _share(spec: mujoco.MjSpec, bodies: Sequence[str], mass: float) -> None:
+    """Divide a mass [kg] over the shapes of some bodies in the shares of the drawing."""
+    shapes = [shape for body in bodies for shape in spec.body(body).geoms]
+    total = sum(shape.mass for shape in shapes)
+    for shape in shapes:
+        shape.mass *= mass / total
+
+
+def _put_chassis(
+    spec: mujoco.MjSpec,
+    data: mujoco.MjData,
+    body: str,
+    whole: Tractor | Trailer,
+    parts: Sequence[str],
+    axle_height: float,
+) -> None:
+    model = data.model
+    ids = [model.body(part).id for part in parts]
+    masses = model.body_mass[ids]  # (n,)
+    origin = data.xpos[model.body(body).id]
+    moments = masses @ (data.xipos[ids] - origin)  # (3,) [kg m]
+    mass = whole.mass_kg - float(masses.sum())
+    centre = np.array([whole.centre_forward_m, 0.0, whole.centre_height_m - axle_height])
+    centre = (whole.mass_kg * centre - moments) / mass
+    _put_inertial(spec, model, body, mass, centre, whole.chassis_inertia_kgm2)
+
+
+def _put_inertial(
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    name: str,
+    mass: float,
+    centre: np.ndarray,
+    inertia: tuple[float, float, float] | None,
+) -> None:
+    """Give a body its inertial; without an inertia [kg m^2] that of its shapes, at their mass."""
+    body, drawn = spec.body(name), model.body(name)
+    body.explicitinertial = True
+    body.mass = mass
+    body.ipos = centre
+    body.iquat = [1.0, 0.0, 0.0, 0.0] if inertia else drawn.iquat
+    body.inertia = inertia or drawn.inertia * mass / float(drawn.mass[0])

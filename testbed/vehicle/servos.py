@@ -1,0 +1,172 @@
+"""Valves, cylinders and drive of a vehicle, sized by what the vehicle weighs.
+
+Sized for the empty vehicle: a load that a scenario adds makes the same cylinders work harder.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ttempc.types import FloatArray
+
+from ..errors import InvalidPlant
+from ..ground.soil import SoilMap
+from ..truth import WHEELS
+from ..wheels.tyre import Tyres, gross_traction_ratio, mobility, motion_resistance_ratio
+from .axle_loads import GRAVITY, AxleLoads
+from .vehicle import PlantVehicle
+from .vehicle_parts import Steering
+
+# Cylinder torque over (axle load x lever), and the error of the angle at which a cylinder gives
+# all of it. Far above what tyres ask for, so that ground does not steer; assumed. The lever is
+# the wheel's radius in front and the trailer's length behind.
+_FRONT_TORQUE: Final = 3.6
+_FRONT_GIVE: Final = 0.15  # [rad]
+_TRAILER_TORQUE: Final = 1.4
+_TRAILER_GIVE: Final = 0.08  # [rad]
+# Linkage and oil of the front steering over the servo's damping; assumed. Without them the
+# implicit damper and the constraints to the knuckles disagree at 4 ms.
+_LINKAGE_TIME: Final = 1e-3  # [s]
+# Torque of the drive over what the rear wheels can ever pass on: the wheels slip, the drive does
+# not stall. And the share of the top wheel speed by which it droops under all of it: oil leaks.
+_DRIVE_TORQUE: Final = 1.4  # assumed
+_DRIVE_DROOP: Final = 0.034  # assumed
+_FIRM_KPA: Final = SoilMap.named("hard").background
+_DRIVEN: Final = np.array([wheel.startswith("rear") for wheel in WHEELS])
+
+
+@dataclass(frozen=True, slots=True)
+class SteeringServo:
+    """Position servo on a steering joint behind a rate limit; its lag is damping / stiffness."""
+
+    stiffness: float  # [N m/rad]
+    damping: float  # [N m s/rad]
+    torque: float  # [N m] largest
+    rate: float  # [rad/s] of the set point
+    limit: float  # [rad] to each side
+
+    @property
+    def linkage_inertia(self) -> float:
+        """Inertia of the linkage and the oil in it [kg m^2]."""
+        return _LINKAGE_TIME * self.damping
+
+
+@dataclass(frozen=True, slots=True)
+class DriveServo:
+    """First-order lag, then a speed servo on the mean of the driven wheels."""
+
+    lag: float  # [s]
+    wheel_speed: float  # [rad/s] asked for at hydrostat position 1
+    damping: float  # [N m s/rad]
+    torque: float  # [N m] largest, both wheels together
+
+
+def steering_servos(vehicle: PlantVehicle) -> tuple[SteeringServo, SteeringServo]:
+    """Return the servos of the front axle and of RJ2."""
+    loads = AxleLoads.of(_empty(vehicle))
+    front = _FRONT_TORQUE * loads.front * vehicle.front_wheel.radius_m
+    trailer = _TRAILER_TORQUE * loads.trailer * vehicle.trailer.length_m
+    return (
+        _steering_servo(vehicle.front_steering, front, _FRONT_GIVE),
+        _steering_servo(vehicle.trailer_steering, trailer, _TRAILER_GIVE),
+    )
+
+
+def drive_servo(vehicle: PlantVehicle) -> DriveServo:
+    """Return the drive with which a step test on soil "hard" identifies the vehicle's K and tau.
+
+    K: at steady speed the driven wheels slip by s and the servo droops by T / damping, so that
+
+        wheel speed = (K / r) / (1 - s) + T / damping.
+
+    tau: behind the wheels' speed that of the ground lags by m v / C, C dF/ds the slope of the
+    traction equation at small slip (on average over a step v = K / 2), and the wheels' behind the
+    servo by m r^2 / damping. The valve's own lag is what remains of tau.
+
+    Raises:
+        InvalidPlant: the vehicle is too heavy for its tau.
+    """
+    empty, tyres = _empty(vehicle), tyres_of(vehicle)
+    load = wheel_loads(empty)  # (6,)
+    radius, gain = vehicle.rear_wheel.radius_m, vehicle.hydrostat.speed_gain_mps
+    bn, _ = mobility(tyres, load, np.full(len(WHEELS), _FIRM_KPA))
+    grip = (load * 0.88 * (1.0 - np.exp(-0.1 * bn)))[_DRIVEN].sum()  # [N] largest gross traction
+    torque = _DRIVE_TORQUE * 0.88 * load[_DRIVEN].sum() * radius
+    damping = torque / (_DRIVE_DROOP * gain / radius)
+    slip = equilibrium_slip(tyres, load, _FIRM_KPA, pull=0.0)
+    needed = radius * (load * gross_traction_ratio(bn, slip * _DRIVEN))[_DRIVEN].sum()
+    mass = load.sum() / GRAVITY
+    behind = mass * 0.5 * gain / (7.5 * grip) + mass * radius**2 / damping  # [s]
+    tau = vehicle.hydrostat.time_constant_s
+    if tau <= behind:
+        raise InvalidPlant(
+            f"hydrostat.time_constant_s = {tau}: wheels and tyres alone take {behind:.2f} s to "
+            f"bring {mass:.0f} kg to speed"
+        )
+    wheel_speed = gain / radius / (1.0 - slip) + needed / damping
+    return DriveServo(float(tau - behind), float(wheel_speed), float(damping), float(torque))
+
+
+def equilibrium_slip(tyres: Tyres, load: FloatArray, cone_index: float, pull: float) -> float:
+    """Return the slip of the driven wheels at which traction less motion resistance is `pull`.
+
+    Args:
+        tyres: of all six wheels.
+        load: on each wheel [N], (6,).
+        cone_index: of the soil under all of them [kPa].
+        pull: drawbar pull beyond that of the trailer [N].
+
+    Raises:
+        InvalidPlant: the soil does not carry the vehicle at any slip.
+    """
+    bn, _ = mobility(tyres, load, np.full(len(WHEELS), cone_index))
+
+    def surplus(slip: float) -> float:
+        slips = slip * _DRIVEN
+        return float(
+            load @ (gross_traction_ratio(bn, slips) - motion_resistance_ratio(bn, slips)) - pull
+        )
+
+    largest = 0.9
+    if surplus(largest) <= 0.0:
+        raise InvalidPlant(f"the vehicle cannot move itself on soil of {cone_index:g} kPa")
+    return float(brentq(surplus, 0.0, largest))  # pyright: ignore[reportArgumentType]
+
+
+def wheel_loads(vehicle: PlantVehicle) -> FloatArray:
+    """Return the static load of each wheel on level ground [N], (6,) in the order of `WHEELS`."""
+    loads = AxleLoads.of(vehicle)
+    return 0.5 * np.array([getattr(loads, wheel.split("_")[0]) for wheel in WHEELS])
+
+
+def tyres_of(vehicle: PlantVehicle) -> Tyres:
+    """Return the tyres of the wheels in the order of `WHEELS`."""
+    wheels = [vehicle.wheels[wheel.split("_")[0]] for wheel in WHEELS]
+    return Tyres(
+        radius=np.array([wheel.radius_m for wheel in wheels]),
+        width=np.array([wheel.width_m for wheel in wheels]),
+        section_height=np.array([wheel.section_height_m for wheel in wheels]),
+        relative_deflection=np.array([wheel.relative_deflection for wheel in wheels]),
+        rated_load=np.array([wheel.rated_load_n for wheel in wheels]),
+        damping=np.array([wheel.damping_spm for wheel in wheels]),
+    )
+
+
+def _empty(vehicle: PlantVehicle) -> PlantVehicle:
+    return replace(vehicle, load=replace(vehicle.load, mass_kg=0.0))
+
+
+def _steering_servo(steering: Steering, torque: float, give: float) -> SteeringServo:
+    stiffness = torque / give
+    return SteeringServo(
+        stiffness=stiffness,
+        damping=stiffness * steering.lag_s,
+        torque=torque,
+        rate=math.radians(steering.rate_degps),
+        limit=math.radians(steering.limit_deg),
+    )

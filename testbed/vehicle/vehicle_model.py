@@ -1,0 +1,164 @@
+"""The MuJoCo model of a vehicle on a field: mjcf, the vehicle's numbers, the ground."""
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Final, Literal, get_args
+
+import mujoco
+
+from ..configuration.resources import resource
+from ..errors import InvalidPlant
+from ..ground.terrain import Terrain
+from ..truth import WHEELS
+from .appearance import put_tyres
+from .inertials import put_masses
+from .linkage import linkage_polynomial
+from .scale_mjcf import fit_drawing
+from .servos import SteeringServo, drive_servo, steering_servos
+from .vehicle import PlantVehicle
+
+WheelModel = Literal["soil", "contact"]
+
+_MJCF: Final = "tractor_trailer.xml"
+_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the height of the load that is drawn
+_LOAD_SPREAD: Final = (0.67, 0.83)  # length and width of the load over those of the box; assumed
+_GROUND_BASE_M: Final = 1.0  # thickness of the ground below its lowest point
+
+
+def build_spec(
+    vehicle: PlantVehicle, terrain: Terrain, wheels: WheelModel, timestep_s: float
+) -> mujoco.MjSpec:
+    """Return the model of the vehicle on this ground, ready to be compiled.
+
+    Raises:
+        InvalidPlant: the wheel model has no such name, the time step is out of range, or the
+            vehicle cannot drive.
+    """
+    if wheels not in get_args(WheelModel):
+        raise InvalidPlant(f"plant.wheels: got {wheels!r}, must be 'soil' or 'contact'")
+    if not 0.0 < timestep_s <= 0.004:  # front wheels shimmy at 0.008
+        raise InvalidPlant(f"plant.timestep_s: got {timestep_s}, must be above 0, at most 0.004")
+    spec = mujoco.MjSpec.from_file(str(resource("proving_ground.mjcf", _MJCF)))
+    spec.option.timestep = timestep_s
+    fit_drawing(spec, vehicle)
+    put_masses(spec, vehicle)
+    _put_stops(spec, vehicle)
+    _put_actuators(spec, vehicle)
+    _put_load(spec, vehicle)
+    _put_ground(spec, terrain)
+    put_tyres(spec, vehicle)
+    if wheels == "contact":
+        for wheel in WHEELS:
+            geom = spec.geom(f"{wheel}_contact")
+            geom.contype, geom.conaffinity = 2, 1
+    return spec
+
+
+def physics_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Return the model without what is only seen: 85 shapes, 12 % of the time of a step."""
+    lean = spec.copy()
+    lean.compiler.discardvisual = True
+    return lean.compile()
+
+
+def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
+    """Return the whole model on level ground, and what it was compiled of."""
+    level = spec.copy()
+    ground = level.hfield("ground")
+    ground.nrow = ground.ncol = 2
+    ground.userdata = [0.0] * 4
+    return level.compile(), level
+
+
+def level_mjcf(level: mujoco.MjSpec, grid: tuple[int, int]) -> str:
+    """Return the MJCF of what `level_model` compiled, with ground of a `grid` (rows, columns).
+
+    The heights are left out: written out, they are a hundred times as long as everything else; the
+    loader takes a ground without them for a level one.
+    """
+    text = re.sub(r'\s+elevation="[^"]*"', "", level.to_xml())
+    return text.replace('nrow="2" ncol="2"', f'nrow="{grid[0]}" ncol="{grid[1]}"')
+
+
+def _put_stops(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+    hitch = vehicle.hitch
+    for joint, limit_deg in (
+        ("front_axle_roll", vehicle.front_axle.pivot_limit_deg),
+        ("steer", vehicle.front_steering.limit_deg),
+        ("rj1_yaw", hitch.yaw_limit_deg),
+        ("rj1_pitch", hitch.pitch_limit_deg),
+        ("rj1_roll", hitch.roll_limit_deg),
+        ("rj2_yaw", vehicle.trailer_steering.limit_deg),
+    ):
+        spec.joint(joint).range = [-limit_deg, limit_deg]  # the mjcf's angles are degrees
+
+
+def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+    front, trailer = steering_servos(vehicle)
+    _put_steering(spec.actuator("steer"), front)
+    _put_steering(spec.actuator("rj2"), trailer)
+    spec.joint("steer").armature = front.linkage_inertia
+    limit = math.radians(vehicle.front_steering.limit_deg)
+    kingpin = 0.5 * vehicle.front_axle.kingpin_track_m
+    for side, y in (("left", kingpin), ("right", -kingpin)):
+        quartic = linkage_polynomial(limit, vehicle.tractor.wheelbase_m, y)
+        spec.equality(f"ackermann_{side}").data[:5] = quartic
+    drive, hydrostat = drive_servo(vehicle), spec.actuator("hydrostat")
+    hydrostat.dynprm[0] = drive.lag
+    hydrostat.gainprm[0] = drive.damping * drive.wheel_speed
+    hydrostat.biasprm[2] = -drive.damping
+    hydrostat.forcerange = [-drive.torque, drive.torque]
+
+
+def _put_steering(actuator: mujoco.MjsActuator, servo: SteeringServo) -> None:
+    actuator.dyntype = mujoco.mjtDyn.mjDYN_PID
+    actuator.dynprm[1] = servo.rate
+    actuator.biasprm[1], actuator.biasprm[2] = -servo.stiffness, -servo.damping
+    actuator.ctrlrange = [-servo.limit, servo.limit]
+    actuator.forcerange = [-servo.torque, servo.torque]
+
+
+def _put_load(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+    """Lay the load into the box, as a body of its own: the trailer's inertial stays its own."""
+    load, box = vehicle.load, vehicle.box
+    if load.mass_kg == 0.0:
+        return
+    half_x, half_y = 0.5 * _LOAD_SPREAD[0] * box.length_m, 0.5 * _LOAD_SPREAD[1] * box.width_m
+    half_z = load.mass_kg / _LOAD_DENSITY / (8.0 * half_x * half_y)
+    body = spec.body("trailer").add_body(name="load", pos=[load.forward_m, 0.0, load.height_m])
+    body.add_geom(
+        spec.find_default("body"),
+        name="load",
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[half_x, half_y, half_z],
+        mass=load.mass_kg,
+        material="load",
+    )
+
+
+def _put_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
+    ny, nx = terrain.heights.shape
+    size_x, size_y = terrain.size_m
+    low = float(terrain.heights.min())
+    rise = max(float(terrain.heights.max()) - low, 1e-6)
+    spec.add_hfield(
+        name="ground",
+        nrow=ny,
+        ncol=nx,
+        size=[0.5 * size_x, 0.5 * size_y, rise, _GROUND_BASE_M],
+        userdata=((terrain.heights - low) / rise).ravel(),
+    )
+    spec.worldbody.add_geom(
+        name="ground",
+        type=mujoco.mjtGeom.mjGEOM_HFIELD,
+        hfieldname="ground",
+        pos=[*terrain.centre, low],
+        material="ground",
+        contype=1,
+        conaffinity=0,
+    )

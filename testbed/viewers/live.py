@@ -1,0 +1,171 @@
+"""Shows a run while it goes on, over Foxglove's WebSocket protocol."""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+from collections.abc import Sequence
+from types import TracebackType
+from typing import TYPE_CHECKING, Final, Self
+
+from mcap.well_known import MessageEncoding, SchemaEncoding
+
+from ..errors import LiveError
+from ..messages.publisher import Publisher, topics_of
+from ..messages.scenery import Scenery
+from ..recording.channels import CHANNELS, Channel
+from ..recording.topics import (
+    DRIVEN_TOPIC,
+    DRIVEN_TRAILER_TOPIC,
+    EVENT_TOPIC,
+    REFERENCE_PATH_TOPIC,
+    SCENE_TOPIC,
+)
+
+if TYPE_CHECKING:
+    from foxglove.websocket import ChannelView, Client, ServerListener
+
+HOST: Final = "127.0.0.1"  # the machine alone: a run is nobody else's business
+DEFAULT_PORT: Final = 8765  # where Foxglove looks
+
+# Said once or seldom: a viewer that joins later is told the latest.
+_KEPT: Final = (
+    SCENE_TOPIC,
+    REFERENCE_PATH_TOPIC,
+    DRIVEN_TOPIC,
+    DRIVEN_TRAILER_TOPIC,
+    EVENT_TOPIC,
+)
+
+
+class LiveView(Publisher):
+    """A server of everything that a run says; a `sink.Sink` and a context manager.
+
+    Messages go out when their simulated time has come: the view paces the run, and does nothing
+    else to it. What a viewer cannot take in time is dropped for that viewer.
+
+    Args:
+        scenery: what viewers are told once.
+        name: of the run, as viewers show it.
+        port: to listen on; 0 for any free one.
+        speed: simulated seconds in a second of the wall clock.
+        channels: the flat channels to serve.
+
+    Raises:
+        LiveError: the extra `live` is not installed, the port is taken, or a value is out of range.
+    """
+
+    def __init__(
+        self,
+        scenery: Scenery,
+        *,
+        name: str = "ttempc",
+        port: int = DEFAULT_PORT,
+        speed: float = 1.0,
+        channels: Sequence[Channel] = CHANNELS,
+    ) -> None:
+        if not (math.isfinite(speed) and speed > 0.0):
+            raise LiveError(f"live view: got speed {speed:g}, must be above 0")
+        if not 0 <= port < 2**16:
+            raise LiveError(f"live view: got port {port}, must be from 0 to 65535")
+        try:
+            import foxglove
+            from foxglove.websocket import Capability
+        except ImportError:
+            raise LiveError("live view: needs foxglove-sdk, pip install 'ttempc[live]'") from None
+        _refuse_taken(port)
+        self._speed = speed
+        self._due_ns = 0
+        context = self._context = foxglove.Context()  # its channels close when it goes
+        self._channels = {
+            topic.name: foxglove.Channel(
+                topic.name,
+                message_encoding=MessageEncoding.Protobuf,
+                schema=foxglove.Schema(
+                    name=topic.schema_name, encoding=SchemaEncoding.Protobuf, data=topic.schema
+                ),
+                context=context,
+            )
+            for topic in topics_of(channels)
+        }
+        self._kept: dict[str, tuple[bytes, int]] = {}
+        super().__init__(scenery, channels)
+        try:
+            self._server = foxglove.start_server(
+                name=name,
+                host=HOST,
+                port=port,
+                capabilities=[Capability.Time],
+                server_listener=_welcome(self),
+                context=context,
+            )
+        except (OSError, RuntimeError) as error:
+            raise LiveError(f"live view: port {port} cannot be opened: {error}") from error
+        self._start_s = time.monotonic()
+
+    @property
+    def url(self) -> str:
+        """Where a viewer finds the run."""
+        return f"ws://{HOST}:{self._server.port}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._server.stop()
+
+    def _send(self, topic: str, time_ns: int, data: bytes) -> None:
+        if time_ns > self._due_ns:
+            self._wait(time_ns)
+        if topic in _KEPT:
+            self._kept[topic] = (data, time_ns)
+        self._channels[topic].log(data, log_time=time_ns)
+
+    def _gathered(self, time_s: float) -> None:
+        self._publish()
+
+    def _wait(self, time_ns: int) -> None:
+        """Sleep until a simulated time has come on the wall clock."""
+        due_s = self._start_s + 1e-9 * time_ns / self._speed
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        self._due_ns = time_ns
+        self._server.broadcast_time(time_ns)
+
+    def repeat(self, topic: str, client: int | None) -> None:
+        """Tell one viewer what was last said on a topic that is seldom spoken on."""
+        if topic in self._kept:
+            data, time_ns = self._kept[topic]
+            self._channels[topic].log(data, log_time=time_ns, sink_id=client)
+
+
+def _welcome(view: LiveView) -> ServerListener:
+    """Return what tells a viewer that joins what was said before."""
+    from foxglove.websocket import ServerListener
+
+    class Welcome(ServerListener):
+        def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+            view.repeat(channel.topic, client.id)
+
+    return Welcome()
+
+
+def _refuse_taken(port: int) -> None:
+    """Refuse a port on which something listens.
+
+    Raises:
+        LiveError: with the port.
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
+        try:
+            probe.bind((HOST, port))
+        except OSError as error:
+            raise LiveError(
+                f"live view: port {port} is not free ({error.strerror}), give another with --port"
+            ) from None

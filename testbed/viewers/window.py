@@ -1,0 +1,93 @@
+"""MuJoCo's own viewer on a run: a window, a mouse, the vehicle on its field."""
+
+from __future__ import annotations
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+import math
+import os
+import sys
+import time
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Self
+
+import mujoco
+import mujoco.viewer
+
+from ttempc.types import FloatArray
+
+from ..errors import LiveError, WindowClosed
+from ..recording.channels import Channel
+from ..recording.record import Event
+from ..simulation.plant import Plant
+from ..truth import Truth
+
+
+class Window:
+    """A window on a plant; a `testbed.recording.sink.Sink` that looks, and a context manager.
+
+    Args:
+        plant: to look at; never changed.
+        speed: simulated seconds in a second of the wall clock.
+
+    Raises:
+        LiveError: there is no screen, or the speed is out of range.
+    """
+
+    def __init__(self, plant: Plant, speed: float = 1.0) -> None:
+        if not (math.isfinite(speed) and speed > 0.0):
+            raise LiveError(f"view: got speed {speed:g}, must be above 0")
+        if sys.platform.startswith("linux") and not (
+            os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        ):
+            raise LiveError(
+                "view: no screen (neither DISPLAY nor WAYLAND_DISPLAY is set); "
+                "`ttempc run --live` serves the run to a viewer elsewhere"
+            )
+        self._plant, self._speed = plant, speed
+        self._model = plant.drawn_model()
+        self._data = mujoco.MjData(self._model)
+        try:
+            self._viewer = mujoco.viewer.launch_passive(
+                self._model, self._data, show_left_ui=False, show_right_ui=False
+            )
+        except RuntimeError as error:  # on a Mac the viewer wants its own interpreter
+            raise LiveError(f"view: no window could be opened: {error}") from error
+        self._start_s = time.monotonic()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._viewer.close()
+
+    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
+        """Ignore a row: a window shows shapes."""
+
+    def event(self, event: Event) -> None:
+        """Ignore an event, for the same reason."""
+
+    def path(self, topic: str, time_s: float, points: FloatArray) -> None:
+        """Ignore a path, for the same reason."""
+
+    def scene(self, truth: Truth) -> None:
+        """Show the bodies where they are, when their time has come.
+
+        Raises:
+            WindowClosed: there is no one to show it to.
+        """
+        due_s = self._start_s + truth.time_s / self._speed
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        if not self._viewer.is_running():
+            raise WindowClosed("the window was closed")
+        with self._viewer.lock():
+            self._data.qpos[:] = self._plant.data.qpos
+            mujoco.mj_kinematics(self._model, self._data)
+            mujoco.mj_camlight(self._model, self._data)
+        self._viewer.sync()

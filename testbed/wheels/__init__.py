@@ -1,0 +1,1 @@
+"""Wheel models: tyres on soil, and contacts of MuJoCo."""

@@ -1,0 +1,220 @@
+"""The law of `tyre`, compiled: all wheels of a vehicle in one call, on MuJoCo's arrays.
+
+Same equations, same order; a test holds the two together. What stands here and not there is the
+way from MuJoCo's quantities to a wheel's motion, and the way back into `xfrc_applied`.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Final
+
+import numba
+import numpy as np
+
+from ttempc.types import FloatArray
+
+from . import tyre
+
+
+class Output(IntEnum):
+    """Column of each reported quantity in the kernel's output, see `testbed.truth.Wheels`."""
+
+    LOAD = 0
+    SLIP = 1
+    SLIP_ANGLE = 2
+    FORCE_LONG = 3
+    FORCE_LAT = 4
+    CONE_INDEX = 5
+    GROUND = 6
+
+
+# numba takes module globals as constants; plain floats and tuples, so that it can unroll
+_SIN: Final = tuple(np.sin(tyre.FAN_ANGLES).tolist())
+_COS: Final = tuple(np.cos(tyre.FAN_ANGLES).tolist())
+_ARCS: Final = tuple((tyre.FAN_ARCS / tyre.FAN_COLUMNS.size).tolist())
+_COLUMNS: Final = tuple(tyre.FAN_COLUMNS.tolist())
+_SIGMA_X: Final = tyre.RELAXATION_LONG
+_SIGMA_Y: Final = tyre.RELAXATION_LAT
+_SIGMA_R: Final = tyre.RELAXATION_ROLL
+_TAU_X: Final = tyre.TREAD_DAMPING_LONG
+_TAU_Y: Final = tyre.TREAD_DAMPING_LAT
+_STIFFNESS_LIMIT: Final = tyre.LATERAL_STIFFNESS_LIMIT
+_SMALLEST_LOAD: Final = tyre.SMALLEST_LOAD
+_SMALL_SPEED: Final = tyre.SMALL_SPEED
+_LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
+
+
+@numba.njit(cache=True, inline="always")
+def _clip(value: float, limit: float) -> float:
+    return min(limit, max(-limit, value))
+
+
+@numba.njit(cache=True, inline="always")
+def _cell(coordinate: float, last: int) -> tuple[int, float]:
+    """Return the grid cell and the place in it; the integer clamp also holds for NaN."""
+    coordinate = min(last, max(0.0, coordinate))
+    index = max(0, min(int(coordinate), last - 1))
+    return index, coordinate - index
+
+
+@numba.njit(cache=True, error_model="numpy", boundscheck=False)
+def wheel_step(
+    tyres: FloatArray,
+    heights: FloatArray,
+    cone_indices: FloatArray,
+    grid: FloatArray,
+    bodies: np.ndarray,
+    xpos: FloatArray,
+    xmat: FloatArray,
+    cvel: FloatArray,
+    com: FloatArray,
+    deflection: FloatArray,
+    output: FloatArray,
+    xfrc: FloatArray,
+) -> None:
+    """Advance the tread deflections of all wheels and write the forces of the ground.
+
+    Args:
+        tyres: (n, 6) `Tyres.table`.
+        heights: (ny, nx) [m] of the ground.
+        cone_indices: (ny, nx) [kPa] on the same grid.
+        grid: (4,) x and y [m] of the first grid point, spacing [m], time step [s].
+        bodies: (n,) body of each wheel.
+        xpos: (nbody, 3) [m] MuJoCo's body positions.
+        xmat: (nbody, 9) body axes, row major; the axle is the second column.
+        cvel: (nbody, 6) rotation and velocity at `com`.
+        com: (nbody, 3) [m] subtree centres of mass; row 1 is the vehicle's.
+        deflection: (n, 3) [m] state, changed in place.
+        output: (n, 7) see `Output`, written.
+        xfrc: (nbody, 6) force and moment on each body, rows of wheels written.
+    """
+    ny, nx = heights.shape
+    x0, y0, dt = grid[0], grid[1], grid[3]
+    per_metre = 1.0 / grid[2]  # cells
+    for wheel in range(bodies.size):
+        body = bodies[wheel]
+        radius, width = tyres[wheel, 0], tyres[wheel, 1]
+        cx, cy, cz = xpos[body, 0], xpos[body, 1], xpos[body, 2]
+        ax, ay, az = xmat[body, 1], xmat[body, 4], xmat[body, 7]
+        wx, wy, wz = cvel[body, 0], cvel[body, 1], cvel[body, 2]
+        lx, ly, lz = cx - com[1, 0], cy - com[1, 1], cz - com[1, 2]
+        vx = cvel[body, 3] + wy * lz - wz * ly
+        vy = cvel[body, 4] + wz * lx - wx * lz
+        vz = cvel[body, 5] + wx * ly - wy * lx
+
+        # the disc: up and ahead in its plane
+        ux, uy, uz = -az * ax, -az * ay, 1.0 - az * az
+        upright = math.sqrt(ux * ux + uy * uy + uz * uz)
+        scale = 1.0 / max(upright, _LEAST_UPRIGHT)
+        ux, uy, uz = ux * scale, uy * scale, uz * scale
+        fx, fy, fz = ay * uz - az * uy, az * ux - ax * uz, ax * uy - ay * ux
+
+        # Winkler bed under the fan of look-ups
+        total, ex, ey, px, py, pz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        if upright > _LEAST_UPRIGHT:
+            for a in range(7):
+                sine, cosine = radius * _SIN[a], radius * _COS[a]
+                rx = cx + sine * fx - cosine * ux
+                ry = cy + sine * fy - cosine * uy
+                rz = cz + sine * fz - cosine * uz
+                for c in range(3):
+                    offset = width * _COLUMNS[c]
+                    qx, qy, qz = rx + offset * ax, ry + offset * ay, rz + offset * az
+                    i, p = _cell((qx - x0) * per_metre, nx - 1)
+                    j, q = _cell((qy - y0) * per_metre, ny - 1)
+                    south_west, north_west = heights[j, i], heights[j + 1, i]
+                    south_rise = heights[j, i + 1] - south_west
+                    north_rise = heights[j + 1, i + 1] - north_west
+                    south = south_west + p * south_rise
+                    north = north_west + p * north_rise
+                    height = south + q * (north - south)
+                    if height > qz:
+                        pressure = (height - qz) * _ARCS[a]
+                        total += pressure
+                        ex -= pressure * ((1.0 - q) * south_rise + q * north_rise)
+                        ey -= pressure * (north - south)
+                        px += pressure * qx
+                        py += pressure * qy
+                        pz += pressure * height
+
+        i, p = _cell((cx - x0) * per_metre, nx - 1)
+        j, q = _cell((cy - y0) * per_metre, ny - 1)
+        south = heights[j, i] + p * (heights[j, i + 1] - heights[j, i])
+        north = heights[j + 1, i] + p * (heights[j + 1, i + 1] - heights[j + 1, i])
+        cone_index = cone_indices[j + (q >= 0.5), i + (p >= 0.5)]
+        output[wheel, 5] = cone_index
+        output[wheel, 6] = south + q * (north - south)
+
+        nx_, ny_, nz_ = 0.0, 0.0, 1.0
+        load = 0.0
+        gx, gy, gz = 0.0, 0.0, 0.0  # arm from the wheel's centre to the centre of pressure
+        if total > 0.0:
+            ex, ey = ex * per_metre, ey * per_metre
+            size = math.sqrt(ex * ex + ey * ey + total * total)
+            nx_, ny_, nz_ = ex / size, ey / size, total / size
+            approach = -(vx * nx_ + vy * ny_ + vz * nz_)
+            load = tyres[wheel, 4] * size * max(0.0, 1.0 + tyres[wheel, 5] * approach)
+            gx, gy, gz = px / total - cx, py / total - cy, pz / total - cz
+
+        # axes on the ground, speeds in them
+        hx, hy, hz = ay * nz_ - az * ny_, az * nx_ - ax * nz_, ax * ny_ - ay * nx_
+        scale = 1.0 / max(math.sqrt(hx * hx + hy * hy + hz * hz), _LEAST_UPRIGHT)
+        hx, hy, hz = hx * scale, hy * scale, hz * scale
+        sx, sy, sz = ny_ * hz - nz_ * hy, nz_ * hx - nx_ * hz, nx_ * hy - ny_ * hx
+        v_long = vx * hx + vy * hy + vz * hz
+        v_lat = (
+            (vx + wy * gz - wz * gy) * sx
+            + (vy + wz * gx - wx * gz) * sy
+            + (vz + wx * gy - wy * gx) * sz
+        )
+        rim = radius * (wx * ax + wy * ay + wz * az)
+        rolling = max(abs(rim), abs(v_long))
+        output[wheel, 1] = (rim - v_long) / max(rolling, _SMALL_SPEED)
+        output[wheel, 2] = math.atan2(v_lat, max(abs(v_long), _SMALL_SPEED))
+
+        # tread deflections
+        u, w, r = deflection[wheel, 0], deflection[wheel, 1], deflection[wheel, 2]
+        mean = 0.5 * (rim + v_long)
+        u1 = _clip((u + dt * (rim - v_long)) / (1.0 + dt * rolling / _SIGMA_X), _SIGMA_X)
+        w1 = _clip((w + dt * v_lat) / (1.0 + dt * rolling / _SIGMA_Y), _SIGMA_Y)
+        r1 = _clip((r + dt * mean) / (1.0 + dt * abs(mean) / _SIGMA_R), _SIGMA_R)
+        slip = _clip((u1 + _TAU_X * (u1 - u) / dt) / _SIGMA_X, 1.0)
+        slip_lat = _clip((w1 + _TAU_Y * (w1 - w) / dt) / _SIGMA_Y, 1.0)
+        share_roll = _clip((r1 + _TAU_X * (r1 - r) / dt) / _SIGMA_R, 1.0)
+
+        if load == 0.0:
+            deflection[wheel, 0] = deflection[wheel, 1] = deflection[wheel, 2] = 0.0
+            output[wheel, 0] = output[wheel, 3] = output[wheel, 4] = 0.0
+            xfrc[body, :] = 0.0
+            continue
+        deflection[wheel, 0], deflection[wheel, 1], deflection[wheel, 2] = u1, w1, r1
+
+        # forces from cone index
+        diameter, section = 2.0 * radius, tyres[wheel, 2]
+        cn = cone_index * width * diameter / (1e-3 * max(load, _SMALLEST_LOAD))
+        bn = cn * (1.0 + 5.0 * tyres[wheel, 3]) / (1.0 + 3.0 * width / diameter)
+        bn1 = cn * math.sqrt(diameter / section) / (1.0 + 0.5 * width * diameter)
+        grip_long = 0.88 * (1.0 - math.exp(-0.1 * bn))
+        traction = math.copysign(load * grip_long * (1.0 - math.exp(-7.5 * abs(slip))), slip)
+        grip_lat = 0.61 + 0.69 / bn1
+        slope = min(2.34 + 0.088 * bn1, _STIFFNESS_LIMIT)
+        side = load * grip_lat * (1.0 - math.exp(-slope / grip_lat * abs(math.atan(slip_lat))))
+        side = -math.copysign(side, slip_lat)
+        used = math.hypot(traction / grip_long, side / grip_lat) / max(load, _SMALLEST_LOAD)
+        share = 1.0 / max(1.0, used)
+        traction, side = share * traction, share * side
+        resistance = load * (1.0 / bn + 0.04 + 0.5 * abs(slip) / math.sqrt(bn))
+        pull = traction - resistance * share_roll
+
+        tx = load * nx_ + pull * hx + side * sx
+        ty = load * ny_ + pull * hy + side * sy
+        tz = load * nz_ + pull * hz + side * sz
+        mx, my, mz = gy * tz - gz * ty, gz * tx - gx * tz, gx * ty - gy * tx
+        excess = radius * traction + mx * ax + my * ay + mz * az
+        xfrc[body, 0], xfrc[body, 1], xfrc[body, 2] = tx, ty, tz
+        xfrc[body, 3] = mx - excess * ax
+        xfrc[body, 4] = my - excess * ay
+        xfrc[body, 5] = mz - excess * az
+        output[wheel, 0], output[wheel, 3], output[wheel, 4] = load, pull, side

@@ -1,0 +1,211 @@
+"""`ttempc log` and `ttempc run --live`, as a user runs them."""
+
+import csv
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.logs.log_check import check
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.testbed.log.log import LogWriter
+from proving_ground.testbed.log.log_content import read_content
+from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.testbed.log.log_scene import ground_of, motion_of
+from proving_ground.testbed.recording.channels import CHANNELS, STATE
+
+SHORT = ("--set", "path={kind='straight', length_m=15}")
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    """The log of a short run, at 50 Hz and shown to no one at 40 times real time."""
+    folder = tmp_path_factory.mktemp("run") / "short"
+    options = ("--record-rate", "50", "--live", "--speed", "40", "--port", "0")
+    assert main(["run", "grass", "--seed", "3", "--out", str(folder), *SHORT, *options]) == 0
+    return folder / "log.mcap"
+
+
+@pytest.fixture(scope="module")
+def torn(log, tmp_path_factory):
+    """The same log as a kill leaves it."""
+    file = tmp_path_factory.mktemp("torn") / "log.mcap.part"
+    with log.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    last = max(index.chunk_start_offset for index in summary.chunk_indexes)
+    file.write_bytes(log.read_bytes()[: last + 100])
+    return file
+
+
+def test_neither_a_live_view_nor_the_rate_of_the_record_changes_a_bit(log):
+    _, scenario = load("grass", [SHORT[1]])
+    _, alone = simulate("grass", scenario, seed=3)
+    watched = read_log(log)
+    assert np.array_equal(watched[STATE].values[::2], alone[STATE].values)
+    for channel in CHANNELS[2:6]:  # measurement, estimate, control, tracking
+        assert np.array_equal(watched[channel].values, alone[channel].values, equal_nan=True)
+
+
+def test_a_picture_needs_nothing_but_the_log(log):
+    content, record = read_content(log), read_log(log)
+    motion = motion_of(content)
+    tractor = motion.xyz[:, motion.body_names.index("tractor")]
+    np.testing.assert_allclose(tractor[:, 0], record[STATE]["x_t_m"], atol=1e-5)
+    heights = ground_of(content).terrain.height(*tractor[:, :2].T)
+    assert np.all(np.abs(tractor[:, 2] - heights - 0.4) < 0.1), "an axle a wheel above its ground"
+
+
+def test_info_says_which_run_and_what_is_in_it(log, capsys):
+    assert main(["log", "info", str(log)]) == 0
+    said = capsys.readouterr().out
+    for word in ("grass", "whole", "/tf", "foxglove.SceneUpdate", "/tyres", "50.0", "15.00 s"):
+        assert word in said
+
+
+def test_check_passes_a_whole_log_and_fails_a_torn_one(log, torn, tmp_path, capsys):
+    assert main(["log", "check", str(log)]) == 0
+    assert "FAIL" not in capsys.readouterr().out
+    new = tmp_path / "new.mcap"
+    assert main(["log", "check", str(torn), "--recover", str(new)]) == 1
+    said = capsys.readouterr().out
+    assert "FAIL  whole" in said
+    assert "whole chunks, up to " in said
+    assert main(["log", "check", str(new)]) == 0
+    assert read_content(new).messages == read_content(torn).messages
+    assert [file.name for file in tmp_path.iterdir()] == ["new.mcap"]
+
+
+def test_check_sees_what_is_missing(tmp_path):
+    file = tmp_path / "log.mcap"
+    with LogWriter(file, metadata={}, attachments={}) as writer:
+        for time_s in (0.0, 0.04, 0.02, 0.06, 0.5):
+            writer.row(STATE, time_s, [0.0] * len(STATE.fields))
+    found = {each.what: each for each in check(read_content(file))}
+    assert found["whole"].good
+    assert "model.xml" in found["attachments"].detail
+    assert "/control" in found["topics"].detail
+    assert "backwards on /state" in found["time"].detail
+    assert "nothing for 440 ms" in found["truth"].detail
+    assert not any(found[what].good for what in ("attachments", "topics", "time", "truth"))
+
+
+def test_tables_hold_the_log_to_the_bit(log, tmp_path):
+    assert main(["log", "export", str(log), "--out", str(tmp_path / "new")]) == 0
+    record = read_log(log)
+    with (tmp_path / "new" / "state.csv").open(newline="") as stream:
+        head, *rows = csv.reader(stream)
+    assert head == ["time_s", *STATE.fields]
+    assert np.array_equal(np.array(rows, float)[:, 1:], record[STATE].values)
+    names = {file.name for file in (tmp_path / "new").iterdir()}
+    assert {"mpc_info.csv", "log.csv", "tf.csv", "tyres.csv"} <= names
+
+
+def test_parquet_holds_the_log_to_the_bit(log, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    main(["log", "export", str(log), "--out", str(tmp_path / "new"), "--format", "parquet"])
+    table = pandas.read_parquet(tmp_path / "new" / "state.parquet")
+    assert np.array_equal(table[list(STATE.fields)].to_numpy(), read_log(log)[STATE].values)
+
+
+def test_a_torn_log_is_exported_and_said_to_be_torn(torn, tmp_path, capsys):
+    assert main(["log", "export", str(torn), "--out", str(tmp_path / "new")]) == 0
+    assert "torn or damaged" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("info", "nowhere.mcap"), "nowhere.mcap: cannot be read"),
+        (("check", "text.mcap"), "is not an MCAP log"),
+        (("export", "text.mcap", "--out", "new"), "is not an MCAP log"),
+        (("export", "LOG", "--out", "text.mcap"), "exists already"),
+        (("export", "LOG", "--out", "text.mcap/new"), "cannot be written"),
+        (("export", "LOG", "--format", "xls"), "--format"),
+        (("check", "TORN", "--recover", "text.mcap"), "exists already"),
+        (("check", "TORN", "--recover", "no/new.mcap"), "cannot be written"),
+        (("check", "TORN", "--recover", "/dev/full/new.mcap"), "cannot be written"),
+    ],
+)
+def test_bad_input_gets_one_line_and_leaves_nothing(
+    log, torn, arguments, said, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "text.mcap").write_text("precious")
+    given = [{"LOG": str(log), "TORN": str(torn)}.get(each, each) for each in arguments]
+    try:
+        code = main(["log", *given])
+    except SystemExit as stopped:  # argparse's way out
+        code = stopped.code
+    printed = capsys.readouterr()
+    assert code == 2
+    assert said in printed.err
+    assert len(printed.err.strip().splitlines()) == 1
+    assert not printed.out
+    assert [file.name for file in tmp_path.iterdir()] == ["text.mcap"]
+    assert (tmp_path / "text.mcap").read_text() == "precious"
+
+
+def test_parquet_without_its_extra_names_it(log, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    code = main(["log", "export", str(log), "--format", "parquet", "--out", str(tmp_path / "new")])
+    assert code == 2
+    assert "pip install 'ttempc[export]'" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_taken_port_stops_the_run_before_it_writes(tmp_path, capsys):
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = str(other.getsockname()[1])
+        code = main(["run", "--live", "--port", port, "--out", str(tmp_path / "new"), *SHORT])
+    assert code == 2
+    assert f"port {port} is not free" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("run", "--speed", "2"), "goes with --live only"),
+        (("run", "--record-rate", "30"), "got 30 Hz, must be one of 5, 10, 20, 25, 50"),
+        (("run", "--record-rate", "nan"), "got nan Hz"),
+        (("view",), "no screen"),
+        (("view", "--speed", "0"), "speed 0, must be above 0"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_in_one_line(
+    arguments, said, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    assert main([*arguments, *SHORT]) == 2
+    printed = capsys.readouterr()
+    assert said in printed.err
+    assert len(printed.err.strip().splitlines()) == 1
+    assert not any(tmp_path.iterdir())
+
+
+def test_the_example_of_the_docs_draws_the_figures_of_the_paper(log, tmp_path):
+    example = Path(__file__).parents[3] / "docs" / "examples" / "read_a_log.py"
+    done = subprocess.run(
+        [sys.executable, str(example), str(log), str(tmp_path)],
+        env={**os.environ, "MPLBACKEND": "agg"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "tractor" in done.stdout
+    names = {file.name for file in tmp_path.iterdir()}
+    assert names == {"paths.png", "euclidean_errors.png", "control_signals.png"}

@@ -1,0 +1,97 @@
+"""Runs side by side: the figures are those of each run, and only what belongs together is shown."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import NotComparable
+from proving_ground.experiments.film.replay import read_replay
+from proving_ground.experiments.film.scenes import Setup
+from proving_ground.experiments.film.shot import Shot
+from proving_ground.experiments.results.comparison import read_compared, table
+
+
+def logs(short_runs, *names):
+    return [short_runs / name / "log.mcap" for name in names]
+
+
+def test_the_figures_are_those_of_each_run(short_runs, tmp_path, capsys):
+    files = logs(short_runs, "paper", "nominal")
+    folder = tmp_path / "both"
+    assert main(["compare", *map(str, files), "-o", str(folder)]) == 0
+    printed = capsys.readouterr().out
+    rows = list(csv.DictReader((folder / "comparison.csv").read_text().splitlines()))
+    for file, controller in zip(files, ("paper", "ttempc-nominal"), strict=True):
+        assert controller in printed
+        summary = json.loads((file.parent / "summary.json").read_text())
+        own = [row for row in rows if f" {controller} " in row["run"]]
+        assert len(own) == 6
+        for row in own:
+            figures = summary["tracking"][row["where"]][row["body"]]
+            for name, value in figures.items():
+                assert row[name] == ("" if value is None else repr(value)), name
+    for name in ("path", "error", "signals"):
+        assert np.asarray(Image.open(folder / f"{name}.png").convert("L")).std() > 5.0
+
+
+def test_runs_are_compared_up_to_the_end_that_all_reach(short_runs):
+    runs = read_compared(logs(short_runs, "paper", "nominal"))
+    assert runs[0].end_s == runs[1].end_s
+    shorter = replace(runs[0], end_s=9.0)
+    assert shorter.errors.time_s[-1] <= 9.0
+    kept = runs[0].errors.time_s <= 9.0
+    np.testing.assert_array_equal(
+        shorter.errors.tractor.cross_m, runs[0].errors.tractor.cross_m[kept]
+    )
+    assert "8 to 9.0 s" in table([shorter])
+
+
+def test_runs_abreast_show_each_run_in_its_own_part(short_runs):
+    both = tuple(map(read_replay, logs(short_runs, "paper", "nominal")))
+    shot = Shot("plan", 0.0, 5.0, 8.0, (640, 180))
+    swapped = Setup(both[::-1], shot).scene().picture(8.0)
+    picture = Setup(both, shot).scene().picture(8.0)
+    assert picture.shape == (180, 640, 3)
+    np.testing.assert_array_equal(picture[:, :320], swapped[:, 320:])
+    np.testing.assert_array_equal(picture[:, 320:], swapped[:, :320])
+    beyond = Setup(both, shot).scene().picture(1e3)
+    assert beyond.shape == picture.shape, "a run that has ended stays"
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["paper", "slower"], "different references"),
+        (["paper", "paper"], "given twice"),
+        (["paper"], "takes 2 to 6"),
+        (["paper", "none"], "cannot be read"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused(short_runs, names, words, tmp_path, capsys):
+    folder = tmp_path / "both"
+    files = logs(short_runs, *names)
+    assert main(["compare", *map(str, files), "-o", str(folder)]) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert said.count("\n") == 1
+    assert not folder.exists()
+
+
+def test_a_torn_log_or_too_narrow_a_film_is_refused_before_anything_is_written(
+    short_runs, tmp_path, capsys
+):
+    one, other = logs(short_runs, "paper", "nominal")
+    torn = tmp_path / "torn.mcap"
+    torn.write_bytes(other.read_bytes()[:-5000])
+    with pytest.raises(NotComparable, match="is torn"):
+        read_compared([one, torn])
+    folder = tmp_path / "both"
+    narrow = ["--video", "--camera", "plan", "--size", "320x180", "-o", str(folder)]
+    assert main(["compare", str(one), str(other), *narrow]) == 2
+    assert "2 runs abreast need a width of 640" in capsys.readouterr().err
+    assert not folder.exists()

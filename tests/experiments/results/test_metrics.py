@@ -1,0 +1,191 @@
+"""Laws of the numbers: closed forms, invariance under motions of the map, the interface's keys."""
+
+import json
+import math
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.results.metrics import summarise
+from proving_ground.experiments.results.published import compare
+from proving_ground.experiments.results.summary import RunFacts
+from proving_ground.experiments.results.table import WIDTH, table
+from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING
+from proving_ground.testbed.recording.record import Record
+from tests.records import circle, eight, record, straight, table_of
+
+FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {"ttempc": "0"}, "log.mcap")
+ERROR_KEYS = {
+    *("mean_euclidean_m", "rms_m", "p95_m", "max_m", "along_mean_m", "along_sd_m"),
+    *("cross_mean_m", "cross_sd_m", "cross_p95_m"),
+}
+
+
+def tracking(run: Record):
+    return summarise(run, FACTS).tracking
+
+
+def with_table(run: Record, table) -> Record:
+    return replace(run, tables={**run.tables, table.channel.topic: table})
+
+
+@pytest.mark.parametrize("curvature", [straight, circle, eight])
+def test_a_constant_error_is_its_own_statistic(curvature):
+    for where in ("straight", "curve", "all"):
+        bodies = getattr(tracking(record(curvature, along=(-0.3, 0.06), cross=(0.4, -0.08))), where)
+        for error, along, cross in (
+            (bodies.tractor, -0.3, 0.4),
+            (bodies.trailer, 0.06, -0.08),
+        ):
+            if error.mean_euclidean_m is None:
+                assert (curvature, where) in {(straight, "curve"), (circle, "straight")}
+                continue
+            distance = math.hypot(along, cross)
+            assert error.mean_euclidean_m == pytest.approx(distance, abs=1e-9)
+            assert error.rms_m == pytest.approx(distance, abs=1e-9)
+            assert error.p95_m == pytest.approx(distance, abs=1e-9)
+            assert error.max_m == pytest.approx(distance, abs=1e-9)
+            assert error.along_mean_m == pytest.approx(along, abs=1e-9)
+            assert error.cross_mean_m == pytest.approx(cross, abs=1e-9)
+            assert error.cross_p95_m == pytest.approx(abs(cross), abs=1e-9)
+            assert error.along_sd_m == pytest.approx(0.0, abs=1e-9)
+            assert error.cross_sd_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_errors_know_neither_place_nor_direction():
+    here = asdict(tracking(record(noise_m=0.1)))
+    there = asdict(tracking(record(noise_m=0.1, turned=2.2, moved=(30.0, -700.0))))
+    for where, bodies in here.items():
+        for body, error in bodies.items():
+            assert there[where][body] == pytest.approx(error, abs=1e-9)
+
+
+def test_a_mirrored_run_errs_to_the_other_side():
+    run, mirrored = (
+        tracking(record(cross=(0.2, 0.1), noise_m=0.05, mirrored=mirrored)).all
+        for mirrored in (False, True)
+    )
+    for body in ("tractor", "trailer"):
+        error, other = asdict(getattr(run, body)), asdict(getattr(mirrored, body))
+        error["cross_mean_m"] = -error["cross_mean_m"]
+        assert other == pytest.approx(error, abs=1e-9)
+
+
+def test_straight_and_curve_share_out_the_whole():
+    run = record(noise_m=0.05)
+    parts = tracking(run)
+    counted = run[STATE].time_s[run[STATE].time_s >= 8.0]
+    curved = np.mean(np.abs(eight(counted)) > 0.01 * 0.1)
+    mean = (
+        curved * parts.curve.tractor.mean_euclidean_m
+        + (1 - curved) * parts.straight.tractor.mean_euclidean_m
+    )
+    assert mean == pytest.approx(parts.all.tractor.mean_euclidean_m)
+
+
+def test_the_start_up_does_not_count():
+    run = record(cross=(0.1, 0.1))
+    values = run[STATE].values.copy()
+    values[run[STATE].time_s < 8.0] += 5.0
+    wild = with_table(run, replace(run[STATE], values=values))
+    assert tracking(wild) == tracking(run)
+
+
+def test_a_missing_sample_makes_a_statistic_unknown_not_good():
+    run = record()
+    values = run[STATE].values.copy()
+    values[-1] = np.nan
+    error = tracking(with_table(run, replace(run[STATE], values=values))).all.tractor
+    assert set(asdict(error).values()) == {None}
+
+
+def test_the_estimate_is_judged_at_its_own_times():
+    estimation = summarise(record(estimate_off=(0.03, -0.04)), FACTS).estimation
+    assert estimation.tractor.mean_euclidean_m == pytest.approx(0.03)
+    assert estimation.trailer.mean_euclidean_m == pytest.approx(0.04)
+
+
+def test_estimation_error_counts_from_the_first_estimate_on():
+    """A filter that waits for its first readings has no error yet; one that breaks off has none."""
+    for gap, expected in ((slice(0, 3), pytest.approx(0.03)), (slice(3, 4), None)):
+        made = record(estimate_off=(0.03, -0.04))
+        made[ESTIMATE].values[gap] = np.nan
+        assert summarise(made, FACTS).estimation.tractor.mean_euclidean_m == expected
+
+
+def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it():
+    names = ("command", "min", "max", "limited")
+    commands = {"delta_t_rad": (0.6, 0.1, 0.2, 0.3), "delta_i_rad": (0.0,) * 4, "hp": (0.0,) * 4}
+    limited = {"delta_t_rad": (0.0, 1.0, 0.0, 0.0), "delta_i_rad": (0.0,) * 4, "hp": (0.0,) * 4}
+    columns = {}
+    for name, command in commands.items():
+        low = 0.0 if name == "hp" else -0.6
+        for part, values in zip(names, (command, [low] * 4, [0.6] * 4, limited[name]), strict=True):
+            columns[f"{name}_{part}"] = np.array(values)
+    run = with_table(record(), table_of(CONTROL, 0.2 * np.arange(4), columns))
+    inputs = summarise(run, FACTS).inputs
+    assert inputs.delta_t.saturated_fraction == 0.5
+    assert inputs.delta_i.saturated_fraction == 0.0
+    assert inputs.hp.saturated_fraction == 1.0
+    steps = np.array([-0.5, 0.1, 0.1]) / 0.2
+    assert inputs.delta_t.rms_rate == pytest.approx(math.sqrt(np.mean(steps**2)))
+
+
+def test_timing_leaves_out_what_did_not_happen():
+    cost = np.array([1.0, 2.0, 3.0, np.nan])
+    columns = {name: cost for name in TIMING.fields if name != "qp_solve_us"}
+    run = with_table(record(), table_of(TIMING, np.arange(4.0), columns))
+    timing = summarise(run, FACTS).timing
+    assert (timing.estimator_us.median, timing.estimator_us.max) == (2.0, 3.0)
+    assert timing.qp_solve_us.median is None
+    assert timing.real_time_factor == pytest.approx(60.0 / 10.0)
+
+
+def test_summary_has_exactly_the_keys_of_the_interface():
+    def unknown(word):
+        raise AssertionError(f"{word} is no JSON")
+
+    summary = json.loads(summarise(record(), FACTS).to_json(), parse_constant=unknown)
+    assert set(summary) == {
+        *("run_id", "scenario", "controller", "seed", "status", "failure", "duration_s"),
+        *("versions", "tracking", "estimation", "timing", "inputs", "tube", "slip", "log"),
+    }
+    assert set(summary["tracking"]) == {"straight", "curve", "all"}
+    for bodies in summary["tracking"].values():
+        assert set(bodies) == {"tractor", "trailer"}
+        for error in bodies.values():
+            assert set(error) == ERROR_KEYS
+    for body in ("tractor", "trailer"):
+        assert set(summary["estimation"].pop(body)) == {"mean_euclidean_m"}
+    assert summary["estimation"] == {}
+    assert isinstance(summary["timing"].pop("real_time_factor"), float)
+    assert set(summary["timing"]) == {
+        *("estimator_us", "control_step_us", "qp_solve_us", "plant_step_us")
+    }
+    for spread in summary["timing"].values():
+        assert set(spread) == {"median", "p99", "max"}
+    assert set(summary["inputs"]) == {"delta_t", "delta_i", "hp"}
+    for use in summary["inputs"].values():
+        assert set(use) == {"saturated_fraction", "rms_rate"}
+    assert summary["tube"] is None
+    assert set(summary["slip"]) == {"rear_mean", "rear_p95", "trailer_slip_angle_p95_rad"}
+
+
+@pytest.mark.parametrize("duration_s", [0.0, 3.0])
+def test_a_run_that_ended_at_once_has_a_summary_and_a_table(duration_s):
+    facts = replace(FACTS, status="lost", failure="roll-over " * 20)
+    summary = summarise(record(duration_s=duration_s), facts)
+    assert summary.tracking.all.tractor.mean_euclidean_m is None
+    assert json.loads(summary.to_json())["duration_s"] == duration_s
+    assert "roll-over" in table(summary)
+
+
+def test_the_table_sets_the_published_errors_beside_the_runs():
+    summary = summarise(record(cross=(0.1, 0.05)), FACTS)
+    text = table(summary)
+    assert all(len(line) <= WIDTH for line in text.splitlines())
+    for number in ("23.5", "21.2", "39.8", "36.2", "10.0", "5.0"):
+        assert number in text
+    assert "published: field experiment; here: simulation" in text.lower()
+    assert [item.published_m for item in compare(summary)] == [0.2349, 0.2121, 0.3982, 0.3621]

@@ -1,0 +1,35 @@
+"""Every baseline drives the plant, with the filter, a short way."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
+
+LARGEST_M = 0.05  # mean Euclidean error after the first 8 s; two to three times what they show
+
+
+@pytest.mark.parametrize(
+    "name", ["pid", "lqr", "nmpc", "nmpc-rti", "nmpc-decentralised", "nmpc-distributed"]
+)
+def test_baseline_drives_the_plant_straight_ahead(name):
+    overrides = [f'controller.name="{name}"', 'path.kind="straight"', "path.length_m=16.0"]
+    summary, _ = simulate(*load("pavement", overrides), seed=31)
+    assert summary.status == "completed"
+    for error in (summary.tracking.all.tractor, summary.tracking.all.trailer):
+        assert error.mean_euclidean_m is not None
+        assert error.mean_euclidean_m < LARGEST_M
+
+
+def test_without_casadi_one_line_says_how_to_get_it(monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    folder = tmp_path / "out"
+    assert main(["run", "pavement", "--controller", "nmpc", "--out", str(folder)]) == 2
+    assert not folder.exists()
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "pip install 'ttempc[baselines]'" in said

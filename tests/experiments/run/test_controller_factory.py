@@ -1,0 +1,135 @@
+"""Controllers of a user's own package: found by name, refused with a reason, kept at the border."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import InvalidController
+from proving_ground.experiments.run.controller_factory import controller_factory
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.experiments.studies.batch import Job, summaries
+from proving_ground.testbed.recording.channels import CONTROL
+from ttempc.guidance.controllers import make_controller
+from ttempc.reference.path import straight
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.types import Command, ControlStep, Input
+from ttempc.vehicle import Vehicle
+
+SHORT = ("path={kind='straight', length_m=4.0}", "terrain.iso_class='flat'")
+
+MODULE = """
+from ttempc.guidance.controllers import make_controller
+
+value = 3
+
+def paper(vehicle, reference, period_s):
+    return make_controller("feedforward", vehicle, reference, period_s)
+
+def nothing(vehicle, reference, period_s):
+    return None
+
+def broken(vehicle, reference, period_s):
+    raise ValueError("two\\nlines")
+
+class Late:
+    def __init__(self, *arguments):
+        self.inner = paper(*arguments)
+    def step(self, estimate, k):
+        if k == 10:
+            raise RuntimeError("lost my way")
+        return self.inner.step(estimate, k)
+"""
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A package `lawn` in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "lawn").mkdir()
+    (tmp_path / "lawn" / "drivers.py").write_text(MODULE)
+    (tmp_path / "lawn" / "ill.py").write_text("1 / 0")
+    yield tmp_path
+    for name in [name for name in sys.modules if name.split(".")[0] == "lawn"]:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("lawn.drivers:none", "lawn.drivers has no none"),
+        ("lawn.drivers:value", "value is int, must be callable"),
+        ("lawn.drivers:nothing", "returned NoneType, which has no method step"),
+        ("lawn.drivers:broken", "raised ValueError: two lines"),
+        ("lawn.ill:make", "importing lawn.ill raised ZeroDivisionError"),
+        ("lawn.meadow:make", "no module 'lawn.meadow'"),
+        ("nowhere:make", "no module 'nowhere'"),
+        ("lawn.drivers:", "must be package.module:factory"),
+        ("lawn drivers:make", "must be package.module:factory"),
+    ],
+)
+def test_what_cannot_drive_is_refused_in_one_line_and_nothing_is_written(
+    package, capsys, name, said
+):
+    before = {file for file in package.rglob("*") if "__pycache__" not in file.parts}
+    assert main(["run", "--controller", name, "--out", "new", "--set", SHORT[0]]) == 2
+    printed = capsys.readouterr().err
+    assert said in printed
+    assert len(printed.strip().splitlines()) == 1
+    assert before == {file for file in package.rglob("*") if "__pycache__" not in file.parts}
+
+
+def test_a_name_means_the_same_as_the_factory_itself_also_in_other_processes(package):
+    overrides = (*SHORT, 'controller.name="lawn.drivers:paper"')
+    mine = simulate(*load("grass", overrides), seed=3)[0]
+    shipped = simulate(*load("grass", (*SHORT, 'controller.name="feedforward"')), seed=3)[0]
+    assert mine.tracking == shipped.tracking
+    (_, afar), (_, again) = summaries([Job("grass", seed, overrides) for seed in (3, 3)])
+    assert afar.tracking == again.tracking == mine.tracking
+
+
+def test_a_name_makes_the_controller_from_vehicle_reference_and_period(package):
+    reference = Reference(straight(4.0), Vehicle(), ConstantSpeed(1.0))
+    made = controller_factory("lawn.drivers:paper")(Vehicle(), reference, 0.2)
+    assert type(made) is type(make_controller("feedforward", Vehicle(), reference, 0.2))
+    with pytest.raises(InvalidController):
+        controller_factory("lawn.drivers:broken")(Vehicle(), reference, 0.2)
+
+
+def test_an_exception_in_the_run_ends_it_and_keeps_log_and_summary(package, capsys):
+    code = main(
+        ["run", "--controller", "lawn.drivers:Late", "--out", "late", "--set", SHORT[0], "--json"]
+    )
+    assert code == 3
+    assert '"status": "invalid"' in capsys.readouterr().out
+    assert (package / "late" / "log.mcap").exists()
+    summary = (package / "late" / "summary.json").read_text()
+    assert "raised at tick 10: RuntimeError: lost my way" in summary
+
+
+class Wild:
+    """Asks for what no vehicle can do at tick 2, for what is no number at tick 3."""
+
+    def __init__(self, vehicle, reference, period_s):
+        self.inner = make_controller("feedforward", vehicle, reference, period_s)
+
+    def step(self, estimate, k):
+        made = self.inner.step(estimate, k)
+        commands = {2: Command(9.0, -9.0, 7.0), 3: Command(float("nan"), 0.0, float("inf"))}
+        return ControlStep(commands.get(k, made.command), made.diagnostics)
+
+
+def test_commands_beyond_the_limits_are_cut_and_said():
+    summary, record = simulate(*load("grass", SHORT), seed=1, factory=Wild)
+    assert summary.status == "completed"
+    vehicle, sent = Vehicle(), record[CONTROL].columns("delta_t_rad_command", "hp_command")
+    assert np.all(np.abs(sent[:, 0]) <= vehicle.steering_limit_t)
+    assert np.all(
+        np.abs(np.diff(sent, axis=0)) <= vehicle.input_rate[[Input.DELTA_T, Input.HP]] * 0.2 + 1e-12
+    )
+    said = [event.text for event in record.events]
+    assert any("delta_t, delta_i, hp outside the limits" in text for text in said)
+    assert any("fallback ended" in text for text in said)

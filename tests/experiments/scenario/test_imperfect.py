@@ -1,0 +1,84 @@
+"""Imperfect actuators and sensors, from the scenario to the record of a run."""
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.run.assembly import assemble
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.testbed.errors import InvalidPlant
+from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, MEASUREMENT, STATE
+
+SHORT = "path={kind='straight', length_m=8}"
+IMU = tuple(name for name in MEASUREMENT.fields if name.startswith("imu"))
+
+
+def run(*overrides, name="grass"):
+    return simulate(name, load(name, [SHORT, *overrides])[1], seed=3)[1]
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return run()
+
+
+@pytest.mark.parametrize("name", ["old-valves", "raw-gnss"])
+def test_what_is_on_is_said_at_the_start(name):
+    said = [event.text for event in run(name=name).events if event.time_s == 0.0]
+    assert said
+    assert all(text.startswith(("actuators: ", "sensors: ")) for text in said)
+
+
+def test_nothing_is_said_of_the_paper_s_own(plain):
+    assert plain.events == ()
+    assert np.isnan(plain[MEASUREMENT].columns(*IMU)).all()
+
+
+def test_an_imu_is_recorded_and_changes_nothing_else(plain):
+    found = run("sensors.imu.on=true")
+    assert np.isfinite(found[MEASUREMENT].columns(*IMU)).all()
+    np.testing.assert_array_equal(found[STATE].values, plain[STATE].values)
+    np.testing.assert_array_equal(found[ESTIMATE].values, plain[ESTIMATE].values)
+
+
+def test_commands_and_what_the_servos_get_of_them_are_both_recorded():
+    found = run("actuators.front.dead_time_s=0.12", "actuators.hydrostat.dead_time_s=0.4")
+    state, control = found[STATE], found[CONTROL]
+    for field, late in (("delta_t_rad", 0.12), ("delta_i_rad", 0.0), ("hp", 0.4)):
+        sent = control[f"{field}_command"]
+        # A row shows what the step that led to it was done with: the command of a tick ends its
+        # way `late` after it and holds for a period.
+        for k in range(len(sent) - 4):
+            middle = control.time_s[k] + late + 0.1
+            row = np.argmin(np.abs(state.time_s - middle))
+            assert state[f"{field}_set_point"][row] == sent[k]
+
+
+def test_late_gnss_samples_are_taken_in_and_named_in_the_log(plain):
+    found = run("sensors.gnss_latency_s=0.2")
+    assert "sensors: GNSS latency 0.2 s" in [event.text for event in found.events]
+    later = found[ESTIMATE].time_s > 1.0
+    assert found[ESTIMATE]["nis_dof"][later].max() == 4 * 5 + 4, "as many as without latency"
+
+    def error(record):
+        place = ["x_t_m", "y_t_m"]
+        rows = np.searchsorted(record[STATE].time_s, record[ESTIMATE].time_s - 1e-6)
+        away = record[ESTIMATE].columns(*place) - record[STATE].columns(*place)[rows]
+        return np.hypot(*away[5:].T).mean()
+
+    assert error(found) < 2.0 * error(plain)
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("actuators.trailer.backlash_deg=30", r"trailer\.backlash_deg: got 30, must be below"),
+        ("actuators.front.dead_time_s=0.0015", r"front\.dead_time_s: 0\.0015 s is not a whole"),
+        ("sensors.gnss_antenna='corrected'", r"sensors\.imu\.on = true"),
+        ("sensors.gnss_latency_s=0.0015", r"latency of sensor gnss_tractor: 0\.0015 s"),
+    ],
+)
+def test_what_only_the_whole_can_tell_is_refused_before_anything_moves(override, said):
+    with pytest.raises(InvalidPlant, match=said) as caught:
+        assemble(load("grass", [override])[1], seed=1)
+    assert "\n" not in str(caught.value)

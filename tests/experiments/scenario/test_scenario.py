@@ -1,0 +1,112 @@
+import pytest
+
+from proving_ground.experiments.errors import InvalidScenario
+from proving_ground.experiments.scenario.path import FigureEight, Straight
+from proving_ground.experiments.scenario.scenario import Scenario, dump, load, shipped
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_shipped_scenarios_survive_being_written_out_and_read_back(name, tmp_path):
+    scenario = load(name)[1]
+    file = tmp_path / "copy.toml"
+    file.write_text(dump(scenario))
+    assert load(str(file)) == ("copy", scenario)
+
+
+def test_the_paper_s_sensors_and_path_are_the_default():
+    scenario = Scenario()
+    assert scenario.path == FigureEight("figure-eight", 10.0, 30.0, 2.0, 2, 1.0)
+    assert (scenario.sensors.gnss_sd_m, scenario.sensors.angle_sd_deg) == (0.03, 1.0)
+
+
+def test_overrides_lie_over_the_file_and_leave_the_rest():
+    plain = load("wet-slope")[1]
+    changed = load("wet-slope", ["soil.cone_index_kpa=250", "path.laps=1"])[1]
+    assert changed.soil.cone_index_kpa == 250.0
+    assert changed.path.laps == 1
+    assert changed.terrain == plain.terrain
+
+
+def test_a_path_of_another_kind_replaces_the_figure_eight():
+    assert load("grass", ["path={kind='straight', length_m=30}"])[1].path == Straight(
+        "straight", 30.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("soil.cone_index_kpa=-3", "soil.cone_index_kpa: Input should be greater than 0, got -3"),
+        ("soil.cone_index_kpa=nan", "soil.cone_index_kpa: Input should be a finite number"),
+        ("path.radius_m=inf", "path.radius_m: Input should be a finite number"),
+        ("path.radius_m='wide'", "path.radius_m: Input should be a valid number, got 'wide'"),
+        ("path.laps=1.5", "path.laps: Input should be a valid integer, got 1.5"),
+        ("path.kind='ring'", "path: Input tag 'ring' found using 'kind'"),
+        (
+            "soil.softness=3",
+            "soil.softness: unknown key; allowed here: name, cone_index_kpa",
+        ),
+        ("path.length_m=3", "path.length_m: unknown key; allowed here: kind, radius_m"),
+        ("tyres.width_m=1", "tyres: unknown key; allowed here: description, path, terrain"),
+        ("soil.patches=[{x_m=1.0, y_m=2.0}]", "soil.patches.0.radius_m: Field required"),
+        ("plant.vehicle.load_kg=true", "plant.vehicle.load_kg: Input should be a valid number"),
+        ("terrain.iso_class='G'", "terrain.iso_class: Input should be 'A', 'B', 'C'"),
+        (
+            "terrain.features=[{x_m=1.0}]",
+            "terrain.features.0: kind is missing, must be one of rise,",
+        ),
+        ("terrain.features=[{kind='hole'}]", "terrain.features.0: Input tag 'hole' found using"),
+        (
+            "terrain.features=[{kind='furrows', period_m=0.8, depth_m=0.1}, {kind='step', x_m=1}]",
+            "terrain.features.1.y_m: Field required",
+        ),
+        (
+            "terrain.features=[{kind='furrows', period_m=0.8, deep_m=0.1, depth_m=0.1}]",
+            "terrain.features.0.deep_m: unknown key; allowed here: kind, period_m, depth_m, along",
+        ),
+        (
+            "terrain.features=[{kind='bump', x_m=1, y_m=1, height_m=0.1, width_m=-1}]",
+            "terrain.features.0.width_m: Input should be greater than 0, got -1",
+        ),
+        (
+            "terrain.features=[{kind='rise', x_m=nan, y_m=0, slope_rad=0.1, length_m=9}]",
+            "terrain.features.0.x_m: Input should be a finite number",
+        ),
+        ("soil.tramlines=[{kind='path', wide_m=1}]", "soil.tramlines.0.wide_m: unknown key; allo"),
+        ("soil.tramlines=[{kind='line'}]", "soil.tramlines.0.points_m: Field required"),
+        ("soil.gradient={from_kpa=300}", "soil.gradient.to_kpa: Field required"),
+        ("soil.gradient={from=300}", "soil.gradient.from: unknown key; allowed here: from_kpa, to"),
+        ("soil.random={correlation_m=-2}", "soil.random.correlation_m: Input should be greater"),
+        ("soil.map={file='a.npy'}", "soil.map.spacing_m: Field required"),
+        ("soil.name='moist'", "soil: got name 'moist' and cone_index_kpa 600, give one of the two"),
+        ("soil.map=3", "soil.map: Input should be"),
+        ("actuators.front.dead_time_s=-0.1", "actuators.front.dead_time_s: Input should be gr"),
+        ("actuators.trailer.dead_time_s=3", "actuators.trailer.dead_time_s: Input should be less"),
+        ("actuators.front.play_deg=1", "actuators.front.play_deg: unknown key; allowed here: dead"),
+        ("actuators.hydrostat.dead_band_deg=1", "unknown key; allowed here: dead_time_s"),
+        ("sensors.gnss_latency_s=2.5", "sensors.gnss_latency_s: Input should be less than or equ"),
+        ("sensors.gnss_resolution_m=-1", "sensors.gnss_resolution_m: Input should be greater"),
+        ("sensors.gnss_correlation_time_s=0", "sensors.gnss_correlation_time_s: Input should be g"),
+        ("sensors.gnss_error='pink'", "sensors.gnss_error: Input should be 'white', 'correlated'"),
+        ("sensors.imu.on=1", "sensors.imu.on: Input should be a valid boolean, got 1"),
+        ("terrain", "--set terrain: must be key.key=value"),
+    ],
+)
+def test_what_is_wrong_where_and_what_is_allowed_in_one_line(override, said):
+    with pytest.raises(InvalidScenario) as caught:
+        load("grass", [override])
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["gras", "nowhere.toml"])
+def test_a_missing_scenario_is_refused_with_those_there_are(name):
+    with pytest.raises(InvalidScenario, match="shipped are farm, furrows, grass"):
+        load(name)
+
+
+def test_a_torn_file_is_refused(tmp_path):
+    file = tmp_path / "torn.toml"
+    file.write_text("[soil\ncone_index_kpa = 3")
+    with pytest.raises(InvalidScenario, match=r"torn\.toml: cannot be read as TOML"):
+        load(str(file))

@@ -1,0 +1,139 @@
+"""Truth and belief: one vehicle file, what differs from it on purpose, and where that is told."""
+
+import math
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import InvalidScenario
+from proving_ground.experiments.run.assembly import assemble
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import dump, load, shipped
+from proving_ground.experiments.scenario.vehicle import mismatch
+from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.testbed.recording.channels import STATE
+from proving_ground.testbed.vehicle.vehicle_file import find_vehicle
+from ttempc.errors import InvalidPath, TtempcError
+from ttempc.vehicle import Vehicle
+
+
+def differences(*overrides, name="grass"):
+    scenario = load(name, overrides)[1]
+    return {
+        item.key: (item.true, item.believed)
+        for item in mismatch(scenario.plant.vehicle, scenario.controller.vehicle)
+    }
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_shipped_scenarios_believe_what_is(name):
+    assert differences(name=name) == {}
+
+
+def test_belief_and_truth_come_from_one_file():
+    scenario = load("grass", ["plant.vehicle.file='farm4500'"])[1]
+    filed = scenario.plant.vehicle.filed()
+    assert scenario.plant.vehicle.vehicle() == filed
+    believed = scenario.controller.vehicle.vehicle(filed)
+    assert believed.wheelbase == filed.tractor.wheelbase_m
+    assert believed.trailer_length == filed.trailer.length_m
+    assert believed.steering_rate_i == math.radians(filed.trailer_steering.rate_degps)
+    assert believed.speed_gain == filed.hydrostat.speed_gain_mps
+
+
+def test_the_paper_s_vehicle_is_what_the_control_side_knows_by_itself():
+    scenario = load("grass")[1]
+    assert scenario.controller.vehicle.vehicle(scenario.plant.vehicle.filed()) == Vehicle()
+
+
+def test_what_is_wrong_on_purpose_is_told_from_both_sides():
+    assert differences(
+        "plant.vehicle.hitch_offset_m=0.45",
+        "plant.vehicle.load_kg=200",
+        "plant.vehicle.speed_gain_mps=1.2",
+        "controller.vehicle.trailer_m=1.5",
+        "controller.vehicle.front_lag_s=0.3",
+    ) == {
+        "hitch_offset_m": (0.45, 0.3),
+        "trailer_m": (1.3, 1.5),
+        "load_kg": (200.0, 0.0),
+        "speed_gain_mps": (1.2, 1.4),
+        "front_lag_s": (0.15, 0.3),
+    }
+
+
+def test_truth_and_belief_that_are_changed_alike_do_not_differ():
+    assert differences("plant.vehicle.drawbar_m=1.1", "controller.vehicle.drawbar_m=1.1") == {}
+
+
+def test_a_vehicle_file_lies_beside_its_scenario_and_is_found_from_a_copy_elsewhere(tmp_path):
+    text = find_vehicle("kayacan2016").read_text()
+    (tmp_path / "mine.toml").write_text(text.replace("length_m = 1.3 ", "length_m = 1.7 "))
+    file = tmp_path / "field.toml"
+    file.write_text('[plant.vehicle]\nfile = "mine.toml"\n')
+    scenario = load(str(file))[1]
+    assert scenario.controller.vehicle.trailer_m == 1.7
+    elsewhere = tmp_path / "runs" / "copy.toml"
+    elsewhere.parent.mkdir()
+    elsewhere.write_text(dump(scenario))
+    assert load(str(elsewhere))[1] == scenario
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("plant.vehicle.file='tank'", "no such vehicle; shipped are farm4500, kayacan2016"),
+        ("plant.vehicle.file='none.toml'", "none.toml': no such file"),
+        ("plant.vehicle.drawbar_m=-1.0", "plant.vehicle.drawbar_m: Input should be greater than 0"),
+        ("plant.vehicle.hitch_offset_m=0.1", "plant.vehicle over kayacan2016: hitch.yaw_limit_deg"),
+        ("plant.vehicle.width_m=1.0", "plant.vehicle.width_m: unknown key; allowed here: file"),
+        ("controller.vehicle.front_limit_deg=95.0", "front_limit_deg: Input should be less than"),
+        ("controller.vehicle.file='farm4500'", "controller.vehicle.file: unknown key"),
+    ],
+)
+def test_vehicles_that_cannot_be_are_refused_in_one_line(override, said):
+    with pytest.raises(InvalidScenario) as caught:
+        load("grass", [override])
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_path_that_the_large_vehicle_cannot_steer_is_refused_with_its_place():
+    assemble(load("farm")[1], 1)
+    tight = load("farm", ["path.radius_m=4.0"])[1]
+    with pytest.raises(InvalidPath, match=r"path too tight at s = .* steering would need"):
+        assemble(tight, 1)
+    fast = load("farm", ["path.speed_mps=3.2"])[1]
+    with pytest.raises(TtempcError, match=r"3\.1 m/s"):
+        assemble(fast, 1)
+
+
+def test_the_large_vehicle_drives_its_scenario_to_the_end():
+    summary = simulate(*load("farm"), seed=1)[0]
+    assert summary.status == "completed"
+    tracking = summary.tracking.all
+    for body in (tracking.tractor, tracking.trailer):
+        assert body.max_m is not None
+        assert body.max_m < 2.0
+
+
+def test_a_run_tells_what_was_believed_wrongly_and_its_resolved_scenario_repeats_it(
+    tmp_path, capsys
+):
+    options = ("path={kind='straight', length_m=12}", "plant.vehicle.load_kg=500")
+    options += ("plant.vehicle.file='farm4500'", "controller.vehicle.trailer_m=3.0")
+    sets = [word for option in options for word in ("--set", option)]
+    first, again = tmp_path / "first", tmp_path / "again"
+    assert main(["run", "grass", *sets, "--out", str(first)]) == 0
+    said = "trailer_m 3 (true 2.6), load_kg 1500 (true 500)"
+    assert f"Believed wrongly: {said}" in capsys.readouterr().out
+    assert said in (first / "report.html").read_text()
+    log = read_log(first / "log.mcap")
+    assert log.metadata["mismatch"] == said
+    resolved = (first / "scenario.toml").read_text()
+    assert "trailer_m = 3.0" in resolved
+    assert "load_kg = 500.0" in resolved
+    assert main(["run", str(first / "scenario.toml"), "--out", str(again)]) == 0
+    repeated = read_log(again / "log.mcap")[STATE].values
+    np.testing.assert_array_equal(repeated, log[STATE].values)

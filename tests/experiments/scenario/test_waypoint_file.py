@@ -1,0 +1,206 @@
+"""Files of points: read alike in every format, refused with their place."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import InvalidRoute
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.geodesy import east_north
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.experiments.scenario.waypoint_file import read_route
+
+POINTS = [(0.0, 0.0, 1.0), (5.0, 0.5, 0.8), (10.0, 2.0, 0.6)]
+
+
+def written(folder, text, name="route.csv"):
+    file = folder / name
+    file.write_text(text)
+    return file
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0,0,1\n5,0.5,0.8\n10,2,0.6\n",
+        "0 0 1\n\n5\t0.5 0.8\n10 2 .6",
+        "x;y;speed\n0;0;1\n5;0.5;0.8\n10;2;0.6\n",
+        '"speed_mps", "x_m", "y_m"\n1,0,0\n0.8,5,0.5\n0.6,10,2\n',
+        "# x y v\n0 0 1\n# a comment\n5 0.5 0.8\n10 2 0.6\n",
+        "name,Easting,Northing,Velocity\na,0,0,1\nb,5,0.5,0.8\nc,10,2,0.6\n",
+        "0 0 7 0.1 1.0 5.02 1 1\n5 0.5 7 0.1 0.8 5.22 1 2\n10 2 7 0.3 0.6 0 1 2\n",
+        "0 0 7 0.1 1.0 5.02 1 1\n5 0.5 7 0.1 0.8 6.52 1 2\n10 2 7 0.3 0.6 0 1 2\n",
+    ],
+    ids=["csv", "blanks", "header", "order", "comment", "names", "lengths", "durations"],
+)
+def test_every_format_of_columns_says_the_same(tmp_path, text):
+    route = read_route(written(tmp_path, text))
+    np.testing.assert_allclose(route.points, np.array(POINTS)[:, :2])
+    np.testing.assert_allclose(route.speed, np.array(POINTS)[:, 2])
+    assert not route.backward
+
+
+def test_speeds_follow_from_times_where_there_are_none(tmp_path):
+    route = read_route(written(tmp_path, "time_s,x,y\n" + "3,0,0\n5,3,4\n9,9,12\n"))
+    np.testing.assert_allclose(route.speed, np.gradient([0.0, 5.0, 15.0], [3.0, 5.0, 9.0]))
+
+
+def test_fields2cover_s_last_section_ends_the_route_and_empty_ones_are_no_points(tmp_path):
+    text = (
+        "0 0 0 0 1 10 1 1\n"  # a swath
+        "10 0 0 0 1 0 1 2\n"  # nothing
+        "10 0 0 1.5708 1 2 1 2\n"
+        f"10 2 0 {math.pi} 1 10 1 1\n"  # a swath back
+    )
+    route = read_route(written(tmp_path, text))
+    np.testing.assert_allclose(route.points, [[0, 0], [10, 0], [10, 2], [0, 2]], atol=1e-9)
+    backward = read_route(
+        written(tmp_path, text.replace(" 1 1\n", " -1 1\n").replace(" 1 2\n", " -1 2\n"))
+    )
+    assert backward.backward
+
+
+def test_an_origin_moves_the_points(tmp_path):
+    file = written(tmp_path, "500000 5600000\n500010 5600020\n")
+    points = read_route(file, origin_m=(500005.0, 5600000.0)).points
+    np.testing.assert_allclose(points, [[-5.0, 0.0], [5.0, 20.0]])
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "is empty"),
+        ("0 0\n1 0 0\n", "line 2: got 3 columns, must be 2"),
+        ("0 0 0 0\n", r"line 1: got 4 columns, must be 2 \(x y\)"),
+        ("0 0\n1 nan\n", "line 2: y is 'nan', must be a finite number"),
+        ("0 0\n1 one\n", "line 2: y is 'one'"),
+        ("a b\n0 0\n", "line 1: header a b: needs one column x and one y"),
+        (
+            "t,x,y\n0,0,0\n1,1,0\n0.5,2,0\n",
+            r"line 4 \(point 2 at x = 2.00, y = 0.00 m\): time goes",
+        ),
+        ("0 0 0 0 1 1 1 1\n1 0 0 0 1 1 -1 1\n", r"line 2 \(point 1 at .* direction is -1"),
+    ],
+)
+def test_what_is_no_route_is_refused_with_its_line(tmp_path, text, said):
+    with pytest.raises(InvalidRoute, match=rf"route\.csv: {said}"):
+        read_route(written(tmp_path, text))
+
+
+def geojson(coordinates, wrap="Feature"):
+    line = {"type": "LineString", "coordinates": coordinates}
+    feature = {"type": "Feature", "properties": {}, "geometry": line}
+    wrapped = {
+        "LineString": line,
+        "Feature": feature,
+        "FeatureCollection": {"type": "FeatureCollection", "features": [feature]},
+    }
+    return json.dumps(wrapped[wrap])
+
+
+@pytest.mark.parametrize("wrap", ["LineString", "Feature", "FeatureCollection"])
+def test_geojson_is_east_and_north_of_its_first_point_or_of_an_origin(tmp_path, wrap):
+    places = [[4.7, 50.88], [4.701, 50.88, 30.0], [4.701, 50.881]]
+    file = written(tmp_path, geojson(places, wrap), "route.geojson")
+    route = read_route(file)
+    np.testing.assert_allclose(route.points[0], 0.0, atol=1e-9)
+    moved = read_route(file, origin_deg=(50.8801, 4.7)).points
+    np.testing.assert_allclose(np.diff(moved, axis=0), np.diff(route.points, axis=0), atol=1e-3)
+    assert moved[0, 1] == pytest.approx(-11.12, abs=0.02)
+
+
+@pytest.mark.parametrize("latitude", [0.0, 35.0, -50.0, 70.0])
+def test_a_short_way_is_as_long_as_the_radii_of_curvature_say(latitude):
+    """Meridian M = a (1 - e^2) / w^3 and prime vertical N = a / w, w^2 = 1 - e^2 sin^2(phi)."""
+    a, e2, phi, step = 6378137.0, 0.00669437999014, math.radians(latitude), 1e-3
+    w = math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
+    east, _ = east_north(latitude, 10.0 + step, (latitude, 10.0))
+    _, north = east_north(latitude + step, 10.0, (latitude, 10.0))
+    assert east == pytest.approx(math.radians(step) * a / w * math.cos(phi), rel=1e-6)
+    assert north == pytest.approx(math.radians(step) * a * (1.0 - e2) / w**3, rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "is no JSON"),
+        ('{"type": "Point", "coordinates": [1, 2]}', "holds 0 LineStrings, must be one"),
+        (geojson([]), "no coordinates"),
+        (geojson([[4.7, 50.0], [4.7, 95.0]]), r"point 1 is \[4.7, 95.0\], must be \[longitude"),
+        (geojson([[4.7]]), "point 0 is"),
+        (geojson([[4.7, None]]), "point 0 is"),
+    ],
+)
+def test_what_is_no_line_string_is_refused(tmp_path, text, said):
+    with pytest.raises(InvalidRoute, match=said):
+        read_route(written(tmp_path, text, "route.geojson"))
+
+
+def test_the_wrong_kind_of_origin_is_refused(tmp_path):
+    with pytest.raises(InvalidRoute, match="given as origin_m"):
+        read_route(written(tmp_path, "0 0\n1 1\n"), origin_deg=(50.0, 4.0))
+    file = written(tmp_path, geojson([[4.7, 50.0], [4.7, 50.1]]), "route.geojson")
+    with pytest.raises(InvalidRoute, match="given as origin_deg"):
+        read_route(file, origin_m=(50.0, 4.0))
+
+
+def scenario(folder, extra=""):
+    return written(
+        folder,
+        f"[path]\nkind = 'file'\nfile = 'bend.csv'\n{extra}\n[controller]\nname = 'ttempc-nominal'",
+        "mine.toml",
+    )
+
+
+def bend(radius, speed=1.0):
+    turn = np.linspace(0.0, 0.8, 40)
+    arc = [(6.0 + radius * math.sin(a), radius * (1.0 - math.cos(a)), speed) for a in turn]
+    return "\n".join(f"{x} {y} {v}" for x, y, v in [(0.0, 0.0, 1.0), (3.0, 0.0, 1.0), *arc])
+
+
+def test_a_path_beside_the_scenario_is_driven_at_its_speeds(tmp_path, monkeypatch):
+    written(tmp_path, bend(12.0, speed=0.7), "bend.csv")
+    file = scenario(tmp_path)
+    monkeypatch.chdir("/")
+    summary, record = simulate(*load(str(file)), seed=2)
+    assert summary.status == "completed"
+    assert summary.tracking.all.tractor.max_m < 0.15
+    assert any("42 points of bend.csv, smoothed within" in event.text for event in record.events)
+
+
+@pytest.mark.parametrize(
+    ("content", "extra", "said"),
+    [
+        (None, "", "bend.csv: cannot be read"),
+        (bend(3.0), "", "path too tight at s ="),
+        (bend(12.0, speed=-1.0), "", "-1.0 m/s at point 2, s = 6.0"),
+        (bend(12.0, speed=3.0), "", "the hydrostat ends at 1.4 m/s"),
+        (
+            "0 0\n10 0\n10 0\n",
+            "",
+            "point 2 at x = 10.00, y = 0.00 m, 10.00 m along the line repeats",
+        ),
+        ("0 0\n60 0\n", "", "leaves at s = 36."),
+        ("0 0 0 0 1 9 -1 1\n9 0 0 0 1 9 -1 1\n", "", "set path.reverse = true"),
+        (
+            "0 0\n10 0\n",
+            "max_deviation_m = 0.0",
+            "path.max_deviation_m: Input should be greater than 0",
+        ),
+    ],
+)
+def test_bad_paths_get_one_line_with_the_place_and_nothing_is_written(
+    tmp_path, capsys, content, extra, said
+):
+    if content is not None:
+        written(tmp_path, content, "bend.csv")
+    file = scenario(tmp_path, extra)
+    before = sorted(tmp_path.iterdir())
+    assert main(["run", str(file), "--out", str(tmp_path / "new")]) == 2
+    printed = capsys.readouterr().err
+    assert said in printed
+    assert len(printed.strip().splitlines()) == 1
+    assert sorted(tmp_path.iterdir()) == before

@@ -1,0 +1,92 @@
+"""The file of rows: whole lines or none, whatever dies; readable by those who guess types."""
+
+import errno
+import json
+import os
+
+import pandas
+import polars
+import pytest
+
+from proving_ground.experiments.errors import SweepRefused, SweepStopped
+from proving_ground.experiments.sweep.results import Results, rows, settle
+from proving_ground.experiments.sweep.row import line
+
+
+def filled(file, count, **more):
+    with Results(file, count) as results:
+        for run in range(count):
+            results.append({"run": run, **more})
+    return file
+
+
+def test_what_is_appended_is_there_again(tmp_path):
+    file = filled(tmp_path / "r.jsonl", 5, status="lost")
+    with Results(file, 7) as results:
+        assert results.count == 5
+        assert [results.has(run) for run in range(7)] == [True] * 5 + [False] * 2
+    assert [row["run"] for row in rows(file)] == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("cut", [1, 5, 12])
+def test_a_torn_last_line_is_dropped_and_its_run_is_open_again(cut, tmp_path):
+    file = filled(tmp_path / "r.jsonl", 3, status="lost")
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-cut])
+    assert [row["run"] for row in rows(file)] == [0, 1]
+    with Results(file, 3) as results:
+        assert not results.has(2)
+        results.append({"run": 2, "status": "lost"})
+    assert file.read_bytes() == whole
+
+
+@pytest.mark.parametrize("text", ["{}\n", "no json\n", '{"run": 9}\n'])
+def test_a_line_that_is_no_row_of_the_plan_is_refused_with_its_number(text, tmp_path):
+    file = filled(tmp_path / "r.jsonl", 2)
+    file.write_text(file.read_text() + text)
+    with pytest.raises(SweepRefused, match="line 3 is no row of this study"):
+        Results(file, 3)
+
+
+def test_a_full_disk_ends_the_sweep_and_leaves_whole_lines(tmp_path, monkeypatch):
+    file = filled(tmp_path / "r.jsonl", 2)
+    whole, write = file.read_bytes(), os.write
+
+    def full(descriptor, data):
+        if len(data) > 4:
+            return write(descriptor, data[:4])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with Results(file, 3) as results:
+        monkeypatch.setattr(os, "write", full)
+        with pytest.raises(SweepStopped, match="No space left on device"):
+            results.append({"run": 2, "status": "lost"})
+        monkeypatch.undo()
+    assert file.read_bytes() == whole
+
+
+def test_pandas_and_polars_open_a_settled_file_whatever_came_first(tmp_path):
+    file, count = tmp_path / "r.jsonl", 300
+    with open(file, "w") as stream:
+        for run in range(count):
+            late = run >= 250
+            stream.write(
+                line({"run": run, "x": 0.5 if late else None, "y": 1.5 if run == 299 else None})
+            )
+    with pytest.raises(polars.exceptions.ComputeError):
+        polars.read_ndjson(file)
+    before = sorted(json.dumps(row) for row in rows(file))
+    settle(file)
+    assert sorted(json.dumps(row) for row in rows(file)) == before
+    assert polars.read_ndjson(file).schema["x"] == polars.Float64
+    assert polars.read_ndjson(file)["y"].sum() == 1.5
+    frame = pandas.read_json(file, lines=True)
+    assert frame["x"].count() == 50
+    assert sorted(frame["run"]) == list(range(count))
+
+
+def test_a_file_that_needs_no_settling_is_left_alone(tmp_path):
+    file = filled(tmp_path / "r.jsonl", 3, x=1.0)
+    before = file.stat().st_ino
+    settle(file)
+    assert file.stat().st_ino == before

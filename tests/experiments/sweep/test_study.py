@@ -1,0 +1,167 @@
+"""From a study's file to its runs: what is crossed, drawn, paired, refused."""
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.errors import ExperimentError
+from proving_ground.experiments.sweep.inert_axes import unread
+from proving_ground.experiments.sweep.plan import Plan
+from proving_ground.experiments.sweep.study import load_study, shipped_studies
+from tests.experiments.study_files import CONTROLLERS, SHORT, STRENGTHS, plan_of
+
+
+def drawn(kind, *keys, more=""):
+    return "".join(
+        f'[[axis]]\nkind = "{kind}"\nkey = "{key}"\nlow = 1.0\nhigh = 9.0\n{more}\n' for key in keys
+    )
+
+
+def test_every_combination_of_listed_values_is_a_run_under_every_seed(tmp_path):
+    plan = plan_of(tmp_path, "seeds = [3, 8]", SHORT, STRENGTHS, CONTROLLERS)
+    runs = [plan[run] for run in range(plan.size)]
+    seen = {(*run.setting.axes.values(), run.seed) for run in runs}
+    expected = {
+        (strength, driver, seed)
+        for strength in (200.0, 500.0, 800.0)
+        for driver in ("paper", "feedforward")
+        for seed in (3, 8)
+    }
+    assert seen == expected
+    assert plan.size == len(expected)
+
+
+def test_runs_of_one_point_and_seed_differ_in_the_controller_alone(tmp_path):
+    plan = plan_of(tmp_path, "seeds = 2", SHORT, CONTROLLERS, STRENGTHS)
+    for run in range(0, plan.size, 2):
+        one, other = plan[run], plan[run + 1]
+        assert (one.point, one.seed) == (other.point, other.seed)
+        assert one.setting.scenario.soil == other.setting.scenario.soil
+        names = {run.setting.scenario.controller.name for run in (one, other)}
+        assert names == {"paper", "feedforward"}
+
+
+def test_a_latin_hypercube_has_one_point_in_every_slice_of_every_axis(tmp_path):
+    keys = ("sensors.gnss_sd_m", "sensors.angle_sd_deg")
+    plan = plan_of(tmp_path, "samples = 20", SHORT, drawn("latin-hypercube", *keys))
+    points = np.array([[plan.changed(point)[key] for key in keys] for point in range(20)])
+    slices = np.floor((points - 1.0) / 8.0 * 20).astype(int)
+    assert (np.sort(slices, axis=0) == np.arange(20)[:, None]).all()
+
+
+def test_random_axes_have_draws_of_their_own_and_stay_in_range(tmp_path):
+    one = plan_of(tmp_path, "samples = 50", SHORT, drawn("random", "sensors.gnss_sd_m"))
+    two = plan_of(
+        tmp_path,
+        "samples = 50",
+        SHORT,
+        drawn("random", "sensors.angle_sd_deg", "sensors.gnss_sd_m", more=""),
+    )
+    values = [one.changed(point)["sensors.gnss_sd_m"] for point in range(50)]
+    assert values == [two.changed(point)["sensors.gnss_sd_m"] for point in range(50)]
+    assert len({*values}) == 50
+    assert all(1.0 <= value <= 9.0 for value in values)
+
+
+def test_a_normal_axis_has_its_low_and_high_at_95_percent(tmp_path):
+    normal = drawn("latin-hypercube", "sensors.gnss_sd_m", more='distribution = "normal"')
+    plan = plan_of(tmp_path, "samples = 400", normal)
+    values = np.array([plan.changed(point)["sensors.gnss_sd_m"] for point in range(400)])
+    inside = np.mean((values >= 1.0) & (values <= 9.0))
+    assert inside == pytest.approx(0.95, abs=2 / 400)
+
+
+def test_a_relative_axis_multiplies_what_each_scenario_has(tmp_path):
+    plan = plan_of(
+        tmp_path,
+        '[[axis]]\nkind="list"\nkey="scenario"\nvalues=["grass", "farm"]',
+        '[[axis]]\nkind="list"\nkeys=["controller.vehicle.drawbar_m", "plant.vehicle.drawbar_m"]',
+        "relative = true\nvalues = [[1.0, 1.0], [1.3, 1.0]]",
+    )
+    for first in (0, 2):
+        plain, wrong = plan[first].setting.scenario, plan[first + 1].setting.scenario
+        assert plain.controller.vehicle.drawbar_m is not None
+        assert wrong.controller.vehicle.drawbar_m == pytest.approx(
+            1.3 * plain.controller.vehicle.drawbar_m
+        )
+        assert wrong.plant == plain.plant
+
+
+def test_a_dumped_study_is_the_study(tmp_path):
+    plan = plan_of(tmp_path, "seeds = 2", SHORT, CONTROLLERS, STRENGTHS)
+    again = plan_of(tmp_path, plan.study.dump(), name="again")
+    assert again.study == plan.study
+    assert again.extent() == plan.extent()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("colour = 3", "colour: unknown key; allowed here: description, scenario, seeds"),
+        ("seeds = 0", "seeds"),
+        ('scenario = "gras"', "scenario 'gras': no such scenario"),
+        ("samples = 3", "samples is given, but no axis is random"),
+        ('worst_by = "beauty"', "worst_by must be a figure of results.jsonl, got 'beauty'"),
+        ('[[axis]]\nkind="list"\nvalues=[1]', "give key, or keys"),
+        ('[[axis]]\nkind="gird"\nkey="a"', "axis.0: Input tag 'gird'"),
+        ('[[axis]]\nkind="list"\nkey="path.laps"\nvalues=[]', "axis.0.values"),
+        (drawn("random", "path.speed_mps"), "samples is missing"),
+        (2 * '[[axis]]\nkind="list"\nkey="path.laps"\nvalues=[1]\n', "two axes move path.laps"),
+        (
+            '[[axis]]\nkind="grid"\nkey="path.speed_mps"\nlow=0.0\nhigh=1.0\ncount=3\n'
+            'spacing="log"',
+            "low must be above 0 on a logarithmic scale",
+        ),
+        (
+            '[[axis]]\nkind="list"\nkey="soil.softness"\nvalues=[3]',
+            "soil.softness = 3:",
+        ),
+        (
+            '[[axis]]\nkind="list"\nkey="soil.cone_index_kpa"\nvalues=[300.0, -3.0]',
+            "soil.cone_index_kpa = -3.0:",
+        ),
+        (
+            '[[axis]]\nkind="list"\nkey="path.radius_m"\nvalues=[10.0, 20.0]',
+            "path.radius_m = 20.0:",
+        ),
+        ('[[axis]]\nkind="list"\nkey="soil"\nvalues=[3]', "soil = 3:"),
+        (
+            '[[axis]]\nkind="list"\nkey="actuators.front.dead_time_s"\nvalues=[0.1, 0.03125]',
+            "not a whole number of physics steps",
+        ),
+        (
+            '[[axis]]\nkind="list"\nkey="sensors.gnss_latency_s"\nvalues=[0.2, 0.0125]',
+            "not a whole number of physics steps",
+        ),
+        (
+            '[[axis]]\nkind="list"\nkey="controller"\nvalues=["me"]',
+            "controller = 'me': controller 'me' does not exist; allowed are",
+        ),
+        (
+            '[[axis]]\nkind="list"\nkey="plant.vehicle.load_kg"\nrelative=true\nvalues=["heavy"]',
+            "plant.vehicle.load_kg",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line_before_any_run(text, said, tmp_path):
+    with pytest.raises(ExperimentError) as refused:
+        plan_of(tmp_path, text).extent()
+    assert said in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_an_axis_that_changes_nothing_is_found(tmp_path):
+    plan = plan_of(
+        tmp_path,
+        SHORT,
+        STRENGTHS,
+        '[[axis]]\nkind="list"\nkey="sensors.gnss_correlation_time_s"\nvalues=[1.0, 9.0]',
+        CONTROLLERS,
+    )
+    assert unread(plan) == ("sensors.gnss_correlation_time_s",)
+
+
+@pytest.mark.parametrize("name", shipped_studies())
+def test_shipped_studies_name_what_they_ask(name):
+    study = load_study(name)[1]
+    assert study.description
+    assert Plan(name, study)[0].setting.scenario

@@ -1,0 +1,210 @@
+"""What is read from the rows of a sweep, how it is grouped, and what can be traced."""
+
+import json
+import shlex
+import shutil
+import sys
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import InvalidRows
+from proving_ground.experiments.scenario.scenario import dump, load
+from proving_ground.experiments.sweep.plan import Plan
+from proving_ground.experiments.sweep.study import load_study
+from proving_ground.experiments.sweep_report.aggregate import cells, differences, tail, whole
+from proving_ground.experiments.sweep_report.axes import scales
+from proving_ground.experiments.sweep_report.format import command, numbers_text
+from proving_ground.experiments.sweep_report.runs import ERROR, read_runs
+from tests.experiments.sweep_rows import AXES, DRAWN, swept
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return swept(tmp_path_factory.mktemp("study"), "seeds = 5", AXES)
+
+
+@pytest.fixture(scope="module")
+def three_rows(tmp_path_factory):
+    return swept(tmp_path_factory.mktemp("begun"), "seeds = 5", AXES, most=3)
+
+
+@pytest.fixture
+def begun(three_rows, tmp_path):
+    """A folder of three rows, to spoil."""
+    return shutil.copytree(three_rows, tmp_path / three_rows.name)
+
+
+@pytest.fixture(scope="module")
+def runs(folder):
+    return read_runs(folder)
+
+
+def numbers(text):
+    """Read again what `numbers_text` writes, as the page does."""
+    found = []
+    for part in filter(None, text.split(", ")):
+        span, _, step = part.partition("/")
+        first, _, last = span.partition("-")
+        found += range(int(first), int(last or first) + 1, int(step or 1))
+    return found
+
+
+def test_every_run_is_in_one_cell_and_every_number_leads_to_its_runs(runs):
+    found = cells(runs, scales(runs))
+    assert len(found) == 3 * 4 * 3
+    told = [run for cell in found for run in numbers(numbers_text(cell.group.runs))]
+    assert sorted(told) == list(range(180))
+    rows = {row["run"]: row for row in runs.rows}
+    for cell in found:
+        mine = [rows[run] for run in cell.group.runs]
+        assert {row["controller"] for row in mine} == {runs.controllers[cell.group.controller]}
+        assert {row["terrain.iso_class"] for row in mine} == {"ACE"[cell.places[0]]}
+        assert len({row["soil.cone_index_kpa"] for row in mine}) == 1
+        errors = [100 * row[ERROR] for row in mine if row["status"] == "completed"]
+        assert len(cell.group.failed) == 5 - len(errors)
+        assert (cell.group.error_cm is None) == (not errors)
+        if errors:
+            assert cell.group.error_cm.value == pytest.approx(np.mean(errors))
+
+
+@pytest.mark.parametrize("chance", [0.02, 0.3, 0.9, 1.0])
+def test_numbers_in_few_words_are_read_again(chance):
+    chosen = np.flatnonzero(np.random.default_rng(1).random(500) < chance)
+    assert numbers(numbers_text(chosen)) == chosen.tolist()
+    assert numbers_text(np.arange(3, 2000, 3)) == "3-1998/3"
+    assert numbers_text([4]) == "4"
+    assert numbers_text([]) == ""
+
+
+def test_differences_are_those_of_the_same_ground(runs):
+    ours, feedforward = differences(runs, 0)
+    rows = {(row["controller"], row["point"], row["seed"]): row[ERROR] for row in runs.rows}
+    pairs = [
+        (error, rows["paper", *key]) for (name, *key), error in rows.items() if name == "ttempc"
+    ]
+    expected = 100 * np.mean([one - other for one, other in pairs])
+    assert ours.error_cm.value == pytest.approx(expected)
+    assert (ours.pairs, len(ours.alone_failed), len(ours.other_failed)) == (60, 0, 0)
+    assert (feedforward.pairs, len(feedforward.alone_failed)) == (40, 20)
+    # The ground is common: the difference is far surer than the two errors.
+    wide = whole(runs)[0].error_cm
+    assert ours.error_cm.high - ours.error_cm.low < wide.high - wide.low
+    back = differences(runs, 1)[0]
+    assert back.error_cm.value == pytest.approx(-ours.error_cm.value)
+
+
+def test_a_limit_makes_runs_fail_that_completed(folder, runs):
+    strict = read_runs(folder, 0.1)
+    assert runs.failed.sum() == 20
+    assert (strict.failed == (runs.failed | (runs.error_cm > 10.0))).all()
+    assert whole(strict)[0].fails
+    assert tail(strict, 0) == tail(runs, 0)
+
+
+def test_axes_have_words_units_and_the_order_of_the_study(runs):
+    roughness, strength = scales(runs)
+    assert (roughness.label, roughness.texts) == ("ISO class", ("A", "C", "E"))
+    assert strength.label == "cone index [kPa]"
+    assert strength.logarithmic
+    assert strength.texts == ("150", "356", "843", "2000")
+
+
+def test_drawn_axes_are_binned_evenly_and_points_are_drawn_anew(tmp_path):
+    runs = read_runs(swept(tmp_path, "seeds = 2", DRAWN))
+    (scale,) = scales(runs)
+    assert scale.binned
+    assert sorted(np.bincount(scale.place)) == [6, 6, 6, 6, 8, 8]
+    assert len(set(runs.unit)) == 20
+
+
+def test_a_sweep_at_work_is_told_as_far_as_it_is(tmp_path):
+    folder = swept(tmp_path, "seeds = 5", AXES, most=40)
+    file = folder / "results.jsonl"
+    file.write_bytes(file.read_bytes() + b'{"run":41,"po')
+    runs = read_runs(folder)
+    assert (len(runs.rows), runs.missing) == (40, 140)
+    assert runs.controllers == ("paper", "ttempc", "feedforward")
+
+
+@pytest.mark.parametrize("study", ["terrain-slip", "mismatch", "delay", "paper-table"])
+def test_the_command_of_a_row_drives_the_same_scenario(study):
+    plan = Plan(*load_study(study))
+    for run in (0, plan.size // 2, plan.size - 1):
+        planned = plan[run]
+        setting = planned.setting
+        row = {
+            "scenario": setting.name,
+            "controller": setting.scenario.controller.name,
+            "seed": planned.seed,
+            **setting.axes,
+        }
+        _, _, name, *options = shlex.split(command(plan.study, row))
+        given = {"seed": "", "controller": ""}
+        overrides = []
+        for option, value in zip(options[::2], options[1::2], strict=True):
+            if option == "--set":
+                overrides.append(value)
+            else:
+                given[option[2:]] = value
+        overrides.append(f'controller.name="{given["controller"]}"')
+        assert given["seed"] == str(planned.seed)
+        assert dump(load(name, overrides)[1]) == setting.toml
+
+
+def _changed(folder, change):
+    lines = (folder / "results.jsonl").read_text().splitlines(keepends=True)
+    (folder / "results.jsonl").write_text("".join(change(lines)))
+
+
+def _without(lines):
+    row = json.loads(lines[1])
+    del row["tracking.all.trailer.cross_p95_m"]
+    return [lines[0], json.dumps(row) + "\n"]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda lines: [], "holds no row yet"),
+        (lambda lines: [lines[0][:50]], "holds no row yet"),
+        (lambda lines: [lines[0], "no json\n", lines[1]], "line 2 is no row"),
+        (lambda lines: [lines[0], "[1]\n"], "line 2 .* is no object"),
+        (lambda lines: [lines[0], lines[0]], "line 2 .* run 0 is there twice"),
+        (lambda lines: [lines[0].replace('"run":0', '"run":999')], "run 999 of 180"),
+        (lambda lines: [lines[0].replace('"seed":1', '"seed":"1"')], "seed is no whole number"),
+        (_without, "line 2 .* column tracking.all.trailer.cross_p95_m is missing"),
+    ],
+)
+def test_rows_of_something_else_are_refused_in_one_line(change, said, begun, capsys):
+    _changed(begun, change)
+    with pytest.raises(InvalidRows, match=said):
+        read_runs(begun)
+    before = sorted(begun.iterdir())
+    assert main(["report", str(begun)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert sorted(begun.iterdir()) == before
+
+
+@pytest.mark.parametrize("missing", ["", "study.toml", "versions.json", "results.jsonl"])
+def test_a_folder_that_is_no_sweeps_is_refused(missing, begun, capsys):
+    if missing:
+        (begun / missing).unlink()
+    else:
+        shutil.rmtree(begun)
+    assert main(["report", str(begun)]) == 2
+    assert "is no folder of a sweep" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [("--against", "pid", "the study has paper"), ("--limit", "0", "must be a length above 0")],
+)
+def test_options_that_make_no_sense_are_refused(option, value, said, begun, capsys):
+    with pytest.raises(SystemExit, match=r"^2$"):  # as the program itself leaves
+        sys.exit(main(["report", str(begun), option, value]))
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+    assert not (begun / "report").exists()

@@ -1,0 +1,328 @@
+"""From runs to tubes: residuals that were put in come out, sets cover, bad data are refused."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import InvalidFit, InvalidScenario
+from proving_ground.experiments.figures.tube import tube_figure
+from proving_ground.experiments.results.confidence import fewest_samples, share
+from proving_ground.experiments.results.containment import QUANTITIES, containment
+from proving_ground.experiments.results.metrics import summarise
+from proving_ground.experiments.results.summary import RunFacts
+from proving_ground.experiments.run.assembly import CONTROL_PERIOD_S, check, geared
+from proving_ground.experiments.run.simulate import run, simulate
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes, to_json
+from proving_ground.experiments.tubes.fit import fit_run, fit_set, fit_tube, hold_out, read_runs
+from proving_ground.testbed.recording.channels import (
+    CHANNELS,
+    CONTROL,
+    ESTIMATE,
+    REFERENCE,
+    STATE,
+    TUBE,
+)
+from proving_ground.testbed.recording.record import Record
+from tests.records import table_of
+from tests.ttempc.tubes import SPREAD
+from ttempc.errors import InvalidTube
+from ttempc.models.kinematics import trailer_point
+from ttempc.mpc.articulated_error import error_dynamics
+from ttempc.mpc.prediction import rotation
+from ttempc.reference.feedforward import exact_feedforward
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.tube.disturbance_set import DisturbanceSet
+from ttempc.tube.reference_tube import ReferenceTube
+from ttempc.types import Disturbance, MapDisturbance, State
+from ttempc.vehicle import Vehicle
+
+NAME, SCENARIO = load("grass", ["path.laps=1"])
+REFERENCE_PATH = Reference(SCENARIO.path.course().path, Vehicle(), ConstantSpeed(1.0))
+TICKS = 600
+FIELDS = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
+INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
+DYNAMICS = error_dynamics(REFERENCE_PATH, CONTROL_PERIOD_S, TICKS)
+
+
+def made_up(seed, spread=SPREAD, blur=0.3):
+    """A run in which the estimate's error got known residuals, with a stabilising input."""
+    generator = np.random.default_rng(seed)
+    a, b, _ = DYNAMICS
+    w = spread * generator.standard_normal((TICKS, 7))
+    lasting = 0.01 * generator.standard_normal((TICKS, len(Disturbance)))
+    time_s = CONTROL_PERIOD_S * np.arange(TICKS)
+    sample = REFERENCE_PATH.at(time_s)
+    feedforward = exact_feedforward(REFERENCE_PATH, TICKS, CONTROL_PERIOD_S)
+    turn = rotation(sample.state[:, State.PSI_T])
+    seen, command = np.zeros((TICKS, 7)), np.zeros((TICKS, 3))
+    for k in range(TICKS):
+        u_e = 0.01 * generator.standard_normal(3)
+        command[k] = feedforward[k] - u_e
+        if k + 1 < TICKS:
+            state = np.concatenate([seen[k], lasting[k], np.zeros(len(MapDisturbance))])
+            seen[k + 1] = a[k, :7] @ state + b[k, :7] @ u_e + w[k]
+    true = seen + blur * spread * generator.standard_normal((TICKS, 7))
+
+    def columns(error):
+        error = error.copy()
+        error[:, :2] = np.einsum("kij,kj->ki", turn, error[:, :2])
+        state = sample.state - error
+        points = np.array([trailer_point(one, Vehicle()) for one in state])
+        return dict(zip(FIELDS, state.T, strict=True)) | {
+            "x_i_m": points[:, 0],
+            "y_i_m": points[:, 1],
+        }
+
+    estimate = columns(seen)
+    names = ("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel_slip")
+    estimate |= dict(zip(names, lasting.T, strict=True))
+    estimate |= dict.fromkeys(("side_x_rad", "side_y_rad", "climb_x", "climb_y"), np.zeros(TICKS))
+    given = {
+        STATE: columns(true),
+        ESTIMATE: estimate,
+        CONTROL: {f"{n}_command": command[:, i] for i, n in enumerate(INPUTS)},
+        REFERENCE: columns(np.zeros((TICKS, 7))) | {"curvature_per_m": sample.curvature},
+    }
+    tables = {c.topic: table_of(c, time_s, given.get(c, {})) for c in CHANNELS}
+    metadata = {"scenario": NAME, "controller": "made-up", "seed": str(seed)}
+    return Record(tables, (), metadata), w, true, seen
+
+
+RUNS = [made_up(seed) for seed in range(6)]
+
+
+def fitted(count=6):
+    return [fit_run(record, SCENARIO) for record, *_ in RUNS[:count]]
+
+
+def test_residuals_that_were_put_in_come_out():
+    record, w, true, seen = RUNS[0]
+    got = fit_run(record, SCENARIO)
+    first = int(got.errors.tick[0])
+    assert first * CONTROL_PERIOD_S >= 8.0
+    np.testing.assert_allclose(got.residuals.seen, w[first:-1], atol=1e-9)
+    np.testing.assert_allclose(got.errors.estimation, (true - seen)[first:], atol=1e-9)
+
+
+def test_a_gap_ends_what_is_used_of_a_run():
+    record = RUNS[0][0]
+    estimate = record[ESTIMATE]
+    values = estimate.values.copy()
+    values[300] = np.nan
+    tables = dict(record.tables) | {ESTIMATE.topic: replace(estimate, values=values)}
+    got = fit_run(replace(record, tables=tables), SCENARIO)
+    assert got.errors.tick[-1] == 299
+    values[50:] = np.nan
+    values[:49] = np.nan
+    with pytest.raises(InvalidFit, match="has 1 control ticks after 8 s"):
+        fit_run(replace(record, tables=tables), SCENARIO)
+
+
+@pytest.mark.parametrize("shape", ["box", "zonotope", "ellipsoid"])
+@pytest.mark.parametrize("window", [1, 5])
+def test_a_fitted_set_covers_what_was_asked_of_fresh_data(shape, window):
+    generator = np.random.default_rng(2)
+    mix = generator.standard_normal((7, 7))
+    draw = [(mix @ generator.standard_t(6, (7, 4000))).T for _ in range(4)]
+    made = fit_set(draw[:2], 0.95, window, shape)
+    fresh = np.concatenate([made.fill(run) for run in draw[2:]])
+    assert (fresh <= 1.0).mean() == pytest.approx(0.95, abs=0.015)
+    said = hold_out(made, draw[2:], 0.95)
+    assert said.windows == sum(-(-len(made.fill(run)) // window) for run in draw[2:])
+    assert said.low <= 0.95 <= said.high
+
+
+def test_axes_of_their_own_make_a_smaller_set_where_things_go_together():
+    generator = np.random.default_rng(4)
+    common = generator.standard_normal((3000, 1))
+    run = common + 0.1 * generator.standard_normal((3000, 7))
+    box, zonotope = (fit_set([run], 0.99, 1, shape) for shape in ("box", "zonotope"))
+    across = np.array([[1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    assert zonotope.support(across)[0] < 0.3 * box.support(across)[0]
+
+
+def test_the_interval_of_clopper_and_pearson_is_that_of_the_tables():
+    found = share(90, 100)
+    assert (round(found.low, 4), round(found.high, 4)) == (0.8238, 0.9510)
+    assert share(0, 10).low == 0.0
+    assert share(10, 10).high == 1.0
+    assert share(10, 10).low == pytest.approx(0.025 ** (1 / 10))
+    assert fewest_samples(0.99, 0.95) == 299  # Wilks
+    with pytest.raises(ValueError, match="3 of 2"):
+        share(3, 2)
+
+
+def test_a_tube_is_fitted_written_and_read_back(monkeypatch, tmp_path):
+    monkeypatch.setattr("ttempc.tube.ancillary._EVALUATIONS", 40)
+    fit = fit_tube(fitted())
+    said = fit.file.provenance
+    assert said.fitted_seeds == [0, 1, 3, 4]
+    assert said.held_out_seeds == [2, 5]
+    assert said.disturbance.inside / said.disturbance.windows > 0.8
+    np.testing.assert_allclose(said.seen.sd, SPREAD, rtol=0.05)
+    assert np.all(fit.along.free_share > 0.0)
+    file = tmp_path / "tube.json"
+    file.write_text(to_json(fit.file))
+    again = read_tube(str(file))
+    assert again == fit.file
+    tube = ReferenceTube.along(again.design(), REFERENCE_PATH, 200).tube
+    np.testing.assert_allclose(tube.outputs, fit.along.tube.outputs[:200], rtol=0.02)
+
+
+def test_too_little_or_too_much_is_refused_with_the_numbers():
+    with pytest.raises(InvalidFit, match="got 2 runs, at least 3 are needed"):
+        fit_tube(fitted(2), coverage=0.99)
+    with pytest.raises(
+        InvalidFit, match=r"got 2\d\d windows of 5 steps in 2 runs, .* 0\.99 .* takes 299"
+    ):
+        fit_tube(fitted(3), coverage=0.99, window=5)
+    with pytest.raises(InvalidFit, match=r"coverage: got 1\.0, must be between 0 and 1"):
+        fit_tube(fitted(), coverage=1.0)
+
+
+def test_a_disturbance_beyond_the_actuators_is_refused(monkeypatch):
+    monkeypatch.setattr("ttempc.tube.ancillary._EVALUATIONS", 40)
+    wild = [fit_run(made_up(seed, spread=6.0 * SPREAD)[0], SCENARIO) for seed in range(5)]
+    with pytest.raises(InvalidTube, match=r"the tightened set is empty: .* the tube takes \+-"):
+        fit_tube(wild)
+
+
+def test_shipped_tubes_fit_the_default_vehicle():
+    assert "grass" in shipped_tubes()
+    for name in shipped_tubes():
+        along = ReferenceTube.along(read_tube(name).design(), REFERENCE_PATH, TICKS)
+        assert np.all(along.free_share > 0.0)
+
+
+def test_the_certified_tube_of_grass_is_as_narrow_as_promised():
+    along = ReferenceTube.along(read_tube("grass").design(), REFERENCE_PATH, TICKS)
+    cross = [QUANTITIES.index(name) for name in ("y_t_e_m", "y_i_e_m")]
+    assert along.half_widths[:, cross].max() <= 0.25
+    on_the_curve = np.abs(REFERENCE_PATH.at(0.2 * np.arange(TICKS)).curvature) > 0.0999
+    assert along.free_share[on_the_curve, :2].min() >= 0.199
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c.pop("vehicle"), "vehicle"),
+        (lambda c: c["vehicle"].pop("wheelbase"), "missing or unknown: wheelbase"),
+        (lambda c: c["vehicle"].update(wheelbase=-1.0), "wheelbase: got -1.0"),
+        (lambda c: c["disturbance"].update(shape="ball"), "disturbance.shape"),
+        (lambda c: c["disturbance"]["axes"].pop(), "disturbance.axes"),
+        (
+            lambda c: c["disturbance"].update(axes=[[0.0] * 7] * 7),
+            "must be square and of full rank",
+        ),
+        (lambda c: c["weights"].update(inputs=[1.0, 0.0, 1.0]), "must be 12 above 0"),
+        (lambda c: c.update(format=2), "format"),
+    ],
+)
+def test_a_tube_file_that_makes_no_sense_is_refused_in_a_line(change, message, tmp_path):
+    content = json.loads(to_json(read_tube("grass")))
+    change(content)
+    file = tmp_path / "bad.json"
+    file.write_text(json.dumps(content))
+    with pytest.raises(InvalidFit, match=message) as caught:
+        read_tube(str(file))
+    assert str(file) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_tube_that_is_not_there_is_refused_before_driving():
+    for tube, message in (("nowhere", "no such tube; shipped are"), ("gone.json", "no such file")):
+        name, scenario = load(
+            "grass", ['controller.name="ttempc-tube"', f'controller.tube="{tube}"']
+        )
+        with pytest.raises(InvalidFit, match=message):
+            simulate(name, scenario, 1)
+
+
+def test_a_tube_of_another_vehicle_is_refused_before_driving():
+    name, scenario = load("farm", ['controller.name="ttempc-tube"'])
+    with pytest.raises((InvalidTube, InvalidScenario), match="made for another vehicle"):
+        simulate(name, scenario, 1)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "overrides", "watched"),
+    [
+        ("grass", [], True),
+        ("grass", ['controller.name="pid"'], False),
+        ("farm", [], False),  # another vehicle than that of the default tube
+        ("farm", ['controller.name="ttempc-tube"'], None),  # keeps to it: refused
+        ("farm", ['controller.tube="grass"'], None),  # asked for by name: refused
+    ],
+)
+def test_ttempc_watches_the_default_tube_where_it_fits(scenario, overrides, watched):
+    _, settings = load(scenario, overrides)
+    if watched is None:
+        with pytest.raises(InvalidTube, match="made for another vehicle"):
+            check(settings)
+    else:
+        vehicle = geared(settings.path.course(), settings)
+        assert (settings.controller.design(vehicle, CONTROL_PERIOD_S) is not None) == watched
+
+
+def test_a_run_of_ttempc_says_where_it_is_in_the_set_of_steps():
+    name, settings = load("grass", ['path={kind="straight", length_m=4.0}'])
+    summary, record = simulate(name, settings, 1)
+    assert len(record[TUBE]) == len(record[CONTROL])
+    assert np.all(record[TUBE]["margin"] <= 1.0)
+    assert summary.tube is not None
+
+
+def test_containment_is_counted_on_the_truth():
+    record, _, true, _ = RUNS[0]
+
+    nominal = {f"{name}_nominal": np.zeros(TICKS) for name in QUANTITIES}
+    width = {f"{name}_half_width": np.full(TICKS, 100.0) for name in QUANTITIES}
+    width["y_t_e_m_half_width"] = np.abs(true[:, 1]) * np.where(np.arange(TICKS) % 4, 2.0, 0.5)
+    table = table_of(TUBE, record[STATE].time_s, nominal | width)
+    record = replace(record, tables=dict(record.tables) | {TUBE.topic: table})
+    found = containment(record)
+    np.testing.assert_allclose(found.deviation[:, :7], true[40:], atol=1e-9)
+    assert found.curved.any()
+    facts = RunFacts("", NAME, "made-up", 0, "completed", None, 1.0, {}, None)
+    said = summarise(record, facts).tube
+    assert said is not None
+    assert said.contained_fraction == pytest.approx(0.75, abs=0.01)
+    tractor = tube_figure(record).axes[0]
+    drawn = np.asarray(tractor.lines[-1].get_ydata(), float)
+    tables = record[STATE], record[REFERENCE]
+    there, due = (table.columns("x_t_m", "y_t_m")[40:] for table in tables)
+    heading = record[REFERENCE]["psi_t_rad"][40:]
+    left = np.column_stack([-np.sin(heading), np.cos(heading)])
+    np.testing.assert_allclose(drawn, 100.0 * np.sum(left * (there - due), axis=1), atol=1e-9)
+    assert said.margin_min == pytest.approx(-1.0)
+
+
+def test_a_run_in_the_tube_says_so_and_a_single_run_is_no_fit(tmp_path, capsys):
+    overrides = ['path={kind="straight", length_m=12.0}', 'controller.name="ttempc-tube"']
+    name, scenario = load("grass", overrides)
+    finished = run(name, scenario, 5, tmp_path / "run")
+    assert asdict(finished.summary)["tube"]["contained_fraction"] == 1.0
+    assert len(finished.record[TUBE]) == len(finished.record[CONTROL])
+    assert finished.files["tube"].exists()
+    assert len(read_runs([tmp_path])) == 1
+    out = tmp_path / "tube.json"
+    assert main(["fit-tube", str(tmp_path), "-o", str(out)]) == 2
+    assert "got 1 runs, at least 3 are needed" in capsys.readouterr().err
+    assert not out.exists()
+    out.write_text("")
+    assert main(["fit-tube", str(tmp_path), "-o", str(out)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main(["fit-tube", str(tmp_path / "nothing")]) == 2
+    assert "there is no log.mcap in it or below" in capsys.readouterr().err
+
+
+def test_without_spread_there_is_no_set():
+    with pytest.raises(InvalidFit, match="residuals without spread"):
+        fit_set([np.zeros((50, 7))], 0.9, 1, "box")
+    assert DisturbanceSet(np.eye(7)).dimension == 7

@@ -1,0 +1,145 @@
+import math
+
+import numpy as np
+import pytest
+
+from proving_ground.testbed.errors import InvalidField
+from proving_ground.testbed.ground import terrain
+from proving_ground.testbed.ground.features import Bump, Furrows, Rise, Step
+
+FEATURES = (
+    Rise(1.0, -2.0, 0.4, 0.2, 8.0, 2.0),
+    Rise(1.0, -2.0, 0.4, -0.2, 4.0, 2.0),
+    Furrows(0.75, 0.1, 1.1),
+    Bump(1.0, -2.0, 0.4, 3.0, 0.8, 0.1),
+    Bump(1.0, -2.0, 0.4, 3.0, 0.8, -0.4, "cylinder"),
+    Step(1.0, -2.0, 0.4, -0.15, 0.3),
+)
+
+
+def on_line(feature, direction, distances):
+    """Heights of a feature at (1, -2) at distances from there in a direction."""
+    distances = np.asarray(distances, dtype=float)
+    return feature.height(
+        1.0 + math.cos(direction) * distances, -2.0 + math.sin(direction) * distances
+    )
+
+
+def test_without_features_the_ground_is_what_it_was():
+    ground = terrain.rough("D", np.random.default_rng(0), (12.0, 8.0))
+    assert np.array_equal(ground.shaped(()).heights, ground.heights)
+
+
+def test_features_add_up_in_any_order():
+    ground = terrain.rough("D", np.random.default_rng(0), (20.0, 16.0))
+    x, y = ground.points()
+    total = ground.heights + sum(feature.height(x, y) for feature in FEATURES)
+    np.testing.assert_allclose(ground.shaped(FEATURES).heights, total, atol=1e-12)
+    np.testing.assert_allclose(ground.shaped(FEATURES[::-1]).heights, total, atol=1e-12)
+
+
+@pytest.mark.parametrize("slope", [0.2, -0.2])
+def test_a_rise_turns_smoothly_into_its_slope_and_back(slope):
+    rise = Rise(1.0, -2.0, 0.4, slope, 8.0, 2.0)
+    heights = on_line(rise, 0.4, [-5.0, 0.0, 2.0, 4.0, 6.0, 8.0, 50.0])
+    grade = math.tan(slope)
+    np.testing.assert_allclose(heights, grade * np.array([0, 0, 1, 3, 5, 6, 6]), atol=1e-12)
+    fine = np.linspace(-1.0, 9.0, 10_001)
+    slopes = np.diff(on_line(rise, 0.4, fine)) / 1e-3
+    assert np.abs(slopes).max() == pytest.approx(abs(grade), rel=1e-6)
+    # no edge: the slope changes by at most tan(slope) / rounding per metre
+    assert np.abs(np.diff(slopes)).max() / 1e-3 == pytest.approx(abs(grade) / 2.0, rel=1e-3)
+    np.testing.assert_allclose(on_line(rise, 0.4 + 0.5 * math.pi, [-9.0, 9.0]), 0.0, atol=1e-12)
+
+
+def test_furrows_repeat_after_their_period_and_are_as_deep_as_stated():
+    furrows = Furrows(0.8, 0.1, 1.1)
+    across, along = 1.1 - 0.5 * math.pi, 1.1
+    u = np.linspace(0.0, 0.8, 81)
+    profile = furrows.height(u * math.cos(across), u * math.sin(across))
+    np.testing.assert_allclose(profile, 0.05 * np.cos(2.0 * math.pi * u / 0.8), atol=1e-12)
+    assert np.ptp(profile) == pytest.approx(0.1)
+    ridge = furrows.height(u * math.cos(along), u * math.sin(along))
+    np.testing.assert_allclose(ridge, 0.05, atol=1e-12)
+
+
+@pytest.mark.parametrize("height", [0.1, -0.1])
+def test_a_cosine_bump_is_half_as_high_half_way_and_ends_level(height):
+    bump = Bump(1.0, -2.0, 0.4, 3.0, 0.8, height)
+    heights = on_line(bump, 0.4 + 0.5 * math.pi, [-0.41, -0.4, -0.2, 0.0, 0.2, 0.4, 9.0])
+    np.testing.assert_allclose(heights, height * np.array([0, 0, 0.5, 1, 0.5, 0, 0]), atol=1e-12)
+
+
+@pytest.mark.parametrize("height", [0.1, -0.1, 0.4, 0.0])
+def test_a_cylinder_bump_lies_on_a_circle(height):
+    bump = Bump(1.0, -2.0, 0.4, 3.0, 0.8, height, "cylinder")
+    u = np.linspace(-0.4, 0.4, 41)
+    heights = on_line(bump, 0.4 + 0.5 * math.pi, u)
+    assert heights[[0, 20, 40]] == pytest.approx([0.0, height, 0.0], abs=1e-7)
+    if height:
+        radius = (0.4**2 + height**2) / (2.0 * abs(height))
+        middle = math.copysign(radius, height) - height
+        np.testing.assert_allclose(np.hypot(u, heights + middle), radius, rtol=1e-7)
+
+
+def test_a_bump_has_its_length_round_ends_and_is_round_without_length():
+    long, short = (Bump(1.0, -2.0, 0.4, length, 0.8, 0.1) for length in (3.0, 0.0))
+    np.testing.assert_allclose(on_line(long, 0.4, [0.0, 1.5, 1.7, 1.9]), [0.1, 0.1, 0.05, 0.0])
+    for direction in np.linspace(0.0, 6.0, 7):
+        assert on_line(short, direction, [0.2]) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("rise", [0.1, -0.1])
+def test_a_step_climbs_along_its_ramp_and_stays(rise):
+    step = Step(1.0, -2.0, 0.4, rise, 0.2)
+    heights = on_line(step, 0.4, [-3.0, 0.0, 0.05, 0.1, 0.2, 30.0])
+    np.testing.assert_allclose(heights, rise * np.array([0, 0, 0.25, 0.5, 1, 1]), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("feature", "said"),
+    [
+        (Bump(99.0, 0.0, 0.0, 1.0, 0.8, 0.1), "bump: got a place at (99.0, 0.0) m, must be on"),
+        (Rise(0.0, -9.0, 0.0, 0.1, 8.0, 2.0), "rise: got a place at (0.0, -9.0) m"),
+        (Step(-11.0, 0.0, 0.0, 0.1, 0.5), "step: got a place at (-11.0, 0.0) m"),
+        (Step(0.0, 0.0, 0.0, 0.1, 0.1), "step: rises over 0.1 m, must be 0.2 m or more"),
+        (Bump(0.0, 0.0, 0.0, 1.0, 0.3, 0.1), "bump: rises over 0.15 m, must be 0.2 m or more"),
+        (Furrows(0.3, 0.1, 0.0), "furrows: rises over 0.15 m, must be 0.2 m or more"),
+        (Rise(0.0, 0.0, 0.0, 0.1, 8.0, 0.1), "rise: rises over 0.1 m, must be 0.2 m or more"),
+    ],
+)
+def test_what_the_field_cannot_hold_is_refused_in_one_line(feature, said):
+    with pytest.raises(InvalidField) as caught:
+        terrain.flat((20.0, 16.0)).shaped((feature,))
+    assert str(caught.value).startswith(said)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_finest_feature_that_a_grid_can_hold_is_held():
+    for spacing in (0.05, 0.1, 0.2):
+        ground = terrain.flat((20.0, 16.0), spacing)
+        step = Step(0.0, 0.0, 0.0, 0.1, 2 * spacing)
+        assert np.ptp(ground.shaped((step,)).heights) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Rise(0.0, 0.0, 0.0, 0.1, 3.0, 2.0), "rounding 2.0 m"),
+        (lambda: Rise(0.0, 0.0, 0.0, 0.7, 8.0, 2.0), "slope 0.7 rad"),
+        (lambda: Rise(0.0, math.nan, 0.0, 0.1, 8.0, 2.0), "y nan"),
+        (lambda: Furrows(-1.0, 0.1, 0.0), "period -1.0 m"),
+        (lambda: Furrows(1.0, math.inf, 0.0), "depth inf"),
+        (lambda: Furrows(1.0, 0.6, 0.0), "depth 0.6 m"),
+        (lambda: Bump(0.0, 0.0, 0.0, -1.0, 0.8, 0.1), "length -1.0 m"),
+        (lambda: Bump(0.0, 0.0, 0.0, 1.0, -0.8, 0.1), "width -0.8 m"),
+        (lambda: Bump(0.0, 0.0, 0.0, 1.0, 0.8, 0.5), "rise 0.5 m over a flank of 0.4 m"),
+        (lambda: Bump(0.0, 0.0, 0.0, 1.0, 0.8, 0.1, "square"), "profile 'square'"),  # type: ignore
+        (lambda: Step(0.0, 0.0, 0.0, 0.1, 0.0), "ramp 0.0 m"),
+        (lambda: Step(0.0, 0.0, 0.0, 0.3, 0.2), "rise 0.3 m over a flank of 0.2 m"),
+    ],
+)
+def test_impossible_features_are_refused(make, said):
+    with pytest.raises(InvalidField) as caught:
+        make()
+    assert said in str(caught.value)

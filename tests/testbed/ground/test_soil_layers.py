@@ -1,0 +1,183 @@
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from proving_ground.testbed.errors import InvalidField
+from proving_ground.testbed.ground import terrain
+from proving_ground.testbed.ground.soil import SoilMap
+from proving_ground.testbed.ground.soil_layers import Gradient, Patch, RandomField, StrengthMap
+from proving_ground.testbed.randomness import generator
+
+FIELD = terrain.flat((40.0, 30.0), 0.25)
+
+
+def drawn(seed, cv=0.4, correlation_m=2.0, field=FIELD):
+    return RandomField.drawn(np.random.default_rng(seed), field, cv, correlation_m)
+
+
+# --- gradient --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("first", "second"), [(300.0, 900.0), (900.0, 300.0), (400.0, 400.0)])
+def test_a_gradient_is_linear_over_its_distance_and_constant_beyond(first, second):
+    soil = SoilMap(100.0, (Gradient(1.0, 2.0, 0.7, 20.0, first, second),))
+    u = np.linspace(-5.0, 30.0, 71)
+    across = 7.0
+    x = 1.0 + u * math.cos(0.7) - across * math.sin(0.7)
+    y = 2.0 + u * math.sin(0.7) + across * math.cos(0.7)
+    expected = first + (second - first) * np.clip(u / 20.0, 0.0, 1.0)
+    np.testing.assert_allclose(soil.cone_index(x, y), expected, rtol=1e-12)
+
+
+# --- random field ----------------------------------------------------------------------------
+
+
+def test_random_strength_has_its_mean_and_its_coefficient_of_variation():
+    # 60 x 45 correlation lengths, 6 draws: some 2000 independent areas, so that the standard
+    # error of the mean is 0.4 / sqrt(2000) = 0.009; the bounds are about four of those
+    values = np.stack([drawn(seed, correlation_m=0.7).values for seed in range(6)])
+    assert values.min() > 0.0
+    assert values.mean() == pytest.approx(1.0, abs=0.035)
+    assert values.std() / values.mean() == pytest.approx(0.4, rel=0.1)
+    logarithm = np.log(values)
+    variance = math.log(1.0 + 0.4**2)
+    assert logarithm.mean() == pytest.approx(-0.5 * variance, abs=0.035)
+    # log-normal: the logarithm is as symmetric as a normal distribution is
+    assert ((logarithm - logarithm.mean()) ** 3).mean() / logarithm.std() ** 3 == pytest.approx(
+        0.0, abs=0.15
+    )
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_correlation_of_the_logarithm_falls_by_e_over_the_correlation_length(axis):
+    variance = math.log(1.0 + 0.4**2)
+    products = {1.0: [], 2.0: [], 4.0: []}
+    for seed in range(30):
+        deviation = np.log(drawn(seed).values) + 0.5 * variance
+        if axis:
+            deviation = deviation.T
+        for lag in products:
+            cells = round(lag / FIELD.spacing_m)
+            products[lag].append((deviation[cells:] * deviation[:-cells]).mean() / variance)
+    for lag, values in products.items():
+        error = np.std(values) / math.sqrt(len(values))
+        assert np.mean(values) == pytest.approx(math.exp(-lag / 2.0), abs=max(3.5 * error, 0.01))
+        assert error < 0.03
+
+
+def test_opposite_edges_do_not_know_of_each_other():
+    pairs = np.array([drawn(seed).values[::8][:, [0, -1]] for seed in range(40)])
+    west, east = np.log(pairs).reshape(-1, 2).T
+    assert abs(np.corrcoef(west, east)[0, 1]) < 0.15
+
+
+def test_no_variation_is_no_change():
+    soil = SoilMap(450.0, (drawn(0, cv=0.0),))
+    np.testing.assert_allclose(soil.rasterised(FIELD), 450.0, rtol=1e-12)
+
+
+def test_the_seed_alone_decides_and_does_not_touch_the_terrain():
+    fields = [RandomField.drawn(generator(s, "soil"), FIELD, 0.3, 2.0).values for s in (1, 1, 2)]
+    assert np.array_equal(fields[0], fields[1])
+    assert not np.array_equal(fields[0], fields[2])
+
+
+@pytest.mark.parametrize(
+    ("cv", "length"), [(-0.1, 2.0), (math.nan, 2.0), (3.0, 2.0), (0.3, 0.1), (0.3, 99.0)]
+)
+def test_impossible_random_fields_are_refused(cv, length):
+    with pytest.raises(InvalidField, match="random soil"):
+        drawn(0, cv, length)
+
+
+# --- map -------------------------------------------------------------------------------------
+
+
+def test_a_map_holds_where_it_reaches_and_the_rest_below_it(tmp_path):
+    values = np.random.default_rng(0).uniform(200.0, 900.0, (9, 13))
+    np.save(tmp_path / "map.npy", values)
+    layer = StrengthMap.from_file(tmp_path / "map.npy", 0.5, (2.0, -1.0))
+    soil = SoilMap(600.0, (layer,))
+    x, y = layer.points()
+    np.testing.assert_allclose(soil.cone_index(x, y), values)
+    assert soil.cone_index(-1.01, -1.0) == 600.0
+    assert soil.cone_index(-0.75, -3.0) == pytest.approx(values[0, :2].mean())
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("300 400\n500 nan\n", "got nan at row 1, column 1"),
+        ("300 400\n500 0\n", "got 0.0 at row 1, column 1, every cone index must be above 0 kPa"),
+        ("300 -400\n500 600\n", "got -400.0 at row 0, column 1"),
+        ("300 400\n500\n", "columns"),
+        ("300 400\n", "2 x 2 or larger"),
+        ("300 ,\n400 500\n", "columns"),
+        ("", "2 x 2 or larger"),
+    ],
+)
+def test_an_unusable_map_is_refused_in_one_line_that_names_it(tmp_path, text, said):
+    file = tmp_path / "soil.csv"
+    file.write_text(text)
+    with pytest.raises(InvalidField) as caught:
+        StrengthMap.from_file(file, 0.5)
+    assert str(caught.value).startswith("soil map file")
+    assert said in str(caught.value)
+    assert "soil.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+# --- layers ----------------------------------------------------------------------------------
+
+
+def test_layers_lie_on_each_other_in_their_order():
+    patch = Patch.circle(0.0, 0.0, 3.0, 150.0)
+    gradient = Gradient(-5.0, 0.0, 0.0, 10.0, 300.0, 900.0)
+    factors = drawn(3)
+    places = np.array([0.0, 4.0]), np.zeros(2)
+    for order in itertools.permutations((patch, gradient, factors)):
+        expected = np.full(2, 700.0)
+        for layer in order:
+            if layer is patch:
+                expected[0] = 150.0
+            elif layer is gradient:
+                expected = np.array([600.0, 840.0])
+            else:
+                expected = expected * factors.at(*places)
+        np.testing.assert_allclose(SoilMap(700.0, order).cone_index(*places), expected)
+
+
+def test_raster_of_all_layers_is_the_map_at_the_grid_s_points():
+    layers = (
+        Gradient(-5.0, 0.0, 0.3, 10.0, 300.0, 900.0),
+        StrengthMap(np.full((5, 5), 500.0), 1.0, (-2.0, -2.0)),
+        drawn(1),
+        Patch(2.0, 1.0, 2.0, 1.0, 120.0, 0.3),
+    )
+    soil = SoilMap(500.0, layers)
+    raster = soil.rasterised(FIELD)
+    x, y = FIELD.points()
+    for row, column in np.random.default_rng(0).integers(0, (121, 161), (40, 2)):
+        assert raster[row, column] == soil.cone_index(x[column], y[row, 0])
+
+
+def test_what_a_grid_would_not_see_is_refused():
+    with pytest.raises(InvalidField, match=r"soil: got patch 0\.2 m wide"):
+        SoilMap(500.0, (Patch.circle(0.0, 0.0, 0.1, 100.0),)).rasterised(FIELD)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        (math.nan, 0.0, 0.0, 1.0, 300.0, 900.0),
+        (0.0, 0.0, math.inf, 1.0, 300.0, 900.0),
+        (0.0, 0.0, 0.0, 0.0, 300.0, 900.0),
+        (0.0, 0.0, 0.0, 1.0, -300.0, 900.0),
+        (0.0, 0.0, 0.0, 1.0, 300.0, math.nan),
+    ],
+)
+def test_impossible_gradients_are_refused(values):
+    with pytest.raises(InvalidField, match="soil gradient"):
+        Gradient(*values)

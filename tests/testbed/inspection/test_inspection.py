@@ -1,0 +1,161 @@
+"""The inspection: it passes on the default field, and a broken plant fails the right check."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from proving_ground.testbed.ground.soil import SoilMap
+from proving_ground.testbed.inspection import bench as bench_room
+from proving_ground.testbed.inspection import statics
+from proving_ground.testbed.inspection.bench import Bench
+from proving_ground.testbed.inspection.check import between, near, not_applicable
+from proving_ground.testbed.inspection.inspect import EXPERIMENTS, inspect
+from proving_ground.testbed.inspection.kinematics import hitch_kinematics
+from proving_ground.testbed.inspection.turning import off_tracking
+from proving_ground.testbed.simulation.plant import Plant
+from proving_ground.testbed.wheels import tyre
+from tests.cards import bench_of
+
+GRASS = bench_of("grass")
+
+
+def failed(experiment, bench=GRASS):
+    return [check.name for check in EXPERIMENTS[experiment](bench) if check.passed is False]
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_every_experiment_holds_on_the_default_field(experiment):
+    checks = EXPERIMENTS[experiment](GRASS)
+    assert checks
+    for check in checks:
+        assert check.passed, check
+        assert check.source
+        assert check.expectation
+
+
+def test_a_check_passes_inside_its_range_and_nowhere_else():
+    assert near("x", 1.04, 1.0, 0.05, "m", "s").passed
+    assert not near("x", 1.06, 1.0, 0.05, "m", "s").passed
+    assert not between("x", math.nan, -math.inf, math.inf, "m", "s").passed
+    assert between("x", 3.0, 2.0, math.inf, "m", "s").expectation == "at least 2"
+    skipped = not_applicable("x", "why")
+    assert (skipped.passed, skipped.verdict, skipped.note) == (None, "not applicable", "why")
+
+
+def test_another_vehicle_and_load_are_inspected_by_the_same_code():
+    farm = bench_of("farm")
+    assert farm.nominal.wheelbase > 2.0
+    for experiment in ("static loads", "load transfer", "hydrostat", "steering", "kinematics"):
+        assert not failed(experiment, farm), experiment
+
+
+# --- a broken plant fails the right check ----------------------------------------------------
+
+
+def broken(monkeypatch, change):
+    """Let every plant that a bench builds have its model changed."""
+    whole = Bench.plant
+
+    def plant(self, *arguments, **options):
+        made = whole(self, *arguments, **options)
+        change(made)
+        return made
+
+    monkeypatch.setattr(Bench, "plant", plant)
+
+
+def test_a_drive_with_another_gain_fails_the_hydrostat(monkeypatch):
+    def faster(plant):
+        plant.model.actuator("hydrostat").gainprm[0] *= 1.1
+
+    broken(monkeypatch, faster)
+    assert failed("hydrostat") == ["hydrostat gain K"]
+
+
+def test_a_slow_valve_fails_rate_and_nothing_else_of_the_steering(monkeypatch):
+    def slow(plant):
+        plant.model.actuator("steer").dynprm[1] *= 0.7
+
+    broken(monkeypatch, slow)
+    names = failed("steering")
+    assert "front steering, rate" in names
+    assert not any(name.startswith("trailer") for name in names)
+
+
+def test_doubled_motion_resistance_fails_the_coast_down(monkeypatch):
+    law = tyre.motion_resistance_ratio
+    monkeypatch.setattr(tyre, "motion_resistance_ratio", lambda *a: 0.5 * law(*a))
+    assert failed("coast-down") == ["coast-down at 600 kPa"]
+    assert failed("slip")
+
+
+def test_a_shifted_mass_fails_the_static_loads(monkeypatch):
+    whole = statics.axle_loads
+
+    def elsewhere(plant):
+        plant.model.body_ipos[plant.body_names.index("tractor"), 0] += 0.1
+        loads = whole(plant)
+        plant.model.body_ipos[plant.body_names.index("tractor"), 0] -= 0.1
+        return loads + np.array([250.0, -250.0, 0.0])
+
+    monkeypatch.setattr(statics, "axle_loads", elsewhere)
+    assert failed("static loads") == ["static load, front axle", "static load, rear axle"]
+
+
+def test_a_flipped_sign_fails_the_kinematics(monkeypatch):
+    turned = bench_room.Plant.truth
+
+    def mirrored(self):
+        truth = turned(self)
+        object.__setattr__(truth, "delta_i", -truth.delta_i)
+        return truth
+
+    monkeypatch.setattr(Plant, "truth", mirrored)
+    names = [check.name for check in hitch_kinematics(GRASS) if not check.passed]
+    assert "trailer yaw rate, rms residual" in names
+    assert any("delta_i'" in name for name in names)
+
+
+def test_another_class_fails_the_roughness():
+    rougher = dataclasses.replace(GRASS, iso_class="F")
+    assert len(failed("roughness", rougher)) == 2
+    unclassed = dataclasses.replace(GRASS, rough=None)
+    assert [check.passed for check in EXPERIMENTS["roughness"](unclassed)] == [None, None]
+
+
+def test_undamped_tyres_fail_the_bump(monkeypatch):
+    def undamped(plant):
+        plant._tyre_arguments[0][:, 5] = 0.0
+
+    broken(monkeypatch, undamped)
+    assert failed("bump") == ["energy left a second after the bump"]
+
+
+def test_contact_wheels_are_shown_as_what_they_are():
+    """Coulomb wheels do not understeer, whatever the soil; efficiency over slip they have none."""
+    native = dataclasses.replace(GRASS, wheels="contact")
+    assert "side force over load at 600 kPa, off the law" in failed("side force", native)
+    assert [check.passed for check in EXPERIMENTS["tractive efficiency"](native)] == [None, None]
+
+
+def test_a_plant_that_diverges_fails_its_experiment_and_not_the_inspection(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its own log beside the user
+
+    def torn(plant):
+        plant.model.opt.gravity[2] = math.nan
+
+    broken(monkeypatch, torn)
+    (check,) = inspect(GRASS, ("creep",))
+    assert check.passed is False
+    assert "MuJoCo" in check.note or "finite" in check.note or "time" in check.note
+
+
+def test_off_tracking_of_a_trailer_without_length_is_none():
+    assert off_tracking(GRASS, 10.0) > off_tracking(GRASS, 20.0) > 0.0
+
+
+def test_soil_that_carries_nothing_fails_and_does_not_crash():
+    swamp = dataclasses.replace(GRASS, soil=SoilMap(40.0))
+    assert all(isinstance(check.passed, bool) for check in inspect(swamp, ("slip", "contour")))

@@ -1,0 +1,191 @@
+"""Logs: what is written is read back to the bit, by us and by others, and refused if foreign."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_protobuf.decoder import DecoderFactory
+
+from proving_ground.testbed.errors import LogError
+from proving_ground.testbed.log.log import FORMAT_KEY
+from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.testbed.messages.schemas import RowEncoder, message_class, message_name
+from proving_ground.testbed.recording.channels import CHANNELS, CONTROL, SOLVER, Channel
+from proving_ground.testbed.recording.record import Event, Record, Recorder
+from tests.testbed.logs import ATTACHMENTS, BODIES, METADATA, feed, writer
+
+
+def same(one: Record, other: Record) -> bool:
+    assert one.events == other.events
+    assert one.metadata == other.metadata
+    assert one.tables.keys() == other.tables.keys()
+    return all(
+        table.time_s.tobytes() == other.tables[topic].time_s.tobytes()
+        and table.values.tobytes() == other.tables[topic].values.tobytes()
+        for topic, table in one.tables.items()
+    )
+
+
+def test_what_is_written_is_read_back_to_the_bit(logged):
+    path, record = logged
+    assert same(read_log(path), record)
+    assert [file.name for file in path.parent.iterdir()] == ["log.mcap"]
+
+
+@pytest.mark.parametrize("channel", CHANNELS, ids=lambda channel: channel.topic)
+def test_rows_are_what_protobuf_itself_would_write(channel):
+    values = np.random.default_rng(1).normal(size=len(channel.fields)).tolist()
+    message = message_class(channel)(time_s=1.5, **dict(zip(channel.fields, values, strict=True)))
+    filled = RowEncoder(channel).encode(np.array([[1.5, *values], [2.0, *values]]))
+    assert filled[0].tobytes() == message.SerializeToString()
+    message.time_s = 2.0
+    assert filled[1].tobytes() == message.SerializeToString()
+
+
+def test_a_reader_that_is_not_ours_finds_everything(logged):
+    path, record = logged
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        names = {metadata.name: metadata.metadata for metadata in reader.iter_metadata()}
+        assert METADATA.items() <= names["run"].items()
+        found = {file.name: file.data.decode() for file in reader.iter_attachments()}
+        assert found == ATTACHMENTS
+        rows = dict.fromkeys(record.tables, 0)
+        seen = {}
+        for schema, channel, message, decoded in reader.iter_decoded_messages():
+            assert message.log_time == message.publish_time
+            seen.setdefault(channel.topic, (schema.name, decoded))
+            if channel.topic in rows:
+                table, row = record.tables[channel.topic], rows[channel.topic]
+                assert message.log_time == round(1e9 * table.time_s[row])
+                assert decoded.time_s == table.time_s[row]
+                name = table.channel.fields[-1]
+                assert getattr(decoded, name) == table[name][row]
+                rows[channel.topic] += 1
+    assert rows == {topic: len(table) for topic, table in record.tables.items()}
+    assert {topic: name for topic, (name, _) in seen.items() if name.startswith("foxglove")} == {
+        "/tf": "foxglove.FrameTransforms",
+        "/tractor/pose": "foxglove.PoseInFrame",
+        "/trailer/pose": "foxglove.PoseInFrame",
+        "/tractor/path": "foxglove.PosesInFrame",
+        "/trailer/path": "foxglove.PosesInFrame",
+        "/gnss/tractor": "foxglove.LocationFix",
+        "/gnss/trailer": "foxglove.LocationFix",
+        "/reference/path": "foxglove.PosesInFrame",
+        "/mpc/predicted_path": "foxglove.PosesInFrame",
+        "/log": "foxglove.Log",
+    }
+    transforms = seen["/tf"][1].transforms
+    assert [item.child_frame_id for item in transforms] == list(BODIES)
+    assert {item.parent_frame_id for item in transforms} == {"map"}
+    turn = seen["/tractor/pose"][1].pose.orientation
+    assert (turn.w, turn.z) == pytest.approx((np.cos(0.15), np.sin(0.15)))
+    ahead = seen["/reference/path"][1].poses[-1]
+    assert ahead.position.y == pytest.approx(0.4, rel=1e-7)
+    assert ahead.position.z > 0.0, "above the ground, to be seen"
+    assert ahead.orientation.z == pytest.approx(np.sin(np.pi / 4))
+
+
+def test_schemas_explain_themselves(logged):
+    path, _ = logged
+    with path.open("rb") as stream:
+        schemas = make_reader(stream).get_summary().schemas.values()
+    by_name = {schema.name: schema for schema in schemas}
+    file = FileDescriptorSet.FromString(by_name[message_name(SOLVER)].data).file[0]
+    assert message_name(SOLVER) == "ttempc.MpcInfo"
+    assert SOLVER.about in file.source_code_info.location[0].leading_comments
+    assert [field.name for field in file.message_type[0].field] == ["time_s", *SOLVER.fields]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is not an MCAP log"),
+        (b"\x89MCAP", "is not an MCAP log"),
+        (b"time,x,y\n0,1,2\n" * 9, "is not an MCAP log"),
+        (b"\x89MCAP0\r\n", "describes no run"),
+    ],
+    ids=["empty", "torn in its first bytes", "another format", "nothing but the first bytes"],
+)
+def test_what_is_no_log_is_said_in_one_line(tmp_path, content, words):
+    file = tmp_path / "log.mcap"
+    file.write_bytes(content)
+    with pytest.raises(LogError, match=words) as caught:
+        read_log(file)
+    assert str(file) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_log(tmp_path):
+    with pytest.raises(LogError, match="cannot be read: No such file"):
+        read_log(tmp_path / "log.mcap")
+
+
+def test_an_mcap_of_someone_else_is_refused(tmp_path):
+    file = tmp_path / "log.mcap"
+    with file.open("wb") as stream:
+        other = Writer(stream)
+        other.start()
+        other.finish()
+    with pytest.raises(LogError, match="not a log of ttempc"):
+        read_log(file)
+
+
+def test_another_version_is_refused_with_what_differs(tmp_path):
+    older = replace(CONTROL, fields=(*CONTROL.fields[1:], "retired_mps"))
+    with writer(tmp_path / "log.mcap", channels=[older]):
+        pass
+    with pytest.raises(LogError, match=r"delta_t_rad_feedforward, retired_mps.*ttempc 0\.1\.0"):
+        read_log(tmp_path / "log.mcap")
+
+
+def test_another_format_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("proving_ground.testbed.log.log.FORMAT", "99")
+    with writer(tmp_path / "log.mcap") as log:
+        feed(log, 0.4)
+    monkeypatch.undo()
+    with pytest.raises(LogError, match="log format 99, this version reads 1"):
+        read_log(tmp_path / "log.mcap")
+
+
+def test_format_is_the_logs_own_business(logged):
+    assert FORMAT_KEY not in read_log(logged[0]).metadata
+
+
+def test_a_run_without_rows_is_a_log(tmp_path):
+    with writer(tmp_path / "log.mcap"):
+        pass
+    assert same(read_log(tmp_path / "log.mcap"), Recorder().record(METADATA))
+
+
+@pytest.mark.parametrize("name", ["log.mcap", "log.mcap.part"])
+def test_nothing_is_written_over(tmp_path, name):
+    (tmp_path / name).write_text("precious")
+    with pytest.raises(LogError, match="exists already"):
+        writer(tmp_path / "log.mcap")
+    assert (tmp_path / name).read_text() == "precious"
+
+
+def test_an_unwritable_place_is_said_in_one_line(tmp_path):
+    with pytest.raises(LogError, match="cannot be written: No such file"):
+        writer(tmp_path / "nowhere" / "log.mcap")
+
+
+def test_a_level_that_no_viewer_knows_is_refused(tmp_path):
+    with (
+        writer(tmp_path / "log.mcap") as log,
+        pytest.raises(LogError, match="got 'fatal', allowed are info, warning, error"),
+    ):
+        log.event(Event(0.0, "fatal", "?"))
+
+
+def test_a_row_of_the_wrong_length_is_refused(tmp_path):
+    narrow = Channel("/narrow", "two numbers", ("a", "b"))
+    with writer(tmp_path / "log.mcap", channels=[narrow]) as log:
+        with pytest.raises(ValueError, match="/narrow: got 3 values, has 2 fields"):
+            log.row(narrow, 0.0, (1.0, 2.0, 3.0))
+        log.row(narrow, 0.0, (1.0, 2.0))
+    assert read_log(tmp_path / "log.mcap", [narrow])[narrow].values.tolist() == [[1.0, 2.0]]

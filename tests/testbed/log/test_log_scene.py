@@ -1,0 +1,71 @@
+"""What a log holds for the eye is what was there, to the precision that is promised."""
+
+import numpy as np
+import pytest
+
+from proving_ground.testbed.errors import InvalidField, LogError
+from proving_ground.testbed.ground.ground import GROUND_FILE, Ground
+from proving_ground.testbed.ground.terrain import Terrain
+from proving_ground.testbed.log.log import LogWriter
+from proving_ground.testbed.log.log_content import read_content
+from proving_ground.testbed.log.log_scene import attachment, ground_of, lines_of, motion_of
+from proving_ground.testbed.messages.scenery import Scenery
+from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
+from tests.testbed.truths import truth
+
+BODIES = ("tractor", "trailer")
+
+
+@pytest.fixture(scope="module")
+def ground():
+    rng = np.random.default_rng(5)
+    terrain = Terrain(rng.normal(size=(30, 40)), 0.1, (-2.0, -1.5))
+    return Ground(terrain, rng.uniform(200.0, 900.0, size=(30, 40)))
+
+
+def log(path, ground, scenes):
+    path.unlink(missing_ok=True)
+    attachments = {"model.xml": "<mujoco/>", GROUND_FILE: ground.to_npz()}
+    scenery = Scenery(BODIES, ground)
+    with LogWriter(path, metadata={}, attachments=attachments, scenery=scenery) as writer:
+        writer.path(REFERENCE_PATH_TOPIC, 0.0, np.array([[0.0, 0.0], [1.0, 0.5]]))
+        for scene in scenes:
+            writer.scene(scene)
+    return read_content(path)
+
+
+def test_ground_and_motion_come_back(ground, tmp_path):
+    rng = np.random.default_rng(6)
+    scenes = [
+        truth(time_s=0.04 * k, body_xyz=rng.normal(size=(2, 3)), body_quat=rng.normal(size=(2, 4)))
+        for k in range(10)
+    ]
+    content = log(tmp_path / "log.mcap", ground, scenes)
+    found = ground_of(content)
+    assert found.terrain.spacing_m == ground.terrain.spacing_m
+    assert found.terrain.origin == ground.terrain.origin
+    np.testing.assert_allclose(found.terrain.heights, ground.terrain.heights, rtol=1e-7)
+    np.testing.assert_allclose(found.cone_index, ground.cone_index, rtol=1e-7)
+    motion = motion_of(content)
+    assert motion.body_names == BODIES
+    np.testing.assert_allclose(motion.time_s, [scene.time_s for scene in scenes], atol=1e-9)
+    np.testing.assert_allclose(motion.xyz, [scene.body_xyz for scene in scenes], rtol=1e-6)
+    np.testing.assert_allclose(motion.quat, [scene.body_quat for scene in scenes], rtol=1e-6)
+    (line,) = lines_of(content, REFERENCE_PATH_TOPIC)
+    np.testing.assert_allclose(line.points[:, :2], [[0.0, 0.0], [1.0, 0.5]], rtol=1e-6)
+    assert lines_of(content, "/mpc/predicted_path") == []
+    assert attachment(content, "model.xml") == b"<mujoco/>"
+
+
+def test_what_a_log_does_not_hold_is_said(ground, tmp_path):
+    content = log(tmp_path / "log.mcap", ground, [])
+    with pytest.raises(LogError, match=r"log\.mcap: holds no vehicle\.toml"):
+        attachment(content, "vehicle.toml")
+    with pytest.raises(LogError, match=r"log\.mcap: holds nothing on /tf"):
+        motion_of(content)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no archive"])
+def test_what_is_no_ground_is_refused(content):
+    with pytest.raises(InvalidField, match="not the ground of a log"):
+        Ground.from_npz(content)

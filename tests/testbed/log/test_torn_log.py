@@ -1,0 +1,136 @@
+"""Torn logs: what a run that did not end well, or a damaged disk, leaves to be read."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+from mcap.stream_reader import StreamReader
+
+from proving_ground.testbed.errors import LogError, PlantDiverged
+from proving_ground.testbed.log.log_content import salvage_content
+from proving_ground.testbed.log.log_reader import SALVAGED_KEY, read_log, record_of
+from proving_ground.testbed.recording.channels import STATE
+from proving_ground.testbed.recording.record import Record
+from tests.testbed.logs import METADATA, PERIOD_S, feed, writer
+
+
+def starts_like(part: Record, whole: Record) -> bool:
+    return all(
+        table.values.tobytes() == whole.tables[topic].values[: len(table)].tobytes()
+        for topic, table in part.tables.items()
+    )
+
+
+def test_at_most_a_flush_period_is_lost_wherever_the_log_is_torn(logged, tmp_path):
+    path, record = logged
+    data, torn = path.read_bytes(), tmp_path / "log.mcap.part"
+    ends, last_s = chunk_ends(data)
+    assert np.diff([0.0, *last_s]).max() < 5.0 + 2 * PERIOD_S
+    start = data.index(b"model.xml") + 40  # from here on the description is whole
+    places = {*np.linspace(start, len(data) - 1, 150).astype(int).tolist()}
+    for end in ends:  # around the tear: in an opcode, a length, a body, on the edge
+        places |= {end - 1, end, end + 1, end + 5, end + 9, end + 40}
+    places |= set(range(len(data) - 45, len(data)))  # and everywhere in footer and magic
+    for place in sorted(places):
+        torn.write_bytes(data[:place])
+        content = salvage_content(torn)
+        left, found = content.salvage, record_of(content)
+        assert left.chunks == sum(end <= place for end in ends)
+        assert left.damaged == 0
+        assert starts_like(found, record)
+        if left.chunks:
+            newest_s = found[STATE].time_s[-1]
+            assert newest_s == pytest.approx(last_s[left.chunks - 1], abs=1.5 * PERIOD_S)
+        kept = read_log(torn).metadata[SALVAGED_KEY]
+        assert kept.startswith(f"{left.chunks} whole chunks, up to ")
+
+
+def chunk_ends(data: bytes) -> tuple[list[int], list[float]]:
+    """Return where every chunk ends in the file and in time [s]."""
+    stream, ends, last_s = io.BytesIO(data), [], []
+    for item in StreamReader(stream, emit_chunks=True).records:
+        if type(item).__name__ == "Chunk":
+            ends.append(stream.tell())
+            last_s.append(item.message_end_time / 1e9)
+    return ends, last_s
+
+
+def test_a_damaged_chunk_costs_no_other(logged, tmp_path):
+    path, record = logged
+    data, damaged = bytearray(path.read_bytes()), tmp_path / "log.mcap"
+    ends, _ = chunk_ends(bytes(data))
+    data[ends[1] - 1000] ^= 0xFF
+    damaged.write_bytes(data)
+    left = salvage_content(damaged).salvage
+    assert (left.chunks, left.damaged) == (len(ends) - 1, 1)
+    found = read_log(damaged)
+    assert "1 damaged left out" in found.metadata[SALVAGED_KEY]
+    assert 0 < len(found[STATE]) < len(record[STATE])
+    assert found.events == record.events
+
+
+def test_a_run_that_ends_by_design_leaves_a_whole_log(tmp_path):
+    path = tmp_path / "log.mcap"
+    with pytest.raises(PlantDiverged):
+        run_that_raises(path, PlantDiverged("NaN in qacc"))
+    assert SALVAGED_KEY not in read_log(path).metadata
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ZeroDivisionError, LogError])
+def test_any_other_end_leaves_a_readable_part(tmp_path, error):
+    path = tmp_path / "log.mcap"
+    with pytest.raises(error):
+        run_that_raises(path, error())
+    assert not path.exists()
+    assert len(read_log(tmp_path / "log.mcap.part")[STATE]) == 25
+
+
+def run_that_raises(path, error):
+    with writer(path) as log:
+        feed(log, 1.0)
+        raise error
+
+
+def test_a_full_disk_is_said_and_leaves_no_log(tmp_path):
+    limited = textwrap.dedent(f"""
+        import resource, signal
+        from pathlib import Path
+        from proving_ground.testbed.errors import LogError
+        from tests.testbed.logs import feed, writer
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+        try:
+            with writer(Path({str(tmp_path)!r}) / "log.mcap") as log:
+                feed(log)
+        except LogError as error:
+            print(error)
+    """)
+    done = subprocess.run([sys.executable, "-c", limited], capture_output=True, text=True)
+    assert done.stdout.endswith("log.mcap.part: cannot be written: File too large\n"), done.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["log.mcap.part"]
+
+
+def test_a_killed_process_leaves_all_but_the_last_seconds(tmp_path):
+    endless = textwrap.dedent(f"""
+        from pathlib import Path
+        from tests.testbed.logs import feed, writer
+        with writer(Path({str(tmp_path)!r}) / "log.mcap") as log:
+            feed(log, 1e6)
+    """)
+    process = subprocess.Popen([sys.executable, "-c", endless])
+    part, deadline = tmp_path / "log.mcap.part", time.monotonic() + 30.0
+    while time.monotonic() < deadline and not (part.exists() and part.stat().st_size > 500_000):
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not (tmp_path / "log.mcap").exists()
+    record = read_log(part)
+    assert len(record[STATE]) * PERIOD_S > 5.0
+    assert SALVAGED_KEY in record.metadata
+    assert METADATA.items() <= record.metadata.items()

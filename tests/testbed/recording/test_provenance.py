@@ -1,0 +1,25 @@
+"""Where a run comes from: the same run has the same identity, any other has another."""
+
+from importlib.metadata import version
+
+from proving_ground.testbed.recording import provenance
+
+
+def test_versions_are_those_of_what_is_installed():
+    found = provenance.versions()
+    assert found["mujoco"] == version("mujoco")
+    assert found["ttempc"] == version("ttempc")
+    assert all(found.values())
+
+
+def test_an_installed_package_claims_no_commit(tmp_path, monkeypatch):
+    monkeypatch.setattr(provenance, "_ROOT", tmp_path)
+    assert "commit" not in provenance.versions()
+
+
+def test_the_identity_of_a_run_is_its_scenario_and_its_code():
+    code = {"ttempc": "0.1.0", "mujoco": "4.0.0"}
+    same = provenance.run_id("seed = 1\n", dict(reversed(code.items())))
+    assert provenance.run_id("seed = 1\n", code) == same
+    assert provenance.run_id("seed = 2\n", code) != same
+    assert provenance.run_id("seed = 1\n", {**code, "mujoco": "4.0.1"}) != same

@@ -1,0 +1,66 @@
+"""Records: rows come out as they went in, by name, and a tee tells all sinks the same."""
+
+import numpy as np
+import pytest
+
+from proving_ground.testbed.recording.channels import CHANNELS, Channel
+from proving_ground.testbed.recording.record import Event, Recorder
+from proving_ground.testbed.recording.sink import Tee
+from tests.testbed.truths import truth
+
+PAIR = Channel("/pair", "two numbers", ("a_m", "b_m"))
+
+
+def test_rows_come_out_as_columns_in_their_order():
+    recorder = Recorder([PAIR])
+    for k in range(3):
+        recorder.row(PAIR, 0.1 * k, (k, -k))
+    table = recorder.record()[PAIR]
+    assert len(table) == 3
+    assert table.time_s.tolist() == [0.0, 0.1, 0.2]
+    assert table["b_m"].tolist() == [0.0, -1.0, -2.0]
+    assert table.columns("b_m", "a_m").tolist() == [[0.0, 0.0], [-1.0, 1.0], [-2.0, 2.0]]
+
+
+def test_a_record_is_what_was_known_when_it_was_taken():
+    recorder = Recorder([PAIR])
+    recorder.row(PAIR, 0.0, (1.0, 2.0))
+    early = recorder.record({"seed": "1"})
+    recorder.row(PAIR, 1.0, (3.0, 4.0))
+    assert len(early[PAIR]) == 1
+    assert early.metadata == {"seed": "1"}
+    assert len(recorder.record()[PAIR]) == 2
+
+
+def test_a_row_of_the_wrong_length_is_refused():
+    with pytest.raises(ValueError, match="/pair: got 1 values, has 2 fields"):
+        Recorder([PAIR]).row(PAIR, 0.0, (1.0,))
+
+
+def test_an_unknown_field_is_named():
+    with pytest.raises(KeyError, match="/pair has no field 'c_m'"):
+        Recorder([PAIR]).record()[PAIR]["c_m"]
+
+
+def test_a_record_without_rows_has_every_table():
+    record = Recorder().record()
+    for channel in CHANNELS:
+        assert record[channel].values.shape == (0, len(channel.fields))
+
+
+def test_names_of_topics_and_fields_are_unique():
+    assert len({channel.topic for channel in CHANNELS}) == len(CHANNELS)
+    for channel in CHANNELS:
+        assert len(set(channel.fields)) == len(channel.fields)
+        assert "time_s" not in channel.fields
+
+
+def test_a_tee_tells_all_sinks_the_same():
+    one, other = Recorder([PAIR]), Recorder([PAIR])
+    tee = Tee(one, other)
+    tee.row(PAIR, 0.0, (1.0, 2.0))
+    tee.event(Event(0.5, "info", "half way"))
+    tee.scene(truth())
+    tee.path("/reference/path", 0.0, np.zeros((2, 2)))
+    assert one.record().events == other.record().events == (Event(0.5, "info", "half way"),)
+    assert one.record()[PAIR].values.tolist() == other.record()[PAIR].values.tolist() == [[1, 2]]

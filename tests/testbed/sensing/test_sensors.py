@@ -1,0 +1,314 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from proving_ground.testbed.errors import InvalidPlant
+from proving_ground.testbed.ground import terrain
+from proving_ground.testbed.ground.soil import SoilMap
+from proving_ground.testbed.randomness import generator
+from proving_ground.testbed.sensing.antennas import lever_in_map
+from proving_ground.testbed.sensing.sensor_specification import (
+    ImuSpecification,
+    SensorSpecification,
+)
+from proving_ground.testbed.sensing.sensors import SensorSuite
+from proving_ground.testbed.simulation.plant import Plant
+from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from tests.testbed.truths import truth
+from ttempc.estimation.measurement_model import LENGTH
+from ttempc.types import Sensor
+
+SPEEDS = {"speed": 1.0, "rim_speed": 1.1}
+LEVERS = np.array([[0.0, 0.0, 1.78], [0.0, 0.0, 1.27]])
+TILTED = np.array([[0.1, 0.2, 1.7], [-2.3, 0.1, 1.2]])  # antennas of a vehicle that leans
+GNSS = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
+EXACT = SensorSpecification(gnss_sd=0.0, angle_sd=0.0, encoder_sd=0.0)
+PERFECT_IMU = ImuSpecification(
+    angle_sd=0.0, angle_bias_sd=0.0, yaw_rate_sd=0.0, yaw_rate_bias_sd=0.0
+)
+
+
+def collect(noise, seed, steps, timestep=0.002):
+    suite = SensorSuite(noise, timestep, seed, LEVERS)
+    values = {sensor: [] for sensor in Sensor}
+    for step in range(steps):
+        for sample in suite.sample(truth(**SPEEDS, antennas=TILTED), step):
+            values[sample.sensor].append(sample.value)
+    return {sensor: np.array(rows) for sensor, rows in values.items()}
+
+
+def test_every_sensor_keeps_its_own_rate():
+    values = collect(SensorSpecification(), seed=1, steps=1000)  # 2 s
+    assert len(values[Sensor.GNSS_TRACTOR]) == 10
+    assert len(values[Sensor.GNSS_TRAILER]) == 10
+    for sensor in (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH, Sensor.ENCODER):
+        assert len(values[sensor]) == 50
+    for sensor in (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER):
+        assert len(values[sensor]) == 0, "off by default"
+
+
+def test_the_paper_s_samples_are_truth_plus_white_noise_bit_for_bit():
+    values = collect(SensorSpecification(), seed=4, steps=500)
+    exact = dict.fromkeys(LENGTH, (0.0,)) | {
+        Sensor.GNSS_TRACTOR: (0.0, 0.0),
+        Sensor.GNSS_TRAILER: (-2.4, 0.0),
+        Sensor.ENCODER: (1.1,),
+    }
+    sd = dict.fromkeys(LENGTH, math.radians(1.0)) | dict.fromkeys(GNSS, 0.03)
+    sd[Sensor.ENCODER] = 0.1
+    for sensor in LENGTH:
+        rng = generator(4, f"sensor/{sensor}")
+        plain = [
+            [value + sd[sensor] * rng.standard_normal() for value in exact[sensor]]
+            for _ in values[sensor]
+        ]
+        np.testing.assert_array_equal(values[sensor], plain)
+
+
+def test_noise_is_white_with_the_stated_deviation():
+    noise = SensorSpecification(gnss_rate=500.0, angle_rate=500.0, encoder_rate=500.0)
+    n = 4000
+    values = collect(noise, seed=2, steps=n)
+    expected = {
+        Sensor.GNSS_TRACTOR: noise.gnss_sd,
+        Sensor.GNSS_TRAILER: noise.gnss_sd,
+        Sensor.HITCH: noise.angle_sd,
+        Sensor.ENCODER: noise.encoder_sd,
+    }
+    for sensor, sd in expected.items():
+        for column in values[sensor].T:
+            # 4 standard deviations of the sample deviation and of the lag-one correlation
+            assert column.std() == pytest.approx(sd, rel=4 / np.sqrt(2 * n))
+            assert abs(np.corrcoef(column[:-1], column[1:])[0, 1]) < 4 / np.sqrt(n)
+
+
+@pytest.mark.parametrize(("on", "speed"), [("wheel", "rim_speed"), ("ground", "speed")])
+def test_encoder_reads_what_it_is_on(on, speed):
+    values = collect(replace(EXACT, encoder_on=on), seed=1, steps=1)
+    assert values[Sensor.ENCODER] == pytest.approx(SPEEDS[speed])
+
+
+REST = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH, Sensor.ENCODER)
+
+
+@pytest.mark.parametrize(
+    ("change", "untouched"),
+    [
+        ({"angle_rate": 5.0}, (*GNSS, Sensor.ENCODER)),
+        ({"angle_resolution": 0.01}, (*GNSS, Sensor.ENCODER)),
+        ({"encoder_on": "ground"}, (*GNSS, Sensor.HITCH)),
+        ({"gnss_error": "correlated"}, REST),
+        ({"gnss_error": "non-gaussian"}, REST),
+        ({"gnss_antenna": "raw"}, REST),
+        ({"imu": ImuSpecification()}, tuple(LENGTH)),
+    ],
+)
+def test_each_sensor_has_a_stream_of_its_own(change, untouched):
+    plain = collect(SensorSpecification(), seed=5, steps=500)
+    other = collect(SensorSpecification(**change), seed=5, steps=500)
+    for sensor in untouched:
+        np.testing.assert_array_equal(plain[sensor], other[sensor])
+    assert any(not np.array_equal(plain[sensor], other[sensor]) for sensor in Sensor)
+    assert not np.array_equal(plain[Sensor.GNSS_TRACTOR], plain[Sensor.GNSS_TRAILER])
+
+
+def test_same_seed_same_samples():
+    everything = SensorSpecification(gnss_error="correlated", imu=ImuSpecification())
+    one, two = (collect(everything, seed=9, steps=500) for _ in range(2))
+    for sensor in Sensor:
+        np.testing.assert_array_equal(one[sensor], two[sensor])
+
+
+# --- antennas --------------------------------------------------------------------------------
+
+
+def standing_on(slope, yaw, along=math.pi / 2):
+    """The plant at rest on a slope that rises towards `along`, and its lever arms."""
+    ground = terrain.flat((20.0, 20.0)).tilted(slope, along)
+    plant = Plant(read_vehicle(), ground, SoilMap.named("hard"))
+    return plant.reset(0.0, 0.0, yaw, 0.0), plant.lever_arms
+
+
+def gnss(specification, seen, levers):
+    samples = SensorSuite(specification, 0.002, 1, levers).sample(seen, 0)
+    return {sample.sensor: np.array(sample.value) for sample in samples}
+
+
+def points(seen):
+    return [np.array([pose.x, pose.y]) for pose in (seen.tractor, seen.trailer)]
+
+
+def test_a_raw_antenna_on_a_side_slope_lies_height_times_sine_of_roll_downhill():
+    seen, levers = standing_on(0.1, yaw=0.0)  # east along the contour, north is up
+    found = gnss(replace(EXACT, gnss_antenna="raw"), seen, levers)
+    for sensor, point, pose, height in zip(
+        GNSS, points(seen), (seen.tractor, seen.trailer), (1.78, 1.27), strict=True
+    ):
+        assert pose.roll == pytest.approx(0.1, abs=0.02)
+        across = -height * math.sin(pose.roll)
+        along = height * math.cos(pose.roll) * math.sin(pose.pitch)
+        cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
+        turned = (cos * along - sin * across, sin * along + cos * across)
+        np.testing.assert_allclose(found[sensor] - point, turned, atol=1e-9)
+        assert found[sensor][1] - point[1] == pytest.approx(-height * math.sin(0.1), rel=0.2)
+
+
+def test_lever_arm_is_turned_as_mujoco_turns_the_site():
+    seen, levers = standing_on(0.12, yaw=0.9, along=0.3)
+    for antenna, lever, pose in zip(
+        seen.antennas, levers, (seen.tractor, seen.trailer), strict=True
+    ):
+        turned = lever_in_map(lever, pose.yaw, pose.pitch, pose.roll)
+        expected = antenna[:2] - np.array([pose.x, pose.y])
+        np.testing.assert_allclose(turned, expected, atol=1e-12)
+
+
+def test_lever_arms_with_all_three_parts_keep_their_length():
+    lever, pitch, roll = np.array([0.4, -0.3, 1.5]), -0.2, 0.3
+    x, y = lever_in_map(lever, 0.7, pitch, roll)
+    z = -lever[0] * math.sin(pitch) + (
+        lever[1] * math.sin(roll) + lever[2] * math.cos(roll)
+    ) * math.cos(pitch)
+    assert math.hypot(x, y, z) == pytest.approx(np.linalg.norm(lever))
+
+
+def test_corrected_with_a_perfect_imu_is_the_axle_point():
+    seen, levers = standing_on(0.12, yaw=0.9, along=0.3)
+    found = gnss(replace(EXACT, gnss_antenna="corrected", imu=PERFECT_IMU), seen, levers)
+    for sensor, point in zip(GNSS, points(seen), strict=True):
+        np.testing.assert_allclose(found[sensor], point, atol=1e-9)
+
+
+def test_what_the_imu_has_wrong_stays_in_the_corrected_point():
+    seen, levers = standing_on(0.1, yaw=0.0)
+    imu = replace(PERFECT_IMU, angle_bias_sd=0.02)
+    found = gnss(replace(EXACT, gnss_antenna="corrected", imu=imu), seen, levers)
+    roll = found[Sensor.IMU_TRACTOR][1]
+    assert abs(roll - seen.tractor.roll) > 1e-3
+    expected = 1.78 * (math.sin(roll) - math.sin(seen.tractor.roll))
+    assert found[Sensor.GNSS_TRACTOR][1] - seen.tractor.y == pytest.approx(expected, abs=1e-4)
+
+
+def test_an_imu_reads_yaw_rate_roll_and_pitch_of_its_body():
+    seen = truth(
+        tractor={"roll": 0.1, "pitch": -0.2},
+        trailer={"roll": 0.3, "pitch": -0.4},
+        yaw_rate_t=0.5,
+        yaw_rate_i=0.6,
+    )
+    found = gnss(replace(EXACT, imu=PERFECT_IMU), seen, LEVERS)
+    np.testing.assert_array_equal(found[Sensor.IMU_TRACTOR], [0.5, 0.1, -0.2])
+    np.testing.assert_array_equal(found[Sensor.IMU_TRAILER], [0.6, 0.3, -0.4])
+
+
+def test_the_bias_of_an_imu_is_drawn_once_a_run():
+    imu = replace(PERFECT_IMU, angle_bias_sd=0.01, yaw_rate_bias_sd=0.02)
+    runs = [collect(replace(EXACT, imu=imu), seed, 100)[Sensor.IMU_TRACTOR] for seed in range(200)]
+    for run in runs:
+        np.testing.assert_array_equal(run, np.tile(run[0], (len(run), 1)))
+    drawn = np.array([run[0] for run in runs]).std(axis=0)
+    np.testing.assert_allclose(drawn, [0.02, 0.01, 0.01], rtol=4 / math.sqrt(2 * len(runs)))
+
+
+# --- latency, resolution ---------------------------------------------------------------------
+
+
+def test_a_late_sample_bears_its_own_time_and_what_was_true_then():
+    specification = replace(EXACT, gnss_latency=0.3, encoder_latency=0.05)
+    suite = SensorSuite(specification, 0.002, 1, LEVERS)
+    came = {Sensor.GNSS_TRACTOR: [], Sensor.ENCODER: [], Sensor.HITCH: []}
+    for step in range(0, 1000, suite.every):
+        time = 0.002 * step
+        seen = truth(time_s=time, tractor={"x": time}, rim_speed=2 * time, beta=0.1 * time)
+        for sample in suite.sample(seen, step):
+            if sample.sensor in came:
+                came[sample.sensor].append((time, sample.time_s, sample.value[0]))
+    for sensor, latency, gain, first in (
+        (Sensor.GNSS_TRACTOR, 0.3, 1.0, 9),  # of ten samples the last is still under way
+        (Sensor.ENCODER, 0.05, 2.0, 49),
+        (Sensor.HITCH, 0.0, 0.1, 50),
+    ):
+        delivered, taken, value = np.array(came[sensor]).T
+        assert len(taken) == first
+        np.testing.assert_allclose(delivered - taken, latency, atol=1e-12)
+        np.testing.assert_allclose(value, gain * taken, atol=1e-12)
+
+
+def test_latency_delays_samples_without_changing_them():
+    late = replace(SensorSpecification(), gnss_latency=0.2, angle_latency=0.1)
+    plain, delayed = (collect(s, seed=3, steps=1000) for s in (SensorSpecification(), late))
+    for sensor in LENGTH:
+        np.testing.assert_array_equal(delayed[sensor], plain[sensor][: len(delayed[sensor])])
+    assert len(delayed[Sensor.GNSS_TRACTOR]) == len(plain[Sensor.GNSS_TRACTOR]) - 1
+
+
+def test_moments_at_which_something_comes_are_those_that_are_looked_at():
+    assert SensorSuite(SensorSpecification(), 0.002, 1, LEVERS).every == 20
+    assert SensorSuite(SensorSpecification(gnss_latency=0.05), 0.002, 1, LEVERS).every == 5
+
+
+def test_samples_lie_on_the_grid_of_their_sensor_next_to_what_they_would_be():
+    grids = {
+        **dict.fromkeys(GNSS, 0.02),
+        **dict.fromkeys((Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH), 0.005),
+        Sensor.ENCODER: 0.04,
+    }
+    fine = SensorSpecification()
+    coarse = replace(fine, gnss_resolution=0.02, angle_resolution=0.005, encoder_resolution=0.04)
+    plain, gridded = (collect(s, seed=6, steps=1000) for s in (fine, coarse))
+    for sensor, grid in grids.items():
+        cells = gridded[sensor] / grid
+        np.testing.assert_allclose(cells, np.round(cells), atol=1e-9)
+        assert np.abs(gridded[sensor] - plain[sensor]).max() <= 0.5 * grid + 1e-12
+
+
+# --- refusals --------------------------------------------------------------------------------
+
+
+def test_a_rate_between_two_steps_is_refused():
+    with pytest.raises(InvalidPlant, match=r"gnss_tractor.*whole number of physics steps"):
+        SensorSuite(SensorSpecification(gnss_rate=7.0), 0.002, 1, LEVERS)
+
+
+def test_a_latency_between_two_steps_is_refused():
+    with pytest.raises(
+        InvalidPlant, match=r"latency of sensor steering_tractor: 0\.005 s is not a whole"
+    ):
+        SensorSuite(SensorSpecification(angle_latency=0.005), 0.002, 1, LEVERS)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"gnss_sd": -0.01}, "gnss_sd: got -0.01, must be finite and not negative"),
+        ({"gnss_latency": 2.5}, r"gnss_latency: got 2.5, must be in \[0, 2\]"),
+        ({"angle_latency": -0.1}, r"angle_latency: got -0.1, must be in \[0, 2\]"),
+        ({"encoder_resolution": math.nan}, "encoder_resolution: got nan"),
+        ({"gnss_correlation_time": 0.0}, "gnss_correlation_time: got 0.0 s, must be above 0"),
+        ({"gnss_white_share": 1.5}, r"gnss_white_share: got 1.5, must be in \[0, 1\]"),
+        ({"gnss_antenna": "corrected"}, "'corrected' needs the attitude that an IMU measures"),
+    ],
+)
+def test_sensors_that_cannot_be_are_refused(change, said):
+    with pytest.raises(InvalidPlant, match=said):
+        SensorSpecification(**change)
+
+
+def test_an_imu_that_cannot_be_is_refused():
+    with pytest.raises(InvalidPlant, match=r"sensors\.imu\.angle_sd: got -1\.0"):
+        ImuSpecification(angle_sd=-1.0)
+
+
+def test_what_is_not_the_paper_s_is_said():
+    assert SensorSpecification().notes() == []
+    said = SensorSpecification(
+        gnss_error="correlated", gnss_antenna="raw", gnss_latency=0.1, encoder_on="ground"
+    ).notes()
+    assert said == [
+        "sensors: GNSS error correlated over 60 s, 10 % of its variance white",
+        "sensors: GNSS of the antennas taken for the axle points",
+        "sensors: encoder reads the speed over ground",
+        "sensors: GNSS latency 0.1 s",
+    ]

@@ -1,0 +1,36 @@
+import math
+
+import pytest
+
+from proving_ground.testbed.ground.terrain import flat
+from proving_ground.testbed.simulation.termination import MishapLimits, mishap
+from tests.testbed.truths import truth
+
+FIELD = flat(size_m=(80.0, 50.0))
+
+
+def verdict(state, reference=(0.0, 0.0)):
+    return mishap(state, reference, FIELD, MishapLimits())
+
+
+def test_a_vehicle_that_drives_is_not_lost():
+    assert verdict(truth()) is None
+    assert verdict(truth(tractor={"roll": 0.3, "pitch": -0.3}, beta=0.6, delta_i=-0.4)) is None
+
+
+@pytest.mark.parametrize(
+    ("state", "reason"),
+    [
+        (truth(tractor={"roll": -1.2}), "roll-over of the tractor"),
+        (truth(trailer={"pitch": 1.2}), "roll-over of the trailer"),
+        (truth(trailer={"x": -40.5}), "the trailer left the field"),
+        (truth(tractor={"y": 26.0}), "the tractor left the field"),
+        (truth(beta=math.radians(-85)), "jack-knife"),
+        (truth(delta_i=math.radians(85)), "jack-knife"),
+        (truth(tractor={"x": 3.0, "y": 4.5}), "diverged, the tractor is 5.4 m"),
+    ],
+)
+def test_a_lost_vehicle_is_lost_for_the_reason(state, reason):
+    said = verdict(state)
+    assert said is not None
+    assert said.startswith(reason)

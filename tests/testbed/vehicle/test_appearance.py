@@ -1,0 +1,86 @@
+from collections import Counter
+
+import mujoco
+import numpy as np
+
+from proving_ground.testbed.ground import terrain
+from proving_ground.testbed.ground.features import Bump
+from proving_ground.testbed.ground.soil import SoilMap
+from proving_ground.testbed.ground.soil_layers import Patch
+from proving_ground.testbed.ground.tramlines import Tramlines
+from proving_ground.testbed.simulation.plant import Plant
+from proving_ground.testbed.vehicle.appearance import tyre_mesh
+from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+
+
+def test_tyre_mesh_is_closed_and_faces_outwards():
+    vertices, faces = tyre_mesh(0.4, 0.24, 0.18)
+    edges = Counter(
+        (int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1), strict=True)
+    )
+    assert all(count == 1 and (b, a) in edges for (a, b), count in edges.items())
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    volume = np.einsum("ni,ni->n", a, np.cross(b, c)).sum() / 6.0
+    ring = np.pi * (0.4**2 - 0.22**2) * 0.24
+    assert 0.6 * ring < volume < ring
+    reach = np.hypot(vertices[:, 0], vertices[:, 2])
+    assert 0.39 < reach.max() <= 0.4
+
+
+def test_soft_soil_is_painted_where_it_lies():
+    soil = SoilMap(800.0, (Patch.circle(6.0, -3.0, 2.0, 100.0),))
+    plant = Plant(read_vehicle(), terrain.flat((20.0, 12.0)), soil)
+    image = plant.drawn_model().texture("ground").data.astype(float)  # first row north
+    rows, columns, _ = image.shape
+    green = image[..., 1] - image[..., 0]
+
+    def at(x, y):
+        row = round((0.5 - y / 12.0) * (rows - 1))
+        column = round((0.5 + x / 20.0) * (columns - 1))
+        return green[row - 5 : row + 5, column - 5 : column + 5].mean()
+
+    assert at(6.0, -3.0) < 0.0
+    assert min(at(6.0, 3.0), at(-6.0, -3.0), at(-6.0, 3.0)) > 0.0
+
+
+def test_hard_and_soft_tracks_and_a_bump_can_be_seen():
+    line = np.array([[-9.0, 0.0], [9.0, 0.0]])
+    layers = (
+        Tramlines((line + np.array([0.0, 3.0]),), 1.0, 0.3, 1.5),
+        Tramlines((line - np.array([0.0, 3.0]),), 1.0, 0.3, 1.0 / 1.5),
+    )
+    for background in (300.0, 600.0, 1000.0):
+        ground = terrain.flat((20.0, 12.0)).shaped((Bump(0.0, 0.0, 0.0, 10.0, 0.8, 0.1),))
+        image = (
+            Plant(read_vehicle(), ground, SoilMap(background, layers))
+            .drawn_model()
+            .texture("ground")
+            .data.astype(float)[::-1]
+        )
+        rows = image.mean(axis=(1, 2))  # brightness from south to north
+        at = {y: rows[round((y + 6.0) / 12.0 * (len(rows) - 1))] for y in (-2.5, 0.2, -0.2, 2.5, 5)}
+        assert at[2.5] > at[5] + 3.0, "harder: paler"
+        assert at[-2.5] < at[5] - 3.0, "softer: darker"
+        assert abs(at[0.2] - at[-0.2]) > 15.0, "one flank in the light, one in the shade"
+
+
+def test_the_model_that_is_logged_can_be_loaded_and_drawn_again():
+    plant = Plant(read_vehicle(), terrain.flat((10.0, 8.0)), SoilMap(600.0))
+    again = mujoco.MjModel.from_xml_string(plant.mjcf)
+    assert again.nbody == plant.model.nbody
+    assert again.ngeom == plant.drawn_model().ngeom
+    assert [again.camera(i).name for i in range(again.ncam)] == ["chase", "top", "side", "hitch"]
+
+
+def test_drawn_model_moves_as_the_physics_does():
+    plant = Plant(read_vehicle(), terrain.flat((20.0, 12.0)), SoilMap(600.0))
+    truth = plant.reset(0.0, 0.0, 0.5, 1.0)
+    drawn = plant.drawn_model()
+    assert [drawn.body(i).name for i in range(drawn.nbody)] == list(plant.body_names)
+    assert drawn.nq == plant.model.nq
+    np.testing.assert_allclose(drawn.body_mass, plant.model.body_mass, rtol=1e-6)
+    np.testing.assert_allclose(drawn.body_inertia, plant.model.body_inertia, rtol=1e-6)
+    data = mujoco.MjData(drawn)
+    data.qpos[:] = plant.data.qpos
+    mujoco.mj_kinematics(drawn, data)
+    np.testing.assert_allclose(data.xpos, truth.body_xyz, atol=1e-9)

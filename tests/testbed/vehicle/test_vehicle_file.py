@@ -1,0 +1,156 @@
+"""Vehicle files: what ships can exist, and what cannot exist is refused in one line."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from proving_ground.testbed.errors import InvalidPlant
+from proving_ground.testbed.vehicle.axle_loads import GRAVITY, AxleLoads
+from proving_ground.testbed.vehicle.linkage import knuckle_angle, linkage_polynomial
+from proving_ground.testbed.vehicle.servos import drive_servo, steering_servos
+from proving_ground.testbed.vehicle.vehicle_file import (
+    find_vehicle,
+    read_vehicle,
+    shipped_vehicles,
+)
+
+NAMES = shipped_vehicles()
+
+
+def edited(tmp_path, table, key, value, name="kayacan2016"):
+    """Return a copy of a shipped file in which one key of a table says something else."""
+    text = find_vehicle(name).read_text()
+    pattern = rf"(?ms)(^\[{table}\].*?^{key} = )[^#\n]*"
+    text, count = re.subn(pattern, lambda match: match[1] + value + " ", text, count=1)
+    assert count == 1
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    return str(file)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_copy_of_a_shipped_file_is_the_same_vehicle(name, tmp_path):
+    file = tmp_path / "copy.toml"
+    file.write_text(find_vehicle(name).read_text())
+    assert read_vehicle(str(file)) == read_vehicle(name)
+
+
+def test_the_paper_s_vehicle_has_the_paper_s_lengths_and_drive():
+    vehicle = read_vehicle("kayacan2016")
+    assert vehicle.tractor.wheelbase_m == 1.4
+    assert vehicle.hitch.offset_m + vehicle.drawbar.length_m == pytest.approx(1.1)
+    assert vehicle.trailer.length_m == 1.3
+    assert (vehicle.hydrostat.speed_gain_mps, vehicle.hydrostat.time_constant_s) == (1.4, 2.05)
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value", "said"),
+    [
+        ("tractor", "wheelbase_m", "-1.4", "tractor.wheelbase_m: Input should be greater than 0"),
+        ("tractor", "wheelbase_m", "nan", "tractor.wheelbase_m: Input should be a finite number"),
+        ("tractor", "mass_kg", "'heavy'", "tractor.mass_kg: Input should be a valid number"),
+        ("tractor", "mass_kg", "true", "tractor.mass_kg: Input should be a valid number"),
+        ("tractor", "mass_kg", "150.0", "masses do not add up"),
+        ("trailer", "mass_kg", "60.0", "masses do not add up"),
+        ("tractor", "wheelbase_m", "0.65", "front and rear wheels overlap"),
+        ("tractor", "rear_track_m", "0.2", "narrower than a tyre of 0.24 m"),
+        ("front_axle", "track_m", "0.1", "narrower than a tyre"),
+        ("trailer", "track_m", "0.15", "narrower than a tyre"),
+        ("front_axle", "kingpin_track_m", "0.95", "kingpins must stand inside the wheels"),
+        ("front_wheel", "section_height_m", "0.3", "or there is no rim"),
+        ("tractor", "centre_forward_m", "-0.1", "the front axle carries"),
+        ("tractor", "centre_forward_m", "1.6", "the rear axle carries"),
+        ("trailer", "centre_forward_m", "-0.4", "the trailer tips backwards"),
+        ("trailer", "centre_forward_m", "3.0", "the trailer's wheels carry nothing"),
+        ("front_steering", "limit_deg", "45.0", "touches the body"),
+        ("hitch", "yaw_limit_deg", "80.0", "meets the rear wheels at 74 deg"),
+        ("drawbar", "length_m", "0.05", "the drawbar ends between the rear wheels"),
+        ("box", "forward_m", "2.0", "the box reaches into the tractor's rear wheels"),
+        ("box", "floor_m", "0.5", "the wheels reach through the floor"),
+        ("hydrostat", "speed_gain_mps", "0.0", "hydrostat.speed_gain_mps: Input should be greater"),
+        ("hydrostat", "time_constant_s", "-2.0", "hydrostat.time_constant_s: Input should be"),
+        ("load", "mass_kg", "100.0\nforwards_m = 2.0", "load.forwards_m: unknown key; allowed"),
+        ("load", "mass_kg", "100.0\nchassis = 2.0", "load.chassis: unknown key; allowed here"),
+    ],
+)
+def test_impossible_vehicles_are_refused_with_file_key_and_reason(
+    table, key, value, said, tmp_path
+):
+    file = edited(tmp_path, table, key, value)
+    with pytest.raises(InvalidPlant) as caught:
+        read_vehicle(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_table_is_refused_by_its_name(tmp_path):
+    text = find_vehicle("kayacan2016").read_text()
+    file = tmp_path / "mine.toml"
+    file.write_text(text[: text.index("[hydrostat]")])
+    with pytest.raises(InvalidPlant, match=r"mine\.toml: hydrostat: Field required"):
+        read_vehicle(str(file))
+
+
+@pytest.mark.parametrize("name", ["tank", "nowhere.toml"])
+def test_a_missing_vehicle_is_refused_with_those_there_are(name):
+    with pytest.raises(InvalidPlant, match="shipped are farm4500, kayacan2016"):
+        read_vehicle(name)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_axle_loads_balance_forces_and_moments(name):
+    vehicle = read_vehicle(name)
+    loads, load = AxleLoads.of(vehicle), vehicle.load
+    masses = [vehicle.tractor.mass_kg, vehicle.drawbar.mass_kg, vehicle.trailer.mass_kg]
+    weight = GRAVITY * (sum(masses) + load.mass_kg)
+    assert loads.front + loads.rear + loads.trailer == pytest.approx(weight)
+    # moments of everything about the ground below the front axle
+    rj1 = vehicle.tractor.wheelbase_m + vehicle.hitch.offset_m
+    axle = rj1 + vehicle.drawbar.length_m + vehicle.trailer.length_m
+    places = [
+        vehicle.tractor.wheelbase_m - vehicle.tractor.centre_forward_m,
+        rj1 + 0.5 * vehicle.drawbar.length_m,
+        axle - vehicle.trailer.centre_forward_m,
+    ]
+    moment = GRAVITY * (np.dot(masses, places) + load.mass_kg * (axle - load.forward_m))
+    carried = loads.rear * vehicle.tractor.wheelbase_m + loads.trailer * axle
+    assert carried == pytest.approx(moment)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_linkage_follows_ackermann_over_its_whole_range(name):
+    vehicle = read_vehicle(name)
+    limit = np.radians(vehicle.front_steering.limit_deg)
+    delta = np.linspace(-limit, limit, 57)
+    for y in (-0.5, 0.5):
+        kingpin = y * vehicle.front_axle.kingpin_track_m
+        exact = knuckle_angle(delta, vehicle.tractor.wheelbase_m, kingpin)
+        polynomial = linkage_polynomial(limit, vehicle.tractor.wheelbase_m, kingpin)
+        np.testing.assert_allclose(np.polyval(polynomial[::-1], delta), exact, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_servos_are_as_strong_as_the_vehicle_is_heavy(name):
+    vehicle = read_vehicle(name)
+    tractor, trailer = vehicle.tractor, vehicle.trailer
+    heavy = dataclasses.replace(
+        vehicle,
+        tractor=dataclasses.replace(tractor, mass_kg=1.2 * tractor.mass_kg),
+        drawbar=dataclasses.replace(vehicle.drawbar, mass_kg=1.2 * vehicle.drawbar.mass_kg),
+        trailer=dataclasses.replace(trailer, mass_kg=1.2 * trailer.mass_kg),
+    )
+    for before, after in zip(steering_servos(vehicle), steering_servos(heavy), strict=True):
+        assert after.torque == pytest.approx(1.2 * before.torque)
+        assert after.damping / after.stiffness == pytest.approx(before.damping / before.stiffness)
+    assert drive_servo(heavy).torque == pytest.approx(1.2 * drive_servo(vehicle).torque)
+    assert drive_servo(heavy).wheel_speed > drive_servo(vehicle).wheel_speed  # it slips more
+
+
+def test_a_drive_quicker_than_its_own_tyres_is_refused():
+    vehicle = read_vehicle("farm4500")
+    hydrostat = dataclasses.replace(vehicle.hydrostat, time_constant_s=0.05)
+    with pytest.raises(InvalidPlant, match="wheels and tyres alone take"):
+        drive_servo(dataclasses.replace(vehicle, hydrostat=hydrostat))

@@ -1,0 +1,160 @@
+"""The live view: what a log holds, in time, and nothing that touches the run."""
+
+import base64
+import json
+import socket
+import struct
+import time
+
+import numpy as np
+import pytest
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+from websockets.sync.client import connect
+
+from proving_ground.testbed.errors import LiveError
+from proving_ground.testbed.messages.publisher import topics_of
+from proving_ground.testbed.messages.scenery import Scenery
+from proving_ground.testbed.recording.channels import STATE
+from proving_ground.testbed.recording.record import Event
+from proving_ground.testbed.recording.topics import (
+    EVENT_TOPIC,
+    REFERENCE_PATH_TOPIC,
+    SCENE_TOPIC,
+    TRANSFORMS_TOPIC,
+)
+from proving_ground.testbed.viewers.live import LiveView
+from tests.testbed.truths import truth
+
+pytest.importorskip("foxglove")
+MESSAGE, TIME = 1, 2  # opcodes of what a server sends, in Foxglove's WebSocket protocol
+
+
+class Viewer:
+    """A client of the protocol that knows nothing but the protocol."""
+
+    def __init__(self, url):
+        self.socket = connect(url, subprotocols=["foxglove.sdk.v1"]).__enter__()
+        assert json.loads(self.socket.recv())["op"] == "serverInfo"
+        advertised = json.loads(self.socket.recv())
+        assert advertised["op"] == "advertise"
+        self.channels = {int(each["id"]): each for each in advertised["channels"]}
+        wanted = [{"id": number, "channelId": number} for number in self.channels]
+        self.socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+    def messages(self, count):
+        """Yield topic, time [s] and decoded message of the next messages."""
+        while count:
+            frame = self.socket.recv(timeout=10.0)
+            if isinstance(frame, bytes) and frame[0] == MESSAGE:
+                number, time_ns = struct.unpack("<IQ", frame[1:13])
+                channel = self.channels[number]
+                yield channel["topic"], 1e-9 * time_ns, decoded(channel, frame[13:])
+                count -= 1
+
+
+def decoded(channel, data):
+    """Return a message by the schema that the server advertised."""
+    pool = DescriptorPool()
+    for file in FileDescriptorSet.FromString(base64.b64decode(channel["schema"])).file:
+        pool.Add(file)
+    kind = GetMessageClass(pool.FindMessageTypeByName(channel["schemaName"]))
+    return kind.FromString(data)
+
+
+def view(**other) -> LiveView:
+    return LiveView(Scenery(("tractor",)), **{"port": 0, "speed": 100.0, **other})
+
+
+def say(sink, moments):
+    for k in moments:
+        sink.row(STATE, 0.04 * k, [float(k)] * len(STATE.fields))
+        sink.scene(truth(time_s=0.04 * k, body_xyz=np.full((1, 3), float(k))))
+
+
+def test_a_viewer_is_offered_what_a_log_holds_and_can_decode_it():
+    with view() as live:
+        viewer = Viewer(live.url)
+        offered = {
+            each["topic"]: (each["encoding"], each["schemaName"], base64.b64decode(each["schema"]))
+            for each in viewer.channels.values()
+        }
+        assert offered == {
+            topic.name: ("protobuf", topic.schema_name, topic.schema) for topic in topics_of()
+        }
+        live.event(Event(0.0, "warning", "first"))
+        ((topic, _, message),) = viewer.messages(1)
+        assert (topic, message.message) == (EVENT_TOPIC, "first")
+        time.sleep(0.2)  # until the server has taken in the other subscriptions
+        say(live, range(1, 3))
+        seen = list(viewer.messages(5))
+        rows = [(when, message.x_t_m) for topic, when, message in seen if topic == STATE.topic]
+        np.testing.assert_allclose(rows, [(0.04, 1.0), (0.08, 2.0)])
+        (moved,) = (message for topic, _, message in seen[:2] if topic == TRANSFORMS_TOPIC)
+        assert moved.transforms[0].translation.x == 1.0
+        viewer.socket.close()
+
+
+def test_who_comes_later_is_told_what_was_said_once():
+    with LiveView(Scenery(("tractor",), None, b"\x0a\x00"), port=0, speed=100.0) as live:
+        live.path(REFERENCE_PATH_TOPIC, 0.0, np.array([[0.0, 0.0], [1.0, 0.0]]))
+        say(live, range(3))
+        viewer = Viewer(live.url)
+        told = {topic: message for topic, _, message in viewer.messages(2)}
+        assert told.keys() == {SCENE_TOPIC, REFERENCE_PATH_TOPIC}
+        assert len(told[REFERENCE_PATH_TOPIC].poses) == 2
+        viewer.socket.close()
+
+
+def test_viewers_come_and_go_and_the_run_goes_on():
+    with view() as live:
+        for k in range(4):
+            viewer = Viewer(live.url)
+            say(live, [k])
+            if k % 2:
+                viewer.socket.close()
+            else:
+                viewer.socket.socket.close()  # no goodbye
+        say(live, range(4, 60))
+
+
+def test_a_viewer_that_reads_nothing_does_not_hold_the_run_up():
+    with view(speed=1e6) as live:
+        viewer = Viewer(live.url)
+        start = time.monotonic()
+        say(live, range(1500))  # more than the server keeps for one viewer
+        assert time.monotonic() - start < 30.0
+        viewer.socket.socket.close()
+
+
+@pytest.mark.parametrize("speed", [2.0, 8.0])
+def test_simulated_time_runs_at_the_chosen_factor(speed):
+    with view(speed=speed) as live:
+        start = time.monotonic()  # the view's own start, however long the first words take
+        say(live, [0, 25])
+        assert time.monotonic() - start >= 0.95 / speed, "one simulated second"
+
+
+def test_a_taken_port_is_said_in_one_line():
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(LiveError, match=f"port {port} is not free.*--port"):
+            view(port=port)
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [({"speed": 0.0}, "speed 0, must be above 0"), ({"port": 70000}, "from 0 to 65535")],
+)
+def test_what_cannot_be_is_refused(option, said):
+    with pytest.raises(LiveError, match=said):
+        view(**option)
+
+
+def test_without_the_extra_one_line_names_it(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "foxglove", None)
+    with pytest.raises(LiveError, match=r"pip install 'ttempc\[live\]'"):
+        view()

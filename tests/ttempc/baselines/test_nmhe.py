@@ -1,0 +1,122 @@
+"""The moving-horizon estimator: the filter's equal where all is linear, and inside its bounds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.ttempc.sensed_drive import PERIOD_S, VEHICLE, SensedDrive
+from ttempc.baselines.nmhe import MovingHorizonEstimator, _minimum
+from ttempc.errors import InvalidTuning
+from ttempc.estimation.augmented_state import LARGEST, SIZE, STATES
+from ttempc.types import Measurement
+
+
+def chain(generator, count):
+    """A random linear model with noise: arrival, transitions, noises, readings; all at zero."""
+
+    def spread():
+        root = generator.normal(size=(SIZE, SIZE))
+        return root @ root.T / SIZE + 0.1 * np.eye(SIZE)
+
+    transitions = np.eye(SIZE) + 0.1 * generator.normal(size=(count - 1, SIZE, SIZE))
+    noises = np.array([0.01 * spread() for _ in range(count - 1)])
+    sensors = generator.normal(size=(count, 3, SIZE))
+    return spread(), transitions, noises, sensors, generator.normal(size=(count, 3))
+
+
+def system(arrival, transitions, noises, sensors, readings, mean, guess):
+    """The blocks of the window's problem about `guess`, reading noise of 1."""
+    count = len(readings)
+    diagonal, above = np.zeros((count, SIZE, SIZE)), np.zeros((count - 1, SIZE, SIZE))
+    right = np.zeros((count, SIZE))
+    diagonal[0] = np.linalg.inv(arrival)
+    right[0] = diagonal[0] @ (mean - guess[0])
+    for k in range(count - 1):
+        weight = np.linalg.inv(noises[k])
+        missed = transitions[k] @ guess[k] - guess[k + 1]
+        diagonal[k] += transitions[k].T @ weight @ transitions[k]
+        diagonal[k + 1] += weight
+        above[k] = -transitions[k].T @ weight
+        right[k] -= transitions[k].T @ weight @ missed
+        right[k + 1] += weight @ missed
+    for k in range(count):
+        diagonal[k] += sensors[k].T @ sensors[k]
+        right[k] += sensors[k].T @ (readings[k] - sensors[k] @ guess[k])
+    return diagonal, above, right
+
+
+def test_a_linear_window_ends_where_the_kalman_filter_does():
+    """Whatever the guess, in one step; the covariance of its last belief is the filter's, too."""
+    generator = np.random.default_rng(81)
+    for _ in range(5):
+        arrival, transitions, noises, sensors, readings = chain(generator, 6)
+        mean = 1e-3 * generator.normal(size=SIZE)
+        readings = 1e-3 * readings
+        guess = 1e-3 * generator.normal(size=(6, SIZE))
+        given = system(arrival, transitions, noises, sensors, readings, mean, guess)
+        found = _minimum(*given, guess)
+        x, p = mean, arrival
+        for k in range(6):
+            if k:
+                x, p = transitions[k - 1] @ x, transitions[k - 1] @ p @ transitions[k - 1].T
+                p = p + noises[k - 1]
+            gain = p @ sensors[k].T @ np.linalg.inv(sensors[k] @ p @ sensors[k].T + np.eye(3))
+            x, p = x + gain @ (readings[k] - sensors[k] @ x), p - gain @ sensors[k] @ p
+        assert not found.bounded
+        np.testing.assert_allclose(found.beliefs[-1], x, atol=1e-12)
+        np.testing.assert_allclose(found.covariance, p, atol=1e-10)
+
+
+def test_a_bounded_window_is_the_best_inside_its_bounds():
+    """The gradient vanishes where no bound is active and pushes outwards where one is."""
+    generator = np.random.default_rng(82)
+    arrival, transitions, noises, sensors, readings = chain(generator, 4)
+    guess = np.zeros((4, SIZE))
+    mean = np.concatenate([np.zeros(STATES), 1.5 * LARGEST])
+    diagonal, above, right = system(
+        arrival, transitions, noises, sensors, 0.1 * readings, mean, guess
+    )
+    found = _minimum(diagonal, above, right, guess)
+    assert found.bounded
+    held = found.beliefs[:, STATES:]
+    assert np.all(np.abs(held) <= LARGEST)
+    slope = np.einsum("kij,kj->ki", diagonal, found.beliefs) - right
+    slope[:-1] += np.einsum("kij,kj->ki", above, found.beliefs[1:])
+    slope[1:] += np.einsum("kij,ki->kj", above, found.beliefs[:-1])
+    active = np.zeros((4, SIZE), dtype=bool)
+    active[:, STATES:] = np.abs(held) > LARGEST - 1e-6
+    assert active.any()
+    np.testing.assert_allclose(slope[~active], 0.0, atol=1e-4)
+    assert np.all(slope[active] * found.beliefs[active] < 1e-4)
+
+
+def test_estimates_are_those_of_the_filter_but_for_what_is_not_linear():
+    """The same samples to both: differences far below the standard deviations of either."""
+    drive = SensedDrive(12).run(60)
+    estimator = MovingHorizonEstimator(VEHICLE)
+    for k, (samples, command) in enumerate(drive.received):
+        found = estimator.update(k * PERIOD_S, samples, command)
+        filtered = drive.estimates[k]
+        sd = np.sqrt(np.diag(filtered.covariance))
+        assert np.all(np.abs(found.state - filtered.state) < 0.3 * sd)
+        np.testing.assert_allclose(np.diag(found.covariance), sd**2, rtol=0.2)
+        assert found.innovations == filtered.innovations
+
+
+def test_estimate_is_nan_until_the_set_is_complete_and_survives_an_outage():
+    drive = SensedDrive(13).run(30)
+    estimator = MovingHorizonEstimator(VEHICLE)
+    first: list[Measurement] = drive.received[0][0]
+    assert np.isnan(estimator.update(0.0, first[:3], None).state).all()
+    for k, (samples, command) in enumerate(drive.received[1:], 1):
+        heard = [] if 10 <= k < 20 else samples
+        found = estimator.update(k * PERIOD_S, heard, command)
+        assert np.isfinite(found.state).all()
+    assert np.hypot(*(found.state - drive.states[-1])[:2]) < 0.2
+
+
+@pytest.mark.parametrize("tuning", [{"iterations": 0}, {"window_s": 0.0}])
+def test_tuning_must_make_sense(tuning):
+    with pytest.raises(InvalidTuning):
+        MovingHorizonEstimator(VEHICLE, **tuning)

@@ -1,0 +1,175 @@
+"""What a vehicle does on bad estimates, stale positions, metres of error and wild references."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.ttempc.closed_loop import PERIOD_S, seen_truth
+from ttempc.errors import InvalidTuning
+from ttempc.guidance.controllers import make_controller
+from ttempc.guidance.supervisor import SafetyLimits, Supervisor
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.types import Innovation, Sensor, State
+from ttempc.vehicle import Vehicle
+
+VEHICLE = Vehicle()
+REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
+SEEN = (Innovation(Sensor.GNSS_TRACTOR, 1.0, 2), Innovation(Sensor.ENCODER, 1.0, 1))
+UNSEEN = (Innovation(Sensor.GNSS_TRACTOR, 99.0, 2, False), Innovation(Sensor.ENCODER, 1.0, 1))
+
+
+def supervised(reference=REFERENCE, vehicle=VEHICLE):
+    controller = make_controller("ttempc", vehicle, reference, PERIOD_S)
+    return Supervisor(controller, vehicle, reference, PERIOD_S)
+
+
+def on_reference(k, innovations=SEEN, reference=REFERENCE):
+    state = reference.at(k * PERIOD_S).state
+    return replace(seen_truth(state, k * PERIOD_S, VEHICLE), innovations=innovations)
+
+
+def drive(supervisor, ticks, estimate):
+    """Return commands (N, 3) and what was said, asserting the limits of every command."""
+    steps = [supervisor.step(estimate(k), k) for k in range(ticks)]
+    commands = np.array([step.command.as_array() for step in steps])
+    assert np.all(np.isfinite(commands))
+    assert np.all((commands >= VEHICLE.input_min) & (commands <= VEHICLE.input_max))
+    assert np.all(np.abs(np.diff(commands, axis=0)) <= VEHICLE.input_rate * PERIOD_S + 1e-12)
+    return commands, [step.diagnostics.fallback for step in steps]
+
+
+def test_a_good_drive_is_passed_on_untouched():
+    alone = make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S)
+    commands, said = drive(supervised(), 100, on_reference)
+    assert not any(said)
+    expected = [alone.step(on_reference(k), k).command.as_array() for k in range(100)]
+    np.testing.assert_array_equal(commands, expected)
+
+
+@pytest.mark.parametrize("spoilt", ["state", "trailer_xy", "disturbance"])
+def test_estimate_that_is_not_finite_holds_for_a_second_then_stops(spoilt):
+    def estimate(k):
+        good = on_reference(k)
+        return good if k < 50 else replace(good, **{spoilt: getattr(good, spoilt) * np.nan})
+
+    commands, said = drive(supervised(), 80, estimate)
+    assert not any(said[:50])
+    np.testing.assert_array_equal(commands[50:55], np.tile(commands[49], (5, 1)))
+    assert "not finite: command held" in said[50]
+    assert "not finite for more than 1 s: stopped" in said[-1]
+    assert commands[-1, 2] == 0.0
+    np.testing.assert_array_equal(commands[-1, :2], commands[49, :2])
+
+
+def test_drives_on_after_a_short_blindness():
+    supervisor = supervised()
+    blind = range(20, 40)
+    _, said = drive(
+        supervisor,
+        60,
+        lambda k: replace(on_reference(k), hitch_angle=np.nan) if k in blind else on_reference(k),
+    )
+    assert not any(said[40:])
+
+
+@pytest.mark.parametrize(
+    "stale",
+    [
+        lambda k: on_reference(k, UNSEEN),  # GNSS there, but kept out by the gate
+        lambda k: on_reference(k, ()),  # no samples at all
+        lambda k: replace(on_reference(k), time_s=6.0, innovations=()),  # a dead estimator
+    ],
+)
+def test_position_that_is_not_measured_slows_down_then_stops_then_goes_on(stale):
+    start, end = 30, 60
+    commands, said = drive(
+        supervised(), 80, lambda k: stale(k) if start <= k < end else on_reference(k)
+    )
+    assert not any(said[: start + 9])
+    assert "half speed" in said[start + 12]
+    assert commands[start + 18, 2] == pytest.approx(0.5 * commands[0, 2], abs=0.03)
+    assert "not measured for more than 4 s: stopped" in said[end - 1]
+    assert commands[end - 1, 2] < 0.1
+    assert not any(said[end:])
+
+
+def test_uncertain_position_slows_down_then_stops():
+    def estimate(k):
+        return replace(on_reference(k), covariance=np.diag([(0.02 * k) ** 2, *np.zeros(6)]))
+
+    commands, said = drive(supervised(), 60, estimate)
+    assert not any(said[:13])
+    assert "uncertain by more than 0.25 m: half speed" in said[13]
+    assert "uncertain by more than 0.5 m: stopped" in said[26]
+    assert commands[-1, 2] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("entry", "error", "what"),
+    [
+        (State.Y, 3.2, "beside its reference"),
+        (State.X, 1e300, "from its reference"),
+        (State.PSI_I, 1.2, "trailer turned"),
+    ],
+)
+def test_metres_of_error_stop_the_vehicle_for_good(entry, error, what):
+    def estimate(k):
+        state = REFERENCE.at(k * PERIOD_S).state
+        state[entry] += error if 20 <= k < 30 else 0.0
+        return replace(seen_truth(state, k * PERIOD_S, VEHICLE), innovations=SEEN)
+
+    commands, said = drive(supervised(), 50, estimate)
+    assert not any(said[:20])
+    assert what in said[20]
+    assert said[-1] == said[20]
+    assert commands[-1, 2] == 0.0
+    np.testing.assert_array_equal(commands[20:, :2], np.tile(commands[19, :2], (30, 1)))
+
+
+def test_jump_of_the_error_is_said_and_driven_back_within_the_limits():
+    def estimate(k):
+        state = REFERENCE.at(k * PERIOD_S).state
+        state[:2] += 1.2 if k >= 20 else 0.0
+        return replace(seen_truth(state, k * PERIOD_S, VEHICLE), innovations=SEEN)
+
+    _, said = drive(supervised(), 40, estimate)
+    assert "jumped by 1.7 m: driving back" in said[20]
+    assert not any(said[:20])
+    assert not any(said[21:])
+
+
+def test_reference_beyond_the_limits_is_said_and_driven_at_the_limit():
+    weak = replace(VEHICLE, steering_limit_i=0.2)
+    reference = Reference(figure_eight(), weak, ConstantSpeed(1.0))
+    supervisor = supervised(reference, weak)
+    said = []
+    for k in range(150):
+        step = supervisor.step(on_reference(k, reference=reference), k)
+        assert abs(step.command.delta_i) <= 0.2
+        said.append(step.diagnostics.fallback)
+    assert any("reference asks for more delta_i than the limits allow" in text for text in said)
+    assert said[0] == ""
+
+
+def test_estimator_without_innovations_and_covariance_is_believed():
+    _, said = drive(supervised(), 60, lambda k: on_reference(k, ()))
+    assert not any(said)
+
+
+def test_preparing_changes_no_result():
+    plain, prepared = supervised(), supervised()
+    for k in range(60):
+        prepared.prepare(k)
+        state = REFERENCE.at(k * PERIOD_S).state + 0.01 * np.sin(k + np.arange(7))
+        estimate = replace(seen_truth(state, k * PERIOD_S, VEHICLE), innovations=SEEN)
+        first, second = plain.step(estimate, k), prepared.step(estimate, k)
+        assert first.command == second.command
+
+
+def test_limits_must_be_positive():
+    with pytest.raises(InvalidTuning, match="cross_m"):
+        SafetyLimits(cross_m=0.0)

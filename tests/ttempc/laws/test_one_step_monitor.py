@@ -1,0 +1,116 @@
+"""Each step's disturbance against the set that was measured for single steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, STEP, VEHICLE
+from ttempc.errors import InvalidTube
+from ttempc.laws.articulated_mpc import articulated_controller
+from ttempc.laws.lq_robust_law import TUBE, RegulatorTuning
+from ttempc.laws.one_step_monitor import StepSet
+from ttempc.models.kinematics import trailer_point
+from ttempc.mpc.articulated_error import error_dynamics, error_state
+from ttempc.tube.disturbance_set import DisturbanceSet
+from ttempc.tube.reference_tube import seen
+from ttempc.types import Estimate
+
+OUTPUTS = error_dynamics(REFERENCE, PERIOD_S, 60)[2][:-1, :, :7]
+SKEW = np.diag([0.01, 0.01, 0.004, 0.004, 0.001, 0.001, 0.01]) + 1e-4 * np.tri(7)
+SHAPES = {
+    "box": STEP,
+    "zonotope": DisturbanceSet(SKEW),
+    "windows": DisturbanceSet(SKEW, window=7),
+    "ellipsoid": DisturbanceSet(SKEW, shape="ellipsoid"),
+}
+
+
+def on(reference_error, k):
+    """Return the estimate that is off the reference by an error of the state."""
+    state = REFERENCE.at(np.array([k * PERIOD_S])).state[0] - reference_error
+    return Estimate(
+        k * PERIOD_S,
+        state,
+        np.zeros((7, 7)),
+        trailer_xy=trailer_point(state, VEHICLE),
+        hitch_angle=0.0,
+    )
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_gauge_of_one_is_the_boundary(shape):
+    """Along any direction, the furthest of the set has a gauge of 1; support attained."""
+    made = SHAPES[shape]
+    generator = np.random.default_rng(71)
+    for direction in generator.normal(size=(50, 7)):
+        furthest = made.worst(direction[None])[0]
+        assert made.gauge(furthest) == pytest.approx(1.0)
+        assert direction @ furthest == pytest.approx(made.support(direction[None])[0])
+        assert made.gauge(-0.3 * furthest) == pytest.approx(0.3)
+
+
+def test_what_lies_in_the_set_lies_within_the_half_widths():
+    generator = np.random.default_rng(72)
+    made = SHAPES["zonotope"]
+    design = replace(DESIGN, disturbance=made)
+    steps = StepSet(design, OUTPUTS)
+    for k, raw in enumerate(generator.uniform(-1.2, 1.2, size=(60, 7))):
+        nominal, deviation = generator.normal(size=7), made.axes @ raw
+        said = steps.report(k, nominal, deviation)
+        assert said.inside == (np.abs(raw).max() <= 1.0)
+        assert said.margin == pytest.approx(1.0 - np.abs(raw).max())
+        np.testing.assert_allclose(said.nominal, seen(OUTPUTS)[k] @ nominal)
+        if said.inside:
+            blur = design.estimate_error.support(seen(OUTPUTS)[k])
+            assert np.all(np.abs(seen(OUTPUTS)[k] @ deviation) + blur <= said.half_width + 1e-12)
+
+
+def test_the_controller_reports_what_a_step_added_and_commands_the_same():
+    """A jump of the estimate is the deviation of that tick; nothing jumped before."""
+    watching = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, design=DESIGN)
+    alone = articulated_controller(VEHICLE, REFERENCE, PERIOD_S)
+    jump = np.array([0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0])
+    margins = []
+    for k in range(7):
+        estimate = on(jump if k == 6 else np.zeros(7), k)
+        one, other = watching.step(estimate, k), alone.step(estimate, k)
+        assert one.command == other.command
+        assert other.diagnostics.tube is None
+        margins.append(one.diagnostics.tube.margin)
+    surprise = error_state(estimate.state + jump, estimate, VEHICLE)[:7]
+    assert min(margins[:6]) > 0.9
+    assert margins[6] == pytest.approx(1.0 - DESIGN.disturbance.gauge(surprise), abs=0.05)
+
+
+def test_a_reading_whose_deviation_lasts_has_no_such_set():
+    made = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, robust=TUBE, design=DESIGN)
+    assert made.step(on(np.zeros(7), 0), 0).diagnostics.tube is None
+
+
+def test_the_set_of_another_vehicle_is_refused():
+    other = replace(VEHICLE, steering_limit_t=0.5)
+    with pytest.raises(InvalidTube, match="another vehicle"):
+        articulated_controller(other, replace(REFERENCE, vehicle=other), PERIOD_S, design=DESIGN)
+
+
+def test_tightened_by_its_authority_no_sum_of_mpc_and_law_is_limited():
+    """However far off: whatever the law adds at most, the front wheels stay off their stops."""
+    tuning = RegulatorTuning(tightened=True)
+    tight = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, robust=tuning)
+    generator = np.random.default_rng(73)
+    left = []
+    for k in range(60, 100):
+        said = tight.step(on(generator.normal(size=7) * [2, 2, 0.3, 0.3, 0, 0, 0.3], k), k)
+        front = said.diagnostics.feedforward[0] + said.diagnostics.feedback[0]
+        left.append(VEHICLE.steering_limit_t - tuning.saturation[0] - abs(front))
+    assert min(left) > -1e-9
+    assert min(left) < 1e-6  # pressed to its end
+
+
+def test_an_authority_that_the_feedforward_does_not_leave_free_is_refused():
+    tuning = RegulatorTuning(saturation=(0.2, 0.6, 0.1), tightened=True)
+    with pytest.raises(InvalidTube, match=r"tightened set is empty: .* of the delta_i"):
+        articulated_controller(VEHICLE, REFERENCE, PERIOD_S, robust=tuning)

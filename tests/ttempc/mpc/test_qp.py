@@ -1,0 +1,156 @@
+"""The condensed QP says the same as the horizon written out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import LinearConstraint, minimize
+
+from tests.ttempc.exact_qp import exact_minimum
+from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, random_qp, stages
+from ttempc.errors import InvalidTuning
+from ttempc.mpc.qp import QP, CondensedHorizon, HorizonTuning
+
+
+def rolled_cost(k, state, previous, steps):
+    """Eq. (costfunction), stage by stage, without the constant term of z_k."""
+    a, b = stages()
+    moves = steps.reshape(TUNING.moves, 3)
+    z, u, cost = state, previous, 0.0
+    for j in range(TUNING.horizon):
+        if j < TUNING.moves:
+            u = u + moves[j]
+            cost += moves[j] @ np.diag(TUNING.step_weight) @ moves[j]
+        z = a[k + j] @ z + b[k + j] @ u
+        cost += z @ np.diag(TUNING.output_weight) @ z
+    return cost
+
+
+def test_objective_differs_from_the_rolled_cost_by_a_constant():
+    generator = np.random.default_rng(5)
+    for k in (0, 40, 55, 100):
+        state, previous = generator.normal(size=7), 0.05 * generator.normal(size=3)
+        qp = horizon().qp(k, state, previous)
+        free = rolled_cost(k, state, previous, np.zeros(9))
+        for _ in range(3):
+            steps = 0.1 * generator.normal(size=9)
+            rolled = rolled_cost(k, state, previous, steps) - free
+            assert qp.objective(steps) == pytest.approx(rolled, rel=1e-9, abs=1e-9)
+
+
+def test_prediction_is_the_rolled_model():
+    generator = np.random.default_rng(6)
+    a, b = stages()
+    k, state, previous = 55, generator.normal(size=7), generator.normal(size=3)
+    steps = generator.normal(size=9)
+    predicted = horizon().prediction[k] @ np.concatenate([state, previous, steps])
+    z, u = state, previous
+    for j in range(TUNING.horizon):
+        u = u + (steps[3 * j : 3 * j + 3] if j < TUNING.moves else 0.0)
+        z = a[k + j] @ z + b[k + j] @ u
+        np.testing.assert_allclose(predicted[j], z, atol=1e-12)
+
+
+def test_condensed_solution_is_the_uncondensed_one():
+    """States kept as unknowns, the model as equality constraints, another solver."""
+    generator = np.random.default_rng(7)
+    a, b = stages()
+    n, moves = TUNING.horizon, TUNING.moves
+    for k in (0, 55, 100):
+        state, previous = 0.3 * generator.normal(size=7), np.array([0.1, -0.05, 0.02])
+        qp = horizon().qp(k, state, previous)
+        condensed = exact_minimum(qp)
+        # unknowns: z_1 ... z_8, then Delta u_0 ... Delta u_2
+        size = 7 * n + 3 * moves
+        cost = np.zeros((size, size))
+        cost[: 7 * n, : 7 * n] = np.kron(np.eye(n), np.diag(TUNING.output_weight))
+        cost[7 * n :, 7 * n :] = np.eye(3 * moves)
+        model, right = np.zeros((7 * n, size)), np.zeros(7 * n)
+        for j in range(n):
+            rows = slice(7 * j, 7 * j + 7)
+            model[rows, rows] = np.eye(7)
+            if j:
+                model[rows, 7 * (j - 1) : 7 * j] = -a[k + j]
+            else:
+                right[rows] = a[k] @ state
+            right[rows] += b[k + j] @ previous
+            for i in range(min(j + 1, moves)):
+                model[rows, 7 * n + 3 * i : 7 * n + 3 * i + 3] = -b[k + j]
+        sums = np.hstack([np.zeros((9, 7 * n)), np.kron(np.tril(np.ones((3, 3))), np.eye(3))])
+        limit = np.tile(TUNING.input_bound, moves)
+        step = np.tile(TUNING.input_rate, moves) * PERIOD_S
+        steps_only = np.hstack([np.zeros((9, 7 * n)), np.eye(9)])
+        shift = np.tile(previous, moves)
+        full = minimize(
+            lambda x, cost=cost: x @ cost @ x,
+            np.zeros(size),
+            jac=lambda x, cost=cost: 2.0 * cost @ x,
+            method="SLSQP",
+            constraints=[
+                LinearConstraint(model, right, right),
+                LinearConstraint(sums, -limit - shift, limit - shift),
+                LinearConstraint(steps_only, -step, step),
+            ],
+            options={"ftol": 1e-14, "maxiter": 500},
+        )
+        assert full.success
+        np.testing.assert_allclose(full.x[7 * n :], condensed, atol=1e-5)
+
+
+def test_residuals_tell_an_optimum_from_another_point():
+    generator = np.random.default_rng(8)
+    qp, _, _ = random_qp(generator, 1.0)
+    best = exact_minimum(qp)
+    assert qp.residuals(best).stationarity < 1e-8
+    assert qp.residuals(best).primal < 1e-9
+    assert qp.residuals(0.5 * best).stationarity > 1e-2
+    assert qp.residuals(best + 1.0).primal > 0.1
+
+
+def test_bounds_are_those_of_the_paper():
+    qp = horizon().qp(0, np.zeros(7), np.zeros(3))
+    np.testing.assert_allclose(np.degrees(qp.upper[:2]), [12.0, 6.0])
+    np.testing.assert_allclose(np.degrees(qp.step_upper[:2]), [11.0, 7.0])  # a second / 5
+    assert qp.upper[2] == pytest.approx(0.10)
+    assert qp.step_upper[2] == pytest.approx(0.06)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"moves": 0},
+        {"moves": 9},
+        {"output_weight": (-1.0,) * 7},
+        {"step_weight": (1.0, 0.0, 1.0)},
+        {"input_bound": (1.0, float("nan"), 1.0)},
+    ],
+)
+def test_impossible_tunings_are_refused(arguments):
+    with pytest.raises(InvalidTuning, match=next(iter(arguments))):
+        HorizonTuning(**arguments)
+
+
+def test_model_that_is_not_finite_is_refused():
+    a, b = (matrix.copy() for matrix in stages())
+    a[60, 0, 0] = np.nan
+    with pytest.raises(InvalidTuning, match="finite"):
+        CondensedHorizon(a, b, TUNING, PERIOD_S)
+
+
+def test_model_of_another_size_is_refused():
+    a, b = stages()
+    with pytest.raises(InvalidTuning, match="do not fit"):
+        CondensedHorizon(a[:5], b[:5], TUNING, PERIOD_S)
+
+
+def test_qp_can_be_made_by_hand():
+    qp = QP(
+        np.eye(1),
+        np.array([-3.0]),
+        np.eye(1),
+        -np.ones(1),
+        np.ones(1),
+        np.full(1, -0.5),
+        np.full(1, 0.5),
+    )
+    assert qp.residuals(np.array([0.5])).stationarity < 1e-12

@@ -1,0 +1,94 @@
+"""PIQP, believed only where it is right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.ttempc.exact_qp import exact_minimum
+from tests.ttempc.horizons import random_qp
+from ttempc.mpc.qp import QP
+from ttempc.mpc.solver import PersistentSolver
+
+
+@pytest.mark.parametrize("scale", [0.02, 0.2, 1.0, 5.0])
+def test_first_move_agrees_with_an_exact_active_set(scale):
+    generator = np.random.default_rng(11)
+    solver = PersistentSolver()
+    for _ in range(25):
+        qp, _, _ = random_qp(generator, scale)
+        solution = solver.solve(qp)
+        assert solution.x is not None
+        np.testing.assert_allclose(solution.x, exact_minimum(qp), atol=1e-6)
+
+
+def test_every_solution_satisfies_the_optimality_conditions():
+    generator = np.random.default_rng(12)
+    solver = PersistentSolver()
+    for _ in range(500):
+        qp, _, _ = random_qp(generator, 10.0 ** generator.uniform(-3.0, 1.0))
+        solution = solver.solve(qp)
+        assert solution.report.accepted
+        residuals = qp.residuals(solution.x)
+        assert residuals.primal < 1e-9
+        assert residuals.stationarity < 1e-5 * (1.0 + np.linalg.norm(qp.gradient))
+
+
+def spoilt(qp, kind):
+    match kind:
+        case "cost not finite":
+            return replace(qp, gradient=np.where(np.arange(9) == 4, np.nan, qp.gradient))
+        case "hessian not finite":
+            return replace(qp, hessian=np.full((9, 9), np.nan))
+        case "one entry infinite":
+            return replace(qp, upper=np.where(np.arange(9) == 2, np.inf, qp.upper))
+        case "indefinite":
+            return replace(qp, hessian=qp.hessian - 5.0 * np.linalg.norm(qp.hessian) * np.eye(9))
+        case "infeasible":
+            return replace(qp, lower=qp.lower + 5.0, upper=qp.upper + 5.0)
+    raise AssertionError(kind)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["cost not finite", "hessian not finite", "one entry infinite", "indefinite", "infeasible"],
+)
+def test_bad_input_is_reported_and_leaves_no_trace(kind):
+    generator = np.random.default_rng(13)
+    solver = PersistentSolver()
+    good, _, _ = random_qp(generator, 0.3)
+    before = solver.solve(good)
+    bad = solver.solve(spoilt(good, kind))
+    assert bad.x is None
+    assert not bad.report.accepted
+    assert bad.report.status != "solved"
+    after = solver.solve(good)
+    assert after.report.accepted
+    assert after.report.status == "solved"
+    np.testing.assert_allclose(after.x, before.x, atol=1e-9)
+
+
+def test_report_carries_the_solvers_own_clock():
+    solver = PersistentSolver()
+    qp, _, _ = random_qp(np.random.default_rng(14), 0.3)
+    for _ in range(2):  # freshly set up, and updated
+        report = solver.solve(qp).report
+        assert 0.0 < report.solve_time_s < 0.1
+        assert report.iterations > 0
+        assert report.primal_residual < 1e-9
+        assert report.dual_residual < 1e-6
+
+
+def test_bounds_of_any_number_of_rows():
+    qp = QP(
+        hessian=2.0 * np.eye(2),
+        gradient=np.array([-8.0, 0.0]),
+        matrix=np.array([[1.0, 1.0]]),
+        lower=np.array([-1.0]),
+        upper=np.array([1.0]),
+        step_lower=np.array([-9.0, -9.0]),
+        step_upper=np.array([9.0, 9.0]),
+    )
+    np.testing.assert_allclose(PersistentSolver().solve(qp).x, [2.5, -1.5], atol=1e-8)

@@ -1,0 +1,163 @@
+"""The paper's error model: derived, discretised, and its sign at the robust law."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from tests.ttempc.numeric import central_differences
+from ttempc.errors import InvalidTuning
+from ttempc.laws.robust_law import RobustGains
+from ttempc.models.kinematics import trailer_point
+from ttempc.models.tracking_error import Error, tracking_error
+from ttempc.mpc.discretisation import zero_order_hold
+from ttempc.paper.equations import PaperEquations
+from ttempc.paper.error_model import linearise
+from ttempc.paper.feedforward import printed_feedforward
+from ttempc.reference.feedforward import exact_feedforward
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.types import Input
+from ttempc.vehicle import Vehicle
+
+VEHICLE = Vehicle()
+REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
+PRINTED = PaperEquations()
+
+
+def test_tracking_error_is_the_reference_seen_from_the_vehicle():
+    """The printed matrix T times z_r - z."""
+    generator = np.random.default_rng(2)
+    sample = REFERENCE.at(20.0)
+    state = sample.state + 0.1 * generator.normal(size=7)
+    trailer = trailer_point(state, VEHICLE)
+    transform = np.eye(7)
+    for row, yaw in ((0, state[2]), (3, state[3])):
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        transform[row : row + 2, row : row + 2] = [[cos, sin], [-sin, cos]]
+
+    def arranged(x, trailer_xy):
+        return np.array([x[0], x[1], x[2], *trailer_xy, x[3], x[6]])
+
+    difference = arranged(sample.state, sample.trailer_xy) - arranged(state, trailer)
+    error = tracking_error(state, trailer, sample.state, sample.trailer_xy)
+    np.testing.assert_allclose(error, transform @ difference, atol=1e-12)
+
+
+def test_tracking_error_does_not_mind_full_turns():
+    sample = REFERENCE.at(20.0)
+    turned = sample.state.copy()
+    turned[2:4] += 3 * math.tau
+    error = tracking_error(turned, sample.trailer_xy, sample.state, sample.trailer_xy)
+    np.testing.assert_allclose(error, 0.0, atol=1e-9)
+
+
+def nonlinear_errors(z_e, u_e, sample):
+    """Eq. (errormodel) with the trailer's own errors in its rows (erratum 4)."""
+    x_t, y_t, psi_t, x_i, y_i, psi_i, v_e = z_e
+    v_r = sample.state[-1]
+    v, delta_t, lam = v_r - v_e, -u_e[0], -u_e[1]  # u_r = 0, as the printed A and B have it
+    ratio = VEHICLE.drawbar_offset / VEHICLE.wheelbase
+
+    def yaw_i(speed, delta, angle):
+        return speed * (math.sin(angle) + ratio * math.tan(delta) * math.cos(angle))
+
+    return np.array(
+        [
+            sample.yaw_rate_t * y_t - v + v_r * math.cos(psi_t),
+            -sample.yaw_rate_t * x_t + v_r * math.sin(psi_t),
+            -v * math.tan(delta_t) / VEHICLE.wheelbase,
+            sample.yaw_rate_i * y_i - v + v_r * math.cos(psi_i),
+            -sample.yaw_rate_i * x_i + v_r * math.sin(psi_i),
+            -yaw_i(v, delta_t, lam) / VEHICLE.trailer_length,
+            -v_e / VEHICLE.speed_time_constant
+            + VEHICLE.speed_gain / VEHICLE.speed_time_constant * u_e[2],
+        ]
+    )
+
+
+def test_printed_matrices_are_the_derivative_of_the_printed_errors():
+    """On a straight; on curves the printed A and B leave out the reference's own angles."""
+    sample = REFERENCE.at(np.array([4.0]))
+    a, b = linearise(sample, VEHICLE, PRINTED)
+    one = REFERENCE.at(4.0)
+    by_state = central_differences(lambda z: nonlinear_errors(z, np.zeros(3), one), np.zeros(7))
+    by_input = central_differences(lambda u: nonlinear_errors(np.zeros(7), u, one), np.zeros(3))
+    np.testing.assert_allclose(a[0], by_state, atol=1e-6)
+    np.testing.assert_allclose(b[0], by_input, atol=1e-6)
+
+
+def test_position_rows_hold_on_curves_too():
+    one = REFERENCE.at(35.0)
+    a, _ = linearise(REFERENCE.at(np.array([35.0])), VEHICLE, PRINTED)
+    by_state = central_differences(lambda z: nonlinear_errors(z, np.zeros(3), one), np.zeros(7))
+    rows = [Error.X_T, Error.Y_T, Error.X_I, Error.Y_I]
+    np.testing.assert_allclose(a[0, rows], by_state[rows], atol=1e-6)
+
+
+def test_switches_change_what_they_name():
+    sample = REFERENCE.at(np.array([35.0]))
+    a, b = linearise(sample, VEHICLE, PRINTED)
+    _, b_geometry = linearise(sample, VEHICLE, PaperEquations(hitch_sign=-1))
+    assert b_geometry[0, Error.PSI_I, 0] == -b[0, Error.PSI_I, 0]
+    a_typo, _ = linearise(sample, VEHICLE, PaperEquations(trailer_error_frame="tractor"))
+    assert a_typo[0, Error.X_I, Error.Y_T] == a[0, Error.X_I, Error.Y_I] != 0.0
+    entering = REFERENCE.at(np.array([11.5]))
+    a_exact, _ = linearise(entering, VEHICLE, PaperEquations(trailer_speed="exact"))
+    assert a_exact[0, Error.Y_I, Error.PSI_I] == entering.speed_i[0] != 1.0
+
+
+def test_unknown_reading_is_refused_with_the_allowed_ones():
+    with pytest.raises(InvalidTuning, match=r"nominal.*one-step.*tube"):
+        PaperEquations(nominal="other")  # pyright: ignore[reportArgumentType]
+
+
+def test_hold_agrees_with_exponential_and_with_integration():
+    a, b = linearise(REFERENCE.at(np.linspace(0.0, 40.0, 7)), VEHICLE, PRINTED)
+    a_d, b_d = zero_order_hold(a, b, 0.2)
+    generator = np.random.default_rng(3)
+    for k in range(len(a)):
+        np.testing.assert_allclose(a_d[k], expm(0.2 * a[k]), atol=1e-12)
+        z, u = generator.normal(size=7), generator.normal(size=3)
+        run = solve_ivp(
+            lambda _, x, k=k, u=u: a[k] @ x + b[k] @ u, (0.0, 0.2), z, rtol=1e-10, atol=1e-12
+        )
+        np.testing.assert_allclose(a_d[k] @ z + b_d[k] @ u, run.y[:, -1], atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("sign", "expected"), [(1, (-0.32, 0.89)), (-1, (-0.29 - 0.45j, -0.29 + 0.45j))]
+)
+def test_sign_of_the_robust_law_decides_over_stability(sign, expected):
+    """Erratum 6: lateral eigenvalues at 1 m/s with the nominal state at rest.
+
+    y' = v psi, psi' = v delta_e / L with delta_e = -u_m, u_m = k_s (k_p z_m + k_d z_m') and
+    z_m = sign (0 - y): the law's slope at the origin, where tanh is the identity.
+    """
+    a, b = linearise(REFERENCE.at(np.array([4.0])), VEHICLE, PRINTED)
+    gains = RobustGains()
+    lateral = [Error.Y_T, Error.PSI_T]
+    drift = a[0][np.ix_(lateral, lateral)]
+    push = b[0][lateral, 0]
+    slope = sign * gains.saturation[0] * np.array([gains.proportional[0], gains.derivative[0]])
+    closed = drift + np.outer(push, slope @ np.array([[1.0, 0.0], drift[0]]))
+    np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(closed)), expected, atol=0.006)
+
+
+@pytest.mark.parametrize(("sign", "degrees"), [(1, 1.15), (-1, 13.75)])
+def test_printed_feedforward_on_the_circle(sign, degrees):
+    """Erratum 1: lambda on R = 10 m as printed, and with the sign that geometry gives."""
+    sample = REFERENCE.at(np.array([35.0]))
+    u_f = printed_feedforward(sample, VEHICLE, PaperEquations(hitch_sign=sign))
+    assert math.degrees(u_f[0, 1]) == pytest.approx(degrees, abs=0.01)
+    assert u_f[0, 2] == pytest.approx(1.0 / 1.4)
+
+
+def test_exact_feedforward_is_the_reference_of_mid_period():
+    u_f = exact_feedforward(REFERENCE, 200, 0.2)
+    np.testing.assert_allclose(u_f[60], REFERENCE.at(12.1).inputs)
+    assert math.degrees(u_f[150, Input.DELTA_I]) == pytest.approx(15.4, abs=0.05)

@@ -1,0 +1,140 @@
+"""Lines of points become C2 paths beside them, however they lie on the map."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ttempc.errors import InvalidPath
+from ttempc.reference.path import figure_eight
+from ttempc.reference.posture import check_drivable
+from ttempc.reference.smoothing import smooth
+from ttempc.vehicle import Vehicle
+
+EIGHT = figure_eight(laps=1)
+
+
+def eight(step, noise=0.0):
+    points = EIGHT.pose(np.arange(0.0, EIGHT.lap_m, step))[:, :2]
+    return points + noise * np.random.default_rng(4).standard_normal(points.shape)
+
+
+LINES = {
+    "dense": (eight(0.1), 0.05),
+    "coarse": (eight(1.0), 0.05),
+    "noisy": (eight(0.5, noise=0.03), 0.15),
+    "corner": (np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 30.0]]), 3.0),
+    "two points": (np.array([[1.0, 2.0], [4.0, 6.0]]), 0.05),
+    "arc between lines": (
+        np.array(
+            [
+                *((x, 0.0) for x in np.arange(0.0, 20.0, 2.0)),
+                *((20 + 8 * math.sin(a), 8 - 8 * math.cos(a)) for a in np.linspace(0, 3.14, 50)),
+                *((x, 16.0) for x in np.arange(18.0, 0.0, -2.0)),
+            ]
+        ),
+        0.05,
+    ),
+}
+
+
+@pytest.fixture(params=LINES, scope="module")
+def smoothed(request):
+    points, allowed = LINES[request.param]
+    return points, allowed, smooth(points, allowed)
+
+
+def distance_to_line(places, points):
+    """Distance of each place from the polygon through the points, by the nearest point of it."""
+    first, step = points[:-1], np.diff(points, axis=0)
+    away = places[:, None] - first
+    share = np.clip(np.sum(away * step, -1) / np.sum(step**2, -1), 0.0, 1.0)
+    return np.hypot(*np.moveaxis(away - share[..., None] * step, -1, 0)).min(axis=1)
+
+
+def test_path_and_line_are_as_near_as_stated(smoothed):
+    points, allowed, result = smoothed
+    assert result.deviation_m <= allowed
+    path = result.path
+    places = path.pose(np.linspace(0.0, path.lap_m, 3001))[:, :2]
+    assert distance_to_line(places, points).max() <= result.deviation_m + 1e-3
+    assert distance_to_line(points, places).max() <= result.deviation_m + 1e-3
+
+
+def test_path_begins_and_ends_where_the_points_do_and_passes_each(smoothed):
+    points, _, result = smoothed
+    path = result.path
+    ends = path.pose(np.array([0.0, path.lap_m]))[:, :2]
+    np.testing.assert_allclose(ends, points[[0, -1]], atol=2e-3)
+    beside = path.pose(result.distance_m)[:, :2]
+    assert np.hypot(*(beside - points).T).max() <= result.deviation_m + 1e-6
+    assert np.all(np.diff(result.distance_m) > 0.0)
+
+
+def test_arc_length_is_the_parameter_and_curvature_the_second_derivative(smoothed):
+    path = smoothed[2].path
+    s = np.linspace(-2.0, path.lap_m + 2.0, 2001)
+    h = 1e-4
+    before, now, after = path.pose(s - h), path.pose(s), path.pose(s + h)
+    velocity = (after - before)[:, :2] / (2 * h)
+    np.testing.assert_allclose(np.hypot(*velocity.T), 1.0, atol=1e-8)
+    direction = np.column_stack([np.cos(now[:, 2]), np.sin(now[:, 2])])
+    np.testing.assert_allclose(velocity, direction, atol=1e-6)
+    np.testing.assert_allclose((after - before)[:, 2] / (2 * h), path.curvature(s), atol=1e-3)
+
+
+def test_curvature_is_continuous_and_none_at_both_ends(smoothed):
+    path = smoothed[2].path
+    knots = np.cumsum([segment.length_m for segment in path.segments])
+    np.testing.assert_allclose(
+        path.curvature(knots - 1e-9), path.curvature(knots + 1e-9), atol=1e-6
+    )
+    np.testing.assert_allclose(path.curvature(np.array([-3.0, 0.0, path.lap_m])), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("turned", [0.7, -2.4])
+def test_rotation_and_translation_of_the_points_turn_and_move_the_path(turned):
+    points = eight(1.0)
+    cos, sin = math.cos(turned), math.sin(turned)
+    rotation = np.array([[cos, -sin], [sin, cos]])
+    moved = points @ rotation.T + [300.0, -120.0]
+    here, there = smooth(points, 0.05), smooth(moved, 0.05)
+    s = np.linspace(0.0, here.path.lap_m, 500)
+    np.testing.assert_allclose(here.path.curvature(s), there.path.curvature(s), atol=1e-4)
+    wanted = here.path.pose(s)[:, :2] @ rotation.T + [300.0, -120.0]
+    np.testing.assert_allclose(there.path.pose(s)[:, :2], wanted, atol=1e-4)
+
+
+def test_more_room_makes_a_smoother_path():
+    points = eight(0.5, noise=0.03)
+    bends = []
+    for allowed in (0.1, 0.2, 0.4):
+        path = smooth(points, allowed).path
+        s = np.linspace(0.0, path.lap_m, 4001)
+        bends.append(float(np.sum(path.curvature_derivative(s) ** 2)))
+    assert bends[0] > bends[1] > bends[2]
+
+
+def test_points_along_a_drivable_path_make_a_drivable_one():
+    check_drivable(smooth(eight(0.5, noise=0.02), 0.1).path, Vehicle())
+
+
+@pytest.mark.parametrize(
+    ("points", "said"),
+    [
+        ([[0.0, 0.0]], "1 points, must be two or more"),
+        (np.empty((0, 2)), "0 points"),
+        ([[0.0, 0.0], [1.0, math.nan], [2.0, 0.0]], r"point 1 is \(1.0, nan\)"),
+        ([[0.0, 0.0], [3.0, 4.0], [3.0, 4.0]], r"point 2 at x = 3.00, y = 4.00 m, 5.00 m along"),
+        ([[0.0, 0.0], [9.0, 0.0], [0.0, 0.0]], r"turns back on itself near point \d at x ="),
+    ],
+)
+def test_points_that_make_no_path_are_refused_with_their_place(points, said):
+    with pytest.raises(InvalidPath, match=said):
+        smooth(np.array(points), 0.05)
+
+
+@pytest.mark.parametrize("allowed", [0.0, -1.0, math.nan, math.inf])
+def test_a_deviation_that_cannot_be_is_refused(allowed):
+    with pytest.raises(InvalidPath, match="max_deviation_m"):
+        smooth(eight(1.0), allowed)

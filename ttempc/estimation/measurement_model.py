@@ -1,0 +1,93 @@
+"""What each sensor should read in a given state, and the state that a set of readings implies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from ..errors import UnknownSensor
+from ..models.kinematics import wrap_angle
+from ..types import FloatArray, Measurement, Sensor, State
+from ..vehicle import Vehicle
+from .augmented_state import SIZE
+from .augmented_state_kernel import expect, vehicle_table
+from .noise import SensorNoise
+
+LENGTH: Final = {
+    Sensor.GNSS_TRACTOR: 2,
+    Sensor.GNSS_TRAILER: 2,
+    Sensor.STEERING_TRACTOR: 1,
+    Sensor.STEERING_TRAILER: 1,
+    Sensor.HITCH: 1,
+    Sensor.ENCODER: 1,
+}
+"""Entries of a sample of each sensor that has a model here; estimators pass over all others."""
+
+PLACE: Final = {sensor: place for place, sensor in enumerate(LENGTH)}
+"""Number of each of these sensors in `ttempc.estimation.augmented_state_kernel.expect`."""
+
+ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
+"""Sensors whose readings repeat every turn."""
+
+
+def expected(sensor: Sensor, belief: FloatArray, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """Return the noise-free reading h of `sensor` at a belief (16,) and its Jacobian.
+
+    (m,) and (m, 16). The encoder reads the rim, the others geometry.
+
+    Raises:
+        UnknownSensor: there is no model of it.
+    """
+    if sensor not in LENGTH:
+        raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
+    reading, by_belief = np.zeros(2), np.zeros((2, SIZE))
+    m = expect(PLACE[sensor], belief, vehicle_table(vehicle), reading, by_belief)
+    return reading[:m], by_belief[:m]
+
+
+def first_state(
+    readings: Mapping[Sensor, Measurement], vehicle: Vehicle, noise: SensorNoise
+) -> tuple[FloatArray, FloatArray]:
+    """Return state (7,) and covariance (7, 7) from one reading of every sensor.
+
+    The heading follows from the line between the two GNSS points: in the tractor's frame it is
+
+        b = (a + d cos(beta) + L_i cos(beta + delta_i), -d sin(beta) - L_i sin(beta + delta_i)),
+
+    so psi_t is the line's direction less the direction of b. The covariance is the readings' own,
+    carried through this map to first order; positions that are older than the newest reading are
+    less certain by the way travelled since.
+    """
+    value = {sensor: reading.value for sensor, reading in readings.items()}
+    (x, y), (x_i, y_i) = value[Sensor.GNSS_TRACTOR], value[Sensor.GNSS_TRAILER]
+    (delta_t,), (delta_i,) = value[Sensor.STEERING_TRACTOR], value[Sensor.STEERING_TRAILER]
+    (beta,), (v,) = value[Sensor.HITCH], value[Sensor.ENCODER]
+    a, d, length_i = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
+    dx, dy = x - x_i, y - y_i
+    trailer_x, trailer_y = length_i * math.cos(beta + delta_i), -length_i * math.sin(beta + delta_i)
+    b_x, b_y = a + d * math.cos(beta) + trailer_x, trailer_y - d * math.sin(beta)
+    psi_t = wrap_angle(math.atan2(dy, dx) - math.atan2(b_y, b_x))
+    psi_i = psi_t - beta - delta_i
+    state = np.array([x, y, psi_t, psi_i, delta_t, delta_i, v])
+
+    line_squared, b_squared = dx**2 + dy**2, b_x**2 + b_y**2
+    by_x, by_y = -dy / line_squared, dx / line_squared
+    by_beta = (b_x * (b_x - a) + b_y * b_y) / b_squared  # minus d(direction of b) / d(beta)
+    by_delta_i = (b_x * trailer_x + b_y * trailer_y) / b_squared
+    # Columns: x, y, x_i, y_i, delta_t, delta_i, beta, v.
+    jacobian = np.zeros((7, 8))
+    jacobian[State.X, 0] = jacobian[State.Y, 1] = 1.0
+    jacobian[State.PSI_T] = by_x, by_y, -by_x, -by_y, 0.0, by_delta_i, by_beta, 0.0
+    jacobian[State.PSI_I] = jacobian[State.PSI_T]
+    jacobian[State.PSI_I, 5:7] -= 1.0
+    jacobian[State.DELTA_T, 4] = jacobian[State.DELTA_I, 5] = jacobian[State.V, 7] = 1.0
+
+    newest = max(reading.time_s for reading in readings.values())
+    variances: list[float] = []
+    for sensor, length in LENGTH.items():
+        since = v * (newest - readings[sensor].time_s) if length == 2 else 0.0
+        variances += [noise.of(sensor) ** 2 + since**2] * length
+    return state, (jacobian * variances) @ jacobian.T

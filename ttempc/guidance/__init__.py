@@ -1,0 +1,1 @@
+"""Guidance: estimator, controller, supervisor and limits as one object."""

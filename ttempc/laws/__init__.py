@@ -1,0 +1,1 @@
+"""Feedback laws of the controllers."""

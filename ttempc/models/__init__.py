@@ -1,0 +1,1 @@
+"""Kinematic models of tractor and trailer."""

@@ -1,0 +1,214 @@
+"""Continuous models of tractor and trailer: exact geometry, and the paper's tricycle.
+
+Vehicle frame x forward, y left; angles counter-clockwise. Side slip enters as a disturbance.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..types import Disturbance, FloatArray, Input, State
+from ..vehicle import Vehicle
+
+
+def wrap_angle(angle: float) -> float:
+    """Return `angle` brought into [-pi, pi] [rad]."""
+    return math.remainder(angle, math.tau)
+
+
+def hitch_angle(state: FloatArray) -> float:
+    """Return beta = psi_t - psi_d = psi_t - psi_i - delta_i [rad] of a minimal state."""
+    return float(state[State.PSI_T] - state[State.PSI_I] - state[State.DELTA_I])
+
+
+def trailer_point(state: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Return the trailer point p_i = p_t - a e(psi_t) - d e(psi_d) - L_i e(psi_i), (2,) [m]."""
+    x, y, psi_t, psi_i, _, delta_i, _ = state.tolist()
+    psi_d = psi_i + delta_i
+    a, d, length_i = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
+    return np.array(
+        [
+            x - a * math.cos(psi_t) - d * math.cos(psi_d) - length_i * math.cos(psi_i),
+            y - a * math.sin(psi_t) - d * math.sin(psi_d) - length_i * math.sin(psi_i),
+        ]
+    )
+
+
+def trailer_point_jacobian(state: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Return d `trailer_point` / d state, (2, 7)."""
+    _, _, psi_t, psi_i, _, delta_i, _ = state.tolist()
+    psi_d = psi_i + delta_i
+    a, d, length_i = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
+    drawbar_x, drawbar_y = d * math.sin(psi_d), -d * math.cos(psi_d)
+    jacobian = np.zeros((2, 7))
+    jacobian[0, State.X] = jacobian[1, State.Y] = 1.0
+    jacobian[:, State.PSI_T] = a * math.sin(psi_t), -a * math.cos(psi_t)
+    jacobian[:, State.PSI_I] = (
+        drawbar_x + length_i * math.sin(psi_i),
+        drawbar_y - length_i * math.cos(psi_i),
+    )
+    jacobian[:, State.DELTA_I] = drawbar_x, drawbar_y
+    return jacobian
+
+
+NO_DISTURBANCE = np.zeros(len(Disturbance))
+NO_DISTURBANCE.setflags(write=False)
+
+
+def articulated(
+    state: FloatArray,
+    inputs: FloatArray,
+    vehicle: Vehicle,
+    disturbance: FloatArray = NO_DISTURBANCE,
+) -> FloatArray:
+    """Return the time derivative of the minimal state by exact geometry, (7,).
+
+    With lambda = psi_t - psi_i, RJ1 a behind the rear axle, side slips s_t and s_i of rear and
+    trailer axle, a steering bias b and a drive disturbance w (`Disturbance`, small angles),
+
+        x'     = v (cos(psi_t) - s_t sin(psi_t)),   y' = v (sin(psi_t) + s_t cos(psi_t))
+        psi_t' = v tan(delta_t + b) / L_t
+        psi_i' = (v (sin(lambda) + s_t cos(lambda) - s_i) - a psi_t' cos(lambda)
+                  - d delta_i' cos(delta_i)) / (L_i + d cos(delta_i))
+        v'     = (K hp - v) / tau + w,
+
+    and the steering angles follow their commands `inputs` (3,) with a first-order lag of limited
+    rate. Derived from the velocities of RJ1 and RJ2; the paper's eq. (kinematicmodel) has another
+    sign at the hitch and treats lambda as an input.
+    """
+    _, _, psi_t, psi_i, delta_t, delta_i, v = state.tolist()
+    u_t, u_i, hp = inputs.tolist()
+    slip_t, slip_i, bias, drive, _ = disturbance.tolist()
+    a, d = vehicle.hitch_offset, vehicle.drawbar_length
+    lam = psi_t - psi_i
+    cos_t, sin_t, cos_l = math.cos(psi_t), math.sin(psi_t), math.cos(lam)
+    rate_t, _ = _steering(u_t, delta_t, vehicle.steering_lag_t, vehicle.steering_rate_t)
+    rate_i, _ = _steering(u_i, delta_i, vehicle.steering_lag_i, vehicle.steering_rate_i)
+    yaw_t = v * math.tan(delta_t + bias) / vehicle.wheelbase
+    across = v * (math.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
+    cos_i = math.cos(delta_i)
+    yaw_i = (across - d * rate_i * cos_i) / (vehicle.trailer_length + d * cos_i)
+    acceleration = (vehicle.speed_gain * hp - v) / vehicle.speed_time_constant + drive
+    return np.array(
+        [
+            *(v * (cos_t - slip_t * sin_t), v * (sin_t + slip_t * cos_t)),
+            *(yaw_t, yaw_i, rate_t, rate_i, acceleration),
+        ]
+    )
+
+
+def articulated_jacobian(
+    state: FloatArray,
+    inputs: FloatArray,
+    vehicle: Vehicle,
+    disturbance: FloatArray = NO_DISTURBANCE,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return d `articulated` / d state (7, 7), / d inputs (7, 3) and / d disturbance (7, 5).
+
+    Where a steering rate is at its limit it depends on neither the angle nor the command.
+    """
+    _, _, psi_t, psi_i, delta_t, delta_i, v = state.tolist()
+    u_t, u_i, _ = inputs.tolist()
+    slip_t, slip_i, bias, _, _ = disturbance.tolist()
+    a, d = vehicle.hitch_offset, vehicle.drawbar_length
+    lam = psi_t - psi_i
+    sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
+    sin_l, cos_l = math.sin(lam), math.cos(lam)
+    sin_i, cos_i = math.sin(delta_i), math.cos(delta_i)
+    _, gain_t = _steering(u_t, delta_t, vehicle.steering_lag_t, vehicle.steering_rate_t)
+    rate_i, gain_i = _steering(u_i, delta_i, vehicle.steering_lag_i, vehicle.steering_rate_i)
+    yaw_t_v = math.tan(delta_t + bias) / vehicle.wheelbase
+    yaw_t_delta = v / (vehicle.wheelbase * math.cos(delta_t + bias) ** 2)
+    arm = vehicle.trailer_length + d * cos_i
+    yaw_i_v = (sin_l + slip_t * cos_l - slip_i - a * yaw_t_v * cos_l) / arm
+    yaw_i = v * yaw_i_v - d * rate_i * cos_i / arm
+    yaw_i_lam = v * (cos_l - slip_t * sin_l + a * yaw_t_v * sin_l) / arm
+    yaw_i_delta_t = -a * yaw_t_delta * cos_l / arm
+    yaw_i_rate = -d * cos_i / arm
+
+    by_state = np.zeros((7, 7))
+    by_state[State.X, State.PSI_T] = -v * (sin_t + slip_t * cos_t)
+    by_state[State.X, State.V] = cos_t - slip_t * sin_t
+    by_state[State.Y, State.PSI_T] = v * (cos_t - slip_t * sin_t)
+    by_state[State.Y, State.V] = sin_t + slip_t * cos_t
+    by_state[State.PSI_T, State.DELTA_T] = yaw_t_delta
+    by_state[State.PSI_T, State.V] = yaw_t_v
+    by_state[State.PSI_I, State.PSI_T] = yaw_i_lam
+    by_state[State.PSI_I, State.PSI_I] = -yaw_i_lam
+    by_state[State.PSI_I, State.DELTA_T] = yaw_i_delta_t
+    by_state[State.PSI_I, State.DELTA_I] = d * sin_i * (rate_i + yaw_i) / arm - yaw_i_rate * gain_i
+    by_state[State.PSI_I, State.V] = yaw_i_v
+    by_state[State.DELTA_T, State.DELTA_T] = -gain_t
+    by_state[State.DELTA_I, State.DELTA_I] = -gain_i
+    by_state[State.V, State.V] = -1.0 / vehicle.speed_time_constant
+
+    by_input = np.zeros((7, 3))
+    by_input[State.PSI_I, Input.DELTA_I] = yaw_i_rate * gain_i
+    by_input[State.DELTA_T, Input.DELTA_T] = gain_t
+    by_input[State.DELTA_I, Input.DELTA_I] = gain_i
+    by_input[State.V, Input.HP] = vehicle.speed_gain / vehicle.speed_time_constant
+
+    by_disturbance = np.zeros((7, 5))
+    by_disturbance[State.X, Disturbance.SLIP_T] = -v * sin_t
+    by_disturbance[State.Y, Disturbance.SLIP_T] = v * cos_t
+    by_disturbance[State.PSI_I, Disturbance.SLIP_T] = v * cos_l / arm
+    by_disturbance[State.PSI_I, Disturbance.SLIP_I] = -v / arm
+    by_disturbance[State.PSI_T, Disturbance.STEERING] = yaw_t_delta
+    by_disturbance[State.PSI_I, Disturbance.STEERING] = yaw_i_delta_t
+    by_disturbance[State.V, Disturbance.DRIVE] = 1.0
+    return by_state, by_input, by_disturbance
+
+
+def _steering(command: float, angle: float, lag: float, limit: float) -> tuple[float, float]:
+    """Return the rate of a steering angle [rad/s] and its derivative by the command [1/s]."""
+    rate = (command - angle) / lag
+    if abs(rate) >= limit:
+        return math.copysign(limit, rate), 0.0
+    return rate, 1.0 / lag
+
+
+def advance(
+    state: FloatArray,
+    inputs: FloatArray,
+    vehicle: Vehicle,
+    duration_s: float,
+    disturbance: FloatArray = NO_DISTURBANCE,
+) -> FloatArray:
+    """Return the state of `articulated` after `duration_s` with held inputs, (7,).
+
+    One classical Runge-Kutta step: keep the duration below a third of the shortest lag.
+    """
+    half = 0.5 * duration_s
+    k1 = articulated(state, inputs, vehicle, disturbance)
+    k2 = articulated(state + half * k1, inputs, vehicle, disturbance)
+    k3 = articulated(state + half * k2, inputs, vehicle, disturbance)
+    k4 = articulated(state + duration_s * k3, inputs, vehicle, disturbance)
+    return state + duration_s / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+
+
+def tricycle(
+    state: FloatArray, inputs: FloatArray, vehicle: Vehicle, hitch_sign: float = 1.0
+) -> FloatArray:
+    """Return the time derivative of the paper's model, eq. (kinematicmodel), (7,).
+
+    `state` is z = (x^t, y^t, psi^t, x^i, y^i, psi^i, v), `inputs` u = (delta^t, lambda, HP).
+    `hitch_sign` is +1 as printed; geometry gives -1, for a hitch behind the rear axle swings
+    against the tractor's turn. The relation holds with the drawbar's length L^d and small angles.
+    """
+    _, _, psi_t, _, _, psi_i, v = state.tolist()
+    delta_t, lam, hp = inputs.tolist()
+    lead = vehicle.drawbar_offset / vehicle.wheelbase
+    yaw_i = math.sin(lam) + hitch_sign * lead * math.tan(delta_t) * math.cos(lam)
+    return np.array(
+        [
+            v * math.cos(psi_t),
+            v * math.sin(psi_t),
+            v * math.tan(delta_t) / vehicle.wheelbase,
+            v * math.cos(psi_i),
+            v * math.sin(psi_i),
+            v * yaw_i / vehicle.trailer_length,
+            (vehicle.speed_gain * hp - v) / vehicle.speed_time_constant,
+        ]
+    )

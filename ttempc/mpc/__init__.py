@@ -1,0 +1,1 @@
+"""Linear model predictive control: error model, QP, solver."""

@@ -1,0 +1,102 @@
+"""The articulated error model along a reference: dynamics, state, and what limits leave."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..estimation.augmented_state import by_map, map_gain
+from ..limits import CommandLimits
+from ..models.kinematics import articulated_jacobian, trailer_point_jacobian, wrap_angle
+from ..reference.reference import Reference, ReferenceSample
+from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, State
+from ..vehicle import Vehicle
+from .discretisation import zero_order_hold
+from .prediction import rotation
+from .qp import StageBounds
+
+_N, _M, _D = len(State), len(Input), len(Disturbance)
+_SIZE = _N + _D + len(MapDisturbance)
+
+
+def error_dynamics(
+    reference: Reference, period_s: float, ticks: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A (N, 16, 16), B (N, 16, 3) and C (N + 1, 4, 16) along the reference.
+
+    State (z_e, s, m): z_e = T (z_r - z) is the error of the minimal state with the position in the
+    frame of the reference tractor, s the disturbance that turns with the vehicle and m the one that
+    stays with the field (`MapDisturbance`), both held over the horizon; input u_e = u_r - u:
+
+        z_e(k+1) = A_z z_e(k) + B_z u_e(k) - E (s + G(psi_r) m),   s(k+1) = s(k),  m(k+1) = m(k).
+
+    The Jacobians of the exact model, taken in the middle of each period, are held for it (zero-
+    order hold by the matrix exponential); T turns with the reference. Outputs C z_e are the errors
+    of tractor and trailer point in the frames of the reference tractor and trailer.
+    """
+    vehicle = reference.vehicle
+    middle = reference.at((np.arange(ticks) + 0.5) * period_s)
+    turning = map_gains(middle, vehicle)
+    slope_a, slope_b = np.zeros((ticks, _SIZE, _SIZE)), np.zeros((ticks, _SIZE, _M))
+    for k, (state, inputs) in enumerate(zip(middle.state, middle.inputs, strict=True)):
+        by_state, by_input, by_disturbance = articulated_jacobian(state, inputs, vehicle)
+        slope_a[k, :_N, :_N] = by_state
+        slope_a[k, :_N, _N : _N + _D] = -by_disturbance
+        slope_a[k, :_N, _N + _D :] = -by_disturbance @ turning[k]
+        slope_b[k, :_N] = by_input
+    a, b = zero_order_hold(slope_a, slope_b, period_s)
+
+    grid = reference.at(np.arange(ticks + 1) * period_s)
+    turn = np.tile(np.eye(_SIZE), (ticks + 1, 1, 1))  # map frame -> reference frame
+    turn[:, :2, :2] = rotation(-grid.state[:, State.PSI_T])
+    back = turn.transpose(0, 2, 1)
+    a, b = turn[1:] @ a @ back[:-1], turn[1:] @ b
+
+    c = np.zeros((ticks + 1, 4, _SIZE))
+    c[:, 0, State.X] = c[:, 1, State.Y] = 1.0
+    trailer = np.zeros((ticks + 1, 2, _SIZE))
+    trailer[:, :, :_N] = [trailer_point_jacobian(state, vehicle) for state in grid.state]
+    c[:, 2:] = rotation(-grid.state[:, State.PSI_I]) @ trailer @ back
+    return a, b, c
+
+
+def map_gains(reference: ReferenceSample, vehicle: Vehicle) -> FloatArray:
+    """Return G (N, 5, 4), what map disturbances do to the vehicle at N samples of the reference."""
+    shape = reference.state[:, [State.PSI_T, State.PSI_I, State.V]].tolist()
+    return np.array(
+        [
+            by_map(psi_t, psi_i, v, yaw_rate, vehicle)
+            for (psi_t, psi_i, v), yaw_rate in zip(
+                shape, reference.yaw_rate_t.tolist(), strict=True
+            )
+        ]
+    )
+
+
+def error_state(reference: FloatArray, estimate: Estimate, vehicle: Vehicle) -> FloatArray:
+    """Return (z_e, s, m) of `error_dynamics` against the reference's state (7,), (16,)."""
+    error = reference - estimate.state
+    for yaw in (State.PSI_T, State.PSI_I):
+        error[yaw] = wrap_angle(error[yaw])
+    cos, sin = math.cos(reference[State.PSI_T]), math.sin(reference[State.PSI_T])
+    dx, dy = error[State.X], error[State.Y]
+    error[State.X], error[State.Y] = cos * dx + sin * dy, cos * dy - sin * dx
+    return np.concatenate([error, *lasting_disturbance(estimate, vehicle)])
+
+
+def lasting_disturbance(estimate: Estimate, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """Return what of the disturbance turns with the vehicle (5,), and what with the field (4,)."""
+    on_map = estimate.map_disturbance
+    return estimate.disturbance - map_gain(estimate, vehicle) @ on_map, on_map
+
+
+def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBounds:
+    """Return what the limits of the command leave to u_e = u_r - u at every tick."""
+    change = np.diff(feedforward, axis=0, prepend=feedforward[:1])
+    return StageBounds(
+        lower=np.minimum(feedforward - limits.upper, 0.0),
+        upper=np.maximum(feedforward - limits.lower, 0.0),
+        step_lower=change - limits.step,
+        step_upper=change + limits.step,
+    )

@@ -1,0 +1,256 @@
+"""Horizon matrices -> condensed quadratic programme. Built here, solved elsewhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from ..errors import InvalidTuning
+from ..types import FloatArray
+from .step_kernels import clipped, tick_vectors
+
+_ACTIVE = 1e-7  # distance to a bound below which it counts as active in `QP.residuals`
+
+
+@dataclass(frozen=True, slots=True)
+class HorizonTuning:
+    """Horizon, weights and bounds of a linear MPC on a tracking error.
+
+    The defaults are the paper's, eqs. (constraints), (costfunction) and below, with the hydrostat
+    as a fraction. Bounds hold for u_e, the reference input less the actual one.
+
+    Raises:
+        InvalidTuning: a horizon is not positive, a weight negative or a bound not positive.
+    """
+
+    horizon: int = 8  # N_p, predicted periods
+    moves: int = 3  # N_c, free input steps; the input is held afterwards
+    output_weight: tuple[float, ...] = (1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # diagonal of Q
+    step_weight: tuple[float, ...] = (1.0, 1.0, 1.0)  # diagonal of R
+    input_bound: tuple[float, ...] = (math.radians(12.0), math.radians(6.0), 0.10)
+    input_rate: tuple[float, ...] = (math.radians(55.0), math.radians(35.0), 0.30)  # [1/s]
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.moves <= self.horizon:
+            raise InvalidTuning(
+                f"moves: got {self.moves}, must be from 1 to the horizon of {self.horizon}"
+            )
+        for name, positive in (
+            ("output_weight", False),
+            ("step_weight", True),
+            ("input_bound", True),
+            ("input_rate", True),
+        ):
+            values = getattr(self, name)
+            if not all(math.isfinite(v) and (v > 0.0 if positive else v >= 0.0) for v in values):
+                allowed = "above 0" if positive else "0 or above"
+                raise InvalidTuning(f"{name}: got {values}, all must be finite and {allowed}")
+
+
+@dataclass(frozen=True, slots=True)
+class QPResiduals:
+    """How far a point is from satisfying the Karush-Kuhn-Tucker conditions of a QP."""
+
+    primal: float  # largest violation of a bound
+    stationarity: float  # smallest |gradient of the Lagrangian| over admissible multipliers
+
+
+@dataclass(frozen=True, slots=True)
+class QP:
+    """Minimise 1/2 x'Hx + g'x subject to lower <= G x <= upper, step_lower <= x <= step_upper."""
+
+    hessian: FloatArray  # H (n, n)
+    gradient: FloatArray  # g (n,)
+    matrix: FloatArray  # G (m, n)
+    lower: FloatArray  # (m,)
+    upper: FloatArray  # (m,)
+    step_lower: FloatArray  # (n,)
+    step_upper: FloatArray  # (n,)
+
+    def objective(self, x: FloatArray) -> float:
+        """Return the cost at `x` (n,)."""
+        return float(0.5 * x @ self.hessian @ x + self.gradient @ x)
+
+    def residuals(self, x: FloatArray) -> QPResiduals:
+        """Check `x` (n,) against the optimality conditions, without asking any solver."""
+        rows = np.vstack([self.matrix, -self.matrix, np.eye(len(x)), -np.eye(len(x))])
+        bounds = np.concatenate([self.upper, -self.lower, self.step_upper, -self.step_lower])
+        slack = bounds - rows @ x
+        slope = self.hessian @ x + self.gradient
+        active = slack < _ACTIVE
+        # Optimal means -slope = sum of active rows with multipliers >= 0.
+        rest = nnls(rows[active].T, -slope)[1] if active.any() else float(np.linalg.norm(slope))
+        return QPResiduals(primal=float(max(0.0, -slack.min())), stationarity=float(rest))
+
+
+@dataclass(frozen=True, slots=True)
+class StageBounds:
+    """Bounds on the input u_e of every tick, and on its change from the tick before; (N, m)."""
+
+    lower: FloatArray
+    upper: FloatArray
+    step_lower: FloatArray
+    step_upper: FloatArray
+
+    def at(self, *place: int | slice | NDArray[np.intp]) -> StageBounds:
+        """Return the bounds at a place in the arrays."""
+        return _each(self, lambda values: values[place])
+
+
+@dataclass(frozen=True, slots=True)
+class FirstInputs:
+    """Where the first input of every tick may lie, and the one before it; (ticks, 2, m)."""
+
+    bounds: FloatArray  # lower, upper
+    reach: FloatArray  # from where a step leads into the bounds
+
+    @classmethod
+    def of(cls, first: StageBounds) -> FirstInputs:
+        """Return those that follow from the bounds on the first stage of every tick, (ticks, m)."""
+        return cls(
+            np.stack([first.lower, first.upper], axis=1),
+            np.stack([first.lower - first.step_upper, first.upper - first.step_lower], axis=1),
+        )
+
+    def within(self, k: int, inputs: FloatArray) -> FloatArray:
+        """Return the allowed first input of tick `k` nearest to `inputs` (m,)."""
+        return clipped(inputs, self.bounds[k])
+
+    def within_reach(self, k: int, previous: FloatArray) -> FloatArray:
+        """Return the input nearest to `previous` (m,) from which a step leads into the bounds.
+
+        From any other there is no solution at tick `k`.
+        """
+        return clipped(previous, self.reach[k])
+
+
+class CondensedHorizon:
+    """All QPs along a reference: everything but the state and the previous input precomputed.
+
+    The unknowns are the input steps Delta U = (Delta u_k ... Delta u_{k+Nc-1}). With
+    w = (z_k, u_{k-1}, Delta U), the states of the horizon are linear in w,
+
+        z_{k+j} = Z_j w,    Z_0 = [I 0 0],    Z_{j+1} = A_{k+j} Z_j + B_{k+j} U_j,
+
+    where U_j picks u_{k+j} = u_{k-1} + sum of the steps up to min(j, Nc - 1). The cost of
+    eq. (costfunction), sum y'Qy + sum Delta u' R Delta u, is then quadratic in w; the outputs
+    y_k = C_k z_k are the states where no `outputs` C (N, p, n) are given. `bounds` come on top of
+    those of the tuning. Both hold for the stages with a free step.
+
+    Raises:
+        InvalidTuning: shapes do not fit, or the cost of a tick is not finite and convex.
+    """
+
+    def __init__(
+        self,
+        a: FloatArray,
+        b: FloatArray,
+        tuning: HorizonTuning,
+        period_s: float,
+        outputs: FloatArray | None = None,
+        bounds: StageBounds | None = None,
+    ) -> None:
+        n, m = b.shape[1:]
+        seen = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
+        horizon, moves = tuning.horizon, tuning.moves
+        self.ticks = len(a) - horizon + 1
+        p = seen.shape[1]
+        if self.ticks < 1 or len(tuning.output_weight) != p or len(tuning.step_weight) != m:
+            raise InvalidTuning(
+                f"{len(a)} stages of {p} outputs and {m} inputs do not fit a horizon of {horizon}, "
+                f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
+            )
+        known = n + m
+        state = np.zeros((self.ticks, n, known + m * moves))  # Z_0
+        state[:, :, :n] = np.eye(n)
+        stages = np.empty((self.ticks, horizon + 1, p, known + m * moves))  # C Z_0 ... C Z_Np
+        stages[:, 0] = seen[: self.ticks] @ state
+        for j in range(horizon):
+            steps = np.arange(moves) <= j
+            pick = np.hstack([np.zeros((m, n)), np.eye(m), np.kron(steps, np.eye(m))])  # U_j
+            window = slice(j, j + self.ticks)
+            state = a[window] @ state + b[window] @ pick
+            stages[:, j + 1] = seen[j + 1 : j + 1 + self.ticks] @ state
+        weighted = np.asarray(tuning.output_weight)[:, None] * stages
+        flat = (self.ticks, (horizon + 1) * p, -1)
+        transposed = stages[..., known:].reshape(flat).transpose(0, 2, 1)
+        cost = 2.0 * transposed @ weighted.reshape(flat)
+        cost[:, :, known:] += 2.0 * np.diag(np.tile(tuning.step_weight, moves))
+
+        self.prediction = stages[:, 1:]  # outputs of Z_1 ... Z_Np (ticks, Np, p, n + m + m Nc)
+        self._by_known = np.ascontiguousarray(cost[:, :, :known])  # (ticks, m Nc, n + m)
+        hessian = cost[:, :, known:]
+        self._hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))  # (ticks, m Nc, m Nc)
+        sums = np.tril(np.ones((moves, moves)))
+        self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
+        self._bounds = move_bounds(tuning, period_s, len(a), bounds)
+        self.first = FirstInputs.of(self._bounds.at(slice(None), slice(m)))
+        self._require_convex()
+
+    def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
+        """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
+        bounds = self._bounds
+        gradient, lower, upper = tick_vectors(
+            self._by_known, bounds.lower, bounds.upper, k, state, previous_input
+        )
+        return QP(
+            hessian=self._hessian[k],
+            gradient=gradient,
+            matrix=self._matrix,
+            lower=lower,
+            upper=upper,
+            step_lower=bounds.step_lower[k],
+            step_upper=bounds.step_upper[k],
+        )
+
+    def _require_convex(self) -> None:
+        try:
+            factors = np.linalg.cholesky(self._hessian)
+        except np.linalg.LinAlgError:
+            factors = np.full(1, np.nan)
+        # The factorisation of a matrix that is not finite may end without an error.
+        if not (np.isfinite(factors).all() and np.isfinite(self._by_known).all()):
+            raise InvalidTuning("the cost is not finite and convex all along the reference")
+
+
+def move_bounds(
+    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None = None
+) -> StageBounds:
+    """Return the bounds on the free stages of every tick side by side, (ticks, m Nc).
+
+    Those of the tuning, within `bounds` (`stages`, m) where there are any.
+    """
+    ticks = stages - tuning.horizon + 1
+    free = np.arange(ticks)[:, None] + np.arange(tuning.moves)  # (ticks, Nc)
+    both = _intersection(tuning, period_s, stages, bounds)
+    return _each(both, lambda values: values[free].reshape(ticks, -1))
+
+
+def _each(bounds: StageBounds, change: Callable[[FloatArray], FloatArray]) -> StageBounds:
+    return StageBounds(
+        lower=change(bounds.lower),
+        upper=change(bounds.upper),
+        step_lower=change(bounds.step_lower),
+        step_upper=change(bounds.step_upper),
+    )
+
+
+def _intersection(
+    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None
+) -> StageBounds:
+    """Return the tuning's bounds on every stage, within `bounds` where there are any."""
+    bound = np.tile(tuning.input_bound, (stages, 1))
+    step = np.tile(tuning.input_rate, (stages, 1)) * period_s
+    if bounds is None:
+        return StageBounds(-bound, bound, -step, step)
+    return StageBounds(
+        lower=np.maximum(-bound, bounds.lower),
+        upper=np.minimum(bound, bounds.upper),
+        step_lower=np.maximum(-step, bounds.step_lower),
+        step_upper=np.minimum(step, bounds.step_upper),
+    )

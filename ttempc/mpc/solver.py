@@ -1,0 +1,108 @@
+"""A persistent PIQP solver that believes PIQP only where the answer can be believed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import piqp
+
+from ..types import FloatArray, SolverReport
+from .qp import QP
+from .step_kernels import convex, finite, slack
+
+# PIQP's default of 1e-8 leaves errors of 1e-5 in the first move where bounds are weakly active.
+_TOLERANCE = 1e-11
+# How far beyond a bound a solution may be before it counts as wrong; it is clamped anyway.
+_BOUND_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class QPSolution:
+    """The minimiser where the solver found one, and what the solver said."""
+
+    x: FloatArray | None  # (n,), None where the result was not accepted
+    report: SolverReport
+
+
+class PersistentSolver:
+    """PIQP's dense interior-point solver, set up once and updated from problem to problem.
+
+    What PIQP 0.6 and 0.7 return on bad input decides what is done here: numbers that are not
+    finite come back as numbers that are not finite, poison later solves when they were in the
+    Hessian, infeasible problems may end at the iteration limit with a wild point, and an
+    indefinite Hessian is called solved. So the input is checked first, a result counts only when
+    solved, finite and within its bounds, and the solver is built anew after any failure.
+    """
+
+    def __init__(self, tolerance: float = _TOLERANCE) -> None:
+        self._tolerance = tolerance
+        self._solver: piqp.DenseSolver | None = None
+
+    def solve(self, qp: QP) -> QPSolution:
+        """Return the minimiser of `qp`, or say why there is none."""
+        sound = finite(qp.gradient, qp.lower, qp.upper)
+        if not sound or not convex(qp.hessian):
+            self._solver = None
+            status = "hessian not convex" if sound else "input not finite"
+            return QPSolution(None, SolverReport(status, False, 0, 0.0, math.inf, math.inf))
+        solver = self._load(qp)
+        status = solver.solve()
+        result = solver.result
+        info = result.info
+        x = result.x.copy()
+        accepted, word = False, "solved"
+        if status != piqp.PIQP_SOLVED:
+            word = status.name.removeprefix("PIQP_").lower()
+        elif _within_bounds(qp, x):
+            accepted = True
+        else:
+            word = "solved outside its bounds"
+        if not accepted:
+            self._solver = None
+        report = SolverReport(
+            status=word,
+            accepted=accepted,
+            iterations=info.iter,
+            solve_time_s=info.solve_time,
+            primal_residual=info.primal_res,
+            dual_residual=info.dual_res,
+        )
+        return QPSolution(x if accepted else None, report)
+
+    def _load(self, qp: QP) -> piqp.DenseSolver:
+        """Hand the problem to the living solver, or to a new one."""
+        hessian = qp.hessian.T  # symmetric; the transpose has the column order that PIQP wants
+        if self._solver is not None:
+            self._solver.update(
+                P=hessian,
+                c=qp.gradient,
+                h_l=qp.lower,
+                h_u=qp.upper,
+                x_l=qp.step_lower,
+                x_u=qp.step_upper,
+            )
+            return self._solver
+        solver = piqp.DenseSolver()
+        settings = solver.settings
+        settings.eps_abs = settings.eps_rel = self._tolerance
+        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = self._tolerance
+        settings.compute_timings = True
+        solver.setup(
+            P=hessian,
+            c=qp.gradient,
+            G=np.asfortranarray(qp.matrix),
+            h_l=qp.lower,
+            h_u=qp.upper,
+            x_l=qp.step_lower,
+            x_u=qp.step_upper,
+        )
+        self._solver = solver
+        return solver
+
+
+def _within_bounds(qp: QP, x: FloatArray) -> bool:
+    """Whether `x` (n,) is finite and inside the bounds; comparisons with NaN are false."""
+    inside = slack(qp.matrix, x, qp.lower, qp.upper, qp.step_lower, qp.step_upper)
+    return inside >= -_BOUND_TOLERANCE

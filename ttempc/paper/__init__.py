@@ -1,0 +1,1 @@
+"""The controller of Kayacan, Ramon and Saeys (2016)."""

@@ -1,0 +1,1 @@
+"""Paths, speeds along them, and the reference of both axle points."""

@@ -1,0 +1,113 @@
+"""A headland pattern: parallel passes over a field, with turns beyond their ends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import chain
+
+from scipy.optimize import brentq
+
+from ..errors import InvalidPath
+from .path import Path, Segment
+
+_WIDEST = 1e3  # times the radius: wider half circles are turns with a straight long before
+
+
+def headland(
+    length_m: float = 30.0,
+    width_m: float = 4.0,
+    passes: int = 4,
+    radius_m: float = 7.0,
+    blend_m: float = 2.0,
+) -> Path:
+    """Return parallel passes, driven there and back, each to the left of the one before.
+
+    The pattern lies about the origin and begins to the east. Its turns begin and end where the
+    passes do and have no curvature sharper than 1 / `radius_m`, reached over `blend_m`. As the
+    width asks, a turn is
+
+    - two quarters with a straight between them, where there is room for that (U);
+    - a half circle, of a larger radius where the width is between both;
+    - else a loop (omega): away by an angle alpha, back round by pi + 2 alpha, away by alpha, with
+      alpha such that it ends on the next pass.
+
+    Args:
+        length_m: of each pass.
+        width_m: from pass to pass.
+        passes: how many.
+        radius_m: smallest of the turns.
+        blend_m: length over which curvature goes from 0 to 1 / `radius_m`.
+
+    Raises:
+        InvalidPath: a length is not finite or not above 0, or there is no pass.
+    """
+    lengths = {
+        **{"length_m": length_m, "width_m": width_m},
+        **{"radius_m": radius_m, "blend_m": blend_m},
+    }
+    for name, value in lengths.items():
+        if not math.isfinite(value) or value <= 0.0:
+            raise InvalidPath(f"headland: {name} = {value}, must be finite and above 0")
+    if passes < 1:
+        raise InvalidPath(f"headland: passes = {passes}, must be at least 1")
+    turn = _turn_to_next(width_m, radius_m, blend_m)
+    ends = (turn if index % 2 == 0 else _mirrored(turn) for index in range(passes - 1))
+    segments = (
+        Segment(length_m, 0.0, 0.0),
+        *chain.from_iterable((*end, Segment(length_m, 0.0, 0.0)) for end in ends),
+    )
+    return Path(segments, start=(-0.5 * length_m, -0.5 * (passes - 1) * width_m, 0.0))
+
+
+def _turn_to_next(width: float, radius: float, blend: float) -> tuple[Segment, ...]:
+    """Return the turn that ends `width` to the left of its beginning, looking back [m]."""
+    quarter = bend(0.5 * math.pi, radius, blend)
+    rest = width - 2.0 * _end(quarter)[1]
+    if rest >= 0.0:
+        between = (Segment(rest, 0.0, 0.0),) if rest > 0.0 else ()
+        return (*quarter, *between, *quarter)
+    half = bend(math.pi, radius, blend)
+    if width >= _end(half)[1]:
+
+        def wide(share: float) -> tuple[Segment, ...]:
+            return bend(math.pi, share * radius, blend)
+
+        return wide(_root(lambda share: _end(wide(share))[1] - width, 1.0, _WIDEST))
+
+    def loop(alpha: float) -> tuple[Segment, ...]:
+        away = bend(-alpha, radius, blend)
+        return (*away, *bend(math.pi + 2.0 * alpha, radius, blend), *away)
+
+    return loop(_root(lambda alpha: _end(loop(alpha))[1] - width, 0.0, 0.5 * math.pi))
+
+
+def bend(angle: float, radius_m: float, blend_m: float) -> tuple[Segment, ...]:
+    """Return a turn by `angle` [rad] from straight to straight, positive to the left.
+
+    Two clothoids of d(curvature)/ds = 1 / (radius blend) with an arc between them; where the angle
+    is too small for the arc, the clothoids alone, to less curvature.
+    """
+    if angle == 0.0:
+        return ()
+    sharpest = min(1.0 / radius_m, math.sqrt(abs(angle) / (radius_m * blend_m)))
+    ramp = sharpest * radius_m * blend_m
+    arc = abs(angle) / sharpest - ramp
+    kappa = math.copysign(sharpest, angle)
+    middle = (Segment(arc, kappa, kappa),) if arc > 1e-9 else ()
+    return (Segment(ramp, 0.0, kappa), *middle, Segment(ramp, kappa, 0.0))
+
+
+def _mirrored(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+    return tuple(Segment(length, -first, -last) for length, first, last in segments)
+
+
+def _end(segments: tuple[Segment, ...]) -> tuple[float, float]:
+    """Return where segments that begin at the origin end (x, y) [m]."""
+    path = Path(segments)
+    x, y, _ = path.pose(path.lap_m).tolist()
+    return x, y
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(brentq(function, low, high, xtol=1e-13))  # pyright: ignore[reportArgumentType]

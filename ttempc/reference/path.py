@@ -1,0 +1,263 @@
+"""Geometric paths of linearly varying curvature: lines, arcs and the clothoids that blend them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InvalidPath
+from ..types import FloatArray
+
+# Gauss-Legendre on [0, 1]; with 5 nodes on pieces of 0.25 m the quadrature of cos(heading) and
+# sin(heading) is exact to rounding for any radius above 1 m.
+_LEGENDRE_NODES, _LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(5)
+_NODES, _WEIGHTS = 0.5 * (_LEGENDRE_NODES + 1.0), 0.5 * _LEGENDRE_WEIGHTS
+_PIECE_M = 0.25
+_EXTENT_STEP_M = 0.02  # the box is short of the true one by less than step^2 / (8 radius)
+
+
+class Segment(NamedTuple):
+    """A stretch of path whose curvature runs linearly from one value to another."""
+
+    length_m: float
+    curvature_start: float  # [1/m], positive to the left
+    curvature_end: float  # [1/m]
+
+
+class Extent(NamedTuple):
+    """Axis-aligned box in the map frame [m]."""
+
+    x_min: float
+    x_max: float
+    y_min: float
+    y_max: float
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A curve of continuous curvature (C2), parametrised by its arc length s [m].
+
+    With curvature kappa(s) piecewise linear,
+
+        heading' = kappa,   x' = cos(heading),   y' = sin(heading).
+
+    The path is defined for every s: a closed one goes round again, an open one carries on with
+    the curvature of its end. The trailer of a vehicle that stands at s = 0 is on the path too.
+
+    Raises:
+        InvalidPath: a length or curvature is not finite, the curvature jumps, or a closed path
+            does not meet its own beginning.
+    """
+
+    segments: tuple[Segment, ...]
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x [m], y [m], heading [rad] at s = 0
+    laps: int = 0  # how often a closed path is driven; 0 for an open path
+
+    lap_m: float = field(init=False)  # length of the segments [m]
+    _knots: FloatArray = field(init=False, repr=False)  # (n + 1,) arc length of the pieces' ends
+    _curvature: FloatArray = field(init=False, repr=False)  # (n + 1,) [1/m]
+    _pose: FloatArray = field(init=False, repr=False)  # (n + 1, 3)
+
+    def __post_init__(self) -> None:
+        _check_segments(self.segments)
+        knots, curvature = [0.0], [self.segments[0].curvature_start]
+        for length, first, last in self.segments:
+            pieces = math.ceil(length / _PIECE_M)
+            share = np.arange(1, pieces + 1) / pieces
+            begin = knots[-1]
+            knots.extend(begin + share * length)
+            curvature.extend(first + share * (last - first))
+        values = {"_knots": np.array(knots), "_curvature": np.array(curvature), "lap_m": knots[-1]}
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "_pose", self._integrate())
+        if self.laps:
+            self._check_closed()
+
+    @property
+    def length_m(self) -> float:
+        """Length to be driven, all laps together [m]."""
+        return self.lap_m * max(1, self.laps)
+
+    def pose(self, s: ArrayLike) -> FloatArray:
+        """Return x [m], y [m] and the continuous heading [rad] at arc length `s`, (..., 3)."""
+        along, laps = self._wrap(s)
+        inside = np.clip(along, 0.0, self.lap_m)
+        index, rest = self._locate(inside)
+        pose = self._pose[index] + self._advance(index, rest)
+        pose = pose + _arc(pose[..., 2], self.curvature(inside), along - inside)
+        pose[..., 2] += laps * (self._pose[-1, 2] - self._pose[0, 2])
+        return pose
+
+    def curvature(self, s: ArrayLike) -> FloatArray:
+        """Return kappa [1/m] at arc length `s`, positive to the left."""
+        return np.interp(self._wrap(s)[0], self._knots, self._curvature)
+
+    def curvature_derivative(self, s: ArrayLike) -> FloatArray:
+        """Return d kappa / ds [1/m^2] at arc length `s`, from the right where it jumps."""
+        along = self._wrap(s)[0]
+        index, _ = self._locate(along)
+        inside = (along >= 0.0) & (along < self.lap_m)
+        return np.where(inside, self._slope(index), 0.0)
+
+    def reversed(self) -> Path:
+        """Return the same curve in the other direction, from its end to its beginning."""
+        x, y, heading = self._pose[-1].tolist()
+        segments = tuple(
+            Segment(length, -last, -first) for length, first, last in reversed(self.segments)
+        )
+        return Path(segments, (x, y, heading + math.pi), self.laps)
+
+    def extent(self) -> Extent:
+        """Return the box that holds the driven part of the path."""
+        count = math.ceil(self.lap_m / _EXTENT_STEP_M) + 1
+        x, y, _ = self.pose(np.linspace(0.0, self.lap_m, count)).T
+        return Extent(float(x.min()), float(x.max()), float(y.min()), float(y.max()))
+
+    def _wrap(self, s: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Split `s` into an arc length within one lap and a count of laps."""
+        s = np.asarray(s, dtype=float)
+        laps = np.floor(s / self.lap_m) if self.laps else np.zeros_like(s)
+        return s - laps * self.lap_m, laps
+
+    def _locate(self, s: FloatArray) -> tuple[np.ndarray, FloatArray]:
+        """Return the piece that holds `s` and the length from its beginning."""
+        last = len(self._knots) - 2
+        index = np.clip(np.searchsorted(self._knots, s, side="right") - 1, 0, last)
+        return index, s - self._knots[index]
+
+    def _slope(self, index: np.ndarray) -> FloatArray:
+        step = self._curvature[index + 1] - self._curvature[index]
+        return step / (self._knots[index + 1] - self._knots[index])
+
+    def _advance(self, index: np.ndarray, rest: FloatArray) -> FloatArray:
+        """Return the change of pose over `rest` from the beginning of piece `index`, (..., 3)."""
+        first, slope, heading = self._curvature[index], self._slope(index), self._pose[index, 2]
+        node = rest[..., None] * _NODES  # (..., 5)
+        turned = first[..., None] * node + 0.5 * slope[..., None] * node**2
+        angle = heading[..., None] + turned
+        return np.stack(
+            [
+                rest * (np.cos(angle) @ _WEIGHTS),
+                rest * (np.sin(angle) @ _WEIGHTS),
+                first * rest + 0.5 * slope * rest**2,
+            ],
+            axis=-1,
+        )
+
+    def _integrate(self) -> FloatArray:
+        """Return the pose at every knot by quadrature over the pieces, (n + 1, 3)."""
+        lengths = np.diff(self._knots)
+        pose = np.tile(np.asarray(self.start, dtype=float), (len(self._knots), 1))
+        turn = 0.5 * (self._curvature[1:] + self._curvature[:-1]) * lengths
+        pose[1:, 2] += np.cumsum(turn)
+        object.__setattr__(self, "_pose", pose)  # the headings suffice to advance by a piece
+        steps = self._advance(np.arange(len(lengths)), lengths)
+        pose[1:, :2] += np.cumsum(steps[:, :2], axis=0)
+        return pose
+
+    def _check_closed(self) -> None:
+        gap = math.hypot(*(self._pose[-1, :2] - self._pose[0, :2]))
+        turns = (self._pose[-1, 2] - self._pose[0, 2]) / math.tau
+        step = self._curvature[-1] - self._curvature[0]
+        if gap > 1e-6 or abs(turns - round(turns)) > 1e-9 or abs(step) > 1e-9:
+            raise InvalidPath(
+                f"a path with laps={self.laps} must be closed: its end is {gap:.3g} m from its "
+                f"beginning, it turns {turns:.6g} times and its curvature steps by {step:.3g} 1/m"
+            )
+
+
+def _check_segments(segments: Sequence[Segment]) -> None:
+    if not segments:
+        raise InvalidPath("a path needs at least one segment, got none")
+    begin = 0.0
+    for segment in segments:
+        if not all(map(math.isfinite, segment)) or segment.length_m <= 0.0:
+            raise InvalidPath(
+                f"segment at s = {begin:.2f} m: got {segment}, the length must be above 0 "
+                "and all values finite"
+            )
+        begin += segment.length_m
+    begin = 0.0
+    for before, after in pairwise(segments):
+        begin += before.length_m
+        if abs(after.curvature_start - before.curvature_end) > 1e-12:
+            raise InvalidPath(
+                f"curvature jumps at s = {begin:.2f} m from {before.curvature_end:.4g} to "
+                f"{after.curvature_start:.4g} 1/m: put a blend between, a path must be C2"
+            )
+
+
+def _arc(heading: FloatArray, curvature: FloatArray, length: FloatArray) -> FloatArray:
+    """Return the change of pose along an arc of constant curvature, (..., 3)."""
+    turn = curvature * length
+    chord = length * np.sinc(turn / math.tau)  # np.sinc(x) = sin(pi x) / (pi x)
+    middle = heading + 0.5 * turn
+    return np.stack([chord * np.cos(middle), chord * np.sin(middle), turn], axis=-1)
+
+
+def straight(length_m: float) -> Path:
+    """Return a straight line from the origin along the x axis."""
+    return Path((Segment(length_m, 0.0, 0.0),))
+
+
+def figure_eight(
+    radius_m: float = 10.0,
+    centre_distance_m: float = 30.0,
+    blend_m: float = 2.0,
+    laps: int = 2,
+) -> Path:
+    """Return two circles on the x axis, joined by two straights that cross at the origin.
+
+    It starts at the origin in the middle of a straight, so that the whole vehicle stands straight
+    and its start-up is over before the first curve, and takes the right-hand circle first,
+    counter-clockwise. Each end of each arc is a clothoid of length `blend_m`. A clothoid from a
+    line to a circle sets the circle off the line by more than its radius R (the clothoid's shift);
+    the straights are turned by just that much, so that the circles keep their centres and radius:
+
+        sin(alpha) = (R + shift) / (centre distance / 2),   alpha = angle of the straights.
+
+    Raises:
+        InvalidPath: a length is not positive, or the circles are too close for the straights.
+    """
+    lengths = {"radius_m": radius_m, "centre_distance_m": centre_distance_m, "blend_m": blend_m}
+    for name, value in lengths.items():
+        if not math.isfinite(value) or value <= 0.0:
+            raise InvalidPath(f"figure eight: {name} = {value}, must be finite and above 0")
+    if laps < 1:
+        raise InvalidPath(f"figure eight: laps = {laps}, must be at least 1")
+    kappa = 1.0 / radius_m
+    x, y, turned = Path((Segment(blend_m, 0.0, kappa),)).pose(blend_m).tolist()
+    circle_ahead = x - radius_m * math.sin(turned)  # centre of the circle, seen from the blend
+    circle_aside = y + radius_m * math.cos(turned)  # R + shift
+    half = 0.5 * centre_distance_m
+    if half <= circle_aside:
+        raise InvalidPath(
+            f"figure eight: centre_distance_m = {centre_distance_m}, must be above "
+            f"{2 * circle_aside:.3f} for radius_m = {radius_m} and blend_m = {blend_m}"
+        )
+    alpha = math.asin(circle_aside / half)
+    half_straight = math.sqrt(half**2 - circle_aside**2) - circle_ahead
+    arc = radius_m * (math.pi + 2.0 * alpha - 2.0 * turned)
+    if half_straight <= 0.0 or arc <= 0.0:
+        raise InvalidPath(
+            f"figure eight: blend_m = {blend_m} leaves no room for the straights "
+            f"({2 * half_straight:.2f} m) or the arcs ({arc:.2f} m): make it shorter"
+        )
+
+    def loop(sign: float) -> list[Segment]:
+        return [
+            Segment(half_straight, 0.0, 0.0),
+            Segment(blend_m, 0.0, sign * kappa),
+            Segment(arc, sign * kappa, sign * kappa),
+            Segment(blend_m, sign * kappa, 0.0),
+            Segment(half_straight, 0.0, 0.0),
+        ]
+
+    return Path((*loop(1.0), *loop(-1.0)), start=(0.0, 0.0, -alpha), laps=laps)

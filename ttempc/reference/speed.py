@@ -1,0 +1,128 @@
+"""Speed profiles other than a constant: speeds planned along the path, and driving in reverse."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+
+from ..errors import InvalidReference
+from ..types import FloatArray
+from .reference import SpeedProfile
+
+_STEP_M = 0.05  # of the speed limits along the path
+_STEP_S = 0.05  # between the knots of the speed in time
+_SMOOTHING_S = 2.0  # over which an acceleration builds up and fades
+
+
+@dataclass(frozen=True, slots=True)
+class Backward:
+    """Another profile, driven in reverse: from `start_m` towards arc length 0."""
+
+    forward: SpeedProfile
+    start_m: float  # arc length at which the drive begins [m]
+
+    @property
+    def top_speed(self) -> float:
+        """Largest speed, backward [m/s]."""
+        return self.forward.top_speed
+
+    def travel(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return arc length [m], speed [m/s] and acceleration [m/s^2] at `times_s`."""
+        distance, speed, acceleration = self.forward.travel(times_s)
+        return self.start_m - distance, -speed, -acceleration
+
+    def duration_s(self, length_m: float) -> float:
+        """Return the time that `length_m` takes [s]."""
+        return self.forward.duration_s(length_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedSpeed:
+    """Speeds asked for at places along the path, within an acceleration.
+
+    Between places the speed asked for is linear in arc length. It is cut until
+
+        |d(v^2) / ds| <= 2 a_max,
+
+    forward and backward along the path, so that the vehicle brakes before a slow place. The speed
+    then is averaged over 2 s of time, which leaves it continuous with its acceleration. Before the
+    first and beyond the last place the speed stays.
+
+    Raises:
+        InvalidReference: a speed or the acceleration is not finite or not above 0, with the index
+            of the place and its arc length; or the places do not go forward.
+    """
+
+    distance_m: FloatArray  # (n,) arc length of each place [m], rising
+    speed_mps: FloatArray  # (n,) speed asked for there [m/s]
+    acceleration_mps2: float = 0.1  # a_max; with the paper's K and tau 15 % of the hydrostat
+
+    _speed: PchipInterpolator = field(init=False, repr=False)  # over time [s]
+
+    def __post_init__(self) -> None:
+        limit = self.acceleration_mps2
+        if not (math.isfinite(limit) and limit > 0.0):
+            raise InvalidReference(f"acceleration: got {limit} m/s^2, must be finite and above 0")
+        for index, (s, v) in enumerate(zip(self.distance_m, self.speed_mps, strict=True)):
+            if not (math.isfinite(v) and v > 0.0):
+                raise InvalidReference(
+                    f"speed: got {v} m/s at point {index}, s = {s:.2f} m, must be finite and above "
+                    "0: a reference that stands or turns round cannot be tracked"
+                )
+        if not np.all(np.diff(self.distance_m) > 0.0):
+            raise InvalidReference("speed: the places along the path must go forward")
+        first, last = float(self.distance_m[0]), float(self.distance_m[-1])
+        s = np.linspace(first, last, max(2, math.ceil((last - first) / _STEP_M) + 1))
+        v = _within(np.interp(s, self.distance_m, self.speed_mps), s[1] - s[0], limit)
+        times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (v[1:] + v[:-1]))])
+        # Distance at equal times; beyond both ends the vehicle keeps its speed.
+        margin = _SMOOTHING_S
+        count = math.ceil((times[-1] + 2.0 * margin) / _STEP_S) + 1
+        knots = _STEP_S * np.arange(count) - margin
+        inside = CubicHermiteSpline(times, s, v)(np.clip(knots, 0.0, times[-1]))
+        before, after = np.minimum(knots, 0.0) * v[0], np.maximum(knots - times[-1], 0.0) * v[-1]
+        half = round(0.5 * _SMOOTHING_S / _STEP_S)
+        distance = inside + before + after
+        mean = (distance[2 * half :] - distance[: -2 * half]) / (2 * half * _STEP_S)
+        object.__setattr__(self, "_speed", PchipInterpolator(knots[half:-half], mean))
+
+    @property
+    def top_speed(self) -> float:
+        """Largest speed that is asked for [m/s]."""
+        return float(np.max(self.speed_mps))
+
+    def travel(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return arc length [m], speed [m/s] and acceleration [m/s^2] at `times_s`."""
+        first, last = self._speed.x[[0, -1]]
+        inside = np.clip(times_s, first, last)
+        speed = self._speed(inside)
+        distance = self._distance(inside) + speed * (times_s - inside)
+        acceleration = np.where(inside == times_s, self._speed.derivative()(inside), 0.0)
+        return distance, speed, acceleration
+
+    def duration_s(self, length_m: float) -> float:
+        """Return the time that `length_m` takes [s]."""
+        last = self._speed.x[-1]
+        end, speed, _ = self.travel(np.array(last))
+        if length_m >= end:
+            return float(last + (length_m - end) / speed)
+        crossings = self._speed.antiderivative().solve(
+            length_m - self.distance_m[0] + self._speed.antiderivative()(0.0), extrapolate=False
+        )
+        return float(crossings[0])
+
+    def _distance(self, times_s: FloatArray) -> FloatArray:
+        way = self._speed.antiderivative()
+        return self.distance_m[0] + way(times_s) - way(0.0)
+
+
+def _within(speed: FloatArray, step_m: float, limit: float) -> FloatArray:
+    """Return the largest speeds (n,) not above `speed` that `limit` [m/s^2] can reach and leave."""
+    energy = speed**2  # (n,) v^2 changes by no more than 2 a ds
+    most = 2.0 * limit * step_m * np.arange(len(energy))
+    forward = np.minimum.accumulate(energy - most) + most
+    backward = np.minimum.accumulate((forward + most)[::-1])[::-1] - most
+    return np.sqrt(backward)

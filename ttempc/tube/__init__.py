@@ -1,0 +1,1 @@
+"""Disturbance sets, invariant tubes and tightened constraints."""

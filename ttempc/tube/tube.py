@@ -1,0 +1,178 @@
+"""Tubes: in which set around its nominal state a disturbed linear system stays, with certificate.
+
+The deviation m of a system from its nominal state obeys m(k+1) = A_K(k) m(k) + w(k), A_K = A + B K.
+For one matrix A_K, Rakovic, Kerrigan, Kouramas and Mayne (2005) give an invariant outer
+approximation of all that m can become: the sum of the first terms of A_K^i W, scaled by
+1 / (1 - alpha) where the next term lies in alpha W. Here A_K changes along a reference and W bounds
+windows of N steps. With V_k, what the last N steps alone can make of m(k), the same argument gives
+
+    S_k = (1 - alpha)^-1 [ V_k + Phi(k, k-N) V_{k-N} + ... + Phi(k, k-(J-1)N) V_{k-(J-1)N} ],
+
+    Phi(k+N, k) S_k + V_{k+N}  is inside  S_{k+N}   if   Phi(k, k-JN) V_{k-JN}  is inside  alpha W,
+
+because W is part of V. Before its first tick, the reference is taken to have been as there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidTube
+from ..types import FloatArray
+from .disturbance_set import DisturbanceSet
+from .sets import SupportSet
+
+_MOST_STEPS = 1500  # five minutes: what remembers for longer is no use as a tube
+_EXPLODED = 1e6
+
+
+@dataclass(frozen=True)
+class TrackingSystem:
+    """The error dynamics along a reference, closed by a gain at every tick.
+
+    z(k+1) = A_k z(k) + B_k u(k), u = K_k z, outputs C_k z. `before` is the tick before each: k - 1,
+    or k itself where every tick stands for a road that never changes.
+    """
+
+    a: FloatArray  # (T, n, n)
+    b: FloatArray  # (T, n, m)
+    c: FloatArray  # (T, p, n)
+    gains: FloatArray  # (T, m, n)
+    before: NDArray[np.intp]  # (T,)
+
+    @cached_property
+    def closed(self) -> FloatArray:
+        """Return A_K (T, n, n)."""
+        return self.a + self.b @ self.gains
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Why a tube holds what it claims."""
+
+    alpha: float  # share of W that the first term left out may fill; of no half width is a larger
+    # share to spare over the least set that holds every deviation
+    terms: int  # J
+    window: int  # N [steps]
+
+
+@dataclass(frozen=True)
+class Tube:
+    """Half widths, at every tick, of the set in which the deviation stays; symmetric about 0."""
+
+    system: TrackingSystem
+    disturbance: DisturbanceSet
+    certificate: Certificate
+    states: FloatArray  # (T, n)
+    outputs: FloatArray  # (T, p)
+    inputs: FloatArray  # (T, m) of K m
+    rates: FloatArray  # (T, m) of the change of K m from the tick before
+
+    def at(self, k: int) -> SupportSet:
+        """Return S_k as a set, to be drawn or compared."""
+        return SupportSet(self.system.a.shape[1], lambda rows: self._support(k, rows))
+
+    def last_window(self, k: int) -> SupportSet:
+        """Return V_k, what the last N steps alone can make of the deviation."""
+        return SupportSet(
+            self.system.a.shape[1], lambda rows: self._terms(k, rows, terms=1).sum(axis=0)
+        )
+
+    def transition(self, k: int, steps: int) -> FloatArray:
+        """Return Phi(k, k - steps), (n, n)."""
+        phi, tick = np.eye(self.system.a.shape[1]), k
+        for _ in range(steps):
+            tick = self.system.before[tick]
+            phi = phi @ self.system.closed[tick]
+        return phi
+
+    def worst_case(self, k: int, direction: FloatArray) -> FloatArray:
+        """Return the disturbances of the steps up to tick `k` that reach farthest, (J N, n).
+
+        Oldest first. From m = 0 they lead to (1 - alpha) h(direction).
+        """
+        window, row, tick = self.certificate.window, direction, k
+        blocks = []
+        for _ in range(self.certificate.terms):
+            coefficients = np.zeros((window, len(direction)))
+            for step in range(window):
+                coefficients[step] = row
+                tick = self.system.before[tick]
+                row = row @ self.system.closed[tick]
+            blocks.append(self.disturbance.worst(coefficients))
+        return np.concatenate(blocks)[::-1]
+
+    def _support(self, k: int, rows: FloatArray) -> FloatArray:
+        terms = self._terms(k, rows, self.certificate.terms)
+        return terms.sum(axis=0) / (1.0 - self.certificate.alpha)
+
+    def _terms(self, k: int, rows: FloatArray, terms: int) -> FloatArray:
+        """Return what each of the last windows adds to the supports of `rows`, (terms, r)."""
+        added, tick = [], k
+        for _ in range(terms):
+            energy = np.zeros_like(rows)
+            for _ in range(self.certificate.window):
+                energy += (rows @ self.disturbance.axes) ** 2
+                tick = self.system.before[tick]
+                rows = rows @ self.system.closed[tick]
+            added.append(self.disturbance.reach(energy))
+        return np.array(added)
+
+
+def invariant_tube(
+    system: TrackingSystem, disturbance: DisturbanceSet, tolerance: float = 0.02
+) -> Tube:
+    """Return the tube of `system` under `disturbance`, all ticks at once.
+
+    Args:
+        system: the error dynamics with their gains.
+        disturbance: what acts on the state in every step.
+        tolerance: alpha is to be no larger: the share by which the tube may be too wide.
+
+    Raises:
+        InvalidTube: A + B K does not contract; with its growth.
+    """
+    ticks, n = system.a.shape[:2]
+    gains, closed, axes = system.gains, system.closed, disturbance.axes
+    m, p = gains.shape[1], system.c.shape[1]
+    faces, inner = disturbance.faces
+    unit = np.tile(np.eye(n), (ticks, 1, 1))
+    # What of m(k) is asked for: states, outputs, inputs, rates, and the faces of W for alpha.
+    rows = np.concatenate([unit, system.c, gains, gains, np.tile(faces, (ticks, 1, 1))], axis=1)
+    rates, face = slice(n + p + m, n + p + 2 * m), slice(n + p + 2 * m, None)
+    total, energy = np.zeros(rows.shape[:2]), np.zeros(rows.shape)
+    tick, step, alpha = np.arange(ticks), 0, np.inf
+    for step in range(_MOST_STEPS):
+        energy += (rows @ axes) ** 2
+        tick = system.before[tick]
+        rows = rows @ closed[tick]
+        if step == 0:  # K(k) m(k) - K(k-1) m(k-1) sees w(k-1) by the first of the two alone
+            rows[:, rates] -= gains[tick]
+        if (step + 1) % disturbance.window:
+            continue
+        added = disturbance.reach(energy)
+        alpha = float(added[:, face].max()) / inner
+        if alpha <= tolerance or not alpha < _EXPLODED:
+            break
+        total += added
+        energy = np.zeros_like(energy)
+    if not alpha <= tolerance:
+        growth = float(np.abs(np.linalg.eigvals(closed)).max())
+        raise InvalidTube(
+            f"A + B K does not contract: {step + 1} steps leave {alpha:.3g} times a disturbance, "
+            f"the largest eigenvalue has the modulus {growth:.4f}"
+        )
+    half = total / (1.0 - alpha)
+    return Tube(
+        system,
+        disturbance,
+        Certificate(alpha, step // disturbance.window, disturbance.window),
+        states=half[:, :n],
+        outputs=half[:, n : n + p],
+        inputs=half[:, n + p : n + p + m],
+        rates=half[:, rates],
+    )
