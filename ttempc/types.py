@@ -160,7 +160,8 @@ class Diagnostics:
     feedback: FloatArray  # (3,) contribution of the feedback, that is -u_b in the paper's terms
     robust: FloatArray  # (3,) u_m
     limited: NDArray[np.bool_]  # (3,) where the vehicle's limits changed the total
-    tracking_error: FloatArray | None = None  # (7,) z_e: x, y, psi of tractor, of trailer, speed
+    # (7,) z_e: x, y, psi of tractor, of trailer, speed; the supervisor fills it in
+    tracking_error: FloatArray | None = None
     modelling_error: FloatArray | None = None  # (4,) z_m: x, y of tractor, of trailer [m]
     predicted_path: FloatArray | None = None  # (N, 4) predicted x_t, y_t, x_i, y_i [m], map frame
     solver: SolverReport | None = None  # None where the controller solves no QP

@@ -74,7 +74,7 @@ class LqrFeedback:
         self._state = grid.state
         self._vehicle = reference.vehicle
 
-    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`."""
         state = error_state(self._state[k], estimate, self._vehicle)
         before = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)

@@ -82,7 +82,7 @@ class NonlinearFeedback:
         self._points = np.hstack([grid.state[:, :2], grid.trailer_xy])
         self._steps = np.zeros((tuning.moves, _M))  # the last plan, Delta u_e
 
-    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`."""
         horizon, moves = self._tuning.horizon, self._tuning.moves
         feedforward = self._feedforward[k : k + horizon]

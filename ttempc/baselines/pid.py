@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
-from ..models.tracking_error import Error
+from ..models.tracking_error import Error, estimated_error
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
@@ -95,6 +95,7 @@ class GuidanceFeedback:
     def __init__(
         self, grid: ReferenceSample, feedforward: FloatArray, vehicle: Vehicle, period_s: float
     ) -> None:
+        self._grid = grid
         self._feedforward = feedforward
         self._period_s = period_s
         speed = grid.state[:, State.V]
@@ -110,8 +111,9 @@ class GuidanceFeedback:
         self._summed = np.zeros(3)  # integral actions
         self._wanted = feedforward[0]  # command of the period before, without the limits
 
-    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`."""
+        error = estimated_error(estimate, self._grid, k)
         aside = -np.array([error[Error.Y_T], error[Error.Y_I], error[Error.X_T]])
         speed_t, speed_i = self._speed[k]
         moving = -np.array(

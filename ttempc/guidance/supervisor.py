@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidTuning
 from ..limits import CommandLimits
-from ..models.tracking_error import Error
-from ..mpc.step_kernels import tracking_error
+from ..models.tracking_error import Error, estimated_error
 from ..reference.reference import Reference, ReferenceSample
 from ..types import (
     Command,
@@ -92,7 +91,7 @@ class Supervisor:
         self._period_s = period_s
         self._safety = safety or SafetyLimits()
         self._limits = CommandLimits.of(vehicle, period_s)
-        self._state, self._trailer_xy = grid.state, grid.trailer_xy
+        self._grid = grid
         self._speed = float(np.abs(grid.state[:, State.V]).max())
         self._hp = grid.inputs[:, Input.HP]
         self._too_much = _too_much(grid, self._limits)
@@ -119,10 +118,9 @@ class Supervisor:
                 return self._steady(self._made.command.hp, "estimate not finite: command held")
             return self._stop(f"estimate not finite for more than {safety.blind_s:g} s")
         self._finite_at = k
-        at = min(k, len(self._state) - 1)
-        error = tracking_error(
-            estimate.state, estimate.trailer_xy, self._state[at], self._trailer_xy[at]
-        ).tolist()
+        at = min(k, len(self._hp) - 1)
+        tracking_error = estimated_error(estimate, self._grid, at)
+        error = tracking_error.tolist()
         jump, self._error = self._jump(error), error
         self._stopped = self._stopped or _astray(error, safety)
         unseen_s, deviation = self._unseen_s(estimate, k), _deviation_m(estimate)
@@ -143,6 +141,8 @@ class Supervisor:
         before, self._made = self._made.command, self._controller.step(estimate, k)
         if slow or self._own:
             self._lead(before, _SLOW * abs(self._hp[at]) if slow else math.inf)
+        diagnostics = replace(self._made.diagnostics, tracking_error=tracking_error)
+        self._made = replace(self._made, diagnostics=diagnostics)
         if said:
             self._made = _saying(self._made, said)
         return self._made

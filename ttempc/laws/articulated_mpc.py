@@ -67,7 +67,7 @@ class ArticulatedFeedback:
         self._vehicle = reference.vehicle
         self._path = PredictedPath(grid, horizon.prediction)
 
-    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`."""
         state = error_state(self._state[k], estimate, self._vehicle)
         state[_N:] *= self._known

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -10,7 +9,6 @@ from typing import Protocol
 import numpy as np
 
 from ..limits import CommandLimits
-from ..mpc.step_kernels import tracking_error
 from ..reference.feedforward import exact_feedforward
 from ..reference.reference import Reference, ReferenceSample
 from ..types import (
@@ -40,14 +38,10 @@ class Actions:
 
 
 class FeedbackLaw(Protocol):
-    """What turns a tracking error into feedback and robust action."""
+    """Turns an estimate into feedback and robust action."""
 
-    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`.
-
-        `error` is the tracking error z_e (7,) of `error_model`, `sent` the command of the
-        period before (3,).
-        """
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+        """Return the actions of tick `k`; `sent` is the command of the period before, (3,)."""
         ...
 
     def prepare(self, k: int) -> None:
@@ -58,7 +52,7 @@ class FeedbackLaw(Protocol):
 class NoFeedback:
     """The feedback law that does nothing."""
 
-    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return no feedback and no robust action."""
         return Actions(np.zeros(3), np.zeros(3))
 
@@ -72,9 +66,9 @@ class TrackingController:
     Feedforward and actions speak of lambda = beta + delta_i; sent is delta_i = lambda - beta, with
     the estimated hitch angle beta where `measured_hitch`, else with the reference's.
 
-    The vehicle is taken to start on the reference with its inputs. Where the estimate is not
-    finite the last command is held; beyond the reference's end the last tick's reference is
-    tracked.
+    The vehicle is taken to start on the reference with its inputs. Beyond the reference's end the
+    last tick's reference is tracked. Estimates must be finite: `ttempc.guidance.supervisor` keeps
+    others away.
     """
 
     def __init__(
@@ -86,8 +80,6 @@ class TrackingController:
         *,
         measured_hitch: bool,
     ) -> None:
-        self._state = grid.state
-        self._trailer_xy = grid.trailer_xy
         self._hitch_angle = grid.hitch_angle
         self._feedforward = feedforward  # (ticks, 3) delta_t, lambda, hp
         self._feedback = feedback
@@ -98,21 +90,13 @@ class TrackingController:
     def prepare(self, k: int) -> None:
         """Warm up for tick `k`, see `ttempc.types.Preparing`."""
         k = min(k, len(self._feedforward) - 1)
-        state, trailer_xy = self._state[k], self._trailer_xy[k]
-        tracking_error(state, trailer_xy, state, trailer_xy)
         self._limits.apply(self._feedforward[k], self._previous)
         self._feedback.prepare(k)
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick `k`."""
         k = min(k, len(self._feedforward) - 1)
-        known = [*estimate.state.tolist(), *estimate.trailer_xy.tolist(), estimate.hitch_angle]
-        if not math.isfinite(sum(known)):
-            return self._hold("estimate not finite: previous command held")
-        error = tracking_error(
-            estimate.state, estimate.trailer_xy, self._state[k], self._trailer_xy[k]
-        )
-        actions = self._feedback.step(k, error, estimate, self._previous)
+        actions = self._feedback.step(k, estimate, self._previous)
         feedforward = self._feedforward[k].copy()
         beta = estimate.hitch_angle if self._measured_hitch else self._hitch_angle[k]
         feedforward[Input.DELTA_I] -= beta  # delta^i = lambda - beta
@@ -126,25 +110,11 @@ class TrackingController:
                 feedback=actions.feedback,
                 robust=actions.robust,
                 limited=limited,
-                tracking_error=error,
                 modelling_error=actions.modelling_error,
                 predicted_path=actions.predicted_path,
                 solver=actions.solver,
                 fallback=actions.fallback,
                 tube=actions.tube,
-            ),
-        )
-
-    def _hold(self, why: str) -> ControlStep:
-        """Return the previous command again, booked as feedforward."""
-        return ControlStep(
-            Command(*self._previous.tolist()),
-            Diagnostics(
-                feedforward=self._previous,
-                feedback=np.zeros(3),
-                robust=np.zeros(3),
-                limited=np.zeros(3, dtype=np.bool_),
-                fallback=why,
             ),
         )
 

@@ -57,7 +57,7 @@ class TubeFeedback:
         self._tick = -1
         self._before: FloatArray = np.zeros(_M)  # ubar(k-1)
 
-    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`."""
         state = error_state(self._state[k], estimate, self._vehicle)  # (zhat, s, m)
         here = state[:_N].copy()

@@ -7,7 +7,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from ..types import FloatArray
+from ..reference.reference import ReferenceSample
+from ..types import Estimate, FloatArray
 from .kinematics import wrap_angle
 
 
@@ -56,4 +57,11 @@ def tracking_error(
             wrap_angle(psi_i_r - psi_i),
             v_r - v,
         ]
+    )
+
+
+def estimated_error(estimate: Estimate, reference: ReferenceSample, k: int) -> FloatArray:
+    """Return the tracking error z_e (7,) of an estimate to sample `k` of a reference."""
+    return tracking_error(
+        estimate.state, estimate.trailer_xy, reference.state[k], reference.trailer_xy[k]
     )

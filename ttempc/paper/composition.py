@@ -9,7 +9,7 @@ import numpy as np
 from ..laws.robust_law import Nominal, RobustGains, RobustLaw
 from ..laws.tracking_controller import Actions, TrackingController
 from ..limits import CommandLimits
-from ..models.tracking_error import POSITIONS
+from ..models.tracking_error import POSITIONS, estimated_error
 from ..mpc.discretisation import zero_order_hold
 from ..mpc.lmpc import LinearMpc
 from ..mpc.prediction import PredictedPath
@@ -35,6 +35,7 @@ class PaperFeedback:
         tuning: HorizonTuning,
         gains: RobustGains | None,
     ) -> None:
+        self._grid = grid
         a, b = zero_order_hold(*linearise(grid, vehicle, equations), period_s)
         # No period starts at the last sample: it is only predicted.
         horizon = CondensedHorizon(a[:-1], b[:-1], tuning, period_s)
@@ -45,8 +46,9 @@ class PaperFeedback:
         self._to_vehicle = np.array([1.0, 1.0, 1.0 / equations.hp_full_scale])
         self._path = PredictedPath(grid, horizon.prediction[:, :, POSITIONS])
 
-    def step(self, k: int, error: FloatArray, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k` for the tracking error z_e (7,)."""
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+        """Return the actions of tick `k`."""
+        error = estimated_error(estimate, self._grid, k)
         nominal = self._nominal.at(k, error)
         mpc_state = self._nominal.mpc_state(nominal, error)
         feedback = self._mpc.step(k, mpc_state, self._previous)
