@@ -28,10 +28,6 @@ class LogError(TestbedError):
     """A log that cannot be written or read."""
 
 
-class ControllerFailed(TestbedError):
-    """A controller raised, or returned what cannot be driven; ends the run as invalid."""
-
-
 class LiveError(TestbedError):
     """A live view that cannot be opened."""
 

@@ -37,6 +37,29 @@ class MissingPackage(TtempcError):
     """An optional package that is asked for and not installed; the message says how to get it."""
 
 
+class UnknownEstimator(TtempcError):
+    """An estimator name that is not in the table; the message lists those that are."""
+
+
+class InvalidTime(TtempcError):
+    """A time stamp that is not finite or runs backwards; the message gives both times."""
+
+
+class GuidanceFailed(TtempcError):
+    """A controller or an estimator raised, or returned what cannot be used.
+
+    The exception of the user's code is its `__cause__`.
+    """
+
+
+class ControllerFailed(GuidanceFailed):
+    """A controller raised, or returned no step that could be driven and logged."""
+
+
+class EstimatorFailed(GuidanceFailed):
+    """An estimator raised, or returned no `Estimate`."""
+
+
 class EmptySet(TtempcError):
     """A set without a point, as what is left where more is taken off than there is."""
 

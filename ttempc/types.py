@@ -1,4 +1,4 @@
-"""What the control side says to the outside: measurements in, commands and diagnostics out."""
+"""Data types and protocols of the control library: measurements, estimates, commands."""
 
 from __future__ import annotations
 
@@ -147,19 +147,26 @@ class TubeReport:
     half_width: FloatArray  # (9,) within which the true error lies about the nominal one
 
 
+def _no_action() -> FloatArray:
+    return np.full(len(Input), np.nan)
+
+
 @dataclass(frozen=True, slots=True)
 class Diagnostics:
-    """How a command came about. Every action is in the order of `Input`.
+    """Explanation of a command; every field is optional. Actions are in the order of `Input`.
 
+    A controller that does not split its command into actions leaves them out; they are NaN then.
     `total` is the sum of the three actions before the vehicle's limits; the paper's input lambda
     is expressed as delta_i = lambda - beta, with the measured hitch angle beta booked under the
     feedforward action as in the paper's figure of the control signals.
     """
 
-    feedforward: FloatArray  # (3,) u_f
-    feedback: FloatArray  # (3,) contribution of the feedback, that is -u_b in the paper's terms
-    robust: FloatArray  # (3,) u_m
-    limited: NDArray[np.bool_]  # (3,) where the vehicle's limits changed the total
+    feedforward: FloatArray = field(default_factory=_no_action)  # (3,) u_f
+    # (3,) contribution of the feedback, that is -u_b in the paper's terms
+    feedback: FloatArray = field(default_factory=_no_action)
+    robust: FloatArray = field(default_factory=_no_action)  # (3,) u_m
+    # (3,) where the vehicle's limits changed the total
+    limited: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(len(Input), np.bool_))
     # (7,) z_e: x, y, psi of tractor, of trailer, speed; the supervisor fills it in
     tracking_error: FloatArray | None = None
     modelling_error: FloatArray | None = None  # (4,) z_m: x, y of tractor, of trailer [m]
@@ -179,7 +186,7 @@ class ControlStep:
     """A command with its diagnostics."""
 
     command: Command
-    diagnostics: Diagnostics = field(repr=False)
+    diagnostics: Diagnostics = field(default_factory=Diagnostics, repr=False)
 
 
 class Controller(Protocol):
@@ -189,8 +196,8 @@ class Controller(Protocol):
     time k * period; ticks are counted, never derived from a clock.
     """
 
-    def step(self, estimate: Estimate, k: int) -> ControlStep:
-        """Return the command for the period that starts at tick k."""
+    def step(self, estimate: Estimate, k: int) -> ControlStep | Command:
+        """Return the command for the period that starts at tick k, with or without diagnostics."""
         ...
 
 
@@ -221,4 +228,38 @@ class Estimator(Protocol):
         that an estimator has no use for are no error. `command` is what drove the vehicle in
         that time, None before the first command.
         """
+        ...
+
+
+@runtime_checkable
+class WarmingUp(Protocol):
+    """A controller or an estimator with code to compile or caches to fill before the first tick."""
+
+    def warm_up(self) -> None:
+        """Run through the code of every later call. It must change no later result."""
+        ...
+
+
+class VehicleGuidance(Protocol):
+    """Estimation and control of a vehicle in two halves; `ttempc.Guidance` is one."""
+
+    @property
+    def control_step(self) -> ControlStep:
+        """Command and diagnostics of the last `step`."""
+        ...
+
+    def warm_up(self) -> None:
+        """Compile and load everything before the first tick."""
+        ...
+
+    def prepare(self) -> None:
+        """Do the work of the next `step` that needs no samples."""
+        ...
+
+    def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate:
+        """Take in the samples that arrived since the previous tick; return the estimate."""
+        ...
+
+    def step(self) -> Command:
+        """Return the command for the period that starts now."""
         ...

@@ -1,8 +1,9 @@
-"""From a scenario and a seed to the objects that a run is made of."""
+"""Composition root: from a scenario and a seed to the objects of a run."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,24 +15,24 @@ from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.recording.sink import Sink
 from proving_ground.testbed.sensing.sensors import SensorSuite
 from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
-from proving_ground.testbed.simulation.loop import Rig
+from proving_ground.testbed.simulation.loop import SimulationSetup
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.simulation.termination import MishapLimits
 from proving_ground.testbed.step_counts import whole_steps
-from ttempc.baselines.nmhe import MovingHorizonEstimator
-from ttempc.estimation.ekf import ExtendedKalmanFilter
-from ttempc.guidance.supervisor import Supervisor
+from ttempc.guidance.controllers import controller_options
+from ttempc.guidance.guidance import Guidance
 from ttempc.reference.path import Path
 from ttempc.reference.posture import check_drivable
 from ttempc.reference.reference import Reference, check_pace
-from ttempc.types import Controller, Estimator, FloatArray
+from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
+from ..scenario.controller import TRUTH, ControllerSettings
 from ..scenario.mission import Course
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import Difference, mismatch
-from .controller_factory import ControllerFactory, controller_factory
+from .user_code import is_user_code, load_factory, user_controller, user_estimator
 
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
 RECORD_RATE_HZ = 25.0  # of the paper's fastest sensors
@@ -45,16 +46,19 @@ class Assembly:
 
     plant: Plant
     sensors: SensorSuite
-    estimator: Estimator
-    controller: Controller
-    vehicle: Vehicle  # as believed
+    guidance: Guidance
     terrain: Terrain
     reference: Reference
     ticks: int
     mismatch: tuple[Difference, ...]  # between the vehicle and what is believed of it
     notes: tuple[str, ...] = ()  # on the path, for the log
 
-    def rig(self, sink: Sink, record_hz: float = RECORD_RATE_HZ) -> Rig:
+    @property
+    def vehicle(self) -> Vehicle:
+        """Model parameters of the guidance."""
+        return self.guidance.vehicle
+
+    def setup(self, sink: Sink, record_hz: float = RECORD_RATE_HZ) -> SimulationSetup:
         """Return the run with the sink in its place, the plant at its start and rolling.
 
         Args:
@@ -65,18 +69,17 @@ class Assembly:
         x, y, yaw = start.state[:3]
         self.plant.reset(float(x), float(y), float(yaw), float(start.state[6]))
         timestep = self.plant.timestep_s
-        return Rig(
+        return SimulationSetup(
             plant=self.plant,
             sensors=self.sensors,
-            estimator=self.estimator,
-            controller=self.controller,
-            vehicle=self.vehicle,
+            guidance=self.guidance,
+            vehicle=self.guidance.vehicle,
             sink=sink,
             reference=self._reference_rows(record_hz),
             control_steps=whole_steps(CONTROL_PERIOD_S, timestep, "control period"),
             record_steps=record_steps(timestep, record_hz),
             terrain=self.terrain,
-            mishaps=MishapLimits.of(self.plant.vehicle),
+            termination=MishapLimits.of(self.plant.vehicle),
             notes=self.notes,
         )
 
@@ -98,14 +101,16 @@ class Assembly:
         )
 
 
-def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = None) -> Assembly:
+def assemble(
+    scenario: Scenario, seed: int, factory: Callable[..., object] | None = None
+) -> Assembly:
     """Return the objects of a run.
 
     Args:
         scenario: what to run.
         seed: draws terrain and noise.
-        factory: makes the controller from vehicle, reference and control period [s]; by default
-            the one of the name `scenario.controller.name`.
+        factory: makes the controller from vehicle, reference, control period [s] and the options
+            of the scenario; by default the one of the name `scenario.controller.name`.
 
     Raises:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
@@ -115,19 +120,18 @@ def assemble(scenario: Scenario, seed: int, factory: ControllerFactory | None = 
     vehicle = geared(course, scenario)
     terrain = scenario.terrain.terrain(seed)
     reference, strength_map = _way(course, vehicle, terrain, scenario)
-    asked = scenario.controller
-    factory = factory or controller_factory(asked.name, asked.design(vehicle, CONTROL_PERIOD_S))
-    controller = factory(vehicle, reference, CONTROL_PERIOD_S)
-    controller = Supervisor(controller, vehicle, reference, CONTROL_PERIOD_S)
     timestep = scenario.plant.timestep_s
     record_steps(timestep, RECORD_RATE_HZ)
     soil = scenario.soil.soil(seed, terrain, course.path, strength_map)
     plant = scenario.plant.plant(terrain, soil, scenario.actuators.specification())
     sensors = SensorSuite(scenario.sensors.specification(), timestep, seed, plant.lever_arms)
-    estimator = _estimator(scenario, vehicle, plant)
-    ticks = _ticks(reference)
     return Assembly(
-        *(plant, sensors, estimator, controller, vehicle, terrain, reference, ticks),
+        plant=plant,
+        sensors=sensors,
+        guidance=_guidance(scenario, reference, plant, factory),
+        terrain=terrain,
+        reference=reference,
+        ticks=_ticks(reference),
         mismatch=mismatch(scenario.plant.vehicle, scenario.controller.vehicle),
         notes=course.notes,
     )
@@ -146,8 +150,9 @@ def check(scenario: Scenario) -> int:
     vehicle = geared(course, scenario)
     level = replace(scenario.terrain, iso_class="flat").terrain(seed=0)
     reference, strength_map = _way(course, vehicle, level, scenario)
-    asked = scenario.controller
-    controller_factory(asked.name, asked.design(vehicle, CONTROL_PERIOD_S))
+    check_drivable(course.path, vehicle)
+    check_pace(reference, CONTROL_PERIOD_S)
+    _check_guidance(scenario.controller, vehicle)
     timestep_s = scenario.plant.timestep_s
     record_steps(timestep_s, RECORD_RATE_HZ)
     scenario.soil.soil(0, level, course.path, strength_map)
@@ -183,10 +188,7 @@ def _way(
     strength_map = scenario.soil.strength_map()
     if strength_map:
         _check_covered(path, strength_map, "soil map", "soil.map")
-    check_drivable(path, vehicle)
-    reference = Reference(path, vehicle, course.speed)
-    check_pace(reference, CONTROL_PERIOD_S)
-    return reference, strength_map
+    return Reference(path, vehicle, course.speed), strength_map
 
 
 def _ticks(reference: Reference) -> int:
@@ -213,15 +215,52 @@ def record_steps(timestep_s: float, record_hz: float) -> int:
     return control_steps // rows
 
 
-def _estimator(scenario: Scenario, vehicle: Vehicle, plant: Plant) -> Estimator:
+def _guidance(
+    scenario: Scenario,
+    reference: Reference,
+    plant: Plant,
+    factory: Callable[..., object] | None,
+) -> Guidance:
+    """Return estimator, controller and supervisor of a scenario as one object."""
+    settings, vehicle = scenario.controller, reference.vehicle
     noise = scenario.sensors.believed_noise()
-    match scenario.controller.estimator:
-        case "truth":
-            return TruthEstimator(plant.truth)
-        case "ekf":
-            return ExtendedKalmanFilter(vehicle, noise)
-        case "nmhe":
-            return MovingHorizonEstimator(vehicle, noise)
+    controller, options, tube = settings.name, settings.options, None
+    if factory is None and is_user_code(settings.name):
+        factory = load_factory(settings.name, "controller")
+    if factory is None:
+        tube = settings.design(vehicle, CONTROL_PERIOD_S)
+    else:
+        controller = user_controller(
+            settings.name, factory, vehicle, reference, CONTROL_PERIOD_S, options
+        )
+        options = None
+    estimator = settings.estimator
+    if estimator == TRUTH:
+        estimator = TruthEstimator(plant.truth)
+    elif is_user_code(estimator):
+        user_factory = load_factory(estimator, "estimator")
+        estimator = user_estimator(estimator, user_factory, vehicle, noise)
+    return Guidance(
+        vehicle,
+        reference,
+        CONTROL_PERIOD_S,
+        controller,
+        estimator,
+        options=options,
+        sensor_noise=noise,
+        tube=tube,
+    )
+
+
+def _check_guidance(settings: ControllerSettings, vehicle: Vehicle) -> None:
+    """Refuse names, options and tubes that `_guidance` would refuse; make no controller."""
+    if is_user_code(settings.name):
+        load_factory(settings.name, "controller")
+    else:
+        controller_options(settings.name, settings.options)
+        settings.design(vehicle, CONTROL_PERIOD_S)
+    if is_user_code(settings.estimator):
+        load_factory(settings.estimator, "estimator")
 
 
 def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:

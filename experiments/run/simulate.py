@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tqdm import tqdm
@@ -21,11 +21,12 @@ from proving_ground.testbed.viewers.live import LiveView
 from ..output import make_folder, refuse_existing
 from ..results.metrics import summarise
 from ..results.summary import RunFacts, Summary
+from ..scenario.controller import OptionValue
 from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import Difference
 from .assembly import RECORD_RATE_HZ, Assembly, assemble, record_steps
-from .controller_factory import ControllerFactory
 from .log_file import describe, open_log
+from .user_code import name_of, source_digest, user_sources
 
 _PATH_STEP_M = 0.2  # between the points of the reference path in the log
 
@@ -45,8 +46,10 @@ def simulate(
     name: str,
     scenario: Scenario,
     seed: int,
-    factory: ControllerFactory | None = None,
+    factory: Callable[..., object] | None = None,
     log: Path | None = None,
+    *,
+    options: Mapping[str, OptionValue] | None = None,
 ) -> tuple[Summary, Record]:
     """Run a scenario in memory and return its numbers; nothing is written but the log, if asked.
 
@@ -54,13 +57,16 @@ def simulate(
         name: of the scenario.
         scenario: what to run.
         seed: draws terrain and noise.
-        factory: makes a controller of your own from vehicle, reference and control period [s].
+        factory: makes a controller of your own from vehicle, reference and control period [s]. The
+            run is filed under its name `module:qualname` and a hash of its source.
         log: file to write the log to, in a folder that exists.
+        options: keyword options of the factory.
 
     Raises:
         LogError: the log cannot be written.
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
     """
+    scenario, sources = _with_controller(scenario, factory, options)
     assembly = assemble(scenario, seed, factory)
     recorder = Recorder()
     if log is None:
@@ -69,8 +75,9 @@ def simulate(
         metadata = describe(name, scenario, seed, assembly)
         with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
             outcome = drive_into(Tee(recorder, writer), assembly)
+    _print_traceback(outcome)
     record = recorder.record()
-    facts = _facts(name, scenario, seed, outcome, log and log.name)
+    facts = _facts(name, scenario, seed, outcome, log and log.name, sources)
     return summarise(record, facts), record
 
 
@@ -82,6 +89,8 @@ def run(
     *,
     record_hz: float = RECORD_RATE_HZ,
     watch: Callable[[Scenery], LiveView] | None = None,
+    factory: Callable[..., object] | None = None,
+    options: Mapping[str, OptionValue] | None = None,
 ) -> Finished:
     """Run a scenario and write log, summary, resolved scenario, figures and report to `folder`.
 
@@ -91,7 +100,9 @@ def run(
         seed: draws terrain and noise.
         folder: to make.
         record_hz: how often the truth is written down [Hz].
-        watch: opens a live view of the run; it is told the same as the log.
+        watch: opens a live view of the run; it gets the same data as the log.
+        factory: makes a controller of your own, as in `simulate`.
+        options: keyword options of the factory.
 
     Raises:
         OutputExists: the folder exists already; nothing is written.
@@ -103,7 +114,8 @@ def run(
     from ..report.report import report
 
     refuse_existing(folder)
-    assembly = assemble(scenario, seed)
+    scenario, sources = _with_controller(scenario, factory, options)
+    assembly = assemble(scenario, seed, factory)
     record_steps(assembly.plant.timestep_s, record_hz)  # refused here, before anything is written
     scenery = assembly.plant.scenery
     with ExitStack() as stack:
@@ -119,8 +131,10 @@ def run(
         bar = stack.enter_context(_progress(assembly.ticks, what))
         sink = Tee(recorder, log, *views)
         outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
+    _print_traceback(outcome)
     record = recorder.record(metadata)
-    summary = summarise(record, _facts(name, scenario, seed, outcome, files["log"].name))
+    facts = _facts(name, scenario, seed, outcome, files["log"].name, sources)
+    summary = summarise(record, facts)
     files["summary"] = folder / "summary.json"
     files["summary"].write_text(summary.to_json(), encoding="utf-8")
     pictures = draw(record)
@@ -139,14 +153,44 @@ def drive_into(
     record_hz: float = RECORD_RATE_HZ,
     on_tick: Callable[[int], object] = lambda k: None,
 ) -> Outcome:
-    """Drive a run to its end and tell the sink of it, the reference path first."""
-    rig = assembly.rig(sink, record_hz)
+    """Drive a run to its end and write it into the sink, the reference path first."""
+    setup = assembly.setup(sink, record_hz)
     sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))
-    return drive(rig, assembly.ticks, on_tick=on_tick)
+    return drive(setup, assembly.ticks, on_tick=on_tick)
 
 
-def _facts(name: str, scenario: Scenario, seed: int, outcome: Outcome, log: str | None) -> RunFacts:
-    code = versions()
+def _with_controller(
+    scenario: Scenario,
+    factory: Callable[..., object] | None,
+    options: Mapping[str, OptionValue] | None,
+) -> tuple[Scenario, dict[str, str]]:
+    """Return the scenario as it is filed, and a hash of the source of every part of a user's.
+
+    Raises:
+        InvalidController: a module named by the scenario cannot be imported.
+    """
+    if factory is None:
+        return scenario, user_sources(scenario.controller)
+    name = name_of(factory)
+    settings = replace(scenario.controller, name=name, options=dict(options or {}))
+    sources = {f"controller {name}": source_digest(factory)}
+    return replace(scenario, controller=settings), sources
+
+
+def _print_traceback(outcome: Outcome) -> None:
+    if outcome.traceback:
+        print(outcome.traceback, end="", file=sys.stderr)
+
+
+def _facts(
+    name: str,
+    scenario: Scenario,
+    seed: int,
+    outcome: Outcome,
+    log: str | None,
+    sources: Mapping[str, str],
+) -> RunFacts:
+    code = {**versions(), **sources}
     return RunFacts(
         run_id=identity(dump(scenario), seed, code),
         scenario=name,

@@ -16,6 +16,7 @@ from proving_ground.testbed.configuration.config_io import STRICT, read_toml, va
 from proving_ground.testbed.configuration.resources import Shelf
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.recording.provenance import run_id
+from ttempc.errors import InvalidTuning
 
 from ..errors import InvalidScenario
 from .actuators import ActuatorSettings
@@ -72,13 +73,14 @@ class Draft:
             InvalidScenario: it says something impossible.
         """
         content = copy.deepcopy(self.content)
+        _drop_other_options(content, changes or {})
         merge(content, changes or {})
         if isinstance(content.get("path"), dict):
             content["path"].setdefault("kind", FigureEight.kind)
         try:
             scenario = validated(Scenario, content, InvalidScenario)
             return _resolved(_anchored(scenario, self.file.parent))
-        except (InvalidScenario, InvalidPlant) as error:
+        except (InvalidScenario, InvalidPlant, InvalidTuning) as error:
             raise InvalidScenario(f"{self.file}: {error}") from None
 
 
@@ -162,6 +164,16 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - any TOML value
     return [plain(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
+def _drop_other_options(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Drop the file's options of a controller where the changes name another one."""
+    controller, other = content.get("controller"), changes.get("controller")
+    if not isinstance(controller, dict) or not isinstance(other, Mapping):
+        return
+    default = ControllerSettings().name
+    if other.get("name", controller.get("name", default)) != controller.get("name", default):
+        controller.pop("options", None)
+
+
 def _anchored(scenario: Scenario, folder: Path) -> Scenario:
     """Return the scenario with the paths of its files made absolute."""
     plant = scenario.plant
@@ -182,5 +194,5 @@ def _resolved(scenario: Scenario) -> Scenario:
     return replace(
         scenario,
         plant=replace(plant, vehicle=plant.vehicle.resolved()),
-        controller=replace(controller, vehicle=believed),
+        controller=replace(controller.with_defaults(), vehicle=believed),
     )

@@ -18,12 +18,12 @@ from typing import Final
 import numpy as np
 
 from ttempc.guidance.controllers import feedforward_controller
+from ttempc.guidance.guidance import ControllerFactory
 from ttempc.laws.articulated_mpc import TUNING, articulated_controller
 from ttempc.laws.lq_robust_law import TUBE, RegulatorTuning
 
 from ..results.published import COLUMNS
 from ..results.summary import Summary
-from ..run.controller_factory import ControllerFactory
 from ..run.simulate import simulate
 from ..scenario.scenario import load
 from .batch import mean_errors_cm

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from ttempc.guidance.guidance import ControllerFactory
 from ttempc.paper.composition import paper_controller
 from ttempc.paper.equations import PaperEquations
 
 from ..results.published import COLUMNS
-from ..run.controller_factory import ControllerFactory
 from ..run.simulate import simulate
 from ..scenario.scenario import load
 from .batch import mean_errors_cm

@@ -47,7 +47,7 @@ def recover(
     path = f'path={{kind="straight",length_m={ticks / 5.0}}}'
     content = load(scenario, [path, f'controller.name="{controller}"'])[1]
     assembly, recorder = assemble(content, seed), Recorder()
-    rig = assembly.rig(recorder)
+    rig = assembly.setup(recorder)
     start = assembly.reference.at(0.0).state.tolist()
     (x, y, yaw), speed = start[:3], start[State.V]
     place = x - lateral_m * math.sin(yaw), y + lateral_m * math.cos(yaw)

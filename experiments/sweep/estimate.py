@@ -48,13 +48,13 @@ def estimate(plan: Plan, extent: Extent) -> Estimate:
 
 def _cost(setting: Setting) -> tuple[float, float]:
     """Return seconds until a run begins, and seconds a simulated second."""
-    assemble(setting.scenario, seed=1).rig(Recorder())  # what is loaded once a process
+    assemble(setting.scenario, seed=1).setup(Recorder())  # what is loaded once a process
     begin = perf_counter()
     assembly = assemble(setting.scenario, seed=1)
-    rig = assembly.rig(Recorder())
+    setup = assembly.setup(Recorder())
     ticks = min(_TICKS, assembly.ticks)
     start = perf_counter()
-    drive(rig, ticks)
+    drive(setup, ticks)
     return start - begin, (perf_counter() - start) / (ticks * CONTROL_PERIOD_S)
 
 

@@ -68,7 +68,7 @@ def fingerprint(scenario: Scenario) -> str:
     """Return a hash of all that a short drive follows from, and of what it did."""
     assembly = assemble(scenario, seed=1)
     recorder = Recorder()
-    drive(assembly.rig(recorder), min(_TICKS, assembly.ticks))
+    drive(assembly.setup(recorder), min(_TICKS, assembly.ticks))
     record, plant = recorder.record(), assembly.plant
     digest = hashlib.sha256()
     arrays: list[FloatArray] = [plant.terrain.heights, plant.soil.rasterised(plant.terrain)]

@@ -1,26 +1,19 @@
-"""One run: the stages of a control period, in the order in which data flows through them."""
+"""Simulation loop: the stages of a control period, in the order in which data flows."""
 
 from __future__ import annotations
 
 import math
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter_ns
 from typing import Final, Literal
 
-from ttempc.types import (
-    Command,
-    Controller,
-    ControlStep,
-    Estimate,
-    Estimator,
-    FloatArray,
-    Measurement,
-    Preparing,
-)
+from ttempc.errors import GuidanceFailed
+from ttempc.types import Command, ControlStep, Estimate, FloatArray, Measurement, VehicleGuidance
 from ttempc.vehicle import Vehicle
 
-from ..errors import ControllerFailed, PlantDiverged
+from ..errors import PlantDiverged
 from ..ground.terrain import Terrain
 from ..recording import channels
 from ..recording import record_rows as rows
@@ -29,37 +22,30 @@ from ..recording.sink import Sink
 from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..sensing.sensors import SensorSuite
 from ..truth import Truth
-from .command_guard import Border
 from .plant import Plant
 from .termination import MishapLimits, mishap
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
-    """Everything that one run is made of."""
+class SimulationSetup:
+    """All parts of one run."""
 
     plant: Plant
     sensors: SensorSuite
-    estimator: Estimator
-    controller: Controller
-    vehicle: Vehicle  # as the controller believes it; gives the bounds in the log
+    guidance: VehicleGuidance
+    vehicle: Vehicle  # model parameters; they give the input bounds in the log
     sink: Sink
     reference: FloatArray  # (n, len(REFERENCE.fields)) one row every `record_steps`
     control_steps: int  # physics steps in a control period
     record_steps: int  # physics steps from one row of the truth to the next
-    terrain: Terrain  # to see whether the vehicle is still on it
-    mishaps: MishapLimits = field(default_factory=MishapLimits)
+    terrain: Terrain  # the vehicle must stay on it
+    termination: MishapLimits = field(default_factory=MishapLimits)
     notes: tuple[str, ...] = ()  # on the reference, for the log
-
-    @property
-    def border(self) -> Border:
-        """What the controller's commands must keep to."""
-        return Border(self.vehicle, self.control_steps * self.plant.timestep_s)
 
 
 @dataclass(slots=True)
-class Period:
-    """What flows through the stages; a stage reads what earlier ones left and adds its own."""
+class TickContext:
+    """Data of one control period; a stage reads what earlier stages left and adds its own."""
 
     k: int = 0  # control tick, counted
     truths: list[tuple[int, Truth]] = field(default_factory=list)  # physics step, plant
@@ -79,7 +65,7 @@ class Period:
         return self.truths[-1][1]
 
 
-Stage = Callable[[Rig, Period], None]
+Stage = Callable[[SimulationSetup, TickContext], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,114 +76,107 @@ class Outcome:
     failure: str | None  # why, where it did not complete
     duration_s: float  # simulated
     wall_s: float
+    traceback: str | None = None  # of an exception in a user's controller or estimator
 
 
-def announce(rig: Rig, period: Period) -> None:
-    """Say where the path is from, and what of actuators and sensors is not as the paper has it."""
-    specifications = rig.plant.actuators.specification, rig.sensors.specification
-    said = (note for specification in specifications for note in specification.notes())
-    for text in (*rig.notes, *said):
-        rig.sink.event(Event(period.now.time_s, "info", text))
+def log_settings(setup: SimulationSetup, tick: TickContext) -> None:
+    """Log the origin of the path and each actuator or sensor setting unlike the paper's."""
+    specifications = setup.plant.actuators.specification, setup.sensors.specification
+    notes = (note for specification in specifications for note in specification.notes())
+    for text in (*setup.notes, *notes):
+        setup.sink.event(Event(tick.now.time_s, "info", text))
 
 
-def prepare(rig: Rig, period: Period) -> None:
-    """Let the controller get ready, where it can, before the samples are there."""
-    if isinstance(rig.controller, Preparing):
-        rig.controller.prepare(period.k)
+def prepare(setup: SimulationSetup, tick: TickContext) -> None:
+    """Let the guidance do what needs no samples."""
+    setup.guidance.prepare()
 
 
-def sense(rig: Rig, period: Period) -> None:
+def sense(setup: SimulationSetup, tick: TickContext) -> None:
     """Sample the sensors at every moment since the previous tick."""
-    period.measurements = []
-    for step, truth in period.truths:
-        samples = rig.sensors.sample(truth, step)
+    tick.measurements = []
+    for step, truth in tick.truths:
+        samples = setup.sensors.sample(truth, step)
         if samples:
-            rig.sink.row(channels.MEASUREMENT, truth.time_s, rows.measurement_row(samples))
-            period.measurements += samples
+            row = rows.measurement_row(samples)
+            setup.sink.row(channels.MEASUREMENT, truth.time_s, row)
+            tick.measurements += samples
 
 
-def estimate(rig: Rig, period: Period) -> None:
+def estimate(setup: SimulationSetup, tick: TickContext) -> None:
     """Turn measurements into an estimate."""
     start = perf_counter_ns()
-    period.estimate = rig.estimator.update(period.now.time_s, period.measurements, period.command)
-    period.estimator_ns = perf_counter_ns() - start
-    rig.sink.row(channels.ESTIMATE, period.now.time_s, rows.estimate_row(period.estimate))
+    tick.estimate = setup.guidance.update(tick.now.time_s, tick.measurements)
+    tick.estimator_ns = perf_counter_ns() - start
+    setup.sink.row(channels.ESTIMATE, tick.now.time_s, rows.estimate_row(tick.estimate))
 
 
-def control(rig: Rig, period: Period) -> None:
+def control(setup: SimulationSetup, tick: TickContext) -> None:
     """Turn the estimate into a command within the vehicle's limits."""
-    assert period.estimate is not None
     start = perf_counter_ns()
-    made = rig.border.ask(rig.controller, period.estimate, period.k, period.command)
-    period.control_ns = perf_counter_ns() - start
-    period.control, period.command = made, made.command
+    tick.command = setup.guidance.step()
+    tick.control_ns = perf_counter_ns() - start
+    tick.control = setup.guidance.control_step
 
 
-def note(rig: Rig, period: Period) -> None:
-    """Write down what the controller decided and why."""
-    assert period.control is not None
-    said, time = period.control.diagnostics, period.now.time_s
-    rig.sink.row(channels.CONTROL, time, rows.control_row(period.control, rig.vehicle))
-    rig.sink.row(channels.TRACKING, time, rows.tracking_row(said))
-    rig.sink.row(channels.SOLVER, time, rows.solver_row(said))
-    if said.tube is not None:
-        rig.sink.row(channels.TUBE, time, rows.tube_row(said.tube))
-    if said.predicted_path is not None:
-        rig.sink.path(PREDICTED_PATH_TOPIC, time, said.predicted_path[:, :2])
-        rig.sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, said.predicted_path[:, 2:])
-    if said.fallback != period.fallback:
-        text = f"fallback: {said.fallback}" if said.fallback else "fallback ended"
-        rig.sink.event(Event(time, "warning" if said.fallback else "info", text))
-        period.fallback = said.fallback
+def log_control(setup: SimulationSetup, tick: TickContext) -> None:
+    """Log the command and its diagnostics."""
+    assert tick.control is not None
+    diagnostics, time, sink = tick.control.diagnostics, tick.now.time_s, setup.sink
+    sink.row(channels.CONTROL, time, rows.control_row(tick.control, setup.vehicle))
+    sink.row(channels.TRACKING, time, rows.tracking_row(diagnostics))
+    sink.row(channels.SOLVER, time, rows.solver_row(diagnostics))
+    if diagnostics.tube is not None:
+        sink.row(channels.TUBE, time, rows.tube_row(diagnostics.tube))
+    if diagnostics.predicted_path is not None:
+        sink.path(PREDICTED_PATH_TOPIC, time, diagnostics.predicted_path[:, :2])
+        sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, diagnostics.predicted_path[:, 2:])
+    fallback = diagnostics.fallback
+    if fallback != tick.fallback:
+        text = f"fallback: {fallback}" if fallback else "fallback ended"
+        sink.event(Event(time, "warning" if fallback else "info", text))
+        tick.fallback = fallback
 
 
-def advance(rig: Rig, period: Period) -> None:
-    """Let the plant run for one control period, stopping where a sensor or the record looks."""
-    assert period.command is not None
-    start_step = period.k * rig.control_steps
-    stride = math.gcd(rig.control_steps, rig.record_steps, rig.sensors.every)
+def advance(setup: SimulationSetup, tick: TickContext) -> None:
+    """Run the plant for one control period, with stops where a sensor or the record needs it."""
+    assert tick.command is not None
+    start_step = tick.k * setup.control_steps
+    stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
     truths = []
     start = perf_counter_ns()
-    for step in range(start_step + stride, start_step + rig.control_steps + 1, stride):
-        truths.append((step, rig.plant.advance(period.command, stride)))
-    period.plant_ns = perf_counter_ns() - start
-    period.truths = truths
+    for step in range(start_step + stride, start_step + setup.control_steps + 1, stride):
+        truths.append((step, setup.plant.advance(tick.command, stride)))
+    tick.plant_ns = perf_counter_ns() - start
+    tick.truths = truths
 
 
-def observe(rig: Rig, period: Period) -> None:
-    """Write down the truth beside its reference."""
-    for step, truth in period.truths:
-        if step % rig.record_steps == 0:
-            rig.sink.row(channels.STATE, truth.time_s, rows.state_row(truth))
-            rig.sink.row(
-                channels.REFERENCE,
-                truth.time_s,
-                rig.reference[step // rig.record_steps].tolist(),
-            )
-            rig.sink.row(channels.TYRES, truth.time_s, rows.tyres_row(truth))
-            rig.sink.scene(truth)
+def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
+    """Log the truth beside its reference."""
+    for step, truth in tick.truths:
+        if step % setup.record_steps == 0:
+            reference = setup.reference[step // setup.record_steps].tolist()
+            setup.sink.row(channels.STATE, truth.time_s, rows.state_row(truth))
+            setup.sink.row(channels.REFERENCE, truth.time_s, reference)
+            setup.sink.row(channels.TYRES, truth.time_s, rows.tyres_row(truth))
+            setup.sink.scene(truth)
 
 
-def time_costs(rig: Rig, period: Period) -> None:
-    """Write down what the period cost."""
-    assert period.control is not None
-    report = period.control.diagnostics.solver
-    rig.sink.row(
-        channels.TIMING,
-        period.now.time_s,
-        (
-            *(1e-3 * period.estimator_ns, 1e-3 * period.control_ns),
-            rows.NAN if report is None else 1e6 * report.solve_time_s,
-            1e-3 * period.plant_ns / rig.control_steps,
-        ),
-    )
+def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
+    """Log the computation times of the period."""
+    assert tick.control is not None
+    report = tick.control.diagnostics.solver
+    qp_us = rows.NAN if report is None else 1e6 * report.solve_time_s
+    plant_us = 1e-3 * tick.plant_ns / setup.control_steps
+    row = (1e-3 * tick.estimator_ns, 1e-3 * tick.control_ns, qp_us, plant_us)
+    setup.sink.row(channels.TIMING, tick.now.time_s, row)
 
 
-def judge(rig: Rig, period: Period) -> None:
-    """Say whether the vehicle is lost."""
-    step, truth = period.truths[-1]
-    x, y = rig.reference[step // rig.record_steps, :2]
-    period.lost = mishap(truth, (float(x), float(y)), rig.terrain, rig.mishaps)
+def terminate(setup: SimulationSetup, tick: TickContext) -> None:
+    """Check the conditions under which a run ends early."""
+    step, truth = tick.truths[-1]
+    x, y = setup.reference[step // setup.record_steps, :2]
+    tick.lost = mishap(truth, (float(x), float(y)), setup.terrain, setup.termination)
 
 
 STAGES: Final[tuple[Stage, ...]] = (
@@ -205,43 +184,49 @@ STAGES: Final[tuple[Stage, ...]] = (
     sense,
     estimate,
     control,
-    note,
+    log_control,
     advance,
-    observe,
-    time_costs,
-    judge,
+    log_truth,
+    log_timing,
+    terminate,
 )
 """A disturbance or a fault is one more stage in this list, at the place where it acts."""
 
 
 def drive(
-    rig: Rig,
+    setup: SimulationSetup,
     ticks: int,
     stages: Sequence[Stage] = STAGES,
     on_tick: Callable[[int], object] = lambda k: None,
 ) -> Outcome:
-    """Run `ticks` control periods, or fewer where the vehicle is lost.
+    """Run `ticks` control periods, or fewer where the run terminates early.
 
-    The plant must have been reset to its start. `on_tick` is told of every period that ended.
+    The plant must have been reset to its start. `on_tick` is called after every period. An
+    exception in a user's controller or estimator ends the run as invalid; its traceback goes into
+    the log.
     """
+    setup.guidance.warm_up()
     start = perf_counter_ns()
-    period = Period(truths=[(0, rig.plant.truth())])
-    announce(rig, period)
-    observe(rig, period)
+    tick = TickContext(truths=[(0, setup.plant.truth())])
+    log_settings(setup, tick)
+    log_truth(setup, tick)
     status: Literal["completed", "lost", "invalid"] = "completed"
     failure: str | None = None
+    trace: str | None = None
     try:
         for k in range(ticks):
-            period.k = k
+            tick.k = k
             for stage in stages:
-                stage(rig, period)
+                stage(setup, tick)
             on_tick(k)
-            if period.lost:
-                status, failure = "lost", period.lost
+            if tick.lost:
+                status, failure = "lost", tick.lost
                 break
-    except (PlantDiverged, ControllerFailed) as error:
+    except (PlantDiverged, GuidanceFailed) as error:
         status, failure = "invalid", str(error)
-    time = period.now.time_s
-    if failure:
-        rig.sink.event(Event(time, "error", failure))
-    return Outcome(status, failure, time, 1e-9 * (perf_counter_ns() - start))
+        if error.__cause__ is not None:
+            trace = "".join(traceback.format_exception(error.__cause__))
+    time = tick.now.time_s
+    for text in filter(None, (failure, trace)):
+        setup.sink.event(Event(time, "error", text))
+    return Outcome(status, failure, time, 1e-9 * (perf_counter_ns() - start), trace)

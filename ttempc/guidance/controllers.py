@@ -1,11 +1,11 @@
-"""The controllers by name, as compositions u = u_f - u_b + u_m."""
+"""Controllers by name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Final, Literal
 
 from ..baselines.lqr import lqr_controller
 from ..baselines.nmpc import (
@@ -15,7 +15,7 @@ from ..baselines.nmpc import (
     nmpc_rti_controller,
 )
 from ..baselines.pid import pid_controller
-from ..errors import InvalidTube, UnknownController
+from ..errors import InvalidTube, InvalidTuning, UnknownController
 from ..laws.articulated_mpc import articulated_controller, nominal_controller
 from ..laws.tracking_controller import NoFeedback, TrackingController, around_exact_feedforward
 from ..laws.tube_mpc import tube_controller
@@ -24,6 +24,7 @@ from ..reference.reference import Reference
 from ..tube.reference_tube import TubeDesign
 from ..types import Controller
 from ..vehicle import Vehicle
+from .options import parse_options
 
 
 def feedforward_controller(
@@ -36,60 +37,62 @@ def feedforward_controller(
 
 
 @dataclass(frozen=True, slots=True)
-class Composition:
-    """A controller that users can ask for by name."""
+class ControllerEntry:
+    """A controller that users choose by name."""
 
-    about: str
-    make: Callable[..., Controller]  # of vehicle, reference, period [s], and design if it takes one
-    # Whether it keeps to a tube, which it cannot do without, or watches where it is in one.
-    tube: Literal["keeps", "watches"] | None = None
+    about: str  # one line for `ttempc list`
+    # (vehicle, reference, period [s]) -> Controller; `options` and `design` as keywords
+    make: Callable[..., Controller]
+    options: type | None = None  # dataclass of its options; None where it has none
+    # Whether it needs the design of a tube, or monitors its place in one where one is given.
+    tube: Literal["required", "monitor"] | None = None
 
 
-CONTROLLERS = MappingProxyType(
+CONTROLLERS: Final = MappingProxyType(
     {
-        "ttempc": Composition(
+        "ttempc": ControllerEntry(
             "articulated model: exact feedforward, offset-free linear MPC, saturated robust law",
             articulated_controller,
-            tube="watches",
+            tube="monitor",
         ),
-        "ttempc-nominal": Composition("ttempc without its robust law", nominal_controller),
-        "ttempc-tube": Composition(
+        "ttempc-nominal": ControllerEntry("ttempc without its robust law", nominal_controller),
+        "ttempc-tube": ControllerEntry(
             "tube MPC: nominal vehicle, tightened limits, a gain that keeps to a measured tube",
             tube_controller,
-            tube="keeps",
+            tube="required",
         ),
-        "paper": Composition(
+        "paper": ControllerEntry(
             "the paper's equations as printed, errata 4, 6 and 7 corrected", paper_controller
         ),
-        "paper-printed-sign": Composition(
+        "paper-printed-sign": ControllerEntry(
             "the same with erratum 6 as printed and a tube's nominal state: the vehicle is lost",
             printed_sign_controller,
         ),
-        "pid": Composition("conventional guidance: a PID loop for each input", pid_controller),
-        "lqr": Composition(
+        "pid": ControllerEntry("conventional guidance: a PID loop for each input", pid_controller),
+        "lqr": ControllerEntry(
             "LQR on the articulated model and the filter's disturbances", lqr_controller
         ),
-        "nmpc": Composition(
+        "nmpc": ControllerEntry(
             "nonlinear MPC, converged: horizon, weights, bounds of the linear one", nmpc_controller
         ),
-        "nmpc-rti": Composition(
+        "nmpc-rti": ControllerEntry(
             "the same with one Gauss-Newton iteration a period", nmpc_rti_controller
         ),
-        "nmpc-decentralised": Composition(
+        "nmpc-decentralised": ControllerEntry(
             "tractor and trailer each with an NMPC, the other's inputs taken as held",
             nmpc_decentralised_controller,
         ),
-        "nmpc-distributed": Composition(
+        "nmpc-distributed": ControllerEntry(
             "the same, plans exchanged once a period", nmpc_distributed_controller
         ),
-        "feedforward": Composition(
+        "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback", feedforward_controller
         ),
     }
 )
 
 
-def composition(name: str) -> Composition:
+def controller_entry(name: str) -> ControllerEntry:
     """Return the entry of the controller called `name`.
 
     Raises:
@@ -102,24 +105,57 @@ def composition(name: str) -> Composition:
     return CONTROLLERS[name]
 
 
+def controller_options(name: str, values: Mapping[str, object]) -> dict[str, object]:
+    """Return all options of the controller called `name`, defaults in the place of absent ones.
+
+    Raises:
+        UnknownController: with the names that exist.
+        InvalidTuning: an option is unknown, of another type, or out of its range.
+    """
+    options = _options(name, values)
+    return {} if options is None else asdict(options)
+
+
 def make_controller(
     name: str,
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
     design: TubeDesign | None = None,
+    options: Mapping[str, object] | None = None,
 ) -> Controller:
-    """Return the controller called `name` for a command every `period_s`.
+    """Return the controller called `name`.
 
-    `design` is the tube of those that keep to one or watch one; others pass it over.
+    Args:
+        name: one of `CONTROLLERS`.
+        vehicle: model parameters.
+        reference: what to follow.
+        period_s: control period [s].
+        design: the tube of controllers that need or monitor one; others ignore it.
+        options: values in the place of the defaults of its options.
 
     Raises:
         UnknownController: with the names that exist.
+        InvalidTuning: an option is unknown, of another type, or out of its range.
         InvalidTube: there is no design, or it does not fit vehicle and reference.
     """
-    found = composition(name)
-    if found.tube == "keeps" and design is None:
+    entry = controller_entry(name)
+    if entry.tube == "required" and design is None:
         raise InvalidTube(f"controller {name!r}: needs the design of a tube")
-    if found.tube is None or design is None:
-        return found.make(vehicle, reference, period_s)
-    return found.make(vehicle, reference, period_s, design=design)
+    keywords: dict[str, object] = {}
+    if (chosen := _options(name, options or {})) is not None:
+        keywords["options"] = chosen
+    if entry.tube is not None and design is not None:
+        keywords["design"] = design
+    return entry.make(vehicle, reference, period_s, **keywords)
+
+
+def _options(name: str, values: Mapping[str, object]) -> Any:  # noqa: ANN401 - a dataclass
+    entry = controller_entry(name)
+    if entry.options is not None:
+        return parse_options(entry.options, values)
+    if values:
+        raise InvalidTuning(
+            f"controller.options: the controller {name!r} has none, got {', '.join(values)}"
+        )
+    return None

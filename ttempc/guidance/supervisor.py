@@ -1,4 +1,4 @@
-"""What happens where estimate, reference or controller are bad: hold, slow down or stop."""
+"""Supervisor: holds, slows down or stops the vehicle on a bad estimate, controller or reference."""
 
 from __future__ import annotations
 
@@ -24,32 +24,32 @@ from ..types import (
     Sensor,
     State,
 )
-from ..vehicle import Vehicle
+from .command_guard import CommandGuard
 
 _GNSS = frozenset({Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER})
-_SLOW = 0.5  # part of the reference's hydrostat position that is left to a vehicle that goes slow
-_ROUNDING = 1e-6  # by which a reference may exceed a limit without a word
+_SLOW = 0.5  # share of the reference's hydrostat position that is left at half speed
+_ROUNDING = 1e-6  # excess of a reference over a limit that is not reported
 
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """Where a supervisor slows down and where it stops; all assumed.
+    """Limits at which a supervisor slows down and stops; all assumed.
 
-    Without GNSS the filter of `ekf` drifts by some centimetres in the time to `stop`.
+    Without GNSS the filter `ekf` drifts by some centimetres in the time to `unseen_stop_s`.
 
     Raises:
         InvalidTuning: a value is not above 0.
     """
 
-    unseen_slow_s: float = 2.0  # without an accepted GNSS sample, or an estimate so old
+    unseen_slow_s: float = 2.0  # without an accepted GNSS sample, or age of the estimate
     unseen_stop_s: float = 4.0
-    blind_s: float = 1.0  # without a finite estimate: hold so long, then stop
+    blind_s: float = 1.0  # without a finite estimate: hold the command so long, then stop
     uncertain_slow_m: float = 0.25  # standard deviation of the tractor point
     uncertain_stop_m: float = 0.50
     cross_m: float = 2.0  # cross-track error of either point
     distance_m: float = 4.0  # of either point from its reference
     yaw: float = math.radians(60.0)  # yaw error of either body [rad]
-    jump_m: float = 0.3  # error that comes in one period beside what two speeds explain
+    jump_m: float = 0.3  # change of the error in one period beyond that of the speeds
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -59,159 +59,162 @@ class SafetyLimits:
 
 
 class Supervisor:
-    """Any controller, as long as there is something to control by.
+    """Runs a controller as long as estimate and reference allow it.
 
-    The inner controller is asked only where estimate and reference make sense. Its commands go on
-    as they are: the vehicle's limits are the loop's to keep.
+    The controller's step is taken through a `CommandGuard`. Where nothing is wrong its command is
+    sent as it is.
 
-    - Estimate not finite: the last command is held for a second, then the vehicle stops.
-    - No GNSS sample accepted for a while, an old estimate, or a position too uncertain: half
-      speed, then stop. Both end as soon as the position is known again. An estimator that reports
-      no innovation of GNSS is judged by its time stamps and its covariance alone.
-    - Metres away from the reference, or headed elsewhere: stop, for good. A linear model says
-      nothing there, and the time-based reference runs on.
-    - A jump of the error, by the estimate or the reference, and a reference that asks for more than
-      the limits: said, and driven within the limits.
+    - Estimate not finite: the last command is held for `blind_s`, then the vehicle stops.
+    - No GNSS sample accepted for some time, an old estimate, or an uncertain position: half speed,
+      then stop. Both end as soon as the position is known again. An estimator that reports no
+      innovation of GNSS is judged by its time stamps and its covariance alone.
+    - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
+      hold there, and the time-based reference goes on.
+    - A jump of the error, and a reference beyond the limits: reported, and driven within the
+      limits.
 
-    To stop means that the hydrostat ramps to 0 at its rate and both steering angles are held. Every
-    action is told in `Diagnostics.fallback`.
+    To stop, the hydrostat ramps to 0 at its rate and both steering angles are held. Every action
+    is reported in `Diagnostics.fallback`.
     """
 
     def __init__(
         self,
         controller: Controller,
-        vehicle: Vehicle,
         reference: Reference,
         period_s: float,
         safety: SafetyLimits | None = None,
     ) -> None:
-        grid = reference.on_grid(period_s)
-        self._controller = controller
+        self._limits = CommandLimits.of(reference.vehicle, period_s)
+        self._guard = CommandGuard(controller, self._limits)
         self._preparing = controller if isinstance(controller, Preparing) else None
         self._period_s = period_s
         self._safety = safety or SafetyLimits()
-        self._limits = CommandLimits.of(vehicle, period_s)
-        self._grid = grid
-        self._speed = float(np.abs(grid.state[:, State.V]).max())
-        self._hp = grid.inputs[:, Input.HP]
-        self._too_much = _too_much(grid, self._limits)
-        start = self._limits.clamp(grid.inputs[0])
-        told = _held(start, np.zeros(len(Input), dtype=np.bool_), "")
-        self._made = ControlStep(Command(*start.tolist()), told)  # of the tick before
-        self._own = False  # whether that was the supervisor's own command
-        self._finite_at = 0  # tick of the last finite estimate
-        self._seen_at_s: float | None = None  # of the last accepted GNSS sample
-        self._error: list[float] | None = None  # z_e of the tick before
-        self._stopped = ""  # why for good
+        self._grid = reference.on_grid(period_s)
+        self._speed = float(np.abs(self._grid.state[:, State.V]).max())
+        self._hp = self._grid.inputs[:, Input.HP]
+        self._beyond_limits = _beyond_limits(self._grid, self._limits)
+        start = self._limits.clamp(self._grid.inputs[0])
+        unlimited = np.zeros(len(Input), dtype=np.bool_)
+        self._last = ControlStep(Command(*start.tolist()), _override(start, unlimited, ""))
+        self._overridden = False  # whether the last command was the supervisor's own
+        self._finite_s: float | None = None  # time of the last finite estimate
+        self._seen_s: float | None = None  # time of the last accepted GNSS sample
+        self._error: FloatArray | None = None  # z_e of the tick before
+        self._stopped = ""  # reason of a stop for good
 
     def prepare(self, k: int) -> None:
-        """Let the controller get ready for tick `k`, where it can."""
+        """Let the controller prepare tick `k`, where it can."""
         if self._preparing:
             self._preparing.prepare(k)
 
-    def step(self, estimate: Estimate, k: int) -> ControlStep:
-        """Return the command for the period that starts at tick `k`."""
+    def step(self, estimate: Estimate, k: int, time_s: float) -> ControlStep:
+        """Return the step of tick `k`, its command within the vehicle's limits.
+
+        Args:
+            estimate: of the vehicle at this tick, possibly old or not finite.
+            k: control tick, counted from the start of the reference.
+            time_s: present time on the clock of `estimate.time_s` [s].
+
+        Raises:
+            ControllerFailed: as `CommandGuard.step`.
+        """
         safety = self._safety
+        if self._finite_s is None:
+            self._finite_s = time_s
         if not _finite(estimate):
             self._error = None
-            if (k - self._finite_at) * self._period_s <= safety.blind_s:
-                return self._steady(self._made.command.hp, "estimate not finite: command held")
+            if time_s - self._finite_s <= safety.blind_s:
+                return self._steady(self._last.command.hp, "estimate not finite: command held")
             return self._stop(f"estimate not finite for more than {safety.blind_s:g} s")
-        self._finite_at = k
-        at = min(k, len(self._hp) - 1)
-        tracking_error = estimated_error(estimate, self._grid, at)
-        error = tracking_error.tolist()
-        jump, self._error = self._jump(error), error
+        self._finite_s = time_s
+        sample = min(k, len(self._hp) - 1)
+        error = estimated_error(estimate, self._grid, sample)
+        jump = self._jump(error)
+        self._error = error
         self._stopped = self._stopped or _astray(error, safety)
-        unseen_s, deviation = self._unseen_s(estimate, k), _deviation_m(estimate)
+        unseen_s, deviation = self._unseen_s(estimate, time_s), _deviation_m(estimate)
         if self._stopped:
-            return self._stop(self._stopped)
+            return self._stop(self._stopped, error)
         if unseen_s > safety.unseen_stop_s:
-            return self._stop(f"position not measured for more than {safety.unseen_stop_s:g} s")
+            reason = f"position not measured for more than {safety.unseen_stop_s:g} s"
+            return self._stop(reason, error)
         if deviation > safety.uncertain_stop_m:
-            return self._stop(f"position uncertain by more than {safety.uncertain_stop_m:g} m")
-        said = [self._too_much[at]] if self._too_much[at] else []
-        said += [jump] if jump else []
+            reason = f"position uncertain by more than {safety.uncertain_stop_m:g} m"
+            return self._stop(reason, error)
         slow = ""
         if unseen_s > safety.unseen_slow_s:
             slow = f"position not measured for more than {safety.unseen_slow_s:g} s: half speed"
         elif deviation > safety.uncertain_slow_m:
             slow = f"position uncertain by more than {safety.uncertain_slow_m:g} m: half speed"
-        said += [slow] if slow else []
-        before, self._made = self._made.command, self._controller.step(estimate, k)
-        if slow or self._own:
-            self._lead(before, _SLOW * abs(self._hp[at]) if slow else math.inf)
-        diagnostics = replace(self._made.diagnostics, tracking_error=tracking_error)
-        self._made = replace(self._made, diagnostics=diagnostics)
-        if said:
-            self._made = _saying(self._made, said)
-        return self._made
+        before, step = self._last.command, self._guard.step(estimate, k)
+        if slow or self._overridden:
+            largest_hp = _SLOW * abs(self._hp[sample]) if slow else math.inf
+            step = self._rejoin(step, before, largest_hp)
+        notes = [self._beyond_limits[sample], jump, slow, step.diagnostics.fallback]
+        diagnostics = replace(
+            step.diagnostics, tracking_error=error, fallback="; ".join(filter(None, notes))
+        )
+        self._last = replace(step, diagnostics=diagnostics)
+        return self._last
 
-    def _lead(self, before: Command, most_hp: float) -> None:
-        """Keep the hydrostat within +-`most_hp`, and lead back to the step from `before`.
+    def _rejoin(self, step: ControlStep, before: Command, largest_hp: float) -> ControlStep:
+        """Return `step` within the rate limits from `before` and a hydrostat of +-`largest_hp`.
 
-        The controller takes for sent what it asked for, and its rate limits start there.
+        The controller's own rate limits start at the command that it returned last, which was not
+        sent while the supervisor drove.
         """
-        asked = self._made.command.as_array()
-        wanted = np.array([*asked[:2], min(max(asked[Input.HP], -most_hp), most_hp)])
-        command, _ = self._limits.apply(wanted, before.as_array())
-        changed = command != asked
-        self._own = bool(changed.any())
-        if self._own:
-            told = self._made.diagnostics
-            told = replace(told, limited=told.limited | changed)
-            self._made = ControlStep(Command(*command.tolist()), told)
+        desired = step.command.as_array()
+        desired[Input.HP] = min(max(desired[Input.HP], -largest_hp), largest_hp)
+        command, _ = self._limits.apply(desired, before.as_array())
+        changed = command != step.command.as_array()
+        self._overridden = bool(changed.any())
+        if not self._overridden:
+            return step
+        diagnostics = replace(step.diagnostics, limited=step.diagnostics.limited | changed)
+        return ControlStep(Command(*command.tolist()), diagnostics)
 
-    def _stop(self, why: str) -> ControlStep:
-        return self._steady(0.0, f"{why}: stopped")
+    def _stop(self, reason: str, error: FloatArray | None = None) -> ControlStep:
+        return self._steady(0.0, f"{reason}: stopped", error)
 
-    def _steady(self, hp: float, why: str) -> ControlStep:
-        """Return the steering angles as asked before and the way to `hp`, booked as feedforward."""
-        before = self._limits.clamp(np.nan_to_num(self._made.command.as_array()))
+    def _steady(self, hp: float, reason: str, error: FloatArray | None = None) -> ControlStep:
+        """Hold both steering angles and move the hydrostat to `hp`, booked as feedforward."""
+        before = self._last.command.as_array()
         command, limited = self._limits.apply(np.array([*before[:2], hp]), before)
-        told = _held(command, limited, why)
-        self._made, self._own = ControlStep(Command(*command.tolist()), told), True
-        return self._made
+        diagnostics = _override(command, limited, reason, error)
+        self._last = ControlStep(Command(*command.tolist()), diagnostics)
+        self._overridden = True
+        return self._last
 
-    def _unseen_s(self, estimate: Estimate, k: int) -> float:
-        """Return for how long the position was not measured [s]."""
-        if any(found.accepted and found.sensor in _GNSS for found in estimate.innovations):
-            self._seen_at_s = estimate.time_s
-        now = k * self._period_s
-        seen = estimate.time_s if self._seen_at_s is None else self._seen_at_s
-        return now - seen
+    def _unseen_s(self, estimate: Estimate, time_s: float) -> float:
+        """Return the time since the position was measured [s]."""
+        if any(item.accepted and item.sensor in _GNSS for item in estimate.innovations):
+            self._seen_s = estimate.time_s
+        return time_s - (estimate.time_s if self._seen_s is None else self._seen_s)
 
-    def _jump(self, error: list[float]) -> str:
-        """Return in words that the error came all at once, where it did."""
-        before = self._error
-        if before is None:
+    def _jump(self, error: FloatArray) -> str:
+        """Return a note where the error changed faster than the speeds explain, else ""."""
+        if self._error is None:
             return ""
         x, y = Error.X_T, Error.Y_T
-        moved = math.hypot(error[x] - before[x], error[y] - before[y])
+        moved = math.hypot(error[x] - self._error[x], error[y] - self._error[y])
         speed = abs(error[Error.V]) + self._speed
         if moved <= self._safety.jump_m + 2.0 * speed * self._period_s:
             return ""
         return f"error jumped by {moved:.1f} m: driving back"
 
 
-def _held(command: FloatArray, limited: NDArray[np.bool_], why: str) -> Diagnostics:
-    """Return the diagnostics of a command that no law made, booked as feedforward."""
+def _override(
+    command: FloatArray, limited: NDArray[np.bool_], reason: str, error: FloatArray | None = None
+) -> Diagnostics:
+    """Return the diagnostics of the supervisor's own command, booked as feedforward."""
     none = np.zeros(len(Input))
-    return Diagnostics(command, none, none, limited=limited, fallback=why)
-
-
-def _saying(made: ControlStep, said: list[str]) -> ControlStep:
-    """Return the step with more to say."""
-    inner = made.diagnostics
-    return replace(
-        made, diagnostics=replace(inner, fallback="; ".join(filter(None, [*said, inner.fallback])))
-    )
+    return Diagnostics(command, none, none, limited, tracking_error=error, fallback=reason)
 
 
 def _finite(estimate: Estimate) -> bool:
-    known = [*estimate.state.tolist(), *estimate.trailer_xy.tolist(), estimate.hitch_angle]
+    entries = [*estimate.state.tolist(), *estimate.trailer_xy.tolist(), estimate.hitch_angle]
     disturbance = float(estimate.disturbance.sum() + estimate.map_disturbance.sum())
-    return math.isfinite(sum(known) + disturbance)
+    return math.isfinite(sum(entries) + disturbance)
 
 
 def _deviation_m(estimate: Estimate) -> float:
@@ -221,8 +224,8 @@ def _deviation_m(estimate: Estimate) -> float:
     return math.sqrt(largest) if largest >= 0.0 else math.inf
 
 
-def _astray(error: list[float], safety: SafetyLimits) -> str:
-    """Return in words why a linear model of the error is of no use any more."""
+def _astray(error: FloatArray, safety: SafetyLimits) -> str:
+    """Return the limit of tracking that `error` exceeds, "" if none."""
     for body, x, y, yaw in (
         ("tractor", Error.X_T, Error.Y_T, Error.PSI_T),
         ("trailer", Error.X_I, Error.Y_I, Error.PSI_I),
@@ -236,14 +239,14 @@ def _astray(error: list[float], safety: SafetyLimits) -> str:
     return ""
 
 
-def _too_much(grid: ReferenceSample, limits: CommandLimits) -> list[str]:
-    """Return for every tick in words what the reference asks beyond the limits, "" if nothing."""
+def _beyond_limits(grid: ReferenceSample, limits: CommandLimits) -> list[str]:
+    """Return for every tick the inputs of the reference beyond the limits, "" where none is."""
     inputs = grid.inputs
     over = (inputs > limits.upper + _ROUNDING) | (inputs < limits.lower - _ROUNDING)
     fast = np.abs(np.diff(inputs, axis=0, prepend=inputs[:1])) > limits.step + _ROUNDING
     names = np.array([item.name.lower() for item in Input])
-    words = np.full(len(inputs), "", dtype=object)
+    notes = np.full(len(inputs), "", dtype=object)
     for k in np.flatnonzero(over.any(axis=1) | fast.any(axis=1)):
-        asked = ", ".join(names[over[k] | fast[k]])
-        words[k] = f"reference asks for more {asked} than the limits allow: driving at the limit"
-    return words.tolist()
+        excess = ", ".join(names[over[k] | fast[k]])
+        notes[k] = f"reference asks for more {excess} than the limits allow: driving at the limit"
+    return notes.tolist()

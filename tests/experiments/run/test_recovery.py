@@ -39,7 +39,7 @@ def run(spoil, ticks=110):
 
     assembly, recorder = assemble(load("grass", [SHORT])[1], seed=1), Recorder()
     stages = [faulty if stage is sense else stage for stage in STAGES]
-    outcome = drive(assembly.rig(recorder), ticks, stages)
+    outcome = drive(assembly.setup(recorder), ticks, stages)
     record = recorder.record()
     commands = record[CONTROL].columns("delta_t_rad_command", "delta_i_rad_command", "hp_command")
     assert np.all(np.isfinite(commands))

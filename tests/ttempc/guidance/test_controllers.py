@@ -11,6 +11,7 @@ from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.tubes import DESIGN
 from ttempc.errors import UnknownController
 from ttempc.guidance.controllers import CONTROLLERS, make_controller
+from ttempc.guidance.supervisor import Supervisor
 from ttempc.paper.composition import paper_controller
 from ttempc.paper.equations import PaperEquations
 from ttempc.reference.path import figure_eight
@@ -25,6 +26,10 @@ NOISE = np.array([0.01, 0.01, 0.006, 0.006, 0.002, 0.002, 0.02])
 
 def make(name):
     return make_controller(name, VEHICLE, REFERENCE, PERIOD_S, DESIGN)
+
+
+def supervised(name):
+    return Supervisor(make(name), REFERENCE, PERIOD_S)
 
 
 def paper(**equations):
@@ -81,7 +86,7 @@ def test_percent_at_its_word_stands_still():
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_commands_stay_within_the_vehicle_whatever_the_estimate(name):
     generator = np.random.default_rng(51)
-    controller = make(name)
+    supervisor = supervised(name)
     previous = None
     for k in range(300):
         state = REFERENCE.at(k * PERIOD_S).state
@@ -91,7 +96,7 @@ def test_commands_stay_within_the_vehicle_whatever_the_estimate(name):
             estimate = replace(seen_truth(np.nan_to_num(state), 0.0, VEHICLE), state=state)
         else:
             estimate = seen_truth(state, 0.0, VEHICLE)
-        step = controller.step(estimate, k)
+        step = supervisor.step(estimate, k, 0.0)
         command = step.command.as_array()
         assert np.all(np.isfinite(command))
         assert np.all((VEHICLE.input_min <= command) & (command <= VEHICLE.input_max))
@@ -103,14 +108,14 @@ def test_commands_stay_within_the_vehicle_whatever_the_estimate(name):
 
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_estimate_that_is_not_finite_holds_the_command_and_says_so(name):
-    controller = make(name)
+    supervisor = supervised(name)
     good = seen_truth(REFERENCE.at(0.0).state, 0.0, VEHICLE)
-    before = controller.step(good, 0).command
+    before = supervisor.step(good, 0, 0.0).command
     blind = replace(good, state=np.full(7, np.nan))
-    step = controller.step(blind, 1)
+    step = supervisor.step(blind, 1, PERIOD_S)
     assert step.command == before
     assert "not finite" in step.diagnostics.fallback
-    assert controller.step(good, 2).diagnostics.fallback == ""
+    assert supervisor.step(good, 2, 2 * PERIOD_S).diagnostics.fallback == ""
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)
@@ -123,11 +128,11 @@ def test_diagnostics_add_up_to_the_command(name):
 
 
 def test_diagnostics_of_the_paper_are_complete():
-    controller = make("paper")
+    supervisor = supervised("paper")
     sample = REFERENCE.at(30.0)
     state = sample.state.copy()
     state[State.Y] += 0.1
-    found = controller.step(seen_truth(state, 30.0, VEHICLE), 150).diagnostics
+    found = supervisor.step(seen_truth(state, 30.0, VEHICLE), 150, 30.0).diagnostics
     assert found.tracking_error is not None
     assert found.modelling_error is not None
     assert found.solver is not None

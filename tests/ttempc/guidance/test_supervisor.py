@@ -24,7 +24,7 @@ UNSEEN = (Innovation(Sensor.GNSS_TRACTOR, 99.0, 2, False), Innovation(Sensor.ENC
 
 def supervised(reference=REFERENCE, vehicle=VEHICLE):
     controller = make_controller("ttempc", vehicle, reference, PERIOD_S)
-    return Supervisor(controller, vehicle, reference, PERIOD_S)
+    return Supervisor(controller, reference, PERIOD_S)
 
 
 def on_reference(k, innovations=SEEN, reference=REFERENCE):
@@ -34,7 +34,7 @@ def on_reference(k, innovations=SEEN, reference=REFERENCE):
 
 def drive(supervisor, ticks, estimate):
     """Return commands (N, 3) and what was said, asserting the limits of every command."""
-    steps = [supervisor.step(estimate(k), k) for k in range(ticks)]
+    steps = [supervisor.step(estimate(k), k, k * PERIOD_S) for k in range(ticks)]
     commands = np.array([step.command.as_array() for step in steps])
     assert np.all(np.isfinite(commands))
     assert np.all((commands >= VEHICLE.input_min) & (commands <= VEHICLE.input_max))
@@ -148,7 +148,7 @@ def test_reference_beyond_the_limits_is_said_and_driven_at_the_limit():
     supervisor = supervised(reference, weak)
     said = []
     for k in range(150):
-        step = supervisor.step(on_reference(k, reference=reference), k)
+        step = supervisor.step(on_reference(k, reference=reference), k, k * PERIOD_S)
         assert abs(step.command.delta_i) <= 0.2
         said.append(step.diagnostics.fallback)
     assert any("reference asks for more delta_i than the limits allow" in text for text in said)
@@ -166,7 +166,8 @@ def test_preparing_changes_no_result():
         prepared.prepare(k)
         state = REFERENCE.at(k * PERIOD_S).state + 0.01 * np.sin(k + np.arange(7))
         estimate = replace(seen_truth(state, k * PERIOD_S, VEHICLE), innovations=SEEN)
-        first, second = plain.step(estimate, k), prepared.step(estimate, k)
+        first = plain.step(estimate, k, k * PERIOD_S)
+        second = prepared.step(estimate, k, k * PERIOD_S)
         assert first.command == second.command
 
 

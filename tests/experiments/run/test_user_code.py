@@ -1,4 +1,4 @@
-"""Controllers of a user's own package: found by name, refused with a reason, kept at the border."""
+"""Controllers and estimators of a user's own package: by name, refused with a reason, guarded."""
 
 import sys
 
@@ -7,10 +7,11 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidController
-from proving_ground.experiments.run.controller_factory import controller_factory
 from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.run.user_code import load_factory, user_controller
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.studies.batch import Job, summaries
+from proving_ground.testbed.log.log_reader import read_log
 from proving_ground.testbed.recording.channels import CONTROL
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.path import straight
@@ -93,10 +94,12 @@ def test_a_name_means_the_same_as_the_factory_itself_also_in_other_processes(pac
 
 def test_a_name_makes_the_controller_from_vehicle_reference_and_period(package):
     reference = Reference(straight(4.0), Vehicle(), ConstantSpeed(1.0))
-    made = controller_factory("lawn.drivers:paper")(Vehicle(), reference, 0.2)
-    assert type(made) is type(make_controller("feedforward", Vehicle(), reference, 0.2))
-    with pytest.raises(InvalidController):
-        controller_factory("lawn.drivers:broken")(Vehicle(), reference, 0.2)
+    arguments = (Vehicle(), reference, 0.2)
+    factory = load_factory("lawn.drivers:paper", "controller")
+    controller = user_controller("lawn.drivers:paper", factory, *arguments, {})
+    assert type(controller) is type(make_controller("feedforward", *arguments))
+    with pytest.raises(InvalidController, match=r"gain.*unexpected|unexpected.*gain"):
+        user_controller("lawn.drivers:paper", factory, *arguments, {"gain": 2.0})
 
 
 def test_an_exception_in_the_run_ends_it_and_keeps_log_and_summary(package, capsys):
@@ -104,14 +107,61 @@ def test_an_exception_in_the_run_ends_it_and_keeps_log_and_summary(package, caps
         ["run", "--controller", "lawn.drivers:Late", "--out", "late", "--set", SHORT[0], "--json"]
     )
     assert code == 3
-    assert '"status": "invalid"' in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert '"status": "invalid"' in printed.out
+    assert 'raise RuntimeError("lost my way")' in printed.err
+    events = [event.text for event in read_log(package / "late" / "log.mcap").events]
+    assert any("Traceback" in text and "lawn/drivers.py" in text for text in events)
     assert (package / "late" / "log.mcap").exists()
     summary = (package / "late" / "summary.json").read_text()
     assert "raised at tick 10: RuntimeError: lost my way" in summary
 
 
+def test_options_of_a_scenario_reach_a_users_controller(package):
+    (package / "lawn" / "tuned.py").write_text(
+        "from ttempc.types import Command\n"
+        "class Tuned:\n"
+        "    def __init__(self, vehicle, reference, period_s, hp=0.0):\n"
+        "        self.hp = hp\n"
+        "    def step(self, estimate, k):\n"
+        "        return Command(0.0, 0.0, self.hp)\n"
+    )
+    named = (*SHORT, 'controller.name="lawn.tuned:Tuned"')
+    _, record = simulate(*load("grass", (*named, "controller.options.hp=0.6")), seed=1)
+    assert record[CONTROL]["hp_command"][-1] == 0.6
+    with pytest.raises(InvalidController, match="speed"):
+        simulate(*load("grass", (*named, "controller.options.speed=0.6")), seed=1)
+
+
+def test_an_estimator_of_a_users_own_drives_by_name(package):
+    (package / "lawn" / "watch.py").write_text(
+        "from ttempc.estimation.ekf import ExtendedKalmanFilter\n"
+        "def tight(vehicle, sensor_noise):\n"
+        "    return ExtendedKalmanFilter(vehicle, sensor_noise)\n"
+    )
+    theirs = simulate(*load("grass", (*SHORT, 'controller.estimator="lawn.watch:tight"')), seed=3)
+    ours = simulate(*load("grass", SHORT), seed=3)
+    assert theirs[0].tracking == ours[0].tracking
+    assert theirs[0].run_id != ours[0].run_id
+
+
+def test_runs_of_a_factory_are_filed_under_its_own_name_and_source(package):
+    summary, _ = simulate(*load("grass", SHORT), seed=3, factory=Wild)
+    assert summary.controller == f"{__name__}:Wild"
+    assert f"controller {summary.controller}" in summary.versions
+    shipped, _ = simulate(*load("grass", SHORT), seed=3)
+    assert shipped.controller == "ttempc"
+    assert shipped.run_id != summary.run_id
+    named = (*SHORT, 'controller.name="lawn.drivers:paper"')
+    before, _ = simulate(*load("grass", named), seed=3)
+    with open(package / "lawn" / "drivers.py", "a") as file:
+        file.write("# changed\n")
+    after, _ = simulate(*load("grass", named), seed=3)
+    assert before.run_id != after.run_id
+
+
 class Wild:
-    """Asks for what no vehicle can do at tick 2, for what is no number at tick 3."""
+    """Returns a command that no vehicle can follow at tick 2, one that is no number at tick 3."""
 
     def __init__(self, vehicle, reference, period_s):
         self.inner = make_controller("feedforward", vehicle, reference, period_s)

@@ -1,0 +1,188 @@
+"""Code of a user: controllers, estimators and stages named `package.module:factory`."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import os
+import sys
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from ttempc.reference.reference import Reference
+from ttempc.types import Controller, Estimator
+from ttempc.vehicle import Vehicle
+
+from ..errors import InvalidController
+from ..scenario.controller import ControllerSettings
+
+_SITE: Final = ("site-packages", "dist-packages")
+
+
+def is_user_code(name: str) -> bool:
+    """Whether a name is of the form `package.module:factory`."""
+    return ":" in name
+
+
+def load_factory(name: str, what: str) -> Callable[..., object]:
+    """Return the callable of the name `package.module:factory`.
+
+    The module is looked for as by `python -m`: in the working directory too.
+
+    Args:
+        name: of the callable.
+        what: its role in messages, such as "controller".
+
+    Raises:
+        InvalidController: no such module or attribute, a module that cannot be imported, or an
+            attribute that is not callable.
+    """
+    module_name, _, attribute = name.partition(":")
+    if not all(part.isidentifier() for part in (*module_name.split("."), *attribute.split("."))):
+        raise InvalidController(
+            f"{what} {name!r}: must be package.module:factory, as lawn.steering:make_controller"
+        )
+    folder = _search_working_directory()
+    try:
+        item: object = importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        raise InvalidController(
+            f"{what} {name!r}: no module {error.name!r}; it is looked for in {folder} and among "
+            "the installed packages"
+        ) from None
+    except Exception as error:  # a user's module may raise anything
+        raise InvalidController(
+            f"{what} {name!r}: importing {module_name} raised {_in_a_line(error)}"
+        ) from error
+    for part in attribute.split("."):
+        if not hasattr(item, part):
+            raise InvalidController(f"{what} {name!r}: {module_name} has no {attribute}")
+        item = getattr(item, part)
+    if not callable(item):
+        raise InvalidController(
+            f"{what} {name!r}: {attribute} is {type(item).__name__}, must be callable"
+        )
+    return item
+
+
+def user_controller(
+    name: str,
+    factory: Callable[..., object],
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    options: Mapping[str, object],
+) -> Controller:
+    """Return the controller that `factory(vehicle, reference, period_s, **options)` makes.
+
+    Raises:
+        InvalidController: the factory does not take the options, raised, or returned an object
+            without a method `step`.
+    """
+    controller = _call(name, "controller", factory, (vehicle, reference, period_s), options)
+    if not callable(getattr(controller, "step", None)):
+        raise InvalidController(
+            f"controller {name!r}: the factory returned {type(controller).__name__}, which has no "
+            "method step(estimate, k)"
+        )
+    return controller  # pyright: ignore[reportReturnType] - it has the method
+
+
+def user_estimator(
+    name: str, factory: Callable[..., object], vehicle: Vehicle, sensor_noise: object
+) -> Estimator:
+    """Return the estimator that `factory(vehicle, sensor_noise)` makes.
+
+    Raises:
+        InvalidController: the factory raised, or returned an object without a method `update`.
+    """
+    estimator = _call(name, "estimator", factory, (vehicle, sensor_noise), {})
+    if not callable(getattr(estimator, "update", None)):
+        raise InvalidController(
+            f"estimator {name!r}: the factory returned {type(estimator).__name__}, which has no "
+            "method update(time_s, measurements, command)"
+        )
+    return estimator  # pyright: ignore[reportReturnType] - it has the method
+
+
+def name_of(factory: Callable[..., object]) -> str:
+    """Return the name `module:qualname` under which runs of a factory are filed."""
+    kind, _ = _definition(factory)
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def source_digest(factory: Callable[..., object]) -> str:
+    """Return a hash of the module in which a factory is defined, and of bound arguments.
+
+    Of code without a file, such as a notebook's cell, it is the source of the factory alone;
+    "unknown" where that does not exist either.
+    """
+    kind, bound = _definition(factory)
+    try:
+        file = inspect.getsourcefile(kind)
+        if file and Path(file).is_file():
+            content = Path(file).read_bytes()
+        else:
+            content = inspect.getsource(kind).encode()
+    except (OSError, TypeError):
+        return "unknown"
+    return hashlib.sha256(content + bound.encode()).hexdigest()[:12]
+
+
+def user_sources(settings: ControllerSettings) -> dict[str, str]:
+    """Return a hash of the source of the controller and the estimator where they are a user's.
+
+    Raises:
+        InvalidController: as `load_factory`.
+    """
+    parts = {"controller": settings.name, "estimator": settings.estimator}
+    return {
+        f"{what} {name}": source_digest(load_factory(name, what))
+        for what, name in parts.items()
+        if is_user_code(name)
+    }
+
+
+def _definition(factory: Callable[..., object]) -> tuple[Any, str]:
+    """Return the function or class behind a factory, and the arguments bound to it as text."""
+    if isinstance(factory, partial):
+        return factory.func, f"{factory.args} {factory.keywords}"
+    return (factory if hasattr(factory, "__qualname__") else type(factory)), ""
+
+
+def _call(
+    name: str,
+    what: str,
+    factory: Callable[..., object],
+    arguments: tuple[object, ...],
+    options: Mapping[str, object],
+) -> object:
+    try:
+        inspect.signature(factory).bind(*arguments, **options)
+    except TypeError as error:
+        raise InvalidController(
+            f"{what} {name!r}: the factory takes {inspect.signature(factory)}: {error}"
+        ) from None
+    except ValueError:  # no signature, as of some compiled callables
+        pass
+    try:
+        return factory(*arguments, **options)
+    except Exception as error:  # a user's factory may raise anything
+        raise InvalidController(f"{what} {name!r}: raised {_in_a_line(error)}") from error
+
+
+def _search_working_directory() -> str:
+    """Let modules of the working directory be found, after the standard library; return it."""
+    folder = os.getcwd()
+    if folder not in sys.path:
+        sites = (i for i, path in enumerate(sys.path) if Path(path).name in _SITE)
+        sys.path.insert(next(sites, len(sys.path)), folder)
+    importlib.invalidate_caches()
+    return folder
+
+
+def _in_a_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"

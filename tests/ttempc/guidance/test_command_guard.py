@@ -1,0 +1,97 @@
+"""Command guard: commands within the limits, refusal of unusable steps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ttempc.errors import ControllerFailed
+from ttempc.guidance.command_guard import CommandGuard
+from ttempc.limits import CommandLimits
+from ttempc.types import Command, ControlStep, Diagnostics, Estimate
+from ttempc.vehicle import Vehicle
+
+VEHICLE = Vehicle()
+LIMITS = CommandLimits.of(VEHICLE, 0.2)
+ESTIMATE = Estimate(0.0, np.zeros(7), np.zeros((7, 7)), np.zeros(2), 0.0)
+EMPTY = Diagnostics(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3, dtype=bool))
+
+
+class Returning:
+    def __init__(self, answer):
+        self.answer = answer
+
+    def step(self, estimate, k):
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+def guarded(answer, previous=None):
+    """Return the guarded step of `answer`, where the command before was `previous`."""
+    controller = Returning(previous or Command(0.0, 0.0, 0.0))
+    guard = CommandGuard(controller, LIMITS)
+    if previous is not None:
+        assert guard.step(ESTIMATE, 3).command == previous
+    controller.answer = answer
+    return guard.step(ESTIMATE, 4)
+
+
+def test_a_command_inside_the_limits_passes_as_it_is():
+    step = ControlStep(Command(0.1, -0.1, 0.5), EMPTY)
+    assert guarded(step) is step
+    assert guarded(step, Command(0.1, -0.1, 0.45)) is step
+
+
+def test_random_commands_come_out_inside_amplitude_and_rate_and_nearest():
+    rng = np.random.default_rng(5)
+    previous = Command(0.0, 0.0, 0.5)
+    for desired in rng.normal(scale=2.0, size=(200, 3)):
+        sent = guarded(ControlStep(Command(*desired), EMPTY), previous).command.as_array()
+        low = np.maximum(VEHICLE.input_min, previous.as_array() - 0.2 * VEHICLE.input_rate)
+        high = np.minimum(VEHICLE.input_max, previous.as_array() + 0.2 * VEHICLE.input_rate)
+        assert np.array_equal(sent, np.clip(desired, low, high))
+        previous = Command(*sent)
+
+
+@pytest.mark.parametrize("junk", [float("nan"), float("inf"), -float("inf")])
+def test_an_entry_that_is_not_finite_keeps_its_value_and_is_reported(junk):
+    step = guarded(ControlStep(Command(junk, 0.1, junk), EMPTY), Command(0.2, 0.1, 0.6))
+    assert step.command == Command(0.2, 0.1, 0.6)
+    assert step.diagnostics.limited.tolist() == [True, False, True]
+    assert "delta_t, hp" in step.diagnostics.fallback
+    assert guarded(ControlStep(Command(junk, 0.1, junk), EMPTY)).command == Command(0.0, 0.1, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("step", "reason"),
+    [
+        (None, "returned NoneType at tick 4"),
+        ((0.0, 0.0, 0.0), "returned tuple"),
+        (ControlStep((0.0, 0.0, 0.0), EMPTY), "must hold a Command"),
+        (ControlStep(Command("a", 0.0, 0.0), EMPTY), "not of numbers"),
+        (ControlStep(Command(np.zeros(2), 0.0, 0.0), EMPTY), "not of numbers"),
+        (ControlStep(Command(0.0, 0.0, 0.0), None), "must hold a Command and Diagnostics"),
+        (ControlStep(Command(0.0, 0.0, 0.0), replace(EMPTY, robust=np.zeros(2))), "robust"),
+        (ControlStep(Command(0.0, 0.0, 0.0), replace(EMPTY, feedback=[0, 0, 0])), "feedback"),
+        (
+            ControlStep(Command(0.0, 0.0, 0.0), replace(EMPTY, predicted_path=np.zeros((5, 2)))),
+            "predicted_path",
+        ),
+        (
+            ControlStep(Command(0.0, 0.0, 0.0), replace(EMPTY, fallback=None)),
+            "fallback must be text",
+        ),
+        (ValueError("lost"), "raised at tick 4: ValueError: lost"),
+    ],
+)
+def test_an_unusable_step_fails_with_a_reason(step, reason):
+    with pytest.raises(ControllerFailed, match=reason):
+        guarded(step)
+
+
+def test_a_bare_command_is_a_step_without_diagnostics():
+    step = guarded(Command(0.1, -0.1, 0.5))
+    assert step.command == Command(0.1, -0.1, 0.5)
+    assert np.isnan(step.diagnostics.total).all()
+    assert not step.diagnostics.limited.any()

@@ -1,0 +1,127 @@
+"""Command guard: checks the steps of any controller and limits their commands."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Final
+
+import numpy as np
+
+from ..errors import ControllerFailed
+from ..limits import CommandLimits
+from ..types import (
+    Command,
+    Controller,
+    ControlStep,
+    Diagnostics,
+    Estimate,
+    FloatArray,
+    SolverReport,
+)
+
+_SHAPES: Final[dict[str, tuple[int | None, ...]]] = {
+    "feedforward": (3,),
+    "feedback": (3,),
+    "robust": (3,),
+    "limited": (3,),
+    "tracking_error": (7,),
+    "modelling_error": (4,),
+    "predicted_path": (None, 4),
+}
+_OPTIONAL: Final = {"tracking_error", "modelling_error", "predicted_path"}
+_ROUNDING: Final = 1e-9  # an excess over a limit below this is not reported
+
+
+class CommandGuard:
+    """Asks a controller for its step and returns one that can be driven and logged.
+
+    A command beyond an amplitude or a rate is cut to the nearest allowed one. An entry that is
+    not finite keeps its value of the tick before, 0 at the first tick. Both are reported in
+    `Diagnostics.fallback` and `Diagnostics.limited`.
+    """
+
+    def __init__(self, controller: Controller, limits: CommandLimits) -> None:
+        self._controller = controller
+        self._limits = limits
+        self._previous: FloatArray | None = None
+
+    def step(self, estimate: Estimate, k: int) -> ControlStep:
+        """Return the step of tick `k` with a command within the limits.
+
+        Raises:
+            ControllerFailed: the controller raised, or returned neither a `Command` nor a
+                `ControlStep` with numbers and arrays of the documented shapes.
+        """
+        try:
+            answer: object = self._controller.step(estimate, k)
+        except Exception as error:  # a user's controller may raise anything
+            raise ControllerFailed(
+                f"the controller raised at tick {k}: {type(error).__name__}: {error}"
+            ) from error
+        step = _checked(answer, k)
+        desired = _numbers(step.command, k)
+        allowed = self._allowed(desired)
+        self._previous = allowed
+        beyond = ~(np.abs(allowed - desired) <= _ROUNDING)  # NaN is beyond
+        if not beyond.any():
+            return step
+        names = [item.name for item, out in zip(fields(Command), beyond, strict=True) if out]
+        note = f"the controller's {', '.join(names)} outside the limits or not finite: cut"
+        diagnostics = replace(
+            step.diagnostics,
+            limited=np.asarray(step.diagnostics.limited, dtype=np.bool_) | beyond,
+            fallback="; ".join(filter(None, (step.diagnostics.fallback, note))),
+        )
+        return ControlStep(Command(*allowed.tolist()), diagnostics)
+
+    def _allowed(self, desired: FloatArray) -> FloatArray:
+        """Return the allowed command nearest to `desired`, (3,)."""
+        if self._previous is not None:
+            return self._limits.apply(desired, self._previous)[0]
+        return self._limits.clamp(np.where(np.isfinite(desired), desired, 0.0))
+
+
+def _checked(answer: object, k: int) -> ControlStep:
+    """Return the answer of a controller as a step; a bare command gets empty diagnostics.
+
+    Raises:
+        ControllerFailed: it is no step that could be driven and logged.
+    """
+    if isinstance(answer, Command):
+        return ControlStep(answer)
+    if not isinstance(answer, ControlStep):
+        raise ControllerFailed(
+            f"the controller returned {type(answer).__name__} at tick {k}, must be a Command or a "
+            "ControlStep"
+        )
+    diagnostics, about = answer.diagnostics, f"the controller's step at tick {k}"
+    if not isinstance(answer.command, Command) or not isinstance(diagnostics, Diagnostics):
+        raise ControllerFailed(f"{about}: must hold a Command and Diagnostics, got {answer!r}")
+    for name, shape in _SHAPES.items():
+        value = getattr(diagnostics, name)
+        if value is None and name in _OPTIONAL:
+            continue
+        if not isinstance(value, np.ndarray) or not _fits(value.shape, shape):
+            raise ControllerFailed(
+                f"{about}: diagnostics.{name} must be an array of shape {shape}, got {value!r}"
+            )
+    if not isinstance(diagnostics.solver, SolverReport | None):
+        raise ControllerFailed(f"{about}: diagnostics.solver must be a SolverReport or None")
+    if not isinstance(diagnostics.fallback, str):
+        raise ControllerFailed(f"{about}: diagnostics.fallback must be text")
+    return answer
+
+
+def _numbers(command: Command, k: int) -> FloatArray:
+    try:
+        return np.array([float(value) for value in command.as_array()])
+    except (TypeError, ValueError) as error:
+        raise ControllerFailed(
+            f"the controller's step at tick {k}: {command} is not of numbers: {error}"
+        ) from None
+
+
+def _fits(shape: tuple[int, ...], allowed: tuple[int | None, ...]) -> bool:
+    return len(shape) == len(allowed) and all(
+        size is None or entry == size for entry, size in zip(shape, allowed, strict=True)
+    )
