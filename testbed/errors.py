@@ -24,6 +24,10 @@ class PlantDiverged(TestbedError):
     """The simulation produced no valid state: NaN, a reset of MuJoCo, or a solver warning."""
 
 
+class StageFailed(TestbedError):
+    """A user's stage of the simulation loop raised; its exception is the `__cause__`."""
+
+
 class LogError(TestbedError):
     """A log that cannot be written or read."""
 

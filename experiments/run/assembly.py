@@ -12,10 +12,11 @@ from proving_ground.testbed.actuation.actuators import Actuators
 from proving_ground.testbed.ground.grid import Grid
 from proving_ground.testbed.ground.soil_layers import StrengthMap
 from proving_ground.testbed.ground.terrain import Terrain
+from proving_ground.testbed.randomness import generator
 from proving_ground.testbed.recording.sink import Sink
 from proving_ground.testbed.sensing.sensors import SensorSuite
 from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
-from proving_ground.testbed.simulation.loop import SimulationSetup
+from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.simulation.termination import MishapLimits
 from proving_ground.testbed.step_counts import whole_steps
@@ -32,7 +33,7 @@ from ..scenario.controller import TRUTH, ControllerSettings
 from ..scenario.mission import Course
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import Difference, mismatch
-from .user_code import is_user_code, load_factory, user_controller, user_estimator
+from .user_code import is_user_code, load_factory, user_controller, user_estimator, user_stage
 
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
 RECORD_RATE_HZ = 25.0  # of the paper's fastest sensors
@@ -52,6 +53,7 @@ class Assembly:
     ticks: int
     mismatch: tuple[Difference, ...]  # between the vehicle and what is believed of it
     notes: tuple[str, ...] = ()  # on the path, for the log
+    stages: tuple[Stage, ...] = STAGES
 
     @property
     def vehicle(self) -> Vehicle:
@@ -134,6 +136,7 @@ def assemble(
         ticks=_ticks(reference),
         mismatch=mismatch(scenario.plant.vehicle, scenario.controller.vehicle),
         notes=course.notes,
+        stages=_stages(scenario, seed),
     )
 
 
@@ -153,6 +156,8 @@ def check(scenario: Scenario) -> int:
     check_drivable(course.path, vehicle)
     check_pace(reference, CONTROL_PERIOD_S)
     _check_guidance(scenario.controller, vehicle)
+    for stage in scenario.stages:
+        load_factory(stage.make, "stage")
     timestep_s = scenario.plant.timestep_s
     record_steps(timestep_s, RECORD_RATE_HZ)
     scenario.soil.soil(0, level, course.path, strength_map)
@@ -250,6 +255,15 @@ def _guidance(
         sensor_noise=noise,
         tube=tube,
     )
+
+
+def _stages(scenario: Scenario, seed: int) -> tuple[Stage, ...]:
+    """Return the stages of the loop with those of the scenario, each with its own generator."""
+    extra = []
+    for number, settings in enumerate(scenario.stages):
+        draws = generator(seed, f"stage {number} {settings.make}")
+        extra.append((settings.after, user_stage(settings, draws)))
+    return with_stages(extra)
 
 
 def _check_guidance(settings: ControllerSettings, vehicle: Vehicle) -> None:

@@ -156,7 +156,7 @@ def drive_into(
     """Drive a run to its end and write it into the sink, the reference path first."""
     setup = assembly.setup(sink, record_hz)
     sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))
-    return drive(setup, assembly.ticks, on_tick=on_tick)
+    return drive(setup, assembly.ticks, assembly.stages, on_tick)
 
 
 def _with_controller(
@@ -170,7 +170,7 @@ def _with_controller(
         InvalidController: a module named by the scenario cannot be imported.
     """
     if factory is None:
-        return scenario, user_sources(scenario.controller)
+        return scenario, user_sources(scenario)
     name = name_of(factory)
     settings = replace(scenario.controller, name=name, options=dict(options or {}))
     sources = {f"controller {name}": source_digest(factory)}

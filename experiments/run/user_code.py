@@ -12,12 +12,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
+from proving_ground.testbed.errors import StageFailed
+from proving_ground.testbed.simulation.loop import SimulationSetup, Stage, TickContext
 from ttempc.reference.reference import Reference
 from ttempc.types import Controller, Estimator
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidController
-from ..scenario.controller import ControllerSettings
+from ..scenario.scenario import Scenario
+from ..scenario.stages import StageSettings
 
 _SITE: Final = ("site-packages", "dist-packages")
 
@@ -108,6 +113,33 @@ def user_estimator(
     return estimator  # pyright: ignore[reportReturnType] - it has the method
 
 
+def user_stage(settings: StageSettings, generator: np.random.Generator) -> Stage:
+    """Return the stage that `factory(generator, **options)` makes.
+
+    An exception in the stage ends the run as invalid.
+
+    Raises:
+        InvalidController: no such factory, or it raised, or returned no function.
+    """
+    name = settings.make
+    stage = _call(name, "stage", load_factory(name, "stage"), (generator,), settings.options)
+    if not callable(stage):
+        raise InvalidController(
+            f"stage {name!r}: the factory returned {type(stage).__name__}, must be a function of "
+            "the simulation set-up and the tick's context"
+        )
+
+    def run(setup: SimulationSetup, tick: TickContext) -> None:
+        try:
+            stage(setup, tick)
+        except Exception as error:  # a user's stage may raise anything
+            raise StageFailed(
+                f"the stage {name} raised at tick {tick.k}: {type(error).__name__}: {error}"
+            ) from error
+
+    return run
+
+
 def name_of(factory: Callable[..., object]) -> str:
     """Return the name `module:qualname` under which runs of a factory are filed."""
     kind, _ = _definition(factory)
@@ -132,16 +164,18 @@ def source_digest(factory: Callable[..., object]) -> str:
     return hashlib.sha256(content + bound.encode()).hexdigest()[:12]
 
 
-def user_sources(settings: ControllerSettings) -> dict[str, str]:
-    """Return a hash of the source of the controller and the estimator where they are a user's.
+def user_sources(scenario: Scenario) -> dict[str, str]:
+    """Return a hash of the source of controller, estimator and stages where they are a user's.
 
     Raises:
         InvalidController: as `load_factory`.
     """
-    parts = {"controller": settings.name, "estimator": settings.estimator}
+    settings = scenario.controller
+    parts = [("controller", settings.name), ("estimator", settings.estimator)]
+    parts += [("stage", stage.make) for stage in scenario.stages]
     return {
         f"{what} {name}": source_digest(load_factory(name, what))
-        for what, name in parts.items()
+        for what, name in parts
         if is_user_code(name)
     }
 

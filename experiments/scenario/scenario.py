@@ -25,6 +25,7 @@ from .path import FigureEight, PathSettings
 from .plant import PlantSettings
 from .sensors import SensorSettings
 from .soil import SoilSettings
+from .stages import StageSettings
 from .terrain import TerrainSettings
 
 _SCENARIOS: Final = Shelf(
@@ -44,6 +45,7 @@ class Scenario:
     actuators: ActuatorSettings = ActuatorSettings()
     sensors: SensorSettings = SensorSettings()
     controller: ControllerSettings = ControllerSettings()
+    stages: tuple[StageSettings, ...] = ()
 
 
 def shipped() -> list[str]:

@@ -13,7 +13,7 @@ from ttempc.errors import GuidanceFailed
 from ttempc.types import Command, ControlStep, Estimate, FloatArray, Measurement, VehicleGuidance
 from ttempc.vehicle import Vehicle
 
-from ..errors import PlantDiverged
+from ..errors import PlantDiverged, StageFailed
 from ..ground.terrain import Terrain
 from ..recording import channels
 from ..recording import record_rows as rows
@@ -193,6 +193,15 @@ STAGES: Final[tuple[Stage, ...]] = (
 """A disturbance or a fault is one more stage in this list, at the place where it acts."""
 
 
+def with_stages(extra: Sequence[tuple[str, Stage]]) -> tuple[Stage, ...]:
+    """Return `STAGES` with more stages, each after the stage of the given name and in order."""
+    stages: list[Stage] = []
+    for stage in STAGES:
+        stages.append(stage)
+        stages += [more for name, more in extra if name == stage.__name__]
+    return tuple(stages)
+
+
 def drive(
     setup: SimulationSetup,
     ticks: int,
@@ -202,8 +211,8 @@ def drive(
     """Run `ticks` control periods, or fewer where the run terminates early.
 
     The plant must have been reset to its start. `on_tick` is called after every period. An
-    exception in a user's controller or estimator ends the run as invalid; its traceback goes into
-    the log.
+    exception in a user's controller, estimator or stage ends the run as invalid; its traceback
+    goes into the log.
     """
     setup.guidance.warm_up()
     start = perf_counter_ns()
@@ -222,7 +231,7 @@ def drive(
             if tick.lost:
                 status, failure = "lost", tick.lost
                 break
-    except (PlantDiverged, GuidanceFailed) as error:
+    except (PlantDiverged, GuidanceFailed, StageFailed) as error:
         status, failure = "invalid", str(error)
         if error.__cause__ is not None:
             trace = "".join(traceback.format_exception(error.__cause__))

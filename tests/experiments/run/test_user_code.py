@@ -12,7 +12,7 @@ from proving_ground.experiments.run.user_code import load_factory, user_controll
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.studies.batch import Job, summaries
 from proving_ground.testbed.log.log_reader import read_log
-from proving_ground.testbed.recording.channels import CONTROL
+from proving_ground.testbed.recording.channels import CONTROL, STATE
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.path import straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -143,6 +143,39 @@ def test_an_estimator_of_a_users_own_drives_by_name(package):
     ours = simulate(*load("grass", SHORT), seed=3)
     assert theirs[0].tracking == ours[0].tracking
     assert theirs[0].run_id != ours[0].run_id
+
+
+STAGES = """
+def hold(generator, hp, from_s=0.0):
+    def stage(setup, tick):
+        if tick.now.time_s >= from_s:
+            command = tick.command
+            tick.command = type(command)(command.delta_t, command.delta_i, hp)
+    return stage
+
+def broken(generator):
+    def stage(setup, tick):
+        raise ValueError("no such valve")
+    return stage
+"""
+
+
+def staged(*stages):
+    return load("grass", [*SHORT, f"stages=[{', '.join(stages)}]"])
+
+
+def test_a_scenario_adds_stages_to_the_loop(package):
+    (package / "lawn" / "faults.py").write_text(STAGES)
+    slow = "{make='lawn.faults:hold', after='control', options={hp=0.4}}"
+    _, record = simulate(*staged(slow), seed=1)
+    assert record[STATE]["hp_set_point"][-1] == 0.4
+    _, untouched = simulate(*load("grass", SHORT), seed=1)
+    assert untouched[STATE]["hp"][-1] > 0.6
+    summary, _ = simulate(*staged("{make='lawn.faults:broken', after='sense'}"), seed=1)
+    assert summary.status == "invalid"
+    assert "stage lawn.faults:broken raised at tick 0: ValueError" in summary.failure
+    with pytest.raises(InvalidController, match=r"lawn\.faults has no gust"):
+        simulate(*staged("{make='lawn.faults:gust', after='sense'}"), seed=1)
 
 
 def test_runs_of_a_factory_are_filed_under_its_own_name_and_source(package):

@@ -20,7 +20,7 @@ from proving_ground.experiments.sweep.sweep import sweep
 from tests.experiments.study_files import SHORT, plan_of
 
 ROOT = Path(__file__).parents[3]
-PACKAGES = ("proving_ground", "ttempc", "tests")
+PACKAGES = ("packaging/testbed/proving_ground", "ttempc", "tests")
 POISON, UNLUCKY = 3, 5
 
 
@@ -72,7 +72,7 @@ def test_a_sweep_on_a_cluster_outlives_its_workers(dask, scheduler, tmp_path, ca
 
     other = tmp_path / "other"
     for package in PACKAGES[:-1]:
-        shutil.copytree(ROOT / package, other / package)
+        shutil.copytree(ROOT / package, other / Path(package).name)
     with open(other / "ttempc" / "reference" / "path.py", "a") as file:
         file.write("# changed\n")
     options = ("--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1")

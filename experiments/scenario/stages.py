@@ -1,0 +1,27 @@
+"""`[[stages]]`: stages of a user's own in the simulation loop."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from proving_ground.testbed.configuration.config_io import STRICT
+
+from .controller import OptionValue
+
+
+@dataclass(frozen=True, config=STRICT)
+class StageSettings:
+    """A stage in the list of `testbed/simulation/loop.py`, such as a fault or a disturbance.
+
+    The factory is called with a random generator of the stage's own and the options; it returns a
+    function of the simulation set-up and the context of the tick.
+    """
+
+    make: str  # "package.module:factory"
+    # The stage after which it runs: a spoilt sample belongs after `sense`, a spoilt command after
+    # `control`.
+    after: Literal["prepare", "sense", "estimate", "control", "advance"]
+    options: dict[str, OptionValue] = Field(default_factory=dict)

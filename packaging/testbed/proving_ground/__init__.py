@@ -1,0 +1,46 @@
+"""MuJoCo proving ground for controllers of towed agricultural machines.
+
+    from proving_ground import load, simulate
+
+    name, scenario = load("grass", ["path.laps=1"])
+    summary, record = simulate(name, scenario, seed=1)
+
+`mjcf`, `testbed` and `experiments` lie in this package under an installation; in a checkout they
+are links to the folders at its root. One import root keeps their common names away from the
+packages of a user's own repository.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from ttempc import __version__
+
+if TYPE_CHECKING:
+    from .experiments.run.simulate import run, simulate
+    from .experiments.scenario.scenario import Scenario, load
+    from .testbed.log.log_reader import read_log
+    from .testbed.recording.record import Record
+
+__all__ = ["Record", "Scenario", "__version__", "load", "read_log", "run", "simulate"]
+
+_MODULE_OF = {
+    "Record": "testbed.recording.record",
+    "Scenario": "experiments.scenario.scenario",
+    "load": "experiments.scenario.scenario",
+    "read_log": "testbed.log.log_reader",
+    "run": "experiments.run.simulate",
+    "simulate": "experiments.run.simulate",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name from its module."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f".{_MODULE_OF[name]}", __name__), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
