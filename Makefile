@@ -7,8 +7,8 @@ BIN    := $(VENV)/bin
 run: $(VENV)/.ready          ## drive the default scenario to its end
 	$(BIN)/ttempc run grass
 
-test: $(VENV)/.ready         ## the whole suite
-	$(BIN)/python -m pytest
+test: $(VENV)/.ready         ## the whole suite, a process per core
+	$(BIN)/python -m pytest -n logical --maxprocesses 8
 
 lint: $(VENV)/.ready         ## ruff and pyright
 	$(BIN)/ruff check .

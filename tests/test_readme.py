@@ -49,8 +49,8 @@ def test_the_python_example_prints_what_stands_below_it(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert re.sub(r"[-\d.]+", "", done.stdout) == re.sub(r"[-\d.]+", "", output)
-    # Another processor rounds otherwise, and bumps make that visible: a centimetre, not more.
-    assert numbers(done.stdout) == pytest.approx(numbers(output), abs=1.0)
+    # Another processor may round otherwise; on 20 m of pavement that stays far below a millimetre.
+    assert numbers(done.stdout) == pytest.approx(numbers(output), abs=0.1)
 
 
 def test_the_scenario_example_is_accepted(tmp_path):
