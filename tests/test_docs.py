@@ -17,6 +17,13 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 PACKAGES = ("experiments", "mjcf", "proving_ground", "testbed", "ttempc")
 FOLDERS = (*PACKAGES, "docs", "packaging", "tests")
+DATA = [  # files whose comments name modules and pages
+    *sorted((ROOT / "mjcf").rglob("*.xml")),
+    *sorted((ROOT / "mjcf").rglob("*.toml")),
+    *sorted((ROOT / "experiments").rglob("*.toml")),
+]
+PATH = re.compile(r"(?<![\w./-])[\w.-]+(?:/[\w.-]*\w)+")
+DOTTED = re.compile(rf"(?<![\w./-])(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
 PLACEHOLDER = "NAME"  # in a path that a page explains
 
 every_page = pytest.mark.parametrize(
@@ -84,6 +91,16 @@ def can_run(module: str) -> bool:
     return importlib.util.find_spec(module) is not None
 
 
+def exists(name: str) -> bool:
+    """Return whether a dotted name is a module of the project or an attribute of one."""
+    absolute = name.startswith(("ttempc.", "proving_ground."))
+    try:
+        pkgutil.resolve_name(name if absolute else f"proving_ground.{name}")
+    except (ImportError, AttributeError):
+        return False
+    return True
+
+
 @every_page
 def test_links_lead_to_files_and_headings(page):
     links = re.findall(r"\]\(([^)\s]+)\)", without_blocks(page))
@@ -92,7 +109,7 @@ def test_links_lead_to_files_and_headings(page):
 
 @every_page
 def test_paths_exist(page):
-    paths = re.findall(r"(?<![\w./-])[\w.-]+(?:/[\w.-]+)+", "\n".join(code_lines(page)))
+    paths = PATH.findall("\n".join(code_lines(page)))
     assert not [path for path in paths if is_missing(path)]
 
 
@@ -104,10 +121,7 @@ def test_modules_exist(page):
 
 @every_page
 def test_dotted_names_can_be_imported(page):
-    for span in spans(page):
-        if re.fullmatch(rf"(?:{'|'.join(PACKAGES)})(?:\.\w+)+", span):
-            outside = span.startswith(("ttempc.", "proving_ground."))
-            assert pkgutil.resolve_name(span if outside else f"proving_ground.{span}"), span
+    assert not [span for span in spans(page) if DOTTED.fullmatch(span) and not exists(span)]
 
 
 @every_page
@@ -132,3 +146,10 @@ def test_the_index_lists_every_page():
     links = set(re.findall(r"\]\(([^)\s]+)\)", (DOCS / "README.md").read_text()))
     pages = {page.relative_to(DOCS).as_posix() for page in DOCS.rglob("*.md")} - {"README.md"}
     assert pages <= links
+
+
+@pytest.mark.parametrize("file", DATA, ids=[file.relative_to(ROOT).as_posix() for file in DATA])
+def test_comments_of_data_files_name_what_exists(file):
+    text = file.read_text()
+    assert not [path for path in PATH.findall(text) if is_missing(path)]
+    assert not [name for name in DOTTED.findall(text) if not exists(name)]

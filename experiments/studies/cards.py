@@ -15,17 +15,12 @@ from ..scenario.scenario import load, shipped
 from ..validation.plant_validation import Card, figure_text, summary_line, write_card
 
 _HEAD: Final = """\
-# Plant validation of the shipped scenarios
+# Cards of the shipped scenarios
 
-Each page compares the plant of one scenario with closed forms and published figures: axle loads,
-drive, steering, traction, side force, hitch kinematics, roughness, conservation and time steps.
+The plant of each scenario on the bench, made by `python -m experiments.studies.cards docs/card`;
+one alone by `ttempc card NAME`. A failed check stays in: it says where the plant or its law ends.
 
-    python -m experiments.studies.cards docs/card     all pages of this folder
-    ttempc card NAME                                  one scenario
-
-Failed checks stay in the table: they show the limits of the plant and of its tyre law.
-
-| scenario | checks passed | failed checks |
+| card | checks that hold | what fails |
 |---|---|---|
 """
 
@@ -56,7 +51,7 @@ def _row(stem: str, card: Card) -> str:
         if not check.passed
     )
     held = sum(bool(check.passed) for check in made)
-    return f"| [{stem}]({stem}.html) | {held} of {len(made)} | {failed or 'none'} |\n"
+    return f"| [{stem}]({stem}.html) | {held} of {len(made)} | {failed or 'nothing'} |\n"
 
 
 if __name__ == "__main__":
