@@ -1,1 +1,1 @@
-"""The vehicle in MJCF: geometry, masses, joints, actuators, each number with its source."""
+"""MJCF model and parameter files of the vehicles."""

@@ -72,11 +72,3 @@ def test_the_make_targets_exist(target):
         ["make", "-n", target], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-
-
-def test_links_and_pictures_exist():
-    text = (ROOT / "README.md").read_text()
-    targets = re.findall(r"\]\(([^)]+)\)", text)
-    assert targets
-    for target in targets:
-        assert (ROOT / target).exists(), target

@@ -1,9 +1,9 @@
-"""Read a log into pandas and draw the figures of the paper again; cells for a notebook.
+"""Read a log into pandas and draw the figures of the paper, in notebook cells.
 
 python docs/examples/read_a_log.py LOG.mcap [FOLDER]
 """
 
-# %% Which log, and where the figures go
+# %% Log and output folder
 import sys
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from proving_ground.testbed.log.log_reader import read_log
 log = Path(sys.argv[1])
 folder = Path(sys.argv[2]) if len(sys.argv) > 2 else log.parent
 
-# %% One data frame a topic: a row a moment, the unit of a column in its name
+# %% One data frame for each topic, indexed by time [s]; column names end with the unit
 record = read_log(log)
 frames = {
     topic: pd.DataFrame(table.values, columns=table.channel.fields, index=table.time_s)
@@ -25,7 +25,7 @@ frames = {
 state, reference, control = frames["/state"], frames["/reference"], frames["/control"]
 print(record.metadata["scenario"], record.metadata["controller"], record.metadata["seed"])
 
-# %% The paths
+# %% Paths
 figure, axes = plt.subplots(figsize=(8, 4))
 axes.plot(reference.x_t_m, reference.y_t_m, "k--", label="reference")
 axes.plot(state.x_t_m, state.y_t_m, label="tractor")
@@ -34,7 +34,7 @@ axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
 axes.legend()
 figure.savefig(folder / "paths.png")
 
-# %% Euclidean errors: from each point to its own reference of the same time
+# %% Euclidean errors: distance from each point to its reference at the same time
 errors = pd.DataFrame(
     {
         body: np.hypot(
@@ -44,12 +44,12 @@ errors = pd.DataFrame(
         for body, letter in (("tractor", "t"), ("trailer", "i"))
     }
 )
-print((100.0 * errors[errors.index >= 8.0].mean()).round(2).to_string())  # [cm], without the start
+print((100.0 * errors[errors.index >= 8.0].mean()).round(2).to_string())  # [cm], from 8 s on
 figure, axes = plt.subplots(figsize=(8, 3))
 (100.0 * errors).plot(ax=axes, xlabel="time [s]", ylabel="Euclidean error [cm]")
 figure.savefig(folder / "euclidean_errors.png")
 
-# %% Control signals: the four parts, the command and its bounds
+# %% Control signals: the parts of each input, their total and its bounds
 inputs = (
     ("delta_t_rad", "front steering [deg]", 180.0 / np.pi),
     ("delta_i_rad", "trailer steering [deg]", 180.0 / np.pi),
