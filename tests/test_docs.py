@@ -134,7 +134,7 @@ def test_named_tests_exist(page):
 @every_page
 def test_commands_and_their_options_exist(page):
     for line in code_lines(page):
-        for command, rest in re.findall(r"(?<![\w./-])ttempc ([a-z][\w-]*)([^#|]*)", line):
+        for command, rest in re.findall(r"(?<![\w./-])(?<!from )ttempc ([a-z][\w-]*)([^#|]*)", line):
             words = (command, rest.split()[0]) if command == "log" and rest.split() else (command,)
             text = help_of(*words)
             assert text, line
