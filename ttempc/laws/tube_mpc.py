@@ -6,11 +6,11 @@ import numpy as np
 
 from ..mpc.articulated_error import error_state
 from ..mpc.lmpc import LinearMpc
+from ..mpc.ordered_product import ordered_product
 from ..mpc.prediction import PredictedPath
 from ..mpc.qp import CondensedHorizon, HorizonTuning
 from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import ReferenceTube, TubeDesign, seen
-from ..tube.tube_kernel import successor, within
 from ..types import Estimate, FloatArray, Input, State, TubeReport
 from ..vehicle import Vehicle
 from .articulated_mpc import TUNING
@@ -43,9 +43,8 @@ class TubeFeedback:
         self._mpc = LinearMpc(horizon)
         self._state, self._vehicle = grid.state, along.vehicle
         self._path = PredictedPath(grid, horizon.prediction)
-        # Contiguous, for the compiled functions are made for one layout.
-        self._a = np.ascontiguousarray(along.a[:, :_N])  # (T, 7, 16)
-        self._b = np.ascontiguousarray(along.b[:, :_N])  # (T, 7, 3)
+        # One product of (A B) with (z, s, m, u) gives the successor.
+        self._model = np.concatenate([along.a, along.b], axis=2)[:, :_N]  # (T, 7, 19)
         self._gains = tube.system.gains
         self._seen = seen(tube.system.c)  # (T, 9, 7)
         self._half_widths = along.half_widths
@@ -62,18 +61,20 @@ class TubeFeedback:
         state = error_state(self._state[k], estimate, self._vehicle)  # (zhat, s, m)
         here = state[:_N].copy()
         nominal = here if self._nominal is None or k != self._tick else self._nominal
-        margin, error_of_nominal, ancillary = within(
-            self._share, self._seen, self._gains, k, here, nominal
-        )
+        deviation = here - nominal
+        margin = 1.0 - float(np.abs(ordered_product(self._share[k], deviation)).max())
+        ancillary = ordered_product(self._gains[k], deviation)
         inside = margin >= 0.0
-        report = TubeReport(inside, margin, error_of_nominal, self._half_widths[k])
+        report = TubeReport(
+            inside, margin, ordered_product(self._seen[k], nominal), self._half_widths[k]
+        )
         if inside:
             state[:_N] = nominal
         else:
             ancillary = np.zeros(_M)
         feedback = self._mpc.step(k, state, self._before)
         self._before = feedback.input
-        self._nominal = successor(self._a, self._b, k, state, feedback.input)
+        self._nominal = ordered_product(self._model[k], np.concatenate([state, feedback.input]))
         self._tick = k + 1
         return Actions(
             feedback=-feedback.input,

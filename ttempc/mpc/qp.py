@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 
 from ..errors import InvalidTuning
 from ..types import FloatArray
-from .step_kernels import clipped, tick_vectors
+from .ordered_product import ordered_product
 
 _ACTIVE = 1e-7  # distance to a bound below which it counts as active in `QP.residuals`
 
@@ -76,11 +76,20 @@ class QP:
         """Return the cost at `x` (n,)."""
         return float(0.5 * x @ self.hessian @ x + self.gradient @ x)
 
+    def slack(self, x: FloatArray) -> FloatArray:
+        """Return the distances of `x` (n,) to all bounds, negative beyond one, (2 m + 2 n,).
+
+        In the order upper, lower, step_upper, step_lower.
+        """
+        rows = self.matrix @ x
+        return np.concatenate(
+            [self.upper - rows, rows - self.lower, self.step_upper - x, x - self.step_lower]
+        )
+
     def residuals(self, x: FloatArray) -> QPResiduals:
-        """Check `x` (n,) against the optimality conditions, without asking any solver."""
+        """Return by how much `x` (n,) misses the optimality conditions; no solver is involved."""
         rows = np.vstack([self.matrix, -self.matrix, np.eye(len(x)), -np.eye(len(x))])
-        bounds = np.concatenate([self.upper, -self.lower, self.step_upper, -self.step_lower])
-        slack = bounds - rows @ x
+        slack = self.slack(x)
         slope = self.hessian @ x + self.gradient
         active = slack < _ACTIVE
         # Optimal means -slope = sum of active rows with multipliers >= 0.
@@ -119,14 +128,16 @@ class FirstInputs:
 
     def within(self, k: int, inputs: FloatArray) -> FloatArray:
         """Return the allowed first input of tick `k` nearest to `inputs` (m,)."""
-        return clipped(inputs, self.bounds[k])
+        lower, upper = self.bounds[k]
+        return np.minimum(np.maximum(inputs, lower), upper)
 
     def within_reach(self, k: int, previous: FloatArray) -> FloatArray:
         """Return the input nearest to `previous` (m,) from which a step leads into the bounds.
 
         From any other there is no solution at tick `k`.
         """
-        return clipped(previous, self.reach[k])
+        lower, upper = self.reach[k]
+        return np.minimum(np.maximum(previous, lower), upper)
 
 
 class CondensedHorizon:
@@ -183,9 +194,10 @@ class CondensedHorizon:
         cost[:, :, known:] += 2.0 * np.diag(np.tile(tuning.step_weight, moves))
 
         self.prediction = stages[:, 1:]  # outputs of Z_1 ... Z_Np (ticks, Np, p, n + m + m Nc)
-        self._by_known = np.ascontiguousarray(cost[:, :, :known])  # (ticks, m Nc, n + m)
+        self._by_known = cost[:, :, :known]  # (ticks, m Nc, n + m)
         hessian = cost[:, :, known:]
         self._hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))  # (ticks, m Nc, m Nc)
+        self._moves = moves
         sums = np.tril(np.ones((moves, moves)))
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
         self._bounds = move_bounds(tuning, period_s, len(a), bounds)
@@ -195,27 +207,33 @@ class CondensedHorizon:
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
         """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
         bounds = self._bounds
-        gradient, lower, upper = tick_vectors(
-            self._by_known, bounds.lower, bounds.upper, k, state, previous_input
-        )
+        shift = np.tile(previous_input, self._moves)
+        known = np.concatenate([state, previous_input])
         return QP(
             hessian=self._hessian[k],
-            gradient=gradient,
+            gradient=ordered_product(self._by_known[k], known),
             matrix=self._matrix,
-            lower=lower,
-            upper=upper,
+            lower=bounds.lower[k] - shift,
+            upper=bounds.upper[k] - shift,
             step_lower=bounds.step_lower[k],
             step_upper=bounds.step_upper[k],
         )
 
     def _require_convex(self) -> None:
-        try:
-            factors = np.linalg.cholesky(self._hessian)
-        except np.linalg.LinAlgError:
-            factors = np.full(1, np.nan)
-        # The factorisation of a matrix that is not finite may end without an error.
-        if not (np.isfinite(factors).all() and np.isfinite(self._by_known).all()):
+        if not (is_convex(self._hessian) and np.isfinite(self._by_known).all()):
             raise InvalidTuning("the cost is not finite and convex all along the reference")
+
+
+def is_convex(hessian: FloatArray) -> bool:
+    """Whether one `hessian` (n, n), or each of (N, n, n), is finite and positive definite."""
+    # The factorisation of a matrix that is not finite may end without an error.
+    if not np.isfinite(hessian).all():
+        return False
+    try:
+        np.linalg.cholesky(hessian)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def move_bounds(

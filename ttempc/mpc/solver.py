@@ -9,8 +9,7 @@ import numpy as np
 import piqp
 
 from ..types import FloatArray, SolverReport
-from .qp import QP
-from .step_kernels import convex, finite, slack
+from .qp import QP, is_convex
 
 # PIQP's default of 1e-8 leaves errors of 1e-5 in the first move where bounds are weakly active.
 _TOLERANCE = 1e-11
@@ -42,10 +41,10 @@ class PersistentSolver:
 
     def solve(self, qp: QP) -> QPSolution:
         """Return the minimiser of `qp`, or say why there is none."""
-        sound = finite(qp.gradient, qp.lower, qp.upper)
-        if not sound or not convex(qp.hessian):
+        finite = all(np.isfinite(part).all() for part in (qp.gradient, qp.lower, qp.upper))
+        if not finite or not is_convex(qp.hessian):
             self._solver = None
-            status = "hessian not convex" if sound else "input not finite"
+            status = "hessian not convex" if finite else "input not finite"
             return QPSolution(None, SolverReport(status, False, 0, 0.0, math.inf, math.inf))
         solver = self._load(qp)
         status = solver.solve()
@@ -103,6 +102,5 @@ class PersistentSolver:
 
 
 def _within_bounds(qp: QP, x: FloatArray) -> bool:
-    """Whether `x` (n,) is finite and inside the bounds; comparisons with NaN are false."""
-    inside = slack(qp.matrix, x, qp.lower, qp.upper, qp.step_lower, qp.step_upper)
-    return inside >= -_BOUND_TOLERANCE
+    """Whether `x` (n,) is finite and inside the bounds."""
+    return bool(np.isfinite(x).all() and (qp.slack(x) >= -_BOUND_TOLERANCE).all())
