@@ -11,6 +11,7 @@ from ..laws.articulated_mpc import TUNING
 from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
 from ..mpc.articulated_error import error_dynamics, error_state
 from ..mpc.qp import HorizonTuning
+from ..mpc.riccati import riccati_gains
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Estimate, FloatArray, Input
 from ..vehicle import Vehicle
@@ -25,7 +26,7 @@ LQR_TUNING = replace(TUNING, step_weight=(1.0, 1.0, 1.0))
 _BEYOND_S = 30.0
 
 
-def riccati_gains(
+def step_gains(
     a: FloatArray, b: FloatArray, c: FloatArray, output_weight: FloatArray, step_weight: FloatArray
 ) -> FloatArray:
     """Return the gains K (N, m, n + m) of the steps Delta u_k = -K_k (z_k, u_{k-1}).
@@ -34,22 +35,17 @@ def riccati_gains(
 
         z_{k+1} = A_k z_k + B_k u_k,    y_k = C_k z_k,    u_k = u_{k-1} + Delta u_k,
 
-    by the Riccati recursion backwards from P_N = C_N' Q C_N, with A (N, n, n), B (N, n, m),
-    C (N + 1, p, n) and diagonal weights Q (p,), R (m,).
+    with A (N, n, n), B (N, n, m), C (N + 1, p, n) and the diagonal weights Q (p,), R (m,). The
+    regulator's state is (z_k, u_{k-1}) and its terminal cost C_N' Q C_N.
     """
     count, n, m = b.shape
-    gains = np.zeros((count, m, n + m))
-    cost = np.zeros((n + m, n + m))  # P
-    cost[:n, :n] = (c[count].T * output_weight) @ c[count]
-    for k in range(count - 1, -1, -1):
-        through = np.block([[a[k], b[k]], [np.zeros((m, n)), np.eye(m)]])
-        by_step = through[:, n:]  # a step acts as the input before it does
-        ahead = by_step.T @ cost
-        gains[k] = np.linalg.solve(np.diag(step_weight) + ahead @ by_step, ahead @ through)
-        cost = through.T @ cost @ (through - by_step @ gains[k])
-        cost[:n, :n] += (c[k].T * output_weight) @ c[k]
-        cost = 0.5 * (cost + cost.T)
-    return gains
+    augmented = np.zeros((count, n + m, n + m))  # of (z_k, u_{k-1})
+    augmented[:, :n, :n], augmented[:, :n, n:] = a, b
+    augmented[:, n:, n:] = np.eye(m)
+    by_step = augmented[:, :, n:]  # a step acts as the previous input does
+    cost = np.zeros((count + 1, n + m, n + m))
+    cost[:, :n, :n] = [(outputs.T * output_weight) @ outputs for outputs in c]
+    return riccati_gains(augmented, by_step, cost[:-1], step_weight, cost[-1])
 
 
 class LqrFeedback:
@@ -69,7 +65,7 @@ class LqrFeedback:
     ) -> None:
         a, b, c = error_dynamics(reference, period_s, len(feedforward))
         weights = np.array(tuning.output_weight), np.array(tuning.step_weight)
-        self._gains = riccati_gains(a, b, c, *weights)
+        self._gains = step_gains(a, b, c, *weights)
         self._feedforward = feedforward  # u_r (N, 3)
         self._state = grid.state
         self._vehicle = reference.vehicle

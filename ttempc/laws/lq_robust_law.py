@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import InvalidTuning
-from ..mpc.riccati import regulator_gains
+from ..mpc.riccati import riccati_gains
 from ..types import FloatArray, State
 from .robust_law import Nominal, RobustGains
 
@@ -102,7 +102,7 @@ class RobustRegulator:
     ) -> None:
         seen = c[:-1, :, :_N]
         cost = seen.transpose(0, 2, 1) @ seen
-        gains = regulator_gains(a[:, :_N, :_N], b[:, :_N], cost, np.array(tuning.input_weight))
+        gains = riccati_gains(a[:, :_N, :_N], b[:, :_N], cost, np.array(tuning.input_weight))
         self._limit = np.array(tuning.saturation)
         self._relative = gains / self._limit[:, None]  # (N, 3, 7)
         self._positions = seen

@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 from ..errors import InvalidTube, InvalidTuning
 from ..limits import CommandLimits
-from ..mpc.riccati import regulator_gains
+from ..mpc.riccati import riccati_gains
 from ..types import FloatArray, Input
 from .disturbance_set import DisturbanceSet
 from .tube import TrackingSystem, Tube, invariant_tube
@@ -71,7 +71,7 @@ def gain_schedule(
     outputs, inner = np.array(weights.outputs), np.diag([0.0, 0.0, *weights.states])
     cost = c.transpose(0, 2, 1) @ (outputs[:, None] * c) + inner  # (T, n, n)
     try:
-        return -regulator_gains(a, b, cost, np.array(weights.inputs))
+        return -riccati_gains(a, b, cost, np.array(weights.inputs))
     except InvalidTuning as reason:
         raise InvalidTube(f"no ancillary gain minimises {weights}: {reason}") from None
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.laws.test_articulated_mpc import estimate
-from ttempc.baselines.lqr import LQR_TUNING, riccati_gains
+from ttempc.baselines.lqr import LQR_TUNING, step_gains
 from ttempc.guidance.controllers import make_controller
 from ttempc.models.kinematics import advance, trailer_point
 from ttempc.models.valves import slew
@@ -29,7 +29,7 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
     """Riccati from the end of the horizon backwards minimises what the condensed QP minimises."""
     stages = 80
     a, b, c = error_dynamics(REFERENCE, PERIOD_S, stages)
-    gain = riccati_gains(a, b, c, *WEIGHTS)[0]
+    gain = step_gains(a, b, c, *WEIGHTS)[0]
     tuning = replace(LQR_TUNING, horizon=stages, moves=stages)
     horizon = CondensedHorizon(a, b, tuning, PERIOD_S, c)
     generator = np.random.default_rng(5)
@@ -45,8 +45,8 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
 def test_gains_forget_the_end_of_the_reference():
     """What lies thirty seconds ahead does not move the gain: the controller may stop there."""
     a, b, c = error_dynamics(REFERENCE, PERIOD_S, 350)
-    near = riccati_gains(a[:250], b[:250], c[:251], *WEIGHTS)[100]
-    far = riccati_gains(a, b, c, *WEIGHTS)[100]
+    near = step_gains(a[:250], b[:250], c[:251], *WEIGHTS)[100]
+    far = step_gains(a, b, c, *WEIGHTS)[100]
     np.testing.assert_allclose(near, far, rtol=1e-3, atol=1e-3 * np.abs(far).max())
 
 

@@ -11,7 +11,7 @@ import pytest
 from ttempc.errors import InvalidTuning
 from ttempc.laws.lq_robust_law import TUBE, Recurrence, RegulatorTuning, RobustRegulator
 from ttempc.mpc.articulated_error import error_dynamics
-from ttempc.mpc.riccati import regulator_gains
+from ttempc.mpc.riccati import riccati_gains
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Disturbance, MapDisturbance, State
@@ -46,7 +46,7 @@ def test_no_other_gain_costs_less():
     a, b, c = model()
     a, b, c = a[:, :7, :7], b[:, :7], c[:-1, :, :7]
     state_cost, weight = c.transpose(0, 2, 1) @ c, np.array([0.3, 0.3, 0.05])
-    gains = regulator_gains(a, b, state_cost, weight)
+    gains = riccati_gains(a, b, state_cost, weight)
     z = generator.normal(size=7)
     best = rolled_cost(a, b, state_cost, weight, gains, z)
     for _ in range(10):
@@ -57,14 +57,14 @@ def test_no_other_gain_costs_less():
 def test_gain_of_one_state_is_the_closed_form():
     """z(k+1) = z + u, Q = R = 1: the golden ratio."""
     one = np.ones((4, 1, 1))
-    gains = regulator_gains(one, one, one, np.ones(1))
+    gains = riccati_gains(one, one, one, np.ones(1))
     np.testing.assert_allclose(gains, (math.sqrt(5.0) - 1.0) / 2.0)
 
 
 def test_model_that_cannot_be_stabilised_is_refused():
     a, b = np.full((3, 1, 1), 2.0), np.zeros((3, 1, 1))
     with pytest.raises(InvalidTuning, match="regulator"):
-        regulator_gains(a, b, np.ones((3, 1, 1)), np.ones(1))
+        riccati_gains(a, b, np.ones((3, 1, 1)), np.ones(1))
 
 
 @pytest.mark.parametrize("tuning", [RegulatorTuning(), TUBE])
