@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 
 class TtempcError(Exception):
     """Root of all errors that the control side raises on purpose."""
@@ -35,16 +33,6 @@ class UnknownController(TtempcError):
 
 class MissingPackage(TtempcError):
     """An optional package that is asked for and not installed; the message says how to get it."""
-
-
-class EmptySet(TtempcError):
-    """A set without a point, as what is left where more is taken off than there is."""
-
-    def __init__(self, direction: Sequence[float], gap: float) -> None:
-        self.direction = tuple(float(entry) for entry in direction)
-        self.gap = gap
-        shown = ", ".join(f"{entry:.3g}" for entry in self.direction)
-        super().__init__(f"the set is empty: along ({shown}) {gap:.4g} are missing")
 
 
 class InvalidTube(TtempcError):
