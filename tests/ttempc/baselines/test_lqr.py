@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.laws.test_articulated_mpc import estimate
-from ttempc.baselines.lqr import LQR_TUNING, step_gains
+from ttempc.baselines.lqr import LqrOptions, step_gains
 from ttempc.guidance.controllers import make_controller
+from ttempc.laws.articulated_options import MpcOptions
 from ttempc.models.kinematics import advance, trailer_point
 from ttempc.models.valves import slew
 from ttempc.mpc.articulated_error import error_dynamics
@@ -22,7 +22,8 @@ from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
-WEIGHTS = np.array(LQR_TUNING.output_weight), np.array(LQR_TUNING.step_weight)
+OPTIONS = LqrOptions()
+WEIGHTS = np.array(OPTIONS.output_weight), np.array(OPTIONS.step_weight)
 
 
 def test_first_step_is_that_of_a_long_mpc_without_bounds():
@@ -30,7 +31,7 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
     stages = 80
     a, b, c = error_dynamics(REFERENCE, PERIOD_S, stages)
     gain = step_gains(a, b, c, *WEIGHTS)[0]
-    tuning = replace(LQR_TUNING, horizon=stages, moves=stages)
+    tuning = MpcOptions(horizon=stages, moves=stages, step_weight=OPTIONS.step_weight)
     horizon = CondensedHorizon(a, b, tuning, PERIOD_S, c)
     generator = np.random.default_rng(5)
     for _ in range(5):

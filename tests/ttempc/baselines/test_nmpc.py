@@ -10,8 +10,7 @@ import pytest
 
 from proving_ground.experiments.benchmarks.programme import Programme
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
-from ttempc.baselines.nmpc import nmpc_controller
-from ttempc.baselines.nmpc_solver import GaussNewton
+from ttempc.baselines.nmpc import NmpcOptions, nmpc_controller
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -99,7 +98,7 @@ def test_exchanged_plans_keep_the_trailer_closer_where_the_tractor_starts_to_tur
 
 
 def test_says_so_where_it_does_not_converge():
-    hasty = nmpc_controller(VEHICLE, LINE, PERIOD_S, solver=partial(GaussNewton, iterations=2))
+    hasty = nmpc_controller(VEHICLE, LINE, PERIOD_S, NmpcOptions(iterations=2))
     step = hasty.step(seen_truth(LINE.at(0.0).state + 3.0 * DIRECTION, 0.0, VEHICLE), 0)
     assert step.diagnostics.fallback == "not converged in 2 iterations: last plan driven"
 

@@ -11,7 +11,6 @@ import pytest
 from ttempc.estimation.augmented_state import SIZE, Belief, estimate_of
 from ttempc.estimation.augmented_state_kernel import advance_belief, vehicle_table
 from ttempc.guidance.controllers import make_controller
-from ttempc.laws.articulated_mpc import TUNING
 from ttempc.limits import CommandLimits
 from ttempc.models.kinematics import advance, hitch_angle, trailer_point
 from ttempc.models.valves import slew
@@ -169,7 +168,3 @@ def test_recovers_from_a_metre_and_twenty_degrees_within_fifteen_metres_and_the_
     limits = CommandLimits.of(VEHICLE, PERIOD_S)
     assert np.all((commands >= limits.lower) & (commands <= limits.upper))
     assert np.all(np.abs(np.diff(commands, axis=0)) <= limits.step + 1e-12)
-
-
-def test_horizon_reaches_over_the_vehicle():
-    assert TUNING.horizon * PERIOD_S >= VEHICLE.drawbar_offset + VEHICLE.trailer_length

@@ -1,4 +1,4 @@
-"""The tube MPC on the model that it knows, pushed as far as its set allows, and beyond."""
+"""The tube MPC on its own model, under disturbances within its set and beyond."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WINDOW, admissible, along
 from ttempc.errors import InvalidTube
 from ttempc.guidance.controllers import make_controller
-from ttempc.laws.articulated_mpc import TUNING
+from ttempc.laws.articulated_options import MpcOptions
 from ttempc.limits import CommandLimits
 from ttempc.models.kinematics import hitch_angle, trailer_point
 from ttempc.mpc.articulated_error import error_dynamics
@@ -18,6 +18,7 @@ from ttempc.types import Disturbance, Estimate, MapDisturbance, State
 
 TICKS = 300
 ALONG = along()
+OPTIONS = MpcOptions()
 LIMITS = CommandLimits.of(VEHICLE, PERIOD_S)
 GRID = REFERENCE.on_grid(PERIOD_S)
 
@@ -94,8 +95,8 @@ def test_a_missed_tick_starts_anew_at_the_estimate():
 def test_the_nominal_loop_contracts_over_a_lap():
     """Why no terminal cost: away from the bounds, the horizon's own gain is stable by itself."""
     ticks = 690
-    a, b, c = error_dynamics(REFERENCE, PERIOD_S, ticks + TUNING.horizon)
-    horizon = CondensedHorizon(a, b, TUNING, PERIOD_S, c)
+    a, b, c = error_dynamics(REFERENCE, PERIOD_S, ticks + OPTIONS.horizon)
+    horizon = CondensedHorizon(a, b, OPTIONS, PERIOD_S, c)
     n, total = a.shape[1], np.eye(10)
     for k in range(ticks):
         # The first step is linear in (z, u_{k-1}); what is carried on is (z, u_k).

@@ -148,11 +148,11 @@ def test_a_step_from_within_reach_leads_into_the_bounds():
     first, step = horizon().first, np.asarray(TUNING.input_rate) * PERIOD_S
     for _ in range(200):
         k = int(generator.integers(horizon().ticks))
-        previous = first.within_reach(k, generator.normal(size=3))
-        landed = first.within(k, previous)
+        previous = first.clamp_previous(k, generator.normal(size=3))
+        landed = first.clamp(k, previous)
         assert np.all(np.abs(landed - previous) <= step + 1e-15)
-        inside = first.within(k, 0.3 * generator.normal(size=3))
-        np.testing.assert_array_equal(first.within_reach(k, inside), inside)
+        inside = first.clamp(k, 0.3 * generator.normal(size=3))
+        np.testing.assert_array_equal(first.clamp_previous(k, inside), inside)
 
 
 @pytest.mark.parametrize(

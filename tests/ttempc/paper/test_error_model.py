@@ -11,13 +11,13 @@ from scipy.linalg import expm
 
 from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning
-from ttempc.laws.robust_law import RobustGains
 from ttempc.models.kinematics import trailer_point
 from ttempc.models.tracking_error import Error, tracking_error
 from ttempc.mpc.discretisation import zero_order_hold
 from ttempc.paper.equations import PaperEquations
 from ttempc.paper.error_model import linearise
 from ttempc.paper.feedforward import printed_feedforward
+from ttempc.paper.robust_law import RobustGains
 from ttempc.reference.feedforward import exact_feedforward
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference

@@ -13,7 +13,7 @@ from ttempc.errors import InvalidTube
 from ttempc.limits import CommandLimits
 from ttempc.mpc.articulated_error import remaining_bounds
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.ancillary import InputRoom, gain_schedule, search_weights
+from ttempc.tube.ancillary import InputMargin, gain_schedule, search_weights
 from ttempc.tube.tube import TrackingSystem, invariant_tube
 from ttempc.types import Input
 
@@ -50,11 +50,11 @@ def test_the_reference_itself_is_within_the_tightened_bounds():
 
 
 def test_the_true_vehicle_is_allowed_the_estimators_error_on_top():
-    blur = ALONG.half_widths - np.concatenate(
+    width = ALONG.half_widths - np.concatenate(
         [ALONG.tube.states, ALONG.tube.outputs[:, 2:]], axis=1
     )
-    np.testing.assert_allclose(blur[:, :7], np.tile(np.diag(DESIGN.estimate_error.axes), (690, 1)))
-    assert np.all(blur[:, 7:] > 0.0)
+    np.testing.assert_allclose(width[:, :7], np.tile(np.diag(DESIGN.estimate_error.axes), (690, 1)))
+    assert np.all(width[:, 7:] > 0.0)
 
 
 def test_another_vehicle_or_period_is_refused_with_the_numbers():
@@ -94,7 +94,7 @@ def test_the_search_narrows_the_tube_and_leaves_the_reserve(monkeypatch):
     monkeypatch.setattr("ttempc.tube.ancillary._EVALUATIONS", 60)
     system = ALONG.tube.system
     a, b, c = system.a[ROADS], system.b[ROADS], system.c[ROADS]
-    room = InputRoom.of(ALONG.feedforward[ROADS], LIMITS)
+    margin = InputMargin.of(ALONG.feedforward[ROADS], LIMITS)
     reserve = 0.2 * np.array([VEHICLE.steering_limit_t, VEHICLE.steering_limit_i, 0.0])
 
     def cross_track(weights):
@@ -105,8 +105,8 @@ def test_the_search_narrows_the_tube_and_leaves_the_reserve(monkeypatch):
         return tube.outputs[:, [1, 3]].max(), tube
 
     start = replace(WEIGHTS, inputs=(5.0, 5.0, 5.0))
-    found = search_weights(a, b, c, WINDOW, room, reserve, start)
+    found = search_weights(a, b, c, WINDOW, margin, reserve, start)
     (before, _), (after, tube) = cross_track(start), cross_track(found)
     assert after < 0.9 * before
-    assert np.all(tube.inputs <= room.amplitudes - reserve)
-    assert np.all(tube.inputs[:, Input.HP] <= room.amplitudes[:, Input.HP])
+    assert np.all(tube.inputs <= margin.amplitudes - reserve)
+    assert np.all(tube.inputs[:, Input.HP] <= margin.amplitudes[:, Input.HP])
