@@ -72,15 +72,15 @@ def test_what_lies_in_the_set_lies_within_the_half_widths():
 def test_the_controller_reports_what_a_step_added_and_commands_the_same():
     """A jump of the estimate is the deviation of that tick; nothing jumped before."""
     monitored = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, design=DESIGN)
-    alone = articulated_controller(VEHICLE, REFERENCE, PERIOD_S)
+    unmonitored = articulated_controller(VEHICLE, REFERENCE, PERIOD_S)
     jump = np.array([0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0])
     margins = []
     for k in range(7):
         estimate = on(jump if k == 6 else np.zeros(7), k)
-        one, other = monitored.step(estimate, k), alone.step(estimate, k)
-        assert one.command == other.command
-        assert other.diagnostics.tube is None
-        margins.append(one.diagnostics.tube.margin)
+        step, plain = monitored.step(estimate, k), unmonitored.step(estimate, k)
+        assert step.command == plain.command
+        assert plain.diagnostics.tube is None
+        margins.append(step.diagnostics.tube.margin)
     residual = error_state(estimate.state + jump, estimate, VEHICLE)[:7]
     assert min(margins[:6]) > 0.9
     assert margins[6] == pytest.approx(1.0 - DESIGN.disturbance.gauge(residual), abs=0.05)

@@ -1,4 +1,4 @@
-"""The condensed QP says the same as the horizon written out."""
+"""Condensed QP against the horizon written out."""
 
 from __future__ import annotations
 
@@ -138,9 +138,9 @@ def test_convex_is_finite_and_positive_definite():
         assert is_convex(matrix) == (np.linalg.eigvalsh(matrix)[0] > 0.0)
         assert not is_convex(np.stack([np.eye(9), matrix - 1e3 * np.eye(9)]))
     for bad in (np.nan, np.inf):
-        spoilt = np.eye(9)
-        spoilt[5, 3] = spoilt[3, 5] = bad
-        assert not is_convex(spoilt)
+        corrupted = np.eye(9)
+        corrupted[5, 3] = corrupted[3, 5] = bad
+        assert not is_convex(corrupted)
 
 
 def test_a_step_from_within_reach_leads_into_the_bounds():

@@ -1,4 +1,4 @@
-"""The robust action: saturation, both nominal readings, derivative."""
+"""Robust law of the paper: saturation, derivative, and both nominal readings."""
 
 from __future__ import annotations
 

@@ -18,12 +18,12 @@ def generator():
     return np.random.default_rng(6)
 
 
-def test_one_step_sets_are_the_well_known_ones(generator):
+def test_one_step_sets_are_zonotope_and_ellipsoid(generator):
     w = generator.standard_normal((50, 3))
     a = generator.standard_normal((50, 3))
     zonotope, ellipsoid = DisturbanceSet(AXES), DisturbanceSet(AXES, shape="ellipsoid")
     as_generators = Zonotope(np.zeros(3), AXES)
-    np.testing.assert_allclose(zonotope.fill(w), [as_generators.gauge(one) for one in w], rtol=1e-6)
+    np.testing.assert_allclose(zonotope.fill(w), [as_generators.gauge(row) for row in w], rtol=1e-6)
     np.testing.assert_allclose(zonotope.support(a), as_generators.support(a))
     shape = AXES @ AXES.T
     np.testing.assert_allclose(
@@ -47,7 +47,7 @@ def test_reach_bounds_every_window_and_the_worst_one_attains_it(shape, window, g
 
 
 @pytest.mark.parametrize("shape", ["zonotope", "ellipsoid"])
-def test_what_the_faces_let_through_is_inside(shape, generator):
+def test_disturbances_within_the_faces_are_inside(shape, generator):
     disturbance = DisturbanceSet(AXES, 4, shape)
     faces, inner = disturbance.faces
     inside = np.linalg.solve(faces, inner * generator.uniform(-1.0, 1.0, (3, 200))).T

@@ -1,4 +1,4 @@
-"""Invariance of tubes: in closed form, in dense directions, and by what trajectories do."""
+"""Invariance of tubes: in closed form, in dense directions, and by trajectories."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_every_set_leads_into_the_set_a_window_later(name, generator):
 
 
 def driven(tube: Tube, last: int, disturbances):
-    """Deviation at every tick up to `last`, from 0; (steps + 1, 7) for (steps, 7)."""
+    """Return the deviation at every tick up to `last` from 0, (steps + 1, 7) for (steps, 7)."""
     m = np.zeros((len(disturbances) + 1, *disturbances.shape[1:]))
     for step, w in enumerate(disturbances):
         k = max(0, last - len(disturbances) + step)
@@ -92,9 +92,9 @@ def test_no_trajectory_leaves_and_the_worst_ones_reach_the_boundary(name, genera
         assert np.all(np.abs(u) <= tube.inputs * (1.0 + 1e-12))
         assert np.all(np.abs(np.diff(u, axis=0)) <= tube.rates[1:] * (1.0 + 1e-12))
     k = 300
-    asked = np.concatenate([np.eye(7), tube.system.c[k], tube.system.gains[k]])
+    rows = np.concatenate([np.eye(7), tube.system.c[k], tube.system.gains[k]])
     bounds = np.concatenate([tube.states[k], tube.outputs[k], tube.inputs[k]])
-    for row, bound in zip(asked, bounds, strict=True):
+    for row, bound in zip(rows, bounds, strict=True):
         worst = row @ driven(tube, k, tube.worst_case(k, row))[-1]
         assert worst == pytest.approx(bound * (1.0 - tube.certificate.alpha))
 
