@@ -53,7 +53,7 @@ class HorizonSolver(Protocol):
         ...
 
     def prepare(self) -> None:
-        """Get ready for the next call, without any effect on it."""
+        """Get ready for the next call, which gives the same plan but for its last digits."""
         ...
 
     def fresh(self) -> HorizonSolver:
@@ -120,7 +120,10 @@ class GaussNewton:
             return self._minimise(task, steps)
 
     def prepare(self) -> None:
-        """Minimise the last task again and drop the result, which fills the caches."""
+        """Minimise the last task again and drop the result, which fills the caches.
+
+        Later results change by the last digits of PIQP's iterates.
+        """
         if self._last:
             self.minimise(*self._last)
 

@@ -24,8 +24,8 @@ class FeedbackAction:
 class LinearMpc:
     """Receding horizon: solve the QP of a tick and apply its first step.
 
-    Where the QP has no accepted solution, the previous input is held. No memory changes a result,
-    but for the last digits of the solver's iterates.
+    Where the QP has no accepted solution, the previous input is held. A result depends on earlier
+    ones in the last digits of the solver's iterates only.
     """
 
     def __init__(self, horizon: CondensedHorizon) -> None:

@@ -200,7 +200,8 @@ class CondensedHorizon:
         cost[:, :, given:] += 2.0 * np.diag(np.tile(tuning.step_weight, moves))
 
         self.prediction = stages[:, 1:]  # C Z_1 ... C Z_Np (ticks, Np, p, n + m + m Nc)
-        self._gradient = cost[:, :, :given]  # gradient over (z_k, u_{k-1}), (ticks, m Nc, n + m)
+        # Gradient over (z_k, u_{k-1}), (ticks, m Nc, n + m).
+        self._gradient = np.ascontiguousarray(cost[:, :, :given])
         hessian = cost[:, :, given:]
         self._hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))  # (ticks, m Nc, m Nc)
         self._moves = moves
@@ -213,7 +214,7 @@ class CondensedHorizon:
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
         """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
         bounds = self._bounds
-        shift = np.tile(previous_input, self._moves)
+        shift = np.concatenate([previous_input] * self._moves)  # (m Nc,)
         given = np.concatenate([state, previous_input])
         return QP(
             hessian=self._hessian[k],
