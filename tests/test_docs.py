@@ -22,6 +22,7 @@ DATA = [  # files whose comments name modules and pages
     *sorted((ROOT / "mjcf").rglob("*.toml")),
     *sorted((ROOT / "experiments").rglob("*.toml")),
 ]
+COMMAND = re.compile(r"(?<![\w./-])(?<!from )ttempc ([a-z][\w-]*)([^#|]*)")
 PATH = re.compile(r"(?<![\w./-])[\w.-]+(?:/[\w.-]*\w)+")
 DOTTED = re.compile(rf"(?<![\w./-])(?:{'|'.join(PACKAGES)})(?:\.\w+)+")
 PLACEHOLDER = "NAME"  # in a path that a page explains
@@ -134,7 +135,9 @@ def test_named_tests_exist(page):
 @every_page
 def test_commands_and_their_options_exist(page):
     for line in code_lines(page):
-        for command, rest in re.findall(r"(?<![\w./-])(?<!from )ttempc ([a-z][\w-]*)([^#|]*)", line):
+        for command, rest in re.findall(
+            r"(?<![\w./-])(?<!from )ttempc ([a-z][\w-]*)([^#|]*)", line
+        ):
             words = (command, rest.split()[0]) if command == "log" and rest.split() else (command,)
             text = help_of(*words)
             assert text, line

@@ -1,40 +1,38 @@
-"""Errors of the control side. Every one of them is a `TtempcError`."""
+"""Errors of the control library; all derive from `TtempcError`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 
 class TtempcError(Exception):
-    """Root of all errors that the control side raises on purpose."""
+    """Root of all errors that the library raises on purpose."""
 
 
 class InvalidVehicle(TtempcError):
-    """A vehicle that cannot exist: a length, a limit or a constant out of its range."""
+    """A length, a limit or a constant of a vehicle is out of its range."""
 
 
 class InvalidPath(TtempcError):
-    """A path that cannot be built or driven; the message names the place on it."""
+    """A path cannot be built or driven; the message names the place on it."""
 
 
 class InvalidTuning(TtempcError):
-    """A weight, a horizon or a gain out of its range."""
+    """An option of a controller is out of its range: a weight, a horizon, a gain."""
 
 
 class InvalidReference(TtempcError):
-    """A reference that the vehicle cannot follow in time: a speed out of its range."""
+    """A speed of a reference is out of the vehicle's range."""
 
 
 class UnknownSensor(TtempcError):
-    """A sensor of which the filter has no model; the message lists those that it knows."""
+    """The filter has no model of a sensor; the message lists the sensors that it has one of."""
 
 
 class UnknownController(TtempcError):
-    """A controller name that is not in the table; the message lists those that are."""
+    """No controller has this name; the message lists the names that exist."""
 
 
 class MissingPackage(TtempcError):
-    """An optional package that is asked for and not installed; the message says how to get it."""
+    """An optional package is needed and not installed; the message contains the command."""
 
 
 class UnknownEstimator(TtempcError):
@@ -60,15 +58,5 @@ class EstimatorFailed(GuidanceFailed):
     """An estimator raised, or returned no `Estimate`."""
 
 
-class EmptySet(TtempcError):
-    """A set without a point, as what is left where more is taken off than there is."""
-
-    def __init__(self, direction: Sequence[float], gap: float) -> None:
-        self.direction = tuple(float(entry) for entry in direction)
-        self.gap = gap
-        shown = ", ".join(f"{entry:.3g}" for entry in self.direction)
-        super().__init__(f"the set is empty: along ({shown}) {gap:.4g} are missing")
-
-
 class InvalidTube(TtempcError):
-    """A tube that cannot be had, or does not belong to the vehicle or the reference at hand."""
+    """A tube does not exist, or was made for another vehicle or control period."""

@@ -6,6 +6,7 @@ state is an unknown (multiple shooting), in the order that solvers for optimal c
 
 from __future__ import annotations
 
+import copy
 import math
 from typing import Any, Final
 
@@ -125,6 +126,12 @@ class Programme:
 
     def prepare(self) -> None:
         """Do nothing: the benchmark times it warm."""
+
+    def fresh(self) -> Programme:
+        """Return the programme before its first task; it shares CasADi's solver."""
+        programme = copy.copy(self)
+        programme._found = None
+        return programme
 
     def _limits(self, inputs: FloatArray, steps: FloatArray, free: float) -> FloatArray:
         """Return the limits of all unknowns from those of the free stages, (m Nc,) each."""

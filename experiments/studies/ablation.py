@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import math
 import sys
-from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from ttempc.guidance.controllers import feedforward_controller
 from ttempc.guidance.guidance import ControllerFactory
-from ttempc.laws.articulated_mpc import TUNING, articulated_controller
-from ttempc.laws.lq_robust_law import TUBE, RegulatorTuning
+from ttempc.laws.articulated_mpc import articulated_controller
+from ttempc.laws.articulated_options import ArticulatedOptions
 
 from ..results.published import COLUMNS
 from ..results.summary import Summary
@@ -31,24 +30,23 @@ from .batch import mean_errors_cm
 SCENARIOS: Final = ("grass", "wet-slope", "patchy", "old-valves")
 
 
-_without = partial(articulated_controller, robust=None)
+def _variant(**options: Any) -> ControllerFactory:  # noqa: ANN401 - any field of the options
+    return partial(articulated_controller, options=ArticulatedOptions(**options))
+
+
 VARIANTS: Final[dict[str, ControllerFactory]] = {
     "feedforward": feedforward_controller,
-    "+ LMPC": partial(_without, disturbed=False),
-    "+ LMPC, robust": partial(articulated_controller, disturbed=False),
-    "+ LMPC, disturbance (`ttempc-nominal`)": _without,
-    "+ LMPC, disturbance, robust (`ttempc`)": articulated_controller,
-    "the same, MPC tightened by the law's authority": partial(
-        articulated_controller, robust=RegulatorTuning(tightened=True)
+    "+ LMPC": _variant(robust=False, disturbances=False),
+    "+ LMPC, robust": _variant(disturbances=False),
+    "+ LMPC, disturbance (`ttempc-nominal`)": _variant(robust=False),
+    "+ LMPC, disturbance, robust (`ttempc`)": _variant(),
+    "the same, MPC tightened by the law's authority": _variant(tightened=True),
+    "robust in the tube reading": _variant(nominal="tube"),
+    "no robust, step weights 1, 1, 1": _variant(robust=False, step_weight=(1.0, 1.0, 1.0)),
+    "no robust, step weights 0.05, 0.05, 0.02": _variant(
+        robust=False, step_weight=(0.05, 0.05, 0.02)
     ),
-    "robust in the tube reading": partial(articulated_controller, robust=TUBE),
-    "no robust, step weights 1, 1, 1": partial(
-        _without, tuning=replace(TUNING, step_weight=(1.0, 1.0, 1.0))
-    ),
-    "no robust, step weights 0.05, 0.05, 0.02": partial(
-        _without, tuning=replace(TUNING, step_weight=(0.05, 0.05, 0.02))
-    ),
-    "no robust, horizon 12": partial(_without, tuning=replace(TUNING, horizon=12)),
+    "no robust, horizon 12": _variant(robust=False, horizon=12),
 }
 
 

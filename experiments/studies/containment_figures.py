@@ -11,7 +11,7 @@ from matplotlib.ticker import PercentFormatter
 
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference, ReferenceSample
-from ttempc.tube.reference_tube import ReferenceTube, TubeDesign, seen
+from ttempc.tube.reference_tube import ReferenceTube, TubeDesign, report_rows
 from ttempc.tube.sets import linear_map, minkowski_sum, outline
 from ttempc.types import State
 
@@ -130,7 +130,7 @@ def _sections(
         "straight": int(np.argmin(bend)),
         "curve": int(np.argmax(bend > 0.0999)) + _INTO_THE_BEND,
     }
-    rows = seen(along.tube.system.c)
+    rows = report_rows(along.tube.system.c)
     for axes, names in zip(figure.subplots(1, 3), _PLANES, strict=True):
         columns = [QUANTITIES.index(name) for name in names]
         points = np.concatenate([track["deviation"][:, columns] for track in tracks])

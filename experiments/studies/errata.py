@@ -15,7 +15,7 @@ import numpy as np
 
 from ttempc.guidance.guidance import ControllerFactory
 from ttempc.paper.composition import paper_controller
-from ttempc.paper.equations import PaperEquations
+from ttempc.paper.options import PaperOptions
 
 from ..results.published import COLUMNS
 from ..run.simulate import simulate
@@ -25,8 +25,8 @@ from .batch import mean_errors_cm
 SEEDS = (1, 2, 3)
 
 
-def _reading(**changes: Any) -> ControllerFactory:  # noqa: ANN401 - any field of PaperEquations
-    return partial(paper_controller, equations=PaperEquations(**changes))
+def _reading(**changes: Any) -> ControllerFactory:  # noqa: ANN401 - any field of PaperOptions
+    return partial(paper_controller, options=PaperOptions(**changes))
 
 
 READINGS = {
@@ -42,7 +42,7 @@ READINGS = {
     "7 as printed": _reading(hp_full_scale=100),
     "8: the tube's own nominal": _reading(nominal="tube"),
     "6 as printed, with 8: `paper-printed-sign`": _reading(robust_sign=1, nominal="tube"),
-    "robust action off": partial(paper_controller, gains=None),
+    "robust action off": _reading(robust=False),
 }
 
 

@@ -15,12 +15,12 @@ import math
 import numpy as np
 
 from ttempc.errors import InvalidTube
-from ttempc.laws.robust_law import RobustGains
 from ttempc.models.tracking_error import POSITIONS, Error
 from ttempc.mpc.discretisation import zero_order_hold
 from ttempc.mpc.qp import HorizonTuning
 from ttempc.paper.equations import PaperEquations
 from ttempc.paper.error_model import linearise
+from ttempc.paper.robust_law import RobustGains
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.tube.disturbance_set import DisturbanceSet

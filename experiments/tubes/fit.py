@@ -16,7 +16,7 @@ from ttempc.limits import CommandLimits
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.feedforward import exact_feedforward
 from ttempc.reference.reference import Reference
-from ttempc.tube.ancillary import AncillaryWeights, InputRoom, search_weights
+from ttempc.tube.ancillary import AncillaryWeights, InputMargin, search_weights
 from ttempc.tube.disturbance_set import DisturbanceSet, Shape
 from ttempc.tube.reference_tube import ReferenceTube, TubeDesign
 from ttempc.types import FloatArray, State
@@ -206,7 +206,7 @@ def design_weights(
     vehicle, rows = reference.vehicle, list(ticks)
     a, b, c = error_dynamics(reference, CONTROL_PERIOD_S, max(rows) + 1)
     feedforward = exact_feedforward(reference, max(rows) + 1, CONTROL_PERIOD_S)
-    room = InputRoom.of(feedforward[rows], CommandLimits.of(vehicle, CONTROL_PERIOD_S))
+    room = InputMargin.of(feedforward[rows], CommandLimits.of(vehicle, CONTROL_PERIOD_S))
     return search_weights(
         *(a[rows, :_N, :_N], b[rows, :_N], c[rows, :, :_N], disturbance, room),
         reserve=RESERVE * np.array([vehicle.steering_limit_t, vehicle.steering_limit_i, 0.0]),

@@ -1,4 +1,4 @@
-"""A small simulation: a controller on exact kinematics, as a plant without soil."""
+"""Closed loop of a controller and the exact kinematic model with valves, a plant without soil."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ttempc.models.kinematics import advance, hitch_angle, trailer_point
+from ttempc.models.kinematics import NO_DISTURBANCE, advance, hitch_angle, trailer_point
 from ttempc.models.valves import slew
 from ttempc.reference.reference import Reference
 from ttempc.types import Controller, ControlStep, Estimate, FloatArray
@@ -18,26 +18,48 @@ START_UP_S = 8.0
 LOST_M = 5.0
 
 
-def seen_truth(state: FloatArray, time_s: float, vehicle: Vehicle) -> Estimate:
-    """Return an estimate without error."""
+def seen_truth(
+    state: FloatArray,
+    time_s: float,
+    vehicle: Vehicle,
+    disturbance: FloatArray = NO_DISTURBANCE,
+) -> Estimate:
+    """Return the estimate without error of a state (7,) and a disturbance (5,)."""
     return Estimate(
         time_s=time_s,
         state=state,
         covariance=np.zeros((7, 7)),
         trailer_xy=trailer_point(state, vehicle),
         hitch_angle=hitch_angle(state),
+        disturbance=disturbance,
     )
 
 
 @dataclass(frozen=True)
 class Drive:
-    """What happened at every tick until the end or until the vehicle was lost."""
+    """Result of a run at every tick, until its end or until the vehicle was lost."""
 
     tractor_m: FloatArray  # (N,) distance from the tractor's own reference
     trailer_m: FloatArray  # (N,)
     curvature: FloatArray  # (N,) of the reference [1/m]
     steps: list[ControlStep]
-    lost: bool
+    lost: bool  # whether the tractor got farther from its reference than `LOST_M`
+
+    @property
+    def largest_m(self) -> float:
+        """Return the largest distance of either point."""
+        return float(max(self.tractor_m.max(), self.trailer_m.max()))
+
+    @property
+    def commands(self) -> FloatArray:
+        """Return the commands, (N, 3)."""
+        return np.array([step.command.as_array() for step in self.steps])
+
+    def after(self, time_s: float) -> Drive:
+        """Return the run from `time_s` on."""
+        k = round(time_s / PERIOD_S)
+        distances = self.tractor_m[k:], self.trailer_m[k:]
+        return Drive(*distances, self.curvature[k:], self.steps[k:], self.lost)
 
     def mean_cm(self) -> tuple[float, float, float, float]:
         """Return tractor and trailer on straights, then on curves, after start-up."""
@@ -57,10 +79,18 @@ def drive(
     seed: int = 0,
     ticks: int | None = None,
     offset: FloatArray | float = 0.0,
+    disturbance: FloatArray = NO_DISTURBANCE,
 ) -> Drive:
-    """Drive along `reference`; `noise` (7,) is the standard deviation of the seen state.
+    """Drive along a reference.
 
-    The start is `offset` (7,) from the reference's.
+    Args:
+        controller: in the loop.
+        reference: with the vehicle that is driven.
+        noise: standard deviation of the estimated state (7,), white.
+        seed: of the noise.
+        ticks: at most; by default all of the reference.
+        offset: of the first state from the reference's (7,).
+        disturbance: constant (5,), known to the controller.
     """
     vehicle, generator = reference.vehicle, np.random.default_rng(seed)
     grid = reference.on_grid(PERIOD_S)
@@ -71,12 +101,13 @@ def drive(
         trailer.append(np.hypot(*(trailer_point(state, vehicle) - grid.trailer_xy[k])))
         if tractor[-1] > LOST_M:
             break
-        seen = state if noise is None else state + noise * generator.standard_normal(7)
-        steps.append(controller.step(seen_truth(seen, k * PERIOD_S, vehicle), k))
+        estimated = state if noise is None else state + noise * generator.standard_normal(7)
+        estimate = seen_truth(estimated, k * PERIOD_S, vehicle, disturbance)
+        steps.append(controller.step(estimate, k))
         command = steps[-1].command.as_array()
         for _ in range(SUBSTEPS):
             inputs, valves = slew(valves, command, vehicle, PERIOD_S / SUBSTEPS)
-            state = advance(state, inputs, vehicle, PERIOD_S / SUBSTEPS)
+            state = advance(state, inputs, vehicle, PERIOD_S / SUBSTEPS, disturbance)
     return Drive(
         np.array(tractor),
         np.array(trailer),

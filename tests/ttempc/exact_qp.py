@@ -1,4 +1,4 @@
-"""An exact minimiser of small quadratic programmes that shares nothing with PIQP."""
+"""Exact minimiser of small quadratic programmes, independent of PIQP."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ttempc.types import FloatArray
 
 
 def exact_minimum(qp: QP) -> FloatArray:
-    """Find the active set by Hildreth's iteration on the dual, then solve for it exactly."""
+    """Return the minimiser (n,), by Hildreth's iteration on the dual for the active set."""
     n = len(qp.gradient)
     rows = np.vstack([qp.matrix, -qp.matrix, np.eye(n), -np.eye(n)])
     limits = np.concatenate([qp.upper, -qp.lower, qp.step_upper, -qp.step_lower])

@@ -1,4 +1,4 @@
-"""Quadratic programmes along the figure eight for the laws of qp, solver and lmpc."""
+"""Quadratic programmes along the figure eight, for tests of `ttempc.mpc`."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def horizon() -> CondensedHorizon:
 
 
 def random_qp(generator: np.random.Generator, scale: float) -> tuple[QP, FloatArray, FloatArray]:
-    """Return a QP with the state and previous input it was made for."""
+    """Return a random QP, its state (7,) and its previous input (3,)."""
     state = scale * generator.normal(size=7)
     bound = np.asarray(TUNING.input_bound)
     previous = bound * generator.uniform(-1.0, 1.0, size=3)

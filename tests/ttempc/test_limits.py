@@ -31,6 +31,19 @@ def test_amplitude_and_rate_hold_for_any_wish():
         previous = allowed
 
 
+def test_the_command_is_the_nearest_allowed_one():
+    """No other allowed command is closer in any entry."""
+    generator = np.random.default_rng(42)
+    for _ in range(50):
+        previous = generator.uniform(VEHICLE.input_min, VEHICLE.input_max)
+        wanted = previous + generator.normal(size=3)
+        allowed, _ = LIMITS.apply(wanted, previous)
+        least = np.maximum(VEHICLE.input_min, previous - LIMITS.step)
+        most = np.minimum(VEHICLE.input_max, previous + LIMITS.step)
+        others = generator.uniform(least, most, size=(100, 3))
+        assert np.all(np.abs(allowed - wanted) <= np.abs(others - wanted))
+
+
 def test_allowed_wishes_pass_unchanged():
     previous = np.array([0.1, -0.1, 0.5])
     wanted = np.array([0.15, -0.15, 0.51])

@@ -1,4 +1,4 @@
-"""A tube to test with: a disturbance as large as on grass, gains from an earlier search."""
+"""Tube for tests: disturbances as large as on grass, gains from an earlier search."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def along(design=DESIGN, reference=REFERENCE, ticks=TICKS) -> ReferenceTube:
 
 
 def admissible(disturbance: DisturbanceSet, steps: int, generator: np.random.Generator):
-    """Return a run of disturbances (steps, n), every window of which is in the set and one full."""
+    """Return disturbances (steps, n) with every window in the set and one on its boundary."""
     kind = generator.integers(3)
     raw = generator.standard_normal((steps, disturbance.dimension))
     if kind == 1:

@@ -1,1 +1,1 @@
-"""What `ttempc` is measured against: conventional guidance, LQR and nonlinear MPC."""
+"""Baseline controllers and estimators: conventional guidance, LQR, nonlinear MPC."""

@@ -1,31 +1,50 @@
-"""Linear quadratic regulator: the linear MPC's model and outputs, without horizon and bounds."""
+"""Linear-quadratic regulator on the model and outputs of the linear MPC: `lqr`."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..laws.articulated_mpc import TUNING
 from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
 from ..mpc.articulated_error import error_dynamics, error_state
-from ..mpc.qp import HorizonTuning
+from ..mpc.riccati import riccati_gains
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Estimate, FloatArray, Input
+from ..validation import check_vector
 from ..vehicle import Vehicle
 
 _M = len(Input)
 
-# Steps weigh more than in the MPC. With its weights an LQR, which knows no bounds, runs into the
-# rates of the valves from an offset of some decimetres on and cycles there by metres.
-LQR_TUNING = replace(TUNING, step_weight=(1.0, 1.0, 1.0))
+_OUTPUTS = 4  # x, y of tractor and trailer
 
-# What lies farther ahead than this does not move the gain any more: a dozen vehicle lengths.
+# The gain does not depend on what lies farther ahead: a dozen vehicle lengths at 1 m/s.
 _BEYOND_S = 30.0
 
 
-def riccati_gains(
+@dataclass(frozen=True)
+class LqrOptions:
+    """Options of `lqr`; every field is a key that a scenario may set.
+
+    The hydrostat's steps weigh more than in the MPC. With the MPC's weights the LQR, which has no
+    bounds, runs into the rates of the valves from an offset of some decimetres and cycles there by
+    metres.
+
+    Raises:
+        InvalidTuning: a value is out of its range.
+    """
+
+    output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)  # [1/m^2]
+    # [1/rad^2], [1/rad^2], for a hydrostat position as a fraction
+    step_weight: tuple[float, ...] = (1.0, 1.0, 1.0)
+
+    def __post_init__(self) -> None:
+        check_vector("output_weight", self.output_weight, _OUTPUTS, zero=True)
+        check_vector("step_weight", self.step_weight, _M)
+
+
+def step_gains(
     a: FloatArray, b: FloatArray, c: FloatArray, output_weight: FloatArray, step_weight: FloatArray
 ) -> FloatArray:
     """Return the gains K (N, m, n + m) of the steps Delta u_k = -K_k (z_k, u_{k-1}).
@@ -34,29 +53,30 @@ def riccati_gains(
 
         z_{k+1} = A_k z_k + B_k u_k,    y_k = C_k z_k,    u_k = u_{k-1} + Delta u_k,
 
-    by the Riccati recursion backwards from P_N = C_N' Q C_N, with A (N, n, n), B (N, n, m),
-    C (N + 1, p, n) and diagonal weights Q (p,), R (m,).
+    with A (N, n, n), B (N, n, m), C (N + 1, p, n) and the diagonal weights Q (p,), R (m,). The
+    regulator's state is (z_k, u_{k-1}) and its terminal cost C_N' Q C_N.
     """
     count, n, m = b.shape
-    gains = np.zeros((count, m, n + m))
-    cost = np.zeros((n + m, n + m))  # P
-    cost[:n, :n] = (c[count].T * output_weight) @ c[count]
-    for k in range(count - 1, -1, -1):
-        through = np.block([[a[k], b[k]], [np.zeros((m, n)), np.eye(m)]])
-        by_step = through[:, n:]  # a step acts as the input before it does
-        ahead = by_step.T @ cost
-        gains[k] = np.linalg.solve(np.diag(step_weight) + ahead @ by_step, ahead @ through)
-        cost = through.T @ cost @ (through - by_step @ gains[k])
-        cost[:n, :n] += (c[k].T * output_weight) @ c[k]
-        cost = 0.5 * (cost + cost.T)
-    return gains
+    augmented = np.zeros((count, n + m, n + m))  # of (z_k, u_{k-1})
+    augmented[:, :n, :n], augmented[:, :n, n:] = a, b
+    augmented[:, n:, n:] = np.eye(m)
+    by_step = augmented[:, :, n:]  # a step acts as the previous input does
+    cost = np.zeros((count + 1, n + m, n + m))
+    cost[:, :n, :n] = [(outputs.T * output_weight) @ outputs for outputs in c]
+    return riccati_gains(augmented, by_step, cost[:-1], step_weight, cost[-1])
 
 
 class LqrFeedback:
-    """Time-varying state feedback on the error and the disturbance that lasts.
+    """Time-varying state feedback on the error and the estimated disturbances.
 
-    The input of the period before is the one that was sent: what the limits cut off is not
-    wound up.
+    The previous input is the one that was sent, so that what the limits cut off does not wind up.
+
+    Args:
+        grid: the reference at every tick.
+        reference: the same, at any time.
+        feedforward: u_r (N, 3).
+        period_s: control period [s].
+        options: the weights.
     """
 
     def __init__(
@@ -65,33 +85,40 @@ class LqrFeedback:
         reference: Reference,
         feedforward: FloatArray,
         period_s: float,
-        tuning: HorizonTuning,
+        options: LqrOptions,
     ) -> None:
         a, b, c = error_dynamics(reference, period_s, len(feedforward))
-        weights = np.array(tuning.output_weight), np.array(tuning.step_weight)
-        self._gains = riccati_gains(a, b, c, *weights)
-        self._feedforward = feedforward  # u_r (N, 3)
+        weights = np.array(options.output_weight), np.array(options.step_weight)
+        self._gains = step_gains(a, b, c, *weights)  # (N, 3, 19)
+        self._feedforward = feedforward
         self._state = grid.state
         self._vehicle = reference.vehicle
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`."""
+        """Return the actions of tick `k`, see `FeedbackLaw`."""
         state = error_state(self._state[k], estimate, self._vehicle)
-        before = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
-        u_e = before - self._gains[k] @ np.concatenate([state, before])
+        previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
+        u_e = previous - self._gains[k] @ np.concatenate([state, previous])
         return Actions(feedback=-u_e, robust=np.zeros(_M))
 
     def prepare(self, k: int) -> None:
-        """Do nothing: a product of a matrix and a vector needs no warming up."""
+        """Do nothing, see `FeedbackLaw`."""
+
+    def fresh(self) -> LqrFeedback:
+        """Return the law itself: it has no memory."""
+        return self
 
 
 def lqr_controller(
-    vehicle: Vehicle, reference: Reference, period_s: float, tuning: HorizonTuning = LQR_TUNING
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    options: LqrOptions = LqrOptions(),
 ) -> TrackingController:
     """Compose the exact feedforward and the LQR of the articulated error model."""
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> LqrFeedback:
-        return LqrFeedback(grid, reference, feedforward, period_s, tuning)
+        return LqrFeedback(grid, reference, feedforward, period_s, options)
 
     beyond = math.ceil(_BEYOND_S / period_s)
     return around_exact_feedforward(vehicle, reference, period_s, beyond, law)

@@ -1,12 +1,14 @@
-"""Nonlinear MPC with the linear MPC's horizon, weights, bounds and information.
+"""Nonlinear MPC on the articulated model: `nmpc` and its variants.
 
-Centralised, decentralised and distributed after Kayacan, Peschel and Kayacan (2016),
-"Centralized, decentralized and distributed nonlinear model predictive control of a
-tractor-trailer system: a comparative study", American Control Conference, pp. 4403-4408.
+Horizon, weights, bounds and information are those of the linear MPC. Centralised, decentralised and
+distributed after Kayacan, Peschel and Kayacan (2016), "Centralized, decentralized and distributed
+nonlinear model predictive control of a tractor-trailer system: a comparative study", American
+Control Conference, pp. 4403-4408.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,32 +16,68 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..laws.articulated_mpc import TUNING
+from ..laws.articulated_options import MpcOptions
 from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
 from ..limits import CommandLimits
-from ..mpc.articulated_error import lasting_disturbance, map_gains, remaining_bounds
+from ..mpc.articulated_error import map_gains, remaining_bounds, split_disturbance
 from ..mpc.prediction import rotation
 from ..mpc.qp import FirstInputs, HorizonTuning, StageBounds, move_bounds
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Estimate, FloatArray, Input, SolverReport, State
+from ..validation import check_count
 from ..vehicle import Vehicle
 from .nmpc_model import TRACTOR, TRAILER, WHOLE, Subsystem
-from .nmpc_solver import GaussNewton, HorizonSolver, Task
+from .nmpc_solver import ITERATIONS, GaussNewton, HorizonSolver, Task
 
 _M = len(Input)
 
 SolverFactory = Callable[[Reference, Subsystem, HorizonTuning, float], HorizonSolver]
+"""Returns the solver of one NMPC from reference, subsystem, tuning and control period [s]."""
+
+
+@dataclass(frozen=True)
+class NmpcRtiOptions(MpcOptions):
+    """Options of `nmpc-rti`; every field is a key that a scenario may set.
+
+    Raises:
+        InvalidTuning: a value is out of its range.
+    """
+
+
+@dataclass(frozen=True)
+class NmpcOptions(MpcOptions):
+    """Options of `nmpc`, `nmpc-decentralised` and `nmpc-distributed`; keys as above.
+
+    Raises:
+        InvalidTuning: a value is out of its range.
+    """
+
+    iterations: int = ITERATIONS  # Gauss-Newton iterations a period, at most
+
+    def __post_init__(self) -> None:
+        MpcOptions.__post_init__(self)
+        check_count("iterations", self.iterations)
 
 
 class NonlinearFeedback:
     """Receding horizons of one NMPC or of several that share the vehicle.
 
-    Every NMPC starts from its own plan of the tick before, shifted. To an NMPC the inputs of the
-    others are known: as they plan them (`exchange`, the plans of the tick before, shifted), or
-    held as they were last sent.
+    Each NMPC starts from its own plan of the previous tick, shifted. The inputs of the others enter
+    as they plan them (`exchange`: the plans of the previous tick, shifted), or held as they were
+    last sent.
 
-    Where a QP gives no result that counts the previous input is held; where an NMPC does not
-    converge its last plan is driven. Both are said in `Actions.fallback`.
+    Where a QP has no accepted solution, the previous input is held; where an NMPC does not
+    converge, its last plan is applied. `Actions.fallback` reports both.
+
+    Args:
+        grid: the reference at N + 1 ticks.
+        reference: the same, at any time.
+        feedforward: u_r (N, 3).
+        period_s: control period [s].
+        tuning: horizon, weights and bounds.
+        subsystems: one for each NMPC.
+        exchange: whether plans are exchanged.
+        solver: returns the solver of one NMPC.
     """
 
     def __init__(
@@ -56,16 +94,16 @@ class NonlinearFeedback:
     ) -> None:
         self._tuning = tuning
         self._exchange = exchange
-        self._feedforward = feedforward  # u_r (N, 3)
+        self._feedforward = feedforward
         self._poses = np.hstack(
             [grid.state[:, :3], grid.trailer_xy, grid.state[:, State.PSI_I, None]]
-        )
+        )  # (N + 1, 6)
         self._vehicle = reference.vehicle
         middle = reference.at((np.arange(len(feedforward)) + 0.5) * period_s)
-        self._turning = map_gains(middle, reference.vehicle)  # (N, 5, 4)
+        self._map_gains = map_gains(middle, reference.vehicle)  # (N, 5, 4)
         limits = CommandLimits.of(reference.vehicle, period_s)
-        left = remaining_bounds(feedforward, limits)
-        bounds = move_bounds(tuning, period_s, len(feedforward), left)
+        remaining = remaining_bounds(feedforward, limits)
+        bounds = move_bounds(tuning, period_s, len(feedforward), remaining)
         self._parts = [
             _Part(
                 subsystem,
@@ -79,24 +117,31 @@ class NonlinearFeedback:
         to_map[:, :2, :2] = rotation(grid.state[:, State.PSI_T])
         to_map[:, 2:, 2:] = rotation(grid.state[:, State.PSI_I])
         self._to_map = to_map
-        self._points = np.hstack([grid.state[:, :2], grid.trailer_xy])
+        self._points = np.hstack([grid.state[:, :2], grid.trailer_xy])  # (N + 1, 4)
         self._steps = np.zeros((tuning.moves, _M))  # the last plan, Delta u_e
 
+    def fresh(self) -> NonlinearFeedback:
+        """Return the law before its first tick, see `FeedbackLaw`."""
+        law = copy.copy(self)
+        law._parts = [replace(part, solver=part.solver.fresh()) for part in self._parts]
+        law._steps = np.zeros_like(self._steps)
+        return law
+
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`."""
+        """Return the actions of tick `k`, see `FeedbackLaw`."""
         horizon, moves = self._tuning.horizon, self._tuning.moves
         feedforward = self._feedforward[k : k + horizon]
         ends = slice(k + 1, k + 1 + horizon)
-        before = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
+        previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         guess = np.vstack([self._steps[1:], np.zeros(_M)])
         if self._exchange:
-            planned = before + np.cumsum(guess, axis=0)  # (Nc, 3)
+            planned = previous + np.cumsum(guess, axis=0)  # (Nc, 3)
             inputs_e = planned[np.minimum(np.arange(horizon), moves - 1)]
         else:
             inputs_e = feedforward - sent  # u = u_r - u_e stays as it is
-        staying, turning = lasting_disturbance(estimate, self._vehicle)
-        disturbance = staying + self._turning[k : k + horizon] @ turning  # (Np, 5)
-        feedback, steps = before.copy(), np.zeros_like(guess)
+        body_fixed, map_fixed = split_disturbance(estimate, self._vehicle)
+        disturbance = body_fixed + self._map_gains[k : k + horizon] @ map_fixed  # (Np, 5)
+        feedback, steps = previous.copy(), np.zeros_like(guess)
         errors = np.zeros((horizon, 4))
         plans = []
         for part in self._parts:
@@ -107,7 +152,7 @@ class NonlinearFeedback:
                 poses=self._poses[ends],
                 feedforward=feedforward,
                 inputs_e=inputs_e,
-                previous=part.first.within_reach(k, before[own]),
+                previous=part.first.clamp_previous(k, previous[own]),
                 bounds=part.bounds.at(k),
             )
             plan = part.solver.minimise(task, guess[:, own].reshape(-1))
@@ -115,7 +160,7 @@ class NonlinearFeedback:
             errors[:, list(part.subsystem.outputs)] = plan.errors
             if plan.steps is not None:
                 steps[:, own] = plan.steps.reshape(moves, -1)
-            feedback[own] = part.first.within(k, task.previous + steps[0, own])
+            feedback[own] = part.first.clamp(k, task.previous + steps[0, own])
         self._steps = steps
         along = (self._to_map[ends] @ errors[:, :, None])[:, :, 0]
         return Actions(
@@ -123,11 +168,11 @@ class NonlinearFeedback:
             robust=np.zeros(_M),
             predicted_path=self._points[ends] - along,
             solver=_joined([plan.report for plan in plans]),
-            fallback="; ".join(plan.trouble for plan in plans if plan.trouble),
+            fallback="; ".join(plan.fallback for plan in plans if plan.fallback),
         )
 
     def prepare(self, k: int) -> None:
-        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        """Get ready for tick `k`, see `FeedbackLaw`."""
         for part in self._parts:
             part.solver.prepare()
 
@@ -143,12 +188,12 @@ class _Part:
 
 
 def _columns(subsystem: Subsystem, moves: int) -> NDArray[np.intp]:
-    """Return where the subsystem's own inputs stand among the steps of all inputs, (m Nc,)."""
+    """Return the columns of the subsystem's own inputs in the steps of all inputs, (m Nc,)."""
     return (_M * np.arange(moves)[:, None] + np.array(subsystem.inputs)).reshape(-1)
 
 
 def _joined(reports: Sequence[SolverReport]) -> SolverReport:
-    """Return one report for all NMPCs of a tick: the sum of their work, the worst of the rest."""
+    """Return one report for all NMPCs of a tick: summed work, the worst status and residuals."""
     worst = next((report for report in reports if not report.accepted), reports[0])
     return replace(
         worst,
@@ -163,18 +208,49 @@ def nmpc_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    tuning: HorizonTuning = TUNING,
+    options: NmpcOptions = NmpcOptions(),
     subsystems: Sequence[Subsystem] = (WHOLE,),
     *,
     exchange: bool = False,
-    solver: SolverFactory = GaussNewton,
+    solver: SolverFactory | None = None,
 ) -> TrackingController:
-    """Compose the exact feedforward and the NMPCs of `subsystems`.
+    """Compose the exact feedforward and the NMPCs of `subsystems`, by default Gauss-Newton's.
 
     Raises:
         MissingPackage: CasADi is not installed.
     """
+    solver = solver or partial(GaussNewton, iterations=options.iterations)
+    return _compose(vehicle, reference, period_s, options, subsystems, exchange, solver)
 
+
+nmpc_decentralised_controller = partial(nmpc_controller, subsystems=(TRACTOR, TRAILER))
+nmpc_distributed_controller = partial(nmpc_decentralised_controller, exchange=True)
+
+
+def nmpc_rti_controller(
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    options: NmpcRtiOptions = NmpcRtiOptions(),
+) -> TrackingController:
+    """Compose the exact feedforward and one NMPC with one Gauss-Newton iteration a period.
+
+    Raises:
+        MissingPackage: CasADi is not installed.
+    """
+    solver = partial(GaussNewton, iterations=1)
+    return _compose(vehicle, reference, period_s, options, (WHOLE,), False, solver)
+
+
+def _compose(
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    tuning: HorizonTuning,
+    subsystems: Sequence[Subsystem],
+    exchange: bool,
+    solver: SolverFactory,
+) -> TrackingController:
     def law(grid: ReferenceSample, feedforward: FloatArray) -> NonlinearFeedback:
         return NonlinearFeedback(
             grid,
@@ -188,8 +264,3 @@ def nmpc_controller(
         )
 
     return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)
-
-
-nmpc_rti_controller = partial(nmpc_controller, solver=partial(GaussNewton, iterations=1))
-nmpc_decentralised_controller = partial(nmpc_controller, subsystems=(TRACTOR, TRAILER))
-nmpc_distributed_controller = partial(nmpc_decentralised_controller, exchange=True)

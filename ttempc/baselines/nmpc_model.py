@@ -1,4 +1,4 @@
-"""The articulated model as CasADi expressions, with derivatives along a whole horizon."""
+"""Articulated model as CasADi expressions, with derivatives along a horizon."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ..vehicle import Vehicle
 _N, _M, _D = len(State), len(Input), len(Disturbance)
 _POSE = 6  # x, y, psi of tractor and of trailer
 
-# Classical Runge-Kutta steps may take this share of the shortest lag: over a horizon of four
-# seconds both axle points then stay within a millimetre of much finer steps (a test says so).
+# Longest classical Runge-Kutta step over the shortest lag: over a horizon of four seconds both axle
+# points then stay within a millimetre of much finer steps, which a test checks.
 _STEP_PER_LAG = 0.75
 
 
 def load_casadi() -> ModuleType:
-    """Return CasADi, which is optional and loads only where it is asked for.
+    """Return CasADi, an optional package, imported on first use.
 
     Raises:
-        MissingPackage: it is not installed; says how to.
+        MissingPackage: it is not installed; with the command that installs it.
     """
     try:
         import casadi
@@ -39,12 +39,12 @@ def load_casadi() -> ModuleType:
 
 @dataclass(frozen=True, slots=True)
 class Subsystem:
-    """What one NMPC decides and minimises, and of which states it has to know the derivatives."""
+    """Inputs, outputs and states of one NMPC."""
 
-    inputs: tuple[int, ...]  # of `Input`, its own; those of others are known to it
+    inputs: tuple[int, ...]  # of `Input`: those that it decides; the others are given
     outputs: tuple[int, ...]  # position errors: x, y of the tractor, x, y of the trailer
-    states: tuple[int, ...]  # of `State`: those that its inputs move
-    simulated: tuple[int, ...]  # of `State`: those that its outputs need; others stay as they are
+    states: tuple[int, ...]  # of `State`: those that depend on its inputs
+    simulated: tuple[int, ...]  # of `State`: those that its outputs need; others stay constant
 
 
 WHOLE = Subsystem(
@@ -56,7 +56,7 @@ TRAILER = Subsystem((Input.DELTA_I,), (2, 3), (State.PSI_I, State.DELTA_I), tupl
 
 
 class ArticulatedExpressions:
-    """`ttempc.models.kinematics` once more, on CasADi's symbols."""
+    """Equations of `ttempc.models.kinematics` on CasADi's symbols."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._ca = load_casadi()
@@ -81,7 +81,7 @@ class ArticulatedExpressions:
         return ca.vertcat(x, y, yaw_t, yaw_i, rate_t, rate_i, acceleration)
 
     def after(self, state: Any, inputs: Any, disturbance: Any, period_s: float) -> Any:  # noqa: ANN401
-        """Return the state after a period of held inputs, (7,), by classical Runge-Kutta steps."""
+        """Return the state after a period of constant inputs, (7,), by Runge-Kutta steps."""
         lag = min(self._vehicle.steering_lag_t, self._vehicle.steering_lag_i)
         count = math.ceil(period_s / (_STEP_PER_LAG * lag))
         step = period_s / count
@@ -133,36 +133,33 @@ class HorizonModel:
     ) -> None:
         ca = load_casadi()
         expressions = ArticulatedExpressions(vehicle)
-        state, known = ca.SX.sym("state", _N), ca.SX.sym("known", _M + _D + _POSE)
-        inputs, disturbance, poses = ca.vertsplit(known, [0, _M, _M + _D, _M + _D + _POSE])
+        state, given = ca.SX.sym("state", _N), ca.SX.sym("given", _M + _D + _POSE)
+        inputs, disturbance, poses = ca.vertsplit(given, [0, _M, _M + _D, _M + _D + _POSE])
         after = expressions.after(state, inputs, disturbance, period_s)
         after = ca.vertcat(*(after[i] if i in subsystem.simulated else state[i] for i in State))
-        own, moved, seen = (
-            list(subsystem.inputs),
-            list(subsystem.states),
-            list(subsystem.outputs),
-        )
-        reached = ca.SX.sym("reached", _N)
-        errors = expressions.position_errors(reached, poses)
-        outputs = ca.Function("outputs", [reached, poses], [errors, ca.jacobian(errors, reached)])
-        error, by_reached = outputs(after, poses)
+        own, states = list(subsystem.inputs), list(subsystem.states)
+        outputs = list(subsystem.outputs)
+        end = ca.SX.sym("end", _N)  # the state at the end of the period
+        errors = expressions.position_errors(end, poses)
+        at_end = ca.Function("at_end", [end, poses], [errors, ca.jacobian(errors, end)])
+        error, by_end = at_end(after, poses)
         stage = ca.Function(
             "stage",
-            [state, known],
+            [state, given],
             [
                 after,
-                ca.densify(ca.jacobian(after[moved], state)[:, moved]),
-                ca.densify(ca.jacobian(after[moved], inputs)[:, own]),
-                error[seen],
-                ca.densify(by_reached[seen, moved]),
+                ca.densify(ca.jacobian(after[states], state)[:, states]),
+                ca.densify(ca.jacobian(after[states], inputs)[:, own]),
+                error[outputs],
+                ca.densify(by_end[outputs, states]),
             ],
             {"cse": True},
         )
         along = stage.mapaccum("along", horizon)
         # CasADi stores column by column: the same memory, read row by row, is the transpose.
-        n, m, p = len(moved), len(own), len(seen)
+        n, m, p = len(states), len(own), len(outputs)
         self._start = np.zeros(_N)
-        self._known = np.zeros((horizon, _M + _D + _POSE))
+        self._given = np.zeros((horizon, _M + _D + _POSE))
         self.states = np.zeros((horizon, _N))
         a, b = np.zeros((horizon, n, n)), np.zeros((horizon, m, n))
         self.errors = np.zeros((horizon, p))
@@ -171,7 +168,7 @@ class HorizonModel:
         self.by_input = b.transpose(0, 2, 1)  # d state / d input, (Np, n, m)
         self.error_by_state = c.transpose(0, 2, 1)  # (Np, p, n)
         self._buffer, self._run = along.buffer()
-        for place, array in enumerate((self._start, self._known)):
+        for place, array in enumerate((self._start, self._given)):
             self._buffer.set_arg(place, array.data)
         for place, array in enumerate((self.states, a, b, self.errors, c)):
             self._buffer.set_res(place, array.data)
@@ -179,10 +176,10 @@ class HorizonModel:
     def start(self, state: FloatArray, disturbance: FloatArray, poses: FloatArray) -> None:
         """Set the first state (7,), the disturbances (Np, 5) and the reference's poses (Np, 6)."""
         self._start[:] = state
-        self._known[:, _M : _M + _D] = disturbance
-        self._known[:, _M + _D :] = poses
+        self._given[:, _M : _M + _D] = disturbance
+        self._given[:, _M + _D :] = poses
 
     def evaluate(self, inputs: FloatArray) -> None:
-        """Run the model under `inputs` (Np, 3); errors and derivatives are then in place."""
-        self._known[:, :_M] = inputs
+        """Run the model under `inputs` (Np, 3) and write errors and derivatives to the buffers."""
+        self._given[:, :_M] = inputs
         self._run()

@@ -1,7 +1,8 @@
-"""Nonlinear least squares over a horizon: Gauss-Newton steps, each one a small QP."""
+"""Gauss-Newton method over a horizon, with a small QP in each iteration."""
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -13,61 +14,76 @@ from ..reference.reference import Reference
 from ..types import FloatArray, SolverReport
 from .nmpc_model import HorizonModel, Subsystem
 
-# A plan is converged where the last step changed no input of it by more than this, in rad or
-# hydrostat position. Near the solution steps shrink tenfold and more: less than a tenth is left.
+# A plan is converged where the last iteration changed no input of it by more than this, in rad or
+# hydrostat position. Changes shrink tenfold or more near the solution: the rest is below a tenth.
 _TOLERANCE = 1e-4
-ITERATIONS = 20  # usual are 2 to 3
+ITERATIONS = 20  # at most; 2 to 3 are usual
 _HALVINGS = 6
-_KEPT = 0.25  # of the descent that the QP promises a step must keep, else it is halved (Armijo)
+_SUFFICIENT = 0.25  # least actual descent over the QP's, below which a change is halved (Armijo)
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What the problem of one tick is about."""
+    """Data of the problem of one tick."""
 
     state: FloatArray  # (7,) the estimate
-    disturbance: FloatArray  # (Np, 5) as the linear MPC expects it
+    disturbance: FloatArray  # (Np, 5) predicted as by the linear MPC
     poses: FloatArray  # (Np, 6) reference at the ends of the periods, for `HorizonModel`
     feedforward: FloatArray  # (Np, 3) u_r
-    inputs_e: FloatArray  # (Np, 3) u_e; columns of other subsystems' inputs stay as they are
+    inputs_e: FloatArray  # (Np, 3) u_e; only the subsystem's own columns are decided
     previous: FloatArray  # (m,) own u_e(k-1)
     bounds: StageBounds  # (m Nc,) each, own
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a solver found."""
+    """Solution of one tick."""
 
-    steps: FloatArray | None  # (m Nc,) Delta u_e; None where a QP gave no result that counts
+    steps: FloatArray | None  # (m Nc,) Delta u_e; None where a QP has no accepted solution
     errors: FloatArray  # (Np, p) position errors under the steps [m]
     report: SolverReport
-    trouble: str = ""  # why the steps are not the minimiser, where they should be
+    fallback: str = ""  # why the steps are not the minimiser; empty where they are
 
 
 class HorizonSolver(Protocol):
-    """Anything that minimises over a horizon."""
+    """Minimises the cost of a horizon."""
 
     def minimise(self, task: Task, steps: FloatArray) -> Plan:
-        """Return the plan that is reached from `steps` (m Nc,)."""
+        """Return the plan for `task`; `steps` (m Nc,) is the initial guess."""
         ...
 
     def prepare(self) -> None:
-        """Warm up for the next call, without any effect on it."""
+        """Get ready for the next call, which gives the same plan but for its last digits."""
+        ...
+
+    def fresh(self) -> HorizonSolver:
+        """Return the solver as it was before its first call."""
         ...
 
 
 class GaussNewton:
-    """Minimise the linear MPC's cost and bounds under the nonlinear model.
+    """Minimiser of the linear MPC's cost within its bounds, under the nonlinear model.
 
-    Unknown are the steps of u_e = u_r - u of one subsystem, as in `ttempc.mpc.qp.CondensedHorizon`:
+    The unknowns are the steps of u_e = u_r - u of one subsystem, as in
+    `ttempc.mpc.qp.CondensedHorizon`:
 
         min sum_j y_j' Q y_j + sum Delta u' R Delta u,    y_j = y_j(z_k, u_{k-1}, Delta U),
 
     where y_j are the position errors of the nonlinear model (single shooting: a plan is feasible
     where its steps are within linear bounds). Every iteration linearises y_j at the present plan,
-    accumulates its derivatives from stage to stage and solves the QP that is left. Converged plans
-    are stationary points of the nonlinear problem. With one of the `iterations` it is a real-time
-    iteration (Diehl, Bock and Schloeder 2005, SIAM J. Control Optim. 43), not meant to converge.
+    accumulates its derivatives from stage to stage and solves the resulting QP. Converged plans
+    are stationary points of the nonlinear problem. With one iteration it is a real-time iteration
+    (Diehl, Bock and Schloeder 2005, SIAM J. Control Optim. 43), which need not converge in a tick.
+
+    Args:
+        reference: of the vehicle whose model counts.
+        subsystem: inputs that are decided and outputs that are minimised.
+        tuning: horizon, weights and bounds.
+        period_s: control period [s].
+        iterations: at most, in one call.
+
+    Raises:
+        MissingPackage: CasADi is not installed.
     """
 
     def __init__(
@@ -98,15 +114,25 @@ class GaussNewton:
         self._jacobian = np.zeros((horizon, p, m * moves))
 
     def minimise(self, task: Task, steps: FloatArray) -> Plan:
-        """Return the plan that is reached from `steps` (m Nc,)."""
-        # An absurd estimate may grow beyond all numbers; the QP's solver then refuses and says so.
+        """Return the plan for `task`; `steps` (m Nc,) is the initial guess."""
+        # An estimate far off may overflow along the horizon; the QP's solver then reports it.
         with np.errstate(over="ignore", invalid="ignore"):
             return self._minimise(task, steps)
 
     def prepare(self) -> None:
-        """Minimise the last task again and drop the result: the code is in the caches then."""
+        """Minimise the last task again and drop the result, which fills the caches.
+
+        Later results change by the last digits of PIQP's iterates.
+        """
         if self._last:
             self.minimise(*self._last)
+
+    def fresh(self) -> GaussNewton:
+        """Return the solver as it was before its first call; it shares model and buffers."""
+        solver = copy.copy(self)
+        solver._qp = PersistentSolver()
+        solver._last = None
+        return solver
 
     def _minimise(self, task: Task, steps: FloatArray) -> Plan:
         self._last = task, steps
@@ -120,28 +146,28 @@ class GaussNewton:
             time_s += solution.report.solve_time_s
             report = replace(solution.report, iterations=iteration, solve_time_s=time_s)
             if solution.x is None:
-                trouble = f"QP {report.status}: previous feedback held"
-                return Plan(None, self._model.errors.copy(), report, trouble)
+                fallback = f"QP {report.status}: previous feedback held"
+                return Plan(None, self._model.errors.copy(), report, fallback)
             change = solution.x - steps
             converged = bool(np.abs(change).max() <= _TOLERANCE)
             if converged or iteration == self._iterations:
                 break
-            promised = qp.objective(steps) - qp.objective(solution.x)
+            descent = qp.objective(steps) - qp.objective(solution.x)
             trial = self._evaluate(task, steps + change)
-            # The first step is taken whole: it lands within the bounds wherever the guess lay.
+            # The first change is not halved: it ends within the bounds wherever the guess lay.
             for _ in range(_HALVINGS if iteration > 1 else 0):
-                if cost - trial >= _KEPT * promised:
+                if cost - trial >= _SUFFICIENT * descent:
                     break
-                change, promised = 0.5 * change, 0.5 * promised
+                change, descent = 0.5 * change, 0.5 * descent
                 trial = self._evaluate(task, steps + change)
             steps, cost = steps + change, trial
         errors = self._model.errors + self._jacobian @ change  # the last change to first order
         missed = not converged and self._iterations > 1
-        trouble = f"not converged in {self._iterations} iterations: last plan driven"
-        return Plan(solution.x, errors, report, trouble if missed else "")
+        fallback = f"not converged in {self._iterations} iterations: last plan driven"
+        return Plan(solution.x, errors, report, fallback if missed else "")
 
     def _evaluate(self, task: Task, steps: FloatArray) -> float:
-        """Run the model under `steps` and return the cost."""
+        """Run the model under `steps` (m Nc,) and return the cost."""
         inputs_e = task.inputs_e.copy()
         inputs_e[:, self._own] = task.previous + self._pick @ steps
         self._model.evaluate(task.feedforward - inputs_e)
@@ -149,13 +175,13 @@ class GaussNewton:
         return float(tracking + self._step_weight @ np.square(steps))
 
     def _linearised(self, task: Task, steps: FloatArray) -> QP:
-        """Return the QP in the steps themselves around the `steps` last evaluated."""
-        model, through = self._model, self._by_steps
+        """Return the QP in the steps, linearised at the `steps` (m Nc,) last evaluated."""
+        model, by_steps = self._model, self._by_steps
         by_input = model.by_input @ self._pick  # (Np, n, m Nc)
         for j, by_state in enumerate(model.by_state):
-            np.dot(by_state, through[j], out=through[j + 1])
-            through[j + 1] -= by_input[j]  # u = u_r - u_e
-        np.matmul(model.error_by_state, through[1:], out=self._jacobian)
+            np.dot(by_state, by_steps[j], out=by_steps[j + 1])
+            by_steps[j + 1] -= by_input[j]  # u = u_r - u_e
+        np.matmul(model.error_by_state, by_steps[1:], out=self._jacobian)
         jacobian = self._jacobian.reshape(-1, len(steps))  # (Np p, m Nc)
         weighted = 2.0 * self._weights * jacobian
         hessian = jacobian.T @ weighted

@@ -7,19 +7,23 @@ from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
-from ..baselines.lqr import lqr_controller
+from ..baselines.lqr import LqrOptions, lqr_controller
 from ..baselines.nmpc import (
+    NmpcOptions,
+    NmpcRtiOptions,
     nmpc_controller,
     nmpc_decentralised_controller,
     nmpc_distributed_controller,
     nmpc_rti_controller,
 )
-from ..baselines.pid import pid_controller
+from ..baselines.pid import PidOptions, pid_controller
 from ..errors import InvalidTube, InvalidTuning, UnknownController
 from ..laws.articulated_mpc import articulated_controller, nominal_controller
+from ..laws.articulated_options import ArticulatedOptions, NominalOptions
 from ..laws.tracking_controller import NoFeedback, TrackingController, around_exact_feedforward
-from ..laws.tube_mpc import tube_controller
+from ..laws.tube_mpc import TubeMpcOptions, tube_controller
 from ..paper.composition import paper_controller, printed_sign_controller
+from ..paper.options import PaperOptions, PrintedSignOptions
 from ..reference.reference import Reference
 from ..tube.reference_tube import TubeDesign
 from ..types import Controller
@@ -53,37 +57,55 @@ CONTROLLERS: Final = MappingProxyType(
         "ttempc": ControllerEntry(
             "articulated model: exact feedforward, offset-free linear MPC, saturated robust law",
             articulated_controller,
+            ArticulatedOptions,
             tube="monitor",
         ),
-        "ttempc-nominal": ControllerEntry("ttempc without its robust law", nominal_controller),
+        "ttempc-nominal": ControllerEntry(
+            "ttempc without its robust law", nominal_controller, NominalOptions
+        ),
         "ttempc-tube": ControllerEntry(
             "tube MPC: nominal vehicle, tightened limits, a gain that keeps to a measured tube",
             tube_controller,
+            TubeMpcOptions,
             tube="required",
         ),
         "paper": ControllerEntry(
-            "the paper's equations as printed, errata 4, 6 and 7 corrected", paper_controller
+            "the paper's equations as printed, errata 4, 6 and 7 corrected",
+            paper_controller,
+            PaperOptions,
         ),
         "paper-printed-sign": ControllerEntry(
             "the same with erratum 6 as printed and a tube's nominal state: the vehicle is lost",
             printed_sign_controller,
+            PrintedSignOptions,
         ),
-        "pid": ControllerEntry("conventional guidance: a PID loop for each input", pid_controller),
+        "pid": ControllerEntry(
+            "conventional guidance: a PID loop for each input", pid_controller, PidOptions
+        ),
         "lqr": ControllerEntry(
-            "LQR on the articulated model and the filter's disturbances", lqr_controller
+            "LQR on the articulated model and the filter's disturbances",
+            lqr_controller,
+            LqrOptions,
         ),
         "nmpc": ControllerEntry(
-            "nonlinear MPC, converged: horizon, weights, bounds of the linear one", nmpc_controller
+            "nonlinear MPC, converged: horizon, weights, bounds of the linear one",
+            nmpc_controller,
+            NmpcOptions,
         ),
         "nmpc-rti": ControllerEntry(
-            "the same with one Gauss-Newton iteration a period", nmpc_rti_controller
+            "the same with one Gauss-Newton iteration a period",
+            nmpc_rti_controller,
+            NmpcRtiOptions,
         ),
         "nmpc-decentralised": ControllerEntry(
-            "tractor and trailer each with an NMPC, the other's inputs taken as held",
+            "tractor and trailer each with an NMPC, the other's inputs held",
             nmpc_decentralised_controller,
+            NmpcOptions,
         ),
         "nmpc-distributed": ControllerEntry(
-            "the same, plans exchanged once a period", nmpc_distributed_controller
+            "the same, plans exchanged once a period",
+            nmpc_distributed_controller,
+            NmpcOptions,
         ),
         "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback", feedforward_controller

@@ -1,1 +1,1 @@
-"""Feedback laws of the controllers."""
+"""Feedback laws of the controllers, and the frame around them."""

@@ -1,8 +1,8 @@
-"""The controller `ttempc`: offset-free linear MPC on the articulated model, and a robust law."""
+"""Offset-free linear MPC on the articulated model with a saturated robust law: `ttempc`."""
 
 from __future__ import annotations
 
-import math
+import copy
 
 import numpy as np
 
@@ -15,29 +15,29 @@ from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import TubeDesign, tightened
 from ..types import Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
-from .lq_robust_law import RegulatorTuning, RobustAction, RobustRegulator
-from .one_step_monitor import StepSet
+from .articulated_options import ArticulatedOptions, NominalOptions
+from .lq_robust_law import LqRobustLaw, LqRobustTuning, RobustAction
+from .one_step_monitor import OneStepMonitor
 from .tracking_controller import Actions, TrackingController, around_exact_feedforward
 
 _N, _M = len(State), len(Input)
 
-# Four seconds ahead, six free steps; outputs are x, y of tractor and trailer in their frames.
-# The hydrostat, which lags by two seconds, is moved freely: that takes a tenth to a fourth off the
-# error along the path wherever the ground changes. Steering is not: with a twentieth of its weights
-# a wet slope gains a tenth more, and worn valves cycle at twice the error (docs/ablation.md).
-TUNING = HorizonTuning(
-    horizon=20,
-    moves=6,
-    output_weight=(1.0, 1.0, 1.0, 1.0),  # [1/m^2]
-    step_weight=(1.0, 1.0, 0.02),  # [1/rad^2], [1/rad^2], for a hydrostat position of 0..1
-    input_bound=(math.radians(20.0), math.radians(20.0), 0.5),
-)
-
 
 class ArticulatedFeedback:
-    """Linear MPC on the articulated error model, and the robust law beside it where there is one.
+    """Linear MPC on the articulated error model, with or without the robust law.
 
-    The MPC knows the disturbance that lasts, unless `disturbed` is False.
+    Args:
+        grid: the reference at N + 1 ticks.
+        reference: the same, at any time.
+        feedforward: u_r (N, 3).
+        period_s: control period [s].
+        tuning: of the MPC.
+        robust: of the robust law; None leaves it out.
+        disturbances: whether the MPC uses the estimated disturbances.
+        design: tube for the one-step monitor; None leaves it out.
+
+    Raises:
+        InvalidTube: the law is to have its authority free and the feedforward leaves less.
     """
 
     def __init__(
@@ -47,41 +47,51 @@ class ArticulatedFeedback:
         feedforward: FloatArray,
         period_s: float,
         tuning: HorizonTuning,
-        robust: RegulatorTuning | None,
-        disturbed: bool,
+        robust: LqRobustTuning | None,
+        disturbances: bool,
         design: TubeDesign | None,
     ) -> None:
         a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
-        self._feedforward = feedforward  # u_r (N, 3)
+        self._feedforward = feedforward
         bounds = remaining_bounds(feedforward, CommandLimits.of(reference.vehicle, period_s))
         if robust and robust.tightened:
-            taken = np.tile(robust.saturation, (len(feedforward), 1))
-            bounds = tightened(bounds, taken, np.zeros_like(taken), period_s)
+            reserved = np.tile(robust.saturation, (len(feedforward), 1))
+            bounds = tightened(bounds, reserved, np.zeros_like(reserved), period_s)
         horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds)
         self._mpc = LinearMpc(horizon)
-        self._robust = RobustRegulator(a, b, c, period_s, robust) if robust else None
+        self._robust = LqRobustLaw(a, b, c, period_s, robust) if robust else None
         one_step = robust is not None and robust.nominal == "one-step"
-        self._steps = StepSet(design, c[:-1, :, :_N]) if design and one_step else None
-        self._known = 1.0 if disturbed else 0.0
+        self._monitor = OneStepMonitor(design, c[:-1, :, :_N]) if design and one_step else None
+        self._disturbance_scale = 1.0 if disturbances else 0.0
         self._state = grid.state
         self._vehicle = reference.vehicle
         self._path = PredictedPath(grid, horizon.prediction)
 
+    def fresh(self) -> ArticulatedFeedback:
+        """Return the law before its first tick, see `FeedbackLaw`."""
+        law = copy.copy(self)
+        law._mpc = self._mpc.fresh()
+        law._robust = self._robust.fresh() if self._robust else None
+        return law
+
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`."""
-        state = error_state(self._state[k], estimate, self._vehicle)
-        state[_N:] *= self._known
-        before = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
+        """Return the actions of tick `k`, see `FeedbackLaw`."""
+        state = error_state(self._state[k], estimate, self._vehicle)  # (16,) z_e, s, m
+        state[_N:] *= self._disturbance_scale
+        previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         if self._robust is None:
-            return self._actions(k, self._mpc.step(k, state, before))
-        robust = self._robust.step(k, state, before)
-        feedback = self._mpc.step(k, robust.mpc_state, robust.mpc_before)
-        self._robust.note(k, robust.mpc_state, feedback.input)
+            return self._actions(k, self._mpc.step(k, state, previous))
+        robust = self._robust.step(k, state, previous)
+        feedback = self._mpc.step(k, robust.mpc_state, robust.mpc_previous)
+        self._robust.record_feedback(k, robust.mpc_state, feedback.input)
         return self._actions(k, feedback, robust)
 
     def _actions(
         self, k: int, feedback: FeedbackAction, robust: RobustAction | None = None
     ) -> Actions:
+        tube = None
+        if robust and self._monitor:
+            tube = self._monitor.report(k, robust.nominal, robust.deviation)
         return Actions(
             feedback=-feedback.input,
             robust=robust.input if robust else np.zeros(_M),
@@ -89,13 +99,11 @@ class ArticulatedFeedback:
             predicted_path=self._path.of(k, feedback.plan),
             solver=feedback.report,
             fallback=feedback.fallback or (robust.fallback if robust else ""),
-            tube=self._steps.report(k, robust.nominal, robust.deviation)
-            if robust and self._steps
-            else None,
+            tube=tube,
         )
 
     def prepare(self, k: int) -> None:
-        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        """Get ready for tick `k`, see `FeedbackLaw`."""
         self._mpc.prepare(k)
 
 
@@ -103,35 +111,52 @@ def articulated_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    tuning: HorizonTuning = TUNING,
-    robust: RegulatorTuning | None = RegulatorTuning(),  # noqa: B008 - frozen
-    disturbed: bool = True,
+    options: ArticulatedOptions = ArticulatedOptions(),  # noqa: B008 - frozen
     design: TubeDesign | None = None,
 ) -> TrackingController:
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
-    `robust` of None leaves the robust action out, `disturbed` of False tells the MPC nothing of
-    the disturbances that the filter knows. `design` is the tube against whose set each step's
-    disturbance is held, for the record, in the one-step reading of the robust law; it changes no
-    command.
+    With a `design`, the one-step monitor logs the containment of each step's residual in the set
+    of that tube, in the one-step reading of the robust law; it changes no command.
 
     Raises:
         InvalidTube: the design was made for another vehicle, or the law is to have its authority
-            free (`RegulatorTuning.tightened`) and the feedforward leaves less.
+            free (`ArticulatedOptions.tightened`) and the feedforward leaves less.
     """
     if design:
         design.require(vehicle, period_s)
-
-    def law(grid: ReferenceSample, feedforward: FloatArray) -> ArticulatedFeedback:
-        return ArticulatedFeedback(
-            grid, reference, feedforward, period_s, tuning, robust, disturbed, design
-        )
-
-    return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)
+    robust = options if options.robust else None
+    return _compose(vehicle, reference, period_s, options, robust, design)
 
 
 def nominal_controller(
-    vehicle: Vehicle, reference: Reference, period_s: float
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    options: NominalOptions = NominalOptions(),  # noqa: B008 - frozen
 ) -> TrackingController:
-    """Compose `ttempc` without its robust action."""
-    return articulated_controller(vehicle, reference, period_s, robust=None)
+    """Compose `ttempc` without its robust law: the controller `ttempc-nominal`."""
+    return _compose(vehicle, reference, period_s, options, robust=None, design=None)
+
+
+def _compose(
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    options: NominalOptions,
+    robust: LqRobustTuning | None,
+    design: TubeDesign | None,
+) -> TrackingController:
+    def law(grid: ReferenceSample, feedforward: FloatArray) -> ArticulatedFeedback:
+        return ArticulatedFeedback(
+            grid=grid,
+            reference=reference,
+            feedforward=feedforward,
+            period_s=period_s,
+            tuning=options,
+            robust=robust,
+            disturbances=options.disturbances,
+            design=design,
+        )
+
+    return around_exact_feedforward(vehicle, reference, period_s, options.horizon, law)

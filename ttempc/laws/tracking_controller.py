@@ -1,4 +1,4 @@
-"""The frame of every tracking controller: feedforward, a feedback law, the vehicle's limits."""
+"""Frame of every tracking controller: feedforward, feedback law, vehicle limits."""
 
 from __future__ import annotations
 
@@ -19,9 +19,13 @@ from ..types import (
     FloatArray,
     Input,
     SolverReport,
+    State,
     TubeReport,
 )
 from ..vehicle import Vehicle
+
+_WARM_UP_OFFSET_M = 0.01  # an error, so that iterative solvers iterate
+_WARM_UP_TICKS = 2  # the second one updates solvers that the first one has set up
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,43 +36,68 @@ class Actions:
     robust: FloatArray  # u_m
     modelling_error: FloatArray | None = None  # (4,) z_m [m]
     predicted_path: FloatArray | None = None  # (Np, 4) [m], map frame
-    solver: SolverReport | None = None
-    fallback: str = ""
-    tube: TubeReport | None = None
+    solver: SolverReport | None = None  # None where no QP is solved
+    fallback: str = ""  # why another law than the stated one acted
+    tube: TubeReport | None = None  # None where no tube is followed or monitored
 
 
 class FeedbackLaw(Protocol):
     """Turns an estimate into feedback and robust action."""
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`; `sent` is the command of the period before, (3,)."""
+        """Return the actions of tick `k`.
+
+        Args:
+            k: the tick.
+            estimate: of the vehicle at this tick; finite.
+            sent: command of the previous period, (3,) in the order of `Input`.
+        """
         ...
 
     def prepare(self, k: int) -> None:
-        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        """Get ready for tick `k`, see `ttempc.types.Preparing`."""
+        ...
+
+    def fresh(self) -> FeedbackLaw:
+        """Return the law as it was before its first tick.
+
+        It shares what was computed along the reference, and nothing that a step changes.
+        """
         ...
 
 
 class NoFeedback:
-    """The feedback law that does nothing."""
+    """Feedback law without any action."""
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return no feedback and no robust action."""
+        """Return no feedback and no robust action, see `FeedbackLaw`."""
         return Actions(np.zeros(3), np.zeros(3))
 
     def prepare(self, k: int) -> None:
-        """Do nothing: there is nothing to warm up."""
+        """Do nothing, see `FeedbackLaw`."""
+
+    def fresh(self) -> NoFeedback:
+        """Return the law itself: it has no memory."""
+        return self
 
 
 class TrackingController:
     """Feedforward along a precomputed reference, a feedback law, and the vehicle's limits.
 
-    Feedforward and actions speak of lambda = beta + delta_i; sent is delta_i = lambda - beta, with
-    the estimated hitch angle beta where `measured_hitch`, else with the reference's.
+    Feedforward and actions are in terms of lambda = beta + delta_i. The command is
+    delta_i = lambda - beta, with the estimated hitch angle beta if `measured_hitch`, else with the
+    reference's.
 
-    The vehicle is taken to start on the reference with its inputs. Beyond the reference's end the
-    last tick's reference is tracked. Estimates must be finite: `ttempc.guidance.supervisor` keeps
-    others away.
+    The vehicle is assumed to start on the reference with its inputs. Beyond the reference's end the
+    reference of the last tick is tracked. Estimates must be finite: `ttempc.guidance.supervisor`
+    keeps others away.
+
+    Args:
+        grid: the reference at every tick.
+        feedforward: (ticks, 3) delta_t, lambda, hp.
+        feedback: the law.
+        limits: of the command.
+        measured_hitch: which hitch angle turns lambda into delta_i.
     """
 
     def __init__(
@@ -80,15 +109,41 @@ class TrackingController:
         *,
         measured_hitch: bool,
     ) -> None:
-        self._hitch_angle = grid.hitch_angle
-        self._feedforward = feedforward  # (ticks, 3) delta_t, lambda, hp
+        self._grid = grid
+        self._feedforward = feedforward
         self._feedback = feedback
         self._limits = limits
         self._measured_hitch = measured_hitch
         self._previous = limits.clamp(grid.inputs[0])
 
+    def warm_up(self) -> None:
+        """Run the code of whole steps once: compilation, solver set-up, caches.
+
+        The steps are those of a second controller with a fresh law, on an estimate beside the
+        start of the reference. No later result changes. Call it before the first tick.
+        """
+        controller = TrackingController(
+            self._grid,
+            self._feedforward,
+            self._feedback.fresh(),
+            self._limits,
+            measured_hitch=self._measured_hitch,
+        )
+        state = self._grid.state[0].copy()
+        state[State.Y] += _WARM_UP_OFFSET_M
+        estimate = Estimate(
+            time_s=0.0,
+            state=state,
+            covariance=np.zeros((len(State), len(State))),
+            trailer_xy=self._grid.trailer_xy[0],
+            hitch_angle=float(self._grid.hitch_angle[0]),
+        )
+        for k in range(_WARM_UP_TICKS):
+            controller.prepare(k)
+            controller.step(estimate, k)
+
     def prepare(self, k: int) -> None:
-        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        """Get ready for tick `k`, see `ttempc.types.Preparing`."""
         k = min(k, len(self._feedforward) - 1)
         self._limits.apply(self._feedforward[k], self._previous)
         self._feedback.prepare(k)
@@ -98,7 +153,7 @@ class TrackingController:
         k = min(k, len(self._feedforward) - 1)
         actions = self._feedback.step(k, estimate, self._previous)
         feedforward = self._feedforward[k].copy()
-        beta = estimate.hitch_angle if self._measured_hitch else self._hitch_angle[k]
+        beta = estimate.hitch_angle if self._measured_hitch else self._grid.hitch_angle[k]
         feedforward[Input.DELTA_I] -= beta  # delta^i = lambda - beta
         total = feedforward + actions.feedback + actions.robust
         command, limited = self._limits.apply(total, self._previous)
@@ -126,9 +181,9 @@ def around_exact_feedforward(
     beyond: int,
     law: Callable[[ReferenceSample, FloatArray], FeedbackLaw],
 ) -> TrackingController:
-    """Compose the exact feedforward with the feedback law that `law` makes for it.
+    """Compose the exact feedforward with the feedback law that `law` returns for it.
 
-    `law` gets the reference at N + 1 ticks, to the end and `beyond` ticks further, and the
+    `law` takes the reference at N + 1 ticks, to its end and `beyond` ticks further, and the
     feedforward (delta_t, delta_i, hp) of the N periods between them, (N, 3).
     """
     grid = reference.on_grid(period_s, beyond=beyond)

@@ -1,39 +1,56 @@
-"""The controller `ttempc-tube`: a nominal vehicle under MPC, and a gain that keeps to its tube."""
+"""Tube MPC with an ancillary gain: `ttempc-tube`."""
 
 from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..mpc.articulated_error import error_state
 from ..mpc.lmpc import LinearMpc
+from ..mpc.ordered_product import ordered_product
 from ..mpc.prediction import PredictedPath
-from ..mpc.qp import CondensedHorizon, HorizonTuning
+from ..mpc.qp import CondensedHorizon
 from ..reference.reference import Reference, ReferenceSample
-from ..tube.reference_tube import ReferenceTube, TubeDesign, seen
-from ..tube.tube_kernel import successor, within
+from ..tube.reference_tube import ReferenceTube, TubeDesign, report_rows
 from ..types import Estimate, FloatArray, Input, State, TubeReport
 from ..vehicle import Vehicle
-from .articulated_mpc import TUNING
+from .articulated_options import MpcOptions
 from .tracking_controller import Actions, TrackingController, around_exact_feedforward
 
 _N, _M = len(State), len(Input)
 _OUTSIDE = "outside its tube: nominal state restarted at the estimate"
 
 
+@dataclass(frozen=True)
+class TubeMpcOptions(MpcOptions):
+    """Options of `ttempc-tube`: those of its nominal MPC. The tube has a file of its own.
+
+    Raises:
+        InvalidTuning: a value is out of its range.
+    """
+
+
 class TubeFeedback:
     """Tube MPC after Mayne, Seron and Rakovic (2005), on the estimate (Mayne et al. 2006).
 
-    A nominal error zbar obeys the model under the MPC, within bounds that the tube has tightened,
-    and knows the disturbance s that the estimator has found:
+    The nominal error zbar follows the model under the MPC, within bounds that the tube has
+    tightened, and with the disturbance s of the estimator:
 
         zbar(k+1) = A zbar(k) + B ubar(k) - E s(k),   u_e = ubar + K (zhat - zbar).
 
-    The estimate's deviation zhat - zbar then obeys A + B K under what each step adds beside the
-    model, and stays in the tube as long as that stays in its set. The nominal error follows from
-    itself alone: noise reaches the commands through K only. Constraints are those of the inputs,
-    and the reference lies inside them: every tick has a solution, and no terminal set is needed.
-    Where the deviation leaves the tube, as after a push or on ground unlike that of the data, the
-    nominal error starts again at the estimate, and the tick says so.
+    The deviation zhat - zbar of the estimate then obeys A + B K under the disturbance of each step,
+    and stays in the tube as long as that disturbance stays in its set. The nominal error depends on
+    no estimate of the state: noise reaches the commands through K only. The constraints are those
+    of the inputs, and the reference satisfies them: every tick has a solution, and no terminal set
+    is needed. Where the deviation leaves the tube, as after a push or on ground unlike that of the
+    data, the nominal error restarts at the estimate, and the fallback of the tick says so.
+
+    Args:
+        grid: the reference at every tick.
+        along: the tube along it.
+        horizon: of the nominal MPC, within the tightened bounds.
     """
 
     def __init__(
@@ -43,37 +60,50 @@ class TubeFeedback:
         self._mpc = LinearMpc(horizon)
         self._state, self._vehicle = grid.state, along.vehicle
         self._path = PredictedPath(grid, horizon.prediction)
-        # Contiguous, for the compiled functions are made for one layout.
-        self._a = np.ascontiguousarray(along.a[:, :_N])  # (T, 7, 16)
-        self._b = np.ascontiguousarray(along.b[:, :_N])  # (T, 7, 3)
-        self._gains = tube.system.gains
-        self._seen = seen(tube.system.c)  # (T, 9, 7)
-        self._half_widths = along.half_widths
-        # States, trailer point and inputs by the deviation, each in its own half width.
-        rows = np.concatenate([self._seen, self._gains], axis=1)
+        self._model = np.concatenate([along.a, along.b], axis=2)[:, :_N]  # (T, 7, 19) of (z, s, u)
+        self._gains = tube.system.gains  # (T, 3, 7)
+        self._rows = report_rows(tube.system.c)  # (T, 9, 7)
+        self._half_widths = along.half_widths  # (T, 9)
+        # States, trailer point and inputs of the deviation, each divided by its half width.
+        rows = np.concatenate([self._rows, self._gains], axis=1)
         widths = np.concatenate([tube.states, tube.outputs[:, 2:], tube.inputs], axis=1)
-        self._share = rows / widths[..., None]  # (T, 12, 7)
-        self._nominal: FloatArray | None = None
-        self._tick = -1
-        self._before: FloatArray = np.zeros(_M)  # ubar(k-1)
+        self._normalised = rows / widths[..., None]  # (T, 12, 7)
+        self._restart()
+
+    def _restart(self) -> None:
+        self._nominal: FloatArray | None = None  # zbar of the coming tick
+        self._tick = -1  # the coming tick
+        self._previous: FloatArray = np.zeros(_M)  # ubar(k-1)
+
+    def fresh(self) -> TubeFeedback:
+        """Return the law before its first tick, see `FeedbackLaw`."""
+        law = copy.copy(self)
+        law._mpc = self._mpc.fresh()
+        law._restart()
+        return law
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`."""
-        state = error_state(self._state[k], estimate, self._vehicle)  # (zhat, s, m)
-        here = state[:_N].copy()
-        nominal = here if self._nominal is None or k != self._tick else self._nominal
-        margin, error_of_nominal, ancillary = within(
-            self._share, self._seen, self._gains, k, here, nominal
-        )
+        """Return the actions of tick `k`, see `FeedbackLaw`."""
+        state = error_state(self._state[k], estimate, self._vehicle)  # (16,) zhat, s, m
+        error = state[:_N].copy()
+        nominal = error if self._nominal is None or k != self._tick else self._nominal
+        deviation = error - nominal
+        margin = 1.0 - float(np.abs(ordered_product(self._normalised[k], deviation)).max())
+        ancillary = ordered_product(self._gains[k], deviation)
         inside = margin >= 0.0
-        report = TubeReport(inside, margin, error_of_nominal, self._half_widths[k])
+        report = TubeReport(
+            inside=inside,
+            margin=margin,
+            nominal=ordered_product(self._rows[k], nominal),
+            half_width=self._half_widths[k],
+        )
         if inside:
             state[:_N] = nominal
         else:
             ancillary = np.zeros(_M)
-        feedback = self._mpc.step(k, state, self._before)
-        self._before = feedback.input
-        self._nominal = successor(self._a, self._b, k, state, feedback.input)
+        feedback = self._mpc.step(k, state, self._previous)
+        self._previous = feedback.input
+        self._nominal = ordered_product(self._model[k], np.concatenate([state, feedback.input]))
         self._tick = k + 1
         return Actions(
             feedback=-feedback.input,
@@ -85,7 +115,7 @@ class TubeFeedback:
         )
 
     def prepare(self, k: int) -> None:
-        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        """Get ready for tick `k`, see `FeedbackLaw`."""
         self._mpc.prepare(k)
 
 
@@ -93,10 +123,11 @@ def tube_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
+    options: TubeMpcOptions = TubeMpcOptions(),
+    *,
     design: TubeDesign,
-    tuning: HorizonTuning = TUNING,
 ) -> TrackingController:
-    """Compose feedforward, nominal MPC and ancillary gain of `design`.
+    """Compose feedforward, nominal MPC and ancillary gain of `design`: `ttempc-tube`.
 
     Raises:
         InvalidTube: see `ReferenceTube.along`.
@@ -105,7 +136,7 @@ def tube_controller(
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> TubeFeedback:
         along = ReferenceTube.along(design, reference, len(feedforward))
-        horizon = CondensedHorizon(along.a, along.b, tuning, period_s, along.c, along.bounds)
+        horizon = CondensedHorizon(along.a, along.b, options, period_s, along.c, along.bounds)
         return TubeFeedback(grid, along, horizon)
 
-    return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)
+    return around_exact_feedforward(vehicle, reference, period_s, options.horizon, law)

@@ -1,4 +1,4 @@
-"""The articulated error model along a reference: dynamics, state, and what limits leave."""
+"""Articulated error model along a reference: dynamics, state and input bounds."""
 
 from __future__ import annotations
 
@@ -25,25 +25,30 @@ def error_dynamics(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return A (N, 16, 16), B (N, 16, 3) and C (N + 1, 4, 16) along the reference.
 
-    State (z_e, s, m): z_e = T (z_r - z) is the error of the minimal state with the position in the
-    frame of the reference tractor, s the disturbance that turns with the vehicle and m the one that
-    stays with the field (`MapDisturbance`), both held over the horizon; input u_e = u_r - u:
+    The state is (z_e, s, m): z_e = T (z_r - z) is the error of the minimal state with the position
+    in the frame of the reference tractor, s the body-fixed disturbance (`Disturbance`) and m the
+    map-fixed one (`MapDisturbance`), both constant over the horizon. The input is u_e = u_r - u:
 
         z_e(k+1) = A_z z_e(k) + B_z u_e(k) - E (s + G(psi_r) m),   s(k+1) = s(k),  m(k+1) = m(k).
 
-    The Jacobians of the exact model, taken in the middle of each period, are held for it (zero-
-    order hold by the matrix exponential); T turns with the reference. Outputs C z_e are the errors
-    of tractor and trailer point in the frames of the reference tractor and trailer.
+    The Jacobians of the exact model in the middle of each period are constant over it (zero-order
+    hold by the matrix exponential); T turns with the reference. The outputs C z_e are the errors of
+    tractor and trailer point in the frames of the reference tractor and trailer.
+
+    Args:
+        reference: of which vehicle, along which path.
+        period_s: control period [s].
+        ticks: N, periods from the start.
     """
     vehicle = reference.vehicle
     middle = reference.at((np.arange(ticks) + 0.5) * period_s)
-    turning = map_gains(middle, vehicle)
+    gains = map_gains(middle, vehicle)
     slope_a, slope_b = np.zeros((ticks, _SIZE, _SIZE)), np.zeros((ticks, _SIZE, _M))
     for k, (state, inputs) in enumerate(zip(middle.state, middle.inputs, strict=True)):
         by_state, by_input, by_disturbance = articulated_jacobian(state, inputs, vehicle)
         slope_a[k, :_N, :_N] = by_state
         slope_a[k, :_N, _N : _N + _D] = -by_disturbance
-        slope_a[k, :_N, _N + _D :] = -by_disturbance @ turning[k]
+        slope_a[k, :_N, _N + _D :] = -by_disturbance @ gains[k]
         slope_b[k, :_N] = by_input
     a, b = zero_order_hold(slope_a, slope_b, period_s)
 
@@ -62,37 +67,38 @@ def error_dynamics(
 
 
 def map_gains(reference: ReferenceSample, vehicle: Vehicle) -> FloatArray:
-    """Return G (N, 5, 4), what map disturbances do to the vehicle at N samples of the reference."""
-    shape = reference.state[:, [State.PSI_T, State.PSI_I, State.V]].tolist()
+    """Return G (N, 5, 4), the gains from map disturbances to disturbances at N samples."""
+    rows = reference.state[:, [State.PSI_T, State.PSI_I, State.V]].tolist()
     return np.array(
         [
             by_map(psi_t, psi_i, v, yaw_rate, vehicle)
-            for (psi_t, psi_i, v), yaw_rate in zip(
-                shape, reference.yaw_rate_t.tolist(), strict=True
-            )
+            for (psi_t, psi_i, v), yaw_rate in zip(rows, reference.yaw_rate_t.tolist(), strict=True)
         ]
     )
 
 
 def error_state(reference: FloatArray, estimate: Estimate, vehicle: Vehicle) -> FloatArray:
-    """Return (z_e, s, m) of `error_dynamics` against the reference's state (7,), (16,)."""
+    """Return (z_e, s, m) of `error_dynamics`, (16,), for the state (7,) of the reference."""
     error = reference - estimate.state
     for yaw in (State.PSI_T, State.PSI_I):
         error[yaw] = wrap_angle(error[yaw])
     cos, sin = math.cos(reference[State.PSI_T]), math.sin(reference[State.PSI_T])
     dx, dy = error[State.X], error[State.Y]
     error[State.X], error[State.Y] = cos * dx + sin * dy, cos * dy - sin * dx
-    return np.concatenate([error, *lasting_disturbance(estimate, vehicle)])
+    return np.concatenate([error, *split_disturbance(estimate, vehicle)])
 
 
-def lasting_disturbance(estimate: Estimate, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
-    """Return what of the disturbance turns with the vehicle (5,), and what with the field (4,)."""
+def split_disturbance(estimate: Estimate, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """Return the body-fixed part s (5,) and the map-fixed part m (4,) of the disturbance."""
     on_map = estimate.map_disturbance
     return estimate.disturbance - map_gain(estimate, vehicle) @ on_map, on_map
 
 
 def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBounds:
-    """Return what the limits of the command leave to u_e = u_r - u at every tick."""
+    """Return the bounds on u_e = u_r - u that follow from `limits`, (N, 3) each.
+
+    `feedforward` is u_r (N, 3). Where it is beyond a limit, the bound is 0.
+    """
     change = np.diff(feedforward, axis=0, prepend=feedforward[:1])
     return StageBounds(
         lower=np.minimum(feedforward - limits.upper, 0.0),

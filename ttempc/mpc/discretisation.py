@@ -12,24 +12,25 @@ _TAYLOR_TERMS = 15
 
 
 def zero_order_hold(a: FloatArray, b: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return A_d (N, n, n) and B_d (N, n, m) of z' = A z + B u with u held for `period_s`.
+    """Return A_d (N, n, n) and B_d (N, n, m) of z' = A z + B u with u constant for `period_s`.
 
-    By the exponential of the block matrix [[A, B], [0, 0]] (Van Loan 1978), all samples at once.
+    They are blocks of the exponential of [[A, B], [0, 0]] (Van Loan 1978), for `a` A (N, n, n) and
+    `b` B (N, n, m), all samples at once.
     """
     count, n, m = b.shape
     block = np.zeros((count, n + m, n + m))
     block[:, :n, :n] = a * period_s
     block[:, :n, n:] = b * period_s
-    held = _exponential(block)  # (N, n + m, n + m)
-    return held[:, :n, :n].copy(), held[:, :n, n:].copy()
+    exponential = _exponential(block)  # (N, n + m, n + m)
+    return exponential[:, :n, :n].copy(), exponential[:, :n, n:].copy()
 
 
 def _exponential(matrices: FloatArray) -> FloatArray:
-    """Return exp of each of (N, n, n) matrices by Taylor's series, scaled and squared.
+    """Return exp of each of (N, n, n) matrices by Taylor's series, scaling and squaring.
 
-    scipy's expm takes one matrix after the other and wakes a pool of threads for each: 20 times
+    scipy's expm treats one matrix after the other and starts a pool of threads for each: 20 times
     slower along a reference, and far more on a busy machine. Scaled to a norm of 1/2, 15 terms
-    leave less than 1e-17.
+    leave an error below 1e-17.
     """
     norm = float(np.abs(matrices).sum(axis=-1).max(initial=0.0))
     squarings = max(0, math.frexp(norm)[1] + 1)

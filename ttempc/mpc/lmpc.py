@@ -1,4 +1,4 @@
-"""The feedback action: a linear MPC over precomputed horizons."""
+"""Linear MPC with a receding horizon over precomputed matrices."""
 
 from __future__ import annotations
 
@@ -13,48 +13,54 @@ from .solver import PersistentSolver
 
 @dataclass(frozen=True, slots=True)
 class FeedbackAction:
-    """What the linear MPC wants at one tick."""
+    """Result of the linear MPC at one tick."""
 
     input: FloatArray  # u_b = u_e* (m,), eq. (ue); inside its bounds
-    plan: FloatArray  # (n + m + m Nc,) w of `CondensedHorizon`: known things and input steps
+    plan: FloatArray  # (n + m + m Nc,) w of `CondensedHorizon`: state, previous input, input steps
     report: SolverReport
     fallback: str  # why the input is not the minimiser; empty where it is
 
 
 class LinearMpc:
-    """Receding horizon: solve, take the first step. It remembers nothing that changes a result.
+    """Receding horizon: solve the QP of a tick and apply its first step.
 
-    Where the solver gives no result that counts, the previous input is held.
+    Where the QP has no accepted solution, the previous input is held. A result depends on earlier
+    ones in the last digits of the solver's iterates only.
     """
 
     def __init__(self, horizon: CondensedHorizon) -> None:
         self._horizon = horizon
         self._solver = PersistentSolver()
-        self._rehearsal = PersistentSolver()  # an update leaves traces in PIQP's last digits
+        # `prepare` has a solver of its own: an update changes the last digits of later results.
+        self._preparing_solver = PersistentSolver()
         self._last: tuple[FloatArray, FloatArray] | None = None  # state and input of the last step
+
+    def fresh(self) -> LinearMpc:
+        """Return the MPC before its first tick; it shares the horizon."""
+        return LinearMpc(self._horizon)
 
     def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:
         """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
-        previous = self._horizon.first.within_reach(k, previous)
+        self._last = state, previous
+        return self._solve(self._solver, k, state, previous)
+
+    def prepare(self, k: int) -> None:
+        """Solve tick `k` for the data of the last step and drop the result, to fill the caches."""
+        if self._last:
+            self._solve(self._preparing_solver, k, *self._last)
+
+    def _solve(
+        self, solver: PersistentSolver, k: int, state: FloatArray, previous: FloatArray
+    ) -> FeedbackAction:
+        previous = self._horizon.first.clamp_previous(k, previous)
         qp = self._horizon.qp(k, state, previous)
-        solution = self._solver.solve(qp)
+        solution = solver.solve(qp)
         if solution.x is None:
             steps = np.zeros_like(qp.gradient)
             fallback = f"QP {solution.report.status}: previous feedback held"
         else:
             steps = np.minimum(np.maximum(solution.x, qp.step_lower), qp.step_upper)
             fallback = ""
-        u = self._horizon.first.within(k, previous + steps[: len(previous)])
+        u = self._horizon.first.clamp(k, previous + steps[: len(previous)])
         plan = np.concatenate([state, previous, steps])
-        self._last = state, previous
         return FeedbackAction(u, plan, solution.report, fallback)
-
-    def prepare(self, k: int) -> None:
-        """Solve tick `k` for what the last step was given, in another solver, and drop the result.
-
-        The next step then finds its code in the caches.
-        """
-        if self._last:
-            solver, self._solver = self._solver, self._rehearsal
-            self.step(k, *self._last)
-            self._solver = solver

@@ -1,4 +1,4 @@
-"""Where a horizon expects both axle points to go: the reference less the predicted errors."""
+"""Predicted path of both axle points: the reference less the predicted errors."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from ..types import FloatArray, State
 
 
 def rotation(angle: FloatArray) -> FloatArray:
-    """Return the matrices that turn vectors counter-clockwise by `angle` (N,), (N, 2, 2)."""
+    """Return the rotation matrices by `angle` (N,) [rad], counter-clockwise, (N, 2, 2)."""
     cos, sin = np.cos(angle), np.sin(angle)
     return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
 
 
 class PredictedPath:
-    """The path that a plan leads along, to first order in the errors.
+    """Path of both axle points under a plan, to first order in the errors.
 
     Args:
         grid: the reference at every tick.
-        errors: (ticks, Np, 4, p) position errors of tractor (x, y) and trailer (x, y) in the
-            frames of the reference, by the plan of a tick.
+        errors: (ticks, Np, 4, p) matrices from the plan of a tick to the position errors of
+            tractor (x, y) and trailer (x, y) in the frames of the reference.
     """
 
     def __init__(self, grid: ReferenceSample, errors: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""The linear-quadratic regulator along a reference, by the Riccati recursion."""
+"""Gains of the linear-quadratic regulator along a reference, by the Riccati recursion."""
 
 from __future__ import annotations
 
@@ -9,22 +9,37 @@ from ..errors import InvalidTuning
 from ..types import FloatArray
 
 
-def regulator_gains(
-    a: FloatArray, b: FloatArray, state_cost: FloatArray, input_cost: FloatArray
+def riccati_gains(
+    a: FloatArray,
+    b: FloatArray,
+    state_cost: FloatArray,
+    input_cost: FloatArray,
+    terminal_cost: FloatArray | None = None,
 ) -> FloatArray:
-    """Return K (N, m, n) such that u(k) = -K_k z(k) minimises sum z'Qz + u'Ru from each tick on.
+    """Return the gains K (N, m, n) of u(k) = -K_k z(k) that minimise sum z'Q z + sum u'R u.
 
-    z(k+1) = A_k z(k) + B_k u(k) with `a` (N, n, n) and `b` (N, n, m); Q is `state_cost`
-    (N, n, n), R the diagonal `input_cost` (m,). Beyond the last stage it repeats for ever.
+    The model is z(k+1) = A_k z(k) + B_k u(k). The recursion runs backwards over the N stages,
+
+        K = (R + B'PB)^-1 B'PA,    P <- Q + A'P (A - BK).
+
+    Args:
+        a: A (N, n, n).
+        b: B (N, n, m).
+        state_cost: Q (N, n, n).
+        input_cost: diagonal of R (m,).
+        terminal_cost: P (n, n) after the last stage. Without it, the last stage is repeated
+            indefinitely, and P solves its algebraic Riccati equation.
 
     Raises:
         InvalidTuning: no gain stabilises the last stage.
     """
     weight = np.diag(input_cost)
-    try:
-        value = solve_discrete_are(a[-1], b[-1], state_cost[-1], weight)
-    except np.linalg.LinAlgError as error:
-        raise InvalidTuning(f"regulator of the last stage: {error}") from None
+    value = terminal_cost
+    if value is None:
+        try:
+            value = solve_discrete_are(a[-1], b[-1], state_cost[-1], weight)
+        except np.linalg.LinAlgError as error:
+            raise InvalidTuning(f"no regulator stabilises the last stage: {error}") from None
     gains = np.empty((len(b), b.shape[2], b.shape[1]))
     for k in reversed(range(len(b))):
         by_input = b[k].T @ value

@@ -1,4 +1,4 @@
-"""A persistent PIQP solver that believes PIQP only where the answer can be believed."""
+"""Persistent PIQP solver with checks of input and solution."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ import numpy as np
 import piqp
 
 from ..types import FloatArray, SolverReport
-from .qp import QP
-from .step_kernels import convex, finite, slack
+from .qp import QP, is_convex
 
 # PIQP's default of 1e-8 leaves errors of 1e-5 in the first move where bounds are weakly active.
 _TOLERANCE = 1e-11
-# How far beyond a bound a solution may be before it counts as wrong; it is clamped anyway.
+# Violation of a bound above which a solution is rejected; below it is clamped.
 _BOUND_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class QPSolution:
-    """The minimiser where the solver found one, and what the solver said."""
+    """Accepted minimiser of a QP, if any, and the solver's report."""
 
     x: FloatArray | None  # (n,), None where the result was not accepted
     report: SolverReport
@@ -29,11 +28,14 @@ class QPSolution:
 class PersistentSolver:
     """PIQP's dense interior-point solver, set up once and updated from problem to problem.
 
-    What PIQP 0.6 and 0.7 return on bad input decides what is done here: numbers that are not
-    finite come back as numbers that are not finite, poison later solves when they were in the
-    Hessian, infeasible problems may end at the iteration limit with a wild point, and an
-    indefinite Hessian is called solved. So the input is checked first, a result counts only when
-    solved, finite and within its bounds, and the solver is built anew after any failure.
+    PIQP 0.6 and 0.7 fail on bad input as follows: input that is not finite gives a solution that is
+    not finite, and corrupts later solves when it was in the Hessian; an infeasible problem may end
+    at the iteration limit with an arbitrary point; an indefinite Hessian counts as solved.
+    Therefore the input is checked first, a solution is accepted only when it is solved, finite and
+    within its bounds, and the solver is built anew after any failure.
+
+    Args:
+        tolerance: absolute and relative tolerance of residuals and duality gap.
     """
 
     def __init__(self, tolerance: float = _TOLERANCE) -> None:
@@ -41,28 +43,28 @@ class PersistentSolver:
         self._solver: piqp.DenseSolver | None = None
 
     def solve(self, qp: QP) -> QPSolution:
-        """Return the minimiser of `qp`, or say why there is none."""
-        sound = finite(qp.gradient, qp.lower, qp.upper)
-        if not sound or not convex(qp.hessian):
+        """Return the minimiser of `qp`, or the reason for which there is none."""
+        finite = all(np.isfinite(part).all() for part in (qp.gradient, qp.lower, qp.upper))
+        if not finite or not is_convex(qp.hessian):
             self._solver = None
-            status = "hessian not convex" if sound else "input not finite"
+            status = "hessian not convex" if finite else "input not finite"
             return QPSolution(None, SolverReport(status, False, 0, 0.0, math.inf, math.inf))
         solver = self._load(qp)
         status = solver.solve()
         result = solver.result
         info = result.info
         x = result.x.copy()
-        accepted, word = False, "solved"
+        accepted, text = False, "solved"
         if status != piqp.PIQP_SOLVED:
-            word = status.name.removeprefix("PIQP_").lower()
+            text = status.name.removeprefix("PIQP_").lower()
         elif _within_bounds(qp, x):
             accepted = True
         else:
-            word = "solved outside its bounds"
+            text = "solved outside its bounds"
         if not accepted:
             self._solver = None
         report = SolverReport(
-            status=word,
+            status=text,
             accepted=accepted,
             iterations=info.iter,
             solve_time_s=info.solve_time,
@@ -72,8 +74,8 @@ class PersistentSolver:
         return QPSolution(x if accepted else None, report)
 
     def _load(self, qp: QP) -> piqp.DenseSolver:
-        """Hand the problem to the living solver, or to a new one."""
-        hessian = qp.hessian.T  # symmetric; the transpose has the column order that PIQP wants
+        """Return a solver that holds the problem: the present one, or a new one."""
+        hessian = qp.hessian.T  # symmetric; the transpose has the column order of PIQP
         if self._solver is not None:
             self._solver.update(
                 P=hessian,
@@ -103,6 +105,5 @@ class PersistentSolver:
 
 
 def _within_bounds(qp: QP, x: FloatArray) -> bool:
-    """Whether `x` (n,) is finite and inside the bounds; comparisons with NaN are false."""
-    inside = slack(qp.matrix, x, qp.lower, qp.upper, qp.step_lower, qp.step_upper)
-    return inside >= -_BOUND_TOLERANCE
+    """Whether `x` (n,) is finite and inside the bounds."""
+    return bool(np.isfinite(x).all() and (qp.slack(x) >= -_BOUND_TOLERANCE).all())

@@ -1,1 +1,1 @@
-"""The controller of Kayacan, Ramon and Saeys (2016)."""
+"""Controller of Kayacan, Ramon and Saeys (2016)."""

@@ -1,60 +1,76 @@
-"""The paper's controller: linear MPC on the printed error model, and the tanh law beside it."""
+"""Linear MPC on the printed error model with the printed robust law: `paper`."""
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
 
-from ..laws.robust_law import Nominal, RobustGains, RobustLaw
+from ..laws.nominal_state import NominalState
 from ..laws.tracking_controller import Actions, TrackingController
 from ..limits import CommandLimits
 from ..models.tracking_error import POSITIONS, estimated_error
 from ..mpc.discretisation import zero_order_hold
 from ..mpc.lmpc import LinearMpc
 from ..mpc.prediction import PredictedPath
-from ..mpc.qp import CondensedHorizon, HorizonTuning
+from ..mpc.qp import CondensedHorizon
 from ..reference.feedforward import exact_feedforward
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Estimate, FloatArray, Input
 from ..vehicle import Vehicle
-from .equations import PaperEquations
 from .error_model import linearise
 from .feedforward import printed_feedforward
+from .options import PaperOptions, PrintedSignOptions
+from .robust_law import RobustLaw
+
+_M = len(Input)
 
 
 class PaperFeedback:
-    """Linear MPC on the printed error model, and the tanh law on the modelling error."""
+    """Linear MPC on the printed error model, and the tanh law on the modelling error.
+
+    Args:
+        grid: the reference at every tick.
+        vehicle: its constants.
+        period_s: control period [s].
+        options: with the hydrostat's entries in the unit of the equations.
+    """
 
     def __init__(
-        self,
-        grid: ReferenceSample,
-        vehicle: Vehicle,
-        period_s: float,
-        equations: PaperEquations,
-        tuning: HorizonTuning,
-        gains: RobustGains | None,
+        self, grid: ReferenceSample, vehicle: Vehicle, period_s: float, options: PaperOptions
     ) -> None:
         self._grid = grid
-        a, b = zero_order_hold(*linearise(grid, vehicle, equations), period_s)
+        a, b = zero_order_hold(*linearise(grid, vehicle, options), period_s)
         # No period starts at the last sample: it is only predicted.
-        horizon = CondensedHorizon(a[:-1], b[:-1], tuning, period_s)
+        horizon = CondensedHorizon(a[:-1], b[:-1], options, period_s)
         self._mpc = LinearMpc(horizon)
-        self._previous = np.zeros(len(Input))  # u_e(k-1)
-        self._nominal = Nominal(a, b, equations.nominal)
-        self._robust = RobustLaw(gains, equations.robust_sign, period_s) if gains else None
-        self._to_vehicle = np.array([1.0, 1.0, 1.0 / equations.hp_full_scale])
+        self._previous: FloatArray = np.zeros(_M)  # u_e(k-1)
+        self._nominal = NominalState(a, b, options.nominal)
+        self._robust = None
+        if options.robust:
+            self._robust = RobustLaw(options, options.robust_sign, period_s)
+        self._to_vehicle = np.array([1.0, 1.0, 1.0 / options.hp_full_scale])
         self._path = PredictedPath(grid, horizon.prediction[:, :, POSITIONS])
 
+    def fresh(self) -> PaperFeedback:
+        """Return the law before its first tick, see `FeedbackLaw`."""
+        law = copy.copy(self)
+        law._mpc = self._mpc.fresh()
+        law._previous = np.zeros(_M)
+        law._nominal = self._nominal.fresh()
+        law._robust = self._robust.fresh() if self._robust else None
+        return law
+
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`."""
+        """Return the actions of tick `k`, see `FeedbackLaw`."""
         error = estimated_error(estimate, self._grid, k)
         nominal = self._nominal.at(k, error)
         mpc_state = self._nominal.mpc_state(nominal, error)
         feedback = self._mpc.step(k, mpc_state, self._previous)
         self._previous = feedback.input
         self._nominal.advance(k, mpc_state, feedback.input)
-        u_m, z_m = np.zeros(3), None
+        u_m, z_m = np.zeros(_M), None
         if self._robust:
             u_m, z_m = self._robust.step(k, nominal, error)
         return Actions(
@@ -67,7 +83,7 @@ class PaperFeedback:
         )
 
     def prepare(self, k: int) -> None:
-        """Warm up for tick `k`, see `ttempc.types.Preparing`."""
+        """Get ready for tick `k`, see `FeedbackLaw`."""
         self._mpc.prepare(k)
 
 
@@ -75,50 +91,41 @@ def paper_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    equations: PaperEquations | None = None,
-    tuning: HorizonTuning | None = None,
-    gains: RobustGains | None = RobustGains(),  # noqa: B008 - frozen
+    options: PaperOptions = PaperOptions(),  # noqa: B008 - frozen
 ) -> TrackingController:
-    """Compose the paper's controller; `gains` of None leaves the robust action out."""
-    equations = equations or PaperEquations()
-    tuning, gains = _in_paper_unit(tuning or HorizonTuning(), gains, equations.hp_full_scale)
-    grid = reference.on_grid(period_s, beyond=tuning.horizon)
-    ticks = len(grid.time_s) - tuning.horizon
-    if equations.feedforward == "printed":
-        feedforward = printed_feedforward(grid, vehicle, equations)[:ticks]
+    """Compose the paper's controller: `paper`."""
+    options = _in_paper_unit(options)
+    grid = reference.on_grid(period_s, beyond=options.horizon)
+    ticks = len(grid.time_s) - options.horizon
+    if options.feedforward == "printed":
+        feedforward = printed_feedforward(grid, vehicle, options)[:ticks]
     else:
         feedforward = exact_feedforward(reference, ticks, period_s)
         feedforward[:, Input.DELTA_I] += grid.hitch_angle[:ticks]  # lambda_r = beta_r + delta_i_r
-    feedforward[:, Input.HP] /= equations.hp_full_scale
-    feedback = PaperFeedback(grid, vehicle, period_s, equations, tuning, gains)
+    feedforward[:, Input.HP] /= options.hp_full_scale
+    feedback = PaperFeedback(grid, vehicle, period_s, options)
     limits = CommandLimits.of(vehicle, period_s)
-    measured_hitch = equations.hitch_angle == "measured"
+    measured_hitch = options.hitch_angle == "measured"
     return TrackingController(grid, feedforward, feedback, limits, measured_hitch=measured_hitch)
 
 
 def printed_sign_controller(
-    vehicle: Vehicle, reference: Reference, period_s: float
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    options: PrintedSignOptions = PrintedSignOptions(),  # noqa: B008 - frozen
 ) -> TrackingController:
-    """Compose the paper's controller with the robust action's sign as printed.
-
-    It reads the nominal state as the tube's own. In the one-step reading the modelling error has
-    no memory of where the vehicle is, and its sign decides next to nothing.
-    """
-    equations = PaperEquations(robust_sign=1, nominal="tube")
-    return paper_controller(vehicle, reference, period_s, equations)
+    """Compose the paper's controller with the sign as printed: `paper-printed-sign`."""
+    return paper_controller(vehicle, reference, period_s, options)
 
 
-def _in_paper_unit(
-    tuning: HorizonTuning, gains: RobustGains | None, full_scale: float
-) -> tuple[HorizonTuning, RobustGains | None]:
-    """Return tuning and gains with the hydrostat's entries in the unit of the equations."""
-
-    def scaled(values: tuple[float, ...]) -> tuple[float, ...]:
-        return (*values[: Input.HP], values[Input.HP] * full_scale)
-
-    tuning = replace(
-        tuning, input_bound=scaled(tuning.input_bound), input_rate=scaled(tuning.input_rate)
+def _in_paper_unit(options: PaperOptions) -> PaperOptions:
+    """Return the options with the hydrostat's entries in the unit of the equations."""
+    delta_t, delta_i, hp = options.saturation
+    scale = options.hp_full_scale
+    return replace(
+        options,
+        input_bound=(*options.input_bound[: Input.HP], options.input_bound[Input.HP] * scale),
+        input_rate=(*options.input_rate[: Input.HP], options.input_rate[Input.HP] * scale),
+        saturation=(delta_t, delta_i, hp * scale),
     )
-    if gains:
-        gains = replace(gains, saturation=scaled(gains.saturation))
-    return tuning, gains

@@ -1,4 +1,4 @@
-"""The paper's linear model of the tracking error along the reference."""
+"""Linear model of the tracking error along the reference, as in the paper."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def linearise(
     speed_i = v if equations.trailer_speed == "tractor" else reference.speed_i
     length_t, length_i = vehicle.wheelbase, vehicle.trailer_length
     tau = vehicle.speed_time_constant
-    seen = {"trailer": (Error.X_I, Error.Y_I), "tractor": (Error.X_T, Error.Y_T)}
-    x_i, y_i = seen[equations.trailer_error_frame]
+    frames = {"trailer": (Error.X_I, Error.Y_I), "tractor": (Error.X_T, Error.Y_T)}
+    x_i, y_i = frames[equations.trailer_error_frame]
 
     a = np.zeros((len(v), 7, 7))
     a[:, Error.X_T, Error.Y_T] = reference.yaw_rate_t

@@ -1,4 +1,4 @@
-"""The paper's feedforward action."""
+"""Feedforward action of the paper."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""The ancillary gain of a tube: Riccati along the reference, its weights searched for a tight tube.
+"""Ancillary gain of a tube: an LQR along the reference with searched weights.
 
-A quadratic cost knows nothing of a tube, but its weights span gains that stabilise; among them the
-search takes those whose tube is narrow across the track and leaves the inputs the room asked for.
+The quadratic cost does not contain the tube, but every choice of weights gives a stabilising gain.
+Among these gains the search finds one whose tube is narrow across the track and leaves the inputs
+their reserve.
 """
 
 from __future__ import annotations
@@ -13,25 +14,29 @@ from scipy.optimize import minimize
 
 from ..errors import InvalidTube, InvalidTuning
 from ..limits import CommandLimits
-from ..mpc.riccati import regulator_gains
+from ..mpc.riccati import riccati_gains
 from ..types import FloatArray, Input
 from .disturbance_set import DisturbanceSet
 from .tube import TrackingSystem, Tube, invariant_tube
 
 _CROSS = (1, 3)  # cross-track errors among the outputs x_t, y_t, x_i, y_i
-_COARSE = 0.2  # alpha of the tubes of the search: five times as fast, 20 % too wide everywhere
-_SLOWEST = 0.98  # a gain whose slowest mode remembers ten seconds leaves no narrow tube
-_EVALUATIONS = 700
-_START = (0.1, 2.5, 0.05, 2.5, 0.01, 0.01, 0.01, 0.01, 0.01, 0.3, 1.5, 0.9)  # of the weights
-_HYDROSTAT_SHARE = 0.8  # of its room that a tube may take
-_RATE_SHARE = 0.9  # of the change in a period; where curves begin the feedforward takes the rest
-_PENALTY = 3.0  # [m] for a room overdrawn by its whole
-_FIRST_SIMPLEX = 1.0  # of the logarithms
+_COARSE = 0.2  # alpha of the tubes of the search: at most 20 % too wide, five times as fast
+_SLOWEST = 0.98  # largest modulus of a mode: a time constant of ten seconds leaves no narrow tube
+_EVALUATIONS = 700  # of each simplex, at most
+_START = (0.1, 2.5, 0.05, 2.5, 0.01, 0.01, 0.01, 0.01, 0.01, 0.3, 1.5, 0.9)  # weights
+_HYDROSTAT_SHARE = 0.8  # largest share of the hydrostat's margin that the tube may take
+# Largest share of the change in a period that the tube may take; the feedforward takes the rest
+# where curves begin.
+_RATE_SHARE = 0.9
+_PENALTY = 3.0  # [m] for exceeding a margin by 100 %
+_SECONDARY = 0.02  # weight of the other half widths beside the largest cross-track one
+_NO_TUBE = 1e3  # cost of weights that give no tube [m]
+_FIRST_SIMPLEX = 1.0  # edge, in logarithms of the weights
 
 
 @dataclass(frozen=True, slots=True)
 class AncillaryWeights:
-    """Diagonals of the quadratic cost of which the ancillary gain is the minimiser.
+    """Diagonals of the quadratic cost that the ancillary gain minimises.
 
     Raises:
         InvalidTube: a weight is not finite or not above 0.
@@ -48,12 +53,12 @@ class AncillaryWeights:
 
     @property
     def flat(self) -> FloatArray:
-        """Return all of them in their order, (12,)."""
+        """Return all weights in the order of the fields, (12,)."""
         return np.array([*self.outputs, *self.states, *self.inputs])
 
     @classmethod
     def of(cls, flat: FloatArray) -> AncillaryWeights:
-        """Return the weights of which `flat` (12,) are all in their order."""
+        """Return the weights from `flat` (12,), the reverse of `AncillaryWeights.flat`."""
         values = [float(value) for value in flat]
         return cls(tuple(values[:4]), tuple(values[4:9]), tuple(values[9:]))  # pyright: ignore
 
@@ -61,31 +66,37 @@ class AncillaryWeights:
 def gain_schedule(
     a: FloatArray, b: FloatArray, c: FloatArray, weights: AncillaryWeights
 ) -> FloatArray:
-    """Return K (T, m, n) of u = K z at every tick, by the Riccati recursion from the last one.
+    """Return K (T, m, n) of u = K z at every tick, by the Riccati recursion.
 
-    A (T, n, n), B (T, n, m), C (T, p, n). The road of the last tick is taken to go on.
+    The last stage is repeated indefinitely.
+
+    Args:
+        a: A (T, n, n) of the minimal state.
+        b: B (T, n, m).
+        c: C (T, p, n).
+        weights: of the cost.
 
     Raises:
-        InvalidTube: on that road no gain minimises the cost.
+        InvalidTube: no gain stabilises the last stage.
     """
-    outputs, inner = np.array(weights.outputs), np.diag([0.0, 0.0, *weights.states])
-    cost = c.transpose(0, 2, 1) @ (outputs[:, None] * c) + inner  # (T, n, n)
+    outputs, states = np.array(weights.outputs), np.diag([0.0, 0.0, *weights.states])
+    cost = c.transpose(0, 2, 1) @ (outputs[:, None] * c) + states  # (T, n, n)
     try:
-        return -regulator_gains(a, b, cost, np.array(weights.inputs))
+        return -riccati_gains(a, b, cost, np.array(weights.inputs))
     except InvalidTuning as reason:
         raise InvalidTube(f"no ancillary gain minimises {weights}: {reason}") from None
 
 
 @dataclass(frozen=True)
-class InputRoom:
-    """How far a tube may reach into the inputs at each tick."""
+class InputMargin:
+    """Distances of the feedforward from the limits of the inputs."""
 
-    amplitudes: FloatArray  # (T, m) from the feedforward to the nearer limit
+    amplitudes: FloatArray  # (T, m) to the nearer limit
     step: FloatArray  # (m,) largest change in a period
 
     @classmethod
-    def of(cls, feedforward: FloatArray, limits: CommandLimits) -> InputRoom:
-        """Return what the limits leave beside the `feedforward` (T, m)."""
+    def of(cls, feedforward: FloatArray, limits: CommandLimits) -> InputMargin:
+        """Return the margin between `feedforward` (T, m) and `limits`."""
         return cls(np.minimum(limits.upper - feedforward, feedforward - limits.lower), limits.step)
 
 
@@ -94,20 +105,30 @@ def search_weights(
     b: FloatArray,
     c: FloatArray,
     disturbance: DisturbanceSet,
-    room: InputRoom,
+    margin: InputMargin,
     reserve: FloatArray,
     start: AncillaryWeights | None = None,
 ) -> AncillaryWeights:
-    """Return weights of which the tube is narrow across the track, on T roads that never change.
+    """Return weights whose tube is narrow across the track, at T stationary motions.
 
-    Minimised is the larger cross-track half width of the two axle points, with a little of the
-    others, while of the steering the `reserve` (m,) stays free, and of the hydrostat's room and
-    of every change in a period a fifth; by Nelder and Mead's simplex over the logarithms.
+    Nelder and Mead's simplex over the logarithms of the weights minimises the largest cross-track
+    half width of the two axle points. The other half widths enter with a small weight. Penalties
+    keep free the `reserve` of each input, a fifth of the hydrostat's margin, and a tenth of every
+    change in a period.
+
+    Args:
+        a: A (T, n, n), one motion each.
+        b: B (T, n, m).
+        c: C (T, p, n).
+        disturbance: that acts in every step.
+        margin: of the inputs, for T motions.
+        reserve: amplitude to leave free (m,).
+        start: first weights; by default those of the shipped search.
 
     Raises:
         InvalidTube: no weights give a tube.
     """
-    amplitudes = room.amplitudes - reserve
+    amplitudes = margin.amplitudes - reserve
     amplitudes[:, Input.HP] *= _HYDROSTAT_SHARE
     amplitudes = np.maximum(amplitudes, 1e-3)
 
@@ -116,8 +137,8 @@ def search_weights(
             weights = AncillaryWeights.of(np.exp(flat))
             gains = np.concatenate(
                 [
-                    gain_schedule(a[road], b[road], c[road], weights)
-                    for road in (slice(k, k + 1) for k in range(len(a)))
+                    gain_schedule(a[motion], b[motion], c[motion], weights)
+                    for motion in (slice(k, k + 1) for k in range(len(a)))
                 ]
             )
             system = TrackingSystem(a, b, c, gains, np.arange(len(a)))
@@ -128,17 +149,18 @@ def search_weights(
             return None
 
     def cost(flat: FloatArray) -> float:
-        found = tube(flat)
-        if found is None:
-            return 1e3
-        cross = found.outputs[:, _CROSS].max(axis=1)
-        overdrawn = np.maximum(found.inputs / amplitudes - 1.0, 0.0).sum()
-        hurried = np.maximum(found.rates / (_RATE_SHARE * room.step) - 1.0, 0.0).sum()
-        little = 0.02 * found.outputs[:, _CROSS].sum() + 0.02 * found.outputs.max()
-        return float(cross.max() + _PENALTY * (overdrawn + hurried) + little)
+        candidate = tube(flat)
+        if candidate is None:
+            return _NO_TUBE
+        outputs = candidate.outputs
+        cross = outputs[:, _CROSS]
+        amplitude = np.maximum(candidate.inputs / amplitudes - 1.0, 0.0).sum()
+        rate = np.maximum(candidate.rates / (_RATE_SHARE * margin.step) - 1.0, 0.0).sum()
+        others = _SECONDARY * cross.sum() + _SECONDARY * outputs.max()
+        return float(cross.max() + _PENALTY * (amplitude + rate) + others)
 
     at = np.log(_START if start is None else start.flat)
-    for _ in range(2):  # the second simplex starts anew from where the first one got stuck
+    for _ in range(2):  # the second simplex starts where the first one has stalled
         simplex = np.vstack([at, at + _FIRST_SIMPLEX * np.eye(len(at))])
         options = {"maxfev": _EVALUATIONS, "adaptive": True, "initial_simplex": simplex}
         at = minimize(cost, at, method="Nelder-Mead", options=options).x

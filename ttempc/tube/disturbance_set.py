@@ -1,4 +1,4 @@
-"""What the disturbance of a step may be: bounded along axes of its own, over windows of steps."""
+"""Set of disturbances, bounded along its axes over windows of steps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Shape = Literal["box", "zonotope", "ellipsoid"]
 
 @dataclass(frozen=True)
 class DisturbanceSet:
-    """Sequences w(0), w(1), ... whose energy in every window of N successive steps is bounded.
+    """Sequences w(0), w(1), ... with bounded energy in every window of N successive steps.
 
     With y = axes^-1 w, in every window
 
@@ -25,16 +25,15 @@ class DisturbanceSet:
         ellipsoid:      sum over the window and all axes of y_a^2 <= 1.
 
     With N = 1 these are a box (axes along the coordinates), a zonotope (axes of principal
-    components) and an ellipsoid for each step by itself. Noise that is not the same every step
-    leaves far less energy in a window than N times the most that one step can have, so that a
-    longer window bounds the same data more tightly: by a factor of 0.62 for white Gaussian noise,
-    N = 5 and a coverage of 99.9 %.
+    components) and an ellipsoid for each single step. The energy of noise in a window is far less
+    than N times the largest energy of a single step, so that a longer window bounds the same data
+    more tightly: by a factor of 0.62 for white Gaussian noise, N = 5 and a coverage of 99.9 %.
 
     Raises:
         InvalidTube: the axes are not a regular square matrix or the window is not positive.
     """
 
-    axes: FloatArray  # (n, n) a column for each axis, as long as the axis reaches
+    axes: FloatArray  # (n, n) a column for each axis, its length the half width along it
     window: int = 1  # N [steps]
     shape: Shape = "zonotope"
 
@@ -55,32 +54,32 @@ class DisturbanceSet:
         return len(self.axes)
 
     def fill(self, disturbances: FloatArray) -> FloatArray:
-        """Return how full every window of a run (k, n) is, at most 1 inside, (k - N + 1,)."""
+        """Return the gauge of every window of a run (k, n), at most 1 inside, (k - N + 1,)."""
         energy = np.linalg.solve(self.axes, disturbances.T) ** 2  # (n, k)
         windows = np.lib.stride_tricks.sliding_window_view(energy, self.window, axis=1).sum(axis=2)
         return np.sqrt(self._along(windows))
 
     def gauge(self, disturbance: FloatArray) -> float:
-        """Return how much of what one step may be a `disturbance` (n,) takes, at most 1 inside."""
+        """Return the gauge of a `disturbance` (n,) in the set of single steps, at most 1 inside."""
         return math.sqrt(self._along((self._inverse @ disturbance) ** 2))
 
     def _along(self, energies: FloatArray) -> FloatArray:
-        """Return the energy that counts of the axes' energies (n, ...)."""
+        """Return the bounded energy (...) from those along the axes (n, ...)."""
         return energies.sum(axis=0) if self.shape == "ellipsoid" else energies.max(axis=0)
 
     def reach(self, energies: FloatArray) -> FloatArray:
-        """Return the most that a window can add up to, (...).
+        """Return the largest weighted sum over a window, (...).
 
-        `energies` (..., n) holds, for each axis, the sum over the window of the squares of the
-        coefficients that its entries are weighed with: by Cauchy and Schwarz each axis reaches the
-        root of its own, an ellipsoid that of their sum.
+        `energies` (..., n) holds, for each axis, the sum over the window of the squared weights of
+        its entries. By Cauchy and Schwarz each axis adds up to the root of its own; an ellipsoid
+        adds up to the root of their sum.
         """
         if self.shape == "ellipsoid":
             return np.sqrt(energies.sum(axis=-1))
         return np.sqrt(energies).sum(axis=-1)
 
     def support(self, directions: FloatArray) -> FloatArray:
-        """Return the support function of what one step may be, (k,) for `directions` (k, n)."""
+        """Return the support function of the set of single steps, (k,) for `directions` (k, n)."""
         return self.reach((directions @ self.axes) ** 2)
 
     @cached_property
@@ -89,12 +88,12 @@ class DisturbanceSet:
 
     @property
     def faces(self) -> tuple[FloatArray, float]:
-        """Return rows f (n, n) and r such that |f w| <= r for all f puts w inside for one step."""
+        """Return rows f (n, n) and r: |f w| <= r for all f is sufficient for a step w inside."""
         inner = 1.0 / math.sqrt(self.dimension) if self.shape == "ellipsoid" else 1.0
         return self._inverse, inner
 
     def worst(self, coefficients: FloatArray) -> FloatArray:
-        """Return the window whose sum of coefficients (N, n) times w is largest, (N, n)."""
+        """Return the window w (N, n) with the largest sum of `coefficients` (N, n) times w."""
         along = coefficients @ self.axes  # (N, n)
         axis = None if self.shape == "ellipsoid" else 0
         length = np.sqrt((along**2).sum(axis=axis, keepdims=True))
@@ -102,6 +101,6 @@ class DisturbanceSet:
 
 
 def _scaled(matrix: FloatArray) -> FloatArray:
-    """Return the matrix with rows of unit length: units must not decide the rank."""
+    """Return the matrix with rows of unit length, so that its rank does not depend on units."""
     length = np.linalg.norm(matrix, axis=1, keepdims=True)
     return np.divide(matrix, length, out=np.zeros_like(matrix), where=length > 0.0)

@@ -1,16 +1,17 @@
-"""Tubes: in which set around its nominal state a disturbed linear system stays, with certificate.
+"""Invariant tubes of a disturbed linear system around its nominal state.
 
 The deviation m of a system from its nominal state obeys m(k+1) = A_K(k) m(k) + w(k), A_K = A + B K.
 For one matrix A_K, Rakovic, Kerrigan, Kouramas and Mayne (2005) give an invariant outer
-approximation of all that m can become: the sum of the first terms of A_K^i W, scaled by
-1 / (1 - alpha) where the next term lies in alpha W. Here A_K changes along a reference and W bounds
-windows of N steps. With V_k, what the last N steps alone can make of m(k), the same argument gives
+approximation of the minimal robust positively invariant (RPI) set: the sum of the first terms of
+A_K^i W, scaled by 1 / (1 - alpha) where the next term lies in alpha W. Here A_K changes along a
+reference and W bounds windows of N steps. With V_k, the set of m(k) that the last N steps reach
+from 0, the same argument gives
 
     S_k = (1 - alpha)^-1 [ V_k + Phi(k, k-N) V_{k-N} + ... + Phi(k, k-(J-1)N) V_{k-(J-1)N} ],
 
     Phi(k+N, k) S_k + V_{k+N}  is inside  S_{k+N}   if   Phi(k, k-JN) V_{k-JN}  is inside  alpha W,
 
-because W is part of V. Before its first tick, the reference is taken to have been as there.
+because V contains W. The first stage is taken to hold before the first tick.
 """
 
 from __future__ import annotations
@@ -26,16 +27,16 @@ from ..types import FloatArray
 from .disturbance_set import DisturbanceSet
 from .sets import SupportSet
 
-_MOST_STEPS = 1500  # five minutes: what remembers for longer is no use as a tube
-_EXPLODED = 1e6
+_MOST_STEPS = 1500  # five minutes; a slower system has no useful tube
+_EXPLODED = 1e6  # alpha above which the series counts as divergent
 
 
 @dataclass(frozen=True)
 class TrackingSystem:
-    """The error dynamics along a reference, closed by a gain at every tick.
+    """Error dynamics along a reference, closed by a gain at every tick.
 
-    z(k+1) = A_k z(k) + B_k u(k), u = K_k z, outputs C_k z. `before` is the tick before each: k - 1,
-    or k itself where every tick stands for a road that never changes.
+    z(k+1) = A_k z(k) + B_k u(k), u = K_k z, outputs C_k z. `before` is the index of the stage that
+    precedes each: k - 1, or k itself where every stage is a stationary motion.
     """
 
     a: FloatArray  # (T, n, n)
@@ -46,23 +47,24 @@ class TrackingSystem:
 
     @cached_property
     def closed(self) -> FloatArray:
-        """Return A_K (T, n, n)."""
+        """Return A_K = A + B K, (T, n, n)."""
         return self.a + self.b @ self.gains
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """Why a tube holds what it claims."""
+    """Numbers that prove the invariance of a tube."""
 
-    alpha: float  # share of W that the first term left out may fill; of no half width is a larger
-    # share to spare over the least set that holds every deviation
+    # The first term left out lies in alpha W. Each half width exceeds that of the minimal RPI set
+    # by at most a share alpha.
+    alpha: float
     terms: int  # J
     window: int  # N [steps]
 
 
 @dataclass(frozen=True)
 class Tube:
-    """Half widths, at every tick, of the set in which the deviation stays; symmetric about 0."""
+    """Half widths, at every tick, of the set S_k that contains the deviation; symmetric about 0."""
 
     system: TrackingSystem
     disturbance: DisturbanceSet
@@ -73,11 +75,11 @@ class Tube:
     rates: FloatArray  # (T, m) of the change of K m from the tick before
 
     def at(self, k: int) -> SupportSet:
-        """Return S_k as a set, to be drawn or compared."""
+        """Return S_k."""
         return SupportSet(self.system.a.shape[1], lambda rows: self._support(k, rows))
 
     def last_window(self, k: int) -> SupportSet:
-        """Return V_k, what the last N steps alone can make of the deviation."""
+        """Return V_k, the deviations that the last N steps reach from 0."""
         return SupportSet(
             self.system.a.shape[1], lambda rows: self._terms(k, rows, terms=1).sum(axis=0)
         )
@@ -91,9 +93,9 @@ class Tube:
         return phi
 
     def worst_case(self, k: int, direction: FloatArray) -> FloatArray:
-        """Return the disturbances of the steps up to tick `k` that reach farthest, (J N, n).
+        """Return the disturbances up to tick `k` that reach farthest along `direction`, (J N, n).
 
-        Oldest first. From m = 0 they lead to (1 - alpha) h(direction).
+        Oldest first. From m = 0 they lead to direction'm(k) = (1 - alpha) h(direction).
         """
         window, row, tick = self.certificate.window, direction, k
         blocks = []
@@ -111,7 +113,7 @@ class Tube:
         return terms.sum(axis=0) / (1.0 - self.certificate.alpha)
 
     def _terms(self, k: int, rows: FloatArray, terms: int) -> FloatArray:
-        """Return what each of the last windows adds to the supports of `rows`, (terms, r)."""
+        """Return the contribution of each of the last windows to h of `rows` (r, n), (terms, r)."""
         added, tick = [], k
         for _ in range(terms):
             energy = np.zeros_like(rows)
@@ -130,18 +132,18 @@ def invariant_tube(
 
     Args:
         system: the error dynamics with their gains.
-        disturbance: what acts on the state in every step.
-        tolerance: alpha is to be no larger: the share by which the tube may be too wide.
+        disturbance: acts on the state in every step.
+        tolerance: largest alpha, the share by which the tube may be too wide.
 
     Raises:
-        InvalidTube: A + B K does not contract; with its growth.
+        InvalidTube: A + B K does not contract; with the modulus of its largest eigenvalue.
     """
     ticks, n = system.a.shape[:2]
     gains, closed, axes = system.gains, system.closed, disturbance.axes
     m, p = gains.shape[1], system.c.shape[1]
     faces, inner = disturbance.faces
     unit = np.tile(np.eye(n), (ticks, 1, 1))
-    # What of m(k) is asked for: states, outputs, inputs, rates, and the faces of W for alpha.
+    # Rows on m(k): states, outputs, inputs, rates, and the faces of W for alpha.
     rows = np.concatenate([unit, system.c, gains, gains, np.tile(faces, (ticks, 1, 1))], axis=1)
     rates, face = slice(n + p + m, n + p + 2 * m), slice(n + p + 2 * m, None)
     total, energy = np.zeros(rows.shape[:2]), np.zeros(rows.shape)
@@ -150,7 +152,7 @@ def invariant_tube(
         energy += (rows @ axes) ** 2
         tick = system.before[tick]
         rows = rows @ closed[tick]
-        if step == 0:  # K(k) m(k) - K(k-1) m(k-1) sees w(k-1) by the first of the two alone
+        if step == 0:  # in K(k) m(k) - K(k-1) m(k-1), w(k-1) acts through the first term alone
             rows[:, rates] -= gains[tick]
         if (step + 1) % disturbance.window:
             continue

@@ -1,36 +1,34 @@
-"""The LQR: Riccati against the linear MPC, and the closed loop."""
+"""LQR: its gains against the linear MPC, and its closed loop."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
-from tests.ttempc.laws.test_articulated_mpc import estimate
-from ttempc.baselines.lqr import LQR_TUNING, riccati_gains
+from ttempc.baselines.lqr import LqrOptions, step_gains
 from ttempc.guidance.controllers import make_controller
-from ttempc.models.kinematics import advance, trailer_point
-from ttempc.models.valves import slew
+from ttempc.laws.articulated_options import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.mpc.qp import CondensedHorizon
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import Disturbance, State
+from ttempc.types import Disturbance
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
-WEIGHTS = np.array(LQR_TUNING.output_weight), np.array(LQR_TUNING.step_weight)
+OPTIONS = LqrOptions()
+WEIGHTS = np.array(OPTIONS.output_weight), np.array(OPTIONS.step_weight)
 
 
 def test_first_step_is_that_of_a_long_mpc_without_bounds():
     """Riccati from the end of the horizon backwards minimises what the condensed QP minimises."""
     stages = 80
     a, b, c = error_dynamics(REFERENCE, PERIOD_S, stages)
-    gain = riccati_gains(a, b, c, *WEIGHTS)[0]
-    tuning = replace(LQR_TUNING, horizon=stages, moves=stages)
+    gain = step_gains(a, b, c, *WEIGHTS)[0]
+    tuning = MpcOptions(horizon=stages, moves=stages, step_weight=OPTIONS.step_weight)
     horizon = CondensedHorizon(a, b, tuning, PERIOD_S, c)
     generator = np.random.default_rng(5)
     for _ in range(5):
@@ -43,49 +41,41 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
 
 
 def test_gains_forget_the_end_of_the_reference():
-    """What lies thirty seconds ahead does not move the gain: the controller may stop there."""
+    """The reference beyond thirty seconds has no effect on a gain."""
     a, b, c = error_dynamics(REFERENCE, PERIOD_S, 350)
-    near = riccati_gains(a[:250], b[:250], c[:251], *WEIGHTS)[100]
-    far = riccati_gains(a, b, c, *WEIGHTS)[100]
+    near = step_gains(a[:250], b[:250], c[:251], *WEIGHTS)[100]
+    far = step_gains(a, b, c, *WEIGHTS)[100]
     np.testing.assert_allclose(near, far, rtol=1e-3, atol=1e-3 * np.abs(far).max())
 
 
 def test_both_points_stay_on_the_path():
     run = drive(make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S), REFERENCE)
-    assert max(run.tractor_m.max(), run.trailer_m.max()) < 0.02
+    assert run.largest_m < 0.02
 
 
-def test_a_lasting_disturbance_leaves_no_offset():
-    controller = make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S)
+def test_a_constant_disturbance_leaves_no_offset():
     disturbance = np.zeros(5)
     disturbance[[Disturbance.SLIP_T, Disturbance.STEERING]] = 0.03, -0.02
     disturbance[Disturbance.DRIVE] = -0.03
-    state = REFERENCE.at(0.0).state
-    valves, errors = state[State.DELTA_T : State.V], []
-    for k in range(400):
-        sample = REFERENCE.at(k * PERIOD_S)
-        errors.append(np.hypot(*(trailer_point(state, VEHICLE) - sample.trailer_xy)))
-        command = controller.step(estimate(state, k * PERIOD_S, disturbance), k).command
-        for _ in range(5):
-            inputs, valves = slew(valves, command.as_array(), VEHICLE, PERIOD_S / 5)
-            state = advance(state, inputs, VEHICLE, PERIOD_S / 5, disturbance)
-    assert np.mean(errors[100:]) < 0.01
+    controller = make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S)
+    run = drive(controller, REFERENCE, ticks=400, disturbance=disturbance)
+    assert np.mean(run.after(20.0).trailer_m) < 0.01
 
 
 def test_recovers_from_a_metre_and_twenty_degrees_within_fifteen_metres():
     turned = np.array([0.0, 1.0, math.radians(20.0), math.radians(20.0), 0.0, 0.0, 0.0])
     controller = make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S)
     run = drive(controller, REFERENCE, ticks=150, offset=turned)
-    assert max(run.tractor_m[75:].max(), run.trailer_m[75:].max()) < 0.10
+    assert run.after(15.0).largest_m < 0.10
 
 
-def test_what_the_limits_cut_off_is_not_wound_up():
+def test_saturation_does_not_wind_up():
     """Held at a stop by a far target, the command leaves it as soon as the target is near."""
     controller = make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S)
     far = REFERENCE.at(0.0).state + np.array([0.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     for k in range(50):
         controller.step(seen_truth(far, k * PERIOD_S, VEHICLE), k)
-    on_it = seen_truth(REFERENCE.at(10.0).state, 10.0, VEHICLE)
+    on_reference = seen_truth(REFERENCE.at(10.0).state, 10.0, VEHICLE)
     for _ in range(10):
-        command = controller.step(on_it, 50).command
+        command = controller.step(on_reference, 50).command
     assert abs(command.delta_t) < 0.1

@@ -1,4 +1,4 @@
-"""The NMPCs: solutions, limits of small errors, who knows what, fallbacks."""
+"""NMPCs: solutions, limit of small errors, information, fallbacks."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import pytest
 
 from proving_ground.experiments.benchmarks.programme import Programme
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
-from ttempc.baselines.nmpc import nmpc_controller
-from ttempc.baselines.nmpc_solver import GaussNewton
+from ttempc.baselines.nmpc import NmpcOptions, nmpc_controller
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -35,7 +34,7 @@ def first_move(controller, reference, offset, k=0):
 
 @pytest.mark.parametrize("name", ["nmpc", "nmpc-rti"])
 def test_first_move_tends_to_the_linear_one_for_small_errors(name):
-    """What the linear model leaves out is of second order in the error."""
+    """The linear model neglects terms of second order in the error."""
 
     def apart(scale):
         moves = [
@@ -76,7 +75,7 @@ def test_recovers_from_a_metre_and_twenty_degrees_within_fifteen_metres(name):
 
 
 @pytest.mark.parametrize("name", ["nmpc-decentralised", "nmpc-distributed"])
-def test_the_tractors_nmpc_does_not_look_at_the_trailer(name):
+def test_the_tractors_nmpc_does_not_depend_on_the_trailer(name):
     behind = np.zeros(7)
     behind[[State.PSI_I, State.DELTA_I]] = 0.05, -0.03
     commands = [
@@ -89,7 +88,7 @@ def test_the_tractors_nmpc_does_not_look_at_the_trailer(name):
 
 
 def test_exchanged_plans_keep_the_trailer_closer_where_the_tractor_starts_to_turn():
-    """Only there does it matter what the tractor will do."""
+    """Elsewhere the plans of the tractor hardly change from tick to tick."""
 
     def worst_cm(name):
         run = drive(make_controller(name, VEHICLE, EIGHT, PERIOD_S), EIGHT, ticks=250)
@@ -98,8 +97,8 @@ def test_exchanged_plans_keep_the_trailer_closer_where_the_tractor_starts_to_tur
     assert worst_cm("nmpc-distributed") < worst_cm("nmpc-decentralised")
 
 
-def test_says_so_where_it_does_not_converge():
-    hasty = nmpc_controller(VEHICLE, LINE, PERIOD_S, solver=partial(GaussNewton, iterations=2))
+def test_reports_a_plan_that_has_not_converged():
+    hasty = nmpc_controller(VEHICLE, LINE, PERIOD_S, NmpcOptions(iterations=2))
     step = hasty.step(seen_truth(LINE.at(0.0).state + 3.0 * DIRECTION, 0.0, VEHICLE), 0)
     assert step.diagnostics.fallback == "not converged in 2 iterations: last plan driven"
 
@@ -107,13 +106,13 @@ def test_says_so_where_it_does_not_converge():
 def test_report_counts_iterations_and_path_is_predicted():
     controller = make_controller("nmpc", VEHICLE, EIGHT, PERIOD_S)
     state = EIGHT.at(12.0).state + 0.02
-    found = controller.step(seen_truth(state, 12.0, VEHICLE), 60).diagnostics
-    assert found.solver is not None
-    assert found.predicted_path is not None
-    assert found.solver.accepted
-    assert found.solver.iterations >= 2
-    assert found.solver.solve_time_s > 0.0
+    diagnostics = controller.step(seen_truth(state, 12.0, VEHICLE), 60).diagnostics
+    assert diagnostics.solver is not None
+    assert diagnostics.predicted_path is not None
+    assert diagnostics.solver.accepted
+    assert diagnostics.solver.iterations >= 2
+    assert diagnostics.solver.solve_time_s > 0.0
     ahead = EIGHT.at(16.0)
     np.testing.assert_allclose(
-        found.predicted_path[-1], [*ahead.state[:2], *ahead.trailer_xy], atol=0.02
+        diagnostics.predicted_path[-1], [*ahead.state[:2], *ahead.trailer_xy], atol=0.02
     )

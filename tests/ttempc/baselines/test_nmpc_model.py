@@ -1,4 +1,4 @@
-"""The articulated model on CasADi's symbols is the one of `ttempc.models.kinematics`."""
+"""Articulated model on CasADi's symbols against `ttempc.models.kinematics`."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def test_rates_are_those_of_the_numpy_model(vehicle, steering_step):
     rate = ca.Function("rate", arguments, [ArticulatedExpressions(vehicle).rate(*arguments)])
     for state, inputs, disturbance in random_cases(steering_step=steering_step):
         expected = articulated(state, inputs, vehicle, disturbance)
-        found = np.asarray(rate(state, inputs, disturbance)).reshape(-1)
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+        rates = np.asarray(rate(state, inputs, disturbance)).reshape(-1)
+        np.testing.assert_allclose(rates, expected, rtol=1e-12, atol=1e-12)
 
 
 def gentle(generator):

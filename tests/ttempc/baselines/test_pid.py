@@ -1,4 +1,4 @@
-"""Conventional guidance: poles where they were put, vehicles of other sizes, no winding up."""
+"""Conventional guidance: placed poles, vehicles of other sizes, no wind-up."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ def test_front_steering_has_three_equal_poles(moving):
     vehicle, v = moving
     gains = front_steering_gains(np.array([v]), vehicle, PERIOD_S)
     by_steering = v**2 / vehicle.wheelbase  # e'' = v^2 / L delta
-    found = roots(
+    poles = roots(
         1.0,
         by_steering * gains.derivative,
         by_steering * gains.proportional,
         by_steering * gains.integral,
     )
-    np.testing.assert_allclose(found, -pole(vehicle.steering_lag_t, PERIOD_S), rtol=1e-3)
+    np.testing.assert_allclose(poles, -pole(vehicle.steering_lag_t, PERIOD_S), rtol=1e-3)
 
 
 def test_trailer_steering_has_two_equal_poles_and_the_sign_of_its_axle(moving):
@@ -51,9 +51,9 @@ def test_trailer_steering_has_two_equal_poles_and_the_sign_of_its_axle(moving):
     gains = trailer_steering_gains(np.array([v]), vehicle, PERIOD_S)
     d = vehicle.drawbar_length
     lag = (d + vehicle.trailer_length) / v
-    found = roots(lag, 1.0 - d * gains.proportional, -d * gains.integral)
-    np.testing.assert_allclose(found, found.mean(), rtol=1e-3)
-    assert np.all(found.real < 0.0)
+    poles = roots(lag, 1.0 - d * gains.proportional, -d * gains.integral)
+    np.testing.assert_allclose(poles, poles.mean(), rtol=1e-3)
+    assert np.all(poles.real < 0.0)
     assert gains.proportional <= 0.0  # a positive angle moves the trailer to the right
 
 
@@ -64,8 +64,8 @@ def test_speed_has_three_equal_poles(moving):
         vehicle.speed_gain,
         vehicle.speed_time_constant,
     )
-    found = roots(tau, 1.0 + k * gains.derivative, k * gains.proportional, k * gains.integral)
-    np.testing.assert_allclose(found, -1.0 / tau, rtol=1e-3)
+    poles = roots(tau, 1.0 + k * gains.derivative, k * gains.proportional, k * gains.integral)
+    np.testing.assert_allclose(poles, -1.0 / tau, rtol=1e-3)
 
 
 def test_recovers_and_then_stays_on_the_path(moving):

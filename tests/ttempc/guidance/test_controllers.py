@@ -13,7 +13,7 @@ from ttempc.errors import UnknownController
 from ttempc.guidance.controllers import CONTROLLERS, make_controller
 from ttempc.guidance.supervisor import Supervisor
 from ttempc.paper.composition import paper_controller
-from ttempc.paper.equations import PaperEquations
+from ttempc.paper.options import PaperOptions
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import State
@@ -32,8 +32,8 @@ def supervised(name):
     return Supervisor(make(name), REFERENCE, PERIOD_S)
 
 
-def paper(**equations):
-    return paper_controller(VEHICLE, REFERENCE, PERIOD_S, PaperEquations(**equations))
+def paper(**options):
+    return paper_controller(VEHICLE, REFERENCE, PERIOD_S, PaperOptions(**options))
 
 
 def test_feedforward_alone_follows_a_perfect_vehicle():
@@ -66,14 +66,11 @@ def test_most_of_the_papers_error_is_in_its_equations():
 
     Exact steering feedforward beside the same feedback brings both points closer on curves.
     """
-    printed = paper_controller(VEHICLE, REFERENCE, PERIOD_S, gains=None)
-    straight_t, straight_i, curve_t, curve_i = drive(printed, REFERENCE).mean_cm()
+    straight_t, straight_i, curve_t, curve_i = drive(paper(robust=False), REFERENCE).mean_cm()
     assert 5.0 < straight_t < curve_t < 40.0
     assert 10.0 < straight_i < curve_i < 50.0
-    exact = PaperEquations(feedforward="geometry", hitch_sign=-1, hitch_angle="reference")
-    better = drive(
-        paper_controller(VEHICLE, REFERENCE, PERIOD_S, exact, gains=None), REFERENCE
-    ).mean_cm()
+    exact = paper(feedforward="geometry", hitch_sign=-1, hitch_angle="reference", robust=False)
+    better = drive(exact, REFERENCE).mean_cm()
     assert better[2] < 0.8 * curve_t
     assert better[3] < 0.8 * curve_i
 

@@ -1,4 +1,4 @@
-"""The articulated error model and the controller on it."""
+"""Articulated error model against the exact model, and the closed loop of the MPC on it."""
 
 from __future__ import annotations
 
@@ -8,27 +8,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.ttempc.closed_loop import PERIOD_S, drive
 from ttempc.estimation.augmented_state import SIZE, Belief, estimate_of
 from ttempc.estimation.augmented_state_kernel import advance_belief, vehicle_table
 from ttempc.guidance.controllers import make_controller
-from ttempc.laws.articulated_mpc import TUNING
 from ttempc.limits import CommandLimits
-from ttempc.models.kinematics import advance, hitch_angle, trailer_point
-from ttempc.models.valves import slew
+from ttempc.models.kinematics import advance, trailer_point
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import Disturbance, Estimate, State
+from ttempc.types import Disturbance, State
 from ttempc.vehicle import Vehicle
 
-PERIOD_S = 0.2
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
 SUBSTEPS = 20
 
 
-def held(state, inputs, disturbance):
-    """Exact model over one period with held inputs, valves left out as in the error model."""
+def after_period(state, inputs, disturbance):
+    """Return the state after one period of the exact model with constant inputs, without valves."""
     for _ in range(SUBSTEPS):
         state = advance(state, inputs, VEHICLE, PERIOD_S / SUBSTEPS, disturbance)
     return state
@@ -50,7 +48,7 @@ def test_the_linear_model_is_the_derivative_of_the_exact_one(k):
 
     def after(error, u_e, disturbance):
         state = grid.state[k] - turn.T @ error
-        return -turned @ held(state, inputs - u_e, disturbance)
+        return -turned @ after_period(state, inputs - u_e, disturbance)
 
     def points(error):
         state = grid.state[k] - turn.T @ error
@@ -75,101 +73,67 @@ def test_the_linear_model_is_the_derivative_of_the_exact_one(k):
         np.testing.assert_allclose(a[k, :7, 7 + column], 0.5 * slope, atol=6e-3)
 
 
-def estimate(state, time_s, disturbance):
-    return Estimate(
-        time_s,
-        state,
-        np.zeros((7, 7)),
-        trailer_point(state, VEHICLE),
-        hitch_angle(state),
-        disturbance,
-    )
-
-
-def drive(ticks, offset=(0.0, 0.0), disturbance=(0.0,) * 5):
-    """Drive the exact model, valves included; return errors of both points, and commands."""
-    controller = make_controller("ttempc-nominal", VEHICLE, REFERENCE, PERIOD_S)
-    lateral, yaw = offset
-    state = REFERENCE.at(0.0).state.copy()
-    state[:2] += lateral * rotation(state[State.PSI_T])[:, 1]
-    state[[State.PSI_T, State.PSI_I]] += yaw
-    valves, disturbance = state[State.DELTA_T : State.V].copy(), np.array(disturbance)
-    errors, commands = [], []
-    for k in range(ticks):
-        sample = REFERENCE.at(k * PERIOD_S)
-        errors.append(
-            [
-                np.linalg.norm(state[:2] - sample.state[:2]),
-                np.linalg.norm(trailer_point(state, VEHICLE) - sample.trailer_xy),
-            ]
-        )
-        said = controller.step(estimate(state, k * PERIOD_S, disturbance), k)
-        assert said.diagnostics.fallback == ""
-        commands.append(said.command.as_array())
-        for _ in range(SUBSTEPS):
-            inputs, valves = slew(valves, commands[-1], VEHICLE, PERIOD_S / SUBSTEPS)
-            state = advance(state, inputs, VEHICLE, PERIOD_S / SUBSTEPS, disturbance)
-    return np.array(errors), np.array(commands)
+def controller():
+    return make_controller("ttempc-nominal", VEHICLE, REFERENCE, PERIOD_S)
 
 
 def test_without_disturbance_both_points_stay_on_the_path():
-    errors, _ = drive(600)
-    assert errors.max() < 0.01
+    run = drive(controller(), REFERENCE, ticks=600)
+    assert run.largest_m < 0.01
+    assert not any(step.diagnostics.fallback for step in run.steps)
 
 
-def test_a_lasting_disturbance_leaves_no_offset():
+def test_a_constant_disturbance_leaves_no_offset():
     disturbance = np.zeros(5)
     disturbance[[Disturbance.SLIP_T, Disturbance.SLIP_I]] = 0.03, 0.02
     disturbance[[Disturbance.STEERING, Disturbance.DRIVE]] = -0.02, -0.03
-    errors, _ = drive(600, disturbance=disturbance)
-    assert errors[100:].max() < 0.03  # slips ask both points for more than two angles can give
-    assert errors[100:].mean() < 0.01
+    run = drive(controller(), REFERENCE, ticks=600, disturbance=disturbance)
+    settled = run.after(20.0)
+    assert settled.largest_m < 0.03  # slips of both points need more than two steering angles
+    assert np.mean([settled.tractor_m, settled.trailer_m]) < 0.01
 
 
 def test_a_slope_leaves_no_offset_on_curves():
-    """Slips that stay with the field turn under the vehicle; the horizon knows where they go.
+    """Map-fixed slips turn under the vehicle, and the horizon predicts how.
 
-    Nothing is learnt here: the estimate is exact. Told of the same disturbance as one that turns
-    with the vehicle, the controller does worse.
+    The estimate is exact. With the same disturbance in the estimate as a body-fixed one, the errors
+    are larger.
     """
 
-    def errors(told):
-        controller = make_controller("ttempc-nominal", VEHICLE, REFERENCE, PERIOD_S)
+    def errors(given):
+        """Return the distances of both points, (N, 2), where the controller gets `given`."""
+        law = controller()
         belief = np.zeros(SIZE)
         belief[:7] = REFERENCE.at(0.0).state
         belief[Belief.SIDE_Y], belief[Belief.CLIMB_Y] = -0.03, 0.1
         valves, unused = belief[Belief.DELTA_T : Belief.RIM].copy(), np.empty((SIZE, SIZE))
-        found = []
+        table, memories, step_s = vehicle_table(VEHICLE), np.full(9, 1e9), PERIOD_S / SUBSTEPS
+        distances = []
         for k in range(340):  # straight and the first curve
-            seen = estimate_of(belief, np.eye(SIZE), k * PERIOD_S, VEHICLE, ())
+            estimate = estimate_of(belief, np.eye(SIZE), k * PERIOD_S, VEHICLE, ())
             sample = REFERENCE.at(k * PERIOD_S)
-            found.append(
+            distances.append(
                 [
-                    np.linalg.norm(seen.state[:2] - sample.state[:2]),
-                    np.linalg.norm(seen.trailer_xy - sample.trailer_xy),
+                    np.linalg.norm(estimate.state[:2] - sample.state[:2]),
+                    np.linalg.norm(estimate.trailer_xy - sample.trailer_xy),
                 ]
             )
-            command = controller.step(told(seen), k).command.as_array()
+            command = law.step(given(estimate), k).command.as_array()
             for _ in range(SUBSTEPS):
-                advance_belief(
-                    *(belief, valves, command, vehicle_table(VEHICLE)),
-                    *(np.full(9, 1e9), PERIOD_S / SUBSTEPS, unused),
-                )
-        return np.array(found)[50:]
+                advance_belief(belief, valves, command, table, memories, step_s, unused)
+        return np.array(distances)[50:]
 
-    whole = errors(lambda seen: seen)
-    turning = errors(lambda seen: replace(seen, map_disturbance=np.zeros(4)))
-    assert whole.mean() < 0.005
-    assert whole.mean() < turning.mean()
+    exact = errors(lambda estimate: estimate)
+    body_fixed = errors(lambda estimate: replace(estimate, map_disturbance=np.zeros(4)))
+    assert exact.mean() < 0.005
+    assert exact.mean() < body_fixed.mean()
 
 
 def test_recovers_from_a_metre_and_twenty_degrees_within_fifteen_metres_and_the_limits():
-    errors, commands = drive(300, offset=(1.0, math.radians(20.0)))
-    assert errors[75:].max() < 0.10  # 15 s at 1 m/s
+    yaw = math.radians(20.0)
+    offset = np.array([0.0, 1.0, yaw, yaw, 0.0, 0.0, 0.0])
+    run = drive(controller(), REFERENCE, ticks=300, offset=offset)
+    assert run.after(15.0).largest_m < 0.10
     limits = CommandLimits.of(VEHICLE, PERIOD_S)
-    assert np.all((commands >= limits.lower) & (commands <= limits.upper))
-    assert np.all(np.abs(np.diff(commands, axis=0)) <= limits.step + 1e-12)
-
-
-def test_horizon_reaches_over_the_vehicle():
-    assert TUNING.horizon * PERIOD_S >= VEHICLE.drawbar_offset + VEHICLE.trailer_length
+    assert np.all((run.commands >= limits.lower) & (run.commands <= limits.upper))
+    assert np.all(np.abs(np.diff(run.commands, axis=0)) <= limits.step + 1e-12)

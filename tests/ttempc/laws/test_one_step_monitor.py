@@ -1,4 +1,4 @@
-"""Each step's disturbance against the set that was measured for single steps."""
+"""Containment of one-step residuals in the set that was measured for single steps."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import pytest
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, STEP, VEHICLE
 from ttempc.errors import InvalidTube
 from ttempc.laws.articulated_mpc import articulated_controller
-from ttempc.laws.lq_robust_law import TUBE, RegulatorTuning
-from ttempc.laws.one_step_monitor import StepSet
+from ttempc.laws.articulated_options import ArticulatedOptions
+from ttempc.laws.one_step_monitor import OneStepMonitor
 from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.articulated_error import error_dynamics, error_state
 from ttempc.tube.disturbance_set import DisturbanceSet
-from ttempc.tube.reference_tube import seen
+from ttempc.tube.reference_tube import report_rows
 from ttempc.types import Estimate
 
 OUTPUTS = error_dynamics(REFERENCE, PERIOD_S, 60)[2][:-1, :, :7]
@@ -43,51 +43,53 @@ def on(reference_error, k):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_gauge_of_one_is_the_boundary(shape):
     """Along any direction, the furthest of the set has a gauge of 1; support attained."""
-    made = SHAPES[shape]
+    disturbance = SHAPES[shape]
     generator = np.random.default_rng(71)
     for direction in generator.normal(size=(50, 7)):
-        furthest = made.worst(direction[None])[0]
-        assert made.gauge(furthest) == pytest.approx(1.0)
-        assert direction @ furthest == pytest.approx(made.support(direction[None])[0])
-        assert made.gauge(-0.3 * furthest) == pytest.approx(0.3)
+        furthest = disturbance.worst(direction[None])[0]
+        assert disturbance.gauge(furthest) == pytest.approx(1.0)
+        assert direction @ furthest == pytest.approx(disturbance.support(direction[None])[0])
+        assert disturbance.gauge(-0.3 * furthest) == pytest.approx(0.3)
 
 
 def test_what_lies_in_the_set_lies_within_the_half_widths():
     generator = np.random.default_rng(72)
-    made = SHAPES["zonotope"]
-    design = replace(DESIGN, disturbance=made)
-    steps = StepSet(design, OUTPUTS)
+    disturbance = SHAPES["zonotope"]
+    design = replace(DESIGN, disturbance=disturbance)
+    monitor = OneStepMonitor(design, OUTPUTS)
     for k, raw in enumerate(generator.uniform(-1.2, 1.2, size=(60, 7))):
-        nominal, deviation = generator.normal(size=7), made.axes @ raw
-        said = steps.report(k, nominal, deviation)
-        assert said.inside == (np.abs(raw).max() <= 1.0)
-        assert said.margin == pytest.approx(1.0 - np.abs(raw).max())
-        np.testing.assert_allclose(said.nominal, seen(OUTPUTS)[k] @ nominal)
-        if said.inside:
-            blur = design.estimate_error.support(seen(OUTPUTS)[k])
-            assert np.all(np.abs(seen(OUTPUTS)[k] @ deviation) + blur <= said.half_width + 1e-12)
+        nominal, deviation = generator.normal(size=7), disturbance.axes @ raw
+        report = monitor.report(k, nominal, deviation)
+        assert report.inside == (np.abs(raw).max() <= 1.0)
+        assert report.margin == pytest.approx(1.0 - np.abs(raw).max())
+        np.testing.assert_allclose(report.nominal, report_rows(OUTPUTS)[k] @ nominal)
+        if report.inside:
+            rows = report_rows(OUTPUTS)[k]
+            true_deviation = np.abs(rows @ deviation) + design.estimate_error.support(rows)
+            assert np.all(true_deviation <= report.half_width + 1e-12)
 
 
 def test_the_controller_reports_what_a_step_added_and_commands_the_same():
     """A jump of the estimate is the deviation of that tick; nothing jumped before."""
-    watching = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, design=DESIGN)
-    alone = articulated_controller(VEHICLE, REFERENCE, PERIOD_S)
+    monitored = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, design=DESIGN)
+    unmonitored = articulated_controller(VEHICLE, REFERENCE, PERIOD_S)
     jump = np.array([0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0])
     margins = []
     for k in range(7):
         estimate = on(jump if k == 6 else np.zeros(7), k)
-        one, other = watching.step(estimate, k), alone.step(estimate, k)
-        assert one.command == other.command
-        assert other.diagnostics.tube is None
-        margins.append(one.diagnostics.tube.margin)
-    surprise = error_state(estimate.state + jump, estimate, VEHICLE)[:7]
+        step, plain = monitored.step(estimate, k), unmonitored.step(estimate, k)
+        assert step.command == plain.command
+        assert plain.diagnostics.tube is None
+        margins.append(step.diagnostics.tube.margin)
+    residual = error_state(estimate.state + jump, estimate, VEHICLE)[:7]
     assert min(margins[:6]) > 0.9
-    assert margins[6] == pytest.approx(1.0 - DESIGN.disturbance.gauge(surprise), abs=0.05)
+    assert margins[6] == pytest.approx(1.0 - DESIGN.disturbance.gauge(residual), abs=0.05)
 
 
-def test_a_reading_whose_deviation_lasts_has_no_such_set():
-    made = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, robust=TUBE, design=DESIGN)
-    assert made.step(on(np.zeros(7), 0), 0).diagnostics.tube is None
+def test_the_tube_reading_has_no_one_step_monitor():
+    options = ArticulatedOptions(nominal="tube")
+    controller = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options, DESIGN)
+    assert controller.step(on(np.zeros(7), 0), 0).diagnostics.tube is None
 
 
 def test_the_set_of_another_vehicle_is_refused():
@@ -98,19 +100,19 @@ def test_the_set_of_another_vehicle_is_refused():
 
 def test_tightened_by_its_authority_no_sum_of_mpc_and_law_is_limited():
     """However far off: whatever the law adds at most, the front wheels stay off their stops."""
-    tuning = RegulatorTuning(tightened=True)
-    tight = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, robust=tuning)
+    options = ArticulatedOptions(tightened=True)
+    tight = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options)
     generator = np.random.default_rng(73)
     left = []
     for k in range(60, 100):
-        said = tight.step(on(generator.normal(size=7) * [2, 2, 0.3, 0.3, 0, 0, 0.3], k), k)
-        front = said.diagnostics.feedforward[0] + said.diagnostics.feedback[0]
-        left.append(VEHICLE.steering_limit_t - tuning.saturation[0] - abs(front))
+        report = tight.step(on(generator.normal(size=7) * [2, 2, 0.3, 0.3, 0, 0, 0.3], k), k)
+        front = report.diagnostics.feedforward[0] + report.diagnostics.feedback[0]
+        left.append(VEHICLE.steering_limit_t - options.saturation[0] - abs(front))
     assert min(left) > -1e-9
     assert min(left) < 1e-6  # pressed to its end
 
 
 def test_an_authority_that_the_feedforward_does_not_leave_free_is_refused():
-    tuning = RegulatorTuning(saturation=(0.2, 0.6, 0.1), tightened=True)
+    options = ArticulatedOptions(saturation=(0.2, 0.6, 0.1), tightened=True)
     with pytest.raises(InvalidTube, match=r"tightened set is empty: .* of the delta_i"):
-        articulated_controller(VEHICLE, REFERENCE, PERIOD_S, robust=tuning)
+        articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options)

@@ -1,4 +1,4 @@
-"""The feedback action: bounds, memory and what it does when the solver fails."""
+"""Linear MPC: bounds, convergence, and the fallback when the solver fails."""
 
 from __future__ import annotations
 

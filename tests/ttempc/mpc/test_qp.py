@@ -1,4 +1,4 @@
-"""The condensed QP says the same as the horizon written out."""
+"""Condensed QP against the horizon written out."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scipy.optimize import LinearConstraint, minimize
 from tests.ttempc.exact_qp import exact_minimum
 from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, random_qp, stages
 from ttempc.errors import InvalidTuning
-from ttempc.mpc.qp import QP, CondensedHorizon, HorizonTuning
+from ttempc.mpc.qp import QP, CondensedHorizon, HorizonTuning, is_convex
 
 
 def rolled_cost(k, state, previous, steps):
@@ -113,6 +113,46 @@ def test_bounds_are_those_of_the_paper():
     np.testing.assert_allclose(np.degrees(qp.step_upper[:2]), [11.0, 7.0])  # a second / 5
     assert qp.upper[2] == pytest.approx(0.10)
     assert qp.step_upper[2] == pytest.approx(0.06)
+
+
+def test_least_slack_is_minus_the_violation():
+    generator = np.random.default_rng(41)
+    for _ in range(50):
+        qp, _, _ = random_qp(generator, 0.3)
+        x = generator.normal(size=9) * generator.choice([1e-3, 1.0])
+        assert max(0.0, -qp.slack(x).min()) == qp.residuals(x).primal
+
+
+def test_slack_is_zero_where_a_bound_is_active():
+    qp, _, _ = random_qp(np.random.default_rng(42), 5.0)
+    slack = qp.slack(exact_minimum(qp))
+    assert slack.min() == pytest.approx(0.0, abs=1e-9)
+    assert np.sum(slack < 1e-9) < len(slack)
+
+
+def test_convex_is_finite_and_positive_definite():
+    generator = np.random.default_rng(43)
+    for _ in range(50):
+        factor = generator.normal(size=(9, 9))
+        matrix = factor @ factor.T - generator.uniform(-1.0, 2.0) * np.eye(9)
+        assert is_convex(matrix) == (np.linalg.eigvalsh(matrix)[0] > 0.0)
+        assert not is_convex(np.stack([np.eye(9), matrix - 1e3 * np.eye(9)]))
+    for bad in (np.nan, np.inf):
+        corrupted = np.eye(9)
+        corrupted[5, 3] = corrupted[3, 5] = bad
+        assert not is_convex(corrupted)
+
+
+def test_a_step_from_within_reach_leads_into_the_bounds():
+    generator = np.random.default_rng(44)
+    first, step = horizon().first, np.asarray(TUNING.input_rate) * PERIOD_S
+    for _ in range(200):
+        k = int(generator.integers(horizon().ticks))
+        previous = first.clamp_previous(k, generator.normal(size=3))
+        landed = first.clamp(k, previous)
+        assert np.all(np.abs(landed - previous) <= step + 1e-15)
+        inside = first.clamp(k, 0.3 * generator.normal(size=3))
+        np.testing.assert_array_equal(first.clamp_previous(k, inside), inside)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""PIQP, believed only where it is right."""
+"""Persistent solver against an exact minimiser, and on bad input."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_every_solution_satisfies_the_optimality_conditions():
         assert residuals.stationarity < 1e-5 * (1.0 + np.linalg.norm(qp.gradient))
 
 
-def spoilt(qp, kind):
+def corrupted(qp, kind):
     match kind:
         case "cost not finite":
             return replace(qp, gradient=np.where(np.arange(9) == 4, np.nan, qp.gradient))
@@ -60,7 +60,7 @@ def test_bad_input_is_reported_and_leaves_no_trace(kind):
     solver = PersistentSolver()
     good, _, _ = random_qp(generator, 0.3)
     before = solver.solve(good)
-    bad = solver.solve(spoilt(good, kind))
+    bad = solver.solve(corrupted(good, kind))
     assert bad.x is None
     assert not bad.report.accepted
     assert bad.report.status != "solved"

@@ -1,4 +1,4 @@
-"""The paper's error model: derived, discretised, and its sign at the robust law."""
+"""Error model of the paper: derivation, discretisation, sign of the robust law."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from scipy.linalg import expm
 
 from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning
-from ttempc.laws.robust_law import RobustGains
 from ttempc.models.kinematics import trailer_point
 from ttempc.models.tracking_error import Error, tracking_error
 from ttempc.mpc.discretisation import zero_order_hold
 from ttempc.paper.equations import PaperEquations
 from ttempc.paper.error_model import linearise
 from ttempc.paper.feedforward import printed_feedforward
+from ttempc.paper.robust_law import RobustGains
 from ttempc.reference.feedforward import exact_feedforward
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -48,7 +48,7 @@ def test_tracking_error_is_the_reference_seen_from_the_vehicle():
     np.testing.assert_allclose(error, transform @ difference, atol=1e-12)
 
 
-def test_tracking_error_does_not_mind_full_turns():
+def test_tracking_error_is_invariant_to_full_turns():
     sample = REFERENCE.at(20.0)
     turned = sample.state.copy()
     turned[2:4] += 3 * math.tau
@@ -82,24 +82,23 @@ def nonlinear_errors(z_e, u_e, sample):
 
 def test_printed_matrices_are_the_derivative_of_the_printed_errors():
     """On a straight; on curves the printed A and B leave out the reference's own angles."""
-    sample = REFERENCE.at(np.array([4.0]))
-    a, b = linearise(sample, VEHICLE, PRINTED)
-    one = REFERENCE.at(4.0)
-    by_state = central_differences(lambda z: nonlinear_errors(z, np.zeros(3), one), np.zeros(7))
-    by_input = central_differences(lambda u: nonlinear_errors(np.zeros(7), u, one), np.zeros(3))
+    a, b = linearise(REFERENCE.at(np.array([4.0])), VEHICLE, PRINTED)
+    sample = REFERENCE.at(4.0)
+    by_state = central_differences(lambda z: nonlinear_errors(z, np.zeros(3), sample), np.zeros(7))
+    by_input = central_differences(lambda u: nonlinear_errors(np.zeros(7), u, sample), np.zeros(3))
     np.testing.assert_allclose(a[0], by_state, atol=1e-6)
     np.testing.assert_allclose(b[0], by_input, atol=1e-6)
 
 
 def test_position_rows_hold_on_curves_too():
-    one = REFERENCE.at(35.0)
+    sample = REFERENCE.at(35.0)
     a, _ = linearise(REFERENCE.at(np.array([35.0])), VEHICLE, PRINTED)
-    by_state = central_differences(lambda z: nonlinear_errors(z, np.zeros(3), one), np.zeros(7))
+    by_state = central_differences(lambda z: nonlinear_errors(z, np.zeros(3), sample), np.zeros(7))
     rows = [Error.X_T, Error.Y_T, Error.X_I, Error.Y_I]
     np.testing.assert_allclose(a[0, rows], by_state[rows], atol=1e-6)
 
 
-def test_switches_change_what_they_name():
+def test_each_reading_changes_its_own_entries():
     sample = REFERENCE.at(np.array([35.0]))
     a, b = linearise(sample, VEHICLE, PRINTED)
     _, b_geometry = linearise(sample, VEHICLE, PaperEquations(hitch_sign=-1))

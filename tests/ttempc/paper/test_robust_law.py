@@ -1,4 +1,4 @@
-"""The robust action: saturation, both nominal readings, derivative."""
+"""Robust law of the paper: saturation, derivative, and both nominal readings."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pytest
 
 from tests.ttempc.horizons import stages
 from ttempc.errors import InvalidTuning
-from ttempc.laws.robust_law import Nominal, RobustGains, RobustLaw
+from ttempc.laws.nominal_state import NominalState
 from ttempc.models.tracking_error import Error
+from ttempc.paper.robust_law import RobustGains, RobustLaw
 
 PERIOD_S = 0.2
 
@@ -60,7 +61,7 @@ def test_derivative_is_zero_at_the_start_and_after_a_missed_tick():
 @pytest.mark.parametrize("reading", ["one-step", "tube"])
 def test_nominal_state_is_the_linear_model(reading):
     a, b = stages()
-    nominal = Nominal(a, b, reading)
+    nominal = NominalState(a, b, reading)
     generator = np.random.default_rng(32)
     measured = generator.normal(size=(4, 7))
     inputs = generator.normal(size=(4, 3))
@@ -76,7 +77,7 @@ def test_nominal_state_is_the_linear_model(reading):
 
 def test_nominal_state_starts_again_after_a_missed_tick():
     a, b = stages()
-    nominal = Nominal(a, b, "tube")
+    nominal = NominalState(a, b, "tube")
     nominal.advance(0, np.ones(7), np.zeros(3))
     np.testing.assert_array_equal(nominal.at(2, np.full(7, 0.5)), np.full(7, 0.5))
 

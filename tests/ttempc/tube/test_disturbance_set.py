@@ -5,21 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.reference.ttempc.zonotope import Zonotope
 from tests.ttempc.tubes import admissible
 from ttempc.errors import InvalidTube
 from ttempc.tube.disturbance_set import DisturbanceSet
-from ttempc.tube.sets import Zonotope
 
-RNG = np.random.default_rng(5)
-AXES = RNG.standard_normal((3, 3))
+AXES = np.random.default_rng(5).standard_normal((3, 3))
 
 
-def test_one_step_sets_are_the_well_known_ones():
-    w = RNG.standard_normal((50, 3))
-    a = RNG.standard_normal((50, 3))
+@pytest.fixture
+def generator():
+    return np.random.default_rng(6)
+
+
+def test_one_step_sets_are_zonotope_and_ellipsoid(generator):
+    w = generator.standard_normal((50, 3))
+    a = generator.standard_normal((50, 3))
     zonotope, ellipsoid = DisturbanceSet(AXES), DisturbanceSet(AXES, shape="ellipsoid")
     as_generators = Zonotope(np.zeros(3), AXES)
-    np.testing.assert_allclose(zonotope.fill(w), [as_generators.gauge(one) for one in w], rtol=1e-6)
+    np.testing.assert_allclose(zonotope.fill(w), [as_generators.gauge(row) for row in w], rtol=1e-6)
     np.testing.assert_allclose(zonotope.support(a), as_generators.support(a))
     shape = AXES @ AXES.T
     np.testing.assert_allclose(
@@ -30,12 +34,12 @@ def test_one_step_sets_are_the_well_known_ones():
 
 @pytest.mark.parametrize("shape", ["zonotope", "ellipsoid"])
 @pytest.mark.parametrize("window", [1, 4])
-def test_reach_bounds_every_window_and_the_worst_one_attains_it(shape, window):
+def test_reach_bounds_every_window_and_the_worst_one_attains_it(shape, window, generator):
     disturbance = DisturbanceSet(AXES, window, shape)
-    coefficients = RNG.standard_normal((window, 3))
+    coefficients = generator.standard_normal((window, 3))
     bound = disturbance.reach(((coefficients @ AXES) ** 2).sum(axis=0))
     for _ in range(200):
-        run = admissible(disturbance, window, RNG)
+        run = admissible(disturbance, window, generator)
         assert (coefficients * run).sum() <= bound + 1e-12
     worst = disturbance.worst(coefficients)
     assert disturbance.fill(worst)[0] == pytest.approx(1.0)
@@ -43,16 +47,16 @@ def test_reach_bounds_every_window_and_the_worst_one_attains_it(shape, window):
 
 
 @pytest.mark.parametrize("shape", ["zonotope", "ellipsoid"])
-def test_what_the_faces_let_through_is_inside(shape):
+def test_disturbances_within_the_faces_are_inside(shape, generator):
     disturbance = DisturbanceSet(AXES, 4, shape)
     faces, inner = disturbance.faces
-    inside = np.linalg.solve(faces, inner * RNG.uniform(-1.0, 1.0, (3, 200))).T
+    inside = np.linalg.solve(faces, inner * generator.uniform(-1.0, 1.0, (3, 200))).T
     for w in inside:
         assert disturbance.fill(np.vstack([w, np.zeros((3, 3))]))[0] <= 1.0 + 1e-12
 
 
-def test_a_window_bounds_white_noise_more_tightly_than_its_steps():
-    run = RNG.standard_normal((200_000, 1))
+def test_a_window_bounds_white_noise_more_tightly_than_its_steps(generator):
+    run = generator.standard_normal((200_000, 1))
     reach = {}
     for n in (1, 5):
         radius = np.quantile(DisturbanceSet(np.eye(1), n).fill(run), 0.999)

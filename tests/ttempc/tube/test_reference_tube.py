@@ -1,4 +1,4 @@
-"""Tubes along the figure eight: what they leave of the inputs, and what is refused."""
+"""Tubes along the figure eight: tightened bounds, refusals, search of the gain."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ttempc.errors import InvalidTube
 from ttempc.limits import CommandLimits
 from ttempc.mpc.articulated_error import remaining_bounds
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.ancillary import InputRoom, gain_schedule, search_weights
+from ttempc.tube.ancillary import InputMargin, gain_schedule, search_weights
 from ttempc.tube.tube import TrackingSystem, invariant_tube
 from ttempc.types import Input
 
 ALONG = along()
 LIMITS = CommandLimits.of(VEHICLE, PERIOD_S)
-ROADS = [20, 120]  # a straight, an arc
+MOTIONS = [20, 120]  # a straight, an arc
 
 
 def test_tightened_bounds_and_the_tube_add_up_to_the_limits():
@@ -32,7 +32,7 @@ def test_tightened_bounds_and_the_tube_add_up_to_the_limits():
         ("step_upper", tube.rates, 1.0),
     ):
         np.testing.assert_allclose(getattr(bounds, edge) + sign * taken, getattr(whole, edge))
-    # Whatever nominal input and deviation choose, the command is one that the vehicle can take.
+    # Every sum of nominal input and deviation is a command within the limits.
     for nominal in (bounds.lower, bounds.upper):
         for deviation in (-tube.inputs, tube.inputs):
             command = ALONG.feedforward - nominal - deviation
@@ -50,11 +50,11 @@ def test_the_reference_itself_is_within_the_tightened_bounds():
 
 
 def test_the_true_vehicle_is_allowed_the_estimators_error_on_top():
-    blur = ALONG.half_widths - np.concatenate(
+    width = ALONG.half_widths - np.concatenate(
         [ALONG.tube.states, ALONG.tube.outputs[:, 2:]], axis=1
     )
-    np.testing.assert_allclose(blur[:, :7], np.tile(np.diag(DESIGN.estimate_error.axes), (690, 1)))
-    assert np.all(blur[:, 7:] > 0.0)
+    np.testing.assert_allclose(width[:, :7], np.tile(np.diag(DESIGN.estimate_error.axes), (690, 1)))
+    assert np.all(width[:, 7:] > 0.0)
 
 
 def test_another_vehicle_or_period_is_refused_with_the_numbers():
@@ -79,9 +79,11 @@ def test_a_disturbance_beyond_the_inputs_is_refused_with_the_numbers(scale, mess
         along(replace(DESIGN, disturbance=replace(WINDOW, axes=scale * WINDOW.axes)))
 
 
-def test_on_a_road_that_never_changes_the_gain_is_the_stationary_one():
+def test_at_a_stationary_motion_the_gain_is_the_stationary_one():
     system = ALONG.tube.system
-    a, b, c = (np.repeat(one[20:21], 50, axis=0) for one in (system.a, system.b, system.c))
+    a, b, c = (
+        np.repeat(matrices[20:21], 50, axis=0) for matrices in (system.a, system.b, system.c)
+    )
     gains = gain_schedule(a, b, c, WEIGHTS)
     np.testing.assert_allclose(gains, np.repeat(gains[:1], 50, axis=0), atol=1e-8)
     cost = np.diag([0.0, 0.0, *WEIGHTS.states]) + (c[0].T * WEIGHTS.outputs) @ c[0]
@@ -93,20 +95,20 @@ def test_on_a_road_that_never_changes_the_gain_is_the_stationary_one():
 def test_the_search_narrows_the_tube_and_leaves_the_reserve(monkeypatch):
     monkeypatch.setattr("ttempc.tube.ancillary._EVALUATIONS", 60)
     system = ALONG.tube.system
-    a, b, c = system.a[ROADS], system.b[ROADS], system.c[ROADS]
-    room = InputRoom.of(ALONG.feedforward[ROADS], LIMITS)
+    a, b, c = system.a[MOTIONS], system.b[MOTIONS], system.c[MOTIONS]
+    margin = InputMargin.of(ALONG.feedforward[MOTIONS], LIMITS)
     reserve = 0.2 * np.array([VEHICLE.steering_limit_t, VEHICLE.steering_limit_i, 0.0])
 
     def cross_track(weights):
         gains = np.concatenate(
-            [gain_schedule(a[[k]], b[[k]], c[[k]], weights) for k in range(len(ROADS))]
+            [gain_schedule(a[[k]], b[[k]], c[[k]], weights) for k in range(len(MOTIONS))]
         )
         tube = invariant_tube(TrackingSystem(a, b, c, gains, np.arange(2)), WINDOW)
         return tube.outputs[:, [1, 3]].max(), tube
 
     start = replace(WEIGHTS, inputs=(5.0, 5.0, 5.0))
-    found = search_weights(a, b, c, WINDOW, room, reserve, start)
-    (before, _), (after, tube) = cross_track(start), cross_track(found)
+    weights = search_weights(a, b, c, WINDOW, margin, reserve, start)
+    (before, _), (after, tube) = cross_track(start), cross_track(weights)
     assert after < 0.9 * before
-    assert np.all(tube.inputs <= room.amplitudes - reserve)
-    assert np.all(tube.inputs[:, Input.HP] <= room.amplitudes[:, Input.HP])
+    assert np.all(tube.inputs <= margin.amplitudes - reserve)
+    assert np.all(tube.inputs[:, Input.HP] <= margin.amplitudes[:, Input.HP])

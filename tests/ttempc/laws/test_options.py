@@ -1,0 +1,197 @@
+"""Options of the controllers: flat, immutable, validated, and used."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from dataclasses import FrozenInstanceError, fields, replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.ttempc.closed_loop import seen_truth
+from tests.ttempc.tubes import DESIGN, PERIOD_S, VEHICLE
+from ttempc.baselines.lqr import LqrOptions, lqr_controller
+from ttempc.baselines.nmpc import (
+    NmpcOptions,
+    NmpcRtiOptions,
+    nmpc_controller,
+    nmpc_decentralised_controller,
+    nmpc_rti_controller,
+)
+from ttempc.baselines.pid import PidOptions, pid_controller
+from ttempc.errors import InvalidTuning
+from ttempc.laws.articulated_mpc import articulated_controller, nominal_controller
+from ttempc.laws.articulated_options import ArticulatedOptions, NominalOptions
+from ttempc.laws.tube_mpc import TubeMpcOptions, tube_controller
+from ttempc.paper.composition import paper_controller, printed_sign_controller
+from ttempc.paper.options import PaperOptions, PrintedSignOptions
+from ttempc.reference.path import figure_eight, straight
+from ttempc.reference.reference import ConstantSpeed, Reference
+
+REFERENCE = Reference(straight(20.0), VEHICLE, ConstantSpeed(1.0))
+BEND = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
+INTO_THE_BEND = 60  # tick at which the curvature and its change are not 0
+OFFSET = np.array([0.05, 0.1, 0.05, -0.05, 0.01, 0.01, 0.05])
+ALL = [
+    ArticulatedOptions,
+    NominalOptions,
+    TubeMpcOptions,
+    PaperOptions,
+    PrintedSignOptions,
+    LqrOptions,
+    PidOptions,
+    NmpcOptions,
+    NmpcRtiOptions,
+]
+# A value other than the default that changes the command of an estimate beside the reference.
+CHANGES = {
+    ArticulatedOptions: {
+        "horizon": 12,
+        "moves": 2,
+        "output_weight": (1.0, 0.3, 1.0, 1.0),
+        "step_weight": (5.0, 1.0, 0.02),
+        "input_bound": (0.01, 0.3, 0.5),
+        "input_rate": (0.02, 0.6, 0.3),
+        "robust": False,
+        "nominal": "tube",
+        "saturation": (0.05, 0.1, 0.1),
+        "input_weight": (3.0, 0.3, 0.3),
+        "memory_s": 0.5,
+        "tightened": True,
+        "disturbances": False,
+    },
+    PaperOptions: {
+        "horizon": 5,
+        "moves": 1,
+        "output_weight": (1.0, 0.1, 0.0, 1.0, 1.0, 0.0, 0.0),
+        "step_weight": (5.0, 1.0, 1.0),
+        "input_bound": (0.01, 0.1, 0.1),
+        "input_rate": (0.02, 0.6, 0.3),
+        "robust": False,
+        "saturation": (0.02, 0.1, 0.1),
+        "proportional": (0.2, 1.0, 10.0),
+        "derivative": (0.4, 2.0, 20.0),
+        "hitch_sign": -1,
+        "hitch_angle": "reference",
+        "feedforward": "geometry",
+        "trailer_speed": "exact",
+        "trailer_error_frame": "tractor",
+        "robust_sign": 1,
+        "hp_full_scale": 100,
+        "nominal": "tube",
+    },
+    TubeMpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02)},
+    LqrOptions: {"output_weight": (1.0, 0.3, 1.0, 1.0), "step_weight": (5.0, 1.0, 1.0)},
+    PidOptions: {"lag_ratio": 8.0, "least_speed_mps": 1.5},
+    NmpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02), "iterations": 1},
+}
+FACTORIES = {
+    ArticulatedOptions: articulated_controller,
+    NominalOptions: nominal_controller,
+    PaperOptions: paper_controller,
+    PrintedSignOptions: printed_sign_controller,
+    LqrOptions: lqr_controller,
+    PidOptions: pid_controller,
+    NmpcOptions: nmpc_controller,
+    NmpcRtiOptions: nmpc_rti_controller,
+}
+
+
+def make(options, reference):
+    if isinstance(options, TubeMpcOptions):
+        return tube_controller(VEHICLE, reference, PERIOD_S, options, design=DESIGN)
+    return FACTORIES[type(options)](VEHICLE, reference, PERIOD_S, options)
+
+
+@cache
+def commands(options):
+    """Return the commands on estimates beside the reference, (8, 3), before the limits."""
+    bend = isinstance(options, PaperOptions)  # some readings differ where the road bends alone
+    reference, first = (BEND, INTO_THE_BEND) if bend else (REFERENCE, 0)
+    controller = make(options, reference)
+    generator = np.random.default_rng(61)
+    totals = []
+    for k in range(first, first + 8):
+        state = reference.at(k * PERIOD_S).state + OFFSET + 0.01 * generator.normal(size=7)
+        estimate = seen_truth(state, k * PERIOD_S, VEHICLE)
+        disturbed = replace(estimate, disturbance=np.array([0.03, 0.02, -0.02, -0.03, 0.05]))
+        totals.append(controller.step(disturbed, k).diagnostics.total)
+    return np.array(totals)
+
+
+@pytest.mark.parametrize("options", ALL)
+def test_options_are_flat_frozen_and_the_default_of_their_factory(options):
+    default = options()
+    for item in fields(default):
+        value = getattr(default, item.name)
+        entries = value if isinstance(value, tuple) else (value,)
+        assert all(isinstance(entry, bool | int | float | str) for entry in entries)
+        with pytest.raises(FrozenInstanceError):
+            setattr(default, item.name, value)
+    factory = FACTORIES.get(options, tube_controller)
+    assert inspect.signature(factory).parameters["options"].default == default
+
+
+@pytest.mark.parametrize(
+    ("options", "name"), [(options, name) for options, names in CHANGES.items() for name in names]
+)
+def test_every_option_changes_the_commands(options, name):
+    changed = replace(options(), **{name: CHANGES[options][name]})
+    assert not np.array_equal(commands(changed), commands(options()))
+
+
+def test_a_named_variant_is_its_relative_with_an_option_set():
+    same = [
+        (NominalOptions(), ArticulatedOptions(robust=False)),
+        (PrintedSignOptions(), PaperOptions(robust_sign=1, nominal="tube")),
+        (NmpcRtiOptions(), NmpcOptions(iterations=1)),
+    ]
+    for variant, relative in same:
+        np.testing.assert_array_equal(commands(variant), commands(relative))
+
+
+def test_options_reach_the_subsystems_of_a_distributed_nmpc():
+    options = NmpcOptions(horizon=8, moves=2)
+    controller = nmpc_decentralised_controller(VEHICLE, REFERENCE, PERIOD_S, options)
+    step = controller.step(seen_truth(REFERENCE.at(0.0).state, 0.0, VEHICLE), 0)
+    assert step.diagnostics.predicted_path.shape == (8, 4)
+
+
+@pytest.mark.parametrize(
+    ("options", "name", "value"),
+    [
+        (ArticulatedOptions, "horizon", 0),
+        (ArticulatedOptions, "horizon", 20.0),
+        (ArticulatedOptions, "horizon", True),
+        (ArticulatedOptions, "moves", 21),
+        (ArticulatedOptions, "output_weight", (1.0,) * 7),
+        (ArticulatedOptions, "output_weight", (1.0, 1.0, 1.0, "1")),
+        (ArticulatedOptions, "step_weight", (1.0, 1.0, 0.0)),
+        (ArticulatedOptions, "step_weight", 1.0),
+        (ArticulatedOptions, "input_bound", (1.0, math.inf, 1.0)),
+        (ArticulatedOptions, "robust", 1),
+        (ArticulatedOptions, "nominal", "two-step"),
+        (ArticulatedOptions, "saturation", (0.2, 0.0, 0.1)),
+        (ArticulatedOptions, "input_weight", (0.3, 0.3)),
+        (ArticulatedOptions, "memory_s", 0.0),
+        (ArticulatedOptions, "tightened", "yes"),
+        (NominalOptions, "disturbances", None),
+        (PaperOptions, "output_weight", (1.0,) * 4),
+        (PaperOptions, "derivative", (1.0, math.nan, 1.0)),
+        (PaperOptions, "hitch_sign", 0),
+        (PaperOptions, "hp_full_scale", 100.0),
+        (PaperOptions, "robust", "on"),
+        (LqrOptions, "output_weight", (1.0, -1.0, 1.0, 1.0)),
+        (LqrOptions, "step_weight", ()),
+        (PidOptions, "lag_ratio", -1.0),
+        (PidOptions, "least_speed_mps", math.nan),
+        (NmpcOptions, "iterations", 0),
+    ],
+)
+def test_impossible_values_are_refused_with_name_and_value(options, name, value):
+    with pytest.raises(InvalidTuning) as refusal:
+        options(**{name: value})
+    text = str(refusal.value)
+    assert text.startswith(f"{name}: got {value!r}, must be ")
