@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ttempc.estimation.augmented_state import SIZE, Belief, slips
-from ttempc.estimation.augmented_state_kernel import advance_belief, vehicle_table
+from ttempc.estimation.augmented_state import SIZE, AugmentedState, slips
+from ttempc.estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ttempc.estimation.ekf import ExtendedKalmanFilter
-from ttempc.estimation.measurement_model import LENGTH, expected
+from ttempc.estimation.measurement_model import LENGTH, predicted_measurement
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.path import figure_eight
@@ -48,7 +48,7 @@ class SensedDrive:
         controller = make_controller("paper", VEHICLE, REFERENCE, PERIOD_S)
         belief, command = np.zeros(SIZE), None
         belief[:7] = REFERENCE.at(0.0).state
-        self._valves = belief[Belief.DELTA_T : Belief.RIM].copy()
+        self._valves = belief[AugmentedState.DELTA_T : AugmentedState.RIM].copy()
         measurements = self._sample(belief, 0.0, tuple(LENGTH))
         for k in range(ticks):
             if self.spoil:
@@ -79,10 +79,12 @@ class SensedDrive:
         measurements = []
         belief, unused = belief.copy(), np.empty((SIZE, SIZE))
         for j in range(1, SUBSTEPS + 1):
-            density = noise.density(belief[Belief.PSI_T], belief[Belief.RIM], noise.roughness)
-            advance_belief(
-                *(belief, self._valves, command.as_array(), vehicle_table(VEHICLE)),
-                *(noise.memories(), step_s, unused),
+            density = noise.density(
+                belief[AugmentedState.PSI_T], belief[AugmentedState.RIM], noise.roughness
+            )
+            advance_augmented_state(
+                *(belief, self._valves, command.as_array(), vehicle_parameters(VEHICLE)),
+                *(noise.fading_m(), step_s, unused),
             )
             kick = np.linalg.cholesky(density * step_s) @ self._generator.standard_normal(SIZE)
             belief += kick
@@ -96,7 +98,7 @@ class SensedDrive:
     ) -> list[Measurement]:
         made = []
         for sensor in sensors:
-            value, _ = expected(sensor, belief, VEHICLE)
+            value, _ = predicted_measurement(sensor, belief, VEHICLE)
             sd = self.sensor_scale * SensorNoise().of(sensor)
             value = value + sd * self._generator.standard_normal(len(value))
             made.append(Measurement(time_s, sensor, tuple(value.tolist())))

@@ -47,7 +47,7 @@ class Posture:
         return self.psi_d - self.pose_i[..., 2]
 
 
-def follow(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Posture:
+def posture_on_path(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Posture:
     """Return the posture with the tractor point at arc length `distance` [m] of `path`.
 
     The drawbar must fit between its two joints,
@@ -132,7 +132,7 @@ def check_drivable(
 
     delta_t = np.arctan(vehicle.wheelbase * path.curvature(along))
     check("front steering", delta_t, front_share * vehicle.steering_limit_t, front_share)
-    delta_i = follow(path, vehicle, along).delta_i
+    delta_i = posture_on_path(path, vehicle, along).delta_i
     check("trailer steering", delta_i, trailer_share * vehicle.steering_limit_i, trailer_share)
 
 

@@ -13,7 +13,7 @@ from ..errors import InvalidReference
 from ..types import FloatArray, Input, State
 from ..vehicle import Vehicle
 from .path import Path
-from .posture import follow
+from .posture import posture_on_path
 
 
 class SpeedProfile(Protocol):
@@ -130,7 +130,7 @@ class Reference:
         times = np.asarray(time_s, dtype=float)
         vehicle = self.vehicle
         distance, v, acceleration = self.speed.travel(times)
-        posture = follow(self.path, vehicle, distance)
+        posture = posture_on_path(self.path, vehicle, distance)
         speed_i = posture.travel_ratio * v
         delta_t, delta_i = posture.delta_t, posture.delta_i
         lead_t = vehicle.steering_lag_t * v * posture.delta_t_per_m

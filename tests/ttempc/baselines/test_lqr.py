@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from tests.reference.models.kinematics import advance
+from tests.reference.models.valves import slew
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.laws.test_articulated_mpc import estimate
 from ttempc.baselines.lqr import LQR_TUNING, riccati_gains
 from ttempc.guidance.controllers import make_controller
-from ttempc.models.kinematics import advance, trailer_point
-from ttempc.models.valves import slew
+from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.mpc.qp import CondensedHorizon
 from ttempc.reference.path import figure_eight

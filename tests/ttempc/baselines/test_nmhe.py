@@ -8,7 +8,7 @@ import pytest
 from tests.ttempc.sensed_drive import PERIOD_S, VEHICLE, SensedDrive
 from ttempc.baselines.nmhe import MovingHorizonEstimator, _minimum
 from ttempc.errors import InvalidTuning
-from ttempc.estimation.augmented_state import LARGEST, SIZE, STATES
+from ttempc.estimation.augmented_state import DISTURBANCE_BOUND, SIZE, STATES
 from ttempc.types import Measurement
 
 
@@ -64,7 +64,7 @@ def test_a_linear_window_ends_where_the_kalman_filter_does():
             gain = p @ sensors[k].T @ np.linalg.inv(sensors[k] @ p @ sensors[k].T + np.eye(3))
             x, p = x + gain @ (readings[k] - sensors[k] @ x), p - gain @ sensors[k] @ p
         assert not found.bounded
-        np.testing.assert_allclose(found.beliefs[-1], x, atol=1e-12)
+        np.testing.assert_allclose(found.augmented[-1], x, atol=1e-12)
         np.testing.assert_allclose(found.covariance, p, atol=1e-10)
 
 
@@ -73,22 +73,22 @@ def test_a_bounded_window_is_the_best_inside_its_bounds():
     generator = np.random.default_rng(82)
     arrival, transitions, noises, sensors, readings = chain(generator, 4)
     guess = np.zeros((4, SIZE))
-    mean = np.concatenate([np.zeros(STATES), 1.5 * LARGEST])
+    mean = np.concatenate([np.zeros(STATES), 1.5 * DISTURBANCE_BOUND])
     diagonal, above, right = system(
         arrival, transitions, noises, sensors, 0.1 * readings, mean, guess
     )
     found = _minimum(diagonal, above, right, guess)
     assert found.bounded
-    held = found.beliefs[:, STATES:]
-    assert np.all(np.abs(held) <= LARGEST)
-    slope = np.einsum("kij,kj->ki", diagonal, found.beliefs) - right
-    slope[:-1] += np.einsum("kij,kj->ki", above, found.beliefs[1:])
-    slope[1:] += np.einsum("kij,ki->kj", above, found.beliefs[:-1])
+    held = found.augmented[:, STATES:]
+    assert np.all(np.abs(held) <= DISTURBANCE_BOUND)
+    slope = np.einsum("kij,kj->ki", diagonal, found.augmented) - right
+    slope[:-1] += np.einsum("kij,kj->ki", above, found.augmented[1:])
+    slope[1:] += np.einsum("kij,ki->kj", above, found.augmented[:-1])
     active = np.zeros((4, SIZE), dtype=bool)
-    active[:, STATES:] = np.abs(held) > LARGEST - 1e-6
+    active[:, STATES:] = np.abs(held) > DISTURBANCE_BOUND - 1e-6
     assert active.any()
     np.testing.assert_allclose(slope[~active], 0.0, atol=1e-4)
-    assert np.all(slope[active] * found.beliefs[active] < 1e-4)
+    assert np.all(slope[active] * found.augmented[active] < 1e-4)
 
 
 def test_estimates_are_those_of_the_filter_but_for_what_is_not_linear():

@@ -13,7 +13,7 @@ from tests.ttempc.sensed_drive import GNSS, PERIOD_S, REFERENCE, VEHICLE, Sensed
 from ttempc.errors import InvalidTuning
 from ttempc.estimation.augmented_state import SIZE
 from ttempc.estimation.ekf import ExtendedKalmanFilter
-from ttempc.estimation.measurement_model import LENGTH, expected
+from ttempc.estimation.measurement_model import LENGTH, predicted_measurement
 from ttempc.estimation.noise import ProcessNoise
 from ttempc.models.kinematics import trailer_point
 from ttempc.types import Command, Measurement, Sensor, State
@@ -112,7 +112,9 @@ def perfect_set(state, time_s):
     belief = np.zeros(SIZE)
     belief[:7] = state
     return [
-        Measurement(time_s, sensor, tuple(expected(sensor, belief, VEHICLE)[0].tolist()))
+        Measurement(
+            time_s, sensor, tuple(predicted_measurement(sensor, belief, VEHICLE)[0].tolist())
+        )
         for sensor in LENGTH
     ]
 

@@ -9,8 +9,8 @@ import pytest
 
 from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning, UnknownSensor
-from ttempc.estimation.augmented_state import SIZE, Belief
-from ttempc.estimation.measurement_model import LENGTH, expected, first_state
+from ttempc.estimation.augmented_state import SIZE, AugmentedState
+from ttempc.estimation.measurement_model import LENGTH, first_state, predicted_measurement
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.models.kinematics import hitch_angle, trailer_point
 from ttempc.types import Measurement, Sensor, State
@@ -34,7 +34,7 @@ def believed(state):
 def readings(state, noise=None, generator=None):
     made = {}
     for sensor in LENGTH:
-        value, _ = expected(sensor, believed(state), VEHICLE)
+        value, _ = predicted_measurement(sensor, believed(state), VEHICLE)
         if noise:
             value = value + noise.of(sensor) * generator.normal(size=len(value))
         made[sensor] = Measurement(0.0, sensor, tuple(value.tolist()))
@@ -46,25 +46,27 @@ def test_jacobians(sensor):
     generator = np.random.default_rng(61)
     for _ in range(20):
         belief = np.concatenate([random_state(generator), 0.1 * generator.normal(size=9)])
-        numeric = central_differences(lambda x: expected(sensor, x, VEHICLE)[0], belief)
-        reading, exact = expected(sensor, belief, VEHICLE)
+        numeric = central_differences(
+            lambda x: predicted_measurement(sensor, x, VEHICLE)[0], belief
+        )
+        reading, exact = predicted_measurement(sensor, belief, VEHICLE)
         np.testing.assert_allclose(exact, numeric, atol=1e-6)
         assert len(exact) == len(reading) == LENGTH[sensor]
 
 
 def test_sensors_read_what_their_names_say():
     belief = np.concatenate([random_state(np.random.default_rng(64)), np.full(9, 0.1)])
-    read = {sensor: expected(sensor, belief, VEHICLE)[0] for sensor in LENGTH}
+    read = {sensor: predicted_measurement(sensor, belief, VEHICLE)[0] for sensor in LENGTH}
     np.testing.assert_array_equal(read[Sensor.GNSS_TRACTOR], belief[:2])
     np.testing.assert_allclose(
         read[Sensor.GNSS_TRAILER], trailer_point(belief[:7], VEHICLE), atol=1e-12
     )
-    np.testing.assert_array_equal(read[Sensor.STEERING_TRACTOR], belief[[Belief.DELTA_T]])
-    np.testing.assert_array_equal(read[Sensor.STEERING_TRAILER], belief[[Belief.DELTA_I]])
+    np.testing.assert_array_equal(read[Sensor.STEERING_TRACTOR], belief[[AugmentedState.DELTA_T]])
+    np.testing.assert_array_equal(read[Sensor.STEERING_TRAILER], belief[[AugmentedState.DELTA_I]])
     np.testing.assert_allclose(read[Sensor.HITCH], [hitch_angle(belief[:7])], atol=1e-12)
-    np.testing.assert_array_equal(read[Sensor.ENCODER], belief[[Belief.RIM]])
+    np.testing.assert_array_equal(read[Sensor.ENCODER], belief[[AugmentedState.RIM]])
     with pytest.raises(UnknownSensor, match="imu_tractor: no model"):
-        expected(Sensor.IMU_TRACTOR, belief, VEHICLE)
+        predicted_measurement(Sensor.IMU_TRACTOR, belief, VEHICLE)
 
 
 def test_first_state_inverts_the_sensors():

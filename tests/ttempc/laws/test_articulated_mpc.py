@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ttempc.estimation.augmented_state import SIZE, Belief, estimate_of
-from ttempc.estimation.augmented_state_kernel import advance_belief, vehicle_table
+from tests.reference.models.kinematics import advance
+from tests.reference.models.valves import slew
+from ttempc.estimation.augmented_state import SIZE, AugmentedState, estimate_of
+from ttempc.estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ttempc.guidance.controllers import make_controller
 from ttempc.laws.articulated_mpc import TUNING
 from ttempc.limits import CommandLimits
-from ttempc.models.kinematics import advance, hitch_angle, trailer_point
-from ttempc.models.valves import slew
+from ttempc.models.kinematics import hitch_angle, trailer_point
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -137,8 +138,11 @@ def test_a_slope_leaves_no_offset_on_curves():
         controller = make_controller("ttempc-nominal", VEHICLE, REFERENCE, PERIOD_S)
         belief = np.zeros(SIZE)
         belief[:7] = REFERENCE.at(0.0).state
-        belief[Belief.SIDE_Y], belief[Belief.CLIMB_Y] = -0.03, 0.1
-        valves, unused = belief[Belief.DELTA_T : Belief.RIM].copy(), np.empty((SIZE, SIZE))
+        belief[AugmentedState.SIDE_Y], belief[AugmentedState.CLIMB_Y] = -0.03, 0.1
+        valves, unused = (
+            belief[AugmentedState.DELTA_T : AugmentedState.RIM].copy(),
+            np.empty((SIZE, SIZE)),
+        )
         found = []
         for k in range(340):  # straight and the first curve
             seen = estimate_of(belief, np.eye(SIZE), k * PERIOD_S, VEHICLE, ())
@@ -151,8 +155,8 @@ def test_a_slope_leaves_no_offset_on_curves():
             )
             command = controller.step(told(seen), k).command.as_array()
             for _ in range(SUBSTEPS):
-                advance_belief(
-                    *(belief, valves, command, vehicle_table(VEHICLE)),
+                advance_augmented_state(
+                    *(belief, valves, command, vehicle_parameters(VEHICLE)),
                     *(np.full(9, 1e9), PERIOD_S / SUBSTEPS, unused),
                 )
         return np.array(found)[50:]

@@ -7,15 +7,14 @@ import math
 import numpy as np
 import pytest
 
+from tests.reference.models.kinematics import advance, tricycle
 from tests.ttempc.numeric import central_differences
 from ttempc.models.kinematics import (
-    advance,
     articulated,
     articulated_jacobian,
     hitch_angle,
     trailer_point,
     trailer_point_jacobian,
-    tricycle,
     wrap_angle,
 )
 from ttempc.types import Disturbance, State

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from tests.reference.models.kinematics import advance
 from ttempc.errors import InvalidReference
-from ttempc.models.kinematics import advance, trailer_point
+from ttempc.models.kinematics import trailer_point
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import State

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from tests.reference.models.kinematics import advance
 from ttempc.errors import InvalidReference
-from ttempc.models.kinematics import advance, trailer_point
+from ttempc.models.kinematics import trailer_point
 from ttempc.reference.headland import headland
 from ttempc.reference.path import Path, Segment, figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference, check_pace
