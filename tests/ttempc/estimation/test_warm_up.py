@@ -55,7 +55,7 @@ def check_no_compilation():
         estimator.warm_up()
         compiled = signatures()
         assert all(compiled[name] for name in ("predict", "correct"))
-        SensedDrive(32, spoil=varied, estimator=estimator).run(50)
+        SensedDrive(32, corrupt=varied, estimator=estimator).run(50)
         estimator.update(50 * PERIOD_S, [], None)
         estimator.update(11, [], Command(0, 0, 1))  # integers
         assert signatures() == compiled
