@@ -1,4 +1,4 @@
-"""Errors of the control side. Every one of them is a `TtempcError`."""
+"""Errors of the control side, all of them subclasses of `TtempcError`."""
 
 from __future__ import annotations
 
@@ -6,39 +6,44 @@ from collections.abc import Sequence
 
 
 class TtempcError(Exception):
-    """Root of all errors that the control side raises on purpose."""
+    """Base class of all errors that the control side raises on purpose."""
 
 
 class InvalidVehicle(TtempcError):
-    """A vehicle that cannot exist: a length, a limit or a constant out of its range."""
+    """A length, a limit or a constant of a vehicle is out of its range."""
 
 
 class InvalidPath(TtempcError):
-    """A path that cannot be built or driven; the message names the place on it."""
+    """A path cannot be built or driven; the message names the place on it."""
 
 
 class InvalidTuning(TtempcError):
-    """A weight, a horizon or a gain out of its range."""
+    """A weight, a horizon or a gain is out of its range."""
 
 
 class InvalidReference(TtempcError):
-    """A reference that the vehicle cannot follow in time: a speed out of its range."""
+    """The vehicle cannot follow a reference in time: a speed is out of its range."""
 
 
 class UnknownSensor(TtempcError):
-    """A sensor of which the filter has no model; the message lists those that it knows."""
+    """The filter has no model of a sensor; the message lists the sensors with a model."""
 
 
 class UnknownController(TtempcError):
-    """A controller name that is not in the table; the message lists those that are."""
+    """No controller has this name; the message lists the names that exist."""
 
 
 class MissingPackage(TtempcError):
-    """An optional package that is asked for and not installed; the message says how to get it."""
+    """An optional package is needed and not installed; the message says how to install it."""
 
 
 class EmptySet(TtempcError):
-    """A set without a point, as what is left where more is taken off than there is."""
+    """A set has no point, for example a Pontryagin difference.
+
+    Attributes:
+        direction: a direction in which the two bounds of the set exclude each other.
+        gap: by how much they do along that direction.
+    """
 
     def __init__(self, direction: Sequence[float], gap: float) -> None:
         self.direction = tuple(float(entry) for entry in direction)
@@ -48,4 +53,4 @@ class EmptySet(TtempcError):
 
 
 class InvalidTube(TtempcError):
-    """A tube that cannot be had, or does not belong to the vehicle or the reference at hand."""
+    """A tube does not exist, or belongs to another vehicle or reference."""
