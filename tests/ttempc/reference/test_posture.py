@@ -1,4 +1,4 @@
-"""Both axle points on one path, and paths that the steering cannot follow."""
+"""Posture with both axle points on one path; refusal of paths beyond the steering."""
 
 from __future__ import annotations
 
@@ -78,11 +78,11 @@ def test_tight_circle_is_refused_for_the_front_steering():
 
 
 def test_missing_steering_at_the_stop_costs_centimetres():
-    """The reason why the trailer may be asked for 5 % more than its stop."""
+    """The reason why a path may need 5 % more than the trailer's stop."""
     distance_rj1 = math.hypot(6.0, VEHICLE.hitch_offset)  # from the centre of the circle
 
     def trailer_radius(delta_i):
-        """Radius on which the trailer axle settles: RJ1, seen from the axle, keeps its distance."""
+        """Radius on which the trailer axle settles, from the distance of RJ1 to the centre."""
         ahead = VEHICLE.trailer_length + VEHICLE.drawbar_length * math.cos(delta_i)
         aside = VEHICLE.drawbar_length * math.sin(delta_i)
         return aside + math.sqrt(distance_rj1**2 - ahead**2)
