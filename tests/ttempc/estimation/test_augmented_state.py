@@ -28,7 +28,7 @@ from ttempc.estimation.kalman_filter import KalmanFilter
 from ttempc.estimation.measurement_model import LENGTH, predicted_measurement
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.models.kinematics import articulated
-from ttempc.types import Measurement, Sensor, State
+from ttempc.types import Disturbance, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle(hitch_offset=0.4, drawbar_length=0.9)
@@ -79,6 +79,8 @@ def test_the_estimate_moves_the_articulated_model_as_the_augmented_state_does():
         inputs = near(augmented, generator)
         inputs[2] = steady / VEHICLE.speed_gain
         estimate = estimate_of(augmented, np.eye(SIZE), 0.0, VEHICLE, ())
+        slip = 1.0 - estimate.state[State.V] / augmented[AugmentedState.RIM]
+        assert estimate.disturbance[Disturbance.WHEEL] == pytest.approx(slip, abs=1e-12)
         step = 1e-6
         after = augmented + step * augmented_rate(augmented, inputs, VEHICLE)
         v = [
