@@ -1,4 +1,4 @@
-"""What may be sent to the vehicle: amplitude and rate, always, for every controller."""
+"""Limits of commands in amplitude and rate."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from .vehicle import Vehicle
 
 @dataclass(frozen=True, slots=True)
 class CommandLimits:
-    """The set of commands that the vehicle can take next, given the one before.
+    """Amplitudes of commands, and their largest change from one command to the next.
 
-    All arrays are (3,) in the order of `Input`.
+    All arrays are (3,) in the order of `Input`: [rad], [rad] and a fraction.
     """
 
     lower: FloatArray  # smallest command
@@ -24,23 +24,23 @@ class CommandLimits:
 
     @classmethod
     def of(cls, vehicle: Vehicle, period_s: float) -> CommandLimits:
-        """Return the limits of `vehicle` for a command every `period_s`."""
+        """Return the limits of `vehicle` for a command every `period_s` [s]."""
         return cls(vehicle.input_min, vehicle.input_max, vehicle.input_rate * period_s)
 
-    def clamp(self, wanted: FloatArray) -> FloatArray:
-        """Return `wanted` (3,) within the amplitudes alone."""
-        return np.minimum(np.maximum(wanted, self.lower), self.upper)
+    def clamp(self, desired: FloatArray) -> FloatArray:
+        """Return `desired` (3,) clipped to the amplitudes, without regard to the rates."""
+        return np.minimum(np.maximum(desired, self.lower), self.upper)
 
     def apply(
-        self, wanted: FloatArray, previous: FloatArray
+        self, desired: FloatArray, previous: FloatArray
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return the allowed command nearest to `wanted`, and where it differs.
+        """Return the allowed command (3,) nearest to `desired` (3,), and where it differs (3,).
 
-        An entry of `wanted` that is not finite becomes the one of `previous`, which must itself
-        be allowed.
+        An entry of `desired` that is not finite is replaced by that of `previous` (3,), the command
+        of one period before, which must be within the amplitudes.
         """
-        finite = np.where(np.isfinite(wanted), wanted, previous)
-        least = np.maximum(self.lower, previous - self.step)
-        most = np.minimum(self.upper, previous + self.step)
-        command = np.minimum(np.maximum(finite, least), most)
-        return command, command != wanted
+        finite = np.where(np.isfinite(desired), desired, previous)
+        lowest = np.maximum(self.lower, previous - self.step)
+        highest = np.minimum(self.upper, previous + self.step)
+        command = np.minimum(np.maximum(finite, lowest), highest)
+        return command, command != desired

@@ -44,7 +44,7 @@ class Disturbance(IntEnum):
     SLIP_I = 1  # [rad] side slip of the trailer axle
     STEERING = 2  # [rad] front steering that acts beside the measured: bias, slip of the front axle
     DRIVE = 3  # [m/s^2] acceleration beside the hydrostat's: soil drag, slope
-    WHEEL = 4  # slip of the driven wheels: their rim runs faster by this share of the speed
+    WHEEL = 4  # wheel slip 1 - v / rim, rim: speed of the rims of the driven wheels
 
 
 class MapDisturbance(IntEnum):

@@ -1,4 +1,4 @@
-"""The vehicle as the control side believes it to be."""
+"""Vehicle parameters of the control side's models."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Vehicle:
     steering_limit_i: float = math.radians(25.0)  # stop of the trailer steering [rad]; assumed
     steering_rate_t: float = math.radians(55.0)  # [rad/s]; paper, eq. (constraints)
     steering_rate_i: float = math.radians(35.0)  # [rad/s]; paper, eq. (constraints)
-    hp_rate: float = 0.30  # hydrostat position a second [1/s]; paper, eq. (constraints)
-    reverse: bool = False  # the gear: hydrostat positions 0..1 forward, as in the paper, or -1..0
+    hp_rate: float = 0.30  # hydrostat position per second [1/s]; paper, eq. (constraints)
+    reverse: bool = False  # gear: hydrostat positions -1..0 in reverse, else 0..1 as in the paper
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -54,7 +54,7 @@ class Vehicle:
 
     @property
     def drawbar_offset(self) -> float:
-        """L^d, rear axle of the tractor to RJ2 [m] when the drawbar is in line."""
+        """L^d [m], rear axle of the tractor to RJ2 if the drawbar is in line with the tractor."""
         return self.hitch_offset + self.drawbar_length
 
     @property
@@ -71,5 +71,5 @@ class Vehicle:
 
     @property
     def input_rate(self) -> FloatArray:
-        """Largest change of a command a second, (3,) in the order of `Input`."""
+        """Largest change of a command per second, (3,) in the order of `Input`."""
         return np.array([self.steering_rate_t, self.steering_rate_i, self.hp_rate])

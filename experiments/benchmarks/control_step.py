@@ -16,9 +16,10 @@ import time
 from typing import Final
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
 from ttempc.guidance.controllers import make_controller
-from ttempc.models.kinematics import advance, hitch_angle, trailer_point
+from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Controller, Estimate, FloatArray, Preparing
@@ -26,7 +27,6 @@ from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
 TICKS = 340  # half a lap at 1 m/s
-SUBSTEPS = 5
 SEED = 1
 NOISE = np.array([0.01, 0.01, 0.005, 0.005, 0.002, 0.002, 0.01])  # of the estimates; m, rad, m/s
 
@@ -51,8 +51,9 @@ def estimates_along(name: str, vehicle: Vehicle, reference: Reference) -> list[E
         )
         seen.append(estimate)
         command = controller.step(estimate, k).command.as_array()
-        for _ in range(SUBSTEPS):
-            state = advance(state, command, vehicle, PERIOD_S / SUBSTEPS)
+        state = solve_ivp(
+            lambda _, x, u=command: articulated(x, u, vehicle), (0.0, PERIOD_S), state
+        ).y[:, -1]
     return seen
 
 

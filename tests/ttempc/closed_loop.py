@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ttempc.models.kinematics import NO_DISTURBANCE, advance, hitch_angle, trailer_point
-from ttempc.models.valves import slew
+from tests.reference.models.kinematics import advance
+from tests.reference.models.valves import slew
+from ttempc.models.kinematics import NO_DISTURBANCE, hitch_angle, trailer_point
 from ttempc.reference.reference import Reference
 from ttempc.types import Controller, ControlStep, Estimate, FloatArray
 from ttempc.vehicle import Vehicle

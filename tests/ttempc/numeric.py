@@ -1,4 +1,4 @@
-"""Numerical helpers that several laws share."""
+"""Numerical derivatives for tests."""
 
 from __future__ import annotations
 

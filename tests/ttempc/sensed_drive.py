@@ -1,4 +1,4 @@
-"""The filter's own model as a plant: articulated kinematics, its process noise, its sensors."""
+"""Closed loop of estimator and controller, with the filter's own model as the plant."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ttempc.estimation.augmented_state import SIZE, Belief, slips
-from ttempc.estimation.augmented_state_kernel import advance_belief, vehicle_table
+from ttempc.estimation.augmented_state import SIZE, STATES, AugmentedState, slips
+from ttempc.estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ttempc.estimation.ekf import ExtendedKalmanFilter
-from ttempc.estimation.measurement_model import LENGTH, expected
+from ttempc.estimation.measurement_model import LENGTH, predicted_measurement
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.path import figure_eight
@@ -26,17 +26,17 @@ FAST = tuple(sensor for sensor in LENGTH if sensor not in GNSS)
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
 
-Spoil = Callable[[list[Measurement]], list[Measurement]]
+Corruption = Callable[[list[Measurement]], list[Measurement]]
 
 
 @dataclass
 class SensedDrive:
-    """A run of filter and controller along the figure eight; states and estimates tick by tick."""
+    """A drive along the figure eight; true states and estimates tick by tick."""
 
     seed: int
     process_noise: ProcessNoise = field(default_factory=ProcessNoise)
-    sensor_scale: float = 1.0  # how much noisier the sensors are than the filter believes
-    spoil: Spoil | None = None  # what happens to a tick's samples on their way to the filter
+    sensor_scale: float = 1.0  # standard deviation of the sensors over that of the filter's model
+    corrupt: Corruption | None = None  # applied to the samples of a tick before the filter
     estimator: Estimator = field(default_factory=lambda: ExtendedKalmanFilter(VEHICLE))
     states: list[FloatArray] = field(default_factory=list)
     estimates: list[Estimate] = field(default_factory=list)
@@ -46,21 +46,21 @@ class SensedDrive:
         """Drive for `ticks` control periods."""
         self._generator = np.random.default_rng(self.seed)
         controller = make_controller("paper", VEHICLE, REFERENCE, PERIOD_S)
-        belief, command = np.zeros(SIZE), None
-        belief[:7] = REFERENCE.at(0.0).state
-        self._valves = belief[Belief.DELTA_T : Belief.RIM].copy()
-        measurements = self._sample(belief, 0.0, tuple(LENGTH))
+        augmented, command = np.zeros(SIZE), None
+        augmented[:STATES] = REFERENCE.at(0.0).state
+        self._valves = augmented[AugmentedState.DELTA_T : AugmentedState.RIM].copy()
+        measurements = self._sample(augmented, 0.0, tuple(LENGTH))
         for k in range(ticks):
-            if self.spoil:
-                measurements = self.spoil(measurements)
+            if self.corrupt:
+                measurements = self.corrupt(measurements)
             estimate = self.estimator.update(k * PERIOD_S, measurements, command)
-            state = belief[:7].copy()
-            state[State.V] *= 1.0 - slips(belief).wheel
+            state = augmented[:STATES].copy()
+            state[State.V] *= 1.0 - slips(augmented).wheel
             self.states.append(state)
             self.estimates.append(estimate)
             self.received.append((measurements, command))
             command = controller.step(estimate, k).command
-            belief, measurements = self._advance(belief, command, k)
+            augmented, measurements = self._advance(augmented, command, k)
         return self
 
     def errors(self) -> FloatArray:
@@ -69,35 +69,42 @@ class SensedDrive:
 
     def normalised_innovations(self, sensor: Sensor) -> FloatArray:
         """Return the normalised squared innovations of `sensor`."""
-        found = (i for estimate in self.estimates for i in estimate.innovations)
-        return np.array([i.normalised_squared for i in found if i.sensor is sensor])
+        innovations = (i for estimate in self.estimates for i in estimate.innovations)
+        return np.array([i.normalised_squared for i in innovations if i.sensor is sensor])
 
     def _advance(
-        self, belief: FloatArray, command: Command, k: int
+        self, augmented: FloatArray, command: Command, k: int
     ) -> tuple[FloatArray, list[Measurement]]:
         step_s, noise = PERIOD_S / SUBSTEPS, self.process_noise
         measurements = []
-        belief, unused = belief.copy(), np.empty((SIZE, SIZE))
+        augmented, unused = augmented.copy(), np.empty((SIZE, SIZE))
         for j in range(1, SUBSTEPS + 1):
-            density = noise.density(belief[Belief.PSI_T], belief[Belief.RIM], noise.roughness)
-            advance_belief(
-                *(belief, self._valves, command.as_array(), vehicle_table(VEHICLE)),
-                *(noise.memories(), step_s, unused),
+            density = noise.density(
+                augmented[AugmentedState.PSI_T], augmented[AugmentedState.RIM], noise.roughness
             )
-            kick = np.linalg.cholesky(density * step_s) @ self._generator.standard_normal(SIZE)
-            belief += kick
+            advance_augmented_state(
+                augmented,
+                self._valves,
+                command.as_array(),
+                vehicle_parameters(VEHICLE),
+                noise.fading_m(),
+                step_s,
+                unused,
+            )
+            root = np.linalg.cholesky(density * step_s)
+            augmented += root @ self._generator.standard_normal(SIZE)
             sensors = FAST if j % FAST_EVERY == 0 else ()
             sensors = (*sensors, *GNSS) if j == SUBSTEPS else sensors
-            measurements += self._sample(belief, k * PERIOD_S + j * step_s, sensors)
-        return belief, measurements
+            measurements += self._sample(augmented, k * PERIOD_S + j * step_s, sensors)
+        return augmented, measurements
 
     def _sample(
-        self, belief: FloatArray, time_s: float, sensors: tuple[Sensor, ...]
+        self, augmented: FloatArray, time_s: float, sensors: tuple[Sensor, ...]
     ) -> list[Measurement]:
-        made = []
+        samples = []
         for sensor in sensors:
-            value, _ = expected(sensor, belief, VEHICLE)
+            value, _ = predicted_measurement(sensor, augmented, VEHICLE)
             sd = self.sensor_scale * SensorNoise().of(sensor)
             value = value + sd * self._generator.standard_normal(len(value))
-            made.append(Measurement(time_s, sensor, tuple(value.tolist())))
-        return made
+            samples.append(Measurement(time_s, sensor, tuple(value.tolist())))
+        return samples

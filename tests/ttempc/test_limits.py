@@ -1,4 +1,4 @@
-"""Nothing leaves the limits, whatever is asked for."""
+"""Limits of commands in amplitude and rate."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ VEHICLE = Vehicle()
 LIMITS = CommandLimits.of(VEHICLE, 0.2)
 
 
-def wild(generator):
-    wanted = 10.0 ** generator.uniform(-3, 3, size=3) * generator.normal(size=3)
-    spoilt = generator.uniform(size=3) < 0.1
-    return np.where(spoilt, generator.choice([np.nan, np.inf, -np.inf], size=3), wanted)
+def random_command(generator):
+    """Return entries of any size, a tenth of them not finite."""
+    desired = 10.0 ** generator.uniform(-3, 3, size=3) * generator.normal(size=3)
+    invalid = generator.uniform(size=3) < 0.1
+    return np.where(invalid, generator.choice([np.nan, np.inf, -np.inf], size=3), desired)
 
 
-def test_amplitude_and_rate_hold_for_any_wish():
+def test_amplitude_and_rate_hold_for_any_command():
     generator = np.random.default_rng(41)
     previous = np.array([0.0, 0.0, 0.7])
     for _ in range(2000):
-        wanted = wild(generator)
-        allowed, limited = LIMITS.apply(wanted, previous)
+        desired = random_command(generator)
+        allowed, limited = LIMITS.apply(desired, previous)
         assert np.all(np.isfinite(allowed))
         assert np.all(VEHICLE.input_min <= allowed)
         assert np.all(allowed <= VEHICLE.input_max)
         assert np.all(np.abs(allowed - previous) <= VEHICLE.input_rate * 0.2 + 1e-12)
-        np.testing.assert_array_equal(limited, ~(allowed == wanted))
+        np.testing.assert_array_equal(limited, ~(allowed == desired))
         previous = allowed
 
 
@@ -36,23 +37,23 @@ def test_the_command_is_the_nearest_allowed_one():
     generator = np.random.default_rng(42)
     for _ in range(50):
         previous = generator.uniform(VEHICLE.input_min, VEHICLE.input_max)
-        wanted = previous + generator.normal(size=3)
-        allowed, _ = LIMITS.apply(wanted, previous)
+        desired = previous + generator.normal(size=3)
+        allowed, _ = LIMITS.apply(desired, previous)
         least = np.maximum(VEHICLE.input_min, previous - LIMITS.step)
         most = np.minimum(VEHICLE.input_max, previous + LIMITS.step)
         others = generator.uniform(least, most, size=(100, 3))
-        assert np.all(np.abs(allowed - wanted) <= np.abs(others - wanted))
+        assert np.all(np.abs(allowed - desired) <= np.abs(others - desired))
 
 
-def test_allowed_wishes_pass_unchanged():
+def test_allowed_commands_pass_unchanged():
     previous = np.array([0.1, -0.1, 0.5])
-    wanted = np.array([0.15, -0.15, 0.51])
-    allowed, limited = LIMITS.apply(wanted, previous)
-    np.testing.assert_array_equal(allowed, wanted)
+    desired = np.array([0.15, -0.15, 0.51])
+    allowed, limited = LIMITS.apply(desired, previous)
+    np.testing.assert_array_equal(allowed, desired)
     assert not limited.any()
 
 
-def test_numbers_that_are_not_finite_hold_the_previous_command():
+def test_entries_that_are_not_finite_keep_the_previous_command():
     previous = np.array([0.1, -0.1, 0.5])
     allowed, limited = LIMITS.apply(np.array([np.nan, np.inf, 0.52]), previous)
     np.testing.assert_array_equal(allowed, [0.1, -0.1, 0.52])

@@ -1,8 +1,7 @@
-"""Nonlinear moving-horizon estimator: the filter's window, estimated anew as a whole."""
+"""Nonlinear moving-horizon estimator."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,56 +10,63 @@ import piqp
 from scipy.sparse import bmat, csc_matrix
 
 from ..errors import InvalidTuning
-from ..estimation.augmented_state import LARGEST, SIZE, STATES, Belief, estimate_of
-from ..estimation.augmented_state_kernel import advance_belief, vehicle_table
+from ..estimation.augmented_state import (
+    DISTURBANCE_BOUND,
+    SIZE,
+    STATES,
+    AugmentedState,
+    estimate_of,
+)
+from ..estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ..estimation.ekf import ExtendedKalmanFilter
-from ..estimation.kalman_filter import FilterState
-from ..estimation.measurement_model import ANGLES, expected
+from ..estimation.kalman_filter import FilterState, steps_over
+from ..estimation.measurement_model import ANGLES, predicted_measurement
 from ..estimation.noise import ProcessNoise, SensorNoise
+from ..estimation.warm_up import run_all_kernels
 from ..models.kinematics import wrap_angle
 from ..types import Command, Estimate, FloatArray, Measurement
 from ..vehicle import Vehicle
 
-_LONGEST_STEP_S = 0.05  # a third of the front steering's lag
-_LEAST_VARIANCE = 1e-12  # of a belief's entry over a step: a vehicle at rest gathers no noise
+_LEAST_VARIANCE = 1e-12  # of each entry over a step: a vehicle at rest gathers no noise
 
 
 @dataclass(frozen=True, slots=True)
-class Leap:
-    """The model from one time of the window to the next, about a guess."""
+class Transition:
+    """The model from one time of the window to the next, linearised about a guess."""
 
-    after: FloatArray  # (16,) belief that the guess leads to
-    transition: FloatArray  # (16, 16)
-    noise: FloatArray  # (16, 16) covariance gathered on the way
+    end: FloatArray  # (16,) augmented state at the end
+    jacobian: FloatArray  # (16, 16) d end / d start
+    noise: FloatArray  # (16, 16) covariance gathered in between
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Beliefs over a window, and how certain the last of them is."""
+    """Augmented states over a window, and the covariance of the last of them."""
 
-    beliefs: FloatArray  # (n, 16)
+    augmented: FloatArray  # (n, 16)
     covariance: FloatArray  # (16, 16) of the last
     bounded: bool  # whether a bound on a disturbance was active
 
 
 class MovingHorizonEstimator:
-    """Estimate the beliefs of the last `window_s` together, from all samples in it.
+    """Estimate the augmented states of the last `window_s` together, from all samples in it.
 
     Over the times of the samples, with the model f and noise Q of the filter in between,
 
         minimise  |x_0 - x|^2_P + sum |x_(k+1) - f(x_k)|^2_Q + sum |y - h(x_k)|^2_R
         subject to disturbances within their bounds,
 
-    norms weighted by the inverse of their subscripts (Rao, Rawlings and Mayne 2003). The arrival
-    cost x, P at the window's start, the roughness behind Q, and which samples the gate lets in
-    are those of an `ExtendedKalmanFilter` that runs beside; late samples are therefore as good
-    as others. Gauss-Newton from the last estimate of each time, `iterations` steps a tick: its
-    block-tridiagonal system is solved directly, by PIQP where that solution leaves the bounds.
+    norms weighted by the inverse of their subscripts (Rao, Rawlings and Mayne 2003). An
+    `ExtendedKalmanFilter` runs beside the estimator. It supplies the arrival cost x, P at the start
+    of the window, the roughness in Q, and the samples that its gate accepts, late ones included.
+    Gauss-Newton starts from the last estimate of each time and takes `iterations` steps a tick. Its
+    block-tridiagonal system is solved directly, and by PIQP if that solution leaves the bounds.
 
-    The innovations of its estimates are the filter's.
+    The innovations of its estimates are those of the filter.
 
     Raises:
-        InvalidTuning: window or iterations not positive, or as `ExtendedKalmanFilter`.
+        InvalidTuning: `iterations` is below 1, or as `ExtendedKalmanFilter` with `window_s` for its
+            memory.
     """
 
     def __init__(
@@ -74,7 +80,7 @@ class MovingHorizonEstimator:
     ) -> None:
         if iterations < 1:
             raise InvalidTuning(f"iterations: got {iterations}, must be 1 or more")
-        self._vehicle, self._table = vehicle, vehicle_table(vehicle)
+        self._vehicle, self._parameters = vehicle, vehicle_parameters(vehicle)
         self._sensor_noise = sensor_noise or SensorNoise()
         self._process_noise = process_noise or ProcessNoise()
         self._iterations = iterations
@@ -83,24 +89,28 @@ class MovingHorizonEstimator:
         )
         self._last: dict[float, FloatArray] = {}  # the newest estimate of each time
 
+    def warm_up(self) -> None:
+        """Compile every kernel that an update may run; the estimator's state does not change."""
+        run_all_kernels(MovingHorizonEstimator(self._vehicle), self._vehicle)
+
     def update(
         self, time_s: float, measurements: Sequence[Measurement], command: Command | None
     ) -> Estimate:
-        """Return the estimate at `time_s` after all `measurements` up to it."""
+        """Return the estimate at `time_s`, as `Estimator.update`."""
         filtered = self._filter.update(time_s, measurements, command)
         states, samples = self._filter.memory()
         if len(states) < 2:
             return filtered
-        guess = np.array([self._last.get(s.time_s, s.beliefs[0]) for s in states])  # (n, 16)
-        found = self._step(states, samples, guess)
+        guess = np.array([self._last.get(s.time_s, s.augmented[0]) for s in states])  # (n, 16)
+        trajectory = self._step(states, samples, guess)
         for _ in range(self._iterations - 1):
-            found = self._step(states, samples, found.beliefs)
-        self._last = {s.time_s: x for s, x in zip(states, found.beliefs, strict=True)}
+            trajectory = self._step(states, samples, trajectory.augmented)
+        self._last = {s.time_s: x for s, x in zip(states, trajectory.augmented, strict=True)}
         now = states[-1].copy()
-        now.beliefs[0], now.covariances[0] = found.beliefs[-1], found.covariance
+        now.augmented[0], now.covariances[0] = trajectory.augmented[-1], trajectory.covariance
         self._filter.predict(now, time_s)
         return estimate_of(
-            now.beliefs[0], now.covariances[0], time_s, self._vehicle, filtered.innovations
+            now.augmented[0], now.covariances[0], time_s, self._vehicle, filtered.innovations
         )
 
     def _step(
@@ -113,51 +123,56 @@ class MovingHorizonEstimator:
         right = np.zeros((count, SIZE))
         arrival = np.linalg.inv(states[0].covariances[0])
         diagonal[0] = arrival
-        right[0] = arrival @ (states[0].beliefs[0] - guess[0])
+        right[0] = arrival @ (states[0].augmented[0] - guess[0])
         for k in range(count - 1):
-            leap = self._leap(states[k], guess[k], states[k + 1].time_s)
-            weight = np.linalg.inv(leap.noise)
-            pulled = leap.transition.T @ weight  # (16, 16)
-            missed = leap.after - guess[k + 1]
-            diagonal[k] += pulled @ leap.transition
+            step = self._transition(states[k], guess[k], states[k + 1].time_s)
+            weight = np.linalg.inv(step.noise)
+            weighted = step.jacobian.T @ weight  # (16, 16)
+            defect = step.end - guess[k + 1]
+            diagonal[k] += weighted @ step.jacobian
             diagonal[k + 1] += weight
-            above[k] = -pulled
-            right[k] -= pulled @ missed
-            right[k + 1] += weight @ missed
-        place = {state.time_s: k for k, state in enumerate(states)}
+            above[k] = -weighted
+            right[k] -= weighted @ defect
+            right[k + 1] += weight @ defect
+        index = {state.time_s: k for k, state in enumerate(states)}
         for sample in samples:
-            k = place[sample.time_s]
-            reading, by_belief = expected(sample.sensor, guess[k], self._vehicle)
-            difference = np.array(sample.value) - reading
+            k = index[sample.time_s]
+            reading, jacobian = predicted_measurement(sample.sensor, guess[k], self._vehicle)
+            residual = np.array(sample.value) - reading
             if sample.sensor in ANGLES:
-                difference[0] = wrap_angle(float(difference[0]))
+                residual[0] = wrap_angle(float(residual[0]))
             precision = self._sensor_noise.of(sample.sensor) ** -2
-            diagonal[k] += precision * by_belief.T @ by_belief
-            right[k] += precision * by_belief.T @ difference
+            diagonal[k] += precision * jacobian.T @ jacobian
+            right[k] += precision * jacobian.T @ residual
         return _minimum(diagonal, above, right, guess)
 
-    def _leap(self, state: FilterState, belief: FloatArray, until_s: float) -> Leap:
-        belief, valves = belief.copy(), state.valves.copy()
-        passed, noise = np.eye(SIZE), _LEAST_VARIANCE * np.eye(SIZE)
-        step, roughness = np.empty((SIZE, SIZE)), float(state.roughness[0])
-        now = state.time_s
-        for reached, command in self._filter.commands(now, until_s):
-            if command is None:  # as the filter has it
-                command = np.array([*valves, belief[Belief.RIM] / self._vehicle.speed_gain])
-            steps = math.ceil((reached - now) / _LONGEST_STEP_S - 1e-9)
-            step_s = (reached - now) / steps
+    def _transition(self, state: FilterState, guess: FloatArray, until_s: float) -> Transition:
+        """Return the transition from `guess` (16,) at the time of `state` to `until_s`."""
+        augmented, valves = guess.copy(), state.valves.copy()
+        jacobian, noise = np.eye(SIZE), _LEAST_VARIANCE * np.eye(SIZE)
+        step_jacobian, roughness = np.empty((SIZE, SIZE)), float(state.roughness[0])
+        fading_m = self._process_noise.fading_m()
+        time_s = state.time_s
+        for end_s, command in self._filter.commands(time_s, until_s):
+            if command is None:  # as `KalmanFilter.predict`
+                hp = augmented[AugmentedState.RIM] / self._vehicle.speed_gain
+                command = np.array([*valves, hp])
+            span_s = float(end_s - time_s)
+            steps = steps_over(span_s)
+            step_s = span_s / steps
             for _ in range(steps):
-                psi_t, rim = belief[Belief.PSI_T], belief[Belief.RIM]
-                advance_belief(
-                    *(belief, valves, command, self._table, self._process_noise.memories()),
-                    *(step_s, step),
+                psi_t, rim = augmented[AugmentedState.PSI_T], augmented[AugmentedState.RIM]
+                advance_augmented_state(
+                    augmented, valves, command, self._parameters, fading_m, step_s, step_jacobian
                 )
-                middle = 0.5 * (psi_t + belief[Belief.PSI_T]), 0.5 * (rim + belief[Belief.RIM])
-                half = 0.5 * step_s * self._process_noise.density(*middle, roughness)
-                noise = step @ (noise + half) @ step.T + half
-                passed = step @ passed
-            now = reached
-        return Leap(belief, passed, noise)
+                middle_psi_t = 0.5 * (psi_t + augmented[AugmentedState.PSI_T])
+                middle_rim = 0.5 * (rim + augmented[AugmentedState.RIM])
+                density = self._process_noise.density(middle_psi_t, middle_rim, roughness)
+                half = 0.5 * step_s * density
+                noise = step_jacobian @ (noise + half) @ step_jacobian.T + half
+                jacobian = step_jacobian @ jacobian
+            time_s = end_s
+        return Transition(augmented, jacobian, noise)
 
 
 def _minimum(
@@ -165,8 +180,9 @@ def _minimum(
 ) -> Trajectory:
     """Return guess + d with d minimising d'Hd / 2 - right'd, disturbances within their bounds.
 
-    H is block-tridiagonal: blocks `diagonal` (n, 16, 16), `above` (n - 1, 16, 16). Elimination
-    from the first block on leaves the information of the last in its place.
+    H is block-tridiagonal with the blocks `diagonal` (n, 16, 16) and `above` (n - 1, 16, 16);
+    `right` and `guess` are (n, 16). Elimination from the first block on leaves the information
+    matrix of the last augmented state in the last block.
     """
     last = len(guess) - 1
     left, rest = diagonal.copy(), right.copy()
@@ -175,20 +191,23 @@ def _minimum(
         left[k + 1] -= above[k].T @ solved[:, :-1]
         rest[k + 1] -= above[k].T @ solved[:, -1]
     covariance = np.linalg.inv(left[last])
-    beliefs, d = guess.copy(), np.zeros(SIZE)
+    augmented, d = guess.copy(), np.zeros(SIZE)
     for k in range(last, -1, -1):
         d = np.linalg.solve(left[k], rest[k] - above[k] @ d if k < last else rest[k])
-        beliefs[k] += d
-    bounded = bool((np.abs(beliefs[:, STATES:]) > LARGEST).any())
+        augmented[k] += d
+    bounded = bool((np.abs(augmented[:, STATES:]) > DISTURBANCE_BOUND).any())
     if bounded:
-        beliefs = guess + _bounded_step(diagonal, above, right, guess)
-    return Trajectory(beliefs, 0.5 * (covariance + covariance.T), bounded)
+        augmented = guess + _bounded_step(diagonal, above, right, guess)
+    return Trajectory(augmented, 0.5 * (covariance + covariance.T), bounded)
 
 
 def _bounded_step(
     diagonal: FloatArray, above: FloatArray, right: FloatArray, guess: FloatArray
 ) -> FloatArray:
-    """Return d (n, 16) as `_minimum` does, by PIQP; the guess held in its bounds if that fails."""
+    """Return d (n, 16) of `_minimum` by PIQP.
+
+    If PIQP fails, d takes the guess to its nearest point within the bounds.
+    """
     count = len(guess)
     blocks = [[csc_matrix((SIZE, SIZE)) for _ in range(count)] for _ in range(count)]
     for k in range(count):
@@ -196,7 +215,7 @@ def _bounded_step(
         if k + 1 < count:
             blocks[k][k + 1] = csc_matrix(above[k])
             blocks[k + 1][k] = csc_matrix(above[k].T)
-    bound = np.concatenate([np.full(STATES, np.inf), LARGEST])
+    bound = np.concatenate([np.full(STATES, np.inf), DISTURBANCE_BOUND])
     solver = piqp.SparseSolver()
     solver.setup(
         P=csc_matrix(bmat(blocks)),

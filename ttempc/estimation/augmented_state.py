@@ -1,4 +1,4 @@
-"""What estimators believe of the vehicle: its state, and what disturbs it, slopes included."""
+"""Augmented state of the estimators: the vehicle's state and its persistent disturbances."""
 
 from __future__ import annotations
 
@@ -9,46 +9,46 @@ from typing import Final
 
 import numpy as np
 
-from ..models.kinematics import articulated, hitch_angle, trailer_point
-from ..types import Disturbance, Estimate, FloatArray, Innovation, Input, MapDisturbance, State
+from ..models.kinematics import hitch_angle, trailer_point
+from ..types import Disturbance, Estimate, FloatArray, Innovation, MapDisturbance, State
 from ..vehicle import Vehicle
 
 
-class Belief(IntEnum):
-    """Index of each entry of a belief: `State` with the rim's speed, then what disturbs it.
+class AugmentedState(IntEnum):
+    """Index of each entry of an augmented state: `State` with the rim speed, then disturbances.
 
-    The hydrostat drives the wheels, not the vehicle: the rim follows it with the lag tau whatever
-    the ground is like, and the ground takes its share of the rim's speed at once. What turns with
-    the vehicle and what stays with the field are told apart, for on a curve a slope acts from
-    another side at every moment.
+    The hydrostat drives the wheels, not the vehicle: the rim speed follows the hydrostat with the
+    lag tau on any ground, and wheel slip lowers the vehicle's speed without delay. Disturbances
+    that turn with the vehicle and disturbances that are fixed in the map have entries of their
+    own, because a slope acts on a turning vehicle from a direction that changes all the time.
     """
 
     X = 0  # [m] tractor point, map frame
     Y = 1  # [m]
-    PSI_T = 2  # [rad]
-    PSI_I = 3  # [rad]
-    DELTA_T = 4  # [rad]
-    DELTA_I = 5  # [rad]
+    PSI_T = 2  # [rad] yaw of the tractor
+    PSI_I = 3  # [rad] yaw of the trailer
+    DELTA_T = 4  # [rad] steering angle of the front wheels
+    DELTA_I = 5  # [rad] steering angle of the trailer at RJ2
     RIM = 6  # [m/s] speed of the rim of the driven wheels
-    SLIP_T = 7  # [rad] side slip of the rear axle that turns with the vehicle
+    SLIP_T = 7  # [rad] side slip of the rear axle, the part that turns with the vehicle
     SLIP_I = 8  # [rad] side slip of the trailer axle, likewise
-    STEERING = 9  # [rad] front steering that acts beside the measured
+    STEERING = 9  # [rad] front steering beside the measured angle
     DRIVE = 10  # [m/s^2] acceleration of the rim beside the hydrostat's
-    WHEEL = 11  # slip of the driven wheels, 1 - v / rim, likewise
-    SIDE_X = 12  # [rad] course of both axles off their heading, as a vector of the map
-    SIDE_Y = 13  # [rad]
+    WHEEL = 11  # wheel slip, see `Disturbance`, the part that turns with the vehicle
+    SIDE_X = 12  # [rad] side slip of both axles, a vector in the map frame: east
+    SIDE_Y = 13  # [rad] north
     CLIMB_X = 14  # wheel slip on the way east
     CLIMB_Y = 15  # wheel slip on the way north
 
 
 STATES: Final = len(State)
-SIZE: Final = len(Belief)
+SIZE: Final = len(AugmentedState)
 
-LARGEST: Final[FloatArray] = np.array([0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3])
-"""What a disturbance may be at most, (9,): twice what a vehicle that can be steered shows."""
+DISTURBANCE_BOUND: Final[FloatArray] = np.array([0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3])
+"""Largest magnitude of each disturbance, (9,): twice that of a vehicle that can be steered."""
 
-AT_START: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.01, 0.03, 0.03])
-"""How uncertain each is at the start, (9,), where nothing was seen of it; assumed."""
+INITIAL_SD: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.01, 0.03, 0.03])
+"""Standard deviation of each disturbance before the first sample, (9,); assumed."""
 
 LEAST_ROUGHNESS: Final = 1e-3
 MOST_ROUGHNESS: Final = 20.0
@@ -57,21 +57,21 @@ MOST_ROUGHNESS: Final = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Slips:
-    """The slips that act at a belief, from what turns with the vehicle and what does not."""
+    """Total slips of an augmented state: body-fixed and map-fixed parts together."""
 
     tractor: float  # [rad] side slip of the rear axle
     trailer: float  # [rad] side slip of the trailer axle
-    wheel: float  # 1 - v / rim
+    wheel: float  # wheel slip 1 - v / rim
 
 
-def slips(belief: FloatArray) -> Slips:
-    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of a belief (16,).
+def slips(augmented: FloatArray) -> Slips:
+    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (16,).
 
-    e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`; both
-    change their signs in reverse, where the vehicle climbs with its back and drifts downhill all
-    the same.
+    e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`. Both
+    map-fixed terms change their sign in reverse, where the vehicle climbs with its back and still
+    drifts downhill.
     """
-    _, _, psi_t, psi_i, _, _, rim, slip_t, slip_i, _, _, wheel, gx, gy, cx, cy = belief.tolist()
+    _, _, psi_t, psi_i, _, _, rim, slip_t, slip_i, _, _, wheel, gx, gy, cx, cy = augmented.tolist()
     cos_t, sin_t, gear = math.cos(psi_t), math.sin(psi_t), math.copysign(1.0, rim)
     return Slips(
         tractor=slip_t + gear * (gy * cos_t - gx * sin_t),
@@ -80,35 +80,14 @@ def slips(belief: FloatArray) -> Slips:
     )
 
 
-def motion(belief: FloatArray, inputs: FloatArray, vehicle: Vehicle) -> FloatArray:
-    """Return the time derivative of a belief under `inputs` (3,), (16,): the clear version.
-
-    `articulated` with the slips of the moment, v = rim (1 - s) and rim' = (K hp - rim) / tau + w;
-    disturbances stay. `ttempc.estimation.augmented_state_kernel` has the same in compiled form.
-    """
-    acting = slips(belief)
-    state = belief[:STATES].copy()
-    state[State.V] *= 1.0 - acting.wheel
-    disturbance = np.zeros(len(Disturbance))
-    disturbance[Disturbance.SLIP_T] = acting.tractor
-    disturbance[Disturbance.SLIP_I] = acting.trailer
-    disturbance[Disturbance.STEERING] = belief[Belief.STEERING]
-    rate = np.zeros(SIZE)
-    rate[:STATES] = articulated(state, inputs, vehicle, disturbance)
-    wanted = vehicle.speed_gain * inputs[Input.HP]
-    rate[Belief.RIM] = (wanted - belief[Belief.RIM]) / vehicle.speed_time_constant
-    rate[Belief.RIM] += belief[Belief.DRIVE]
-    return rate
-
-
-def by_map(
+def map_disturbance_gain(
     psi_t: float, psi_i: float, speed: float, yaw_rate: float, vehicle: Vehicle
 ) -> FloatArray:
-    """Return what a map disturbance of one unit is as a `Disturbance`, (5, 4).
+    """Return d `Disturbance` / d `MapDisturbance`, (5, 4), at headings [rad] and speed [m/s].
 
-    In reverse with the other sign. With the wheel slip s = e(psi_t)'c the vehicle settles at
+    The signs change in reverse. With the wheel slip s = e(psi_t)'c the vehicle settles at
     rim - rim s and loses rim s' as it turns, so that to first order in s the drive disturbance is
-    -v (s / tau + s').
+    -v (s / tau + s'). `yaw_rate` is that of the tractor [rad/s].
     """
     cos, sin = math.cos(psi_t), math.sin(psi_t)
     tau = vehicle.speed_time_constant
@@ -124,52 +103,50 @@ def by_map(
 
 
 def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
-    """Return `by_map` at an estimate: its map disturbance makes that much of its disturbance."""
+    """Return `map_disturbance_gain` (5, 4) at the state of an estimate."""
     _, _, psi_t, psi_i, delta_t, _, v = estimate.state.tolist()
     angle = delta_t + estimate.disturbance[Disturbance.STEERING]
-    return by_map(psi_t, psi_i, v, v * math.tan(angle) / vehicle.wheelbase, vehicle)
+    yaw_rate = v * math.tan(angle) / vehicle.wheelbase
+    return map_disturbance_gain(psi_t, psi_i, v, yaw_rate, vehicle)
 
 
 def estimate_of(
-    belief: FloatArray,
+    augmented: FloatArray,
     covariance: FloatArray,
     time_s: float,
     vehicle: Vehicle,
     innovations: tuple[Innovation, ...],
 ) -> Estimate:
-    """Return what a controller may know of a belief (16,) with its covariance (16, 16)."""
-    acting = slips(belief)
-    state = belief[:STATES].copy()
-    psi_t, delta_t, rim = (float(belief[i]) for i in (Belief.PSI_T, Belief.DELTA_T, Belief.RIM))
-    bias, drive, climb_x, climb_y = (
-        float(belief[i]) for i in (Belief.STEERING, Belief.DRIVE, Belief.CLIMB_X, Belief.CLIMB_Y)
-    )
+    """Return the estimate for a controller from an augmented state (16,).
+
+    `covariance` (16, 16) is carried to the state (7, 7) to first order. The drive disturbance of
+    the estimate moves v as the rim speed, its disturbance and the wheel slip do together.
+    """
+    total = slips(augmented)
+    state = augmented[:STATES].copy()
+    psi_t, delta_t = (float(augmented[i]) for i in (AugmentedState.PSI_T, AugmentedState.DELTA_T))
+    _, _, bias, drive, _, _, _, climb_x, climb_y = augmented[STATES:].tolist()
+    rim = float(augmented[AugmentedState.RIM])
     cos, sin = math.cos(psi_t), math.sin(psi_t)
-    v = rim * (1.0 - acting.wheel)
+    v = rim * (1.0 - total.wheel)
     state[State.V] = v
     gear = math.copysign(1.0, rim)
-    by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
-    turning = by_heading * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
-    to_state = np.eye(STATES, SIZE)
-    to_state[State.V, Belief.PSI_T] = -rim * by_heading
-    to_state[State.V, Belief.RIM] = 1.0 - acting.wheel
-    to_state[State.V, Belief.WHEEL] = -rim
-    to_state[State.V, Belief.CLIMB_X :] = -abs(rim) * cos, -abs(rim) * sin
-    disturbance = np.array(
-        [
-            *(acting.tractor, acting.trailer, bias),
-            drive - rim * (acting.wheel / vehicle.speed_time_constant + turning),
-            acting.wheel / (1.0 - acting.wheel),
-        ]
-    )
-    seen = to_state @ covariance @ to_state.T
+    slip_by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
+    slip_rate = slip_by_heading * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
+    jacobian = np.eye(STATES, SIZE)  # d state / d augmented, (7, 16)
+    jacobian[State.V, AugmentedState.PSI_T] = -rim * slip_by_heading
+    jacobian[State.V, AugmentedState.RIM] = 1.0 - total.wheel
+    jacobian[State.V, AugmentedState.WHEEL] = -rim
+    jacobian[State.V, AugmentedState.CLIMB_X :] = -abs(rim) * cos, -abs(rim) * sin
+    drive_v = drive - rim * (total.wheel / vehicle.speed_time_constant + slip_rate)
+    state_covariance = jacobian @ covariance @ jacobian.T
     return Estimate(
         time_s=time_s,
         state=state,
-        covariance=0.5 * (seen + seen.T),
+        covariance=0.5 * (state_covariance + state_covariance.T),
         trailer_xy=trailer_point(state, vehicle),
         hitch_angle=hitch_angle(state),
-        disturbance=disturbance,
+        disturbance=np.array([total.tractor, total.trailer, bias, drive_v, total.wheel]),
         innovations=innovations,
-        map_disturbance=belief[Belief.SIDE_X :].copy(),
+        map_disturbance=augmented[AugmentedState.SIDE_X :].copy(),
     )

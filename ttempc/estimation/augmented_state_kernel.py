@@ -1,90 +1,148 @@
-"""`augmented_state.motion`, compiled, with its slopes; and what the sensors read of a belief.
+"""Model and measurements of the augmented state, compiled, with their Jacobians.
 
-Same equations; tests hold the two together.
+Arrays named `x` are augmented states (16,) in the order of `AugmentedState`, those named
+`parameters` are (10,) in the order of `VehicleParameter`.
 """
 
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import Final
 
-import numba
 import numpy as np
 
-from ..types import FloatArray
+from ..jit import cached_njit
+from ..types import FloatArray, Input
 from ..vehicle import Vehicle
-from .augmented_state import SIZE, STATES
+from .augmented_state import SIZE, STATES, AugmentedState
 
-_N: Final = STATES
-_ALL: Final = SIZE
 _TERMS: Final = 4  # of the exponential's series: enough for a third of a lag
 
 
-def vehicle_table(vehicle: Vehicle) -> FloatArray:
-    """Return what the kernel reads of a vehicle, (10,)."""
-    return np.array(
-        [
-            *(vehicle.wheelbase, vehicle.hitch_offset, vehicle.drawbar_length),
-            *(vehicle.trailer_length, vehicle.speed_gain, vehicle.speed_time_constant),
-            *(vehicle.steering_lag_t, vehicle.steering_lag_i),
-            *(vehicle.steering_rate_t, vehicle.steering_rate_i),
-        ]
-    )
+class VehicleParameter(IntEnum):
+    """Index of each vehicle parameter that the kernels read; the names are fields of `Vehicle`."""
+
+    WHEELBASE = 0
+    HITCH_OFFSET = 1
+    DRAWBAR_LENGTH = 2
+    TRAILER_LENGTH = 3
+    SPEED_GAIN = 4
+    SPEED_TIME_CONSTANT = 5
+    STEERING_LAG_T = 6
+    STEERING_LAG_I = 7
+    STEERING_RATE_T = 8
+    STEERING_RATE_I = 9
 
 
-@numba.njit(cache=True)
+class SensorIndex(IntEnum):
+    """Number of each sensor in the kernels; the names are those of `Sensor`."""
+
+    GNSS_TRACTOR = 0
+    GNSS_TRAILER = 1
+    STEERING_TRACTOR = 2
+    STEERING_TRAILER = 3
+    HITCH = 4
+    ENCODER = 5
+
+
+def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (10,), SI units."""
+    return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
+
+
+@cached_njit
 def _steering(command: float, angle: float, lag: float, limit: float) -> tuple[float, float]:
+    """Return the rate of a steering angle [rad/s] and its derivative by the command [1/s]."""
     rate = (command - angle) / lag
     if abs(rate) >= limit:
         return math.copysign(limit, rate), 0.0
     return rate, 1.0 / lag
 
 
-@numba.njit(cache=True)
-def rate_of(belief: FloatArray, inputs: FloatArray, table: FloatArray, rate: FloatArray) -> None:
-    """Write the rate of the first seven entries of `belief` (16,); the others stand still."""
-    psi_t, psi_i, delta_i, rim = belief[2], belief[3], belief[5], belief[6]
-    wheelbase, a, d, length_i = table[0], table[1], table[2], table[3]
+@cached_njit
+def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: FloatArray) -> None:
+    """Write dx/dt of the first seven entries under `inputs` (3,) into `rate` (7,).
+
+    The model is `articulated` with the total slips, v = rim (1 - s) and
+    rim' = (K hp - rim) / tau + w. The disturbances are constant.
+    """
+    psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
+    delta_t, delta_i = x[AugmentedState.DELTA_T], x[AugmentedState.DELTA_I]
+    rim = x[AugmentedState.RIM]
+    wheelbase = parameters[VehicleParameter.WHEELBASE]
+    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
     sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
     gear = math.copysign(1.0, rim)
-    gx, gy, cx, cy = gear * belief[12], gear * belief[13], gear * belief[14], gear * belief[15]
-    slip_t = belief[7] - gx * sin_t + gy * cos_t
-    slip_i = belief[8] - gx * math.sin(psi_i) + gy * math.cos(psi_i)
-    v = rim * (1.0 - belief[11] - cx * cos_t - cy * sin_t)
+    gx, gy = gear * x[AugmentedState.SIDE_X], gear * x[AugmentedState.SIDE_Y]
+    cx, cy = gear * x[AugmentedState.CLIMB_X], gear * x[AugmentedState.CLIMB_Y]
+    slip_t = x[AugmentedState.SLIP_T] - gx * sin_t + gy * cos_t
+    slip_i = x[AugmentedState.SLIP_I] - gx * math.sin(psi_i) + gy * math.cos(psi_i)
+    v = rim * (1.0 - x[AugmentedState.WHEEL] - cx * cos_t - cy * sin_t)
     lam = psi_t - psi_i
     cos_l, cos_i = math.cos(lam), math.cos(delta_i)
-    rate_t, _ = _steering(inputs[0], belief[4], table[6], table[8])
-    rate_i, _ = _steering(inputs[1], delta_i, table[7], table[9])
-    yaw_t = v * math.tan(belief[4] + belief[9]) / wheelbase
+    rate_t, _ = _steering(
+        inputs[Input.DELTA_T],
+        delta_t,
+        parameters[VehicleParameter.STEERING_LAG_T],
+        parameters[VehicleParameter.STEERING_RATE_T],
+    )
+    rate_i, _ = _steering(
+        inputs[Input.DELTA_I],
+        delta_i,
+        parameters[VehicleParameter.STEERING_LAG_I],
+        parameters[VehicleParameter.STEERING_RATE_I],
+    )
+    yaw_t = v * math.tan(delta_t + x[AugmentedState.STEERING]) / wheelbase
     across = v * (math.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
-    rate[0] = v * (cos_t - slip_t * sin_t)
-    rate[1] = v * (sin_t + slip_t * cos_t)
-    rate[2] = yaw_t
-    rate[3] = (across - d * rate_i * cos_i) / (length_i + d * cos_i)
-    rate[4] = rate_t
-    rate[5] = rate_i
-    rate[6] = (table[4] * inputs[2] - rim) / table[5] + belief[10]
+    steady_rim = parameters[VehicleParameter.SPEED_GAIN] * inputs[Input.HP]
+    tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
+    rate[AugmentedState.X] = v * (cos_t - slip_t * sin_t)
+    rate[AugmentedState.Y] = v * (sin_t + slip_t * cos_t)
+    rate[AugmentedState.PSI_T] = yaw_t
+    rate[AugmentedState.PSI_I] = (across - d * rate_i * cos_i) / (length_i + d * cos_i)
+    rate[AugmentedState.DELTA_T] = rate_t
+    rate[AugmentedState.DELTA_I] = rate_i
+    rate[AugmentedState.RIM] = (steady_rim - rim) / tau + x[AugmentedState.DRIVE]
 
 
-@numba.njit(cache=True)
-def slope_of(belief: FloatArray, inputs: FloatArray, table: FloatArray, slope: FloatArray) -> None:
-    """Write d `rate_of` / d belief into `slope` (7, 16)."""
-    psi_t, psi_i, delta_i, rim = belief[2], belief[3], belief[5], belief[6]
-    wheelbase, a, d, length_i = table[0], table[1], table[2], table[3]
+@cached_njit
+def state_rate_jacobian(
+    x: FloatArray, inputs: FloatArray, parameters: FloatArray, jacobian: FloatArray
+) -> None:
+    """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 16)."""
+    psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
+    delta_t, delta_i = x[AugmentedState.DELTA_T], x[AugmentedState.DELTA_I]
+    rim = x[AugmentedState.RIM]
+    wheelbase = parameters[VehicleParameter.WHEELBASE]
+    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
     sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
     sin_p, cos_p = math.sin(psi_i), math.cos(psi_i)
     gear = math.copysign(1.0, rim)
-    gx, gy, cx, cy = gear * belief[12], gear * belief[13], gear * belief[14], gear * belief[15]
-    slip_t = belief[7] - gx * sin_t + gy * cos_t
-    slip_i = belief[8] - gx * sin_p + gy * cos_p
-    share = 1.0 - belief[11] - cx * cos_t - cy * sin_t
-    v = rim * share
+    gx, gy = gear * x[AugmentedState.SIDE_X], gear * x[AugmentedState.SIDE_Y]
+    cx, cy = gear * x[AugmentedState.CLIMB_X], gear * x[AugmentedState.CLIMB_Y]
+    slip_t = x[AugmentedState.SLIP_T] - gx * sin_t + gy * cos_t
+    slip_i = x[AugmentedState.SLIP_I] - gx * sin_p + gy * cos_p
+    speed_ratio = 1.0 - x[AugmentedState.WHEEL] - cx * cos_t - cy * sin_t  # v / rim
+    v = rim * speed_ratio
     lam = psi_t - psi_i
     sin_l, cos_l = math.sin(lam), math.cos(lam)
     sin_i, cos_i = math.sin(delta_i), math.cos(delta_i)
-    _, gain_t = _steering(inputs[0], belief[4], table[6], table[8])
-    rate_i, gain_i = _steering(inputs[1], delta_i, table[7], table[9])
-    angle = belief[4] + belief[9]
+    _, gain_t = _steering(
+        inputs[Input.DELTA_T],
+        delta_t,
+        parameters[VehicleParameter.STEERING_LAG_T],
+        parameters[VehicleParameter.STEERING_RATE_T],
+    )
+    rate_i, gain_i = _steering(
+        inputs[Input.DELTA_I],
+        delta_i,
+        parameters[VehicleParameter.STEERING_LAG_I],
+        parameters[VehicleParameter.STEERING_RATE_I],
+    )
+    angle = delta_t + x[AugmentedState.STEERING]
     yaw_t_v = math.tan(angle) / wheelbase
     yaw_t_delta = v / (wheelbase * math.cos(angle) ** 2)
     arm = length_i + d * cos_i
@@ -93,136 +151,156 @@ def slope_of(belief: FloatArray, inputs: FloatArray, table: FloatArray, slope: F
     yaw_i_lam = v * (cos_l - slip_t * sin_l + a * yaw_t_v * sin_l) / arm
     yaw_i_delta_t = -a * yaw_t_delta * cos_l / arm
     yaw_i_rate = -d * cos_i / arm
+    yaw_i_delta_i = d * sin_i * (rate_i + yaw_i) / arm - yaw_i_rate * gain_i
 
-    slope[:, :] = 0.0
-    slope[0, 2] = -v * (sin_t + slip_t * cos_t)
-    slope[1, 2] = v * (cos_t - slip_t * sin_t)
-    slope[2, 4] = slope[2, 9] = yaw_t_delta
-    slope[3, 2] = yaw_i_lam
-    slope[3, 3] = -yaw_i_lam
-    slope[3, 4] = slope[3, 9] = yaw_i_delta_t
-    slope[3, 5] = d * sin_i * (rate_i + yaw_i) / arm - yaw_i_rate * gain_i
-    slope[4, 4] = -gain_t
-    slope[5, 5] = -gain_i
-    slope[6, 6] = -1.0 / table[5]
-    slope[6, 10] = 1.0
-    # Through the speed v = rim share, and through the side slips.
+    jacobian[:, :] = 0.0
+    jacobian[AugmentedState.X, AugmentedState.PSI_T] = -v * (sin_t + slip_t * cos_t)
+    jacobian[AugmentedState.Y, AugmentedState.PSI_T] = v * (cos_t - slip_t * sin_t)
+    jacobian[AugmentedState.PSI_T, AugmentedState.DELTA_T] = yaw_t_delta
+    jacobian[AugmentedState.PSI_T, AugmentedState.STEERING] = yaw_t_delta
+    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_T] = yaw_i_lam
+    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_I] = -yaw_i_lam
+    jacobian[AugmentedState.PSI_I, AugmentedState.DELTA_T] = yaw_i_delta_t
+    jacobian[AugmentedState.PSI_I, AugmentedState.STEERING] = yaw_i_delta_t
+    jacobian[AugmentedState.PSI_I, AugmentedState.DELTA_I] = yaw_i_delta_i
+    jacobian[AugmentedState.DELTA_T, AugmentedState.DELTA_T] = -gain_t
+    jacobian[AugmentedState.DELTA_I, AugmentedState.DELTA_I] = -gain_i
+    tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
+    jacobian[AugmentedState.RIM, AugmentedState.RIM] = -1.0 / tau
+    jacobian[AugmentedState.RIM, AugmentedState.DRIVE] = 1.0
+    # Through the speed v = rim * speed_ratio, and through the side slips.
     by_v = (cos_t - slip_t * sin_t, sin_t + slip_t * cos_t, yaw_t_v, yaw_i_v)
     by_slip_t = (-v * sin_t, v * cos_t, 0.0, v * cos_l / arm)
     by_slip_i = -v / arm
     v_psi = rim * (cx * sin_t - cy * cos_t)
-    for row in range(4):
-        slope[row, 2] += by_v[row] * v_psi + by_slip_t[row] * (-gx * cos_t - gy * sin_t)
-        slope[row, 6] = by_v[row] * share
-        slope[row, 7] = by_slip_t[row]
-        slope[row, 11] = -by_v[row] * rim
-        slope[row, 12] = -gear * by_slip_t[row] * sin_t
-        slope[row, 13] = gear * by_slip_t[row] * cos_t
-        slope[row, 14] = -gear * by_v[row] * rim * cos_t
-        slope[row, 15] = -gear * by_v[row] * rim * sin_t
-    slope[3, 3] += by_slip_i * (-gx * cos_p - gy * sin_p)
-    slope[3, 8] = by_slip_i
-    slope[3, 12] -= gear * by_slip_i * sin_p
-    slope[3, 13] += gear * by_slip_i * cos_p
+    slip_t_psi = -gx * cos_t - gy * sin_t
+    for row in range(4):  # x, y, psi_t, psi_i
+        jacobian[row, AugmentedState.PSI_T] += by_v[row] * v_psi + by_slip_t[row] * slip_t_psi
+        jacobian[row, AugmentedState.RIM] = by_v[row] * speed_ratio
+        jacobian[row, AugmentedState.SLIP_T] = by_slip_t[row]
+        jacobian[row, AugmentedState.WHEEL] = -by_v[row] * rim
+        jacobian[row, AugmentedState.SIDE_X] = -gear * by_slip_t[row] * sin_t
+        jacobian[row, AugmentedState.SIDE_Y] = gear * by_slip_t[row] * cos_t
+        jacobian[row, AugmentedState.CLIMB_X] = -gear * by_v[row] * rim * cos_t
+        jacobian[row, AugmentedState.CLIMB_Y] = -gear * by_v[row] * rim * sin_t
+    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_I] += by_slip_i * (-gx * cos_p - gy * sin_p)
+    jacobian[AugmentedState.PSI_I, AugmentedState.SLIP_I] = by_slip_i
+    jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_X] -= gear * by_slip_i * sin_p
+    jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_Y] += gear * by_slip_i * cos_p
 
 
-@numba.njit(cache=True)
-def advance_belief(
-    belief: FloatArray,
+@cached_njit
+def advance_augmented_state(
+    x: FloatArray,
     valves: FloatArray,
     command: FloatArray,
-    table: FloatArray,
-    memory: FloatArray,
+    parameters: FloatArray,
+    fading_m: FloatArray,
     step_s: float,
     transition: FloatArray,
 ) -> None:
-    """Move `belief` (16,) and `valves` (2,) on by a step in place; write d after / d before.
+    """Advance `x` (16,) and `valves` (2,) by `step_s` in place; write d after / d before.
 
-    The valves run to the `command` (3,) as in `valves.slew`; then one Runge-Kutta step as
-    in `kinematics.advance`. Disturbances fade by exp(-travel / memory), `memory` (9,) [m].
-    `transition` (16, 16) is the exponential of the Jacobian in the middle of the step.
+    The set points of the steering valves `valves` [rad] run to the `command` (3,) at their rate
+    limit, and their mean over the step acts. The state takes one classical Runge-Kutta step.
+    Disturbances fade by exp(-travel / fading_m), `fading_m` (9,) [m]. `transition` (16, 16) is the
+    exponential of the Jacobian in the middle of the step.
     """
     inputs = np.empty(3)
-    inputs[2] = command[2]
+    inputs[Input.HP] = command[Input.HP]
     for i in range(2):
-        reach = table[8 + i] * step_s
+        reach = parameters[VehicleParameter.STEERING_RATE_T + i] * step_s
         after = min(max(command[i], valves[i] - reach), valves[i] + reach)
         inputs[i] = 0.5 * (valves[i] + after)
         valves[i] = after
-    moved = belief.copy()
-    rates = np.empty((4, _N))
-    rate_of(belief, inputs, table, rates[0])
+    stage_x = x.copy()
+    rates = np.empty((4, STATES))
+    state_rate(x, inputs, parameters, rates[0])
     for stage in range(3):
-        share = step_s if stage == 2 else 0.5 * step_s
-        for i in range(_N):
-            moved[i] = belief[i] + share * rates[stage, i]
-        rate_of(moved, inputs, table, rates[stage + 1])
-    middle = belief.copy()
-    for i in range(_N):
+        duration = step_s if stage == 2 else 0.5 * step_s
+        for i in range(STATES):
+            stage_x[i] = x[i] + duration * rates[stage, i]
+        state_rate(stage_x, inputs, parameters, rates[stage + 1])
+    middle = x.copy()
+    for i in range(STATES):
         change = step_s / 6.0 * (rates[0, i] + 2.0 * (rates[1, i] + rates[2, i]) + rates[3, i])
-        middle[i] = belief[i] + 0.5 * change
-        belief[i] += change
-    fade = np.empty(_ALL - _N)
-    for j in range(_ALL - _N):
-        fade[j] = -abs(middle[6]) * step_s / memory[j]
-    slope = np.empty((_N, _ALL))
-    slope_of(middle, inputs, table, slope)
+        middle[i] = x[i] + 0.5 * change
+        x[i] += change
+    fading = np.empty(SIZE - STATES)  # logarithm of the factor by which each disturbance fades
+    for j in range(SIZE - STATES):
+        fading[j] = -abs(middle[AugmentedState.RIM]) * step_s / fading_m[j]
+    jacobian = np.empty((STATES, SIZE))
+    state_rate_jacobian(middle, inputs, parameters, jacobian)
 
     # exp([[A, B], [0, F]]) by Horner's scheme, F diagonal: only the upper rows are full.
     transition[:, :] = 0.0
-    for i in range(_ALL):
+    for i in range(SIZE):
         transition[i, i] = 1.0
-    held = np.empty((_N, _ALL))
+    previous = np.empty((STATES, SIZE))
     for term in range(_TERMS, 0, -1):
-        held[:, :] = transition[:_N]
-        share = step_s / term
-        for i in range(_N):
-            for j in range(_ALL):
-                transition[i, j] = slope[i, j] * transition[j, j] if j >= _N else 0.0
-            for k in range(_N):
-                for j in range(_ALL):
-                    transition[i, j] += slope[i, k] * held[k, j]
-            for j in range(_ALL):
-                transition[i, j] *= share
-        for i in range(_N):
+        previous[:, :] = transition[:STATES]
+        duration = step_s / term
+        for i in range(STATES):
+            for j in range(SIZE):
+                transition[i, j] = jacobian[i, j] * transition[j, j] if j >= STATES else 0.0
+            for k in range(STATES):
+                for j in range(SIZE):
+                    transition[i, j] += jacobian[i, k] * previous[k, j]
+            for j in range(SIZE):
+                transition[i, j] *= duration
+        for i in range(STATES):
             transition[i, i] += 1.0
-        for j in range(_N, _ALL):
-            transition[j, j] = 1.0 + fade[j - _N] * transition[j, j] / term
-    for j in range(_ALL - _N):
-        belief[_N + j] *= math.exp(fade[j])
+        for j in range(STATES, SIZE):
+            transition[j, j] = 1.0 + fading[j - STATES] * transition[j, j] / term
+    for j in range(SIZE - STATES):
+        x[STATES + j] *= math.exp(fading[j])
 
 
-@numba.njit(cache=True)
-def expect(
-    sensor: int, belief: FloatArray, table: FloatArray, reading: FloatArray, by_belief: FloatArray
+@cached_njit
+def measure(
+    sensor: int, x: FloatArray, parameters: FloatArray, reading: FloatArray, jacobian: FloatArray
 ) -> int:
-    """Write what a sensor should read, (2,), and its derivative, (2, 16); return its entries.
+    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 16).
 
-    `sensor` is the place of the sensor in `ttempc.estimation.measurement_model.LENGTH`.
+    Returns the number of entries of the reading, 1 or 2. `sensor` is a `SensorIndex` as a number.
     """
-    by_belief[:, :] = 0.0
-    if sensor == 0:
-        reading[0], reading[1] = belief[0], belief[1]
-        by_belief[0, 0] = by_belief[1, 1] = 1.0
+    jacobian[:, :] = 0.0
+    if sensor == SensorIndex.GNSS_TRACTOR:
+        reading[0], reading[1] = x[AugmentedState.X], x[AugmentedState.Y]
+        jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
         return 2
-    if sensor == 1:
-        psi_t, psi_i, psi_d = belief[2], belief[3], belief[3] + belief[5]
-        a, d, length_i = table[1], table[2], table[3]
+    if sensor == SensorIndex.GNSS_TRAILER:
+        psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
+        psi_d = psi_i + x[AugmentedState.DELTA_I]
+        a = parameters[VehicleParameter.HITCH_OFFSET]
+        d = parameters[VehicleParameter.DRAWBAR_LENGTH]
+        length_i = parameters[VehicleParameter.TRAILER_LENGTH]
         drawbar_x, drawbar_y = d * math.sin(psi_d), -d * math.cos(psi_d)
         trailer_x, trailer_y = length_i * math.sin(psi_i), -length_i * math.cos(psi_i)
         tractor_x, tractor_y = a * math.sin(psi_t), -a * math.cos(psi_t)
-        reading[0] = belief[0] + tractor_y + drawbar_y + trailer_y
-        reading[1] = belief[1] - tractor_x - drawbar_x - trailer_x
-        by_belief[0, 0] = by_belief[1, 1] = 1.0
-        by_belief[0, 2], by_belief[1, 2] = tractor_x, tractor_y
-        by_belief[0, 3], by_belief[1, 3] = drawbar_x + trailer_x, drawbar_y + trailer_y
-        by_belief[0, 5], by_belief[1, 5] = drawbar_x, drawbar_y
+        reading[0] = x[AugmentedState.X] + tractor_y + drawbar_y + trailer_y
+        reading[1] = x[AugmentedState.Y] - tractor_x - drawbar_x - trailer_x
+        jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
+        jacobian[0, AugmentedState.PSI_T] = tractor_x
+        jacobian[1, AugmentedState.PSI_T] = tractor_y
+        jacobian[0, AugmentedState.PSI_I] = drawbar_x + trailer_x
+        jacobian[1, AugmentedState.PSI_I] = drawbar_y + trailer_y
+        jacobian[0, AugmentedState.DELTA_I] = drawbar_x
+        jacobian[1, AugmentedState.DELTA_I] = drawbar_y
         return 2
-    if sensor == 4:
-        reading[0] = belief[2] - belief[3] - belief[5]
-        by_belief[0, 2], by_belief[0, 3], by_belief[0, 5] = 1.0, -1.0, -1.0
+    if sensor == SensorIndex.HITCH:
+        psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
+        reading[0] = psi_t - psi_i - x[AugmentedState.DELTA_I]
+        jacobian[0, AugmentedState.PSI_T] = 1.0
+        jacobian[0, AugmentedState.PSI_I] = -1.0
+        jacobian[0, AugmentedState.DELTA_I] = -1.0
         return 1
-    column = sensor + 2 if sensor < 4 else 6
-    reading[0] = belief[column]
-    by_belief[0, column] = 1.0
+    if sensor == SensorIndex.STEERING_TRACTOR:
+        entry = AugmentedState.DELTA_T
+    elif sensor == SensorIndex.STEERING_TRAILER:
+        entry = AugmentedState.DELTA_I
+    else:
+        entry = AugmentedState.RIM
+    reading[0] = x[entry]
+    jacobian[0, entry] = 1.0
     return 1

@@ -1,7 +1,6 @@
-"""The two steps of a filter over a belief, compiled: predict and correct.
+"""Prediction and correction of the Kalman filter over the augmented state, compiled.
 
-A test holds them to a filter written plainly. numba's cache looks at this file alone: whoever
-changes `augmented_state` or `augmented_state_kernel` deletes `ttempc/__pycache__`.
+Arrays (2, ...) hold a value and its derivative by the roughness r of the ground.
 """
 
 from __future__ import annotations
@@ -9,120 +8,133 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import numba
 import numpy as np
 
+from ..jit import cached_njit
 from ..types import FloatArray
-from .augmented_state import LARGEST, LEAST_ROUGHNESS, MOST_ROUGHNESS, SIZE, STATES
-from .augmented_state_kernel import advance_belief, expect
+from .augmented_state import (
+    DISTURBANCE_BOUND,
+    LEAST_ROUGHNESS,
+    MOST_ROUGHNESS,
+    SIZE,
+    STATES,
+    AugmentedState,
+)
+from .augmented_state_kernel import SensorIndex, advance_augmented_state, measure
 
-_N: Final = STATES
-_ALL: Final = SIZE
-_LARGEST: Final = tuple(LARGEST.tolist())
-_LEAST_ROUGHNESS: Final = LEAST_ROUGHNESS
-_MOST_ROUGHNESS: Final = MOST_ROUGHNESS
+_BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
+_ROUGHNESS_WALK: Final = SIZE  # index of the roughness in `ProcessNoise.variances`
 
 
-@numba.njit(cache=True)
-def noise_of(
-    belief: FloatArray,
+@cached_njit
+def process_noise(
+    middle: FloatArray,
     roughness: float,
-    noise: FloatArray,
+    variances: FloatArray,
     step_s: float,
-    gathered: FloatArray,
+    covariances: FloatArray,
 ) -> None:
-    """Write what a step adds to covariance and slope, (2, 16, 16): `ProcessNoise.density`."""
-    travel = abs(belief[6]) * step_s
-    cos, sin = math.cos(belief[2]), math.sin(belief[2])
-    forward, lateral = noise[0] * travel, noise[1] * travel
-    gathered[:, :, :] = 0.0
-    by_roughness = gathered[1]
-    by_roughness[0, 0] = forward * cos * cos + lateral * sin * sin
-    by_roughness[1, 1] = forward * sin * sin + lateral * cos * cos
-    by_roughness[0, 1] = by_roughness[1, 0] = (forward - lateral) * cos * sin
-    by_roughness[2, 2], by_roughness[3, 3] = noise[2] * travel, noise[3] * travel
-    gathered[0] = roughness * by_roughness
-    for i in range(4, _ALL):
-        over_time = i <= 6 or i == 10
-        gathered[0, i, i] = noise[i] * (step_s if over_time else travel)
+    """Write the covariance that a step of `step_s` gathers, and its derivative, (2, 16, 16).
+
+    The same as `ProcessNoise.density` times the step, at the augmented state `middle` (16,).
+    """
+    travel = abs(middle[AugmentedState.RIM]) * step_s
+    psi_t = middle[AugmentedState.PSI_T]
+    cos, sin = math.cos(psi_t), math.sin(psi_t)
+    forward = variances[AugmentedState.X] * travel
+    lateral = variances[AugmentedState.Y] * travel
+    covariances[:, :, :] = 0.0
+    derivative = covariances[1]
+    derivative[0, 0] = forward * cos * cos + lateral * sin * sin
+    derivative[1, 1] = forward * sin * sin + lateral * cos * cos
+    derivative[0, 1] = derivative[1, 0] = (forward - lateral) * cos * sin
+    for i in range(AugmentedState.PSI_T, AugmentedState.DELTA_T):
+        derivative[i, i] = variances[i] * travel
+    covariances[0] = roughness * derivative
+    for i in range(AugmentedState.DELTA_T, SIZE):
+        over_time = i <= AugmentedState.RIM or i == AugmentedState.DRIVE
+        covariances[0, i, i] = variances[i] * (step_s if over_time else travel)
 
 
-@numba.njit(cache=True)
-def _carry(matrix: FloatArray, transition: FloatArray, half: FloatArray) -> None:
-    """Put Phi (M + N) Phi' + N in the place of M; all of them (16, 16)."""
-    product = np.zeros((_ALL, _ALL))  # Phi (M + N); the lower rows of Phi are diagonal
-    columns = np.empty((_ALL, _N))  # Phi' but for its diagonal part
-    for i in range(_ALL):
-        for j in range(_ALL):
+@cached_njit
+def _propagate(matrix: FloatArray, transition: FloatArray, half: FloatArray) -> None:
+    """Replace M by Phi (M + N) Phi' + N; `matrix` M, `transition` Phi, `half` N are (16, 16)."""
+    product = np.zeros((SIZE, SIZE))  # Phi (M + N); the lower rows of Phi are diagonal
+    columns = np.empty((SIZE, STATES))  # Phi' but for its diagonal part
+    for i in range(SIZE):
+        for j in range(SIZE):
             matrix[i, j] += half[i, j]
-        for j in range(_N):
+        for j in range(STATES):
             columns[i, j] = transition[j, i]
-    for i in range(_N):
-        for k in range(_ALL):  # innermost along rows, so that it becomes vector instructions
-            for j in range(_ALL):
+    for i in range(STATES):
+        for k in range(SIZE):  # innermost along rows, so that it becomes vector instructions
+            for j in range(SIZE):
                 product[i, j] += transition[i, k] * matrix[k, j]
-    for i in range(_N, _ALL):
-        for j in range(_ALL):
+    for i in range(STATES, SIZE):
+        for j in range(SIZE):
             product[i, j] = transition[i, i] * matrix[i, j]
-    row = np.empty(_ALL)
-    for i in range(_ALL):
+    row = np.empty(SIZE)
+    for i in range(SIZE):
         row[:] = half[i]
-        for k in range(_ALL):
-            for j in range(_N):
+        for k in range(SIZE):
+            for j in range(STATES):
                 row[j] += product[i, k] * columns[k, j]
-        for j in range(_N, _ALL):
+        for j in range(STATES, SIZE):
             row[j] += product[i, j] * transition[j, j]
         for j in range(i + 1):
             matrix[i, j] = matrix[j, i] = row[j]
 
 
-@numba.njit(cache=True)
+@cached_njit
 def predict(
-    beliefs: FloatArray,
+    augmented: FloatArray,
     covariances: FloatArray,
     roughness: FloatArray,
     valves: FloatArray,
     command: FloatArray,
-    table: FloatArray,
-    noise: FloatArray,
-    memory: FloatArray,
+    parameters: FloatArray,
+    variances: FloatArray,
+    fading_m: FloatArray,
     span_s: float,
     steps: int,
 ) -> None:
-    """Run a filter on by `span_s` under the held `command` (3,), all in place.
+    """Advance a filter by `span_s` in `steps` equal steps under the held `command` (3,), in place.
 
-    `beliefs` (2, 16) and `covariances` (2, 16, 16) hold the values, then their slopes by the
-    roughness r; `roughness` (2,) is r and its precision. With Q the noise of a step,
-    P <- Phi (P + Q/2) Phi' + Q/2: half of it came before the step, half comes after.
+    `augmented` (2, 16) and `covariances` (2, 16, 16) hold values and derivatives; `roughness` (2,)
+    is r and its precision, `valves` (2,) are set points [rad], `parameters` (10,) those of the
+    vehicle, `variances` (17,) and `fading_m` (9,) those of `ProcessNoise`. With Q the noise of a
+    step, P <- Phi (P + Q/2) Phi' + Q/2: half of Q acts before the step, half after it.
     """
-    transition = np.empty((_ALL, _ALL))
-    gathered = np.empty((2, _ALL, _ALL))
-    middle, slope = np.empty(_ALL), np.empty(_ALL)
+    transition = np.empty((SIZE, SIZE))
+    gathered = np.empty((2, SIZE, SIZE))
+    middle, derivative = np.empty(SIZE), np.empty(SIZE)
     step_s = span_s / steps
     for _ in range(steps):
-        middle[:] = beliefs[0]
-        advance_belief(beliefs[0], valves, command, table, memory, step_s, transition)
-        for i in range(_N):
-            middle[i] = 0.5 * (middle[i] + beliefs[0, i])
-        noise_of(middle, roughness[0], noise, step_s, gathered)
+        middle[:] = augmented[0]
+        advance_augmented_state(
+            augmented[0], valves, command, parameters, fading_m, step_s, transition
+        )
+        for i in range(STATES):
+            middle[i] = 0.5 * (middle[i] + augmented[0, i])
+        process_noise(middle, roughness[0], variances, step_s, gathered)
         for level in range(2):
-            for i in range(_ALL):
-                for j in range(_ALL):
+            for i in range(SIZE):
+                for j in range(SIZE):
                     gathered[level, i, j] *= 0.5
-            _carry(covariances[level], transition, gathered[level])
-        slope[:] = beliefs[1]
-        for i in range(_ALL):
+            _propagate(covariances[level], transition, gathered[level])
+        derivative[:] = augmented[1]
+        for i in range(SIZE):
             total = 0.0
-            for j in range(_ALL):
-                total += transition[i, j] * slope[j]
-            beliefs[1, i] = total
-        walked = noise[_ALL] * abs(middle[6]) * step_s
-        roughness[1] = roughness[1] / (1.0 + roughness[1] * walked)
+            for j in range(SIZE):
+                total += transition[i, j] * derivative[j]
+            augmented[1, i] = total
+        walk = variances[_ROUGHNESS_WALK] * abs(middle[AugmentedState.RIM]) * step_s
+        roughness[1] = roughness[1] / (1.0 + roughness[1] * walk)
 
 
-@numba.njit(cache=True)
+@cached_njit
 def correct(
-    beliefs: FloatArray,
+    augmented: FloatArray,
     covariances: FloatArray,
     roughness: FloatArray,
     sensor: int,
@@ -130,33 +142,39 @@ def correct(
     variance: float,
     gate: float,
     forced: bool,
-    table: FloatArray,
+    parameters: FloatArray,
 ) -> float:
-    """Take one sample in, in place, and return its normalised innovation squared.
+    """Correct a filter by one sample in place and return its normalised innovation squared.
 
-    A sample beyond the `gate` changes nothing unless it is `forced` in: then with its noise
-    raised until it just passes. Joseph's form, P <- (I - K H) P (I - K H)' + K R K'; disturbances
-    stay within their bounds. The sample's likelihood moves the roughness, see `_learn`.
+    `sensor` is a `SensorIndex` as a number, `value` the sample (the second entry unused where it
+    has one), `variance` that of each entry. A sample beyond the `gate` (chi-square) changes nothing
+    unless it is `forced`: then its noise is raised until it just passes. The update has Joseph's
+    form, P <- (I - K H) P (I - K H)' + K R K'; disturbances are clipped to their bounds. The
+    likelihood of the sample updates the roughness, see `_update_roughness`.
     """
-    belief, covariance = beliefs[0], covariances[0]
-    reading, by_belief = np.zeros(2), np.empty((2, _ALL))
-    m = expect(sensor, belief, table, reading, by_belief)
-    difference = np.zeros(2)
+    x, covariance = augmented[0], covariances[0]
+    reading, jacobian = np.zeros(2), np.empty((2, SIZE))
+    m = measure(sensor, x, parameters, reading, jacobian)
+    innovation = np.zeros(2)
     for r in range(m):
-        difference[r] = value[r] - reading[r]
-    if sensor == 2 or sensor == 3 or sensor == 4:
-        difference[0] -= 2.0 * math.pi * round(difference[0] / (2.0 * math.pi))
-    cross = np.zeros((2, _ALL, 2))  # P H' and its slope
-    spread = np.zeros((2, 2, 2))  # S = H P H' + R and its slope
+        innovation[r] = value[r] - reading[r]
+    if (
+        sensor == SensorIndex.STEERING_TRACTOR
+        or sensor == SensorIndex.STEERING_TRAILER
+        or sensor == SensorIndex.HITCH
+    ):
+        innovation[0] -= 2.0 * math.pi * round(innovation[0] / (2.0 * math.pi))
+    cross = np.zeros((2, SIZE, 2))  # P H' and its derivative
+    spread = np.zeros((2, 2, 2))  # S = H P H' + R and its derivative
     for level in range(2):
         for r in range(m):
-            for i in range(_ALL):
-                for k in range(_N):  # sensors read the state alone
-                    cross[level, i, r] += covariances[level, i, k] * by_belief[r, k]
+            for i in range(SIZE):
+                for k in range(STATES):  # sensors read the state alone
+                    cross[level, i, r] += covariances[level, i, k] * jacobian[r, k]
         for r in range(m):
             for c in range(m):
-                for k in range(_N):
-                    spread[level, r, c] += by_belief[r, k] * cross[level, k, c]
+                for k in range(STATES):
+                    spread[level, r, c] += jacobian[r, k] * cross[level, k, c]
     for r in range(m):
         spread[0, r, r] += variance
     precision = np.zeros((2, 2))
@@ -167,109 +185,117 @@ def correct(
         precision[0, 0] = spread[0, 1, 1] / determinant
         precision[1, 1] = spread[0, 0, 0] / determinant
         precision[0, 1] = precision[1, 0] = -spread[0, 0, 1] / determinant
-    weighed = np.zeros(2)  # S^-1 nu
+    weighted = np.zeros(2)  # S^-1 nu
     normalised = 0.0
     for r in range(m):
         for c in range(m):
-            weighed[r] += precision[r, c] * difference[c]
-        normalised += weighed[r] * difference[r]
-    raised = 1.0  # S is raised by this factor, all of it noise
+            weighted[r] += precision[r, c] * innovation[c]
+        normalised += weighted[r] * innovation[r]
+    factor = 1.0  # by which S is raised, all of it through the noise
     if not normalised <= gate:
         if not forced:
             return normalised
-        raised = normalised / gate
-    moved = np.zeros(2)  # d nu / d r
+        factor = normalised / gate
+    innovation_derivative = np.zeros(2)  # d nu / d r
     for r in range(m):
-        for k in range(_N):
-            moved[r] -= by_belief[r, k] * beliefs[1, k]
-    if raised == 1.0:
-        _learn(roughness, precision, spread[1], weighed, moved, m)
-    gain, gain_slope = np.zeros((_ALL, 2)), np.zeros((_ALL, 2))
-    for i in range(_ALL):
+        for k in range(STATES):
+            innovation_derivative[r] -= jacobian[r, k] * augmented[1, k]
+    if factor == 1.0:
+        _update_roughness(roughness, precision, spread[1], weighted, innovation_derivative, m)
+    gain, gain_derivative = np.zeros((SIZE, 2)), np.zeros((SIZE, 2))
+    for i in range(SIZE):
         for r in range(m):
             for c in range(m):
-                gain[i, r] += cross[0, i, c] * precision[c, r] / raised
+                gain[i, r] += cross[0, i, c] * precision[c, r] / factor
         for r in range(m):
             for c in range(m):
                 rest = cross[1, i, c]
                 for q in range(m):
                     rest -= gain[i, q] * spread[1, q, c]
-                gain_slope[i, r] += rest * precision[c, r] / raised
-    for i in range(_ALL):
+                gain_derivative[i, r] += rest * precision[c, r] / factor
+    for i in range(SIZE):
         for r in range(m):
-            belief[i] += gain[i, r] * difference[r]
-            beliefs[1, i] += gain[i, r] * moved[r] + gain_slope[i, r] * difference[r]
-        if i >= _N:
-            belief[i] = min(max(belief[i], -_LARGEST[i - _N]), _LARGEST[i - _N])
+            x[i] += gain[i, r] * innovation[r]
+            augmented[1, i] += (
+                gain[i, r] * innovation_derivative[r] + gain_derivative[i, r] * innovation[r]
+            )
+        if i >= STATES:
+            x[i] = min(max(x[i], -_BOUND[i - STATES]), _BOUND[i - STATES])
     noise = np.zeros((2, 2))
     for r in range(m):
         for c in range(m):
-            noise[r, c] = (raised - 1.0) * spread[0, r, c] + (variance if r == c else 0.0)
-    _joseph(covariance, gain, cross[0], by_belief, noise, m)
-    _joseph(covariances[1], gain, cross[1], by_belief, np.zeros((2, 2)), m)
+            noise[r, c] = (factor - 1.0) * spread[0, r, c] + (variance if r == c else 0.0)
+    _joseph(covariance, gain, cross[0], jacobian, noise, m)
+    _joseph(covariances[1], gain, cross[1], jacobian, np.zeros((2, 2)), m)
     return normalised
 
 
-@numba.njit(cache=True)
-def _learn(
+@cached_njit
+def _update_roughness(
     roughness: FloatArray,
     precision: FloatArray,
-    spread_slope: FloatArray,
-    weighed: FloatArray,
-    moved: FloatArray,
+    spread_derivative: FloatArray,
+    weighted: FloatArray,
+    innovation_derivative: FloatArray,
     m: int,
 ) -> None:
-    """Move the roughness by a sample's score over the Fisher information gathered, in place.
+    """Update the roughness r by a sample's score over the Fisher information gathered, in place.
 
-    For nu ~ N(0, S) with slopes dS and dnu by r: score = (nu' S^-1 dS S^-1 nu - tr S^-1 dS) / 2
-    - nu' S^-1 dnu, information = tr (S^-1 dS)^2 / 2 + dnu' S^-1 dnu (Astrom 1980).
+    For nu ~ N(0, S) with derivatives dS and dnu by r (Astrom 1980),
+
+        score = (nu' S^-1 dS S^-1 nu - tr S^-1 dS) / 2 - nu' S^-1 dnu
+        information = tr (S^-1 dS)^2 / 2 + dnu' S^-1 dnu.
     """
     score, information = 0.0, 0.0
-    shaped = np.zeros((2, 2))  # S^-1 dS
+    relative = np.zeros((2, 2))  # S^-1 dS
     for r in range(m):
         for c in range(m):
-            score += 0.5 * weighed[r] * spread_slope[r, c] * weighed[c]
-            information += moved[r] * precision[r, c] * moved[c]
+            score += 0.5 * weighted[r] * spread_derivative[r, c] * weighted[c]
+            information += innovation_derivative[r] * precision[r, c] * innovation_derivative[c]
             for q in range(m):
-                shaped[r, c] += precision[r, q] * spread_slope[q, c]
-        score -= weighed[r] * moved[r]
+                relative[r, c] += precision[r, q] * spread_derivative[q, c]
+        score -= weighted[r] * innovation_derivative[r]
     for r in range(m):
-        score -= 0.5 * shaped[r, r]
+        score -= 0.5 * relative[r, r]
         for c in range(m):
-            information += 0.5 * shaped[r, c] * shaped[c, r]
+            information += 0.5 * relative[r, c] * relative[c, r]
     roughness[1] += information
     roughness[0] += score / roughness[1]
-    roughness[0] = min(max(roughness[0], _LEAST_ROUGHNESS), _MOST_ROUGHNESS)
+    roughness[0] = min(max(roughness[0], LEAST_ROUGHNESS), MOST_ROUGHNESS)
 
 
-@numba.njit(cache=True)
+@cached_njit
 def _joseph(
     matrix: FloatArray,
     gain: FloatArray,
     cross: FloatArray,
-    by_belief: FloatArray,
+    jacobian: FloatArray,
     noise: FloatArray,
     m: int,
 ) -> None:
-    """Put (I - K H) M (I - K H)' + K R K' in the place of M (16, 16), whose M H' is `cross`."""
-    kept = np.empty((_ALL, _ALL))  # (I - K H) M
-    for i in range(_ALL):
-        for j in range(_ALL):
+    """Replace M (16, 16) by (I - K H) M (I - K H)' + K R K'.
+
+    `gain` K (16, 2), `cross` M H' (16, 2), `jacobian` H (2, 16), `noise` R (2, 2). Of the
+    two measurements the first `m` are used.
+    """
+    reduced = np.empty((SIZE, SIZE))  # (I - K H) M
+    for i in range(SIZE):
+        for j in range(SIZE):
             total = matrix[i, j]
             for r in range(m):
                 total -= gain[i, r] * cross[j, r]
-            kept[i, j] = total
-    back = np.empty(2)  # K R - (I - K H) M H', a row
-    for i in range(_ALL):
+            reduced[i, j] = total
+    row = np.empty(2)  # K R - (I - K H) M H', a row
+    for i in range(SIZE):
         for r in range(m):
             total = 0.0
             for c in range(m):
                 total += gain[i, c] * noise[c, r]
-            for k in range(_N):
-                total -= kept[i, k] * by_belief[r, k]
-            back[r] = total
+            for k in range(STATES):
+                total -= reduced[i, k] * jacobian[r, k]
+            row[r] = total
         for j in range(i + 1):
-            total = kept[i, j]
+            total = reduced[i, j]
             for r in range(m):
-                total += back[r] * gain[j, r]
+                total += row[r] * gain[j, r]
             matrix[i, j] = matrix[j, i] = total

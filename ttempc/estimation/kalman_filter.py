@@ -1,10 +1,11 @@
-"""One extended Kalman filter over a belief: start, predict, take a sample in."""
+"""Steps of the extended Kalman filter over the augmented state: start, predict, correct."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.special import chdtri
@@ -12,42 +13,49 @@ from scipy.special import chdtri
 from ..errors import InvalidTuning
 from ..types import FloatArray, Innovation, Measurement, Sensor
 from ..vehicle import Vehicle
-from .augmented_state import AT_START, SIZE, STATES, Belief
-from .augmented_state_kernel import vehicle_table
-from .filter_kernel import correct, predict
-from .measurement_model import LENGTH, PLACE, first_state
+from . import filter_kernel
+from .augmented_state import INITIAL_SD, SIZE, STATES, AugmentedState
+from .augmented_state_kernel import vehicle_parameters
+from .measurement_model import KERNEL_INDEX, LENGTH, first_state
 from .noise import ProcessNoise, SensorNoise
 
+SAME_TIME_S: Final = 1e-6
+"""Times that differ by less are one: four times the resolution of a double at Unix time [s]."""
+
 _LONGEST_STEP_S = 0.05  # a third of the front steering's lag
-_SAME_TIME_S = 1e-9
 _GATE_PATIENCE_S = 1.0
+
+
+def steps_over(span_s: float) -> int:
+    """Return the number of integration steps over a span of time [s], at least 1."""
+    return max(1, math.ceil((span_s - SAME_TIME_S) / _LONGEST_STEP_S))
 
 
 @dataclass(slots=True)
 class FilterState:
-    """Everything that a filter remembers at one time; its steps change it in place."""
+    """All that a filter carries from one time to the next; `KalmanFilter` changes it in place."""
 
     time_s: float
-    beliefs: FloatArray  # (2, 16) belief, and its slope by the roughness
+    augmented: FloatArray  # (2, 16) augmented state, and its derivative by the roughness
     covariances: FloatArray  # (2, 16, 16) likewise
     roughness: FloatArray  # (2,) value and precision (Fisher information)
     valves: FloatArray  # (2,) set points of the steering valves [rad]
-    kept_out_since: dict[Sensor, float]  # sensors that the gate keeps out without a break
+    rejected_since: dict[Sensor, float]  # sensor -> time of the first rejection without a break [s]
 
     def copy(self) -> FilterState:
-        """Return one that shares nothing with this one."""
+        """Return a deep copy."""
         return FilterState(
             self.time_s,
-            self.beliefs.copy(),
+            self.augmented.copy(),
             self.covariances.copy(),
             self.roughness.copy(),
             self.valves.copy(),
-            self.kept_out_since.copy(),
+            self.rejected_since.copy(),
         )
 
 
-class BeliefFilter:
-    """The steps of the filter; it remembers nothing but its tuning.
+class KalmanFilter:
+    """Extended Kalman filter without memory: every step takes and changes a `FilterState`.
 
     Raises:
         InvalidTuning: the gate's probability is not between 0 and 1.
@@ -65,57 +73,73 @@ class BeliefFilter:
         self._vehicle = vehicle
         self._sensor_noise = sensor_noise
         self._process_noise = process_noise
-        self._table = vehicle_table(vehicle)
-        self._noise, self._memories = process_noise.table(), process_noise.memories()
-        self._variance = {sensor: sensor_noise.of(sensor) ** 2 for sensor in LENGTH}
+        self._parameters = vehicle_parameters(vehicle)
+        self._variances, self._fading_m = process_noise.variances(), process_noise.fading_m()
+        self._sensor_variance = {s: float(sensor_noise.of(s)) ** 2 for s in LENGTH}
         self._gate = {m: float(chdtri(m, gate_probability)) for m in (1, 2)}
 
     def start(self, readings: Mapping[Sensor, Measurement]) -> FilterState:
-        """Return the state that one reading of every sensor implies, at the newest of them."""
-        state, certain = first_state(readings, self._vehicle, self._sensor_noise)
-        beliefs, covariances = np.zeros((2, SIZE)), np.zeros((2, SIZE, SIZE))
-        beliefs[0, :STATES] = state
-        covariances[0] = np.diag([*np.zeros(STATES), *AT_START**2])
-        covariances[0, :STATES, :STATES] = certain
+        """Return the state that follows from one reading of every sensor, at the newest of them."""
+        state, covariance = first_state(readings, self._vehicle, self._sensor_noise)
+        augmented, covariances = np.zeros((2, SIZE)), np.zeros((2, SIZE, SIZE))
+        augmented[0, :STATES] = state
+        covariances[0] = np.diag([*np.zeros(STATES), *INITIAL_SD**2])
+        covariances[0, :STATES, :STATES] = covariance
         noise = self._process_noise
         return FilterState(
             time_s=max(reading.time_s for reading in readings.values()),
-            beliefs=beliefs,
+            augmented=augmented,
             covariances=covariances,
             roughness=np.array([noise.roughness, noise.roughness_sd**-2]),
-            valves=state[Belief.DELTA_T : Belief.RIM].copy(),
-            kept_out_since={},
+            valves=state[AugmentedState.DELTA_T : AugmentedState.RIM].copy(),
+            rejected_since={},
         )
 
-    def predict(self, now: FilterState, time_s: float, command: FloatArray | None) -> None:
-        """Run `now` on to `time_s` under the held `command` (3,)."""
-        span = time_s - now.time_s
+    def predict(self, state: FilterState, time_s: float, command: FloatArray | None) -> None:
+        """Advance `state` to `time_s` under the held `command` (3,).
+
+        Without a command (None) steering and speed are taken as constant.
+        """
+        span = float(time_s - state.time_s)
         if span <= 0.0:
             return
-        if command is None:  # nothing is known to have moved: steering and speed stay
-            hp = now.beliefs[0, Belief.RIM] / self._vehicle.speed_gain
-            command = np.array([*now.valves, hp])
-        predict(
-            *(now.beliefs, now.covariances, now.roughness, now.valves, command),
-            *(self._table, self._noise, self._memories, span),
-            max(1, math.ceil(span / _LONGEST_STEP_S - _SAME_TIME_S)),
+        if command is None:
+            hp = state.augmented[0, AugmentedState.RIM] / self._vehicle.speed_gain
+            command = np.array([*state.valves, hp])
+        filter_kernel.predict(
+            state.augmented,
+            state.covariances,
+            state.roughness,
+            state.valves,
+            command,
+            self._parameters,
+            self._variances,
+            self._fading_m,
+            span,
+            steps_over(span),
         )
-        now.time_s = time_s
+        state.time_s = time_s
 
-    def take_in(self, now: FilterState, sample: Measurement) -> Innovation:
-        """Correct `now` by a sample of its time, unless the gate keeps it out."""
+    def correct(self, state: FilterState, sample: Measurement) -> Innovation:
+        """Correct `state` by a sample of its time, unless the gate rejects the sample."""
         sensor = sample.sensor
         m = LENGTH[sensor]
-        since = now.kept_out_since.get(sensor, math.inf)
-        forced = sample.time_s - since >= _GATE_PATIENCE_S
-        normalised = correct(
-            *(now.beliefs, now.covariances, now.roughness, PLACE[sensor]),
-            (sample.value[0], sample.value[1] if m == 2 else 0.0),
-            *(self._variance[sensor], self._gate[m], forced, self._table),
+        rejected_for = sample.time_s - state.rejected_since.get(sensor, math.inf)
+        forced = bool(rejected_for >= _GATE_PATIENCE_S - SAME_TIME_S)
+        normalised = filter_kernel.correct(
+            state.augmented,
+            state.covariances,
+            state.roughness,
+            KERNEL_INDEX[sensor],
+            (float(sample.value[0]), float(sample.value[1]) if m == 2 else 0.0),
+            self._sensor_variance[sensor],
+            self._gate[m],
+            forced,
+            self._parameters,
         )
         inside = normalised <= self._gate[m]
         if inside:
-            now.kept_out_since.pop(sensor, None)
+            state.rejected_since.pop(sensor, None)
         else:
-            now.kept_out_since.setdefault(sensor, sample.time_s)
+            state.rejected_since.setdefault(sensor, sample.time_s)
         return Innovation(sensor, normalised, m, inside or forced)

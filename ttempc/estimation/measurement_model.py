@@ -1,4 +1,4 @@
-"""What each sensor should read in a given state, and the state that a set of readings implies."""
+"""Measurement models: the readings at a state, and the state from a set of readings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..models.kinematics import wrap_angle
 from ..types import FloatArray, Measurement, Sensor, State
 from ..vehicle import Vehicle
 from .augmented_state import SIZE
-from .augmented_state_kernel import expect, vehicle_table
+from .augmented_state_kernel import SensorIndex, measure, vehicle_parameters
 from .noise import SensorNoise
 
 LENGTH: Final = {
@@ -24,28 +24,30 @@ LENGTH: Final = {
     Sensor.HITCH: 1,
     Sensor.ENCODER: 1,
 }
-"""Entries of a sample of each sensor that has a model here; estimators pass over all others."""
+"""Entries of a sample of each sensor with a model; estimators ignore the samples of all others."""
 
-PLACE: Final = {sensor: place for place, sensor in enumerate(LENGTH)}
-"""Number of each of these sensors in `ttempc.estimation.augmented_state_kernel.expect`."""
+KERNEL_INDEX: Final = {sensor: int(SensorIndex[sensor.name]) for sensor in LENGTH}
+"""`SensorIndex` of each of these sensors as a plain number, which numba compiles once."""
 
 ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
-"""Sensors whose readings repeat every turn."""
+"""Sensors whose readings are angles, equal modulo a turn."""
 
 
-def expected(sensor: Sensor, belief: FloatArray, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
-    """Return the noise-free reading h of `sensor` at a belief (16,) and its Jacobian.
+def predicted_measurement(
+    sensor: Sensor, augmented: FloatArray, vehicle: Vehicle
+) -> tuple[FloatArray, FloatArray]:
+    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 16).
 
-    (m,) and (m, 16). The encoder reads the rim, the others geometry.
+    Both at an augmented state (16,). The encoder reads the rim speed, the others geometry.
 
     Raises:
-        UnknownSensor: there is no model of it.
+        UnknownSensor: the sensor has no model.
     """
     if sensor not in LENGTH:
         raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
-    reading, by_belief = np.zeros(2), np.zeros((2, SIZE))
-    m = expect(PLACE[sensor], belief, vehicle_table(vehicle), reading, by_belief)
-    return reading[:m], by_belief[:m]
+    reading, jacobian = np.zeros(2), np.zeros((2, SIZE))
+    m = measure(KERNEL_INDEX[sensor], augmented, vehicle_parameters(vehicle), reading, jacobian)
+    return reading[:m], jacobian[:m]
 
 
 def first_state(
@@ -57,9 +59,9 @@ def first_state(
 
         b = (a + d cos(beta) + L_i cos(beta + delta_i), -d sin(beta) - L_i sin(beta + delta_i)),
 
-    so psi_t is the line's direction less the direction of b. The covariance is the readings' own,
-    carried through this map to first order; positions that are older than the newest reading are
-    less certain by the way travelled since.
+    so psi_t is the direction of the line less the direction of b. The covariance is that of the
+    readings, carried through this map to first order. The standard deviation of a position that is
+    older than the newest reading grows by the distance travelled since.
     """
     value = {sensor: reading.value for sensor, reading in readings.items()}
     (x, y), (x_i, y_i) = value[Sensor.GNSS_TRACTOR], value[Sensor.GNSS_TRAILER]
@@ -88,6 +90,6 @@ def first_state(
     newest = max(reading.time_s for reading in readings.values())
     variances: list[float] = []
     for sensor, length in LENGTH.items():
-        since = v * (newest - readings[sensor].time_s) if length == 2 else 0.0
-        variances += [noise.of(sensor) ** 2 + since**2] * length
+        travel = v * (newest - readings[sensor].time_s) if length == 2 else 0.0
+        variances += [noise.of(sensor) ** 2 + travel**2] * length
     return state, (jacobian * variances) @ jacobian.T

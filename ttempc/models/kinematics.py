@@ -1,4 +1,4 @@
-"""Continuous models of tractor and trailer: exact geometry, and the paper's tricycle.
+"""Articulated kinematics of tractor and trailer by exact geometry, in continuous time.
 
 Vehicle frame x forward, y left; angles counter-clockwise. Side slip enters as a disturbance.
 """
@@ -14,12 +14,12 @@ from ..vehicle import Vehicle
 
 
 def wrap_angle(angle: float) -> float:
-    """Return `angle` brought into [-pi, pi] [rad]."""
+    """Return `angle` [rad] modulo a turn, in [-pi, pi]."""
     return math.remainder(angle, math.tau)
 
 
 def hitch_angle(state: FloatArray) -> float:
-    """Return beta = psi_t - psi_d = psi_t - psi_i - delta_i [rad] of a minimal state."""
+    """Return beta = psi_t - psi_d = psi_t - psi_i - delta_i [rad] of a minimal state (7,)."""
     return float(state[State.PSI_T] - state[State.PSI_I] - state[State.DELTA_I])
 
 
@@ -63,7 +63,7 @@ def articulated(
     vehicle: Vehicle,
     disturbance: FloatArray = NO_DISTURBANCE,
 ) -> FloatArray:
-    """Return the time derivative of the minimal state by exact geometry, (7,).
+    """Return the time derivative (7,) of the minimal state (7,) by exact geometry.
 
     With lambda = psi_t - psi_i, RJ1 a behind the rear axle, side slips s_t and s_i of rear and
     trailer axle, a steering bias b and a drive disturbance w (`Disturbance`, small angles),
@@ -75,8 +75,9 @@ def articulated(
         v'     = (K hp - v) / tau + w,
 
     and the steering angles follow their commands `inputs` (3,) with a first-order lag of limited
-    rate. Derived from the velocities of RJ1 and RJ2; the paper's eq. (kinematicmodel) has another
-    sign at the hitch and treats lambda as an input.
+    rate. The wheel slip of `disturbance` (5,) has no effect, since v is the speed over ground.
+    Derived from the velocities of RJ1 and RJ2; the paper's eq. (kinematicmodel) has another sign at
+    the hitch and takes lambda as an input.
     """
     _, _, psi_t, psi_i, delta_t, delta_i, v = state.tolist()
     u_t, u_i, hp = inputs.tolist()
@@ -91,12 +92,8 @@ def articulated(
     cos_i = math.cos(delta_i)
     yaw_i = (across - d * rate_i * cos_i) / (vehicle.trailer_length + d * cos_i)
     acceleration = (vehicle.speed_gain * hp - v) / vehicle.speed_time_constant + drive
-    return np.array(
-        [
-            *(v * (cos_t - slip_t * sin_t), v * (sin_t + slip_t * cos_t)),
-            *(yaw_t, yaw_i, rate_t, rate_i, acceleration),
-        ]
-    )
+    v_x, v_y = v * (cos_t - slip_t * sin_t), v * (sin_t + slip_t * cos_t)
+    return np.array([v_x, v_y, yaw_t, yaw_i, rate_t, rate_i, acceleration])
 
 
 def articulated_jacobian(
@@ -107,7 +104,7 @@ def articulated_jacobian(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return d `articulated` / d state (7, 7), / d inputs (7, 3) and / d disturbance (7, 5).
 
-    Where a steering rate is at its limit it depends on neither the angle nor the command.
+    A steering rate at its limit depends on neither the angle nor the command.
     """
     _, _, psi_t, psi_i, delta_t, delta_i, v = state.tolist()
     u_t, u_i, _ = inputs.tolist()
@@ -167,48 +164,3 @@ def _steering(command: float, angle: float, lag: float, limit: float) -> tuple[f
     if abs(rate) >= limit:
         return math.copysign(limit, rate), 0.0
     return rate, 1.0 / lag
-
-
-def advance(
-    state: FloatArray,
-    inputs: FloatArray,
-    vehicle: Vehicle,
-    duration_s: float,
-    disturbance: FloatArray = NO_DISTURBANCE,
-) -> FloatArray:
-    """Return the state of `articulated` after `duration_s` with held inputs, (7,).
-
-    One classical Runge-Kutta step: keep the duration below a third of the shortest lag.
-    """
-    half = 0.5 * duration_s
-    k1 = articulated(state, inputs, vehicle, disturbance)
-    k2 = articulated(state + half * k1, inputs, vehicle, disturbance)
-    k3 = articulated(state + half * k2, inputs, vehicle, disturbance)
-    k4 = articulated(state + duration_s * k3, inputs, vehicle, disturbance)
-    return state + duration_s / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-
-
-def tricycle(
-    state: FloatArray, inputs: FloatArray, vehicle: Vehicle, hitch_sign: float = 1.0
-) -> FloatArray:
-    """Return the time derivative of the paper's model, eq. (kinematicmodel), (7,).
-
-    `state` is z = (x^t, y^t, psi^t, x^i, y^i, psi^i, v), `inputs` u = (delta^t, lambda, HP).
-    `hitch_sign` is +1 as printed; geometry gives -1, for a hitch behind the rear axle swings
-    against the tractor's turn. The relation holds with the drawbar's length L^d and small angles.
-    """
-    _, _, psi_t, _, _, psi_i, v = state.tolist()
-    delta_t, lam, hp = inputs.tolist()
-    lead = vehicle.drawbar_offset / vehicle.wheelbase
-    yaw_i = math.sin(lam) + hitch_sign * lead * math.tan(delta_t) * math.cos(lam)
-    return np.array(
-        [
-            v * math.cos(psi_t),
-            v * math.sin(psi_t),
-            v * math.tan(delta_t) / vehicle.wheelbase,
-            v * math.cos(psi_i),
-            v * math.sin(psi_i),
-            v * yaw_i / vehicle.trailer_length,
-            (vehicle.speed_gain * hp - v) / vehicle.speed_time_constant,
-        ]
-    )

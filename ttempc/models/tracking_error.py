@@ -13,9 +13,9 @@ from .kinematics import wrap_angle
 
 
 class Error(IntEnum):
-    """Index of each entry of the tracking error z_e: where the reference lies, seen from each body.
+    """Index of each entry of the tracking error z_e: reference less actual value.
 
-    Positions in the frame of the body [m], x forward, y left; yaw [rad]; speed [m/s].
+    Positions are in the frame of the body itself [m], x forward, y left; yaw [rad]; speed [m/s].
     """
 
     X_T = 0
@@ -38,8 +38,8 @@ def tracking_error(
 ) -> FloatArray:
     """Return z_e = T (z_r - z), eq. (errorstate), (7,) in the order of `Error`.
 
-    Both states (7,) are minimal ones (`State`); T turns positions into the frames of the actual
-    bodies. Yaw errors lie in [-pi, pi].
+    Both states (7,) are minimal ones (`State`), both trailer points (2,) [m]. T rotates positions
+    into the frames of the actual bodies. Yaw errors lie in [-pi, pi].
     """
     x, y, psi_t, psi_i, _, _, v = state.tolist()
     x_r, y_r, psi_t_r, psi_i_r, _, _, v_r = reference_state.tolist()

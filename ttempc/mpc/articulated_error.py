@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ..estimation.augmented_state import by_map, map_gain
+from ..estimation.augmented_state import map_disturbance_gain, map_gain
 from ..limits import CommandLimits
 from ..models.kinematics import articulated_jacobian, trailer_point_jacobian, wrap_angle
 from ..reference.reference import Reference, ReferenceSample
@@ -71,7 +71,7 @@ def map_gains(reference: ReferenceSample, vehicle: Vehicle) -> FloatArray:
     rows = reference.state[:, [State.PSI_T, State.PSI_I, State.V]].tolist()
     return np.array(
         [
-            by_map(psi_t, psi_i, v, yaw_rate, vehicle)
+            map_disturbance_gain(psi_t, psi_i, v, yaw_rate, vehicle)
             for (psi_t, psi_i, v), yaw_rate in zip(rows, reference.yaw_rate_t.tolist(), strict=True)
         ]
     )

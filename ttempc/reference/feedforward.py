@@ -1,4 +1,4 @@
-"""Exact feedforward: the inputs that drive a perfect vehicle along the reference."""
+"""Exact feedforward: inputs that keep the articulated model on the reference."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from .reference import Reference
 
 
 def exact_feedforward(reference: Reference, ticks: int, period_s: float) -> FloatArray:
-    """Return (delta_t, delta_i, hp) of the exact posture, (`ticks`, 3).
+    """Return the inputs of the reference for each tick, (ticks, 3) in the order of `Input`.
 
-    Taken in the middle of each period, because an input held for a period lags by half of it.
+    They are those of the middle of each period, because an input that is constant over a period
+    lags by half of it.
     """
     return reference.at((np.arange(ticks) + 0.5) * period_s).inputs

@@ -1,4 +1,4 @@
-"""A headland pattern: parallel passes over a field, with turns beyond their ends."""
+"""Headland pattern: parallel passes over a field, joined by turns beyond their ends."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from ..errors import InvalidPath
 from .path import Path, Segment
 
-_WIDEST = 1e3  # times the radius: wider half circles are turns with a straight long before
+_LARGEST_SCALE = 1e3  # of the radius of a half circle; a U-turn takes over far below
 
 
 def headland(
@@ -21,30 +21,32 @@ def headland(
     radius_m: float = 7.0,
     blend_m: float = 2.0,
 ) -> Path:
-    """Return parallel passes, driven there and back, each to the left of the one before.
+    """Return parallel passes in alternating directions, each to the left of the one before.
 
-    The pattern lies about the origin and begins to the east. Its turns begin and end where the
-    passes do and have no curvature sharper than 1 / `radius_m`, reached over `blend_m`. As the
-    width asks, a turn is
+    The pattern is centred on the origin and begins to the east. Its turns begin and end where the
+    passes do. Their curvature is at most 1 / `radius_m` and is reached over `blend_m`. Depending on
+    the width, a turn is
 
-    - two quarters with a straight between them, where there is room for that (U);
-    - a half circle, of a larger radius where the width is between both;
-    - else a loop (omega): away by an angle alpha, back round by pi + 2 alpha, away by alpha, with
-      alpha such that it ends on the next pass.
+    - two quarter circles with a straight between them, if the width allows it (U);
+    - else a half circle of at least `radius_m`, if the width allows it;
+    - else a loop (omega): an angle alpha away from the next pass, pi + 2 alpha towards it, and
+      alpha away again, with alpha such that the loop ends on the next pass.
 
     Args:
-        length_m: of each pass.
-        width_m: from pass to pass.
-        passes: how many.
-        radius_m: smallest of the turns.
-        blend_m: length over which curvature goes from 0 to 1 / `radius_m`.
+        length_m: length of each pass [m].
+        width_m: distance between neighbouring passes [m].
+        passes: number of passes.
+        radius_m: smallest radius of the turns [m].
+        blend_m: length over which the curvature goes from 0 to 1 / `radius_m` [m].
 
     Raises:
-        InvalidPath: a length is not finite or not above 0, or there is no pass.
+        InvalidPath: a length is not finite or not above 0, or `passes` is below 1.
     """
     lengths = {
-        **{"length_m": length_m, "width_m": width_m},
-        **{"radius_m": radius_m, "blend_m": blend_m},
+        "length_m": length_m,
+        "width_m": width_m,
+        "radius_m": radius_m,
+        "blend_m": blend_m,
     }
     for name, value in lengths.items():
         if not math.isfinite(value) or value <= 0.0:
@@ -61,7 +63,7 @@ def headland(
 
 
 def _turn_to_next(width: float, radius: float, blend: float) -> tuple[Segment, ...]:
-    """Return the turn that ends `width` to the left of its beginning, looking back [m]."""
+    """Return the turn by pi that ends `width` [m] to the left of its beginning."""
     quarter = bend(0.5 * math.pi, radius, blend)
     rest = width - 2.0 * _end(quarter)[1]
     if rest >= 0.0:
@@ -70,10 +72,12 @@ def _turn_to_next(width: float, radius: float, blend: float) -> tuple[Segment, .
     half = bend(math.pi, radius, blend)
     if width >= _end(half)[1]:
 
-        def wide(share: float) -> tuple[Segment, ...]:
-            return bend(math.pi, share * radius, blend)
+        def half_circle(scale: float) -> tuple[Segment, ...]:
+            return bend(math.pi, scale * radius, blend)
 
-        return wide(_root(lambda share: _end(wide(share))[1] - width, 1.0, _WIDEST))
+        return half_circle(
+            _root(lambda scale: _end(half_circle(scale))[1] - width, 1.0, _LARGEST_SCALE)
+        )
 
     def loop(alpha: float) -> tuple[Segment, ...]:
         away = bend(-alpha, radius, blend)
@@ -85,8 +89,8 @@ def _turn_to_next(width: float, radius: float, blend: float) -> tuple[Segment, .
 def bend(angle: float, radius_m: float, blend_m: float) -> tuple[Segment, ...]:
     """Return a turn by `angle` [rad] from straight to straight, positive to the left.
 
-    Two clothoids of d(curvature)/ds = 1 / (radius blend) with an arc between them; where the angle
-    is too small for the arc, the clothoids alone, to less curvature.
+    It has two clothoids of d(curvature)/ds = 1 / (radius blend) with an arc between them. If the
+    angle is too small for the arc, it has the clothoids alone and a larger radius.
     """
     if angle == 0.0:
         return ()
@@ -99,11 +103,12 @@ def bend(angle: float, radius_m: float, blend_m: float) -> tuple[Segment, ...]:
 
 
 def _mirrored(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+    """Return the segments with left and right exchanged."""
     return tuple(Segment(length, -first, -last) for length, first, last in segments)
 
 
 def _end(segments: tuple[Segment, ...]) -> tuple[float, float]:
-    """Return where segments that begin at the origin end (x, y) [m]."""
+    """Return the end (x, y) [m] of segments that begin at the origin."""
     path = Path(segments)
     x, y, _ = path.pose(path.lap_m).tolist()
     return x, y

@@ -1,4 +1,4 @@
-"""Geometric paths of linearly varying curvature: lines, arcs and the clothoids that blend them."""
+"""Paths of piecewise linear curvature: lines, arcs and clothoids."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from ..types import FloatArray
 _LEGENDRE_NODES, _LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(5)
 _NODES, _WEIGHTS = 0.5 * (_LEGENDRE_NODES + 1.0), 0.5 * _LEGENDRE_WEIGHTS
 _PIECE_M = 0.25
-_EXTENT_STEP_M = 0.02  # the box is short of the true one by less than step^2 / (8 radius)
+_EXTENT_STEP_M = 0.02  # the extent is too small by less than step^2 / (8 radius)
 
 
 class Segment(NamedTuple):
-    """A stretch of path whose curvature runs linearly from one value to another."""
+    """A part of a path along which the curvature is linear in arc length."""
 
     length_m: float
     curvature_start: float  # [1/m], positive to the left
@@ -47,8 +47,8 @@ class Path:
 
         heading' = kappa,   x' = cos(heading),   y' = sin(heading).
 
-    The path is defined for every s: a closed one goes round again, an open one carries on with
-    the curvature of its end. The trailer of a vehicle that stands at s = 0 is on the path too.
+    The path is defined for every s, for example for the trailer of a vehicle at s = 0: a closed
+    path repeats, an open one continues with the curvature of its ends.
 
     Raises:
         InvalidPath: a length or curvature is not finite, the curvature jumps, or a closed path
@@ -57,12 +57,12 @@ class Path:
 
     segments: tuple[Segment, ...]
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x [m], y [m], heading [rad] at s = 0
-    laps: int = 0  # how often a closed path is driven; 0 for an open path
+    laps: int = 0  # number of laps of a closed path; 0 for an open path
 
     lap_m: float = field(init=False)  # length of the segments [m]
-    _knots: FloatArray = field(init=False, repr=False)  # (n + 1,) arc length of the pieces' ends
+    _knots: FloatArray = field(init=False, repr=False)  # (n + 1,) arc lengths of piece ends [m]
     _curvature: FloatArray = field(init=False, repr=False)  # (n + 1,) [1/m]
-    _pose: FloatArray = field(init=False, repr=False)  # (n + 1, 3)
+    _pose: FloatArray = field(init=False, repr=False)  # (n + 1, 3) x, y [m], heading [rad]
 
     def __post_init__(self) -> None:
         _check_segments(self.segments)
@@ -82,11 +82,11 @@ class Path:
 
     @property
     def length_m(self) -> float:
-        """Length to be driven, all laps together [m]."""
+        """Length of all laps together [m]."""
         return self.lap_m * max(1, self.laps)
 
     def pose(self, s: ArrayLike) -> FloatArray:
-        """Return x [m], y [m] and the continuous heading [rad] at arc length `s`, (..., 3)."""
+        """Return x [m], y [m] and the continuous heading [rad] at arc length `s` [m], (..., 3)."""
         along, laps = self._wrap(s)
         inside = np.clip(along, 0.0, self.lap_m)
         index, rest = self._locate(inside)
@@ -96,18 +96,18 @@ class Path:
         return pose
 
     def curvature(self, s: ArrayLike) -> FloatArray:
-        """Return kappa [1/m] at arc length `s`, positive to the left."""
+        """Return kappa [1/m] at arc length `s` [m], shape of `s`, positive to the left."""
         return np.interp(self._wrap(s)[0], self._knots, self._curvature)
 
     def curvature_derivative(self, s: ArrayLike) -> FloatArray:
-        """Return d kappa / ds [1/m^2] at arc length `s`, from the right where it jumps."""
+        """Return d kappa / ds [1/m^2] at `s` [m], shape of `s`; the limit from above at a jump."""
         along = self._wrap(s)[0]
         index, _ = self._locate(along)
         inside = (along >= 0.0) & (along < self.lap_m)
         return np.where(inside, self._slope(index), 0.0)
 
     def reversed(self) -> Path:
-        """Return the same curve in the other direction, from its end to its beginning."""
+        """Return the same curve in the opposite direction, from its end to its beginning."""
         x, y, heading = self._pose[-1].tolist()
         segments = tuple(
             Segment(length, -last, -first) for length, first, last in reversed(self.segments)
@@ -115,7 +115,7 @@ class Path:
         return Path(segments, (x, y, heading + math.pi), self.laps)
 
     def extent(self) -> Extent:
-        """Return the box that holds the driven part of the path."""
+        """Return the bounding box of the path from s = 0 to the end of the segments."""
         count = math.ceil(self.lap_m / _EXTENT_STEP_M) + 1
         x, y, _ = self.pose(np.linspace(0.0, self.lap_m, count)).T
         return Extent(float(x.min()), float(x.max()), float(y.min()), float(y.max()))
@@ -127,12 +127,13 @@ class Path:
         return s - laps * self.lap_m, laps
 
     def _locate(self, s: FloatArray) -> tuple[np.ndarray, FloatArray]:
-        """Return the piece that holds `s` and the length from its beginning."""
+        """Return the index of the piece that contains `s`, and the length from its beginning."""
         last = len(self._knots) - 2
         index = np.clip(np.searchsorted(self._knots, s, side="right") - 1, 0, last)
         return index, s - self._knots[index]
 
     def _slope(self, index: np.ndarray) -> FloatArray:
+        """Return d kappa / ds of each piece `index` [1/m^2]."""
         step = self._curvature[index + 1] - self._curvature[index]
         return step / (self._knots[index + 1] - self._knots[index])
 
@@ -157,12 +158,13 @@ class Path:
         pose = np.tile(np.asarray(self.start, dtype=float), (len(self._knots), 1))
         turn = 0.5 * (self._curvature[1:] + self._curvature[:-1]) * lengths
         pose[1:, 2] += np.cumsum(turn)
-        object.__setattr__(self, "_pose", pose)  # the headings suffice to advance by a piece
+        object.__setattr__(self, "_pose", pose)  # `_advance` reads the headings alone
         steps = self._advance(np.arange(len(lengths)), lengths)
         pose[1:, :2] += np.cumsum(steps[:, :2], axis=0)
         return pose
 
     def _check_closed(self) -> None:
+        """Refuse a closed path whose end is not its beginning."""
         gap = math.hypot(*(self._pose[-1, :2] - self._pose[0, :2]))
         turns = (self._pose[-1, 2] - self._pose[0, 2]) / math.tau
         step = self._curvature[-1] - self._curvature[0]
@@ -174,6 +176,7 @@ class Path:
 
 
 def _check_segments(segments: Sequence[Segment]) -> None:
+    """Refuse segments without length, values that are not finite, and jumps of curvature."""
     if not segments:
         raise InvalidPath("a path needs at least one segment, got none")
     begin = 0.0
@@ -215,16 +218,22 @@ def figure_eight(
 ) -> Path:
     """Return two circles on the x axis, joined by two straights that cross at the origin.
 
-    It starts at the origin in the middle of a straight, so that the whole vehicle stands straight
-    and its start-up is over before the first curve, and takes the right-hand circle first,
-    counter-clockwise. Each end of each arc is a clothoid of length `blend_m`. A clothoid from a
-    line to a circle sets the circle off the line by more than its radius R (the clothoid's shift);
-    the straights are turned by just that much, so that the circles keep their centres and radius:
+    It starts at the origin in the middle of a straight, so that the vehicle is straight and its
+    start-up is over before the first curve. The right-hand circle comes first, counter-clockwise.
+    Each arc begins and ends with a clothoid of length `blend_m`. A clothoid between a line and a
+    circle of radius R increases their distance to R + shift. The angle alpha of the straights to
+    the x axis is such that the circles keep their centres and their radius:
 
-        sin(alpha) = (R + shift) / (centre distance / 2),   alpha = angle of the straights.
+        sin(alpha) = (R + shift) / (centre distance / 2).
+
+    Args:
+        radius_m: radius of the circles [m].
+        centre_distance_m: distance between the centres of the circles [m].
+        blend_m: length of each clothoid [m].
+        laps: number of laps.
 
     Raises:
-        InvalidPath: a length is not positive, or the circles are too close for the straights.
+        InvalidPath: a length or `laps` is not positive, or the circles are too close together.
     """
     lengths = {"radius_m": radius_m, "centre_distance_m": centre_distance_m, "blend_m": blend_m}
     for name, value in lengths.items():
@@ -234,7 +243,9 @@ def figure_eight(
         raise InvalidPath(f"figure eight: laps = {laps}, must be at least 1")
     kappa = 1.0 / radius_m
     x, y, turned = Path((Segment(blend_m, 0.0, kappa),)).pose(blend_m).tolist()
-    circle_ahead = x - radius_m * math.sin(turned)  # centre of the circle, seen from the blend
+    circle_ahead = x - radius_m * math.sin(
+        turned
+    )  # centre of the circle from the start of the blend
     circle_aside = y + radius_m * math.cos(turned)  # R + shift
     half = 0.5 * centre_distance_m
     if half <= circle_aside:

@@ -1,4 +1,4 @@
-"""The posture of a vehicle whose two axle points are on one path, and whether it can take it."""
+"""Posture of a vehicle with both axle points on one path."""
 
 from __future__ import annotations
 
@@ -13,21 +13,22 @@ from ..types import FloatArray
 from ..vehicle import Vehicle
 from .path import Path
 
-_ITERATIONS = 12  # Newton from the straight posture needs 3 to 4; the rest is for sharp paths
-_CLOSED_M = 1e-9  # how well the drawbar's length must come out; Newton then squares it
+_ITERATIONS = 12  # Newton from the straight posture needs 3 to 4, more on sharp paths
+_CLOSED_M = 1e-9  # tolerance of the drawbar's length; the next Newton step squares it
 _CHECK_STEP_M = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Posture:
-    """Pose and shape of the vehicle with both axle points on a path; leading axes as asked.
+    """Posture of the vehicle with both axle points on a path.
 
-    Derivatives are by the tractor point's travel, so that they hold at any speed.
+    (...) is the shape of the arc lengths of the tractor point. Derivatives are by the travel of the
+    tractor point and so independent of the speed.
     """
 
     distance_i: FloatArray  # (...) arc length of the trailer point [m]
     pose_t: FloatArray  # (..., 3) x, y [m] and heading [rad] of the tractor
-    pose_i: FloatArray  # (..., 3) of the trailer
+    pose_i: FloatArray  # (..., 3) the same of the trailer
     curvature_t: FloatArray  # (...) of the path at the tractor point [1/m]
     curvature_i: FloatArray  # (...) of the path at the trailer point [1/m]
     psi_d: FloatArray  # (...) heading of the drawbar [rad], continuous with the tractor's
@@ -38,27 +39,27 @@ class Posture:
 
     @property
     def beta(self) -> FloatArray:
-        """Hitch angle psi_t - psi_d [rad]."""
+        """Hitch angle psi_t - psi_d [rad], (...)."""
         return self.pose_t[..., 2] - self.psi_d
 
     @property
     def delta_i(self) -> FloatArray:
-        """Trailer steering psi_d - psi_i [rad]."""
+        """Trailer steering psi_d - psi_i [rad], (...)."""
         return self.psi_d - self.pose_i[..., 2]
 
 
-def follow(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Posture:
+def posture_on_path(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Posture:
     """Return the posture with the tractor point at arc length `distance` [m] of `path`.
 
-    The drawbar must fit between its two joints,
+    The drawbar joins RJ1 and RJ2,
 
-        RJ1 = p_t - a e(psi_t),   RJ2 = p_i + L_i e(psi_i),   |RJ1 - RJ2| = d,
+        RJ1 = p_t - a e(psi_t),   RJ2 = p_i + L_i e(psi_i),   |RJ1 - RJ2| = d.
 
-    which Newton's method solves for the trailer's arc length. Travel and turning rates follow by
-    differentiating along and across the drawbar.
+    Newton's method solves this for the arc length of the trailer. Travel ratio and turning rates
+    follow by differentiation along and across the drawbar.
 
     Raises:
-        InvalidPath: no trailer position behind the tractor fits, the path is too tight.
+        InvalidPath: no trailer position behind the tractor satisfies this, the path is too tight.
     """
     a, d, length_i = vehicle.hitch_offset, vehicle.drawbar_length, vehicle.trailer_length
     s_t = np.asarray(distance, dtype=float)
@@ -109,14 +110,14 @@ def follow(path: Path, vehicle: Vehicle, distance: ArrayLike) -> Posture:
 def check_drivable(
     path: Path, vehicle: Vehicle, front_share: float = 0.9, trailer_share: float = 1.05
 ) -> None:
-    """Refuse a path that asks for more steering than the vehicle has.
+    """Refuse a path that needs more steering than the vehicle has.
 
-    The path may ask for `front_share` of the front steering's stop: the rest is for feedback. It
-    may ask for `trailer_share` of the trailer's: at its stop the trailer only runs some
-    centimetres inside the curve (5 % of 25 deg are about 3 cm at R = 6 m), it is not lost.
+    The path may need `front_share` of the front steering's stop; the rest is left for feedback. It
+    may need `trailer_share` of the trailer's stop, which can be above 1: a trailer at its stop runs
+    only some centimetres inside the curve (5 % of 25 deg are about 3 cm at R = 6 m).
 
     Raises:
-        InvalidPath: with the place, what it asks for and what is allowed.
+        InvalidPath: with the place, the angle that is needed and the one that is allowed.
     """
     count = math.ceil(path.length_m / _CHECK_STEP_M) + 1
     along = np.linspace(0.0, path.length_m, count)
@@ -132,7 +133,7 @@ def check_drivable(
 
     delta_t = np.arctan(vehicle.wheelbase * path.curvature(along))
     check("front steering", delta_t, front_share * vehicle.steering_limit_t, front_share)
-    delta_i = follow(path, vehicle, along).delta_i
+    delta_i = posture_on_path(path, vehicle, along).delta_i
     check("trailer steering", delta_i, trailer_share * vehicle.steering_limit_i, trailer_share)
 
 

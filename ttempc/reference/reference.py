@@ -1,4 +1,4 @@
-"""Path + speed -> time-based reference of tractor and trailer, with the inputs that drive it."""
+"""Time-based reference of tractor and trailer along a path, with its inputs."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..errors import InvalidReference
 from ..types import FloatArray, Input, State
 from ..vehicle import Vehicle
 from .path import Path
-from .posture import follow
+from .posture import posture_on_path
 
 
 class SpeedProfile(Protocol):
-    """Where along the path the tractor point should be, and how fast, as a function of time.
+    """Arc length and speed of the tractor point as functions of time.
 
     A negative speed drives in reverse, towards smaller arc lengths.
     """
@@ -38,7 +38,7 @@ class SpeedProfile(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ConstantSpeed:
-    """The vehicle rolls at one speed from the first instant.
+    """One speed from the first instant on.
 
     Raises:
         InvalidReference: the speed is not finite or not above 0 (remark 3 of the paper).
@@ -66,13 +66,13 @@ class ConstantSpeed:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceSample:
-    """The reference at one time, or at many: leading axes are those of the times asked for."""
+    """The reference at one time or at many; (...) is the shape of the times."""
 
-    time_s: FloatArray  # (...)
-    distance_m: FloatArray  # (...) arc length of the tractor point
+    time_s: FloatArray  # (...) [s]
+    distance_m: FloatArray  # (...) arc length of the tractor point [m]
     curvature: FloatArray  # (...) of the path at the tractor point [1/m], positive to the left
     state: FloatArray  # (..., 7) see `State`; yaw angles continuous
-    inputs: FloatArray  # (..., 3) see `Input`: what drives the exact model along the reference
+    inputs: FloatArray  # (..., 3) see `Input`; they keep the exact model on the reference
     trailer_xy: FloatArray  # (..., 2) [m] trailer point, map frame
     hitch_angle: FloatArray  # (...) beta_r [rad]
     yaw_rate_t: FloatArray  # (...) gamma^t_r [rad/s]
@@ -81,7 +81,7 @@ class ReferenceSample:
 
     @property
     def psi_d(self) -> FloatArray:
-        """Yaw of the drawbar [rad]."""
+        """Yaw of the drawbar [rad], (...)."""
         return self.state[..., 2] - self.hitch_angle
 
 
@@ -94,13 +94,13 @@ class Reference:
 
         u_delta = delta_r + lag delta_r',   hp = (v_r + tau v_r') / K.
 
-    Where nothing changes these are delta_t = atan(L^t kappa), delta_i_r and hp = v_r / K. Times
-    before 0 and beyond `duration_s` are allowed, the path goes on there. In reverse the vehicle
-    looks along the path and rolls back over it, all of these hold with a negative v_r.
+    In steady motion these are delta_t = atan(L^t kappa), delta_i_r and hp = v_r / K. Times before 0
+    and after `duration_s` are allowed, since the path continues there. In reverse the vehicle heads
+    along the path and rolls back over it; the equations hold with a negative v_r.
 
     Raises:
-        InvalidReference: the profile's top speed is beyond the hydrostat's, or the vehicle is not
-            in the gear that it asks for.
+        InvalidReference: the top speed of the profile is above that of the hydrostat, or the
+            profile drives forward and the vehicle is in reverse gear, or the other way round.
     """
 
     path: Path
@@ -126,11 +126,11 @@ class Reference:
         return self.speed.duration_s(self.path.length_m)
 
     def at(self, time_s: ArrayLike) -> ReferenceSample:
-        """Return the reference at one time or at an array of times."""
+        """Return the reference at one time or at an array of times [s]."""
         times = np.asarray(time_s, dtype=float)
         vehicle = self.vehicle
         distance, v, acceleration = self.speed.travel(times)
-        posture = follow(self.path, vehicle, distance)
+        posture = posture_on_path(self.path, vehicle, distance)
         speed_i = posture.travel_ratio * v
         delta_t, delta_i = posture.delta_t, posture.delta_i
         lead_t = vehicle.steering_lag_t * v * posture.delta_t_per_m
@@ -152,34 +152,34 @@ class Reference:
         )
 
     def on_grid(self, period_s: float, beyond: int = 0) -> ReferenceSample:
-        """Return the reference at every control tick to its end and `beyond` ticks further."""
+        """Return the reference (N,) at every control tick to its end and `beyond` ticks more."""
         ticks = math.ceil(self.duration_s / period_s - 1e-9) + 1 + beyond
         return self.at(np.arange(ticks) * period_s)
 
 
 def check_pace(reference: Reference, period_s: float) -> None:
-    """Refuse a reference that is too fast for the valves: steering rates, reach of the hydrostat.
+    """Refuse a reference beyond the steering rates or the range of the hydrostat.
 
-    Seen at every control tick.
+    It is checked at every control tick.
 
     Raises:
-        InvalidReference: with the place, what it asks for and what is allowed.
+        InvalidReference: with the place, the rate or position that is needed and the limit.
     """
     grid, vehicle = reference.on_grid(period_s), reference.vehicle
     lead = (grid.inputs - grid.state[:, State.DELTA_T :])[:, :2]  # lag times rate
     rates = np.abs(lead / [vehicle.steering_lag_t, vehicle.steering_lag_i])
-    for what, asked, allowed, unit in (
+    for actuator, needed, limit, unit in (
         ("front steering", np.degrees(rates[:, 0]), vehicle.steering_rate_t, "deg/s"),
         ("trailer steering", np.degrees(rates[:, 1]), vehicle.steering_rate_i, "deg/s"),
         ("hydrostat", np.abs(grid.inputs[:, Input.HP]), 1.0, "of its range"),
     ):
-        most = math.degrees(allowed) if unit == "deg/s" else allowed
-        worst = int(np.argmax(asked))
-        if asked[worst] > most + 1e-9:
+        allowed = math.degrees(limit) if unit == "deg/s" else limit
+        worst = int(np.argmax(needed))
+        if needed[worst] > allowed + 1e-9:
             x, y = grid.state[worst, :2]
             raise InvalidReference(
                 f"reference too fast at s = {grid.distance_m[worst]:.1f} m (x = {x:.1f}, "
-                f"y = {y:.1f} m): {what} would need {asked[worst]:.2f} {unit}, allowed are "
-                f"{most:.2f}; drive slower, or smoother (path.max_deviation_m, blend_m, "
+                f"y = {y:.1f} m): {actuator} would need {needed[worst]:.2f} {unit}, allowed are "
+                f"{allowed:.2f}; drive slower, or smoother (path.max_deviation_m, blend_m, "
                 "acceleration_mps2)"
             )

@@ -1,4 +1,4 @@
-"""Speed profiles other than a constant: speeds planned along the path, and driving in reverse."""
+"""Speed profiles: speeds planned along the path, and driving in reverse."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ..errors import InvalidReference
 from ..types import FloatArray
 from .reference import SpeedProfile
 
-_STEP_M = 0.05  # of the speed limits along the path
+_STEP_M = 0.05  # between the samples of the speed along the path
 _STEP_S = 0.05  # between the knots of the speed in time
-_SMOOTHING_S = 2.0  # over which an acceleration builds up and fades
+_SMOOTHING_S = 2.0  # window of the moving average of the speed
 
 
 @dataclass(frozen=True, slots=True)
 class Backward:
-    """Another profile, driven in reverse: from `start_m` towards arc length 0."""
+    """A forward profile driven in reverse, from `start_m` towards arc length 0."""
 
     forward: SpeedProfile
     start_m: float  # arc length at which the drive begins [m]
 
     @property
     def top_speed(self) -> float:
-        """Largest speed, backward [m/s]."""
+        """Largest magnitude of the speed [m/s]."""
         return self.forward.top_speed
 
     def travel(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -41,24 +41,24 @@ class Backward:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedSpeed:
-    """Speeds asked for at places along the path, within an acceleration.
+    """Desired speeds at places along the path, reduced to a largest acceleration.
 
-    Between places the speed asked for is linear in arc length. It is cut until
+    Between places the desired speed is linear in arc length. It is reduced until
 
         |d(v^2) / ds| <= 2 a_max,
 
-    forward and backward along the path, so that the vehicle brakes before a slow place. The speed
-    then is averaged over 2 s of time, which leaves it continuous with its acceleration. Before the
-    first and beyond the last place the speed stays.
+    forward and backward along the path, so that the vehicle brakes before a slow place. A moving
+    average over 2 s of time makes speed and acceleration continuous. The speed is constant before
+    the first and after the last place.
 
     Raises:
         InvalidReference: a speed or the acceleration is not finite or not above 0, with the index
-            of the place and its arc length; or the places do not go forward.
+            of the place and its arc length; or the arc lengths do not increase.
     """
 
-    distance_m: FloatArray  # (n,) arc length of each place [m], rising
-    speed_mps: FloatArray  # (n,) speed asked for there [m/s]
-    acceleration_mps2: float = 0.1  # a_max; with the paper's K and tau 15 % of the hydrostat
+    distance_m: FloatArray  # (n,) arc length of each place [m], increasing
+    speed_mps: FloatArray  # (n,) desired speed at each place [m/s]
+    acceleration_mps2: float = 0.1  # a_max; 15 % of the hydrostat for the paper's K and tau
 
     _speed: PchipInterpolator = field(init=False, repr=False)  # over time [s]
 
@@ -78,7 +78,7 @@ class PlannedSpeed:
         s = np.linspace(first, last, max(2, math.ceil((last - first) / _STEP_M) + 1))
         v = _within(np.interp(s, self.distance_m, self.speed_mps), s[1] - s[0], limit)
         times = np.concatenate([[0.0], np.cumsum(2.0 * np.diff(s) / (v[1:] + v[:-1]))])
-        # Distance at equal times; beyond both ends the vehicle keeps its speed.
+        # Distance at equal times; the speed is constant beyond both ends.
         margin = _SMOOTHING_S
         count = math.ceil((times[-1] + 2.0 * margin) / _STEP_S) + 1
         knots = _STEP_S * np.arange(count) - margin
@@ -91,7 +91,7 @@ class PlannedSpeed:
 
     @property
     def top_speed(self) -> float:
-        """Largest speed that is asked for [m/s]."""
+        """Largest desired speed [m/s]."""
         return float(np.max(self.speed_mps))
 
     def travel(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -115,14 +115,15 @@ class PlannedSpeed:
         return float(crossings[0])
 
     def _distance(self, times_s: FloatArray) -> FloatArray:
-        way = self._speed.antiderivative()
-        return self.distance_m[0] + way(times_s) - way(0.0)
+        """Return the arc length [m] at times within the knots."""
+        travel = self._speed.antiderivative()
+        return self.distance_m[0] + travel(times_s) - travel(0.0)
 
 
 def _within(speed: FloatArray, step_m: float, limit: float) -> FloatArray:
-    """Return the largest speeds (n,) not above `speed` that `limit` [m/s^2] can reach and leave."""
+    """Return the largest speeds (n,) [m/s] up to `speed` with accelerations up to `limit`."""
     energy = speed**2  # (n,) v^2 changes by no more than 2 a ds
-    most = 2.0 * limit * step_m * np.arange(len(energy))
-    forward = np.minimum.accumulate(energy - most) + most
-    backward = np.minimum.accumulate((forward + most)[::-1])[::-1] - most
+    ramp = 2.0 * limit * step_m * np.arange(len(energy))
+    forward = np.minimum.accumulate(energy - ramp) + ramp
+    backward = np.minimum.accumulate((forward + ramp)[::-1])[::-1] - ramp
     return np.sqrt(backward)

@@ -1,4 +1,4 @@
-"""The moving-horizon estimator: the filter's equal where all is linear, and inside its bounds."""
+"""Moving-horizon estimator: equal to the Kalman filter for linear models, within its bounds."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ import pytest
 from tests.ttempc.sensed_drive import PERIOD_S, VEHICLE, SensedDrive
 from ttempc.baselines.nmhe import MovingHorizonEstimator, _minimum
 from ttempc.errors import InvalidTuning
-from ttempc.estimation.augmented_state import LARGEST, SIZE, STATES
+from ttempc.estimation.augmented_state import DISTURBANCE_BOUND, SIZE, STATES
 from ttempc.types import Measurement
 
 
 def chain(generator, count):
-    """A random linear model with noise: arrival, transitions, noises, readings; all at zero."""
+    """A random linear model: arrival covariance, transitions, noises, sensors, readings."""
 
-    def spread():
+    def covariance():
         root = generator.normal(size=(SIZE, SIZE))
         return root @ root.T / SIZE + 0.1 * np.eye(SIZE)
 
     transitions = np.eye(SIZE) + 0.1 * generator.normal(size=(count - 1, SIZE, SIZE))
-    noises = np.array([0.01 * spread() for _ in range(count - 1)])
+    noises = np.array([0.01 * covariance() for _ in range(count - 1)])
     sensors = generator.normal(size=(count, 3, SIZE))
-    return spread(), transitions, noises, sensors, generator.normal(size=(count, 3))
+    return covariance(), transitions, noises, sensors, generator.normal(size=(count, 3))
 
 
 def system(arrival, transitions, noises, sensors, readings, mean, guess):
-    """The blocks of the window's problem about `guess`, reading noise of 1."""
+    """The blocks of the window's problem about `guess`, with reading noise 1."""
     count = len(readings)
     diagonal, above = np.zeros((count, SIZE, SIZE)), np.zeros((count - 1, SIZE, SIZE))
     right = np.zeros((count, SIZE))
@@ -34,28 +34,28 @@ def system(arrival, transitions, noises, sensors, readings, mean, guess):
     right[0] = diagonal[0] @ (mean - guess[0])
     for k in range(count - 1):
         weight = np.linalg.inv(noises[k])
-        missed = transitions[k] @ guess[k] - guess[k + 1]
+        defect = transitions[k] @ guess[k] - guess[k + 1]
         diagonal[k] += transitions[k].T @ weight @ transitions[k]
         diagonal[k + 1] += weight
         above[k] = -transitions[k].T @ weight
-        right[k] -= transitions[k].T @ weight @ missed
-        right[k + 1] += weight @ missed
+        right[k] -= transitions[k].T @ weight @ defect
+        right[k + 1] += weight @ defect
     for k in range(count):
         diagonal[k] += sensors[k].T @ sensors[k]
         right[k] += sensors[k].T @ (readings[k] - sensors[k] @ guess[k])
     return diagonal, above, right
 
 
-def test_a_linear_window_ends_where_the_kalman_filter_does():
-    """Whatever the guess, in one step; the covariance of its last belief is the filter's, too."""
+def test_a_linear_window_gives_the_estimate_of_the_kalman_filter():
+    """In one step from any guess; the covariance of the last augmented state agrees, too."""
     generator = np.random.default_rng(81)
     for _ in range(5):
         arrival, transitions, noises, sensors, readings = chain(generator, 6)
         mean = 1e-3 * generator.normal(size=SIZE)
         readings = 1e-3 * readings
         guess = 1e-3 * generator.normal(size=(6, SIZE))
-        given = system(arrival, transitions, noises, sensors, readings, mean, guess)
-        found = _minimum(*given, guess)
+        blocks = system(arrival, transitions, noises, sensors, readings, mean, guess)
+        trajectory = _minimum(*blocks, guess)
         x, p = mean, arrival
         for k in range(6):
             if k:
@@ -63,60 +63,60 @@ def test_a_linear_window_ends_where_the_kalman_filter_does():
                 p = p + noises[k - 1]
             gain = p @ sensors[k].T @ np.linalg.inv(sensors[k] @ p @ sensors[k].T + np.eye(3))
             x, p = x + gain @ (readings[k] - sensors[k] @ x), p - gain @ sensors[k] @ p
-        assert not found.bounded
-        np.testing.assert_allclose(found.beliefs[-1], x, atol=1e-12)
-        np.testing.assert_allclose(found.covariance, p, atol=1e-10)
+        assert not trajectory.bounded
+        np.testing.assert_allclose(trajectory.augmented[-1], x, atol=1e-12)
+        np.testing.assert_allclose(trajectory.covariance, p, atol=1e-10)
 
 
-def test_a_bounded_window_is_the_best_inside_its_bounds():
-    """The gradient vanishes where no bound is active and pushes outwards where one is."""
+def test_a_bounded_window_is_the_minimum_within_its_bounds():
+    """The gradient is zero where no bound is active and points inwards where one is."""
     generator = np.random.default_rng(82)
     arrival, transitions, noises, sensors, readings = chain(generator, 4)
     guess = np.zeros((4, SIZE))
-    mean = np.concatenate([np.zeros(STATES), 1.5 * LARGEST])
+    mean = np.concatenate([np.zeros(STATES), 1.5 * DISTURBANCE_BOUND])
     diagonal, above, right = system(
         arrival, transitions, noises, sensors, 0.1 * readings, mean, guess
     )
-    found = _minimum(diagonal, above, right, guess)
-    assert found.bounded
-    held = found.beliefs[:, STATES:]
-    assert np.all(np.abs(held) <= LARGEST)
-    slope = np.einsum("kij,kj->ki", diagonal, found.beliefs) - right
-    slope[:-1] += np.einsum("kij,kj->ki", above, found.beliefs[1:])
-    slope[1:] += np.einsum("kij,ki->kj", above, found.beliefs[:-1])
+    trajectory = _minimum(diagonal, above, right, guess)
+    assert trajectory.bounded
+    disturbances = trajectory.augmented[:, STATES:]
+    assert np.all(np.abs(disturbances) <= DISTURBANCE_BOUND)
+    gradient = np.einsum("kij,kj->ki", diagonal, trajectory.augmented) - right
+    gradient[:-1] += np.einsum("kij,kj->ki", above, trajectory.augmented[1:])
+    gradient[1:] += np.einsum("kij,ki->kj", above, trajectory.augmented[:-1])
     active = np.zeros((4, SIZE), dtype=bool)
-    active[:, STATES:] = np.abs(held) > LARGEST - 1e-6
+    active[:, STATES:] = np.abs(disturbances) > DISTURBANCE_BOUND - 1e-6
     assert active.any()
-    np.testing.assert_allclose(slope[~active], 0.0, atol=1e-4)
-    assert np.all(slope[active] * found.beliefs[active] < 1e-4)
+    np.testing.assert_allclose(gradient[~active], 0.0, atol=1e-4)
+    assert np.all(gradient[active] * trajectory.augmented[active] < 1e-4)
 
 
-def test_estimates_are_those_of_the_filter_but_for_what_is_not_linear():
-    """The same samples to both: differences far below the standard deviations of either."""
+def test_estimates_are_close_to_those_of_the_filter():
+    """For the same samples the differences are far below the standard deviations."""
     drive = SensedDrive(12).run(60)
     estimator = MovingHorizonEstimator(VEHICLE)
     for k, (samples, command) in enumerate(drive.received):
-        found = estimator.update(k * PERIOD_S, samples, command)
+        estimate = estimator.update(k * PERIOD_S, samples, command)
         filtered = drive.estimates[k]
         sd = np.sqrt(np.diag(filtered.covariance))
-        assert np.all(np.abs(found.state - filtered.state) < 0.3 * sd)
-        np.testing.assert_allclose(np.diag(found.covariance), sd**2, rtol=0.2)
-        assert found.innovations == filtered.innovations
+        assert np.all(np.abs(estimate.state - filtered.state) < 0.3 * sd)
+        np.testing.assert_allclose(np.diag(estimate.covariance), sd**2, rtol=0.2)
+        assert estimate.innovations == filtered.innovations
 
 
-def test_estimate_is_nan_until_the_set_is_complete_and_survives_an_outage():
+def test_estimate_is_nan_before_the_start_and_finite_in_an_outage():
     drive = SensedDrive(13).run(30)
     estimator = MovingHorizonEstimator(VEHICLE)
     first: list[Measurement] = drive.received[0][0]
     assert np.isnan(estimator.update(0.0, first[:3], None).state).all()
     for k, (samples, command) in enumerate(drive.received[1:], 1):
-        heard = [] if 10 <= k < 20 else samples
-        found = estimator.update(k * PERIOD_S, heard, command)
-        assert np.isfinite(found.state).all()
-    assert np.hypot(*(found.state - drive.states[-1])[:2]) < 0.2
+        received = [] if 10 <= k < 20 else samples
+        estimate = estimator.update(k * PERIOD_S, received, command)
+        assert np.isfinite(estimate.state).all()
+    assert np.hypot(*(estimate.state - drive.states[-1])[:2]) < 0.2
 
 
 @pytest.mark.parametrize("tuning", [{"iterations": 0}, {"window_s": 0.0}])
-def test_tuning_must_make_sense(tuning):
+def test_invalid_tuning_is_refused(tuning):
     with pytest.raises(InvalidTuning):
         MovingHorizonEstimator(VEHICLE, **tuning)

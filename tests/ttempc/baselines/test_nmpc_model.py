@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from tests.reference.models.kinematics import advance
 from tests.ttempc.models.test_kinematics import OTHER, VEHICLE, random_cases
 from tests.ttempc.numeric import central_differences
 from ttempc.baselines.nmpc_model import (
@@ -19,7 +20,7 @@ from ttempc.baselines.nmpc_model import (
 )
 from ttempc.errors import MissingPackage
 from ttempc.guidance.controllers import make_controller
-from ttempc.models.kinematics import advance, articulated, trailer_point
+from ttempc.models.kinematics import articulated, trailer_point
 from ttempc.mpc.prediction import rotation
 from ttempc.reference.path import straight
 from ttempc.reference.reference import ConstantSpeed, Reference

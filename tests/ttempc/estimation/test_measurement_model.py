@@ -1,4 +1,4 @@
-"""Measurement models, and the first state from one reading of each sensor."""
+"""Measurement models, the first state from one reading of each sensor, and noise."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 
 from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning, UnknownSensor
-from ttempc.estimation.augmented_state import SIZE, Belief
-from ttempc.estimation.measurement_model import LENGTH, expected, first_state
+from ttempc.estimation.augmented_state import SIZE, STATES, AugmentedState
+from ttempc.estimation.measurement_model import LENGTH, first_state, predicted_measurement
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.models.kinematics import hitch_angle, trailer_point
 from ttempc.types import Measurement, Sensor, State
@@ -25,54 +25,58 @@ def random_state(generator):
     return state
 
 
-def believed(state):
-    belief = np.zeros(SIZE)
-    belief[:7] = state
-    return belief
+def augmented_by_zeros(state):
+    return np.concatenate([state, np.zeros(SIZE - STATES)])
 
 
 def readings(state, noise=None, generator=None):
-    made = {}
+    samples = {}
     for sensor in LENGTH:
-        value, _ = expected(sensor, believed(state), VEHICLE)
+        value, _ = predicted_measurement(sensor, augmented_by_zeros(state), VEHICLE)
         if noise:
             value = value + noise.of(sensor) * generator.normal(size=len(value))
-        made[sensor] = Measurement(0.0, sensor, tuple(value.tolist()))
-    return made
+        samples[sensor] = Measurement(0.0, sensor, tuple(value.tolist()))
+    return samples
 
 
 @pytest.mark.parametrize("sensor", LENGTH)
 def test_jacobians(sensor):
     generator = np.random.default_rng(61)
     for _ in range(20):
-        belief = np.concatenate([random_state(generator), 0.1 * generator.normal(size=9)])
-        numeric = central_differences(lambda x: expected(sensor, x, VEHICLE)[0], belief)
-        reading, exact = expected(sensor, belief, VEHICLE)
+        augmented = np.concatenate([random_state(generator), 0.1 * generator.normal(size=9)])
+        numeric = central_differences(
+            lambda x: predicted_measurement(sensor, x, VEHICLE)[0], augmented
+        )
+        reading, exact = predicted_measurement(sensor, augmented, VEHICLE)
         np.testing.assert_allclose(exact, numeric, atol=1e-6)
         assert len(exact) == len(reading) == LENGTH[sensor]
 
 
-def test_sensors_read_what_their_names_say():
-    belief = np.concatenate([random_state(np.random.default_rng(64)), np.full(9, 0.1)])
-    read = {sensor: expected(sensor, belief, VEHICLE)[0] for sensor in LENGTH}
-    np.testing.assert_array_equal(read[Sensor.GNSS_TRACTOR], belief[:2])
+def test_sensors_read_the_quantities_of_their_names():
+    augmented = np.concatenate([random_state(np.random.default_rng(64)), np.full(9, 0.1)])
+    read = {sensor: predicted_measurement(sensor, augmented, VEHICLE)[0] for sensor in LENGTH}
+    np.testing.assert_array_equal(read[Sensor.GNSS_TRACTOR], augmented[:2])
     np.testing.assert_allclose(
-        read[Sensor.GNSS_TRAILER], trailer_point(belief[:7], VEHICLE), atol=1e-12
+        read[Sensor.GNSS_TRAILER], trailer_point(augmented[:7], VEHICLE), atol=1e-12
     )
-    np.testing.assert_array_equal(read[Sensor.STEERING_TRACTOR], belief[[Belief.DELTA_T]])
-    np.testing.assert_array_equal(read[Sensor.STEERING_TRAILER], belief[[Belief.DELTA_I]])
-    np.testing.assert_allclose(read[Sensor.HITCH], [hitch_angle(belief[:7])], atol=1e-12)
-    np.testing.assert_array_equal(read[Sensor.ENCODER], belief[[Belief.RIM]])
+    np.testing.assert_array_equal(
+        read[Sensor.STEERING_TRACTOR], augmented[[AugmentedState.DELTA_T]]
+    )
+    np.testing.assert_array_equal(
+        read[Sensor.STEERING_TRAILER], augmented[[AugmentedState.DELTA_I]]
+    )
+    np.testing.assert_allclose(read[Sensor.HITCH], [hitch_angle(augmented[:7])], atol=1e-12)
+    np.testing.assert_array_equal(read[Sensor.ENCODER], augmented[[AugmentedState.RIM]])
     with pytest.raises(UnknownSensor, match="imu_tractor: no model"):
-        expected(Sensor.IMU_TRACTOR, belief, VEHICLE)
+        predicted_measurement(Sensor.IMU_TRACTOR, augmented, VEHICLE)
 
 
 def test_first_state_inverts_the_sensors():
     generator = np.random.default_rng(62)
     for _ in range(50):
         state = random_state(generator)
-        found, _ = first_state(readings(state), VEHICLE, SensorNoise())
-        difference = found - state
+        estimate, _ = first_state(readings(state), VEHICLE, SensorNoise())
+        difference = estimate - state
         difference[2:4] = [math.remainder(angle, math.tau) for angle in difference[2:4]]
         np.testing.assert_allclose(difference, 0.0, atol=1e-9)
 
@@ -84,13 +88,13 @@ def test_first_covariance_is_that_of_the_readings():
     state = np.array([1.0, 2.0, 0.7, 0.5, 0.1, 0.15, 1.0])
     squares = []
     for _ in range(1000):
-        found, covariance = first_state(readings(state, noise, generator), VEHICLE, noise)
-        difference = found - state
+        estimate, covariance = first_state(readings(state, noise, generator), VEHICLE, noise)
+        difference = estimate - state
         squares.append(difference @ np.linalg.solve(covariance, difference))
     assert np.mean(squares) / 7.0 == pytest.approx(1.0, abs=0.05)
 
 
-def test_process_noise_turns_with_the_vehicle_and_stops_with_it():
+def test_process_noise_turns_with_the_vehicle_and_is_zero_at_rest():
     noise = ProcessNoise()
     ahead, aside = noise.density(0.0, 1.0, 1.0), noise.density(math.pi / 2, 1.0, 1.0)
     assert aside[0, 0] == pytest.approx(ahead[1, 1])
@@ -98,7 +102,7 @@ def test_process_noise_turns_with_the_vehicle_and_stops_with_it():
     assert not noise.density(0.6, 0.0, 1.0)[:4, :4].any()
 
 
-def test_roughness_raises_the_variance_that_the_ground_causes_and_no_other():
+def test_roughness_scales_the_variances_that_the_ground_causes_alone():
     noise = ProcessNoise()
     smooth, rough = (noise.density(0.6, 1.0, r) for r in (0.5, 2.0))
     np.testing.assert_allclose(rough[:4, :4], 4.0 * smooth[:4, :4])

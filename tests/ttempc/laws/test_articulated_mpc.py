@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.reference.models.kinematics import advance
 from tests.ttempc.closed_loop import PERIOD_S, drive
-from ttempc.estimation.augmented_state import SIZE, Belief, estimate_of
-from ttempc.estimation.augmented_state_kernel import advance_belief, vehicle_table
+from ttempc.estimation.augmented_state import SIZE, AugmentedState, estimate_of
+from ttempc.estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ttempc.guidance.controllers import make_controller
 from ttempc.limits import CommandLimits
-from ttempc.models.kinematics import advance, trailer_point
+from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -103,14 +104,17 @@ def test_a_slope_leaves_no_offset_on_curves():
     def errors(given):
         """Return the distances of both points, (N, 2), where the controller gets `given`."""
         law = controller()
-        belief = np.zeros(SIZE)
-        belief[:7] = REFERENCE.at(0.0).state
-        belief[Belief.SIDE_Y], belief[Belief.CLIMB_Y] = -0.03, 0.1
-        valves, unused = belief[Belief.DELTA_T : Belief.RIM].copy(), np.empty((SIZE, SIZE))
-        table, memories, step_s = vehicle_table(VEHICLE), np.full(9, 1e9), PERIOD_S / SUBSTEPS
+        augmented = np.zeros(SIZE)
+        augmented[:7] = REFERENCE.at(0.0).state
+        augmented[AugmentedState.SIDE_Y], augmented[AugmentedState.CLIMB_Y] = -0.03, 0.1
+        valves, unused = (
+            augmented[AugmentedState.DELTA_T : AugmentedState.RIM].copy(),
+            np.empty((SIZE, SIZE)),
+        )
+        table, memories, step_s = vehicle_parameters(VEHICLE), np.full(9, 1e9), PERIOD_S / SUBSTEPS
         distances = []
         for k in range(340):  # straight and the first curve
-            estimate = estimate_of(belief, np.eye(SIZE), k * PERIOD_S, VEHICLE, ())
+            estimate = estimate_of(augmented, np.eye(SIZE), k * PERIOD_S, VEHICLE, ())
             sample = REFERENCE.at(k * PERIOD_S)
             distances.append(
                 [
@@ -120,7 +124,7 @@ def test_a_slope_leaves_no_offset_on_curves():
             )
             command = law.step(given(estimate), k).command.as_array()
             for _ in range(SUBSTEPS):
-                advance_belief(belief, valves, command, table, memories, step_s, unused)
+                advance_augmented_state(augmented, valves, command, table, memories, step_s, unused)
         return np.array(distances)[50:]
 
     exact = errors(lambda estimate: estimate)

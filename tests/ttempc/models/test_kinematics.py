@@ -1,4 +1,4 @@
-"""The two models: Jacobians, constraints and the sign at the hitch."""
+"""Articulated kinematics: Jacobians, rolling constraints and the sign at the hitch."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ import math
 import numpy as np
 import pytest
 
+from tests.reference.models.kinematics import advance, tricycle
 from tests.ttempc.numeric import central_differences
 from ttempc.models.kinematics import (
-    advance,
     articulated,
     articulated_jacobian,
     hitch_angle,
     trailer_point,
     trailer_point_jacobian,
-    tricycle,
     wrap_angle,
 )
 from ttempc.types import Disturbance, State
@@ -40,13 +39,13 @@ def random_cases(count=30, steering_step=0.02):
 def test_jacobian_of_the_articulated_model(vehicle, steering_step):
     for case in random_cases(steering_step=steering_step):
         exact = articulated_jacobian(case[0], case[1], vehicle, case[2])
-        for place, derivative in enumerate(exact):
+        for index, derivative in enumerate(exact):
 
-            def along(value, place=place, case=case):
-                state, inputs, disturbance = (*case[:place], value, *case[place + 1 :])
+            def rate(value, index=index, case=case):
+                state, inputs, disturbance = (*case[:index], value, *case[index + 1 :])
                 return articulated(state, inputs, vehicle, disturbance)
 
-            numeric = central_differences(along, case[place])
+            numeric = central_differences(rate, case[index])
             np.testing.assert_allclose(derivative, numeric, atol=1e-6)
 
 
@@ -57,20 +56,20 @@ def test_jacobian_of_the_trailer_point():
 
 
 @pytest.mark.parametrize("vehicle", [VEHICLE, OTHER])
-def test_wheels_slip_sideways_as_much_as_the_disturbance_says(vehicle):
+def test_wheels_slip_sideways_by_the_disturbance(vehicle):
     for state, inputs, disturbance in random_cases():
         for slips in (np.zeros(5), disturbance):
             rate = articulated(state, inputs, vehicle, slips)
-            motion = trailer_point_jacobian(state, vehicle) @ rate
+            trailer_velocity = trailer_point_jacobian(state, vehicle) @ rate
             for velocity, yaw, slip in (
                 (rate[:2], state[State.PSI_T], slips[Disturbance.SLIP_T]),
-                (motion, state[State.PSI_I], slips[Disturbance.SLIP_I]),
+                (trailer_velocity, state[State.PSI_I], slips[Disturbance.SLIP_I]),
             ):
                 across = velocity @ [-math.sin(yaw), math.cos(yaw)]
                 assert across == pytest.approx(state[State.V] * slip, abs=1e-12)
 
 
-def test_steering_never_turns_faster_than_its_valve():
+def test_steering_rate_is_that_of_the_valve_at_most():
     state = np.zeros(7)
     rate = articulated(state, np.array([9.0, -9.0, 0.0]), VEHICLE)
     assert rate[State.DELTA_T] == VEHICLE.steering_rate_t
@@ -83,7 +82,7 @@ def test_positive_trailer_steering_moves_the_trailer_to_the_right_first():
     assert trailer_point(turned, VEHICLE)[1] < 0.0
 
 
-def test_tricycle_agrees_with_geometry_for_small_angles_only_with_minus():
+def test_tricycle_agrees_with_geometry_for_small_angles_with_a_negative_hitch_sign():
     """Erratum 1: a hitch behind the rear axle swings against the turn of the tractor."""
     delta_t, lam = 0.01, 0.02
     state = np.array([0.0, 0.0, lam, 0.0, delta_t, 0.0, 1.0])  # drawbar in line with the trailer

@@ -1,4 +1,4 @@
-"""Headland patterns: passes where they belong, joined by turns of the kind that the width asks."""
+"""Headland patterns: places of the passes, and kinds and curvatures of the turns."""
 
 import math
 
@@ -21,8 +21,8 @@ def test_passes_are_parallel_and_lie_a_width_apart(width, blend):
     s = np.linspace(0.0, path.lap_m, 20001)
     x, y, heading = path.pose(s).T
     for index in range(5):
-        level = (index - 2) * width
-        on_pass = (np.abs(y - level) < 1e-6) & (np.abs(x) < 10.0) & (path.curvature(s) == 0.0)
+        y_pass = (index - 2) * width
+        on_pass = (np.abs(y - y_pass) < 1e-6) & (np.abs(x) < 10.0) & (path.curvature(s) == 0.0)
         assert np.ptp(x[on_pass]) == pytest.approx(20.0, abs=0.1)
         np.testing.assert_allclose(np.cos(heading[on_pass]), (-1.0) ** index, atol=1e-9)
     np.testing.assert_allclose(path.pose(0.0), [-10.0, -2.0 * width, 0.0], atol=1e-12)
@@ -30,7 +30,7 @@ def test_passes_are_parallel_and_lie_a_width_apart(width, blend):
 
 
 @pytest.mark.parametrize("width", WIDTHS)
-def test_turns_keep_to_radius_and_blend_and_to_the_machine(width):
+def test_turns_respect_radius_and_blend_and_are_drivable(width):
     path = headland(20.0, width, 3, 7.0, 2.0)
     s = np.linspace(0.0, path.lap_m, 20001)
     assert np.abs(path.curvature(s)).max() <= 1.0 / 7.0 + 1e-12
@@ -38,7 +38,7 @@ def test_turns_keep_to_radius_and_blend_and_to_the_machine(width):
     check_drivable(path, Vehicle())
 
 
-def test_the_turn_is_the_one_that_the_width_asks_for():
+def test_the_width_decides_the_kind_of_turn():
     def kind(width):
         path = headland(20.0, width, 2, 7.0, 2.0)
         s = np.linspace(20.0, path.lap_m - 20.0, 4001)[1:-1]
@@ -47,9 +47,8 @@ def test_the_turn_is_the_one_that_the_width_asks_for():
             return "loop"
         return "U" if np.sum(kappa == 0.0) > 1 else "half circle"
 
-    assert [kind(width) for width in (4.0, 13.0, 15.0, 17.0, 40.0)] == [
-        *("loop", "loop", "half circle", "U", "U"),
-    ]
+    kinds = [kind(width) for width in (4.0, 13.0, 15.0, 17.0, 40.0)]
+    assert kinds == ["loop", "loop", "half circle", "U", "U"]
 
 
 @pytest.mark.parametrize("angle", [0.01, -0.2, 0.5, math.pi, -4.0])
@@ -66,7 +65,7 @@ def test_one_pass_is_a_straight():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "word"),
+    ("arguments", "message"),
     [
         ({"width_m": 0.0}, "width_m"),
         ({"length_m": math.nan}, "length_m"),
@@ -75,6 +74,6 @@ def test_one_pass_is_a_straight():
         ({"passes": 0}, "passes"),
     ],
 )
-def test_impossible_patterns_are_refused(arguments, word):
-    with pytest.raises(InvalidPath, match=word):
+def test_impossible_patterns_are_refused(arguments, message):
+    with pytest.raises(InvalidPath, match=message):
         headland(**arguments)

@@ -1,4 +1,4 @@
-"""Paths: closed, C2, parametrised by arc length, and refused where they cannot be."""
+"""Paths: closed, C2 and parametrised by arc length; refusal of invalid ones."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_heading_is_the_direction_and_curvature_its_derivative(path):
     np.testing.assert_allclose(velocity[:, 2], path.curvature(s), atol=1e-5)
 
 
-def test_curvature_is_continuous_and_its_derivative_right(path):
+def test_curvature_is_continuous_and_its_derivative_is_that_of_differences(path):
     s = along(path)
     h = 1e-5
     change = path.curvature(s + h) - path.curvature(s)
@@ -89,7 +89,7 @@ def test_figure_eight_starts_straight_at_the_crossing():
     assert np.all(eight.curvature(np.linspace(-10.0, 10.0, 100)) == 0.0)
 
 
-def test_closed_path_goes_round_for_ever():
+def test_closed_path_repeats_indefinitely():
     ring = Path((Segment(math.tau * 5.0, 0.2, 0.2),), laps=2)
     s = np.array([-7.0, 0.3, 31.0])
     turned = ring.pose(s + 3 * ring.lap_m) - ring.pose(s)
@@ -101,14 +101,14 @@ def test_extent_holds_the_path():
     assert box == pytest.approx((-25.0, 25.0, -10.0, 10.0), abs=1e-4)
 
 
-def test_shape_follows_the_question(path):
+def test_shapes_are_those_of_the_arc_lengths(path):
     assert path.pose(1.0).shape == (3,)
     assert path.pose(np.ones((2, 4))).shape == (2, 4, 3)
     assert path.curvature(1.0).shape == ()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "word"),
+    ("arguments", "message"),
     [
         ({"radius_m": -1.0}, "radius_m"),
         ({"radius_m": math.nan}, "radius_m"),
@@ -118,8 +118,8 @@ def test_shape_follows_the_question(path):
         ({"laps": 0}, "laps"),
     ],
 )
-def test_impossible_figure_eights_are_refused(arguments, word):
-    with pytest.raises(InvalidPath, match=word):
+def test_impossible_figure_eights_are_refused(arguments, message):
+    with pytest.raises(InvalidPath, match=message):
         figure_eight(**arguments)
 
 

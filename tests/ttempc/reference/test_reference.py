@@ -1,4 +1,4 @@
-"""The time-based reference: on the path, with the inputs that keep the exact model there."""
+"""Time-based reference: on the path, with inputs that keep the articulated model there."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from tests.reference.models.kinematics import advance
 from ttempc.errors import InvalidReference
-from ttempc.models.kinematics import advance, trailer_point
+from ttempc.models.kinematics import trailer_point
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import State
@@ -33,8 +34,8 @@ def test_both_axle_points_are_on_the_path():
 def test_speeds_and_yaw_rates_are_the_derivatives():
     t, h = np.linspace(1.0, 130.0, 997), 1e-4
     before, after, now = REFERENCE.at(t - h), REFERENCE.at(t + h), REFERENCE.at(t)
-    motion = (after.trailer_xy - before.trailer_xy) / (2 * h)
-    np.testing.assert_allclose(np.hypot(motion[:, 0], motion[:, 1]), now.speed_i, atol=1e-6)
+    velocity = (after.trailer_xy - before.trailer_xy) / (2 * h)
+    np.testing.assert_allclose(np.hypot(velocity[:, 0], velocity[:, 1]), now.speed_i, atol=1e-6)
     turning = (after.state - before.state) / (2 * h)
     np.testing.assert_allclose(turning[:, State.PSI_T], now.yaw_rate_t, atol=1e-5)
     np.testing.assert_allclose(turning[:, State.PSI_I], now.yaw_rate_i, atol=1e-5)
@@ -47,8 +48,8 @@ def test_feedforward_keeps_the_articulated_model_on_the_reference(speed):
     step_s = 0.02
     state = reference.at(0.0).state
     middle = np.arange(int(reference.duration_s / step_s)) * step_s + 0.5 * step_s
-    inputs, wanted = reference.at(middle).inputs, reference.at(middle + 0.5 * step_s)
-    for k, (u, r, r_i) in enumerate(zip(inputs, wanted.state, wanted.trailer_xy, strict=True)):
+    inputs, expected = reference.at(middle).inputs, reference.at(middle + 0.5 * step_s)
+    for k, (u, r, r_i) in enumerate(zip(inputs, expected.state, expected.trailer_xy, strict=True)):
         state = advance(state, u, VEHICLE, step_s)
         if k % 50 == 0:
             np.testing.assert_allclose(state, r, atol=2e-3)

@@ -1,4 +1,4 @@
-"""Lines of points become C2 paths beside them, however they lie on the map."""
+"""Smoothing of polygons of points to C2 paths."""
 
 import math
 
@@ -19,22 +19,24 @@ def eight(step, noise=0.0):
     return points + noise * np.random.default_rng(4).standard_normal(points.shape)
 
 
+def arc_between_lines():
+    angle = np.linspace(0.0, 3.14, 50)
+    return np.concatenate(
+        [
+            [(x, 0.0) for x in np.arange(0.0, 20.0, 2.0)],
+            np.column_stack([20.0 + 8.0 * np.sin(angle), 8.0 - 8.0 * np.cos(angle)]),
+            [(x, 16.0) for x in np.arange(18.0, 0.0, -2.0)],
+        ]
+    )
+
+
 LINES = {
     "dense": (eight(0.1), 0.05),
     "coarse": (eight(1.0), 0.05),
     "noisy": (eight(0.5, noise=0.03), 0.15),
     "corner": (np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 30.0]]), 3.0),
     "two points": (np.array([[1.0, 2.0], [4.0, 6.0]]), 0.05),
-    "arc between lines": (
-        np.array(
-            [
-                *((x, 0.0) for x in np.arange(0.0, 20.0, 2.0)),
-                *((20 + 8 * math.sin(a), 8 - 8 * math.cos(a)) for a in np.linspace(0, 3.14, 50)),
-                *((x, 16.0) for x in np.arange(18.0, 0.0, -2.0)),
-            ]
-        ),
-        0.05,
-    ),
+    "arc between lines": (arc_between_lines(), 0.05),
 }
 
 
@@ -45,14 +47,14 @@ def smoothed(request):
 
 
 def distance_to_line(places, points):
-    """Distance of each place from the polygon through the points, by the nearest point of it."""
+    """Return the distance of each place from the polygon through the points."""
     first, step = points[:-1], np.diff(points, axis=0)
     away = places[:, None] - first
     share = np.clip(np.sum(away * step, -1) / np.sum(step**2, -1), 0.0, 1.0)
     return np.hypot(*np.moveaxis(away - share[..., None] * step, -1, 0)).min(axis=1)
 
 
-def test_path_and_line_are_as_near_as_stated(smoothed):
+def test_path_and_polygon_are_as_close_as_stated(smoothed):
     points, allowed, result = smoothed
     assert result.deviation_m <= allowed
     path = result.path
@@ -83,7 +85,7 @@ def test_arc_length_is_the_parameter_and_curvature_the_second_derivative(smoothe
     np.testing.assert_allclose((after - before)[:, 2] / (2 * h), path.curvature(s), atol=1e-3)
 
 
-def test_curvature_is_continuous_and_none_at_both_ends(smoothed):
+def test_curvature_is_continuous_and_zero_at_both_ends(smoothed):
     path = smoothed[2].path
     knots = np.cumsum([segment.length_m for segment in path.segments])
     np.testing.assert_allclose(
@@ -93,19 +95,19 @@ def test_curvature_is_continuous_and_none_at_both_ends(smoothed):
 
 
 @pytest.mark.parametrize("turned", [0.7, -2.4])
-def test_rotation_and_translation_of_the_points_turn_and_move_the_path(turned):
+def test_rotation_and_translation_of_the_points_rotate_and_translate_the_path(turned):
     points = eight(1.0)
     cos, sin = math.cos(turned), math.sin(turned)
     rotation = np.array([[cos, -sin], [sin, cos]])
     moved = points @ rotation.T + [300.0, -120.0]
-    here, there = smooth(points, 0.05), smooth(moved, 0.05)
-    s = np.linspace(0.0, here.path.lap_m, 500)
-    np.testing.assert_allclose(here.path.curvature(s), there.path.curvature(s), atol=1e-4)
-    wanted = here.path.pose(s)[:, :2] @ rotation.T + [300.0, -120.0]
-    np.testing.assert_allclose(there.path.pose(s)[:, :2], wanted, atol=1e-4)
+    original, transformed = smooth(points, 0.05), smooth(moved, 0.05)
+    s = np.linspace(0.0, original.path.lap_m, 500)
+    np.testing.assert_allclose(original.path.curvature(s), transformed.path.curvature(s), atol=1e-4)
+    expected = original.path.pose(s)[:, :2] @ rotation.T + [300.0, -120.0]
+    np.testing.assert_allclose(transformed.path.pose(s)[:, :2], expected, atol=1e-4)
 
 
-def test_more_room_makes_a_smoother_path():
+def test_a_larger_deviation_makes_a_smoother_path():
     points = eight(0.5, noise=0.03)
     bends = []
     for allowed in (0.1, 0.2, 0.4):
@@ -120,7 +122,7 @@ def test_points_along_a_drivable_path_make_a_drivable_one():
 
 
 @pytest.mark.parametrize(
-    ("points", "said"),
+    ("points", "message"),
     [
         ([[0.0, 0.0]], "1 points, must be two or more"),
         (np.empty((0, 2)), "0 points"),
@@ -129,12 +131,12 @@ def test_points_along_a_drivable_path_make_a_drivable_one():
         ([[0.0, 0.0], [9.0, 0.0], [0.0, 0.0]], r"turns back on itself near point \d at x ="),
     ],
 )
-def test_points_that_make_no_path_are_refused_with_their_place(points, said):
-    with pytest.raises(InvalidPath, match=said):
+def test_invalid_points_are_refused_with_their_place(points, message):
+    with pytest.raises(InvalidPath, match=message):
         smooth(np.array(points), 0.05)
 
 
 @pytest.mark.parametrize("allowed", [0.0, -1.0, math.nan, math.inf])
-def test_a_deviation_that_cannot_be_is_refused(allowed):
+def test_an_invalid_deviation_is_refused(allowed):
     with pytest.raises(InvalidPath, match="max_deviation_m"):
         smooth(eight(1.0), allowed)

@@ -1,12 +1,13 @@
-"""Speed profiles: derivatives of one motion, within what they promise, forward and in reverse."""
+"""Speed profiles: consistent derivatives and limits, forward and in reverse."""
 
 import math
 
 import numpy as np
 import pytest
 
+from tests.reference.models.kinematics import advance
 from ttempc.errors import InvalidReference
-from ttempc.models.kinematics import advance, trailer_point
+from ttempc.models.kinematics import trailer_point
 from ttempc.reference.headland import headland
 from ttempc.reference.path import Path, Segment, figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference, check_pace
@@ -28,7 +29,7 @@ def profile(request):
     return PROFILES[request.param]
 
 
-def test_speed_and_acceleration_are_the_derivatives_of_the_way(profile):
+def test_speed_and_acceleration_are_the_derivatives_of_the_travel(profile):
     t, h = np.linspace(-3.0, profile.duration_s(60.0) + 3.0, 4001), 1e-4
     (before, slower, _), (after, faster, _) = profile.travel(t - h), profile.travel(t + h)
     _, speed, acceleration = profile.travel(t)
@@ -36,7 +37,7 @@ def test_speed_and_acceleration_are_the_derivatives_of_the_way(profile):
     np.testing.assert_allclose((faster - slower) / (2 * h), acceleration, atol=1e-3)
 
 
-def test_a_length_takes_as_long_as_said(profile):
+def test_the_duration_of_a_length_is_that_of_its_travel(profile):
     start = profile.travel(np.zeros(1))[0]
     for length in (10.0, 35.0, 60.0, 70.0):
         end = profile.travel(np.array([profile.duration_s(length)]))[0]
@@ -51,23 +52,23 @@ def test_planned_acceleration_is_continuous_and_within_its_limit():
     assert np.all((speed >= 0.4 - 1e-9) & (speed <= 1.2 + 1e-9))
 
 
-def test_planned_speed_is_that_asked_for_away_from_changes():
+def test_planned_speed_is_the_desired_one_away_from_changes():
     t = np.linspace(0.0, PLANNED.duration_s(60.0), 20001)
     distance, speed, _ = PLANNED.travel(t)
-    for place, wanted in ((5.0, 1.0), (30.0, 0.4), (50.0, 1.2)):
-        assert np.interp(place, distance, speed) == pytest.approx(wanted, abs=1e-6)
+    for place, desired in ((5.0, 1.0), (30.0, 0.4), (50.0, 1.2)):
+        assert np.interp(place, distance, speed) == pytest.approx(desired, abs=1e-6)
     assert np.interp(20.5, distance, speed) < 0.5, "it brakes before the slow place"
 
 
 def test_one_speed_everywhere_is_the_constant_one():
     planned = PlannedSpeed(np.array([0.0, 50.0]), np.array([0.7, 0.7]))
     t = np.linspace(-2.0, 90.0, 500)
-    for mine, plain in zip(planned.travel(t), ConstantSpeed(0.7).travel(t), strict=True):
-        np.testing.assert_allclose(mine, plain, atol=1e-9)
+    for one, other in zip(planned.travel(t), ConstantSpeed(0.7).travel(t), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
 
 
 @pytest.mark.parametrize(
-    ("places", "speeds", "limit", "said"),
+    ("places", "speeds", "limit", "message"),
     [
         ([0.0, 4.0], [1.0, 0.0], 0.2, r"0.0 m/s at point 1, s = 4.00 m"),
         ([0.0, 4.0], [1.0, -1.0], 0.2, r"-1.0 m/s at point 1"),
@@ -76,15 +77,18 @@ def test_one_speed_everywhere_is_the_constant_one():
         ([0.0, 4.0], [1.0, 1.0], 0.0, "acceleration: got 0.0"),
     ],
 )
-def test_speeds_that_cannot_be_are_refused_with_their_place(places, speeds, limit, said):
-    with pytest.raises(InvalidReference, match=said):
+def test_invalid_speeds_are_refused_with_their_place(places, speeds, limit, message):
+    with pytest.raises(InvalidReference, match=message):
         PlannedSpeed(np.array(places), np.array(speeds), limit)
 
 
 S_BEND = Path(
     (
-        *(Segment(5.0, 0.0, 0.0), Segment(3.0, 0.0, 0.1), Segment(4.0, 0.1, -0.1)),
-        *(Segment(3.0, -0.1, 0.0), Segment(5.0, 0.0, 0.0)),
+        Segment(5.0, 0.0, 0.0),
+        Segment(3.0, 0.0, 0.1),
+        Segment(4.0, 0.1, -0.1),
+        Segment(3.0, -0.1, 0.0),
+        Segment(5.0, 0.0, 0.0),
     )
 )
 
@@ -92,16 +96,16 @@ S_BEND = Path(
 @pytest.mark.parametrize("path", [S_BEND, figure_eight(laps=1)], ids=["S-bend", "eight"])
 def test_a_path_and_its_reverse_are_one_curve(path):
     s = np.linspace(0.0, path.length_m, 300)
-    there, back = path.pose(s), path.reversed().pose(path.length_m - s)
-    np.testing.assert_allclose(there[:, :2], back[:, :2], atol=1e-9)
-    np.testing.assert_allclose(np.cos(there[:, 2] - back[:, 2]), -1.0, atol=1e-12)
+    forward, backward = path.pose(s), path.reversed().pose(path.length_m - s)
+    np.testing.assert_allclose(forward[:, :2], backward[:, :2], atol=1e-9)
+    np.testing.assert_allclose(np.cos(forward[:, 2] - backward[:, 2]), -1.0, atol=1e-12)
     np.testing.assert_allclose(
         path.curvature(s), -path.reversed().curvature(path.length_m - s), atol=1e-12
     )
 
 
 def test_in_reverse_the_exact_model_stays_on_the_reference_for_a_while():
-    """It is unstable there: errors of the integration grow by e every 2 m."""
+    """In reverse the model is unstable: integration errors grow by a factor e every 2 m."""
     vehicle, path = Vehicle(reverse=True), S_BEND.reversed()
     reference = Reference(path, vehicle, Backward(ConstantSpeed(1.0), path.length_m))
     assert reference.at(0.0).state[-1] == -1.0
@@ -109,18 +113,18 @@ def test_in_reverse_the_exact_model_stays_on_the_reference_for_a_while():
     state = reference.at(0.0).state
     for inputs in reference.at((np.arange(1200) + 0.5) * step_s).inputs:
         state = advance(state, inputs, vehicle, step_s)
-    wanted = reference.at(12.0)
-    np.testing.assert_allclose(state, wanted.state, atol=0.02)
-    np.testing.assert_allclose(trailer_point(state, vehicle), wanted.trailer_xy, atol=0.02)
+    expected = reference.at(12.0)
+    np.testing.assert_allclose(state, expected.state, atol=0.02)
+    np.testing.assert_allclose(trailer_point(state, vehicle), expected.trailer_xy, atol=0.02)
 
 
 @pytest.mark.parametrize(
-    ("reverse", "said"), [(False, "geared to drive forward"), (True, "in rev")]
+    ("reverse", "message"), [(False, "geared to drive forward"), (True, "in rev")]
 )
-def test_the_gear_must_be_that_of_the_speed(reverse, said):
+def test_the_gear_must_be_that_of_the_speed(reverse, message):
     forward = ConstantSpeed(1.0)
     speed = forward if reverse else Backward(forward, 9.0)
-    with pytest.raises(InvalidReference, match=said):
+    with pytest.raises(InvalidReference, match=message):
         Reference(straight(9.0), Vehicle(reverse=reverse), speed)
 
 
@@ -131,7 +135,7 @@ def test_limits_follow_the_gear():
 
 
 @pytest.mark.parametrize(
-    ("blend", "speed", "said"),
+    ("blend", "speed", "message"),
     [
         (0.05, ConstantSpeed(1.0), r"s = .* m \(x = .*front steering would need .* are 55.00"),
         (
@@ -141,12 +145,12 @@ def test_limits_follow_the_gear():
         ),
     ],
 )
-def test_what_is_too_fast_for_the_valves_is_refused_with_its_place(blend, speed, said):
+def test_references_too_fast_for_the_actuators_are_refused_with_their_place(blend, speed, message):
     path = figure_eight(blend_m=blend, laps=1)
-    with pytest.raises(InvalidReference, match=said):
+    with pytest.raises(InvalidReference, match=message):
         check_pace(Reference(path, Vehicle(), speed), 0.2)
 
 
-def test_the_shipped_paths_are_slow_enough():
+def test_the_shipped_paths_are_within_the_actuator_limits():
     for path in (figure_eight(), headland(), figure_eight(6.0, 22.0)):
         check_pace(Reference(path, Vehicle(), ConstantSpeed(1.3)), 0.2)
