@@ -12,6 +12,7 @@ from ttempc.types import FloatArray
 from ..ground.terrain import flat
 from ..simulation.plant import Plant
 from ..truth import WHEELS, Truth
+from ..vehicle.axle_loads import AxleLoads
 from ..wheels import tyre
 from .bench import (
     DRIVEN,
@@ -38,39 +39,19 @@ _CLIMB_S: Final = 4.0
 _FRONT: Final = ~(DRIVEN | TRAILER)
 
 
-def axle_loads(plant: Plant) -> FloatArray:
-    """Return front, rear and trailer axle load [N] on level ground by the rule of the lever, (3,).
-
-    The pin RJ1 passes a vertical force on and no moment: first the trailer about the pin, then the
-    tractor with that force about its rear axle.
-    """
-    gravity = -plant.model.opt.gravity[2]
-    towed = bodies(plant, "drawbar")
-    tractor = [body for body in bodies(plant, "tractor") if body not in towed]
-    mass, centre = centre_of_mass(plant, tractor)
-    mass_towed, centre_towed = centre_of_mass(plant, towed)
-    wheels = wheel_places(plant)[:, 0]
-    front, rear, trailer = (wheels[axle].mean() for axle in (_FRONT, DRIVEN, TRAILER))
-    pin = plant.data.xpos[plant.body_names.index("drawbar"), 0]
-    load_trailer = mass_towed * gravity * (pin - centre_towed[0]) / (pin - trailer)
-    on_pin = mass_towed * gravity - load_trailer
-    load_front = (mass * gravity * (centre[0] - rear) + on_pin * (pin - rear)) / (front - rear)
-    return np.array([load_front, mass * gravity + on_pin - load_front, load_trailer])
-
-
 def static_loads(bench: Bench) -> list[Check]:
-    """Axle loads on level ground against the rule of the lever."""
+    """Axle loads on level ground against those of the vehicle's file, by the rule of the lever."""
     plant = bench.plant(flat((20.0, 20.0)))
     load = _standing(plant, 0.0).wheels.load
     measured = np.array([load[axle].sum() for axle in (_FRONT, DRIVEN, TRAILER)])
-    source = "rule of the lever on masses and lengths of the model"
-    total = weight(plant)
+    source = "rule of the lever on masses and lengths of the vehicle's file"
+    static = AxleLoads.of(bench.vehicle)
+    expectations = {"front": static.front, "rear": static.rear, "trailer": static.trailer}
+    total = sum(expectations.values())
     checks = [near("weight on the wheels", load.sum(), total, 0.005 * total, "N", source)]
-    for axle, figure, expected in zip(
-        ("front", "rear", "trailer"), measured, axle_loads(plant), strict=True
-    ):
+    for (axle, expected), figure in zip(expectations.items(), measured, strict=True):
         name = f"static load, {axle} axle"
-        checks.append(near(name, figure, float(expected), 0.01 * expected, "N", source))
+        checks.append(near(name, figure, expected, 0.01 * expected, "N", source))
     return checks
 
 

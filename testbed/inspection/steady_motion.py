@@ -90,7 +90,7 @@ def steady_motion(
         lengths.wheelbase - sides[_FRONT] * vehicle.kingpin_y * tangent,
     )
     bn, bn1 = tyre.mobility(vehicle.tyres, load, np.full(len(WHEELS), cone_index))
-    grip = load * 0.88 * (1.0 - np.exp(-0.1 * bn))
+    grip = tyre.largest_traction(bn, load)  # (6,) [N]
     pin = np.array([-lengths.hitch_offset, 0.0])
     half = 0.5 * load[DRIVEN].sum()
 
@@ -114,7 +114,7 @@ def steady_motion(
         moving = velocity(place)
         along, across = (moving * ahead).sum(axis=1), (moving * left).sum(axis=1)
         gross = np.where(DRIVEN, drive * half, 0.0)  # open differential: one torque for both
-        slip = -np.log(1.0 - np.minimum(np.abs(gross) / grip, 0.999)) / 7.5
+        slip = tyre.slip_at_traction(np.minimum(np.abs(gross) / grip, 0.999))
         rolling = along / (1.0 - slip)
         side = load * tyre.lateral_ratio(bn1, np.arctan(across / rolling))
         pull = gross - load * tyre.motion_resistance_ratio(bn, slip)

@@ -28,6 +28,7 @@ from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
 from ..vehicle.vehicle_model import WheelModel, build_spec, level_mjcf, level_model, physics_model
 from ..wheels.contact_wheels import NativeWheels
+from ..wheels.tyre import LAW
 from ..wheels.tyre_kernel import Output, wheel_step
 from .truth_reader import TruthReader
 
@@ -101,6 +102,7 @@ class Plant:
             self._grid = np.array([*terrain.origin, terrain.spacing_m, timestep_s])
             # views of MuJoCo's arrays, bound once: they outlive a reset of the data
             self._tyre_arguments = (
+                LAW.table(),
                 self.tyres.table(),
                 terrain.heights,
                 self.ground.cone_index,

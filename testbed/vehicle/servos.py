@@ -17,7 +17,14 @@ from ttempc.types import FloatArray
 from ..errors import InvalidPlant
 from ..ground.soil import SoilMap
 from ..truth import WHEELS
-from ..wheels.tyre import Tyres, gross_traction_ratio, mobility, motion_resistance_ratio
+from ..wheels.tyre import (
+    LAW,
+    Tyres,
+    gross_traction_ratio,
+    largest_traction,
+    mobility,
+    motion_resistance_ratio,
+)
 from .axle_loads import GRAVITY, AxleLoads
 from .vehicle import PlantVehicle
 from .vehicle_parts import Steering
@@ -95,13 +102,13 @@ def drive_servo(vehicle: PlantVehicle) -> DriveServo:
     load = wheel_loads(empty)  # (6,)
     radius, gain = vehicle.rear_wheel.radius_m, vehicle.hydrostat.speed_gain_mps
     bn, _ = mobility(tyres, load, np.full(len(WHEELS), _FIRM_KPA))
-    grip = (load * 0.88 * (1.0 - np.exp(-0.1 * bn)))[_DRIVEN].sum()  # [N] largest gross traction
-    torque = _DRIVE_TORQUE * 0.88 * load[_DRIVEN].sum() * radius
+    grip = largest_traction(bn, load)[_DRIVEN].sum()  # [N]
+    torque = _DRIVE_TORQUE * LAW.traction * load[_DRIVEN].sum() * radius
     damping = torque / (_DRIVE_DROOP * gain / radius)
     slip = equilibrium_slip(tyres, load, _FIRM_KPA, pull=0.0)
     needed = radius * (load * gross_traction_ratio(bn, slip * _DRIVEN))[_DRIVEN].sum()
     mass = load.sum() / GRAVITY
-    behind = mass * 0.5 * gain / (7.5 * grip) + mass * radius**2 / damping  # [s]
+    behind = mass * 0.5 * gain / (LAW.traction_slip * grip) + mass * radius**2 / damping  # [s]
     tau = vehicle.hydrostat.time_constant_s
     if tau <= behind:
         raise InvalidPlant(

@@ -1,7 +1,7 @@
 """The second wheel model: MuJoCo's own contact of ellipsoid wheels, for cross-checks.
 
 Coulomb friction instead of soil: the friction of each wheel is the largest gross traction ratio of
-its soil, 0.88 (1 - e^(-0.1 Bn)) (Brixius, see `tyre`), its rolling resistance 1/Bn + 0.04
+its soil (Brixius, see `tyre`), its motion resistance without slip
 acts as dry friction at the wheel's bearing. Both follow the cone index under the wheel and the load
 that it carried, once per `prepare`. Slip and slip angle are not reported (NaN).
 """
@@ -18,7 +18,7 @@ from ttempc.types import FloatArray
 
 from ..ground.terrain import Terrain
 from ..truth import WHEELS
-from .tyre import Tyres, mobility
+from .tyre import Tyres, largest_traction, mobility, motion_resistance_ratio
 from .tyre_kernel import Output
 
 
@@ -40,8 +40,9 @@ class NativeWheels:
         Contacts are made anew, for those of `data` still have the friction from before.
         """
         bn, _ = mobility(self._tyres, load, self._cone_index(data))
-        self._model.geom_friction[self._geoms, 0] = 0.88 * (1.0 - np.exp(-0.1 * bn))
-        self._model.dof_frictionloss[self._dofs] = load * (1.0 / bn + 0.04) * self._tyres.radius
+        self._model.geom_friction[self._geoms, 0] = largest_traction(bn)
+        resistance = load * motion_resistance_ratio(bn, np.zeros_like(bn))  # (6,) [N]
+        self._model.dof_frictionloss[self._dofs] = resistance * self._tyres.radius
         mujoco.mj_step1(self._model, data)
 
     def report(self, data: mujoco.MjData, output: FloatArray) -> None:

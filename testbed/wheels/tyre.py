@@ -11,7 +11,7 @@ Sources: [B] W. W. Brixius, "Traction prediction equations for bias ply tires", 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Final
 
 import numpy as np
@@ -19,6 +19,40 @@ import numpy as np
 from ttempc.types import FloatArray
 
 from ..ground.terrain import Terrain
+
+
+@dataclass(frozen=True, slots=True)
+class SoilLaw:
+    """Coefficients of the law: mobility and traction after [B], bias-ply; side force after MAVS.
+
+    With the mobility number Bn, the slip s and the slip angle alpha:
+
+        gross traction ratio     traction (1 - e^(-traction_bn Bn)) (1 - e^(-traction_slip s))
+        motion resistance ratio  resistance_bn / Bn + resistance + resistance_slip s / sqrt(Bn)
+        side force ratio         mu (1 - e^(-B |alpha|)),  mu = side + side_bn1 / Bn1,
+                                 B mu = side_slope + side_slope_bn1 Bn1
+    """
+
+    mobility_deflection: float = 5.0  # weight of the relative deflection in Bn
+    mobility_width: float = 3.0  # weight of width over diameter in Bn
+    mobility_area: float = 0.5  # [1/m^2] weight of width times diameter in Bn1
+    traction: float = 0.88  # gross traction ratio at any slip on soil that does not yield
+    traction_bn: float = 0.1
+    traction_slip: float = 7.5
+    resistance: float = 0.04  # motion resistance ratio without slip on soil that does not yield
+    resistance_bn: float = 1.0
+    resistance_slip: float = 0.5
+    side: float = 0.61  # side force ratio at any slip angle on soil that does not yield
+    side_bn1: float = 0.69
+    side_slope: float = 2.34  # [1/rad] side force ratio per slip angle on soil that carries nothing
+    side_slope_bn1: float = 0.088  # [1/rad]
+
+    def table(self) -> FloatArray:
+        """Return the coefficients in the order of the fields, for the compiled law, (13,)."""
+        return np.array(astuple(self))
+
+
+LAW: Final = SoilLaw()
 
 # The fan of look-ups: angles from straight down, denser where a tyre at its rated deflection
 # touches; weights are the arc that each stands for. Columns across the section width.
@@ -113,39 +147,62 @@ def mobility(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the mobility numbers Bn [B] and Bn1 (MAVS), both (n,).
 
-    Cn = CI b d / W;  Bn = Cn (1 + 5 delta/h) / (1 + 3 b/d);  Bn1 = Cn sqrt(d/h) / (1 + 0.5 b d)
+    Cn = CI b d / W;  Bn = Cn (1 + 5 delta/h) / (1 + 3 b/d);  Bn1 = Cn sqrt(d/h) / (1 + b d/2)
     """
     b, d = tyres.width, 2.0 * tyres.radius
     cn = cone_index * b * d / (1e-3 * np.maximum(load, SMALLEST_LOAD))  # kPa m^2 / kN
-    bn = cn * (1.0 + 5.0 * tyres.relative_deflection) / (1.0 + 3.0 * b / d)
-    bn1 = cn * np.sqrt(d / tyres.section_height) / (1.0 + 0.5 * b * d)
+    deflection = 1.0 + LAW.mobility_deflection * tyres.relative_deflection
+    bn = cn * deflection / (1.0 + LAW.mobility_width * b / d)
+    bn1 = cn * np.sqrt(d / tyres.section_height) / (1.0 + LAW.mobility_area * b * d)
     return bn, bn1
+
+
+def largest_traction(bn: FloatArray, load: FloatArray | float = 1.0) -> FloatArray:
+    """Return the gross traction at full slip under `load` [N], (n,) [N]. [B], bias-ply.
+
+    The default load of 1 gives the ratio of traction to load.
+    """
+    return load * LAW.traction * (1.0 - np.exp(-LAW.traction_bn * bn))
 
 
 def gross_traction_ratio(bn: FloatArray, slip: FloatArray) -> FloatArray:
     """Return driving force at the rim over load; odd in the slip. [B], bias-ply.
 
-    0.88 (1 - e^(-0.1 Bn)) (1 - e^(-7.5 s))
+    `SoilLaw` has the equation.
     """
-    return np.sign(slip) * 0.88 * (1.0 - np.exp(-0.1 * bn)) * (1.0 - np.exp(-7.5 * np.abs(slip)))
+    developed = 1.0 - np.exp(-LAW.traction_slip * np.abs(slip))
+    return np.sign(slip) * largest_traction(bn) * developed
+
+
+def slip_at_traction(share: FloatArray) -> FloatArray:
+    """Return the slip at which a wheel transmits this share of `largest_traction`, 0 <= share < 1.
+
+    It inverts `gross_traction_ratio`.
+    """
+    return -np.log(1.0 - share) / LAW.traction_slip
 
 
 def motion_resistance_ratio(bn: FloatArray, slip: FloatArray) -> FloatArray:
     """Return motion resistance over load. [B], bias-ply.
 
-    1/Bn + 0.04 + 0.5 s / sqrt(Bn)
+    `SoilLaw` has the equation.
     """
-    return 1.0 / bn + 0.04 + 0.5 * np.abs(slip) / np.sqrt(bn)
+    by_slip = LAW.resistance_slip * np.abs(slip) / np.sqrt(bn)
+    return LAW.resistance_bn / bn + LAW.resistance + by_slip
+
+
+def largest_side_ratio(bn1: FloatArray) -> FloatArray:
+    """Return side force over load at a slip angle of 90 degrees, mu of `SoilLaw`. MAVS."""
+    return LAW.side + LAW.side_bn1 / bn1
 
 
 def lateral_ratio(bn1: FloatArray, slip_angle: FloatArray) -> FloatArray:
     """Return side force over load, against the slip angle [rad]. MAVS.
 
-    mu_max (1 - e^(-B |alpha|)),  mu_max = 0.61 + 0.69/Bn1,  B = (2.34 + 0.088 Bn1) / mu_max,
-    the initial slope B mu_max limited to `LATERAL_STIFFNESS_LIMIT`.
+    `SoilLaw` has the equation; its initial slope is limited to `LATERAL_STIFFNESS_LIMIT`.
     """
-    largest = 0.61 + 0.69 / bn1
-    slope = np.minimum(2.34 + 0.088 * bn1, LATERAL_STIFFNESS_LIMIT)
+    largest = largest_side_ratio(bn1)
+    slope = np.minimum(LAW.side_slope + LAW.side_slope_bn1 * bn1, LATERAL_STIFFNESS_LIMIT)
     grip = largest * (1.0 - np.exp(-slope / largest * np.abs(slip_angle)))
     return -np.sign(slip_angle) * grip
 
@@ -229,10 +286,9 @@ def step(
     bn, bn1 = mobility(tyres, load, cone_index)
     traction = load * gross_traction_ratio(bn, slips[:, 0])
     side = load * lateral_ratio(bn1, np.arctan(slips[:, 1]))
-    # friction ellipse: neither force leaves what the soil gives to both together
-    used = np.hypot(
-        traction / (0.88 * (1.0 - np.exp(-0.1 * bn))), side / (0.61 + 0.69 / bn1)
-    ) / np.maximum(load, SMALLEST_LOAD)
+    # friction ellipse: traction and side force together stay within what the soil transmits
+    used = np.hypot(traction / largest_traction(bn), side / largest_side_ratio(bn1))
+    used = used / np.maximum(load, SMALLEST_LOAD)
     share = 1.0 / np.maximum(1.0, used)
     traction, side = share * traction, share * side
     pull = traction - load * motion_resistance_ratio(bn, slips[:, 0]) * slips[:, 2]

@@ -88,6 +88,7 @@ def run_kernel(tyres, ground, soil, wheels, deflection):
     cvel[2:, 3:] = wheels.velocity - np.cross(wheels.rotation, wheels.centre - com[2:])
     state, output, xfrc = deflection.copy(), np.zeros((n, len(Output))), np.zeros((n + 2, 6))
     wheel_step(
+        tyre.LAW.table(),
         tyres.table(),
         ground.heights,
         soil.rasterised(ground),
@@ -136,7 +137,16 @@ def test_compiled_law_reads_the_soil_below_each_wheel(tyres):
     xpos[2:, 1] = np.linspace(5.0, -6.0, 6)
     xmat = np.tile(np.eye(3).ravel(), (8, 1))
     grid = np.array([*FLAT.origin, FLAT.spacing_m, DT])
-    arguments = (tyres.table(), FLAT.heights, cone, grid, np.arange(2, 8), xpos, xmat)
+    arguments = (
+        tyre.LAW.table(),
+        tyres.table(),
+        FLAT.heights,
+        cone,
+        grid,
+        np.arange(2, 8),
+        xpos,
+        xmat,
+    )
     wheel_step(*arguments, np.zeros((8, 6)), np.zeros((8, 3)), state, output, xfrc)
     column = np.rint((xpos[2:, 0] + 10.0) / 0.1).astype(int)
     row = np.rint((xpos[2:, 1] + 10.0) / 0.1).astype(int)
@@ -248,8 +258,8 @@ def test_forces_stay_inside_the_friction_ellipse(tyres):
         angle, spin = rng.uniform(-1.0, 1.0), rng.uniform(0.0, 10.0)
         forces = steady(single, 300.0, [math.cos(angle), math.sin(angle), 0], spin)
         bn, bn1 = tyre.mobility(single, forces.load, np.array([300.0]))
-        largest_long = forces.load * 0.88 * (1.0 - np.exp(-0.1 * bn))
-        largest_lat = forces.load * (0.61 + 0.69 / bn1)
+        largest_long = tyre.largest_traction(bn, forces.load)
+        largest_lat = forces.load * tyre.largest_side_ratio(bn1)
         # gross traction: what the axle feels
         gross = -forces.moment[0, 1] / single.radius
         assert np.hypot(gross / largest_long, forces.force_lat / largest_lat) <= 1.0 + 1e-9
