@@ -18,8 +18,8 @@ from ..ground.terrain import Terrain, flat
 from ..simulation.plant import Plant
 from ..truth import WHEELS, Truth
 from ..vehicle.vehicle import PlantVehicle
-from ..vehicle.vehicle_model import WheelModel
 from ..wheels.tyre import WheelMotion
+from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL
 
 FIRM_KPA: Final = SoilMap.named("hard").background
 SPEED: Final = 1.0  # [m/s] of experiments that ask for none
@@ -38,7 +38,7 @@ class Bench:
     rough: Terrain | None = None  # the same without features; None: of no ISO 8608 class
     iso_class: str = ""  # of `rough`
     slope_rad: float = 0.0
-    wheels: WheelModel = "soil"
+    wheels: str = DEFAULT_WHEEL_MODEL
     timestep_s: float = 0.002
 
     @cached_property
@@ -65,7 +65,7 @@ class Bench:
         ground: Terrain | None = None,
         cone_index: float | SoilMap = FIRM_KPA,
         *,
-        wheels: WheelModel | None = None,
+        wheels: str | None = None,
         timestep_s: float | None = None,
     ) -> Plant:
         """Return the vehicle on a ground: level and firm unless said otherwise."""
@@ -77,7 +77,7 @@ class Bench:
             timestep_s=timestep_s or self.timestep_s,
         )
 
-    def own(self, *, wheels: WheelModel | None = None, timestep_s: float | None = None) -> Plant:
+    def own(self, *, wheels: str | None = None, timestep_s: float | None = None) -> Plant:
         """Return the vehicle on the scenario's own ground."""
         return self.plant(self.terrain, self.soil, wheels=wheels, timestep_s=timestep_s)
 

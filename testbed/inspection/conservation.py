@@ -74,7 +74,7 @@ def frictionless(bench: Bench) -> list[Check]:
     _, momentum, _ = _mechanics(plant)
     kinetic = _kinetic(plant)
     for _ in range(steps(plant, _SLIDE_S)):
-        _slide(plant, bench.wheels == "soil")
+        _slide(plant)
     _, after, _ = _mechanics(plant)
     scale = float(np.linalg.norm(momentum[:2]))
     return [
@@ -101,10 +101,10 @@ def _let_go(plant: Plant) -> None:
     model.geom_friction[:] = 0.0
 
 
-def _slide(plant: Plant, soil: bool) -> None:
+def _slide(plant: Plant) -> None:
     """Take one step on the normal forces of the wheels alone."""
     model, data = plant.model, plant.data
-    if soil:
+    if plant.wheels.follows_soil_law:
         ids = np.array([plant.body_names.index(wheel) for wheel in WHEELS])
         motion = wheel_motion(plant)
         touch = tyre.contact(plant.tyres, plant.terrain, motion)

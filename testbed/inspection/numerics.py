@@ -99,7 +99,7 @@ def wheel_models(bench: Bench) -> list[Check]:
 def state_hash(plant: Plant) -> str:
     """Return a hash of everything that the plant's future depends on but its last report."""
     snapshot = plant.snapshot()
-    return hashlib.sha256(snapshot.physics.tobytes() + snapshot.deflection.tobytes()).hexdigest()
+    return hashlib.sha256(snapshot.physics.tobytes() + snapshot.wheel_state.tobytes()).hexdigest()
 
 
 def _start(bench: Bench) -> tuple[float, float, float]:

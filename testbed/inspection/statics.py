@@ -75,7 +75,7 @@ def load_transfer(bench: Bench) -> list[Check]:
     command = bench.command(_UPHILL)
     up.advance(command, steps(up, _CLIMB_S))
     load = np.mean([truth.wheels.load for truth in drive(up, command, 0.5, 0.05)], axis=0)
-    if bench.wheels == "soil":
+    if up.wheels.follows_soil_law:
         lever = _resistance_lever(up, load)
         return [*checks, _transfer("up", up, load, wheel_places(up), lever)]
     return [*checks, _transfer("up", up, load, _feet(up))]

@@ -14,6 +14,7 @@ from ..ground.terrain import flat
 from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..wheels import tyre
+from ..wheels.wheel_models import wheel_model
 from .bench import DRIVEN, FIRM_KPA, Bench, drive, steps
 from .check import Chart, Check, Line, between, not_applicable
 
@@ -109,7 +110,7 @@ def efficiency(bench: Bench) -> list[Check]:
     The band is that of the surface which the soil is to the driven wheels under their static load.
     """
     cone_index = bench.cone_index
-    if bench.wheels == "contact":
+    if not wheel_model(bench.wheels).follows_soil_law:
         reason = "Coulomb wheels grip or spin: there is no curve of traction over slip"
         return [
             not_applicable(f"tractive efficiency at {cone_index:.0f} kPa, off the law", reason),

@@ -26,10 +26,9 @@ from ..truth import WHEELS, Truth
 from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
-from ..vehicle.vehicle_model import WheelModel, build_spec, level_mjcf, level_model, physics_model
-from ..wheels.contact_wheels import NativeWheels
-from ..wheels.tyre import LAW
-from ..wheels.tyre_kernel import Output, wheel_step
+from ..vehicle.vehicle_model import build_spec, level_mjcf, level_model, physics_model
+from ..wheels.tyre_kernel import Output
+from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, wheel_model
 from .truth_reader import TruthReader
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -43,24 +42,24 @@ class Snapshot:
     """Everything that the plant's future depends on."""
 
     physics: FloatArray  # MuJoCo's integration state
-    deflection: FloatArray  # (6, 3) [m] tread deflections: without them 29 mm off after 10 s
-    output: FloatArray  # (6, 7) what the wheels last reported
-    valves: ActuatorState  # commands under way to the servos
+    wheel_state: FloatArray  # `WheelModel.state`
+    output: FloatArray  # (6, 7) last report of the wheels
+    valves: ActuatorState  # commands that are still in the command path
 
 
 class Plant:
-    """A tractor with a trailer on a field; one step is tyres, then MuJoCo.
+    """A tractor with a trailer on a field; one step is wheel forces, then MuJoCo.
 
     Args:
-        vehicle: as it really is.
+        vehicle: the true vehicle.
         terrain: shape of the ground.
-        soil: its strength.
-        wheels: "soil" (`tyre`) or "contact" (MuJoCo's own, `contact_wheels`).
+        soil: strength of the ground.
+        wheels: name of the wheel model, see `wheel_models`.
         timestep_s: of the physics.
-        actuators: what is lost between a command and the servos; nothing by default.
+        actuators: imperfections between a command and the servos; none by default.
 
     Raises:
-        InvalidPlant: a setting that cannot be.
+        InvalidPlant: a setting is impossible.
     """
 
     def __init__(
@@ -69,7 +68,7 @@ class Plant:
         terrain: Terrain,
         soil: SoilMap,
         *,
-        wheels: WheelModel = "soil",
+        wheels: str = DEFAULT_WHEEL_MODEL,
         timestep_s: float = 0.002,
         actuators: ActuatorSpecification | None = None,
     ) -> None:
@@ -80,15 +79,14 @@ class Plant:
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
         self.tyres = tyres_of(vehicle)
-        self._deflection = np.zeros((len(WHEELS), 3))
-        self._output = np.zeros((len(WHEELS), len(Output)))
+        self.ground = Ground(terrain, soil.rasterised(terrain))
+        self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground)
         self._reader = TruthReader(
-            model, data, self._output, self.tyres.radius[WHEELS.index("rear_left")]
+            model, data, self.wheels.output, self.tyres.radius[WHEELS.index("rear_left")]
         )
         # views, as the arrays below
         self._warnings, self._qpos, self._qvel = data.warning.number, data.qpos, data.qvel
         self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
-        wheel_bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
         steering = [model.joint(name) for name in ("steer", "rj2_yaw")]
         self._steering_angles = [int(joint.qposadr[0]) for joint in steering]
@@ -97,28 +95,6 @@ class Plant:
             actuators or ActuatorSpecification(), timestep_s, (front_stop, trailer_stop)
         )
         self._valves = self.actuators.start(hp=0.0)
-        self.ground = Ground(terrain, soil.rasterised(terrain))
-        if wheels == "soil":
-            self._grid = np.array([*terrain.origin, terrain.spacing_m, timestep_s])
-            # views of MuJoCo's arrays, bound once: they outlive a reset of the data
-            self._tyre_arguments = (
-                LAW.table(),
-                self.tyres.table(),
-                terrain.heights,
-                self.ground.cone_index,
-                self._grid,
-                wheel_bodies,
-                data.xpos,
-                data.xmat,
-                data.cvel,
-                data.subtree_com,
-                self._deflection,
-                self._output,
-                data.xfrc_applied,
-            )
-            self._native = None
-        else:
-            self._native = NativeWheels(model, self.tyres, terrain, self.ground.cone_index)
 
     def reset(self, x: float, y: float, yaw: float, speed: float) -> Truth:
         """Put the vehicle on the ground, in line, and let it roll from there.
@@ -138,8 +114,8 @@ class Plant:
         if not all(map(math.isfinite, (x, y, yaw, speed))):
             raise InvalidPlant(f"reset: got {(x, y, yaw, speed)}, every value must be finite")
         mujoco.mj_resetData(self.model, self.data)
-        self._deflection[:] = 0.0
-        self._output[:] = 0.0
+        self.wheels.state[:] = 0.0
+        self.wheels.output[:] = 0.0
         self._place(x, y, yaw)
         if not self.terrain.contains(*self._wheel_places(), margin=0.5):
             raise InvalidPlant(
@@ -206,13 +182,13 @@ class Plant:
         """Return the present state, to be handed to `restore`."""
         physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, physics, _STATE)
-        return Snapshot(physics, self._deflection.copy(), self._output.copy(), self._valves)
+        return Snapshot(physics, self.wheels.state.copy(), self.wheels.output.copy(), self._valves)
 
     def restore(self, snapshot: Snapshot) -> Truth:
         """Go back to a state; what follows is the same, bit for bit, as it was the first time."""
         mujoco.mj_setState(self.model, self.data, snapshot.physics, _STATE)
-        self._deflection[:] = snapshot.deflection
-        self._output[:] = snapshot.output
+        self.wheels.state[:] = snapshot.wheel_state
+        self.wheels.output[:] = snapshot.output
         self._valves = snapshot.valves
         mujoco.mj_step1(self.model, self.data)
         return self.truth()
@@ -236,28 +212,18 @@ class Plant:
         """Step the physics; positions and velocities are up to date before and after.
 
         A step is forces of the ground, accelerations and integration (mj_step2), positions and
-        velocities (mj_step1): the same as mj_step with the tyres in its middle.
+        velocities (mj_step1): the same as mj_step with the wheels in its middle.
         """
-        model, data = self.model, self.data
-        step1, step2 = mujoco.mj_step1, mujoco.mj_step2
-        if self._native is not None:
-            self._native.prepare(data, self._output[:, Output.LOAD])
-            for step in range(steps):
-                if before_step:
-                    before_step()
-                step2(model, data)
-                if step == steps - 1:  # while contacts and their forces are of one step
-                    self._native.report(data, self._output)
-                if after_step:
-                    after_step()
-                step1(model, data)
-            return
-        arguments = self._tyre_arguments
-        for _ in range(steps):
+        model, data, last = self.model, self.data, steps - 1
+        apply_forces, step1, step2 = self.wheels.step, mujoco.mj_step1, mujoco.mj_step2
+        self.wheels.prepare()
+        for step in range(steps):
             if before_step:
                 before_step()
-            wheel_step(*arguments)
+            apply_forces()
             step2(model, data)
+            if step == last:  # while contacts and their forces are of one step
+                self.wheels.report()
             if after_step:
                 after_step()
             step1(model, data)
@@ -313,13 +279,13 @@ class Plant:
         steps = round(_SETTLE_CHUNK_S / self.model.opt.timestep)
         mujoco.mj_step1(self.model, data)
         for _ in range(_SETTLE_CHUNKS):
-            previous = self._output[:, Output.LOAD].copy()
+            previous = self.wheels.output[:, Output.LOAD].copy()
             self._run(steps, after_step=brake)
             # on a slope it gives way by millimetres until its treads hold it
             sunk = data.qpos[2] - self.terrain.height(*data.qpos[:2])
             data.qpos[:3] = x, y, self.terrain.height(x, y) + sunk
             mujoco.mj_step1(self.model, data)
-            load = self._output[:, Output.LOAD]
+            load = self.wheels.output[:, Output.LOAD]
             steady = np.abs(load - previous).max() < _SETTLED * weight
             if steady and load.sum() > 0.5 * weight:  # not while it still falls
                 break

@@ -7,22 +7,20 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Final, Literal, get_args
+from typing import Final
 
 import mujoco
 
 from ..configuration.resources import resource
 from ..errors import InvalidPlant
 from ..ground.terrain import Terrain
-from ..truth import WHEELS
+from ..wheels.wheel_models import wheel_model
 from .appearance import put_tyres
 from .inertials import put_masses
 from .linkage import linkage_polynomial
 from .scale_mjcf import fit_drawing
 from .servos import SteeringServo, drive_servo, steering_servos
 from .vehicle import PlantVehicle
-
-WheelModel = Literal["soil", "contact"]
 
 _MJCF: Final = "tractor_trailer.xml"
 _LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the height of the load that is drawn
@@ -31,16 +29,21 @@ _GROUND_BASE_M: Final = 1.0  # thickness of the ground below its lowest point
 
 
 def build_spec(
-    vehicle: PlantVehicle, terrain: Terrain, wheels: WheelModel, timestep_s: float
+    vehicle: PlantVehicle, terrain: Terrain, wheels: str, timestep_s: float
 ) -> mujoco.MjSpec:
     """Return the model of the vehicle on this ground, ready to be compiled.
 
+    Args:
+        vehicle: the true vehicle.
+        terrain: shape of the ground.
+        wheels: name of the wheel model.
+        timestep_s: of the physics.
+
     Raises:
-        InvalidPlant: the wheel model has no such name, the time step is out of range, or the
+        InvalidPlant: there is no wheel model of that name, the time step is out of range, or the
             vehicle cannot drive.
     """
-    if wheels not in get_args(WheelModel):
-        raise InvalidPlant(f"plant.wheels: got {wheels!r}, must be 'soil' or 'contact'")
+    adapt = wheel_model(wheels).adapt
     if not 0.0 < timestep_s <= 0.004:  # front wheels shimmy at 0.008
         raise InvalidPlant(f"plant.timestep_s: got {timestep_s}, must be above 0, at most 0.004")
     spec = mujoco.MjSpec.from_file(str(resource("proving_ground.mjcf", _MJCF)))
@@ -52,10 +55,7 @@ def build_spec(
     _put_load(spec, vehicle)
     _put_ground(spec, terrain)
     put_tyres(spec, vehicle)
-    if wheels == "contact":
-        for wheel in WHEELS:
-            geom = spec.geom(f"{wheel}_contact")
-            geom.contype, geom.conaffinity = 2, 1
+    adapt(spec)
     return spec
 
 

@@ -130,7 +130,7 @@ def test_another_class_fails_the_roughness():
 
 def test_undamped_tyres_fail_the_bump(monkeypatch):
     def undamped(plant):
-        plant._tyre_arguments[1][:, 5] = 0.0
+        plant.wheels.tyre_table[:, 5] = 0.0
 
     broken(monkeypatch, undamped)
     assert failed("bump") == ["energy left a second after the bump"]
