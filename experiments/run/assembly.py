@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from proving_ground.testbed.actuation.actuators import Actuators
+from proving_ground.testbed.discretisation import whole_steps
 from proving_ground.testbed.ground.grid import Grid
 from proving_ground.testbed.ground.soil_layers import StrengthMap
 from proving_ground.testbed.ground.terrain import Terrain
@@ -17,7 +18,6 @@ from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import Rig
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.simulation.termination import MishapLimits
-from proving_ground.testbed.step_counts import whole_steps
 from ttempc.baselines.nmhe import MovingHorizonEstimator
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.guidance.supervisor import Supervisor

@@ -18,10 +18,10 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
-from ttempc.types import FloatArray
+from ttempc.types import FloatArray, Sensor
 
 from ..recording import topics
-from ..recording.channels import CHANNELS, MEASUREMENT, Channel
+from ..recording.channels import CHANNELS, MEASUREMENT, MEASUREMENT_COLUMNS, Channel
 from ..recording.record import Event
 from ..recording.topics import Topic
 from ..truth import Pose, Truth
@@ -33,9 +33,9 @@ from .viewer_messages import MAP_FRAME, encode_event, encode_fix, encode_paths, 
 _POSE_PERIOD_S: Final = 0.1 - 1e-6  # from one pose to the next: trails need no more, /tf has all
 _DRIVEN_PERIOD_S: Final = 5.0  # from one driven path to the next
 _DRIVEN_STEP_M: Final = 1.0  # between its points
-_GNSS: Final = (  # topic, frame, column of x in `MEASUREMENT`; y is next to it
-    (topics.GNSS_TOPIC, "tractor", MEASUREMENT.fields.index("gnss_tractor_x_m")),
-    (topics.GNSS_TRAILER_TOPIC, "trailer", MEASUREMENT.fields.index("gnss_trailer_x_m")),
+_GNSS: Final = (  # topic, frame, columns of x and y in `MEASUREMENT`
+    (topics.GNSS_TOPIC, "tractor", MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR]),
+    (topics.GNSS_TRAILER_TOPIC, "trailer", MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER]),
 )
 _DRAWN: Final[tuple[tuple[str, Any], ...]] = (
     (topics.TRANSFORMS_TOPIC, FrameTransforms),
@@ -171,9 +171,9 @@ class Publisher(ABC):
 
     def _publish_fixes(self, times_ns: Sequence[int], measured: Sequence[Sequence[float]]) -> None:
         """Hand on the GNSS samples among rows of measurements, as fixes."""
-        for topic, frame, column in _GNSS:
+        for topic, frame, columns in _GNSS:
             for time_ns, values in zip(times_ns, measured, strict=True):
-                x, y = values[column], values[column + 1]
+                x, y = values[columns]
                 if not math.isnan(x):
                     self._send(topic, time_ns, encode_fix(time_ns, frame, x, y))
 
