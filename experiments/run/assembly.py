@@ -17,7 +17,7 @@ from proving_ground.testbed.sensing.sensors import SensorSuite
 from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import Rig
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.simulation.termination import MishapLimits
+from proving_ground.testbed.simulation.termination import TerminationLimits
 from ttempc.baselines.nmhe import MovingHorizonEstimator
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.guidance.supervisor import Supervisor
@@ -76,7 +76,7 @@ class Assembly:
             control_steps=whole_steps(CONTROL_PERIOD_S, timestep, "control period"),
             record_steps=record_steps(timestep, record_hz),
             terrain=self.terrain,
-            mishaps=MishapLimits.of(self.plant.vehicle),
+            mishaps=TerminationLimits.of(self.plant.vehicle),
             notes=self.notes,
         )
 

@@ -41,8 +41,12 @@ from numpy.typing import NDArray
 _MESSAGE: Final = struct.Struct("<BQHIQQ")
 _MESSAGE_HEAD: Final = np.dtype(
     [
-        *(("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4")),
-        *(("log_time", "<u8"), ("publish_time", "<u8")),
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
     ]
 )  # the same
 _MESSAGE_HEAD_BYTES: Final = 22  # counted in the length: all but opcode and length

@@ -26,7 +26,7 @@ _TRANSFORM_TAGS: Final = (b"\x22\x1b\x09", *_POSE_TAGS[1:3], b"\x2a\x24\x09", *_
 _PLACE_BYTES: Final = 67  # of translation and rotation together
 
 
-class Form:
+class MessageTemplate:
     """Messages of one length that differ in some of their bytes only, made many at a time.
 
     Args:
@@ -44,7 +44,7 @@ class Form:
         self._holes = np.array(holes, np.intp)
 
     @classmethod
-    def of_doubles(cls, tags: Sequence[bytes]) -> Form:
+    def of_doubles(cls, tags: Sequence[bytes]) -> MessageTemplate:
         """Return the form in which a double follows each of the tags."""
         return cls([part for tag in tags for part in (tag, _DOUBLE_BYTES)])
 
@@ -55,7 +55,9 @@ class Form:
         return filled
 
 
-_POSE: Final = Form.of_doubles((b"\x1a\x43" + _POSE_TAGS[0], *_POSE_TAGS[1:]))  # field 3, 67 bytes
+_POSE: Final = MessageTemplate.of_doubles(
+    (b"\x1a\x43" + _POSE_TAGS[0], *_POSE_TAGS[1:])
+)  # field 3, 67 bytes
 
 
 def single(values: FloatArray) -> FloatArray:
@@ -108,7 +110,7 @@ class TransformsEncoder:
         self._names = [
             sized(b"\x12", parent.encode()) + sized(b"\x1a", name.encode()) for name in body_names
         ]
-        self._forms: dict[int, Form] = {}  # by the length of a stamp
+        self._templates: dict[int, MessageTemplate] = {}  # by the length of a stamp
 
     def encode(
         self, times_ns: Sequence[int], xyz: FloatArray, quaternions: FloatArray
@@ -128,19 +130,19 @@ class TransformsEncoder:
                 times.reshape(len(chosen), 1, length), (len(chosen), bodies, length)
             )
             content = np.concatenate([times, numbers[chosen]], axis=2)
-            filled = self._form(length).fill(content.reshape(len(chosen), -1))
+            filled = self._template(length).fill(content.reshape(len(chosen), -1))
             for i, message in zip(chosen, filled, strict=True):
                 messages[i] = message.tobytes()
         return messages
 
-    def _form(self, stamp_bytes: int) -> Form:
+    def _template(self, stamp_bytes: int) -> MessageTemplate:
         """Return the form of a message whose stamps have a length."""
-        if stamp_bytes not in self._forms:
+        if stamp_bytes not in self._templates:
             parts: list[bytes | int] = []
             for name in self._names:
                 time_head = b"\x0a" + varint(stamp_bytes)
                 length = len(time_head) + stamp_bytes + len(name) + _PLACE_BYTES
                 parts += [b"\x0a" + varint(length) + time_head, stamp_bytes, name]
                 parts += [part for tag in _TRANSFORM_TAGS for part in (tag, _DOUBLE_BYTES)]
-            self._forms[stamp_bytes] = Form(parts)
-        return self._forms[stamp_bytes]
+            self._templates[stamp_bytes] = MessageTemplate(parts)
+        return self._templates[stamp_bytes]

@@ -19,7 +19,7 @@ from ttempc.types import FloatArray
 
 from ..ground.ground import Ground
 from ..vehicle.appearance import ground_colours
-from .protobuf_wire import Form, single, varint
+from .protobuf_wire import MessageTemplate, single, varint
 from .viewer_messages import MAP_FRAME
 
 _GEOM: Final = mujoco.mjtGeom
@@ -145,4 +145,4 @@ def _triangles(
 def _records(head: bytes, values: FloatArray) -> bytes:
     """Return one message of doubles, fields 1, 2, ..., for every row of values."""
     first, *others = (bytes([number << 3 | 1]) for number in range(1, values.shape[1] + 1))
-    return Form.of_doubles([head + first, *others]).fill(single(values)).tobytes()
+    return MessageTemplate.of_doubles([head + first, *others]).fill(single(values)).tobytes()

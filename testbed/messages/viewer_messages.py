@@ -13,9 +13,9 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from ttempc.types import FloatArray
 
 from ..errors import LogError
+from ..geodesy import DATUM
 from ..recording.record import Event
 from ..truth import Pose
-from .datum import DATUM
 from .protobuf_wire import in_frame, poses, sized, stamp
 
 MAP_FRAME: Final = "map"

@@ -31,7 +31,7 @@ from ..sensing.sensors import SensorSuite
 from ..truth import Truth
 from .command_guard import Border
 from .plant import Plant
-from .termination import MishapLimits, mishap
+from .termination import TerminationLimits, check_termination
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Rig:
     control_steps: int  # physics steps in a control period
     record_steps: int  # physics steps from one row of the truth to the next
     terrain: Terrain  # to see whether the vehicle is still on it
-    mishaps: MishapLimits = field(default_factory=MishapLimits)
+    mishaps: TerminationLimits = field(default_factory=TerminationLimits)
     notes: tuple[str, ...] = ()  # on the reference, for the log
 
     @property
@@ -197,7 +197,7 @@ def judge(rig: Rig, period: Period) -> None:
     """Say whether the vehicle is lost."""
     step, truth = period.truths[-1]
     x, y = rig.reference[step // rig.record_steps, :2]
-    period.lost = mishap(truth, (float(x), float(y)), rig.terrain, rig.mishaps)
+    period.lost = check_termination(truth, (float(x), float(y)), rig.terrain, rig.mishaps)
 
 
 STAGES: Final[tuple[Stage, ...]] = (

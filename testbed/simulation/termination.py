@@ -14,7 +14,7 @@ _STOP_GIVES_DEG: Final = 2.0  # a stop is no wall; assumed
 
 
 @dataclass(frozen=True, slots=True)
-class MishapLimits:
+class TerminationLimits:
     """Beyond these a vehicle is lost; all of them assumed, far outside normal driving."""
 
     tilt: float = math.radians(60.0)  # [rad] roll or pitch of tractor or trailer
@@ -22,16 +22,16 @@ class MishapLimits:
     deviation: float = 5.0  # [m] of the tractor point from its reference
 
     @classmethod
-    def of(cls, vehicle: PlantVehicle) -> MishapLimits:
+    def of(cls, vehicle: PlantVehicle) -> TerminationLimits:
         """Return the limits for a vehicle: jack-knifed is a drawbar as good as at its stop."""
         return cls(fold=math.radians(vehicle.hitch.yaw_limit_deg - _STOP_GIVES_DEG))
 
 
-def mishap(
+def check_termination(
     truth: Truth,
     reference_xy: tuple[float, float],
     terrain: Terrain,
-    limits: MishapLimits,
+    limits: TerminationLimits,
 ) -> str | None:
     """Return in words why the vehicle is lost, None while it is not.
 

@@ -22,7 +22,7 @@ from .vehicle_parts import Tractor, Trailer
 _FRONT_AXLE: Final = ("front_axle", "steer", "knuckle_left", "knuckle_right")
 
 
-def put_masses(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+def set_inertials(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
     """Put the vehicle's masses into a spec whose shapes have their final sizes, in place.
 
     Of tractor and trailer the vehicle tells mass and centre as a whole: what axle and wheels

@@ -63,7 +63,7 @@ class _Ratios:
         )
 
 
-def fit_drawing(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+def scale_to_vehicle(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
     """Fit the drawing, as read from `mjcf/`, to the vehicle, in place."""
     ratios = _Ratios.of(spec, vehicle)
     _fit_tractor(spec, vehicle, ratios)

@@ -16,9 +16,9 @@ from ..errors import InvalidPlant
 from ..ground.terrain import Terrain
 from ..wheels.wheel_models import wheel_model
 from .appearance import put_tyres
-from .inertials import put_masses
+from .inertials import set_inertials
 from .linkage import linkage_polynomial
-from .scale_mjcf import fit_drawing
+from .scale_mjcf import scale_to_vehicle
 from .servos import SteeringServo, drive_servo, steering_servos
 from .vehicle import PlantVehicle
 
@@ -48,8 +48,8 @@ def build_spec(
         raise InvalidPlant(f"plant.timestep_s: got {timestep_s}, must be above 0, at most 0.004")
     spec = mujoco.MjSpec.from_file(str(resource("proving_ground.mjcf", _MJCF)))
     spec.option.timestep = timestep_s
-    fit_drawing(spec, vehicle)
-    put_masses(spec, vehicle)
+    scale_to_vehicle(spec, vehicle)
+    set_inertials(spec, vehicle)
     _put_stops(spec, vehicle)
     _put_actuators(spec, vehicle)
     _put_load(spec, vehicle)

@@ -15,6 +15,7 @@ from mcap.stream_reader import StreamReader
 from proving_ground.testbed.errors import LogError, PlantDiverged
 from proving_ground.testbed.log.log_content import salvage_content
 from proving_ground.testbed.log.log_reader import SALVAGED_KEY, read_log, record_of
+from proving_ground.testbed.log.log_recovery import recover
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.recording.record import Record
 from tests.testbed.logs import METADATA, PERIOD_S, feed, writer
@@ -95,6 +96,16 @@ def run_that_raises(path, error):
     with writer(path) as log:
         feed(log, 1.0)
         raise error
+
+
+def test_recovery_refuses_to_write_over_the_partial_log_that_it_reads(logged, tmp_path):
+    path, _ = logged
+    torn = tmp_path / "log.mcap.part"
+    torn.write_bytes(path.read_bytes()[:-1000])
+    before = torn.read_bytes()
+    with pytest.raises(LogError, match=r"log\.mcap\.part: exists already"):
+        recover(salvage_content(torn), tmp_path / "log.mcap")
+    assert torn.read_bytes() == before
 
 
 def test_a_full_disk_is_said_and_leaves_no_log(tmp_path):

@@ -11,9 +11,9 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
+from proving_ground.testbed.geodesy import DATUM
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.messages.datum import DATUM
 from proving_ground.testbed.messages.protobuf_wire import TransformsEncoder, single
 from proving_ground.testbed.messages.viewer_messages import (
     encode_fix,

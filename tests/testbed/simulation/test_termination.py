@@ -3,14 +3,14 @@ import math
 import pytest
 
 from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.simulation.termination import MishapLimits, mishap
+from proving_ground.testbed.simulation.termination import TerminationLimits, check_termination
 from tests.testbed.truths import truth
 
 FIELD = flat(size_m=(80.0, 50.0))
 
 
 def verdict(state, reference=(0.0, 0.0)):
-    return mishap(state, reference, FIELD, MishapLimits())
+    return check_termination(state, reference, FIELD, TerminationLimits())
 
 
 def test_a_vehicle_that_drives_is_not_lost():
