@@ -13,7 +13,7 @@ import tomli_w
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
-from proving_ground.testbed.configuration.resources import ResourceCatalog
+from proving_ground.testbed.configuration.resources import Shelf
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.recording.provenance import run_id
 
@@ -26,7 +26,7 @@ from .sensors import SensorSettings
 from .soil import SoilSettings
 from .terrain import TerrainSettings
 
-_SCENARIOS: Final = ResourceCatalog(
+_SCENARIOS: Final = Shelf(
     "scenario", "proving_ground.experiments", "scenarios", ".toml", InvalidScenario
 )
 

@@ -11,15 +11,13 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
-from proving_ground.testbed.configuration.resources import ResourceCatalog
+from proving_ground.testbed.configuration.resources import Shelf
 
 from ..errors import InvalidStudy
 from ..scenario.scenario import plain
 from .row import FIGURES
 
-_STUDIES: Final = ResourceCatalog(
-    "study", "proving_ground.experiments", "sweeps", ".toml", InvalidStudy
-)
+_STUDIES: Final = Shelf("study", "proving_ground.experiments", "sweeps", ".toml", InvalidStudy)
 
 Scalar = bool | int | float | str
 Seed = Annotated[int, Field(ge=0, lt=2**32)]

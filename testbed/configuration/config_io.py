@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from .validation_errors import format_validation_error
+from .validation_errors import first_complaint
 
 STRICT: Final = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
@@ -45,4 +45,4 @@ def validated(
         # By way of JSON, because only there does the strict mode take tables for dataclasses.
         return TypeAdapter(table).validate_json(json.dumps(content, default=str))
     except ValidationError as reason:
-        raise error(format_validation_error(reason, table)) from None
+        raise error(first_complaint(reason, table)) from None

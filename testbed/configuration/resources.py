@@ -20,7 +20,7 @@ def resource(package: str, name: str = "") -> Path:
 
 
 @dataclass(frozen=True, slots=True)
-class ResourceCatalog:
+class Shelf:
     """Files of one kind that ship with the project, each by its name; others go by their path."""
 
     what: str  # one of them is, such as "vehicle"

@@ -9,7 +9,7 @@ from typing import Any, get_args, get_type_hints
 from pydantic import ValidationError
 
 
-def format_validation_error(error: ValidationError, root: type) -> str:
+def first_complaint(error: ValidationError, root: type) -> str:
     """Return key, what is allowed there and what was given, in the words of the file.
 
     Args:

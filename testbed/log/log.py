@@ -126,7 +126,7 @@ class LogWriter(Publisher):
     ) -> None:
         self._mcap.add_messages(self._ids[topic], times_ns, messages)
 
-    def _gathered(self, time_s: float) -> None:
+    def _collected(self, time_s: float) -> None:
         if time_s >= self._next_flush_s:
             self._next_flush_s = time_s + _FLUSH_PERIOD_S
             self._publish()

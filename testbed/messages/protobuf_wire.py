@@ -1,9 +1,8 @@
-"""Foxglove's well-known messages of places, written straight in protobuf's wire format.
+"""Foxglove's pose and transform messages in protobuf's wire format.
 
-Filling message objects fifty times a second costs more than everything else that logging does.
-These messages have a fixed layout: doubles of eight bytes between constant tags. Their numbers
-are in single precision (2 um at 30 m), which halves the size of a log: the zeros at the end of a
-number are compressed away.
+To fill message objects fifty times a second would cost more than the rest of logging. These
+messages have a fixed layout: doubles of eight bytes between constant tags. The numbers are rounded
+to single precision (2 um at 30 m), which halves the size of a log: trailing zeros compress well.
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ _PLACE_BYTES: Final = 67  # of translation and rotation together
 
 
 class MessageTemplate:
-    """Messages of one length that differ in some of their bytes only, made many at a time.
+    """Template of messages of one length that differ only in some of their bytes.
 
     Args:
-        parts: of a message in their order: constant bytes, or how many bytes are to be filled in.
+        parts: of a message in their order: constant bytes, or the number of bytes to fill in.
     """
 
     def __init__(self, parts: Sequence[bytes | int]) -> None:
@@ -45,11 +44,11 @@ class MessageTemplate:
 
     @classmethod
     def of_doubles(cls, tags: Sequence[bytes]) -> MessageTemplate:
-        """Return the form in which a double follows each of the tags."""
+        """Return the template in which a double follows each of the tags."""
         return cls([part for tag in tags for part in (tag, _DOUBLE_BYTES)])
 
     def fill(self, content: NDArray[np.generic]) -> NDArray[np.uint8]:
-        """Return n messages, (n, bytes); `content` has a row for each, with all that goes in."""
+        """Return n messages, (n, bytes), each filled with a row of `content`."""
         filled = np.repeat(self._message, len(content), axis=0)
         filled[:, self._holes] = np.ascontiguousarray(content).view(np.uint8)
         return filled
@@ -65,17 +64,17 @@ def single(values: FloatArray) -> FloatArray:
     return values.astype(np.float32).astype(np.float64)
 
 
-@lru_cache(maxsize=1)  # all that is said of one moment bears the same stamp
+@lru_cache(maxsize=1)  # messages of one moment share a stamp
 def stamp(time_ns: int) -> bytes:
-    """Return a google.protobuf.Timestamp; as all of protobuf, without what is zero."""
+    """Return a google.protobuf.Timestamp; fields that are zero are left out."""
     seconds, nanos = divmod(time_ns, _NS_PER_S)
-    said = b"\x08" + varint(seconds) if seconds else b""
-    return said + b"\x10" + varint(nanos) if nanos else said
+    field = b"\x08" + varint(seconds) if seconds else b""
+    return field + b"\x10" + varint(nanos) if nanos else field
 
 
 @lru_cache(maxsize=1024)
 def varint(value: int) -> bytes:
-    """Return a whole number, 0 or above, in the wire's variable length."""
+    """Return an integer, 0 or above, as a protobuf varint."""
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)
@@ -85,12 +84,12 @@ def varint(value: int) -> bytes:
 
 
 def sized(tag: bytes, content: bytes) -> bytes:
-    """Return a field whose content has a length: text, bytes or a message."""
+    """Return a length-delimited field: text, bytes or a message."""
     return tag + varint(len(content)) + content
 
 
 def poses(places: FloatArray) -> NDArray[np.uint8]:
-    """Return field 3 of a PoseInFrame or PosesInFrame, once for every place, (n, bytes).
+    """Return field 3 of a PoseInFrame or PosesInFrame for every pose, (n, bytes).
 
     `places` (n, 7) holds x, y, z [m] and the quaternion x, y, z, w.
     """
@@ -98,13 +97,13 @@ def poses(places: FloatArray) -> NDArray[np.uint8]:
 
 
 def in_frame(time_ns: int, frame: bytes, poses: bytes) -> bytes:
-    """Return a PoseInFrame or PosesInFrame of one or more of what `poses` returned."""
+    """Return a PoseInFrame or PosesInFrame of one or more encoded `poses`."""
     time = stamp(time_ns)
     return b"\x0a%c%b\x12%c%b%b" % (len(time), time, len(frame), frame, poses)
 
 
 class TransformsEncoder:
-    """Transforms from one frame to every body, as FrameTransforms messages."""
+    """Encoder of transforms from one frame to every body, as FrameTransforms messages."""
 
     def __init__(self, parent: str, body_names: Sequence[str]) -> None:
         self._names = [
@@ -136,7 +135,7 @@ class TransformsEncoder:
         return messages
 
     def _template(self, stamp_bytes: int) -> MessageTemplate:
-        """Return the form of a message whose stamps have a length."""
+        """Return the template of a message whose stamps have a length [bytes]."""
         if stamp_bytes not in self._templates:
             parts: list[bytes | int] = []
             for name in self._names:

@@ -79,13 +79,13 @@ def message_class(channel: Channel) -> type[Message]:
 
 
 class RowEncoder:
-    """Writes rows of one channel in protobuf's wire format, as a test says to the byte.
+    """Encoder of rows of one channel in protobuf's wire format.
 
-    Doubles have a fixed length on the wire, so that rows differ in fixed places only.
+    Doubles have a fixed length on the wire, so that rows differ in fixed positions only.
     """
 
     def __init__(self, channel: Channel) -> None:
-        self.width = len(row_fields(channel))  # numbers in a row, its time included
+        self.width = len(row_fields(channel))  # numbers in a row, time included
         self._template = MessageTemplate.of_doubles(
             [_tag(number) for number in range(1, self.width + 1)]
         )

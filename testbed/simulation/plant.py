@@ -1,4 +1,4 @@
-"""The plant: vehicle, ground and soil in MuJoCo, moved by commands, seen as `Truth`."""
+"""Plant: vehicle, ground and soil in MuJoCo, driven by commands, read as `Truth`."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -32,14 +32,14 @@ from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, wheel_model
 from .truth_reader import TruthReader
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-_SETTLE_CHUNK_S: Final = 0.1  # loads are compared this far apart
-_SETTLE_CHUNKS: Final = 30  # and no more often than this
+_SETTLE_CHUNK_S: Final = 0.1  # between comparisons of the wheel loads
+_SETTLE_CHUNKS: Final = 30  # largest number of comparisons
 _SETTLED: Final = 1e-4  # largest change of a wheel load over the weight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """Everything that the plant's future depends on."""
+    """Complete state of the plant."""
 
     physics: FloatArray  # MuJoCo's integration state
     wheel_state: FloatArray  # `WheelModel.state`
@@ -84,7 +84,7 @@ class Plant:
         self._reader = TruthReader(
             model, data, self.wheels.output, self.tyres.radius[WHEELS.index("rear_left")]
         )
-        # views, as the arrays below
+        # views of MuJoCo's arrays, bound once
         self._warnings, self._qpos, self._qvel = data.warning.number, data.qpos, data.qvel
         self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
@@ -97,9 +97,9 @@ class Plant:
         self._valves = self.actuators.start(hp=0.0)
 
     def reset(self, x: float, y: float, yaw: float, speed: float) -> Truth:
-        """Put the vehicle on the ground, in line, and let it roll from there.
+        """Put the vehicle on the ground, in line, rolling.
 
-        It stands braked until its wheel loads are steady; then every body gets the forward speed
+        Its wheels are locked until their loads are steady. Then every body gets the forward speed
         and every wheel its spin, and time starts at 0.
 
         Args:
@@ -132,7 +132,7 @@ class Plant:
         """Hold a command for a number of physics steps.
 
         Raises:
-            PlantDiverged: the state is no longer one that physics could have led to.
+            PlantDiverged: the state is not finite, or MuJoCo warned or reset itself.
         """
         data = self.data
         before = data.time
@@ -151,7 +151,7 @@ class Plant:
 
     @property
     def lever_arms(self) -> FloatArray:
-        """From tractor and trailer point to their antennas, (2, 3) [m], in the bodies' frames."""
+        """Levers from tractor and trailer point to their antennas, (2, 3) [m], bodies' frames."""
         return self._reader.lever_arms
 
     @cached_property
@@ -160,32 +160,32 @@ class Plant:
 
     @property
     def mjcf(self) -> str:
-        """The whole model as MuJoCo compiled it, without the heights of the ground."""
+        """MJCF of the whole model as MuJoCo compiled it, without the heights of the ground."""
         rows, columns = self.terrain.heights.shape
         return level_mjcf(self._level[1], (rows, columns))
 
     @property
     def scenery(self) -> Scenery:
-        """What viewers are told once."""
+        """Static data for viewers."""
         return Scenery(self.body_names, self.ground, shapes_of(self._level[0], self.ground))
 
     def drawn_model(self) -> mujoco.MjModel:
-        """Return a model to look at: the bodies of `model`, with every shape and a painted ground.
+        """Return a model for rendering: the bodies of `model` with all shapes and a painted ground.
 
-        `model` itself holds only what the physics needs.
+        `model` itself has no visual shapes.
         """
         model = self._spec.compile()
         paint_ground(model, self.terrain, self.ground.cone_index)
         return model
 
     def snapshot(self) -> Snapshot:
-        """Return the present state, to be handed to `restore`."""
+        """Return the present state for `restore`."""
         physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, physics, _STATE)
         return Snapshot(physics, self.wheels.state.copy(), self.wheels.output.copy(), self._valves)
 
     def restore(self, snapshot: Snapshot) -> Truth:
-        """Go back to a state; what follows is the same, bit for bit, as it was the first time."""
+        """Return to a state; the same commands then give the same truths, bit for bit."""
         mujoco.mj_setState(self.model, self.data, snapshot.physics, _STATE)
         self.wheels.state[:] = snapshot.wheel_state
         self.wheels.output[:] = snapshot.output
@@ -198,7 +198,7 @@ class Plant:
         return self._reader.truth()
 
     def _move_valves(self, command: Command) -> None:
-        """Let the command go one physics step further on its way to the servos."""
+        """Advance the command path by one physics step."""
         delta_t, delta_i = map(self.data.qpos.item, self._steering_angles)
         self._valves = self.actuators.step(self._valves, command, delta_t, delta_i)
         self.data.ctrl[:] = self._valves.set_points
@@ -229,7 +229,7 @@ class Plant:
             step1(model, data)
 
     def _check(self, before: float, steps: int) -> None:
-        """Refuse what MuJoCo hides: it resets itself on NaN and carries on from time 0."""
+        """Raise on divergence: MuJoCo itself resets on NaN and continues from time 0."""
         data = self.data
         if self._warnings.any():
             kind = int(self._warnings.argmax())
@@ -266,7 +266,7 @@ class Plant:
         return wheels[:, 0], wheels[:, 1]
 
     def _settle(self, x: float, y: float) -> None:
-        """Let the vehicle sink onto its tyres at (x, y), wheels locked, all motion damped."""
+        """Let the vehicle settle on its tyres at (x, y), wheels locked, all motion damped."""
         data = self.data
         data.ctrl[:] = 0.0
         fade = math.exp(-10.0 * self.model.opt.timestep)
@@ -281,13 +281,13 @@ class Plant:
         for _ in range(_SETTLE_CHUNKS):
             previous = self.wheels.output[:, Output.LOAD].copy()
             self._run(steps, after_step=brake)
-            # on a slope it gives way by millimetres until its treads hold it
+            # on a slope the vehicle moves by millimetres until its treads are deflected
             sunk = data.qpos[2] - self.terrain.height(*data.qpos[:2])
             data.qpos[:3] = x, y, self.terrain.height(x, y) + sunk
             mujoco.mj_step1(self.model, data)
             load = self.wheels.output[:, Output.LOAD]
             steady = np.abs(load - previous).max() < _SETTLED * weight
-            if steady and load.sum() > 0.5 * weight:  # not while it still falls
+            if steady and load.sum() > 0.5 * weight:  # not during the fall
                 break
 
     def _roll(self, speed: float) -> None:
@@ -299,5 +299,5 @@ class Plant:
         data.qvel[self._wheel_dofs] = speed / self.tyres.radius
         hp = speed / self.vehicle.hydrostat.speed_gain_mps
         data.act[self._hydrostat] = hp
-        data.ctrl[:] = 0.0, 0.0, hp  # what held the speed until the first command arrives
+        data.ctrl[:] = 0.0, 0.0, hp  # the set points of the present speed, until the first command
         self._valves = self.actuators.start(hp)

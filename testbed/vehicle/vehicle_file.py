@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Final
 
 from ..configuration.config_io import read_toml, validated
-from ..configuration.resources import ResourceCatalog
+from ..configuration.resources import Shelf
 from ..errors import InvalidPlant
 from .vehicle import PlantVehicle
 
 DEFAULT_VEHICLE: Final = "kayacan2016"
-_VEHICLES: Final = ResourceCatalog(
-    "vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant
-)
+_VEHICLES: Final = Shelf("vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant)
 
 
 def shipped_vehicles() -> list[str]:

@@ -1,4 +1,4 @@
-"""The MuJoCo model of a vehicle on a field: mjcf, the vehicle's numbers, the ground."""
+"""MuJoCo model of a vehicle on a field."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -23,7 +23,7 @@ from .servos import SteeringServo, drive_servo, steering_servos
 from .vehicle import PlantVehicle
 
 _MJCF: Final = "tractor_trailer.xml"
-_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the height of the load that is drawn
+_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the height of the drawn load
 _LOAD_SPREAD: Final = (0.67, 0.83)  # length and width of the load over those of the box; assumed
 _GROUND_BASE_M: Final = 1.0  # thickness of the ground below its lowest point
 
@@ -60,14 +60,14 @@ def build_spec(
 
 
 def physics_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Return the model without what is only seen: 85 shapes, 12 % of the time of a step."""
+    """Return the model without its visual shapes: 85 shapes, 12 % of the time of a step."""
     lean = spec.copy()
     lean.compiler.discardvisual = True
     return lean.compile()
 
 
 def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
-    """Return the whole model on level ground, and what it was compiled of."""
+    """Return the whole model on level ground, and its spec."""
     level = spec.copy()
     ground = level.hfield("ground")
     ground.nrow = ground.ncol = 2
@@ -76,10 +76,10 @@ def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
 
 
 def level_mjcf(level: mujoco.MjSpec, grid: tuple[int, int]) -> str:
-    """Return the MJCF of what `level_model` compiled, with ground of a `grid` (rows, columns).
+    """Return the MJCF of the spec of `level_model`, with ground of a `grid` (rows, columns).
 
-    The heights are left out: written out, they are a hundred times as long as everything else; the
-    loader takes a ground without them for a level one.
+    The heights are left out: as text they are a hundred times as long as the rest. MuJoCo loads a
+    ground without heights as level.
     """
     text = re.sub(r'\s+elevation="[^"]*"', "", level.to_xml())
     return text.replace('nrow="2" ncol="2"', f'nrow="{grid[0]}" ncol="{grid[1]}"')
@@ -95,7 +95,7 @@ def _put_stops(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
         ("rj1_roll", hitch.roll_limit_deg),
         ("rj2_yaw", vehicle.trailer_steering.limit_deg),
     ):
-        spec.joint(joint).range = [-limit_deg, limit_deg]  # the mjcf's angles are degrees
+        spec.joint(joint).range = [-limit_deg, limit_deg]  # the MJCF's angles are degrees
 
 
 def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
@@ -124,7 +124,7 @@ def _put_steering(actuator: mujoco.MjsActuator, servo: SteeringServo) -> None:
 
 
 def _put_load(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-    """Lay the load into the box, as a body of its own: the trailer's inertial stays its own."""
+    """Put the load into the box as a separate body: the trailer's inertial does not change."""
     load, box = vehicle.load, vehicle.box
     if load.mass_kg == 0.0:
         return

@@ -1,8 +1,8 @@
-"""The wheel on soil, in plain numpy: the law to read, and the measure of the compiled one.
+"""Law of a wheel on soil, in numpy: the reference of the compiled law.
 
-A wheel is a disc above a Winkler bed: height look-ups under the disc give the normal force, cone
-index gives traction, motion resistance and side force. All functions take every wheel at once,
-n wheels along the first axis; state and motion in, new state and forces out.
+A wheel is a disc above a Winkler bed: height look-ups under the disc give the normal force, and the
+cone index gives traction, motion resistance and side force. All functions take n wheels along the
+first axis and map state and motion to the new state and forces.
 
 Sources: [B] W. W. Brixius, "Traction prediction equations for bias ply tires", ASAE paper
 87-1622, 1987, in the form of the public MAVS simulator, whose lateral law is used as well;
@@ -54,8 +54,8 @@ class SoilLaw:
 
 LAW: Final = SoilLaw()
 
-# The fan of look-ups: angles from straight down, denser where a tyre at its rated deflection
-# touches; weights are the arc that each stands for. Columns across the section width.
+# The fan of look-ups: angles from straight down, denser in the contact area at rated deflection;
+# each weight is the arc of its look-up. Columns across the section width.
 FAN_ANGLES: Final = np.radians([-36.0, -18.0, -8.0, 0.0, 8.0, 18.0, 36.0])  # (7,)
 FAN_ARCS: Final = np.array([9.0, 14.0, 9.0, 8.0, 9.0, 14.0, 9.0]) / 72.0  # (7,) sum 1
 FAN_COLUMNS: Final = np.array([-1.0, 0.0, 1.0]) / 3.0  # (3,) of the section width
@@ -66,18 +66,18 @@ RELAXATION_ROLL: Final = 0.05  # [m] rolling distance over which motion resistan
 TREAD_DAMPING_LONG: Final = 0.01  # [s] damps the bristles of a standing wheel; assumed
 TREAD_DAMPING_LAT: Final = 0.02  # [s]
 
-# Largest side force per load and slip angle [1/rad]. The soil term of [B]'s lateral law grows
-# without bound with the cone index; on ground that does not yield it is the carcass that does.
-# 6 per rad is about 0.1 per degree (assumed, the order of published tractor tyres on concrete).
+# Largest side force per load and slip angle [1/rad]. The soil term of the lateral law grows without
+# bound with the cone index; on firm ground the carcass limits it. 6 per rad is about 0.1 per degree
+# (assumed, the order of published tractor tyres on concrete).
 LATERAL_STIFFNESS_LIMIT: Final = 6.0
-SMALLEST_LOAD: Final = 50.0  # [N] below which the numerics of a wheel stop growing
-SMALL_SPEED: Final = 0.05  # [m/s] floor in the slips that are reported (the forces need none)
-LEAST_UPRIGHT: Final = 0.3  # cosine between disc and vertical below which a wheel lies on its side
+SMALLEST_LOAD: Final = 50.0  # [N] floor of the load in divisions
+SMALL_SPEED: Final = 0.05  # [m/s] floor in the reported slips (the forces need none)
+LEAST_UPRIGHT: Final = 0.3  # cosine of disc to vertical below which a wheel lies on its side
 
 
 @dataclass(frozen=True, slots=True)
 class Tyres:
-    """What the law needs to know of n wheels; every array is (n,)."""
+    """Parameters of n tyres; every array is (n,)."""
 
     radius: FloatArray  # [m] unloaded, also the rolling radius
     width: FloatArray  # [m] section width b
@@ -88,14 +88,14 @@ class Tyres:
 
     @property
     def stiffness(self) -> FloatArray:
-        """Return the Winkler stiffness [N/m] that gives rated load at rated deflection, (n,)."""
+        """Winkler stiffness [N/m] that gives rated load at rated deflection, (n,)."""
         deflection = self.relative_deflection * self.section_height  # (n,)
-        rise = self.radius[:, None] * (1.0 - np.cos(FAN_ANGLES))  # (n, 7) of the disc over its foot
+        rise = self.radius[:, None] * (1.0 - np.cos(FAN_ANGLES))  # (n, 7) over the lowest point
         depth = np.maximum(0.0, deflection[:, None] - rise) @ FAN_ARCS  # (n,)
         return self.rated_load / depth
 
     def table(self) -> FloatArray:
-        """Return the columns that the compiled law reads, (n, 6)."""
+        """Return the parameters for the compiled law, (n, 6)."""
         return np.column_stack(
             [
                 self.radius,
@@ -110,7 +110,7 @@ class Tyres:
 
 @dataclass(frozen=True, slots=True)
 class WheelMotion:
-    """Where n wheels are and how they move, map frame; vectors are (n, 3)."""
+    """Position and motion of n wheels, map frame; vectors are (n, 3)."""
 
     centre: FloatArray  # [m]
     axle: FloatArray  # unit vector along the axle, to the wheel's left
@@ -120,7 +120,7 @@ class WheelMotion:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Where and how hard n wheels press on the ground."""
+    """Normal contact of n wheels with the ground."""
 
     load: FloatArray  # (n,) [N] normal, never negative
     normal: FloatArray  # (n, 3) unit vector out of the ground
@@ -129,7 +129,7 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class WheelForces:
-    """What the ground does to n wheels, and the quantities behind it."""
+    """Forces of the ground on n wheels, and the quantities that determine them."""
 
     force: FloatArray  # (n, 3) [N] on the wheel, map frame
     moment: FloatArray  # (n, 3) [N m] about the wheel's centre
@@ -210,10 +210,10 @@ def lateral_ratio(bn1: FloatArray, slip_angle: FloatArray) -> FloatArray:
 def contact(tyres: Tyres, terrain: Terrain, motion: WheelMotion) -> Contact:
     """Return the normal contact of a disc with a Winkler bed.
 
-    The elastic force is minus the gradient of the energy sum(k w d^2 / 2) over the fan, d the
-    depth of each point below the ground, hence free of energy made from nothing on rough ground;
-    its direction is the normal. Damping after Hunt and Crossley (1975): proportional to the force,
-    so that it neither jumps at touch-down nor pulls.
+    The elastic force is minus the gradient of the energy sum(k w d^2 / 2) over the fan, with d the
+    depth of each point below the ground. It is therefore conservative on rough ground. Its
+    direction is the normal. Damping after Hunt and Crossley (1975) is proportional to the force,
+    so that the load neither jumps at touch-down nor becomes negative.
     """
     vertical = np.array([0.0, 0.0, 1.0])
     up = vertical - motion.axle[:, 2:] * motion.axle  # (n, 3) in the disc
@@ -252,13 +252,13 @@ def step(
 ) -> tuple[FloatArray, WheelForces]:
     """Return the tread deflections after `dt` [s] and the forces of the ground, for n wheels.
 
-    Deflections u (n, 3) [m] - along, across, in rolling - are the state; they follow the sliding
+    Deflections u (n, 3) [m] - along, across, in rolling - are the state. They follow the sliding
     speed w and fade over the relaxation length sigma (single-contact-point model, [P] eq. (7.7)),
 
-        du/dt = w - |V| / sigma u,
+        du/dt = w - |V| / sigma u.
 
-    so that u / sigma is the slip in steady rolling, a spring at V = 0 (a standing wheel holds on a
-    slope), and the same law in reverse. `cone_index` is (n,) [kPa] below each wheel.
+    u / sigma is the slip in steady rolling. At V = 0 it is a spring, so that a standing wheel holds
+    on a slope. The law is the same in reverse. `cone_index` is (n,) [kPa] below each wheel.
     """
     ground = terrain.height(motion.centre[:, 0], motion.centre[:, 1])
     touch = contact(tyres, terrain, motion)
@@ -295,7 +295,7 @@ def step(
 
     force = load[:, None] * normal + pull[:, None] * ahead + side[:, None] * left
     moment = np.cross(arm, force)
-    # about the axle a disc feels its gross traction alone; motion resistance acts on the hub
+    # the moment about the axle is that of gross traction; motion resistance acts on the hub
     about_axle = np.einsum("nk,nk->n", moment, motion.axle)
     moment = moment - (tyres.radius * traction + about_axle)[:, None] * motion.axle
     return after, WheelForces(

@@ -1,7 +1,10 @@
-"""The law of `tyre`, compiled: all wheels of a vehicle in one call, on MuJoCo's arrays.
+"""Compiled law of `tyre`: all wheels of a vehicle in one call, on MuJoCo's arrays.
 
-Same equations, same order; a test holds the two together. What stands here and not there is the
-way from MuJoCo's quantities to a wheel's motion, and the way back into `xfrc_applied`.
+Equations and their order are those of `tyre`; a test compares the two. In addition it converts
+MuJoCo's quantities to the motion of a wheel, and forces to `xfrc_applied`.
+
+numba compiles the constants below into its cache on disk and does not notice when they change in
+`tyre`: delete `__pycache__` after such a change. The coefficients of the law are an argument.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ class Output(IntEnum):
     GROUND = 6
 
 
-# numba takes module globals as constants; plain floats and tuples, so that it can unroll
+# numba compiles module globals as constants; floats and tuples let it unroll the loops
 _SIN: Final = tuple(np.sin(tyre.FAN_ANGLES).tolist())
 _COS: Final = tuple(np.cos(tyre.FAN_ANGLES).tolist())
 _ARCS: Final = tuple((tyre.FAN_ARCS / tyre.FAN_COLUMNS.size).tolist())
@@ -78,8 +81,7 @@ def wheel_step(
     """Advance the tread deflections of all wheels and write the forces of the ground.
 
     Args:
-        law: (13,) `SoilLaw.table`; an argument, because numba's cache on disk does not notice
-            that a constant of another module has changed.
+        law: (13,) `SoilLaw.table`.
         tyres: (n, 6) `Tyres.table`.
         heights: (ny, nx) [m] of the ground.
         cone_indices: (ny, nx) [kPa] on the same grid.
