@@ -83,7 +83,7 @@ def contour(bench: Bench) -> list[Check]:
     slope = bench.slope_rad or _CONTOUR
     plant = bench.plant(flat((60.0, 30.0)), bench.cone_index)
     plant.reset(0.0, 0.0, 0.0, 0.0)
-    planar = Planar.of(bench, plant)
+    planar = Planar.of(bench.nominal, plant)
     plant = bench.plant(flat((60.0, 30.0)).tilted(slope, 0.5 * math.pi), bench.cone_index)
     plant.reset(-20.0, 0.0, 0.0, SPEED)
     truths = drive(plant, bench.roll, _DRIFT_S, 0.1)

@@ -20,7 +20,7 @@ from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..wheels import tyre
 from ..wheels.tyre import Tyres
-from .bench import DRIVEN, TRAILER, Bench, bodies, centre_of_mass, wheel_places
+from .bench import DRIVEN, TRAILER, bodies, centre_of_mass, wheel_places
 
 _FRONT = ~(DRIVEN | TRAILER)
 
@@ -37,14 +37,14 @@ class Planar:
     centre_x: tuple[float, float]  # [m] of these
 
     @classmethod
-    def of(cls, bench: Bench, plant: Plant) -> Planar:
+    def of(cls, lengths: Vehicle, plant: Plant) -> Planar:
         """Return the planar vehicle of a plant at the origin with heading 0."""
         towed = bodies(plant, "drawbar")
         tractor = [body for body in bodies(plant, "tractor") if body not in towed]
         mass, centre = centre_of_mass(plant, tractor)
         mass_towed, centre_towed = centre_of_mass(plant, towed)
         return cls(
-            bench.nominal,
+            lengths,
             plant.tyres,
             wheel_places(plant)[:, :2],
             float(plant.model.body("knuckle_left").pos[1]),

@@ -33,7 +33,7 @@ def _turn(bench: Bench, radius: float, cone_index: float) -> _Turn:
     wheelbase = bench.nominal.wheelbase
     plant = bench.plant(flat((50.0, 50.0)), cone_index)
     plant.reset(0.0, 0.0, 0.0, 0.0)
-    planar = Planar.of(bench, plant)
+    planar = Planar.of(bench.nominal, plant)
     plant.reset(0.0, -radius, 0.0, SPEED)
     command = bench.command(SPEED, delta_t=math.atan(wheelbase / radius))
     behind = bench.nominal.drawbar_length + bench.nominal.trailer_length

@@ -1,4 +1,4 @@
-"""Plants to test, and what is asked of them again and again."""
+"""Plants and helper functions for the tests of the testbed."""
 
 import dataclasses
 import hashlib
