@@ -65,7 +65,7 @@ def hydrostat_step(bench: Bench) -> list[Check]:
 def coast_down(bench: Bench) -> list[Check]:
     """Check the deceleration without drive: motion resistance over inertia.
 
-    (m + sum I/r^2) dv/dt = -sum W (1/Bn + 0.04)
+    (m + sum I/r^2) dv/dt = -sum R, with R the motion resistance of each wheel without slip.
     """
     plant = bench.plant(flat((20.0, 20.0)), bench.cone_index)
     plant.reset(0.0, 0.0, 0.0, SPEED)
@@ -100,7 +100,7 @@ def coast_down(bench: Bench) -> list[Check]:
             expected=expected,
             tolerance=0.05 * expected,
             unit="m/s²",
-            source="Brixius 1987: motion resistance 1/Bn + 0.04",
+            source="Brixius 1987: motion resistance without slip",
             chart=chart,
         )
     ]

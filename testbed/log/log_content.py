@@ -64,8 +64,8 @@ class Content:
     salvage: Salvage | None  # None where the log is whole
 
 
-def read_content(path: Path, accepts: Callable[[str], bool] = lambda topic: True) -> Content:
-    """Return the content of a log on the topics that `accepts` accepts.
+def read_content(path: Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
+    """Return the content of a log on the topics for which `is_read` is true.
 
     A log that is truncated or damaged gives the content of its complete chunks.
 
@@ -75,20 +75,20 @@ def read_content(path: Path, accepts: Callable[[str], bool] = lambda topic: True
     data = _bytes(path)
     if data.endswith(MCAP0_MAGIC):
         try:
-            return _whole(path, data, accepts)
+            return _whole(path, data, is_read)
         except DAMAGE:
             pass  # complete in length, damaged inside
-    return salvage_content(path, accepts)
+    return salvage_content(path, is_read)
 
 
-def salvage_content(path: Path, accepts: Callable[[str], bool] = lambda topic: True) -> Content:
+def salvage_content(path: Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
     """Return the content of every complete chunk of a log, with `salvage` set.
 
     Raises:
         LogError: as `read_content`.
     """
     data = _bytes(path)
-    stream, collector = io.BytesIO(data), _Collector(path, accepts)
+    stream, collector = io.BytesIO(data), _Collector(path, is_read)
     chunks, damaged, kept_bytes, last_ns = 0, 0, len(MCAP0_MAGIC), 0
     for record in _whole_records(stream, len(data)):
         kept_bytes = stream.tell()
@@ -117,8 +117,8 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
-def _whole(path: Path, data: bytes, accepts: Callable[[str], bool]) -> Content:
-    collector = _Collector(path, accepts)
+def _whole(path: Path, data: bytes, is_read: Callable[[str], bool]) -> Content:
+    collector = _Collector(path, is_read)
     reader = SeekingReader(io.BytesIO(data), validate_crcs=True)
     summary = reader.get_summary()
     if summary is None:
@@ -126,7 +126,7 @@ def _whole(path: Path, data: bytes, accepts: Callable[[str], bool]) -> Content:
     described = (*reader.iter_metadata(), *reader.iter_attachments())
     for record in (*described, *summary.schemas.values(), *summary.channels.values()):
         collector.add(record)
-    topics = [item.topic for item in summary.channels.values() if accepts(item.topic)]
+    topics = [item.topic for item in summary.channels.values() if is_read(item.topic)]
     if topics:  # the reader takes an empty list for all of them
         # In the order of the file: the order in which the rows came, whatever their times.
         for _, _, message in reader.iter_messages(topics, log_time_order=False):
@@ -152,7 +152,7 @@ class _Collector:
     """Collector of MCAP records in any order, from which a `Content` is made."""
 
     path: Path
-    accepts: Callable[[str], bool]
+    is_read: Callable[[str], bool]
     schemas: dict[int, Schema] = field(default_factory=dict)
     topics: dict[int, Topic] = field(default_factory=dict)
     messages: list[Message] = field(default_factory=list)
@@ -179,7 +179,7 @@ class _Collector:
             LogError: the log is not of this project, or of another format.
         """
         metadata = self._own_metadata()
-        messages = {item.topic: [] for item in self.topics.values() if self.accepts(item.topic)}
+        messages = {item.topic: [] for item in self.topics.values() if self.is_read(item.topic)}
         for message in self.messages:
             topic = self.topics.get(message.channel_id)  # None where a damaged chunk held it
             if topic is not None and topic.topic in messages:

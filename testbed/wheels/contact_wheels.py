@@ -52,7 +52,7 @@ class ContactWheels:
     def prepare(self) -> None:
         """Set friction and motion resistance for the soil under each wheel and its last load.
 
-        MuJoCo's contacts are computed again, for the present ones have the friction from before.
+        MuJoCo's contacts are computed again: the present ones have the previous friction.
         """
         load = self.output[:, Output.LOAD]
         bn, _ = mobility(self._tyres, load, self._cone_index())

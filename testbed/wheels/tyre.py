@@ -25,8 +25,12 @@ from ..ground.terrain import Terrain
 class SoilLaw:
     """Coefficients of the law: mobility and traction after [B], bias-ply; side force after MAVS.
 
-    With the mobility number Bn, the slip s and the slip angle alpha:
+    With width b, diameter d, section height h, deflection delta, load W, cone index CI, slip s and
+    slip angle alpha:
 
+        Cn = CI b d / W
+        Bn = Cn (1 + mobility_deflection delta / h) / (1 + mobility_width b / d)
+        Bn1 = Cn sqrt(d / h) / (1 + mobility_area b d)
         gross traction ratio     traction (1 - e^(-traction_bn Bn)) (1 - e^(-traction_slip s))
         motion resistance ratio  resistance_bn / Bn + resistance + resistance_slip s / sqrt(Bn)
         side force ratio         mu (1 - e^(-B |alpha|)),  mu = side + side_bn1 / Bn1,
@@ -36,16 +40,16 @@ class SoilLaw:
     mobility_deflection: float = 5.0  # weight of the relative deflection in Bn
     mobility_width: float = 3.0  # weight of width over diameter in Bn
     mobility_area: float = 0.5  # [1/m^2] weight of width times diameter in Bn1
-    traction: float = 0.88  # gross traction ratio at any slip on soil that does not yield
+    traction: float = 0.88  # limit of the gross traction ratio at full slip on firm soil
     traction_bn: float = 0.1
     traction_slip: float = 7.5
-    resistance: float = 0.04  # motion resistance ratio without slip on soil that does not yield
+    resistance: float = 0.04  # limit of the motion resistance ratio without slip on firm soil
     resistance_bn: float = 1.0
     resistance_slip: float = 0.5
-    side: float = 0.61  # side force ratio at any slip angle on soil that does not yield
+    side: float = 0.61  # limit of mu on firm soil
     side_bn1: float = 0.69
-    side_slope: float = 2.34  # [1/rad] side force ratio per slip angle on soil that carries nothing
-    side_slope_bn1: float = 0.088  # [1/rad]
+    side_slope: float = 2.34  # [1/rad] slope of the side force ratio at Bn1 = 0
+    side_slope_bn1: float = 0.088  # [1/rad] its growth with Bn1
 
     def table(self) -> FloatArray:
         """Return the coefficients in the order of the fields, for the compiled law, (13,)."""
@@ -147,7 +151,7 @@ def mobility(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the mobility numbers Bn [B] and Bn1 (MAVS), both (n,).
 
-    Cn = CI b d / W;  Bn = Cn (1 + 5 delta/h) / (1 + 3 b/d);  Bn1 = Cn sqrt(d/h) / (1 + b d/2)
+    `SoilLaw` has the equations.
     """
     b, d = tyres.width, 2.0 * tyres.radius
     cn = cone_index * b * d / (1e-3 * np.maximum(load, SMALLEST_LOAD))  # kPa m^2 / kN
@@ -192,7 +196,7 @@ def motion_resistance_ratio(bn: FloatArray, slip: FloatArray) -> FloatArray:
 
 
 def largest_side_ratio(bn1: FloatArray) -> FloatArray:
-    """Return side force over load at a slip angle of 90 degrees, mu of `SoilLaw`. MAVS."""
+    """Return mu of `SoilLaw`, the limit of side force over load at large slip angles. MAVS."""
     return LAW.side + LAW.side_bn1 / bn1
 
 
