@@ -1,3 +1,5 @@
+"""The law of a wheel on soil: contact, traction, side force, and its compiled version."""
+
 import itertools
 import math
 from dataclasses import fields
@@ -105,7 +107,7 @@ def run_kernel(tyres, ground, soil, wheels, deflection):
     return state, output, xfrc[2:]
 
 
-def test_the_reports_columns_are_the_fields_of_what_is_told_of_wheels():
+def test_the_columns_of_the_report_are_the_fields_of_wheels():
     assert [column.name.lower() for column in Output] == [item.name for item in fields(Wheels)]
 
 
@@ -260,7 +262,7 @@ def test_forces_stay_inside_the_friction_ellipse(tyres):
         bn, bn1 = tyre.mobility(single, forces.load, np.array([300.0]))
         largest_long = tyre.largest_traction(bn, forces.load)
         largest_lat = forces.load * tyre.largest_side_ratio(bn1)
-        # gross traction: what the axle feels
+        # gross traction: the moment about the axle over the radius
         gross = -forces.moment[0, 1] / single.radius
         assert np.hypot(gross / largest_long, forces.force_lat / largest_lat) <= 1.0 + 1e-9
 
@@ -274,7 +276,7 @@ def test_spinning_wheel_loses_side_force(tyres):
 
 
 def test_side_force_builds_up_over_the_relaxation_length(tyres):
-    """After one relaxation length 63 % of a small steady side force is there.
+    """After one relaxation length a small steady side force has reached 63 %.
 
     The tread's damping leads by its time over that of the relaxation, 0.02 s of 0.3 s.
     """
