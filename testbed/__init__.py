@@ -1,1 +1,1 @@
-"""Plant side: field, vehicle, sensors, loop and log. Knows the controller's protocols only."""
+"""Plant side: field, vehicle, sensors, loop and log; it depends on controller protocols only."""

@@ -1,27 +1,27 @@
-"""Errors of the plant side. Every one of them is a `TestbedError`."""
+"""Errors of the testbed; each is a `TestbedError`."""
 
 
 def first_line(error: Exception) -> str:
-    """Return the first line of what an error of others says, its kind where it says nothing."""
+    """Return the first line of an exception's message, or its type where it has none."""
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 class TestbedError(Exception):
-    """Root of all errors that the plant side raises on purpose."""
+    """Base class of all errors that the testbed raises deliberately."""
 
-    __test__ = False  # not a test case, whatever its name says to pytest
+    __test__ = False  # pytest would collect it by its name
 
 
 class InvalidField(TestbedError):
-    """Terrain or soil that cannot exist: a class, a size or a strength out of its range."""
+    """Terrain or soil is impossible: a class, a size or a strength is out of its range."""
 
 
 class InvalidPlant(TestbedError):
-    """A true vehicle or a plant setting that cannot exist."""
+    """A vehicle or a plant setting is impossible."""
 
 
 class PlantDiverged(TestbedError):
-    """The simulation produced no valid state: NaN, a reset of MuJoCo, or a solver warning."""
+    """The simulation has no valid state: NaN, a reset of MuJoCo, or a solver warning."""
 
 
 class StageFailed(TestbedError):
@@ -29,12 +29,12 @@ class StageFailed(TestbedError):
 
 
 class LogError(TestbedError):
-    """A log that cannot be written or read."""
+    """A log cannot be written or read."""
 
 
 class LiveError(TestbedError):
-    """A live view that cannot be opened."""
+    """A live view cannot be opened."""
 
 
 class WindowClosed(TestbedError):
-    """The user has seen enough of a run that went on for the window alone."""
+    """The user closed the window of an interactive run."""

@@ -1,4 +1,4 @@
-"""The true state of the vehicle and of its wheels at one moment, as data."""
+"""Truth: the true state of the vehicle and of its wheels at one moment."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WHEELS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """A point of a body and the body's attitude (map frame; yaw, pitch, roll about z, y', x'')."""
+    """Position of a point of a body and the body's attitude (map; yaw, pitch, roll: z, y', x'')."""
 
     x: float  # [m]
     y: float  # [m]
@@ -31,11 +31,11 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Wheels:
-    """What acts at each wheel, in the order of `WHEELS`; arrays are (6,)."""
+    """Forces and slips at each wheel, in the order of `WHEELS`; arrays are (6,)."""
 
     load: FloatArray  # [N] normal to the ground, never negative
     slip: FloatArray  # (omega r - v) / max(|omega r|, |v|, small), driving positive
-    slip_angle: FloatArray  # [rad] angle of the wheel's course to its plane
+    slip_angle: FloatArray  # [rad] angle of the wheel's velocity to its plane
     force_long: FloatArray  # [N] on the vehicle along the wheel's heading on the ground
     force_lat: FloatArray  # [N] on the vehicle to the wheel's left on the ground
     cone_index: FloatArray  # [kPa] of the soil below the wheel
@@ -44,7 +44,7 @@ class Wheels:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """The plant at one moment. Points are axle centres, angles as in docs/architecture.md."""
+    """State of the plant at one moment. Points are axle centres; angles: docs/architecture.md."""
 
     time_s: float
     tractor: Pose  # of the tractor point (centre of the rear axle)
@@ -58,7 +58,7 @@ class Truth:
     lateral_speed: float  # [m/s] of the tractor point to the tractor's left
     yaw_rate_t: float  # [rad/s] of the tractor
     yaw_rate_i: float  # [rad/s] of the trailer
-    rim_speed: float  # [m/s] mean of omega r over the two rear wheels, what an encoder sees
+    rim_speed: float  # [m/s] mean of omega r over the two rear wheels, the encoder's quantity
     hp: float  # hydrostat position after its lag, fraction 0..1
     set_points: FloatArray  # (3,) of both steering servos [rad] and of the hydrostat
     wheels: Wheels

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS
+
 from ..scenario.scenario import load
 from . import options
 
@@ -27,7 +29,7 @@ def add(commands: options.Commands) -> None:
     options.add_scenario(parser)
     parser.add_argument(
         "--wheels",
-        choices=("soil", "contact"),
+        choices=tuple(WHEEL_MODELS),
         help="wheel model to inspect: the project's own on soil or MuJoCo's contact (default: "
         "the scenario's)",
     )

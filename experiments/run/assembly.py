@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from proving_ground.testbed.actuation.actuators import Actuators
+from proving_ground.testbed.discretisation import whole_steps
 from proving_ground.testbed.ground.grid import Grid
 from proving_ground.testbed.ground.soil_layers import StrengthMap
 from proving_ground.testbed.ground.terrain import Terrain
@@ -18,8 +19,7 @@ from proving_ground.testbed.sensing.sensors import SensorSuite
 from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.simulation.termination import MishapLimits
-from proving_ground.testbed.step_counts import whole_steps
+from proving_ground.testbed.simulation.termination import TerminationLimits
 from ttempc.guidance.controllers import controller_options
 from ttempc.guidance.guidance import Guidance
 from ttempc.reference.path import Path
@@ -81,7 +81,7 @@ class Assembly:
             control_steps=whole_steps(CONTROL_PERIOD_S, timestep, "control period"),
             record_steps=record_steps(timestep, record_hz),
             terrain=self.terrain,
-            termination=MishapLimits.of(self.plant.vehicle),
+            termination=TerminationLimits.of(self.plant.vehicle),
             notes=self.notes,
         )
 

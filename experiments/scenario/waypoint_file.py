@@ -11,10 +11,10 @@ from typing import Any, Final, Never
 
 import numpy as np
 
+from proving_ground.testbed.geodesy import east_north
 from ttempc.types import FloatArray
 
 from ..errors import InvalidRoute
-from .geodesy import east_north
 
 _GEOJSON: Final = (".geojson", ".json")
 # Columns without a header, by their number.

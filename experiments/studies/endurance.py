@@ -22,7 +22,7 @@ from proving_ground.testbed.ground.terrain import ISO_8608, rough
 from proving_ground.testbed.inspection.bench import Bench, steps
 from proving_ground.testbed.randomness import generator
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.simulation.termination import MishapLimits, mishap
+from proving_ground.testbed.simulation.termination import TerminationLimits, check_termination
 from ttempc.types import Command
 
 from ..scenario.scenario import load
@@ -74,7 +74,7 @@ def _drive(
     plant: Plant, bench: Bench, rng: np.random.Generator, seconds: float
 ) -> tuple[float, bool, float, np.ndarray]:
     """Drive until time, field or luck end; return time [s], lost or not, top speed, loads."""
-    vehicle, limits = bench.nominal, replace(MishapLimits(), deviation=math.inf)
+    vehicle, limits = bench.nominal, replace(TerminationLimits(), deviation=math.inf)
     truth = plant.reset(0.0, 0.0, rng.uniform(-math.pi, math.pi), 0.0)
     command, fastest, loads = Command(0.0, 0.0, 0.0), 0.0, []
     for period in range(round(seconds / _PERIOD_S)):
@@ -89,7 +89,7 @@ def _drive(
         fastest = max(fastest, truth.speed)
         if not plant.terrain.contains(truth.tractor.x, truth.tractor.y, _EDGE_M):
             break
-        if mishap(truth, (truth.tractor.x, truth.tractor.y), plant.terrain, limits):
+        if check_termination(truth, (truth.tractor.x, truth.tractor.y), plant.terrain, limits):
             return truth.time_s, True, fastest, np.array(loads)
     return truth.time_s, False, fastest, np.array(loads)
 

@@ -1,1 +1,1 @@
-"""From command to servo set point."""
+"""Command path: from a command to the set points of the servos."""

@@ -19,9 +19,8 @@ from typing import Final, NamedTuple
 
 from ttempc.types import Command
 
+from ..discretisation import delay_steps, quantised
 from ..errors import InvalidPlant
-from ..step_counts import delay_steps
-from .quantisation import quantised
 
 LONGEST_DEAD_TIME_S: Final = 2.0  # ten control periods: what is slower is no steering
 _ROUNDING: Final = 1e-12  # [rad] a set point at the edge of the dead band is inside it

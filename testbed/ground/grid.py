@@ -1,4 +1,4 @@
-"""Numbers on a square grid over the map frame: heights or strengths, from memory or from a file."""
+"""Grid: heights or strengths on a square grid over the map frame, from memory or a file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..errors import InvalidField, first_line
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """Values on a square grid, bilinear in between; each child says what they are.
+    """Values on a square grid, bilinear in between; a subclass defines their meaning.
 
     Raises:
         InvalidField: the grid is not 2-D, smaller than 2 x 2, or holds a number that is not finite.
@@ -52,7 +52,7 @@ class Grid:
         Rows run along x, the first row is the southern edge.
 
         Raises:
-            InvalidField: the file is missing, is no grid of numbers, or the grid is not usable.
+            InvalidField: the file is missing or not a grid of numbers, or the grid is invalid.
         """
         where = f"{cls.what} file {path}"
         try:
@@ -73,13 +73,13 @@ class Grid:
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Return the extent along x and y [m]."""
+        """Extent along x and y [m]."""
         ny, nx = self.values.shape
         return (nx - 1) * self.spacing_m, (ny - 1) * self.spacing_m
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Return (x, y) [m] of the middle of the grid."""
+        """(x, y) [m] of the middle of the grid."""
         return (
             self.origin[0] + 0.5 * self.size_m[0],
             self.origin[1] + 0.5 * self.size_m[1],
@@ -122,7 +122,7 @@ class Grid:
         return (1.0 - q) * south + q * north
 
     def _refuse_where(self, wrong: np.ndarray, values: FloatArray, allowed: str) -> None:
-        """Refuse the grid with the first of its values that are wrong."""
+        """Refuse the grid if a value is wrong; the message has the first one."""
         if wrong.any():
             row, column = np.argwhere(wrong)[0]
             raise InvalidField(

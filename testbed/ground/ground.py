@@ -1,4 +1,4 @@
-"""Shape and strength of the ground together, as a log keeps them."""
+"""Ground: shape and strength together, and their archive in a log."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Ground:
     def to_npz(self) -> bytes:
         """Return the ground as a compressed numpy archive, in single precision.
 
-        Heights of a field of 80 m in single precision are good to a micrometre: enough for
-        every picture and not what a simulation starts from.
+        Heights of a field of 80 m in single precision are accurate to a micrometre: enough for
+        pictures, but not to repeat a simulation.
         """
         arrays = {
             "heights_m": self.terrain.heights.astype(np.float32),
@@ -41,7 +41,7 @@ class Ground:
             for name, values in arrays.items():
                 file = io.BytesIO()
                 np.save(file, values, allow_pickle=False)
-                # Rough ground is hardly compressed: 60 ms for 7 % of its bytes.
+                # rough ground compresses badly: 60 ms for 7 % of its bytes
                 rough = name == "heights_m" and values.std() > 0
                 kind = zipfile.ZIP_STORED if rough else None
                 archive.writestr(f"{name}.npy", file.getvalue(), kind)
@@ -52,7 +52,7 @@ class Ground:
         """Return the ground that `to_npz` wrote.
 
         Raises:
-            InvalidField: the bytes are no such archive.
+            InvalidField: the bytes are not such an archive.
         """
         try:
             with np.load(io.BytesIO(data), allow_pickle=False) as archive:

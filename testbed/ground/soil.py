@@ -1,4 +1,4 @@
-"""The strength of the ground: cone index as a function of the place."""
+"""Soil strength: cone index as a function of position."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from ..errors import InvalidField
 from .soil_layers import check_cone_index
 from .terrain import Terrain
 
-# Soils by name, cone index [kPa], all assumed: the same loam, stronger as it dries, over the range
-# of the traction equation. "moist" carries the empty tractor well, on "wet" it slips and slides;
-# Brixius' equation fits down to 225 kPa (Thangavadivelu 1994), so nothing weaker has a name.
-# "hard" stands for asphalt or a dry farm road, which no cone penetrates: a finite strength at
-# which more strength would change little. There the motion resistance is 5 % of the load and the
-# empty vehicle drives with 1.9 % slip.
+# Soils by name, cone index [kPa], all assumed: one loam, stronger as it dries, over the range of
+# the traction equation. On "moist" the empty tractor slips little, on "wet" it slips and slides.
+# Brixius' equation fits down to 225 kPa (Thangavadivelu 1994), so no weaker soil has a name. "hard"
+# stands for asphalt or a dry farm road, which no cone penetrates: a finite strength above which the
+# law changes little. There the motion resistance is 5 % of the load and the empty vehicle drives
+# with 1.9 % slip.
 NAMED_SOILS: Final[Mapping[str, float]] = MappingProxyType(
     {"hard": 2000.0, "dry": 1000.0, "moist": 600.0, "wet": 300.0}
 )
 
 
 class Layer(Protocol):
-    """Something that changes the strength of what lies below it."""
+    """A layer that changes the strength of the layers below it."""
 
     @property
     def finest(self) -> float:
-        """Smallest width [m] of what it draws; a grid must be finer."""
+        """Smallest width [m] of its details; a grid must be finer."""
         ...
 
     def over(self, below: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
@@ -42,7 +42,7 @@ class Layer(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class SoilMap:
-    """A background of one strength and layers over it, each on top of those before.
+    """A background of one strength and layers over it, in their order from below.
 
     Raises:
         InvalidField: the background is not finite and above 0.
@@ -77,7 +77,7 @@ class SoilMap:
         """Return the cone index [kPa] at every point of the terrain's grid, (ny, nx).
 
         Raises:
-            InvalidField: a layer draws something narrower than the spacing of the grid.
+            InvalidField: a layer has details narrower than the spacing of the grid.
         """
         for layer in self.layers:
             if layer.finest < terrain.spacing_m * (1.0 - 1e-9):

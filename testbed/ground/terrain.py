@@ -1,4 +1,4 @@
-"""The shape of the ground: a grid of heights, rough after ISO 8608, tilted, with features on it."""
+"""Terrain: a grid of heights with ISO 8608 roughness, features and a slope."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .grid import Grid
 ISO_8608: Final = {letter: 16e-6 * 4**i for i, letter in enumerate("ABCDEF")}
 REFERENCE_FREQUENCY: Final = 0.1  # n0 [cycle/m]; ISO 8608
 LOWEST_FREQUENCY: Final = 0.05  # [cycle/m]; longer waves are slopes, not roughness
-HIGHEST_FREQUENCY: Final = 2.0  # [cycle/m]; shorter waves drown under the tyre
+HIGHEST_FREQUENCY: Final = 2.0  # [cycle/m]; the contact area averages shorter waves
 
 DEFAULT_SIZE_M: Final = (80.0, 50.0)  # figure eight of 50 x 20 m and 15 m around it
 DEFAULT_SPACING_M: Final = 0.1  # five points on the shortest wave
@@ -36,7 +36,7 @@ class Terrain(Grid):
 
     @property
     def heights(self) -> FloatArray:
-        """Return the heights [m] at the grid's points, (ny, nx), row = y, column = x."""
+        """Heights [m] at the grid's points, (ny, nx), row = y, column = x."""
         return self.values
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
@@ -44,10 +44,10 @@ class Terrain(Grid):
         return self.at(x, y)
 
     def shaped(self, features: Iterable[Feature]) -> Terrain:
-        """Return this ground with the heights of features added to it.
+        """Return this terrain with the heights of features added to it.
 
         Raises:
-            InvalidField: a feature lies outside the field, or is finer than its grid can hold.
+            InvalidField: a feature lies outside the field, or is too fine for its grid.
         """
         x, y = self.points()
         heights = self.heights.copy()
@@ -68,7 +68,7 @@ class Terrain(Grid):
         return Terrain(heights, self.spacing_m, self.origin)
 
     def tilted(self, slope_rad: float, uphill_rad: float = 0.0) -> Terrain:
-        """Return this ground on a plane that rises by `slope_rad` towards `uphill_rad`.
+        """Return this terrain on a plane that rises by `slope_rad` towards `uphill_rad`.
 
         The direction is counter-clockwise from x; the plane is 0 at the middle of the field.
 
@@ -102,7 +102,7 @@ def rough(
     spacing_m: float = DEFAULT_SPACING_M,
     centre: tuple[float, float] = (0.0, 0.0),
 ) -> Terrain:
-    """Return an isotropic random field whose every straight section is of an ISO 8608 class.
+    """Return an isotropic random field whose straight sections are of an ISO 8608 class.
 
     The one-sided spectrum of a section is G_d(n) = G_d(n0) (n/n0)^-2 between 0.05 and 2 cycles/m
     (ISO 8608:2016, eq. (C.1)) and 0 above. White noise is shaped by the two-dimensional spectrum
@@ -130,7 +130,7 @@ def rough(
 def _grid(
     size_m: tuple[float, float], spacing_m: float, centre: tuple[float, float]
 ) -> tuple[tuple[int, int], tuple[float, float]]:
-    """Return shape (ny, nx) and origin of a field; refuse what cannot be one."""
+    """Return shape (ny, nx) and origin of a field; refuse impossible sizes."""
     if not (math.isfinite(spacing_m) and 0.0 < spacing_m <= 0.25):
         # two points on the shortest wave of the spectrum
         raise InvalidField(f"terrain: got spacing {spacing_m} m, must be above 0, at most 0.25")

@@ -1,1 +1,1 @@
-"""Inspection of the plant: experiments with a known answer, and whether the plant gives it."""
+"""Plant validation: experiments on the plant with known results."""

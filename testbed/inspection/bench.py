@@ -1,4 +1,4 @@
-"""The bench: builds the plant that an experiment asks for, and drives it."""
+"""Test bench: builds plants for the experiments of the validation and drives them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from ..ground.terrain import Terrain, flat
 from ..simulation.plant import Plant
 from ..truth import WHEELS, Truth
 from ..vehicle.vehicle import PlantVehicle
-from ..vehicle.vehicle_model import WheelModel
 from ..wheels.tyre import WheelMotion
+from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL
 
 FIRM_KPA: Final = SoilMap.named("hard").background
-SPEED: Final = 1.0  # [m/s] of experiments that ask for none
+SPEED: Final = 1.0  # [m/s] default of the experiments
 DRIVEN: Final = np.array([wheel.startswith("rear") for wheel in WHEELS])
 TRAILER: Final = np.array([wheel.startswith("trailer") for wheel in WHEELS])
 STOP: Final = Command(0.0, 0.0, 0.0)
@@ -30,30 +30,30 @@ STOP: Final = Command(0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Bench:
-    """A scenario's vehicle, ground and wheel model, for experiments to build plants from."""
+    """Vehicle, ground and wheel model of a scenario, from which experiments build plants."""
 
     vehicle: PlantVehicle
-    terrain: Terrain  # the scenario's own, slope included
+    terrain: Terrain  # of the scenario, slope included
     soil: SoilMap
-    rough: Terrain | None = None  # the same without features; None: of no ISO 8608 class
+    rough: Terrain | None = None  # terrain without features; None: not of an ISO 8608 class
     iso_class: str = ""  # of `rough`
     slope_rad: float = 0.0
-    wheels: WheelModel = "soil"
+    wheels: str = DEFAULT_WHEEL_MODEL
     timestep_s: float = 0.002
 
     @cached_property
     def cone_index(self) -> float:
-        """Return the median cone index of the scenario's ground [kPa]."""
+        """Median cone index of the scenario's ground [kPa]."""
         return float(np.median(self.soil.rasterised(self.terrain)))
 
     @cached_property
     def nominal(self) -> Vehicle:
-        """Return lengths, limits and drive of the vehicle as its file has them."""
+        """Model parameters of the vehicle's file."""
         return nominal(self.vehicle)
 
     @property
     def roll(self) -> Command:
-        """Return the command that drives straight on at `SPEED` on firm ground."""
+        """Command that drives straight at `SPEED` on firm ground."""
         return self.command(SPEED)
 
     def command(self, speed: float, delta_t: float = 0.0, delta_i: float = 0.0) -> Command:
@@ -65,10 +65,10 @@ class Bench:
         ground: Terrain | None = None,
         cone_index: float | SoilMap = FIRM_KPA,
         *,
-        wheels: WheelModel | None = None,
+        wheels: str | None = None,
         timestep_s: float | None = None,
     ) -> Plant:
-        """Return the vehicle on a ground: level and firm unless said otherwise."""
+        """Return a plant of the vehicle; the ground is level and firm by default."""
         return Plant(
             self.vehicle,
             ground or flat((60.0, 40.0)),
@@ -77,8 +77,10 @@ class Bench:
             timestep_s=timestep_s or self.timestep_s,
         )
 
-    def own(self, *, wheels: WheelModel | None = None, timestep_s: float | None = None) -> Plant:
-        """Return the vehicle on the scenario's own ground."""
+    def scenario_plant(
+        self, *, wheels: str | None = None, timestep_s: float | None = None
+    ) -> Plant:
+        """Return a plant of the vehicle on the scenario's ground."""
         return self.plant(self.terrain, self.soil, wheels=wheels, timestep_s=timestep_s)
 
 
@@ -88,7 +90,7 @@ def steps(plant: Plant, seconds: float) -> int:
 
 
 def drive(plant: Plant, command: Command, seconds: float, every: float) -> list[Truth]:
-    """Return what the plant shows every so many seconds while it holds a command."""
+    """Return the truth after every `every` seconds while the plant holds a command."""
     count = steps(plant, every)
     return [plant.advance(command, count) for _ in range(round(seconds / every))]
 
@@ -99,17 +101,17 @@ def weight(plant: Plant) -> float:
 
 
 def bodies(plant: Plant, root: str) -> Sequence[int]:
-    """Return the ids of a body and of all that hangs on it."""
+    """Return the ids of a body and of all bodies below it in the kinematic tree."""
     parent, top = plant.model.body_parentid, plant.body_names.index(root)
-    found = [top]
+    members = [top]
     for body in range(top + 1, len(parent)):
-        if parent[body] in found:
-            found.append(body)
-    return found
+        if parent[body] in members:
+            members.append(body)
+    return members
 
 
 def centre_of_mass(plant: Plant, members: Sequence[int]) -> tuple[float, FloatArray]:
-    """Return mass [kg] and centre of mass [m], (3,) map frame, of bodies as they are now."""
+    """Return the mass [kg] and the present centre of mass [m], (3,) map frame, of bodies."""
     mass = plant.model.body_mass[list(members)]
     return float(mass.sum()), mass @ plant.data.xipos[list(members)] / mass.sum()
 
@@ -120,7 +122,7 @@ def wheel_places(plant: Plant) -> FloatArray:
 
 
 def wheel_motion(plant: Plant) -> WheelMotion:
-    """Return where the wheels are and how they move."""
+    """Return position and motion of the wheels."""
     data = plant.data
     ids = [plant.body_names.index(wheel) for wheel in WHEELS]
     rotation = data.cvel[ids, :3]
@@ -130,7 +132,7 @@ def wheel_motion(plant: Plant) -> WheelMotion:
 
 
 def nominal(vehicle: PlantVehicle) -> Vehicle:
-    """Return the vehicle as its file has it, in the words of the control side."""
+    """Return the vehicle's file as model parameters of the control library."""
     front, trailer, drive = vehicle.front_steering, vehicle.trailer_steering, vehicle.hydrostat
     return Vehicle(
         wheelbase=vehicle.tractor.wheelbase_m,

@@ -1,4 +1,4 @@
-"""One check of the inspection: what was measured, what was expected, who says so."""
+"""Checks of the plant validation: a measured figure, its expected range and the source."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ class Line:
     label: str
     x: FloatArray  # (n,)
     y: FloatArray  # (n,)
-    measured: bool = True  # False: the law that it is held against
+    measured: bool = True  # False: the expected curve
 
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """What an experiment measured, to be drawn; units stand in the labels."""
+    """Measured and expected curves of an experiment; units are part of the labels."""
 
     title: str
     x_label: str
@@ -34,15 +34,15 @@ class Chart:
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """A figure and the range that it has to lie in.
+    """A figure and its permitted range.
 
-    `figure` is None where the check does not apply; `note` then says why.
+    `figure` is None where the check does not apply; `note` then gives the reason.
     """
 
     name: str
     figure: float | None  # in `unit`
     unit: str
-    expectation: str  # in words, with its tolerance
+    expectation: str  # text of the range
     low: float  # smallest figure that passes
     high: float  # largest figure that passes
     source: str  # of the expectation
@@ -51,12 +51,12 @@ class Check:
 
     @property
     def passed(self) -> bool | None:
-        """Return whether the figure is in its range (NaN is not), None where it does not apply."""
+        """Whether the figure is in its range (NaN is not); None where the check does not apply."""
         return None if self.figure is None else bool(self.low <= self.figure <= self.high)
 
     @property
     def verdict(self) -> Verdict:
-        """Return the outcome in a word."""
+        """The result as a word."""
         return _VERDICTS[self.passed]
 
 
@@ -102,10 +102,10 @@ def between(
 
 
 def number(value: float) -> str:
-    """Return a number in four digits, large ones in full."""
+    """Format a number with four digits; a number from 1000 on as an integer."""
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
 
 
 def not_applicable(name: str, reason: str) -> Check:
-    """Return a check that says why it cannot be made here."""
+    """Return a check that does not apply, with the reason."""
     return Check(name, None, "", "", -np.inf, np.inf, "", reason)

@@ -1,4 +1,4 @@
-"""Energy and momentum of the model in free fall, and sliding on ground without friction."""
+"""Conservation of energy and momentum: free fall, sliding on ground without friction."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -25,10 +25,10 @@ _SLIDE_S: Final = 1.0
 
 
 def free_fall(bench: Bench) -> list[Check]:
-    """A vehicle with spinning wheels and a swinging trailer falls, nothing damps or drives it."""
+    """Check a free fall with spinning wheels and a swinging trailer, without damping or drive."""
     plant = bench.plant(flat((20.0, 20.0)))
     plant.reset(0.0, 0.0, 0.0, 1.0)
-    _let_go(plant)
+    _remove_losses(plant)
     data = plant.data
     data.qpos[2] += _HEIGHT_M
     for joint, rate in (("rj1_yaw", 0.5), ("rj1_roll", 0.3), ("rj1_pitch", 0.2)):
@@ -37,7 +37,7 @@ def free_fall(bench: Bench) -> list[Check]:
     mujoco.mj_step1(plant.model, data)
     energy, momentum, spin = _mechanics(plant)
     data.xfrc_applied[:] = 0.0
-    for _ in range(steps(plant, _FALL_S)):  # no wheel model has a say in the air
+    for _ in range(steps(plant, _FALL_S)):  # without the wheel model: no wheel touches the ground
         mujoco.mj_step2(plant.model, data)
         mujoco.mj_step1(plant.model, data)
     energy_after, momentum_after, spin_after = _mechanics(plant)
@@ -47,52 +47,66 @@ def free_fall(bench: Bench) -> list[Check]:
     return [
         between(
             "momentum drift in free fall of 0.5 s",
-            *(float(np.abs(momentum_after - fallen).max() / scale), 0.0, 1e-3, "of m g t"),
-            "Newton: m v = m g t, whatever the joints do",
+            figure=float(np.abs(momentum_after - fallen).max() / scale),
+            low=0.0,
+            high=1e-3,
+            unit="of m g t",
+            source="Newton: m v = m g t, whatever the joints do",
         ),
         between(
             "angular momentum drift in free fall of 0.5 s",
-            float(np.linalg.norm(spin_after - spin) / np.linalg.norm(spin)),
-            *(0.0, 0.01, "of itself"),
-            "Euler: no moment about the centre of mass; 1 % of integration error (assumed)",
+            figure=float(np.linalg.norm(spin_after - spin) / np.linalg.norm(spin)),
+            low=0.0,
+            high=0.01,
+            unit="of itself",
+            source="Euler: no moment about the centre of mass; 1 % of integration error (assumed)",
         ),
         between(
             "drift of the energy about the centre of mass in free fall of 0.5 s",
-            *(abs(energy_after / energy - 1.0), 0.0, 0.01, "of itself"),
-            "conservation; 1 % of integration error (assumed)",
+            figure=abs(energy_after / energy - 1.0),
+            low=0.0,
+            high=0.01,
+            unit="of itself",
+            source="conservation; 1 % of integration error (assumed)",
         ),
     ]
 
 
 def frictionless(bench: Bench) -> list[Check]:
-    """The standing vehicle, pushed ahead and aside, slides on its wheels' normal forces alone."""
+    """Check a vehicle that slides ahead and aside on the normal forces of its wheels alone."""
     plant = bench.plant(flat((20.0, 20.0)))
     plant.reset(0.0, 0.0, 0.0, 0.0)
-    _let_go(plant)
+    _remove_losses(plant)
     plant.data.qvel[:2] += 1.0, 0.5
     mujoco.mj_step1(plant.model, plant.data)
     _, momentum, _ = _mechanics(plant)
     kinetic = _kinetic(plant)
     for _ in range(steps(plant, _SLIDE_S)):
-        _slide(plant, bench.wheels == "soil")
+        _slide(plant)
     _, after, _ = _mechanics(plant)
     scale = float(np.linalg.norm(momentum[:2]))
     return [
         between(
             "momentum drift on frictionless level ground in 1 s",
-            *(float(np.abs(after - momentum)[:2].max()) / scale, 0.0, 1e-3, "of itself"),
-            "Newton: no horizontal force",
+            figure=float(np.abs(after - momentum)[:2].max()) / scale,
+            low=0.0,
+            high=1e-3,
+            unit="of itself",
+            source="Newton: no horizontal force",
         ),
         between(
             "kinetic energy drift on frictionless level ground in 1 s",
-            *(abs(_kinetic(plant) - kinetic) / kinetic, 0.0, 0.005, "of itself"),
-            "conservation; 0.5 % of integration error (assumed)",
+            figure=abs(_kinetic(plant) - kinetic) / kinetic,
+            low=0.0,
+            high=0.005,
+            unit="of itself",
+            source="conservation; 0.5 % of integration error (assumed)",
         ),
     ]
 
 
-def _let_go(plant: Plant) -> None:
-    """Take away what drives or damps the joints."""
+def _remove_losses(plant: Plant) -> None:
+    """Remove drive, damping and friction from the model."""
     model = plant.model
     model.actuator_gainprm[:] = 0.0
     model.actuator_biasprm[:] = 0.0
@@ -101,10 +115,10 @@ def _let_go(plant: Plant) -> None:
     model.geom_friction[:] = 0.0
 
 
-def _slide(plant: Plant, soil: bool) -> None:
-    """Take one step on the normal forces of the wheels alone."""
+def _slide(plant: Plant) -> None:
+    """Advance one physics step with the normal forces of the wheels alone."""
     model, data = plant.model, plant.data
-    if soil:
+    if plant.wheels.follows_soil_law:
         ids = np.array([plant.body_names.index(wheel) for wheel in WHEELS])
         motion = wheel_motion(plant)
         touch = tyre.contact(plant.tyres, plant.terrain, motion)
@@ -118,8 +132,8 @@ def _slide(plant: Plant, soil: bool) -> None:
 def _mechanics(plant: Plant) -> tuple[float, FloatArray, FloatArray]:
     """Return kinetic energy [J] about the centre of mass, momentum [N s], angular momentum [N m s].
 
-    About the centre of mass, because the energy of the fall itself carries the integrator's
-    dt / t, which is no property of the model.
+    The energy is that about the centre of mass: the energy of the fall itself has the integrator's
+    error dt / t, which is not a property of the model.
     """
     model, data = plant.model, plant.data
     mujoco.mj_subtreeVel(model, data)

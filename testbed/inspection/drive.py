@@ -1,4 +1,4 @@
-"""The drive and what holds it back: hydrostat step, coast-down."""
+"""Drive and motion resistance: hydrostat step, coast-down."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BUILD_UP_S: Final = 0.2  # in which motion resistance builds up over its relaxa
 
 
 def hydrostat_step(bench: Bench) -> list[Check]:
-    """Speed after a full step of the hydrostat on firm level ground, as a first-order lag."""
+    """Check the speed after a full hydrostat step on firm level ground: a first-order lag."""
     vehicle = bench.nominal
     plant = bench.plant(flat((120.0, 10.0)))
     plant.reset(-50.0, 0.0, 0.0, 0.0)
@@ -43,21 +43,29 @@ def hydrostat_step(bench: Bench) -> list[Check]:
     source = "vehicle's K and tau; for the paper's vehicle: Kayacan et al. 2016, sec. II"
     return [
         near(
-            *("hydrostat gain K", gain, vehicle.speed_gain),
-            *(0.05 * vehicle.speed_gain, "m/s", source),
+            "hydrostat gain K",
+            figure=gain,
+            expected=vehicle.speed_gain,
+            tolerance=0.05 * vehicle.speed_gain,
+            unit="m/s",
+            source=source,
             chart=chart,
         ),
         near(
-            *("hydrostat time constant tau", tau, vehicle.speed_time_constant),
-            *(0.05 * vehicle.speed_time_constant, "s", source),
+            "hydrostat time constant tau",
+            figure=tau,
+            expected=vehicle.speed_time_constant,
+            tolerance=0.05 * vehicle.speed_time_constant,
+            unit="s",
+            source=source,
         ),
     ]
 
 
 def coast_down(bench: Bench) -> list[Check]:
-    """Deceleration with the drive disengaged against motion resistance over inertia.
+    """Check the deceleration without drive: motion resistance over inertia.
 
-    (m + sum I/r^2) dv/dt = -sum W (1/Bn + 0.04)
+    (m + sum I/r^2) dv/dt = -sum R, with R the motion resistance of each wheel without slip.
     """
     plant = bench.plant(flat((20.0, 20.0)), bench.cone_index)
     plant.reset(0.0, 0.0, 0.0, SPEED)
@@ -88,11 +96,11 @@ def coast_down(bench: Bench) -> list[Check]:
     return [
         near(
             f"coast-down at {bench.cone_index:.0f} kPa",
-            measured,
-            expected,
-            0.05 * expected,
-            "m/s²",
-            "Brixius 1987: motion resistance 1/Bn + 0.04",
+            figure=measured,
+            expected=expected,
+            tolerance=0.05 * expected,
+            unit="m/s²",
+            source="Brixius 1987: motion resistance without slip",
             chart=chart,
         )
     ]

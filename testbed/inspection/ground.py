@@ -1,4 +1,4 @@
-"""The ground: spectrum of its roughness under the left and under the right wheels."""
+"""Roughness spectrum of the ground under the left and under the right wheels."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ _LANE_M: Final = 3.0  # between passes
 
 
 def roughness(bench: Bench) -> list[Check]:
-    """G_d(n0) of both wheel tracks over all passes across the field, over that of the class."""
+    """Check G_d(n0) of both wheel tracks, the mean over passes across the field, by its class."""
     if bench.rough is None:
         return [
-            not_applicable(f"roughness of the {side} track", "the ground is of no ISO 8608 class")
+            not_applicable(f"roughness of the {side} track", "the ground has no ISO 8608 class")
             for side in ("left", "right")
         ]
     plant = bench.plant(flat((20.0, 20.0)))
     plant.reset(0.0, 0.0, 0.0, 0.0)
     half = 0.5 * float(np.ptp(wheel_places(plant)[2:4, 1]))
     expected = ISO_8608[bench.iso_class]
-    lines, checks = [], []
+    lines, ratios = [], []
     for side, offset in (("left", half), ("right", -half)):
         frequency, density = section_spectrum(*_tracks(bench.rough, offset))
         inside = (frequency >= _BAND[0]) & (frequency <= _BAND[1])
         frequency, density = frequency[inside], density[inside]
         level = float(np.mean(density * (frequency / REFERENCE_FREQUENCY) ** 2))
         lines.append(Line(side, np.log10(frequency), np.log10(density)))
-        checks.append((side, level / expected))
+        ratios.append((side, level / expected))
     law = expected * (frequency / REFERENCE_FREQUENCY) ** -2
     chart = Chart(
         f"Roughness of both tracks, class {bench.iso_class}",
@@ -45,11 +45,14 @@ def roughness(bench: Bench) -> list[Check]:
     return [
         between(
             f"roughness of the {side} track over class {bench.iso_class}",
-            *(ratio, 0.5, 2.0, ""),
-            "ISO 8608:2016, table C.1: class limits are half and double the mean",
+            figure=ratio,
+            low=0.5,
+            high=2.0,
+            unit="",
+            source="ISO 8608:2016, table C.1: class limits are half and double the mean",
             chart=chart if side == "left" else None,
         )
-        for side, ratio in checks
+        for side, ratio in ratios
     ]
 
 
@@ -59,7 +62,7 @@ def section_spectrum(heights: FloatArray, spacing: float) -> tuple[FloatArray, F
     window = np.hanning(n)
     x = np.linspace(-1.0, 1.0, n)
     level = heights - heights.mean(axis=1, keepdims=True)
-    level = level - (level @ x / (x @ x))[:, None] * x  # a slope is no roughness
+    level = level - (level @ x / (x @ x))[:, None] * x  # without the slope
     power = np.abs(np.fft.rfft(level * window, axis=1)) ** 2 * 2.0 * spacing / (window**2).sum()
     frequency: FloatArray = np.arange(power.shape[1]) / (n * spacing)
     return frequency, power.mean(axis=0)

@@ -1,4 +1,4 @@
-"""All experiments of the inspection, in the order of the card."""
+"""Plant validation: all experiments, in the order of the report."""
 
 from __future__ import annotations
 
@@ -48,14 +48,20 @@ EXPERIMENTS: Final[dict[str, Experiment]] = {
 
 
 def inspect(bench: Bench, names: Sequence[str] = tuple(EXPERIMENTS)) -> Iterator[Check]:
-    """Yield the checks of the named experiments as they are made.
+    """Run the named experiments and yield their checks one by one.
 
-    A plant that diverges, or cannot be built, fails the experiment and not the inspection.
+    An error of the testbed, such as a diverged plant, becomes a failed check of that experiment.
     """
     for name in names:
         try:
             yield from EXPERIMENTS[name](bench)
         except TestbedError as error:
             yield between(
-                name, math.nan, 0.0, 0.0, "", "the experiment runs to its end", note=str(error)
+                name,
+                figure=math.nan,
+                low=0.0,
+                high=0.0,
+                unit="",
+                source="the experiment runs to its end",
+                note=str(error),
             )

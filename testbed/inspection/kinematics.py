@@ -1,4 +1,4 @@
-"""Articulated kinematics: the trailer's yaw rate, and what the sign of each term is worth."""
+"""Articulated kinematics: yaw rate of the trailer, sign of each term, chain of lengths."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SETTLED: Final = 50  # rows
 
 
 def hitch_kinematics(bench: Bench) -> list[Check]:
-    """Yaw rate of a weaving trailer against the rolling of its axle, lambda = psi_t - psi_i:
+    """Check the yaw rate of a weaving trailer by rolling without slip, lambda = psi_t - psi_i.
 
     psi_i' (L_i + d cos delta_i) = v sin lambda - a psi_t' cos lambda - d delta_i' cos delta_i
     """
@@ -62,17 +62,35 @@ def hitch_kinematics(bench: Bench) -> list[Check]:
     source = "rolling without side slip behind two hinges, docs/architecture.md"
     checks = [
         between(
-            *("trailer yaw rate, rms residual", right, 0.0, 0.01, "rad/s", source),
+            "trailer yaw rate, rms residual",
+            figure=right,
+            low=0.0,
+            high=0.01,
+            unit="rad/s",
+            source=source,
             note=f"of {np.sqrt(np.mean(rate_i**2)):.3f} rad/s rms",
         ),
         between(
-            *("axle points against the chain of lengths", 1e3 * max(gaps), 0.0, 5.0, "mm"),
-            "e(psi) summed over a, d and L_i",
+            "axle points against the chain of lengths",
+            figure=1e3 * max(gaps),
+            low=0.0,
+            high=5.0,
+            unit="mm",
+            source="e(psi) summed over a, d and L_i",
         ),
     ]
     for index, term in enumerate(("v sin lambda", "a psi_t' cos lambda", "d delta_i' cos delta_i")):
         signs = np.ones(3)
         signs[index] = -1.0
         name = f"residual with the sign of {term} flipped, over that without"
-        checks.append(between(name, residual(signs) / right, 3.0, math.inf, "", source))
+        checks.append(
+            between(
+                name,
+                figure=residual(signs) / right,
+                low=3.0,
+                high=math.inf,
+                unit="",
+                source=source,
+            )
+        )
     return checks

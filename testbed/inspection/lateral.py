@@ -1,4 +1,4 @@
-"""Side force: slip angle of the axles across slopes, drift along a contour."""
+"""Side force: slip angles of the axles on side slopes, drift along a contour."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .check import Chart, Check, Line, between, near
 from .steady_motion import Planar, steady_motion
 
 _SLOPES: Final = np.radians([2.0, 4.0, 6.0, 8.0, 10.0])
-_CONTOUR: Final = 0.10  # [rad] of a level scenario
+_CONTOUR: Final = 0.10  # [rad] slope where the scenario is level
 _SETTLE_S: Final = 2.0
 _MEAN_S: Final = 1.0
 _DRIFT_S: Final = 8.0
 
 
 def side_force(bench: Bench) -> list[Check]:
-    """Side force over load against slip angle, both axles that do not steer, on side slopes.
+    """Check side force over load at the slip angle of rear and trailer axle on side slopes.
 
-    Slip angles are taken from the motion of the axle points, not from what the wheels report.
+    Slip angles follow from the motion of the axle points, not from the report of the wheels.
     """
     angles, ratios, law = [], [], []
     for slope in _SLOPES:
@@ -39,7 +39,7 @@ def side_force(bench: Bench) -> list[Check]:
         load = np.mean([t.wheels.load for t in truths], axis=0)
         side = np.mean([t.wheels.force_lat for t in truths], axis=0)
         _, bn1 = tyre.mobility(plant.tyres, load, np.full(len(WHEELS), bench.cone_index))
-        # treads that spin are swept aside more slowly: the law is in the faster of rim and ground
+        # the lateral slip of the law refers to the larger of rim and ground speed
         rear = np.mean([math.atan2(t.lateral_speed, max(t.speed, t.rim_speed)) for t in truths])
         span = truths[-1].time_s - truths[0].time_s
         first, last = truths[0].trailer, truths[-1].trailer
@@ -67,8 +67,11 @@ def side_force(bench: Bench) -> list[Check]:
     return [
         between(
             f"side force over load at {bench.cone_index:.0f} kPa, off the law",
-            *(np.abs(measured - expected).max(), 0.0, 0.01, ""),
-            "MAVS lateral law, mu_max (1 - exp(-B |alpha|))",
+            figure=np.abs(measured - expected).max(),
+            low=0.0,
+            high=0.01,
+            unit="",
+            source="MAVS lateral law, mu_max (1 - exp(-B |alpha|))",
             note=f"slip angles {degrees.min():.2f} to {degrees.max():.2f} deg",
             chart=chart,
         )
@@ -76,11 +79,11 @@ def side_force(bench: Bench) -> list[Check]:
 
 
 def contour(bench: Bench) -> list[Check]:
-    """Drift down the slope along a contour, steering straight, against the balance of forces."""
+    """Check the drift down the slope along a contour, steering straight, by the force balance."""
     slope = bench.slope_rad or _CONTOUR
     plant = bench.plant(flat((60.0, 30.0)), bench.cone_index)
     plant.reset(0.0, 0.0, 0.0, 0.0)
-    planar = Planar.of(bench, plant)
+    planar = Planar.of(bench.nominal, plant)
     plant = bench.plant(flat((60.0, 30.0)).tilted(slope, 0.5 * math.pi), bench.cone_index)
     plant.reset(-20.0, 0.0, 0.0, SPEED)
     truths = drive(plant, bench.roll, _DRIFT_S, 0.1)
@@ -100,11 +103,11 @@ def contour(bench: Bench) -> list[Check]:
     return [
         near(
             f"drift along a contour of {slope:.2f} rad in {speed * _DRIFT_S:.1f} m",
-            100.0 * down[-1],
-            100.0 * predicted[-1],
-            max(2.0, 15.0 * float(abs(predicted[-1]))),
-            "cm",
-            "planar balance of the lateral law, same law without simulation",
+            figure=100.0 * down[-1],
+            expected=100.0 * predicted[-1],
+            tolerance=max(2.0, 15.0 * float(abs(predicted[-1]))),
+            unit="cm",
+            source="planar balance of forces with the same lateral law",
             chart=chart,
         )
     ]

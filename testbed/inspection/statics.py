@@ -1,4 +1,4 @@
-"""The vehicle at rest: axle loads, load transfer on a slope, creep."""
+"""Statics: axle loads, load transfer on a slope, creep."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from ttempc.types import FloatArray
 from ..ground.terrain import flat
 from ..simulation.plant import Plant
 from ..truth import WHEELS, Truth
+from ..vehicle.axle_loads import AxleLoads
 from ..wheels import tyre
 from .bench import (
     DRIVEN,
@@ -38,52 +39,51 @@ _CLIMB_S: Final = 4.0
 _FRONT: Final = ~(DRIVEN | TRAILER)
 
 
-def axle_loads(plant: Plant) -> FloatArray:
-    """Return front, rear and trailer axle load [N] on level ground by the rule of the lever, (3,).
-
-    The pin RJ1 passes a vertical force on and no moment: first the trailer about the pin, then the
-    tractor with that force about its rear axle.
-    """
-    gravity = -plant.model.opt.gravity[2]
-    towed = bodies(plant, "drawbar")
-    tractor = [body for body in bodies(plant, "tractor") if body not in towed]
-    mass, centre = centre_of_mass(plant, tractor)
-    mass_towed, centre_towed = centre_of_mass(plant, towed)
-    wheels = wheel_places(plant)[:, 0]
-    front, rear, trailer = (wheels[axle].mean() for axle in (_FRONT, DRIVEN, TRAILER))
-    pin = plant.data.xpos[plant.body_names.index("drawbar"), 0]
-    load_trailer = mass_towed * gravity * (pin - centre_towed[0]) / (pin - trailer)
-    on_pin = mass_towed * gravity - load_trailer
-    load_front = (mass * gravity * (centre[0] - rear) + on_pin * (pin - rear)) / (front - rear)
-    return np.array([load_front, mass * gravity + on_pin - load_front, load_trailer])
-
-
 def static_loads(bench: Bench) -> list[Check]:
-    """Axle loads on level ground against the rule of the lever."""
+    """Check the axle loads on level ground by the moments of the vehicle's file."""
     plant = bench.plant(flat((20.0, 20.0)))
     load = _standing(plant, 0.0).wheels.load
     measured = np.array([load[axle].sum() for axle in (_FRONT, DRIVEN, TRAILER)])
-    source = "rule of the lever on masses and lengths of the model"
-    total = weight(plant)
-    checks = [near("weight on the wheels", load.sum(), total, 0.005 * total, "N", source)]
-    for axle, figure, expected in zip(
-        ("front", "rear", "trailer"), measured, axle_loads(plant), strict=True
-    ):
+    source = "rule of the lever on masses and lengths of the vehicle's file"
+    static = AxleLoads.of(bench.vehicle)
+    expectations = {"front": static.front, "rear": static.rear, "trailer": static.trailer}
+    total = sum(expectations.values())
+    checks = [
+        near(
+            "weight on the wheels",
+            figure=load.sum(),
+            expected=total,
+            tolerance=0.005 * total,
+            unit="N",
+            source=source,
+        )
+    ]
+    for (axle, expected), figure in zip(expectations.items(), measured, strict=True):
         name = f"static load, {axle} axle"
-        checks.append(near(name, figure, float(expected), 0.01 * expected, "N", source))
+        checks.append(
+            near(
+                name,
+                figure=figure,
+                expected=expected,
+                tolerance=0.01 * expected,
+                unit="N",
+                source=source,
+            )
+        )
     return checks
 
 
 def load_transfer(bench: Bench) -> list[Check]:
-    """Shift of the loads' centre on a slope against the height h of the centre of mass.
+    """Check the shift of the centre of the wheel loads on a slope.
 
-    Forces of the ground lie in its plane but the loads and, with soil wheels, motion resistance,
-    which acts on the hub (`testbed.wheels.tyre`): moments about the ground give
+    h is the height of the centre of mass. With soil wheels motion resistance acts on the hub
+    (`testbed.wheels.tyre`), all other forces along the slope act in the plane of the ground.
+    Moments about the ground give
 
         shift = h tan(slope) + lever,   lever = (sum R_i h_i - T (h_rear - r)) / sum N_i
 
     down the slope from the foot of the centre of mass; the lever is that of motion resistance R_i
-    at the hubs' heights h_i and of traction T at the rim, and counts along the slope alone.
+    at the heights h_i of the hubs and of traction T at the rim. It is zero across the slope.
     """
     ground = flat((30.0, 20.0)).tilted(_SLOPE, 0.5 * math.pi)
     across = bench.plant(ground)
@@ -94,20 +94,20 @@ def load_transfer(bench: Bench) -> list[Check]:
     command = bench.command(_UPHILL)
     up.advance(command, steps(up, _CLIMB_S))
     load = np.mean([truth.wheels.load for truth in drive(up, command, 0.5, 0.05)], axis=0)
-    if bench.wheels == "soil":
+    if up.wheels.follows_soil_law:
         lever = _resistance_lever(up, load)
         return [*checks, _transfer("up", up, load, wheel_places(up), lever)]
     return [*checks, _transfer("up", up, load, _feet(up))]
 
 
 def _standing(plant: Plant, yaw: float) -> Truth:
-    """Return the vehicle at rest, after what the treads keep from settling has crept away."""
+    """Return the vehicle at rest, after the tread deflections of settling have faded."""
     plant.reset(0.0, 0.0, yaw, 0.0)
     return plant.advance(STOP, steps(plant, _REST_S))
 
 
 def _feet(plant: Plant) -> FloatArray:
-    """Return the centres of pressure under the wheels, (6, 3) [m]; axles lean, treads give way."""
+    """Return the centres of pressure under the wheels, (6, 3) [m]."""
     return tyre.contact(plant.tyres, plant.terrain, wheel_motion(plant)).point
 
 
@@ -121,8 +121,11 @@ def _transfer(
     expected = float(centre @ normal) * math.tan(_SLOPE) + lever
     return near(
         f"load transfer {name} a slope of 10 deg",
-        *(1e3 * shift, 1e3 * expected, 20.0 * expected, "mm"),
-        "moments about the ground: h tan(slope), lever of motion resistance",
+        figure=1e3 * shift,
+        expected=1e3 * expected,
+        tolerance=20.0 * expected,
+        unit="mm",
+        source="moments about the ground: h tan(slope), lever of motion resistance",
     )
 
 
@@ -137,7 +140,7 @@ def _resistance_lever(plant: Plant, load: FloatArray) -> float:
 
 
 def creep(bench: Bench) -> list[Check]:
-    """Standing across a slope of 15 deg for 30 s."""
+    """Check the displacement of the vehicle after 30 s at rest across a slope of 15 deg."""
     plant = bench.plant(flat((20.0, 20.0)).tilted(_STEEP, 0.5 * math.pi), bench.cone_index)
     before = plant.reset(0.0, 0.0, 0.0, 0.0)
     after = plant.advance(STOP, steps(plant, _CREEP_S))
@@ -148,10 +151,10 @@ def creep(bench: Bench) -> list[Check]:
     return [
         between(
             "creep across a slope of 15 deg in 30 s",
-            1e3 * max(moved),
-            0.0,
-            5.0,
-            "mm",
-            "a standing wheel holds; 5 mm assumed, a sixth of the GNSS noise of the paper",
+            figure=1e3 * max(moved),
+            low=0.0,
+            high=5.0,
+            unit="mm",
+            source="a wheel at rest does not move; 5 mm assumed, 1/6 of the paper's GNSS noise",
         )
     ]

@@ -1,9 +1,8 @@
-"""The vehicle in steady motion, solved from the law of the tyres without a simulation.
+"""Steady motion of the vehicle from the planar balance of forces, without a simulation.
 
-Tractor and trailer in the plane on six wheels that slip as `tyre` says; unknown are yaw
-rate, side speed, hitch angle and traction, which the balances of force and moment give. Same law,
-another solver: what the plant adds (linkage, servos, integration, the third dimension) must not
-move the answer. Trailer steering is straight.
+Tractor and trailer move in the plane on six wheels with the law of `tyre`. The balances of force
+and moment give yaw rate, lateral speed, hitch angle and traction. Linkage, servos, integration and
+the third dimension, which the plant adds, must not change the result. The trailer is not steered.
 """
 
 from __future__ import annotations
@@ -21,14 +20,14 @@ from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..wheels import tyre
 from ..wheels.tyre import Tyres
-from .bench import DRIVEN, TRAILER, Bench, bodies, centre_of_mass, wheel_places
+from .bench import DRIVEN, TRAILER, bodies, centre_of_mass, wheel_places
 
 _FRONT = ~(DRIVEN | TRAILER)
 
 
 @dataclass(frozen=True, slots=True)
 class Planar:
-    """A vehicle in the plane, seen in line: x ahead of the tractor point, y to its left."""
+    """A planar vehicle in line: x ahead of the tractor point, y to its left."""
 
     lengths: Vehicle
     tyres: Tyres
@@ -38,14 +37,14 @@ class Planar:
     centre_x: tuple[float, float]  # [m] of these
 
     @classmethod
-    def of(cls, bench: Bench, plant: Plant) -> Planar:
-        """Return the vehicle of a plant that stands at the origin and looks along x."""
+    def of(cls, lengths: Vehicle, plant: Plant) -> Planar:
+        """Return the planar vehicle of a plant at the origin with heading 0."""
         towed = bodies(plant, "drawbar")
         tractor = [body for body in bodies(plant, "tractor") if body not in towed]
         mass, centre = centre_of_mass(plant, tractor)
         mass_towed, centre_towed = centre_of_mass(plant, towed)
         return cls(
-            bench.nominal,
+            lengths,
             plant.tyres,
             wheel_places(plant)[:, :2],
             float(plant.model.body("knuckle_left").pos[1]),
@@ -56,7 +55,7 @@ class Planar:
 
 @dataclass(frozen=True, slots=True)
 class SteadyMotion:
-    """What the balances give."""
+    """Solution of the balances."""
 
     yaw_rate: float  # [rad/s]
     lateral_speed: float  # [m/s] of the tractor point to the left
@@ -71,7 +70,7 @@ def steady_motion(
     cone_index: float,
     side_pull: float = 0.0,
 ) -> SteadyMotion:
-    """Return the motion in which all forces balance.
+    """Return the motion in which all forces balance, NaN where there is no solution.
 
     Args:
         vehicle: the vehicle.
@@ -79,7 +78,7 @@ def steady_motion(
         speed: of the tractor point along the tractor [m/s].
         load: on the wheels [N], (6,).
         cone_index: of the soil [kPa].
-        side_pull: acceleration to the left [m/s^2] that gravity gives on a side slope.
+        side_pull: component of gravity to the left on a side slope [m/s^2].
     """
     lengths = vehicle.lengths
     tangent = math.tan(delta_t)
@@ -90,7 +89,7 @@ def steady_motion(
         lengths.wheelbase - sides[_FRONT] * vehicle.kingpin_y * tangent,
     )
     bn, bn1 = tyre.mobility(vehicle.tyres, load, np.full(len(WHEELS), cone_index))
-    grip = load * 0.88 * (1.0 - np.exp(-0.1 * bn))
+    grip = tyre.largest_traction(bn, load)  # (6,) [N]
     pin = np.array([-lengths.hitch_offset, 0.0])
     half = 0.5 * load[DRIVEN].sum()
 
@@ -114,7 +113,7 @@ def steady_motion(
         moving = velocity(place)
         along, across = (moving * ahead).sum(axis=1), (moving * left).sum(axis=1)
         gross = np.where(DRIVEN, drive * half, 0.0)  # open differential: one torque for both
-        slip = -np.log(1.0 - np.minimum(np.abs(gross) / grip, 0.999)) / 7.5
+        slip = tyre.slip_at_traction(np.minimum(np.abs(gross) / grip, 0.999))
         rolling = along / (1.0 - slip)
         side = load * tyre.lateral_ratio(bn1, np.arctan(across / rolling))
         pull = gross - load * tyre.motion_resistance_ratio(bn, slip)
@@ -133,10 +132,10 @@ def steady_motion(
 
     circle = speed * tangent / lengths.wheelbase
     behind = lengths.hitch_offset + lengths.drawbar_length + lengths.trailer_length
-    solution, _, found, _ = fsolve(
+    solution, _, status, _ = fsolve(
         imbalance, [circle, 0.0, circle * behind / speed, 0.1], full_output=True
     )
-    if found != 1:
+    if status != 1:
         return SteadyMotion(math.nan, math.nan, math.nan)
     return SteadyMotion(*map(float, solution[:3]))
 

@@ -14,18 +14,19 @@ from ..ground.terrain import flat
 from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..wheels import tyre
+from ..wheels.wheel_models import wheel_model
 from .bench import DRIVEN, FIRM_KPA, Bench, drive, steps
 from .check import Chart, Check, Line, between, not_applicable
 
 _SPEED: Final = 0.7  # [m/s]
 _SETTLE_S: Final = 6.0
 _MEAN_S: Final = 0.5
-_SLIPS: Final = np.array([0.0, 0.03, 0.05, 0.07, 0.09, 0.11, 0.13, 0.16, 0.20])  # aimed at
+_SLIPS: Final = np.array([0.0, 0.03, 0.05, 0.07, 0.09, 0.11, 0.13, 0.16, 0.20])  # desired
 
-# Slip at best tractive efficiency: University of Arizona Cooperative Extension. Its surfaces have
-# no cone index; each stands here for the mobility number Bn that ASABE D497 gives it for drive
-# tyres (quoted, not re-read: unconfirmed). By Bn and not by cone index, because the same soil is
-# firm to a light vehicle and soft to a heavy one.
+# Slip at best tractive efficiency: University of Arizona Cooperative Extension. It names surfaces
+# without a cone index; each is identified by the mobility number Bn that ASABE D497 gives for drive
+# tyres (quoted from secondary sources: unconfirmed). Bn, not cone index: the same soil is firm for
+# a light vehicle and soft for a heavy one.
 _BANDS: Final = (  # surface, Bn, band
     ("soft soil", 20.0, (0.14, 0.16)),
     ("tilled soil", 40.0, (0.11, 0.13)),
@@ -62,7 +63,7 @@ def _surplus(plant: Plant, load: FloatArray, cone_index: float, slip: float) -> 
 
 
 def _pull(bench: Bench, plant: Plant, cone_index: float, slip: float) -> tuple[Pull, float]:
-    """Drive under the pull that asks for a slip; return what was seen and the law's slip."""
+    """Drive under the pull that belongs to a slip; return the measured state and the law's slip."""
     load = plant.reset(-20.0, 0.0, 0.0, _SPEED).wheels.load
     pull = max(0.0, _surplus(plant, load, cone_index, slip))
     plant.data.xfrc_applied[plant.body_names.index("tractor"), 0] = -pull
@@ -77,25 +78,28 @@ def _pull(bench: Bench, plant: Plant, cone_index: float, slip: float) -> tuple[P
         loads.append(truth.wheels.load)
     speed, rim, net, power = np.mean(rows, axis=0)
     mean_load = np.mean(loads, axis=0)
-    seen = Pull(float(1.0 - speed / rim), float(net / power), mean_load)
-    return seen, slip_for(plant, mean_load, cone_index, pull)
+    measured = Pull(float(1.0 - speed / rim), float(net / power), mean_load)
+    return measured, slip_for(plant, mean_load, cone_index, pull)
 
 
 def slip_against_pull(bench: Bench) -> list[Check]:
-    """Slip of the driven wheels under drawbar pull against the traction equation."""
+    """Check the slip of the driven wheels under drawbar pull by the traction equation."""
     checks = []
     for cone_index in dict.fromkeys((bench.cone_index, FIRM_KPA)):
         plant = bench.plant(flat((60.0, 10.0)), cone_index)
         load = plant.reset(0.0, 0.0, 0.0, 0.0).wheels.load
         free = slip_for(plant, load, cone_index, 0.0)
         pairs = [_pull(bench, plant, cone_index, slip) for slip in (free, free + 0.05, free + 0.10)]
-        worst = max(abs(seen.slip - law) for seen, law in pairs)
-        text = ", ".join(f"{seen.slip:.3f} ({law:.3f})" for seen, law in pairs)
+        worst = max(abs(pull.slip - law) for pull, law in pairs)
+        text = ", ".join(f"{pull.slip:.3f} ({law:.3f})" for pull, law in pairs)
         checks.append(
             between(
                 f"slip under drawbar pull at {cone_index:.0f} kPa, off the law",
-                *(worst, 0.0, 0.005, ""),
-                "Brixius 1987, traction equation",
+                figure=worst,
+                low=0.0,
+                high=0.005,
+                unit="",
+                source="Brixius 1987, traction equation",
                 note=f"measured (law): {text}",
             )
         )
@@ -103,14 +107,14 @@ def slip_against_pull(bench: Bench) -> list[Check]:
 
 
 def efficiency(bench: Bench) -> list[Check]:
-    """Tractive efficiency of the driven axle against slip, and the slip at which it is best.
+    """Check the tractive efficiency of the driven axle over slip, and the slip of its maximum.
 
-    Net pull times speed over torque times wheel speed; by the law (1 - MRR / GTR) (1 - s).
-    The band is that of the surface which the soil is to the driven wheels under their static load.
+    It is net pull times speed over torque times wheel speed; by the law (1 - MRR / GTR) (1 - s).
+    The published band is that of the surface nearest in Bn under the static load.
     """
     cone_index = bench.cone_index
-    if bench.wheels == "contact":
-        reason = "Coulomb wheels grip or spin: there is no curve of traction over slip"
+    if not wheel_model(bench.wheels).follows_soil_law:
+        reason = "Coulomb friction has no curve of traction over slip"
         return [
             not_applicable(f"tractive efficiency at {cone_index:.0f} kPa, off the law", reason),
             not_applicable("slip at best tractive efficiency", reason),
@@ -118,14 +122,14 @@ def efficiency(bench: Bench) -> list[Check]:
     plant = bench.plant(flat((60.0, 10.0)), cone_index)
     load = plant.reset(0.0, 0.0, 0.0, 0.0).wheels.load
     free = slip_for(plant, load, cone_index, 0.0)
-    seen = [
+    pulls = [
         _pull(bench, plant, cone_index, slip)[0] for slip in (free, *_SLIPS[free + 0.005 < _SLIPS])
     ]
-    slips = np.array([pull.slip for pull in seen])
-    measured = np.array([pull.efficiency for pull in seen])
-    # a pull shifts load to the driven wheels
+    slips = np.array([pull.slip for pull in pulls])
+    measured = np.array([pull.efficiency for pull in pulls])
+    # at the mean load, because a pull shifts load to the driven wheels
     law = np.array(
-        [_efficiency(_mobility(plant, pull.load, cone_index), pull.slip) for pull in seen]
+        [_efficiency(_mobility(plant, pull.load, cone_index), pull.slip) for pull in pulls]
     )
     bn_driven = _mobility(plant, load, cone_index)
     best = _best(slips, measured)
@@ -141,24 +145,28 @@ def efficiency(bench: Bench) -> list[Check]:
     return [
         between(
             f"tractive efficiency at {cone_index:.0f} kPa, off the law",
-            *(np.abs(measured - law).max(), 0.0, 0.015, ""),
-            "Brixius 1987: (1 - MRR/GTR) (1 - s)",
+            figure=np.abs(measured - law).max(),
+            low=0.0,
+            high=0.015,
+            unit="",
+            source="Brixius 1987: (1 - MRR/GTR) (1 - s)",
             chart=chart,
         ),
         between(
             f"slip at best tractive efficiency, {surface}",
-            *(100.0 * best, 100.0 * low, 100.0 * high, "%"),
-            "Univ. of Arizona Coop. Ext.; surface by Bn (ASABE D497, unconfirmed)",
-            note=(
-                f"driven wheels at Bn = {bn_driven:.0f}; at {100.0 * edge:.1f} %, in the band, the "
-                f"law is {100.0 * lost:.2f} points below its best efficiency"
-            ),
+            figure=100.0 * best,
+            low=100.0 * low,
+            high=100.0 * high,
+            unit="%",
+            source="Univ. of Arizona Coop. Ext.; surface by Bn (ASABE D497, unconfirmed)",
+            note=f"driven wheels at Bn = {bn_driven:.0f}; at {100.0 * edge:.1f} %, in the band, "
+            f"the law is {100.0 * lost:.2f} points below its best efficiency",
         ),
     ]
 
 
 def _best(slips: FloatArray, efficiency: FloatArray) -> float:
-    """Return the slip of the greatest efficiency between samples, by the parabola through three."""
+    """Return the slip of the largest efficiency, from a parabola through three samples."""
     order = np.argsort(slips)
     slips, efficiency = slips[order], efficiency[order]
     top = int(efficiency.argmax())

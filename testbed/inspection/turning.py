@@ -1,4 +1,4 @@
-"""Steady turning: the tractor against Ackermann and the law, the trailer against geometry."""
+"""Steady turning: yaw rate of the tractor, off-tracking of the trailer."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from .steady_motion import Planar, steady_motion
 _RADII: Final = (6.0, 8.0, 10.0, 14.0, 20.0)  # [m]
 _STRENGTHS: Final = (FIRM_KPA, 600.0, 300.0)  # [kPa]
 _RADIUS: Final = 10.0  # [m] of turns on softer soil
-_SETTLE: Final = 8.0  # lengths behind the pin: what is left of the start is e^-8
+_SETTLE: Final = 8.0  # lengths behind the pin: the transient has decayed to e^-8
 _MEAN_S: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Turn:
     ratio: float  # yaw rate over Ackermann's v tan(delta) / L
-    predicted: float  # the same from the law alone
+    predicted: float  # the same by `steady_motion`
     radius: float  # [m] of the tractor point
     off_tracking: float  # [m] by which the trailer point cuts in
 
 
 def _turn(bench: Bench, radius: float, cone_index: float) -> _Turn:
-    """Drive a circle at walking pace until it is steady."""
+    """Drive a circle at walking pace until it is steady, and return its mean values."""
     wheelbase = bench.nominal.wheelbase
     plant = bench.plant(flat((50.0, 50.0)), cone_index)
     plant.reset(0.0, 0.0, 0.0, 0.0)
-    planar = Planar.of(bench, plant)
+    planar = Planar.of(bench.nominal, plant)
     plant.reset(0.0, -radius, 0.0, SPEED)
     command = bench.command(SPEED, delta_t=math.atan(wheelbase / radius))
     behind = bench.nominal.drawbar_length + bench.nominal.trailer_length
@@ -59,7 +59,7 @@ def _turn(bench: Bench, radius: float, cone_index: float) -> _Turn:
 
 
 def circles(bench: Bench) -> list[Check]:
-    """Circles of 6 to 20 m on firm ground: yaw rate, and how far the trailer cuts in."""
+    """Check yaw rate and off-tracking on circles of 6 to 20 m on firm ground."""
     turns = [_turn(bench, radius, FIRM_KPA) for radius in _RADII]
     ratios = np.array([turn.ratio for turn in turns])
     predicted = np.array([turn.predicted for turn in turns])
@@ -81,37 +81,46 @@ def circles(bench: Bench) -> list[Check]:
     worst = np.abs(measured - closed).argmax()
     return [
         between(
-            *("turning, R = 6 to 20 m, least yaw rate over Ackermann", ratios.min(), 0.92, 1.0, ""),
-            "Ackermann; 0.08 below it for slip angles on firm ground (assumed)",
+            "turning, R = 6 to 20 m, least yaw rate over Ackermann",
+            figure=ratios.min(),
+            low=0.92,
+            high=1.0,
+            unit="",
+            source="Ackermann; 0.08 below it for slip angles on firm ground (assumed)",
         ),
         between(
-            *("turning, R = 6 to 20 m, most yaw rate over Ackermann", ratios.max(), 0.92, 1.0, ""),
-            "Ackermann: slip angles of a vehicle at walking pace do not make it turn tighter",
+            "turning, R = 6 to 20 m, most yaw rate over Ackermann",
+            figure=ratios.max(),
+            low=0.92,
+            high=1.0,
+            unit="",
+            source="Ackermann: slip angles at walking pace do not reduce the radius",
         ),
         between(
             "turning, R = 6 to 20 m, off the balance of forces",
-            *(np.abs(ratios - predicted).max(), 0.0, 0.015, ""),
-            "planar balance of the same tyre law, no simulation (steady_motion.py)",
+            figure=np.abs(ratios - predicted).max(),
+            low=0.0,
+            high=0.015,
+            unit="",
+            source="planar balance of the same tyre law (steady_motion.py)",
             chart=turning,
         ),
         between(
-            *(
-                "off-tracking, R = 6 to 20 m, off the closed form",
-                1e3 * abs(measured - closed).max(),
-            ),
-            *(0.0, 20.0, "mm"),
-            "R - sqrt(R² + a² - (d + L_i)²); 20 mm for slip of the trailer's axle",
-            note=(
-                f"worst at R = {radii[worst]:g} m: {measured[worst]:.3f} m, "
-                f"closed form {closed[worst]:.3f} m"
-            ),
+            "off-tracking, R = 6 to 20 m, off the closed form",
+            figure=1e3 * abs(measured - closed).max(),
+            low=0.0,
+            high=20.0,
+            unit="mm",
+            source="R - sqrt(R² + a² - (d + L_i)²); 20 mm for slip of the trailer's axle",
+            note=f"worst at R = {radii[worst]:g} m: {measured[worst]:.3f} m, "
+            f"closed form {closed[worst]:.3f} m",
             chart=cutting,
         ),
     ]
 
 
 def softening(bench: Bench) -> list[Check]:
-    """One circle on softer and softer ground: the yaw rate that slip angles take."""
+    """Check the loss of yaw rate by slip angles on one circle as the ground softens."""
     turns = [_turn(bench, _RADIUS, strength) for strength in _STRENGTHS]
     ratios = np.array([turn.ratio for turn in turns])
     predicted = np.array([turn.predicted for turn in turns])
@@ -126,24 +135,29 @@ def softening(bench: Bench) -> list[Check]:
     return [
         near(
             f"loss of yaw rate from {strengths[0]:.0f} to {strengths[-1]:.0f} kPa at R = 10 m",
-            ratios[0] - ratios[-1],
-            predicted[0] - predicted[-1],
-            0.01,
-            "",
-            source,
+            figure=ratios[0] - ratios[-1],
+            expected=predicted[0] - predicted[-1],
+            tolerance=0.01,
+            unit="",
+            source=source,
             chart=chart,
         ),
         between(
             "least loss of yaw rate from one soil to the next softer one",
-            *(-np.diff(ratios).max(), 0.001, math.inf, "", source),
+            figure=-np.diff(ratios).max(),
+            low=0.001,
+            high=math.inf,
+            unit="",
+            source=source,
         ),
     ]
 
 
 def off_tracking(bench: Bench, radius: float) -> float:
-    """Return how far an unsteered trailer cuts into a circle of that radius [m], both [m].
+    """Return by how much an unsteered trailer cuts into a circle of a radius [m], both [m].
 
-    The pin runs on a circle of sqrt(R^2 + a^2), and the trailer's axle is tangent to its own.
+    The pin runs on a circle of radius sqrt(R^2 + a^2); the trailer's axle is tangent to its own
+    circle.
     """
     vehicle = bench.nominal
     behind = vehicle.drawbar_length + vehicle.trailer_length

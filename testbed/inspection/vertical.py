@@ -1,4 +1,4 @@
-"""Vertical response: one bump under all wheels in turn."""
+"""Vertical response to a single bump."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from .bench import SPEED, Bench, drive, wheel_places
 from .check import Chart, Check, Line, between
 
 _HEIGHT: Final = 0.15  # of the bump over the smallest wheel's radius
-_LENGTH: Final = 1.0  # over the same: short enough to meet the wheel hop
+_LENGTH: Final = 1.0  # over the same: short enough to excite the wheel hop
 _RUN_UP_M: Final = 2.0
 _EVERY_S: Final = 0.01
 
 
 def bump(bench: Bench) -> list[Check]:
-    """A (1 - cos) bump across the lane: loads, and the energy that is left a second later.
+    """Check loads and remaining energy after a (1 - cos) bump across the lane.
 
-    Energy: vertical motion of all bodies, and what the tyres' deflections hold beyond rest,
+    The energy is that of vertical motion and of the tyre deflections relative to steady rolling,
     sum m vz^2 / 2 + sum (N - N0)^2 / 2k.
     """
     plant = bench.plant(flat((60.0, 8.0)))
@@ -44,7 +44,7 @@ def bump(bench: Bench) -> list[Check]:
     run_up = _samples((_RUN_UP_M - 0.2) / SPEED)
     rest = force[run_up - _samples(0.5) : run_up].mean(axis=0)  # rolling
     energy = 0.5 * vertical**2 @ mass + 0.5 * (force - rest) ** 2 @ (1.0 / stiffness)
-    left = float(energy[-_samples(0.2) :].mean() / energy[run_up:].max())
+    remaining = float(energy[-_samples(0.2) :].mean() / energy[run_up:].max())
     time = _EVERY_S * np.arange(1.0, len(energy) + 1.0)
     rows: list[tuple[str, FloatArray]] = [
         ("front left", force[:, 0]),
@@ -59,15 +59,22 @@ def bump(bench: Bench) -> list[Check]:
     )
     return [
         between(
-            *("least wheel load over a bump", force.min(), 0.0, np.inf, "N"),
-            "ground does not pull",
+            "least wheel load over a bump",
+            figure=force.min(),
+            low=0.0,
+            high=np.inf,
+            unit="N",
+            source="the ground does not pull",
             note=f"{np.mean(force <= 0.0):.1%} of the samples without load",
             chart=chart,
         ),
         between(
             "energy left a second after the bump",
-            *(100.0 * left, 0.0, 2.0, "% of its peak"),
-            "tyres damp a bump within a second (assumed)",
+            figure=100.0 * remaining,
+            low=0.0,
+            high=2.0,
+            unit="% of its peak",
+            source="the tyres damp a bump within a second (assumed)",
         ),
     ]
 
@@ -78,7 +85,7 @@ def _samples(seconds: float) -> int:
 
 
 def _lane(start: float, length: float, height: float) -> Terrain:
-    """Return level ground with a bump from `start` on, over the whole width; all [m]."""
+    """Return level ground with a bump from `start` on across the whole width; all in [m]."""
     lane = flat((60.0, 8.0), spacing_m=0.05)
     x = lane.origin[0] + lane.spacing_m * np.arange(lane.heights.shape[1])
     inside = (x > start) & (x < start + length)

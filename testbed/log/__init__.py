@@ -1,1 +1,1 @@
-"""MCAP logs: writing, reading, recovery."""
+"""MCAP logs: writer, reader, recovery."""

@@ -1,4 +1,4 @@
-"""Writes a run as an MCAP log that is whole where it exists, and readable where it is torn."""
+"""Log writer: a run as an MCAP file."""
 
 from __future__ import annotations
 
@@ -12,35 +12,52 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..atomic_write import partial_path
 from ..errors import LogError, TestbedError
 from ..messages.publisher import Publisher, topics_of
 from ..messages.scenery import Scenery
 from ..recording.channels import CHANNELS, Channel
 from .mcap_file import McapFile
 
-PROGRAM: Final = "ttempc"  # what wrote the log, in its header
+PROGRAM: Final = "ttempc"  # writer of the log, in its header
 RUN_METADATA: Final = "run"  # the name of the MCAP metadata record that describes the run
 FORMAT_KEY: Final = "log_format"
-FORMAT: Final = "1"  # raised whenever a reader of the old logs would misread the new ones
+FORMAT: Final = "1"  # incremented when an old reader would misread a new log
 
-_FLUSH_PERIOD_S: Final = 5.0  # what a killed process can lose, in simulated time
-MEDIA_TYPES: Final = {
+_FLUSH_PERIOD_S: Final = 5.0  # simulated time that a killed process can lose
+_MEDIA_TYPES: Final = {
     ".toml": "application/toml",
     ".xml": "application/xml",
     ".npz": "application/zip",
 }
 
 
-class LogWriter(Publisher):
-    """A log being written; a `testbed.recording.sink.Sink` and a context manager.
+def media_type(name: str) -> str:
+    """Return the media type of an attachment from the suffix of its name."""
+    return _MEDIA_TYPES.get(Path(name).suffix, "text/plain")
 
-    The file is `<path>.part` until the `with` block is left. It gets its name where the run ended
-    by design: without an exception, or with one of the testbed's own, as when the plant
-    diverges. It stays a `.part`, readable up to its last flush, where anything else ended the run
-    or the log itself could not be written.
+
+def refuse_existing_log(path: Path) -> None:
+    """Refuse to write a log over an existing log or partial log.
 
     Raises:
-        LogError: the log or its part exists already, or the file cannot be written.
+        LogError: one of them exists.
+    """
+    for file in (path, partial_path(path)):
+        if file.exists():
+            raise LogError(f"{file}: exists already and is not written over")
+
+
+class LogWriter(Publisher):
+    """Writer of one log; a `testbed.recording.sink.Sink` and a context manager.
+
+    The file is `<path>.part` until the `with` block ends. It is renamed to `path` after a regular
+    end: no exception, or one of the testbed's own, such as a diverged plant. After any other
+    exception, or if the log could not be written, the `.part` stays: it is readable up to its last
+    flush. In this it differs from `atomic_write`, which removes the partial file.
+
+    Raises:
+        LogError: the log or its partial file exists already, or the file cannot be written.
     """
 
     def __init__(
@@ -54,18 +71,15 @@ class LogWriter(Publisher):
     ) -> None:
         self.file = path
         self.metadata = dict(metadata)
-        self.part = path.with_name(path.name + ".part")
-        for file in (self.file, self.part):
-            if file.exists():
-                raise LogError(f"{file}: exists already and is not written over")
+        self.part = partial_path(path)
+        refuse_existing_log(path)
         with self._writing():
             self._stream = open(self.part, "xb")  # noqa: SIM115 - closed by __exit__
         self._mcap = McapFile(self._stream, library=PROGRAM)
         self._mcap.add_metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT})
         for name, content in attachments.items():
-            media_type = MEDIA_TYPES.get(Path(name).suffix, "text/plain")
             data = content.encode() if isinstance(content, str) else content
-            self._mcap.add_attachment(name, media_type, data)
+            self._mcap.add_attachment(name, media_type(name), data)
         self._ids = {
             topic.name: self._mcap.add_topic(topic.name, topic.schema_name, topic.schema)
             for topic in topics_of(channels)
@@ -75,7 +89,7 @@ class LogWriter(Publisher):
 
     def __enter__(self) -> Self:
         with self._writing():
-            self._stream.flush()  # what describes the run is safe before the run begins
+            self._stream.flush()  # metadata and attachments, before the run begins
         return self
 
     def __exit__(
@@ -90,12 +104,12 @@ class LogWriter(Publisher):
                 self._finish()
                 self.part.rename(self.file)
         else:
-            # The error on its way out says more than one of the closing could.
+            # The exception that ended the run is more useful than one of closing the file.
             with contextlib.suppress(OSError):
                 self._finish()
 
     def _finish(self) -> None:
-        """Write the index, and hand everything to the disk."""
+        """Write the index, flush to the disk and close the file."""
         try:
             self._publish()
             self._mcap.finish()
@@ -112,7 +126,7 @@ class LogWriter(Publisher):
     ) -> None:
         self._mcap.add_messages(self._ids[topic], times_ns, messages)
 
-    def _gathered(self, time_s: float) -> None:
+    def _collected(self, time_s: float) -> None:
         if time_s >= self._next_flush_s:
             self._next_flush_s = time_s + _FLUSH_PERIOD_S
             self._publish()
@@ -121,7 +135,7 @@ class LogWriter(Publisher):
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
-        """Turn what the file system says into a `LogError`."""
+        """Convert an `OSError` to a `LogError`."""
         try:
             yield
         except OSError as error:

@@ -1,4 +1,4 @@
-"""What an MCAP log of ours holds, as bytes: whole by its index, torn by what is still there."""
+"""Content of a log: its messages as bytes, of a whole, a truncated or a damaged file."""
 
 from __future__ import annotations
 
@@ -21,22 +21,28 @@ from zstandard import ZstdError
 from ..errors import LogError
 from .log import FORMAT, FORMAT_KEY, RUN_METADATA
 
-# What the bytes at a tear or in a damaged place can make of the reader.
 DAMAGE: Final = (
-    *(McapError, CRCValidationError, ZstdError, DecodeError, struct.error),
-    *(ValueError, KeyError, OverflowError),
+    McapError,
+    CRCValidationError,
+    ZstdError,
+    DecodeError,
+    struct.error,
+    ValueError,
+    KeyError,
+    OverflowError,
 )
+"""Exceptions that truncated or damaged bytes raise in the reader."""
 
 
 @dataclass(frozen=True, slots=True)
 class Salvage:
-    """What was left of a torn or damaged log."""
+    """Extent of what was recovered from a truncated or damaged log."""
 
-    chunks: int  # kept, each whole and with its checksum right
-    damaged: int  # chunks of full length with wrong content, left out
+    chunks: int  # recovered, each complete and with a correct checksum
+    damaged: int  # chunks of full length with a wrong checksum, left out
     kept_bytes: int  # up to the end of the last whole MCAP record
     total_bytes: int
-    last_time_s: float  # of the newest message kept
+    last_time_s: float  # of the newest message recovered
 
     def __str__(self) -> str:
         damaged = f", {self.damaged} damaged left out" if self.damaged else ""
@@ -48,18 +54,20 @@ class Salvage:
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """The messages of a log by topic, in the order of the file, and what came with them."""
+    """Messages of a log by topic, in the order of the file, with metadata and attachments."""
 
     path: Path
-    metadata: Mapping[str, str]  # of the run; what concerns the log alone is left out
+    metadata: Mapping[str, str]  # of the run, without the log's own keys
     attachments: Mapping[str, bytes]
     schemas: Mapping[str, Schema]  # by topic
     messages: Mapping[str, list[Message]]  # by topic
     salvage: Salvage | None  # None where the log is whole
 
 
-def read_content(path: Path, wanted: Callable[[str], bool] = lambda topic: True) -> Content:
-    """Return what a log holds on the wanted topics, whether it is whole, torn or damaged.
+def read_content(path: Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
+    """Return the content of a log on the topics for which `is_read` is true.
+
+    A log that is truncated or damaged gives the content of its complete chunks.
 
     Raises:
         LogError: no such file, not a log of this project, or of another format of it.
@@ -67,25 +75,25 @@ def read_content(path: Path, wanted: Callable[[str], bool] = lambda topic: True)
     data = _bytes(path)
     if data.endswith(MCAP0_MAGIC):
         try:
-            return _whole(path, data, wanted)
+            return _whole(path, data, is_read)
         except DAMAGE:
-            pass  # whole in shape, damaged inside: keep what can be kept
-    return salvage_content(path, wanted)
+            pass  # complete in length, damaged inside
+    return salvage_content(path, is_read)
 
 
-def salvage_content(path: Path, wanted: Callable[[str], bool] = lambda topic: True) -> Content:
-    """Return what every whole chunk of a log holds, with `salvage` set, torn or not.
+def salvage_content(path: Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
+    """Return the content of every complete chunk of a log, with `salvage` set.
 
     Raises:
         LogError: as `read_content`.
     """
     data = _bytes(path)
-    stream, gathered = io.BytesIO(data), _Gathered(path, wanted)
+    stream, collector = io.BytesIO(data), _Collector(path, is_read)
     chunks, damaged, kept_bytes, last_ns = 0, 0, len(MCAP0_MAGIC), 0
     for record in _whole_records(stream, len(data)):
         kept_bytes = stream.tell()
         if not isinstance(record, Chunk):
-            gathered.take(record)
+            collector.add(record)
             continue
         try:
             parts = breakup_chunk(record, validate_crc=True)
@@ -95,8 +103,8 @@ def salvage_content(path: Path, wanted: Callable[[str], bool] = lambda topic: Tr
         chunks += 1
         last_ns = max(last_ns, record.message_end_time)
         for part in parts:
-            gathered.take(part)
-    return gathered.content(Salvage(chunks, damaged, kept_bytes, len(data), last_ns / 1e9))
+            collector.add(part)
+    return collector.content(Salvage(chunks, damaged, kept_bytes, len(data), last_ns / 1e9))
 
 
 def _bytes(path: Path) -> bytes:
@@ -109,26 +117,26 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
-def _whole(path: Path, data: bytes, wanted: Callable[[str], bool]) -> Content:
-    gathered = _Gathered(path, wanted)
+def _whole(path: Path, data: bytes, is_read: Callable[[str], bool]) -> Content:
+    collector = _Collector(path, is_read)
     reader = SeekingReader(io.BytesIO(data), validate_crcs=True)
     summary = reader.get_summary()
     if summary is None:
         raise EndOfFile
     described = (*reader.iter_metadata(), *reader.iter_attachments())
     for record in (*described, *summary.schemas.values(), *summary.channels.values()):
-        gathered.take(record)
-    topics = [item.topic for item in summary.channels.values() if wanted(item.topic)]
+        collector.add(record)
+    topics = [item.topic for item in summary.channels.values() if is_read(item.topic)]
     if topics:  # the reader takes an empty list for all of them
         # In the order of the file: the order in which the rows came, whatever their times.
         for _, _, message in reader.iter_messages(topics, log_time_order=False):
-            gathered.take(message)
-    return gathered.content(None)
+            collector.add(message)
+    return collector.content(None)
 
 
 def _whole_records(stream: io.BytesIO, total_bytes: int) -> Iterator[McapRecord]:
-    """Yield MCAP records from the start of the stream up to the first that is not whole."""
-    # The limit keeps a garbled length from asking for gigabytes.
+    """Yield MCAP records from the start of the stream up to the first that is incomplete."""
+    # Without the limit a damaged length could request gigabytes.
     reader = StreamReader(stream, emit_chunks=True, record_size_limit=total_bytes)
     records = reader.records
     while True:
@@ -140,19 +148,19 @@ def _whole_records(stream: io.BytesIO, total_bytes: int) -> Iterator[McapRecord]
 
 
 @dataclass(slots=True)
-class _Gathered:
-    """MCAP records in any order, of which a `Content` is made."""
+class _Collector:
+    """Collector of MCAP records in any order, from which a `Content` is made."""
 
     path: Path
-    wanted: Callable[[str], bool]
+    is_read: Callable[[str], bool]
     schemas: dict[int, Schema] = field(default_factory=dict)
     topics: dict[int, Topic] = field(default_factory=dict)
     messages: list[Message] = field(default_factory=list)
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, str] | None = None
 
-    def take(self, record: McapRecord) -> None:
-        """Take one MCAP record; kinds that say nothing of the run are passed over."""
+    def add(self, record: McapRecord) -> None:
+        """Add one MCAP record; kinds that do not describe the run are ignored."""
         if isinstance(record, Message):
             self.messages.append(record)
         elif isinstance(record, Topic):
@@ -168,10 +176,10 @@ class _Gathered:
         """Return the content.
 
         Raises:
-            LogError: the log is none of ours, or of another format.
+            LogError: the log is not of this project, or of another format.
         """
         metadata = self._own_metadata()
-        messages = {item.topic: [] for item in self.topics.values() if self.wanted(item.topic)}
+        messages = {item.topic: [] for item in self.topics.values() if self.is_read(item.topic)}
         for message in self.messages:
             topic = self.topics.get(message.channel_id)  # None where a damaged chunk held it
             if topic is not None and topic.topic in messages:
@@ -184,10 +192,10 @@ class _Gathered:
         return Content(self.path, metadata, self.attachments, schemas, messages, salvage)
 
     def _own_metadata(self) -> dict[str, str]:
-        """Return the description of the run without what concerns the log alone."""
+        """Return the metadata of the run without the log's own keys."""
         if self.metadata is None:
             raise LogError(
-                f"{self.path}: describes no run: not a log of ttempc, or torn at its very start"
+                f"{self.path}: describes no run: not a log of ttempc, or truncated at its start"
             )
         metadata = dict(self.metadata)
         version = metadata.pop(FORMAT_KEY, "none")

@@ -1,4 +1,4 @@
-"""Reads logs back into records: whole ones by their index, torn ones by what is still there."""
+"""Log reader: the record of a log, complete or truncated."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from ..recording.record import Event, Record, Table
 from ..recording.topics import EVENT_TOPIC
 from .log_content import Content, read_content
 
-SALVAGED_KEY: Final = "salvaged"  # in the metadata of a torn log: what was kept, in words
+SALVAGED_KEY: Final = "salvaged"  # metadata of a truncated log: extent of what was read
 
 _LEVEL_NAMES: Final = {number: name for name, number in LEVELS.items()}
 
 
 def read_log(path: Path, channels: Sequence[Channel] = CHANNELS) -> Record:
-    """Return the record of a log, with `SALVAGED_KEY` among its metadata where it is torn.
+    """Return the record of a log, with `SALVAGED_KEY` in its metadata where it is truncated.
 
     Raises:
         LogError: no such file, not a log of this project, or of another version of it.
     """
-    wanted = {EVENT_TOPIC, *(channel.topic for channel in channels)}
-    content = read_content(path, wanted.__contains__)
+    topics = {EVENT_TOPIC, *(channel.topic for channel in channels)}
+    content = read_content(path, topics.__contains__)
     record = record_of(content, channels)
     if content.salvage is None:
         return record
@@ -42,7 +42,7 @@ def read_log(path: Path, channels: Sequence[Channel] = CHANNELS) -> Record:
 
 
 def record_of(content: Content, channels: Sequence[Channel] = CHANNELS) -> Record:
-    """Return the rows and events among the content of a log.
+    """Return the rows and events of the content of a log.
 
     Raises:
         LogError: a channel has other fields than in this version.

@@ -1,8 +1,8 @@
-"""What a log holds for the eye: the ground, the place of every body, the paths that were drawn."""
+"""Scene of a log for viewers and films: ground, motion of every body, drawn paths."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from .log_content import Content
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Where every body of the vehicle was."""
+    """Motion of every body of the vehicle."""
 
     body_names: tuple[str, ...]
     time_s: FloatArray  # (n,)
@@ -30,7 +30,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A path as it stood from one moment on."""
+    """A path that is drawn from one moment on."""
 
     time_s: float
     points: FloatArray  # (n, 3) [m] map frame
@@ -40,7 +40,7 @@ def ground_of(content: Content) -> Ground:
     """Return the ground of the run.
 
     Raises:
-        LogError: the log holds none.
+        LogError: the log has no ground.
     """
     return _ground(content, attachment(content, GROUND_FILE))
 
@@ -58,10 +58,10 @@ def attachment(content: Content, name: str) -> bytes:
 
 
 def motion_of(content: Content) -> Motion:
-    """Return where every body was.
+    """Return the motion of every body.
 
     Raises:
-        LogError: the log says nothing of it.
+        LogError: the log has no transforms.
     """
     messages = _messages(content, TRANSFORMS_TOPIC)
     names = tuple(
@@ -92,10 +92,10 @@ def _ground(content: Content, data: bytes) -> Ground:
 
 
 def _messages(content: Content, topic: str) -> Sequence[Message]:
-    found: Mapping[str, Sequence[Message]] = content.messages
-    if not found.get(topic):
+    messages = content.messages.get(topic)
+    if not messages:
         raise LogError(f"{content.path}: holds nothing on {topic}")
-    return found[topic]
+    return messages
 
 
 def _line(message: Message) -> Line:

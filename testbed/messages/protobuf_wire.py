@@ -1,9 +1,8 @@
-"""Foxglove's well-known messages of places, written straight in protobuf's wire format.
+"""Foxglove's pose and transform messages in protobuf's wire format.
 
-Filling message objects fifty times a second costs more than everything else that logging does.
-These messages have a fixed layout: doubles of eight bytes between constant tags. Their numbers
-are in single precision (2 um at 30 m), which halves the size of a log: the zeros at the end of a
-number are compressed away.
+To fill message objects fifty times a second would cost more than the rest of logging. These
+messages have a fixed layout: doubles of eight bytes between constant tags. The numbers are rounded
+to single precision (2 um at 30 m), which halves the size of a log: trailing zeros compress well.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ _TRANSFORM_TAGS: Final = (b"\x22\x1b\x09", *_POSE_TAGS[1:3], b"\x2a\x24\x09", *_
 _PLACE_BYTES: Final = 67  # of translation and rotation together
 
 
-class Form:
-    """Messages of one length that differ in some of their bytes only, made many at a time.
+class MessageTemplate:
+    """Template of messages of one length that differ only in some of their bytes.
 
     Args:
-        parts: of a message in their order: constant bytes, or how many bytes are to be filled in.
+        parts: of a message in their order: constant bytes, or the number of bytes to fill in.
     """
 
     def __init__(self, parts: Sequence[bytes | int]) -> None:
@@ -44,18 +43,20 @@ class Form:
         self._holes = np.array(holes, np.intp)
 
     @classmethod
-    def of_doubles(cls, tags: Sequence[bytes]) -> Form:
-        """Return the form in which a double follows each of the tags."""
+    def of_doubles(cls, tags: Sequence[bytes]) -> MessageTemplate:
+        """Return the template in which a double follows each of the tags."""
         return cls([part for tag in tags for part in (tag, _DOUBLE_BYTES)])
 
     def fill(self, content: NDArray[np.generic]) -> NDArray[np.uint8]:
-        """Return n messages, (n, bytes); `content` has a row for each, with all that goes in."""
+        """Return n messages, (n, bytes), each filled with a row of `content`."""
         filled = np.repeat(self._message, len(content), axis=0)
         filled[:, self._holes] = np.ascontiguousarray(content).view(np.uint8)
         return filled
 
 
-_POSE: Final = Form.of_doubles((b"\x1a\x43" + _POSE_TAGS[0], *_POSE_TAGS[1:]))  # field 3, 67 bytes
+_POSE: Final = MessageTemplate.of_doubles(
+    (b"\x1a\x43" + _POSE_TAGS[0], *_POSE_TAGS[1:])
+)  # field 3, 67 bytes
 
 
 def single(values: FloatArray) -> FloatArray:
@@ -63,17 +64,17 @@ def single(values: FloatArray) -> FloatArray:
     return values.astype(np.float32).astype(np.float64)
 
 
-@lru_cache(maxsize=1)  # all that is said of one moment bears the same stamp
+@lru_cache(maxsize=1)  # messages of one moment share a stamp
 def stamp(time_ns: int) -> bytes:
-    """Return a google.protobuf.Timestamp; as all of protobuf, without what is zero."""
+    """Return a google.protobuf.Timestamp; fields that are zero are left out."""
     seconds, nanos = divmod(time_ns, _NS_PER_S)
-    said = b"\x08" + varint(seconds) if seconds else b""
-    return said + b"\x10" + varint(nanos) if nanos else said
+    field = b"\x08" + varint(seconds) if seconds else b""
+    return field + b"\x10" + varint(nanos) if nanos else field
 
 
 @lru_cache(maxsize=1024)
 def varint(value: int) -> bytes:
-    """Return a whole number, 0 or above, in the wire's variable length."""
+    """Return an integer, 0 or above, as a protobuf varint."""
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)
@@ -83,12 +84,12 @@ def varint(value: int) -> bytes:
 
 
 def sized(tag: bytes, content: bytes) -> bytes:
-    """Return a field whose content has a length: text, bytes or a message."""
+    """Return a length-delimited field: text, bytes or a message."""
     return tag + varint(len(content)) + content
 
 
 def poses(places: FloatArray) -> NDArray[np.uint8]:
-    """Return field 3 of a PoseInFrame or PosesInFrame, once for every place, (n, bytes).
+    """Return field 3 of a PoseInFrame or PosesInFrame for every pose, (n, bytes).
 
     `places` (n, 7) holds x, y, z [m] and the quaternion x, y, z, w.
     """
@@ -96,19 +97,19 @@ def poses(places: FloatArray) -> NDArray[np.uint8]:
 
 
 def in_frame(time_ns: int, frame: bytes, poses: bytes) -> bytes:
-    """Return a PoseInFrame or PosesInFrame of one or more of what `poses` returned."""
+    """Return a PoseInFrame or PosesInFrame of one or more encoded `poses`."""
     time = stamp(time_ns)
     return b"\x0a%c%b\x12%c%b%b" % (len(time), time, len(frame), frame, poses)
 
 
 class TransformsEncoder:
-    """Transforms from one frame to every body, as FrameTransforms messages."""
+    """Encoder of transforms from one frame to every body, as FrameTransforms messages."""
 
     def __init__(self, parent: str, body_names: Sequence[str]) -> None:
         self._names = [
             sized(b"\x12", parent.encode()) + sized(b"\x1a", name.encode()) for name in body_names
         ]
-        self._forms: dict[int, Form] = {}  # by the length of a stamp
+        self._templates: dict[int, MessageTemplate] = {}  # by the length of a stamp
 
     def encode(
         self, times_ns: Sequence[int], xyz: FloatArray, quaternions: FloatArray
@@ -128,19 +129,19 @@ class TransformsEncoder:
                 times.reshape(len(chosen), 1, length), (len(chosen), bodies, length)
             )
             content = np.concatenate([times, numbers[chosen]], axis=2)
-            filled = self._form(length).fill(content.reshape(len(chosen), -1))
+            filled = self._template(length).fill(content.reshape(len(chosen), -1))
             for i, message in zip(chosen, filled, strict=True):
                 messages[i] = message.tobytes()
         return messages
 
-    def _form(self, stamp_bytes: int) -> Form:
-        """Return the form of a message whose stamps have a length."""
-        if stamp_bytes not in self._forms:
+    def _template(self, stamp_bytes: int) -> MessageTemplate:
+        """Return the template of a message whose stamps have a length [bytes]."""
+        if stamp_bytes not in self._templates:
             parts: list[bytes | int] = []
             for name in self._names:
                 time_head = b"\x0a" + varint(stamp_bytes)
                 length = len(time_head) + stamp_bytes + len(name) + _PLACE_BYTES
                 parts += [b"\x0a" + varint(length) + time_head, stamp_bytes, name]
                 parts += [part for tag in _TRANSFORM_TAGS for part in (tag, _DOUBLE_BYTES)]
-            self._forms[stamp_bytes] = Form(parts)
-        return self._forms[stamp_bytes]
+            self._templates[stamp_bytes] = MessageTemplate(parts)
+        return self._templates[stamp_bytes]

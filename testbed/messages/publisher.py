@@ -1,4 +1,4 @@
-"""Turns what a run says into messages on topics: the same for a log and for a live view."""
+"""Publisher: protobuf messages of a run on topics, for a log or a live view."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from mcap_protobuf.schema import build_file_descriptor_set
 from numpy.typing import NDArray
 
-from ttempc.types import FloatArray
+from ttempc.types import FloatArray, Sensor
 
 from ..recording import topics
-from ..recording.channels import CHANNELS, MEASUREMENT, Channel
+from ..recording.channels import CHANNELS, MEASUREMENT, MEASUREMENT_COLUMNS, Channel
 from ..recording.record import Event
 from ..recording.topics import Topic
 from ..truth import Pose, Truth
@@ -30,12 +30,12 @@ from .scenery import Scenery
 from .schemas import RowEncoder, descriptor_set, message_name
 from .viewer_messages import MAP_FRAME, encode_event, encode_fix, encode_paths, encode_poses
 
-_POSE_PERIOD_S: Final = 0.1 - 1e-6  # from one pose to the next: trails need no more, /tf has all
-_DRIVEN_PERIOD_S: Final = 5.0  # from one driven path to the next
+_POSE_PERIOD_S: Final = 0.1 - 1e-6  # between poses: enough for trails; /tf has all
+_DRIVEN_PERIOD_S: Final = 5.0  # between driven paths
 _DRIVEN_STEP_M: Final = 1.0  # between its points
-_GNSS: Final = (  # topic, frame, column of x in `MEASUREMENT`; y is next to it
-    (topics.GNSS_TOPIC, "tractor", MEASUREMENT.fields.index("gnss_tractor_x_m")),
-    (topics.GNSS_TRAILER_TOPIC, "trailer", MEASUREMENT.fields.index("gnss_trailer_x_m")),
+_GNSS: Final = (  # topic, frame, columns of x and y in `MEASUREMENT`
+    (topics.GNSS_TOPIC, "tractor", MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR]),
+    (topics.GNSS_TRAILER_TOPIC, "trailer", MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER]),
 )
 _DRAWN: Final[tuple[tuple[str, Any], ...]] = (
     (topics.TRANSFORMS_TOPIC, FrameTransforms),
@@ -54,7 +54,7 @@ _DRAWN: Final[tuple[tuple[str, Any], ...]] = (
 
 
 def topics_of(channels: Sequence[Channel] = CHANNELS) -> list[Topic]:
-    """Return every topic of a run: its flat channels, then what viewers draw."""
+    """Return every topic of a run: its flat channels, then the topics that viewers draw."""
     flat = [Topic(each.topic, message_name(each), descriptor_set(each)) for each in channels]
     drawn = [
         Topic(name, kind.DESCRIPTOR.full_name, build_file_descriptor_set(kind).SerializeToString())
@@ -64,11 +64,11 @@ def topics_of(channels: Sequence[Channel] = CHANNELS) -> list[Topic]:
 
 
 class Publisher(ABC):
-    """A `testbed.recording.sink.Sink` that makes messages; where they go is for a child to say.
+    """Base class of a `testbed.recording.sink.Sink` that encodes messages; a subclass sends them.
 
-    Rows, transforms, poses and paths are gathered, and made messages together when a child says so:
-    many cost a tenth each of what one costs. A child makes itself ready to `_send` before it calls
-    this constructor.
+    Rows, transforms, poses and paths are collected and encoded together when the subclass calls
+    `_publish`: in a batch a message costs a tenth of a single one. A subclass must be ready to
+    `_send` before it calls this constructor.
     """
 
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
@@ -87,11 +87,11 @@ class Publisher(ABC):
 
     @abstractmethod
     def _send(self, topic: str, time_ns: int, data: bytes) -> None:
-        """Hand on one message of one of the topics in `topics_of`."""
+        """Send one message of a topic in `topics_of`."""
 
     @abstractmethod
-    def _gathered(self, time_s: float) -> None:
-        """Hear that something of a time [s] has been gathered, and `_publish` where it is time."""
+    def _collected(self, time_s: float) -> None:
+        """React to new data of a time [s]: `_publish` where it is due."""
 
     def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
         """Publish one row, one number per field of the channel.
@@ -106,10 +106,10 @@ class Publisher(ABC):
         rows = self._rows[channel.topic]
         rows.append(time_s)
         rows.extend(values)
-        self._gathered(time_s)
+        self._collected(time_s)
 
     def event(self, event: Event) -> None:
-        """Publish one event as a log line; its time is kept to the nanosecond."""
+        """Publish one event as a log line."""
         time_ns = nanoseconds(event.time_s)
         self._send(topics.EVENT_TOPIC, time_ns, encode_event(time_ns, event))
 
@@ -118,10 +118,10 @@ class Publisher(ABC):
         self._scenes.append((truth.time_s, truth.body_xyz, truth.body_quat))
         if truth.time_s >= self._next_pose_s:
             self._pose(truth)
-        self._gathered(truth.time_s)
+        self._collected(truth.time_s)
 
     def _pose(self, truth: Truth) -> None:
-        """Gather the poses of both axle points, and every few seconds their path so far."""
+        """Collect the poses of both axle points, and every few seconds their path so far."""
         self._next_pose_s = truth.time_s + _POSE_PERIOD_S
         tractor, trailer = truth.tractor, truth.trailer
         self._poses.append((topics.TRACTOR_TOPIC, truth.time_s, tractor))
@@ -137,11 +137,13 @@ class Publisher(ABC):
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
         """Publish a line of points (n, 2) [m], map frame, laid on the ground."""
-        self._paths.append((topic, time_s, np.array(points)))  # the caller may write over his
-        self._gathered(time_s)
+        self._paths.append(
+            (topic, time_s, np.array(points))
+        )  # a copy: the caller may reuse its array
+        self._collected(time_s)
 
     def _publish(self) -> None:
-        """Hand on all that has been gathered, topic by topic."""
+        """Encode and send the collected data, topic by topic."""
         for topic, rows in self._rows.items():
             if rows:
                 encoder, self._rows[topic] = self._encoders[topic], array("d")
@@ -170,10 +172,10 @@ class Publisher(ABC):
             self._send_each(names, times_ns, encode_paths(times_ns, lines))
 
     def _publish_fixes(self, times_ns: Sequence[int], measured: Sequence[Sequence[float]]) -> None:
-        """Hand on the GNSS samples among rows of measurements, as fixes."""
-        for topic, frame, column in _GNSS:
+        """Send the GNSS samples of measurement rows as fixes."""
+        for topic, frame, columns in _GNSS:
             for time_ns, values in zip(times_ns, measured, strict=True):
-                x, y = values[column], values[column + 1]
+                x, y = values[columns]
                 if not math.isnan(x):
                     self._send(topic, time_ns, encode_fix(time_ns, frame, x, y))
 
@@ -186,11 +188,11 @@ class Publisher(ABC):
     def _send_all(
         self, topic: str, times_ns: NDArray[np.int64], messages: NDArray[np.uint8]
     ) -> None:
-        """Hand on messages of one length on a topic, (n, bytes)."""
+        """Send messages of one length on a topic, (n, bytes)."""
         for time_ns, message in zip(times_ns.tolist(), messages, strict=True):
             self._send(topic, time_ns, message.tobytes())
 
 
 def nanoseconds(time_s: float) -> int:
-    """Return a simulated time [s] in whole nanoseconds, as logs and viewers count it."""
+    """Return a simulated time [s] in whole nanoseconds, the unit of logs and viewers."""
     return round(time_s * 1e9)

@@ -1,4 +1,4 @@
-"""What viewers are told once: names of the bodies, the ground, the shapes of vehicle and field."""
+"""Scenery: static data for viewers, the shapes of vehicle and field."""
 
 from __future__ import annotations
 
@@ -19,26 +19,28 @@ from ttempc.types import FloatArray
 
 from ..ground.ground import Ground
 from ..vehicle.appearance import ground_colours
-from .protobuf_wire import Form, single, varint
+from .protobuf_wire import MessageTemplate, single, varint
 from .viewer_messages import MAP_FRAME
 
 _GEOM: Final = mujoco.mjtGeom
-_UNPAINTED: Final = np.array([0.5, 0.5, 0.5, 1.0], np.float32)  # MuJoCo's word for "as material"
-_HIDDEN_GROUP: Final = 3  # shapes of this group and above are for contacts, not for the eye
-_MOST_VERTICES: Final = 30_000  # of the ground that is drawn: 0.4 m apart on the usual field
-_ABOVE_GROUND_M: Final = 0.05  # paths float: the ground that is drawn is coarser than the true one
+_UNPAINTED: Final = np.array(
+    [0.5, 0.5, 0.5, 1.0], np.float32
+)  # MuJoCo's default colour: the material's applies
+_HIDDEN_GROUP: Final = 3  # shapes of this group and above serve contacts and are not drawn
+_MOST_VERTICES: Final = 30_000  # of the drawn ground: 0.4 m apart on the default field
+_ABOVE_GROUND_M: Final = 0.05  # of paths: the drawn ground is coarser than the true one
 
 
 @dataclass(frozen=True, slots=True)
 class Scenery:
-    """What does not change while a run goes on."""
+    """Data for viewers that do not change during a run."""
 
     body_names: tuple[str, ...] = ()
     ground: Ground | None = None  # level where None
     shapes: bytes = b""  # a foxglove.SceneUpdate; empty where there is nothing to show
 
     def on_ground(self, points: FloatArray) -> FloatArray:
-        """Return points (n, 2) [m] with the height [m] at which a path is drawn, (n, 3)."""
+        """Return points (n, 2) [m] with the height at which a path is drawn, (n, 3) [m]."""
         drawn = np.full((len(points), 3), _ABOVE_GROUND_M)
         drawn[:, :2] = points
         if self.ground is not None:
@@ -49,12 +51,11 @@ class Scenery:
 def shapes_of(model: mujoco.MjModel, ground: Ground) -> bytes:
     """Return ground and vehicle as a foxglove.SceneUpdate.
 
-    Every body is an entity fixed to its own frame, so that it is sent once: the transforms move
-    it.
+    Every body is an entity in its own frame. It is sent once; the transforms move it.
 
     Args:
-        model: with all that is to be seen.
-        ground: drawn in place of the model's.
+        model: with all drawn shapes.
+        ground: drawn instead of the model's.
     """
     field = SceneEntity(id="ground", frame_id=MAP_FRAME, frame_locked=True)
     field.triangles.append(_ground(ground))
@@ -89,7 +90,7 @@ def _add_shape(entity: SceneEntity, model: mujoco.MjModel, geom: int) -> None:
         shape = entity.cylinders.add(bottom_scale=1.0, top_scale=1.0)
         _put(shape.size, (a, a, b), "xyz")
     else:
-        raise ValueError(f"geom {model.geom(geom).name}: no shape for viewers is known of its type")
+        raise ValueError(f"geom {model.geom(geom).name}: viewers have no shape of its type")
     _put(shape.pose.position, model.geom_pos[geom], "xyz")
     _put(shape.pose.orientation, model.geom_quat[geom], "wxyz")
     _put(shape.color, colour, "rgba")
@@ -110,7 +111,7 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> TriangleListPrimitive:
 
 
 def _ground(ground: Ground) -> TriangleListPrimitive:
-    """Return the ground on every so-manieth point of its grid, in the colours of its soil."""
+    """Return the ground on a subset of its grid points, in the colours of its soil."""
     terrain = ground.terrain
     stride = max(1, math.ceil(math.sqrt(terrain.heights.size / _MOST_VERTICES)))
     (x, y), heights = terrain.points(), terrain.heights
@@ -145,4 +146,4 @@ def _triangles(
 def _records(head: bytes, values: FloatArray) -> bytes:
     """Return one message of doubles, fields 1, 2, ..., for every row of values."""
     first, *others = (bytes([number << 3 | 1]) for number in range(1, values.shape[1] + 1))
-    return Form.of_doubles([head + first, *others]).fill(single(values)).tobytes()
+    return MessageTemplate.of_doubles([head + first, *others]).fill(single(values)).tobytes()

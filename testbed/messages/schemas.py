@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ttempc.types import FloatArray
 
 from ..recording.channels import Channel
-from .protobuf_wire import Form
+from .protobuf_wire import MessageTemplate
 
 PACKAGE: Final = "ttempc"
 TIME_FIELD: Final = "time_s"
@@ -79,18 +79,20 @@ def message_class(channel: Channel) -> type[Message]:
 
 
 class RowEncoder:
-    """Writes rows of one channel in protobuf's wire format, as a test says to the byte.
+    """Encoder of rows of one channel in protobuf's wire format.
 
-    Doubles have a fixed length on the wire, so that rows differ in fixed places only.
+    Doubles have a fixed length on the wire, so that rows differ in fixed positions only.
     """
 
     def __init__(self, channel: Channel) -> None:
-        self.width = len(row_fields(channel))  # numbers in a row, its time included
-        self._form = Form.of_doubles([_tag(number) for number in range(1, self.width + 1)])
+        self.width = len(row_fields(channel))  # numbers in a row, time included
+        self._template = MessageTemplate.of_doubles(
+            [_tag(number) for number in range(1, self.width + 1)]
+        )
 
     def encode(self, rows: FloatArray) -> NDArray[np.uint8]:
         """Return the messages of rows (n, `width`), each with its time first, (n, bytes)."""
-        return self._form.fill(rows)
+        return self._template.fill(rows)
 
 
 def _tag(number: int) -> bytes:

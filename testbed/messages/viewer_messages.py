@@ -1,4 +1,4 @@
-"""Foxglove's well-known messages for what viewers draw: poses, paths, fixes, log lines."""
+"""Foxglove messages for viewers: poses, paths, fixes, log lines."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from ttempc.types import FloatArray
 
 from ..errors import LogError
+from ..geodesy import DATUM
 from ..recording.record import Event
 from ..truth import Pose
-from .datum import DATUM
 from .protobuf_wire import in_frame, poses, sized, stamp
 
 MAP_FRAME: Final = "map"
@@ -27,7 +27,7 @@ _NS_PER_S: Final = 1_000_000_000
 
 
 def encode_poses(times_ns: Sequence[int], places: Sequence[Pose]) -> list[bytes]:
-    """Return poses of points of the vehicle, each as a PoseInFrame."""
+    """Return each pose as a PoseInFrame."""
     turns = np.array([quaternion(place) for place in places])  # (n, 4) w, x, y, z
     points = np.array([(place.x, place.y, place.z) for place in places])
     wire = poses(np.column_stack([points, turns[:, 1:], turns[:, 0]]))
@@ -38,7 +38,7 @@ def encode_poses(times_ns: Sequence[int], places: Sequence[Pose]) -> list[bytes]
 
 
 def encode_paths(times_ns: Sequence[int], lines: Sequence[FloatArray]) -> list[bytes]:
-    """Return lines of poses, each heading for the next, as PosesInFrame; a line is (n, 3) [m]."""
+    """Return each line (n, 3) [m] as a PosesInFrame; a pose has the heading to the next point."""
     half = 0.5 * np.concatenate([headings(line) for line in lines])  # of all poses in turn
     level = np.zeros_like(half)
     wire = poses(np.column_stack([np.concatenate(lines), level, level, np.sin(half), np.cos(half)]))
@@ -50,7 +50,7 @@ def encode_paths(times_ns: Sequence[int], lines: Sequence[FloatArray]) -> list[b
 
 
 def encode_fix(time_ns: int, frame: str, x: float, y: float) -> bytes:
-    """Return a measured place (x, y) [m] as a LocationFix; it says nothing of the height."""
+    """Return a measured position (x, y) [m] as a LocationFix without height."""
     latitude, longitude = DATUM.degrees(x, y)
     place = _FIX.pack(b"\x09", latitude, b"\x11", longitude)
     return place + sized(b"\x32", stamp(time_ns)) + sized(b"\x3a", frame.encode())

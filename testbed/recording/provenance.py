@@ -1,4 +1,4 @@
-"""Where a run comes from: versions, commit and identity, as words for log, summary and report."""
+"""Provenance of a run: versions, commit and identity for log, summary and report."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from pathlib import Path
 from typing import Final
 
 _PACKAGES: Final = ("ttempc", "mujoco", "piqp", "numpy", "scipy", "numba")
-_SOURCE: Final = {  # what of each package drives; scenarios are in a run's own identity
+_SOURCE: Final = {  # files that affect a run; scenarios are part of its identity
     "experiments": (".py",),
     "mjcf": (".py", ".toml", ".xml"),
     "testbed": (".py",),
     "ttempc": (".py",),
 }
-_ROOT: Final = Path(__file__).resolve().parents[2]  # what holds testbed, experiments and mjcf
+_ROOT: Final = Path(__file__).resolve().parents[2]  # folder of testbed, experiments and mjcf
 
 
 def versions() -> dict[str, str]:
-    """Return the version of everything whose change can change a run.
+    """Return the versions of all software that can change a run.
 
-    "commit" is among them where the code runs from a checkout, with "-dirty" where that differs
-    from its last commit.
+    "commit" is included where the code runs from a checkout, with "-dirty" where that differs from
+    its last commit.
     """
-    found = {name: _version(name) for name in _PACKAGES}
-    found["python"] = platform.python_version()
+    versions = {name: _version(name) for name in _PACKAGES}
+    versions["python"] = platform.python_version()
     commit = _commit(_ROOT)
-    return {**found, "commit": commit} if commit else found
+    return {**versions, "commit": commit} if commit else versions
 
 
 def run_id(scenario_toml: str, code: dict[str, str]) -> str:
@@ -43,8 +43,8 @@ def run_id(scenario_toml: str, code: dict[str, str]) -> str:
 def code_digest() -> str:
     """Return a hash of the source of the four packages, the vehicles included.
 
-    It says whether two processes, on two machines perhaps, drive with the same code, in a checkout
-    with changes and in an installed package alike.
+    Two processes, also on two machines, run the same code where their digests are equal. This holds
+    for a checkout with changes and for an installed package.
     """
     digest = hashlib.sha256()
     for package, suffixes in _SOURCE.items():
@@ -64,8 +64,8 @@ def _version(package: str) -> str:
 
 @functools.cache
 def _commit(checkout: Path) -> str:
-    """Return the commit of the checkout, empty where there is none or no git to ask."""
-    if not (checkout / ".git").exists():  # installed: a repository above is someone else's
+    """Return the commit of the checkout; empty without a repository or without git."""
+    if not (checkout / ".git").exists():  # installed: a repository above is not this project's
         return ""
     command = ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=12"]
     try:

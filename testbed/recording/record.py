@@ -1,4 +1,4 @@
-"""A run as columns of numbers: the one shape in which metrics, figures and readers see it."""
+"""Record of a run: its channels as tables, its events and its metadata."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .channels import CHANNELS, Channel
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened once, in words."""
+    """One event of a run, as text."""
 
     time_s: float
     level: str  # "info", "warning" or "error"
@@ -52,7 +52,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Everything that a run left: a table per topic, events, and what describes the run."""
+    """Data of a run: a table per topic, events and metadata."""
 
     tables: Mapping[str, Table]
     events: Sequence[Event] = ()
@@ -63,7 +63,7 @@ class Record:
 
 
 class Recorder:
-    """Collects rows and events in memory while a run goes on; a `testbed.recording.sink.Sink`."""
+    """Collector of rows and events in memory; a `testbed.recording.sink.Sink`."""
 
     def __init__(self, channels: Sequence[Channel] = CHANNELS) -> None:
         self._channels = {channel.topic: channel for channel in channels}
@@ -89,13 +89,13 @@ class Recorder:
         self._events.append(event)
 
     def scene(self, truth: Truth) -> None:
-        """Ignore a scene: it is for viewers, the rows have its numbers."""
+        """Ignore a scene: the rows have its numbers."""
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
-        """Ignore a path, for the same reason."""
+        """Ignore a path: the rows have its numbers."""
 
     def record(self, metadata: Mapping[str, str] | None = None) -> Record:
-        """Return what has been collected so far."""
+        """Return the record of the data collected so far."""
         tables = {
             topic: Table(
                 channel,

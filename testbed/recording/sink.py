@@ -1,4 +1,4 @@
-"""Where the loop says what happened: one interface, and a fan-out to several of its kind."""
+"""Sinks: the interface to which the loop writes, and a fan-out to several sinks."""
 
 from __future__ import annotations
 
@@ -13,54 +13,54 @@ from .record import Event
 
 
 class Sink(Protocol):
-    """Takes everything that a run has to say, each channel in the order of its time.
+    """Receiver of the data of a run, each channel in the order of its time.
 
-    Rows and events are the record of the run. Scenes and paths are there for viewers only: they
-    say nothing that the rows do not say, so that a sink without eyes may ignore them.
+    Rows and events are the record of the run. Scenes and paths serve viewers only: they repeat
+    numbers of the rows, and a sink may ignore them.
     """
 
     def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Take one row, one number per field of the channel."""
+        """Receive one row, one number per field of the channel."""
         ...
 
     def event(self, event: Event) -> None:
-        """Take one event."""
+        """Receive one event."""
         ...
 
     def scene(self, truth: Truth) -> None:
-        """Take the place of every body and of the two axle points at one moment."""
+        """Receive the poses of every body and of both axle points at one moment."""
         ...
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
-        """Take a line of points (n, 2) [m], map frame, that is to be seen under `topic`.
+        """Receive a line of points (n, 2) [m], map frame, to be drawn under `topic`.
 
-        A point every 0.2 m is plenty for the eye; the topics are those of `testbed.log.log`.
+        A point every 0.2 m is enough; the topics are those of `testbed.recording.topics`.
         """
         ...
 
 
 class Tee:
-    """Hands everything to several sinks, in their order."""
+    """Sink that passes all data to several sinks, in their order."""
 
     def __init__(self, *sinks: Sink) -> None:
         self._sinks = sinks
 
     def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Hand on one row."""
+        """Pass on one row."""
         for sink in self._sinks:
             sink.row(channel, time_s, values)
 
     def event(self, event: Event) -> None:
-        """Hand on one event."""
+        """Pass on one event."""
         for sink in self._sinks:
             sink.event(event)
 
     def scene(self, truth: Truth) -> None:
-        """Hand on one scene."""
+        """Pass on one scene."""
         for sink in self._sinks:
             sink.scene(truth)
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
-        """Hand on one path."""
+        """Pass on one path."""
         for sink in self._sinks:
             sink.path(topic, time_s, points)

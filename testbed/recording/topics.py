@@ -1,4 +1,4 @@
-"""The topics of a run beside its flat channels: what viewers draw, under which names."""
+"""Topics of a run for viewers, in addition to its flat channels."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Sensors and their errors."""
+"""Sensors, their errors, and an estimator that returns the truth."""

@@ -1,4 +1,4 @@
-"""What a sensor adds to the truth: error processes, each drawn from generators of its own."""
+"""Error processes of sensors, each with its own random generators."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _BAD_FACTOR: Final = 3.0
 
 
 class ErrorSource(Protocol):
-    """Anything that yields the error of one sample after the other."""
+    """Source of the errors of successive samples."""
 
     def draw(self) -> list[float]:
         """Return the error of the next sample, (m,) in the sensor's unit."""
@@ -27,14 +27,14 @@ class White:
     Args:
         sd: standard deviation of each entry, (m,).
         rng: of this sensor.
-        bias: what is added to every sample, (m,).
+        bias: constant part of every error, (m,).
     """
 
     def __init__(
         self, sd: FloatArray, rng: np.random.Generator, bias: FloatArray | None = None
     ) -> None:
         self._rng = rng
-        # Floats: on one to three numbers numpy takes longer to start than to calculate.
+        # floats: for one to three numbers the overhead of numpy is larger than the arithmetic
         self._sd = sd.tolist()
         self._bias = [0.0] * len(sd) if bias is None else bias.tolist()
 
@@ -45,7 +45,7 @@ class White:
 
 
 class Correlated:
-    """A first-order Gauss-Markov process and a white part beside it (Gelb 1974, sec. 3.6).
+    """Sum of a first-order Gauss-Markov process and a white part (Gelb 1974, sec. 3.6).
 
         x[k+1] = a x[k] + sqrt(1 - a^2) s w[k],  a = exp(-period / correlation time)
 
@@ -72,24 +72,24 @@ class Correlated:
         self._white = White(math.sqrt(white_share) * sd, rng)
         self._sd = math.sqrt(1.0 - white_share) * sd
         self._rng = slow_rng
-        self._keeps = math.exp(-period / correlation_time)
+        self._correlation = math.exp(-period / correlation_time)
         self._state = self._sd * slow_rng.standard_normal(len(sd))  # (m,)
 
     def draw(self) -> list[float]:
         """Return the error of the next sample, (m,)."""
         present = self._state
-        kick = math.sqrt(1.0 - self._keeps**2) * self._sd
-        self._state = self._keeps * present + kick * self._rng.standard_normal(len(kick))
+        noise_sd = math.sqrt(1.0 - self._correlation**2) * self._sd
+        noise = noise_sd * self._rng.standard_normal(len(noise_sd))
+        self._state = self._correlation * present + noise
         return (present + self._white.draw()).tolist()
 
 
 class HeavyTailed:
-    """The contaminated normal: one sample in ten comes from a Gaussian three times as wide.
+    """Contaminated normal distribution: one sample in ten has three times the standard deviation.
 
-    Tukey (1960). It stands for the paper's "non-Gaussian" errors: most fixes are good, some suffer
-    from multipath, in both axes at once. Unlike those of a Student-t, all its moments are finite,
-    so that its standard deviation is the stated one and can be told from a run. Its excess
-    kurtosis is 5.33.
+    Tukey (1960). It models the paper's "non-Gaussian" errors: most fixes are good, some suffer from
+    multipath, in both axes at once. All its moments are finite, unlike those of Student's t, and
+    its standard deviation can be estimated from a run. Its excess kurtosis is 5.33.
 
     Args:
         sd: standard deviation of each entry of the mixture, (m,).

@@ -1,10 +1,10 @@
-"""The sensors of a vehicle: each with its own rate, error, delay and random generator.
+"""Sensors of the vehicle: readings of the truth with errors, rates and latencies.
 
 GNSS samples are taken at the axle point, as the paper's model takes them ("point"), or at the
-antenna above it, which a rolling or pitching vehicle moves: "raw" samples are the antenna's place
-itself, "corrected" ones are less the lever arm, turned by roll and pitch as the newest sample of
-that body's IMU has them. The heading for that turn is the true one: a wrong one would move the
-corrected point by height x sin(roll) x error of the heading, 3 mm at 0.1 rad and 1 deg.
+antenna above it, which a rolling or pitching vehicle moves. "raw" samples are the position of the
+antenna. "corrected" samples are that position less the lever arm, turned by the roll and pitch of
+the newest sample of that body's IMU. The heading for that turn is the true one: an error of the
+heading would move the corrected point by height x sin(roll) x error, 3 mm at 0.1 rad and 1 deg.
 """
 
 from __future__ import annotations
@@ -18,15 +18,31 @@ import numpy as np
 
 from ttempc.types import FloatArray, Measurement, Sensor
 
-from ..actuation.quantisation import quantised
+from ..discretisation import delay_steps, quantised, whole_steps
 from ..randomness import generator
-from ..step_counts import delay_steps, whole_steps
 from ..truth import Pose, Truth
-from .antennas import lever_in_map
 from .sensor_errors import Correlated, ErrorSource, HeavyTailed, White
 from .sensor_specification import GnssAntenna, ImuSpecification, SensorSpecification
 
 _Read = Callable[[Truth], tuple[float, ...]]
+
+_POSITION: Final = ("x_m", "y_m")
+_ATTITUDE: Final = ("yaw_rate_radps", "roll_rad", "pitch_rad")
+
+COMPONENTS: Final[dict[Sensor, tuple[str, ...]]] = {
+    Sensor.GNSS_TRACTOR: _POSITION,
+    Sensor.GNSS_TRAILER: _POSITION,
+    Sensor.STEERING_TRACTOR: ("rad",),
+    Sensor.STEERING_TRAILER: ("rad",),
+    Sensor.HITCH: ("rad",),
+    Sensor.ENCODER: ("mps",),
+    Sensor.IMU_TRACTOR: _ATTITUDE,
+    Sensor.IMU_TRAILER: _ATTITUDE,
+}
+"""Components of a sample of each sensor with their units, in the order of `Measurement.value`.
+
+The log derives its columns from this table: their names, their number and their order.
+"""
 
 _GNSS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)  # in the order of `Truth.antennas`
 _ANGLES: Final[dict[Sensor, _Read]] = {
@@ -45,20 +61,20 @@ _IMU: Final[dict[Sensor, _Read]] = {  # bodies in the order of `Truth.antennas`
 
 
 @dataclass(frozen=True, slots=True)
-class _Channel:
+class _SampledSensor:
     sensor: Sensor
     read: _Read
     error: ErrorSource
     every: int  # physics steps from sample to sample
     delay: int  # physics steps from sample to delivery
-    resolution: tuple[float, ...]  # of each entry
+    resolution: tuple[float, ...]  # of each component
 
 
 class SensorSuite:
     """All sensors of the vehicle, sampled on a common count of physics steps.
 
     Args:
-        specification: what they are like.
+        specification: rates, errors and latencies.
         timestep: physics step [s]; every period and latency must be a whole number of them.
         seed: seed of the run.
         lever_arms: from tractor and trailer point to their antennas, (2, 3) [m], bodies' frames.
@@ -74,88 +90,112 @@ class SensorSuite:
         seed: int,
         lever_arms: FloatArray,
     ) -> None:
-        self.specification = s = specification
-        self._lever_arms = lever_arms
+        self.specification = specification
+        self._timestep, self._seed, self._lever_arms = timestep, seed, lever_arms
         self._attitude = dict.fromkeys(_IMU, (0.0, 0.0))  # roll, pitch [rad] as last measured
-        self._under_way: list[tuple[int, Measurement]] = []  # physics step of delivery, sample
-
-        def channel(
-            sensor: Sensor,
-            read: _Read,
-            rate: float,
-            latency: float,
-            resolution: tuple[float, ...],
-            error: ErrorSource,
-        ) -> _Channel:
-            what = f"rate of sensor {sensor} ({rate} Hz)"
-            every = whole_steps(1.0 / rate if rate else math.inf, timestep, what)
-            delay = delay_steps(latency, timestep, f"latency of sensor {sensor}")
-            return _Channel(sensor, read, error, every, delay, resolution)
-
-        def white(sensor: Sensor, sd: float) -> White:
-            return White(np.array([sd]), generator(seed, f"sensor/{sensor}"))
-
-        imus = () if s.imu is None else ((s.imu, sensor, read) for sensor, read in _IMU.items())
-        self._channels = (
-            # First: corrected GNSS samples of the same moment need them.
-            *(
-                channel(
-                    *(sensor, read, imu.rate, imu.latency),
-                    (imu.yaw_rate_resolution, imu.angle_resolution, imu.angle_resolution),
-                    _imu_error(imu, seed, sensor),
-                )
-                for imu, sensor, read in imus
-            ),
-            *(
-                channel(
-                    *(sensor, self._gnss_reader(body), s.gnss_rate, s.gnss_latency),
-                    (s.gnss_resolution, s.gnss_resolution),
-                    _gnss_error(s, seed, sensor),
-                )
-                for body, sensor in enumerate(_GNSS)
-            ),
-            *(
-                channel(
-                    *(sensor, read, s.angle_rate, s.angle_latency),
-                    (s.angle_resolution,),
-                    white(sensor, s.angle_sd),
-                )
-                for sensor, read in _ANGLES.items()
-            ),
-            channel(
-                *(Sensor.ENCODER, _ENCODER[s.encoder_on], s.encoder_rate, s.encoder_latency),
-                (s.encoder_resolution,),
-                white(Sensor.ENCODER, s.encoder_sd),
-            ),
+        self._in_transit: list[tuple[int, Measurement]] = []  # physics step of delivery, sample
+        # IMUs come first: corrected GNSS samples of the same moment need them.
+        self._sensors = (
+            *(self._imu(sensor, specification.imu) for sensor in _IMU if specification.imu),
+            *(self._gnss(body) for body in range(len(_GNSS))),
+            *(self._angle(sensor) for sensor in _ANGLES),
+            self._encoder(),
         )
 
     @property
     def every(self) -> int:
         """Physics steps between two moments at which any sensor samples or delivers."""
         # A delay of 0 leaves the greatest common divisor as it is.
-        return math.gcd(*(n for channel in self._channels for n in (channel.every, channel.delay)))
+        return math.gcd(*(n for sensor in self._sensors for n in (sensor.every, sensor.delay)))
 
     def sample(self, truth: Truth, step: int) -> list[Measurement]:
-        """Sample what is due at physics step `step` and return what is delivered at it.
+        """Sample the sensors that are due at physics step `step`; return the samples delivered.
 
-        A sample bears the time at which it was taken, however late it comes.
+        A sample bears the time at which it was taken, whatever its latency.
         """
-        for channel in self._channels:
-            if step % channel.every == 0:
-                reading = zip(
-                    *(channel.read(truth), channel.error.draw(), channel.resolution), strict=True
-                )
+        for entry in self._sensors:
+            if step % entry.every == 0:
+                reading = zip(entry.read(truth), entry.error.draw(), entry.resolution, strict=True)
                 value = tuple(quantised(true + error, to) for true, error, to in reading)
-                if channel.sensor in _IMU:
-                    self._attitude[channel.sensor] = value[1], value[2]
-                sample = Measurement(truth.time_s, channel.sensor, value)
-                self._under_way.append((step + channel.delay, sample))
-        delivered = [sample for due, sample in self._under_way if due <= step]
-        self._under_way = [item for item in self._under_way if item[0] > step]
+                if entry.sensor in _IMU:
+                    self._attitude[entry.sensor] = value[1], value[2]
+                sample = Measurement(truth.time_s, entry.sensor, value)
+                self._in_transit.append((step + entry.delay, sample))
+        delivered = [sample for due, sample in self._in_transit if due <= step]
+        self._in_transit = [item for item in self._in_transit if item[0] > step]
         return delivered
 
+    def _sampled(
+        self,
+        sensor: Sensor,
+        read: _Read,
+        error: ErrorSource,
+        *,
+        rate: float,
+        latency: float,
+        resolution: tuple[float, ...],
+    ) -> _SampledSensor:
+        period = 1.0 / rate if rate else math.inf
+        return _SampledSensor(
+            sensor,
+            read,
+            error,
+            every=whole_steps(period, self._timestep, f"rate of sensor {sensor} ({rate} Hz)"),
+            delay=delay_steps(latency, self._timestep, f"latency of sensor {sensor}"),
+            resolution=resolution,
+        )
+
+    def _imu(self, sensor: Sensor, imu: ImuSpecification) -> _SampledSensor:
+        return self._sampled(
+            sensor,
+            _IMU[sensor],
+            _imu_error(imu, self._seed, sensor),
+            rate=imu.rate,
+            latency=imu.latency,
+            resolution=(imu.yaw_rate_resolution, imu.angle_resolution, imu.angle_resolution),
+        )
+
+    def _gnss(self, body: int) -> _SampledSensor:
+        sensor, specification = _GNSS[body], self.specification
+        return self._sampled(
+            sensor,
+            self._gnss_reader(body),
+            _gnss_error(specification, self._seed, sensor),
+            rate=specification.gnss_rate,
+            latency=specification.gnss_latency,
+            resolution=(specification.gnss_resolution, specification.gnss_resolution),
+        )
+
+    def _angle(self, sensor: Sensor) -> _SampledSensor:
+        specification = self.specification
+        return self._sampled(
+            sensor,
+            _ANGLES[sensor],
+            self._white(sensor, specification.angle_sd),
+            rate=specification.angle_rate,
+            latency=specification.angle_latency,
+            resolution=(specification.angle_resolution,),
+        )
+
+    def _encoder(self) -> _SampledSensor:
+        specification = self.specification
+        return self._sampled(
+            Sensor.ENCODER,
+            _ENCODER[specification.encoder_on],
+            self._white(Sensor.ENCODER, specification.encoder_sd),
+            rate=specification.encoder_rate,
+            latency=specification.encoder_latency,
+            resolution=(specification.encoder_resolution,),
+        )
+
+    def _white(self, sensor: Sensor, sd: float) -> White:
+        return White(np.array([sd]), generator(self._seed, f"sensor/{sensor}"))
+
     def _gnss_reader(self, body: int) -> _Read:
-        """Return what gives the place (x, y) [m] that the receiver of a body reports."""
+        """Return the function that reads the position (x, y) [m] which a body's receiver reports.
+
+        `body` is 0 for the tractor, 1 for the trailer.
+        """
         lever, imu = self._lever_arms[body], tuple(_IMU)[body]
 
         def pose(truth: Truth) -> Pose:
@@ -176,6 +216,28 @@ class SensorSuite:
             "corrected": corrected,
         }
         return readers[self.specification.gnss_antenna]
+
+
+def lever_in_map(lever: FloatArray, yaw: float, pitch: float, roll: float) -> tuple[float, float]:
+    """Return the horizontal part (x, y) [m] of a lever arm in the map frame.
+
+    It is R_z(yaw) R_y(pitch) R_x(roll) lever: an antenna at height h above its point moves
+    h sin(roll) to the right of it and h cos(roll) sin(pitch) ahead.
+
+    Args:
+        lever: from point to antenna in the body's frame, (3,) [m].
+        yaw: heading of the body [rad].
+        pitch: positive nose down [rad].
+        roll: positive left side up [rad].
+    """
+    x, y, z = lever.tolist()
+    aside = y * math.cos(roll) - z * math.sin(roll)
+    up = y * math.sin(roll) + z * math.cos(roll)
+    ahead = x * math.cos(pitch) + up * math.sin(pitch)
+    return (
+        ahead * math.cos(yaw) - aside * math.sin(yaw),
+        ahead * math.sin(yaw) + aside * math.cos(yaw),
+    )
 
 
 def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -> ErrorSource:

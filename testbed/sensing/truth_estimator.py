@@ -1,4 +1,4 @@
-"""An estimator that knows the truth: what a controller would do with perfect sensors."""
+"""Truth estimator: the plant's true state as the estimate, for control with perfect sensors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..truth import Truth
 
 
 class TruthEstimator:
-    """Hands the plant's own state through; satisfies `ttempc.types.Estimator`.
+    """Estimator that returns the plant's state; satisfies `ttempc.types.Estimator`.
 
     Args:
         truth: returns the plant's present state.
@@ -24,7 +24,7 @@ class TruthEstimator:
     def update(
         self, time_s: float, measurements: Sequence[Measurement], command: Command | None
     ) -> Estimate:
-        """Return the truth with a covariance of zero; measurements are not looked at."""
+        """Return the truth with a covariance of zero; measurements are ignored."""
         truth = self._truth()
         state = np.empty(len(State))
         state[State.X], state[State.Y] = truth.tractor.x, truth.tractor.y

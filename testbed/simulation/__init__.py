@@ -1,1 +1,1 @@
-"""The plant and the loop that drives it."""
+"""Plant, simulation loop and termination."""

@@ -23,7 +23,7 @@ from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPI
 from ..sensing.sensors import SensorSuite
 from ..truth import Truth
 from .plant import Plant
-from .termination import MishapLimits, mishap
+from .termination import TerminationLimits, check_termination
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class SimulationSetup:
     control_steps: int  # physics steps in a control period
     record_steps: int  # physics steps from one row of the truth to the next
     terrain: Terrain  # the vehicle must stay on it
-    termination: MishapLimits = field(default_factory=MishapLimits)
+    termination: TerminationLimits = field(default_factory=TerminationLimits)
     notes: tuple[str, ...] = ()  # on the reference, for the log
 
 
@@ -176,7 +176,7 @@ def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
     step, truth = tick.truths[-1]
     x, y = setup.reference[step // setup.record_steps, :2]
-    tick.lost = mishap(truth, (float(x), float(y)), setup.terrain, setup.termination)
+    tick.lost = check_termination(truth, (float(x), float(y)), setup.terrain, setup.termination)
 
 
 STAGES: Final[tuple[Stage, ...]] = (

@@ -1,4 +1,4 @@
-"""The plant: vehicle, ground and soil in MuJoCo, moved by commands, seen as `Truth`."""
+"""Plant: vehicle, ground and soil in MuJoCo, driven by commands, read as `Truth`."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -26,40 +26,40 @@ from ..truth import WHEELS, Truth
 from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
-from ..vehicle.vehicle_model import WheelModel, build_spec, level_mjcf, level_model, physics_model
-from ..wheels.contact_wheels import NativeWheels
-from ..wheels.tyre_kernel import Output, wheel_step
+from ..vehicle.vehicle_model import build_spec, level_mjcf, level_model, physics_model
+from ..wheels.tyre_kernel import Output
+from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, wheel_model
 from .truth_reader import TruthReader
 
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-_SETTLE_CHUNK_S: Final = 0.1  # loads are compared this far apart
-_SETTLE_CHUNKS: Final = 30  # and no more often than this
+_SETTLE_CHUNK_S: Final = 0.1  # between comparisons of the wheel loads
+_SETTLE_CHUNKS: Final = 30  # largest number of comparisons
 _SETTLED: Final = 1e-4  # largest change of a wheel load over the weight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """Everything that the plant's future depends on."""
+    """Complete state of the plant."""
 
     physics: FloatArray  # MuJoCo's integration state
-    deflection: FloatArray  # (6, 3) [m] tread deflections: without them 29 mm off after 10 s
-    output: FloatArray  # (6, 7) what the wheels last reported
-    valves: ActuatorState  # commands under way to the servos
+    wheel_state: FloatArray  # `WheelModel.state`
+    output: FloatArray  # (6, 7) last report of the wheels
+    valves: ActuatorState  # commands that are still in the command path
 
 
 class Plant:
-    """A tractor with a trailer on a field; one step is tyres, then MuJoCo.
+    """A tractor with a trailer on a field; one step is wheel forces, then MuJoCo.
 
     Args:
-        vehicle: as it really is.
+        vehicle: the true vehicle.
         terrain: shape of the ground.
-        soil: its strength.
-        wheels: "soil" (`tyre`) or "contact" (MuJoCo's own, `contact_wheels`).
+        soil: strength of the ground.
+        wheels: name of the wheel model, see `wheel_models`.
         timestep_s: of the physics.
-        actuators: what is lost between a command and the servos; nothing by default.
+        actuators: imperfections between a command and the servos; none by default.
 
     Raises:
-        InvalidPlant: a setting that cannot be.
+        InvalidPlant: a setting is impossible.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Plant:
         terrain: Terrain,
         soil: SoilMap,
         *,
-        wheels: WheelModel = "soil",
+        wheels: str = DEFAULT_WHEEL_MODEL,
         timestep_s: float = 0.002,
         actuators: ActuatorSpecification | None = None,
     ) -> None:
@@ -79,15 +79,14 @@ class Plant:
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
         self.tyres = tyres_of(vehicle)
-        self._deflection = np.zeros((len(WHEELS), 3))
-        self._output = np.zeros((len(WHEELS), len(Output)))
+        self.ground = Ground(terrain, soil.rasterised(terrain))
+        self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground)
         self._reader = TruthReader(
-            model, data, self._output, self.tyres.radius[WHEELS.index("rear_left")]
+            model, data, self.wheels.output, self.tyres.radius[WHEELS.index("rear_left")]
         )
-        # views, as the arrays below
+        # views of MuJoCo's arrays, bound once
         self._warnings, self._qpos, self._qvel = data.warning.number, data.qpos, data.qvel
         self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
-        wheel_bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._hydrostat = int(model.actuator("hydrostat").actadr[0])
         steering = [model.joint(name) for name in ("steer", "rj2_yaw")]
         self._steering_angles = [int(joint.qposadr[0]) for joint in steering]
@@ -96,32 +95,11 @@ class Plant:
             actuators or ActuatorSpecification(), timestep_s, (front_stop, trailer_stop)
         )
         self._valves = self.actuators.start(hp=0.0)
-        self.ground = Ground(terrain, soil.rasterised(terrain))
-        if wheels == "soil":
-            self._grid = np.array([*terrain.origin, terrain.spacing_m, timestep_s])
-            # views of MuJoCo's arrays, bound once: they outlive a reset of the data
-            self._tyre_arguments = (
-                self.tyres.table(),
-                terrain.heights,
-                self.ground.cone_index,
-                self._grid,
-                wheel_bodies,
-                data.xpos,
-                data.xmat,
-                data.cvel,
-                data.subtree_com,
-                self._deflection,
-                self._output,
-                data.xfrc_applied,
-            )
-            self._native = None
-        else:
-            self._native = NativeWheels(model, self.tyres, terrain, self.ground.cone_index)
 
     def reset(self, x: float, y: float, yaw: float, speed: float) -> Truth:
-        """Put the vehicle on the ground, in line, and let it roll from there.
+        """Put the vehicle on the ground, in line, rolling.
 
-        It stands braked until its wheel loads are steady; then every body gets the forward speed
+        Its wheels are locked until their loads are steady. Then every body gets the forward speed
         and every wheel its spin, and time starts at 0.
 
         Args:
@@ -136,8 +114,8 @@ class Plant:
         if not all(map(math.isfinite, (x, y, yaw, speed))):
             raise InvalidPlant(f"reset: got {(x, y, yaw, speed)}, every value must be finite")
         mujoco.mj_resetData(self.model, self.data)
-        self._deflection[:] = 0.0
-        self._output[:] = 0.0
+        self.wheels.state[:] = 0.0
+        self.wheels.output[:] = 0.0
         self._place(x, y, yaw)
         if not self.terrain.contains(*self._wheel_places(), margin=0.5):
             raise InvalidPlant(
@@ -154,7 +132,7 @@ class Plant:
         """Hold a command for a number of physics steps.
 
         Raises:
-            PlantDiverged: the state is no longer one that physics could have led to.
+            PlantDiverged: the state is not finite, or MuJoCo warned or reset itself.
         """
         data = self.data
         before = data.time
@@ -173,7 +151,7 @@ class Plant:
 
     @property
     def lever_arms(self) -> FloatArray:
-        """From tractor and trailer point to their antennas, (2, 3) [m], in the bodies' frames."""
+        """Levers from tractor and trailer point to their antennas, (2, 3) [m], bodies' frames."""
         return self._reader.lever_arms
 
     @cached_property
@@ -182,35 +160,35 @@ class Plant:
 
     @property
     def mjcf(self) -> str:
-        """The whole model as MuJoCo compiled it, without the heights of the ground."""
+        """MJCF of the whole model as MuJoCo compiled it, without the heights of the ground."""
         rows, columns = self.terrain.heights.shape
         return level_mjcf(self._level[1], (rows, columns))
 
     @property
     def scenery(self) -> Scenery:
-        """What viewers are told once."""
+        """Static data for viewers."""
         return Scenery(self.body_names, self.ground, shapes_of(self._level[0], self.ground))
 
     def drawn_model(self) -> mujoco.MjModel:
-        """Return a model to look at: the bodies of `model`, with every shape and a painted ground.
+        """Return a model for rendering: the bodies of `model` with all shapes and a painted ground.
 
-        `model` itself holds only what the physics needs.
+        `model` itself has no visual shapes.
         """
         model = self._spec.compile()
         paint_ground(model, self.terrain, self.ground.cone_index)
         return model
 
     def snapshot(self) -> Snapshot:
-        """Return the present state, to be handed to `restore`."""
+        """Return the present state for `restore`."""
         physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, physics, _STATE)
-        return Snapshot(physics, self._deflection.copy(), self._output.copy(), self._valves)
+        return Snapshot(physics, self.wheels.state.copy(), self.wheels.output.copy(), self._valves)
 
     def restore(self, snapshot: Snapshot) -> Truth:
-        """Go back to a state; what follows is the same, bit for bit, as it was the first time."""
+        """Return to a state; the same commands then give the same truths, bit for bit."""
         mujoco.mj_setState(self.model, self.data, snapshot.physics, _STATE)
-        self._deflection[:] = snapshot.deflection
-        self._output[:] = snapshot.output
+        self.wheels.state[:] = snapshot.wheel_state
+        self.wheels.output[:] = snapshot.output
         self._valves = snapshot.valves
         mujoco.mj_step1(self.model, self.data)
         return self.truth()
@@ -220,7 +198,7 @@ class Plant:
         return self._reader.truth()
 
     def _move_valves(self, command: Command) -> None:
-        """Let the command go one physics step further on its way to the servos."""
+        """Advance the command path by one physics step."""
         delta_t, delta_i = map(self.data.qpos.item, self._steering_angles)
         self._valves = self.actuators.step(self._valves, command, delta_t, delta_i)
         self.data.ctrl[:] = self._valves.set_points
@@ -234,34 +212,24 @@ class Plant:
         """Step the physics; positions and velocities are up to date before and after.
 
         A step is forces of the ground, accelerations and integration (mj_step2), positions and
-        velocities (mj_step1): the same as mj_step with the tyres in its middle.
+        velocities (mj_step1): the same as mj_step with the wheels in its middle.
         """
-        model, data = self.model, self.data
-        step1, step2 = mujoco.mj_step1, mujoco.mj_step2
-        if self._native is not None:
-            self._native.prepare(data, self._output[:, Output.LOAD])
-            for step in range(steps):
-                if before_step:
-                    before_step()
-                step2(model, data)
-                if step == steps - 1:  # while contacts and their forces are of one step
-                    self._native.report(data, self._output)
-                if after_step:
-                    after_step()
-                step1(model, data)
-            return
-        arguments = self._tyre_arguments
-        for _ in range(steps):
+        model, data, last = self.model, self.data, steps - 1
+        apply_forces, step1, step2 = self.wheels.step, mujoco.mj_step1, mujoco.mj_step2
+        self.wheels.prepare()
+        for step in range(steps):
             if before_step:
                 before_step()
-            wheel_step(*arguments)
+            apply_forces()
             step2(model, data)
+            if step == last:  # while contacts and their forces are of one step
+                self.wheels.report()
             if after_step:
                 after_step()
             step1(model, data)
 
     def _check(self, before: float, steps: int) -> None:
-        """Refuse what MuJoCo hides: it resets itself on NaN and carries on from time 0."""
+        """Raise on divergence: MuJoCo itself resets on NaN and continues from time 0."""
         data = self.data
         if self._warnings.any():
             kind = int(self._warnings.argmax())
@@ -298,7 +266,7 @@ class Plant:
         return wheels[:, 0], wheels[:, 1]
 
     def _settle(self, x: float, y: float) -> None:
-        """Let the vehicle sink onto its tyres at (x, y), wheels locked, all motion damped."""
+        """Let the vehicle settle on its tyres at (x, y), wheels locked, all motion damped."""
         data = self.data
         data.ctrl[:] = 0.0
         fade = math.exp(-10.0 * self.model.opt.timestep)
@@ -311,15 +279,15 @@ class Plant:
         steps = round(_SETTLE_CHUNK_S / self.model.opt.timestep)
         mujoco.mj_step1(self.model, data)
         for _ in range(_SETTLE_CHUNKS):
-            previous = self._output[:, Output.LOAD].copy()
+            previous = self.wheels.output[:, Output.LOAD].copy()
             self._run(steps, after_step=brake)
-            # on a slope it gives way by millimetres until its treads hold it
+            # on a slope the vehicle moves by millimetres until its treads are deflected
             sunk = data.qpos[2] - self.terrain.height(*data.qpos[:2])
             data.qpos[:3] = x, y, self.terrain.height(x, y) + sunk
             mujoco.mj_step1(self.model, data)
-            load = self._output[:, Output.LOAD]
+            load = self.wheels.output[:, Output.LOAD]
             steady = np.abs(load - previous).max() < _SETTLED * weight
-            if steady and load.sum() > 0.5 * weight:  # not while it still falls
+            if steady and load.sum() > 0.5 * weight:  # not during the fall
                 break
 
     def _roll(self, speed: float) -> None:
@@ -331,5 +299,5 @@ class Plant:
         data.qvel[self._wheel_dofs] = speed / self.tyres.radius
         hp = speed / self.vehicle.hydrostat.speed_gain_mps
         data.act[self._hydrostat] = hp
-        data.ctrl[:] = 0.0, 0.0, hp  # what held the speed until the first command arrives
+        data.ctrl[:] = 0.0, 0.0, hp  # the set points of the present speed, until the first command
         self._valves = self.actuators.start(hp)

@@ -1,4 +1,4 @@
-"""When a run is over because the vehicle is lost."""
+"""Termination of a run: roll-over, jack-knife, off the field, diverged."""
 
 from __future__ import annotations
 
@@ -10,36 +10,36 @@ from ..ground.terrain import Terrain
 from ..truth import Truth
 from ..vehicle.vehicle import PlantVehicle
 
-_STOP_GIVES_DEG: Final = 2.0  # a stop is no wall; assumed
+_STOP_MARGIN_DEG: Final = 2.0  # of jack-knife to the stop, which is elastic; assumed
 
 
 @dataclass(frozen=True, slots=True)
-class MishapLimits:
-    """Beyond these a vehicle is lost; all of them assumed, far outside normal driving."""
+class TerminationLimits:
+    """Limits beyond which a run terminates; all assumed, far outside normal driving."""
 
     tilt: float = math.radians(60.0)  # [rad] roll or pitch of tractor or trailer
     fold: float = math.radians(80.0)  # [rad] between tractor and drawbar, or drawbar and trailer
     deviation: float = 5.0  # [m] of the tractor point from its reference
 
     @classmethod
-    def of(cls, vehicle: PlantVehicle) -> MishapLimits:
-        """Return the limits for a vehicle: jack-knifed is a drawbar as good as at its stop."""
-        return cls(fold=math.radians(vehicle.hitch.yaw_limit_deg - _STOP_GIVES_DEG))
+    def of(cls, vehicle: PlantVehicle) -> TerminationLimits:
+        """Return the limits for a vehicle: a jack-knife is a drawbar near its stop."""
+        return cls(fold=math.radians(vehicle.hitch.yaw_limit_deg - _STOP_MARGIN_DEG))
 
 
-def mishap(
+def check_termination(
     truth: Truth,
     reference_xy: tuple[float, float],
     terrain: Terrain,
-    limits: MishapLimits,
+    limits: TerminationLimits,
 ) -> str | None:
-    """Return in words why the vehicle is lost, None while it is not.
+    """Return the reason to terminate the run as text, None if there is none.
 
     Args:
-        truth: the plant now.
-        reference_xy: where the tractor point should be [m].
+        truth: present state of the plant.
+        reference_xy: reference of the tractor point [m].
         terrain: the field.
-        limits: what counts as lost.
+        limits: termination limits.
     """
     for body, pose in (("tractor", truth.tractor), ("trailer", truth.trailer)):
         if max(abs(pose.roll), abs(pose.pitch)) > limits.tilt:
@@ -48,7 +48,7 @@ def mishap(
             return f"the {body} left the field at ({pose.x:.1f}, {pose.y:.1f}) m"
     if max(abs(truth.beta), abs(truth.delta_i)) > limits.fold:
         return f"jack-knife, drawbar at {math.degrees(truth.beta):.0f} deg to the tractor"
-    away = math.hypot(truth.tractor.x - reference_xy[0], truth.tractor.y - reference_xy[1])
-    if away > limits.deviation:
-        return f"diverged, the tractor is {away:.1f} m from its reference"
+    distance = math.hypot(truth.tractor.x - reference_xy[0], truth.tractor.y - reference_xy[1])
+    if distance > limits.deviation:
+        return f"diverged, the tractor is {distance:.1f} m from its reference"
     return None

@@ -1,4 +1,4 @@
-"""How `Truth` is read out of MuJoCo's data: which body, joint and site holds which number."""
+"""Truth reader: `Truth` from MuJoCo's data."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -16,12 +16,12 @@ from ..truth import Pose, Truth, Wheels
 
 
 class TruthReader:
-    """Reads the state that positions and velocities in `data` are up to date with.
+    """Reader of the present state; positions and velocities in `data` must be up to date.
 
     Args:
         model: of the plant.
-        data: that is read; never written.
-        output: (6, 7) what the wheels report, in the order of `WHEELS` and `Output`.
+        data: of the plant; it is not changed.
+        output: (6, 7) report of the wheels, in the order of `WHEELS` and `Output`.
         rear_radius: of the driven wheels [m].
     """
 
@@ -42,7 +42,7 @@ class TruthReader:
             model.body(name).id for name in ("tractor", "drawbar", "trailer")
         )
         antennas = [model.site(f"antenna_{name}").id for name in ("tractor", "trailer")]
-        self._antennas = np.array(antennas)  # a list as index is made an array every time
+        self._antennas = np.array(antennas)  # an array: numpy would convert a list at every read
         self.lever_arms = model.site_pos[self._antennas]  # (2, 3) [m] bodies' frames
         self._beta, self._delta_t, self._delta_i = (
             int(model.joint(name).qposadr[0]) for name in ("rj1_yaw", "steer", "rj2_yaw")

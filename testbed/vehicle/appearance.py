@@ -1,4 +1,4 @@
-"""What the eye needs and the physics does not: lugged tyres, a ground whose shape can be seen."""
+"""Appearance of the model: lugged tyres and a shaded ground, without effect on the physics."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -21,9 +21,9 @@ from .vehicle import PlantVehicle
 
 _AROUND: Final = 80  # vertices around a tyre
 _LUGS: Final = 20  # on each half, in two rows that form arrows
-_LUG_LEAD: Final = 0.75  # by how much of a pitch a lug leads from shoulder to centre
+_LUG_LEAD: Final = 0.75  # lead of a lug from shoulder to centre, over its pitch
 
-# Strength on a logarithmic scale, so that the same factor is seen as well on any soil.
+# Strength on a logarithmic scale: the same factor has the same contrast on any soil.
 _STRENGTHS: Final = np.log([100.0, 700.0, 2000.0])  # cone index [kPa]
 _COLOURS: Final = np.array(
     [
@@ -35,7 +35,7 @@ _COLOURS: Final = np.array(
 
 
 def put_tyres(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-    """Draw lugged tyres over the plain cylinders of the mjcf, which keep the mass."""
+    """Add lugged tyres over the plain cylinders of the MJCF, which keep the mass."""
     for kind, wheel in vehicle.wheels.items():
         vertices, faces = tyre_mesh(wheel.radius_m, wheel.width_m, wheel.section_height_m)
         spec.add_mesh(name=f"tyre_{kind}", uservert=vertices.ravel(), userface=faces.ravel())
@@ -90,7 +90,7 @@ def tyre_mesh(
 
 
 def paint_ground(model: mujoco.MjModel, terrain: Terrain, cone_indices: FloatArray) -> None:
-    """Bake light, height and strength of the ground into its texture: a plain one looks flat."""
+    """Paint light, height and strength of the ground into its texture: a plain one looks flat."""
     texture = model.texture("ground")
     columns, rows = texture.width[0], texture.height[0]
     colours = ground_colours(terrain, cone_indices, rows, columns)
@@ -101,7 +101,7 @@ def paint_ground(model: mujoco.MjModel, terrain: Terrain, cone_indices: FloatArr
 def ground_colours(
     terrain: Terrain, cone_indices: FloatArray, rows: int, columns: int
 ) -> FloatArray:
-    """Return the colours of the ground seen from above, (rows, columns, 3) in 0..1, south first."""
+    """Return the colours of the ground from above, (rows, columns, 3) in 0..1, south first."""
     x = terrain.origin[0] + terrain.size_m[0] * np.arange(columns) / (columns - 1)
     y = terrain.origin[1] + terrain.size_m[1] * np.arange(rows) / (rows - 1)
     height = terrain.height(x, y[:, None])  # (rows, columns)
@@ -110,7 +110,7 @@ def ground_colours(
     # light from the north-west, steepened until the roughest tenth spans the range
     shade = slope_x - slope_y
     shade = np.clip(shade / max(4.0 * float(shade.std()), 0.05), -1.0, 1.0)
-    # smoothed over a cell of the grid: the edge of a patch is no staircase
+    # smoothed over a cell of the grid: otherwise the edge of a patch is a staircase
     strengths = Image.fromarray(np.log(cone_indices).astype(np.float32))
     strength = np.asarray(strengths.resize((columns, rows), Image.Resampling.BILINEAR))
     colour = np.stack([np.interp(strength, _STRENGTHS, part) for part in _COLOURS.T], axis=-1)

@@ -1,4 +1,4 @@
-"""How the weight of a standing vehicle divides over its axles: moments, on level ground."""
+"""Static axle loads of the vehicle on level ground, by moments."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ GRAVITY: Final = 9.81  # [m/s^2] as in MuJoCo
 
 @dataclass(frozen=True, slots=True)
 class AxleLoads:
-    """What each axle carries, both wheels together, and the pin between tractor and drawbar [N]."""
+    """Static load of each axle and of the pin between tractor and drawbar [N]."""
 
     front: float
     rear: float

@@ -1,7 +1,7 @@
-"""Masses, centres of mass and inertias of the bodies, from those of the vehicle.
+"""Inertial properties of the bodies: mass, centre of mass and inertia from the vehicle's file.
 
-The masses in `mjcf/` are shares: shapes divide the weight of their body, or of the bodies that
-the vehicle weighs together, and give its inertia where the vehicle does not.
+The masses in `mjcf/` are shares: they divide the mass of a body, or of a group of bodies, over its
+shapes. The shapes also give the inertia where the file has none.
 """
 
 # mujoco fills its name space from compiled modules without type information
@@ -22,38 +22,38 @@ from .vehicle_parts import Tractor, Trailer
 _FRONT_AXLE: Final = ("front_axle", "steer", "knuckle_left", "knuckle_right")
 
 
-def put_masses(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-    """Put the vehicle's masses into a spec whose shapes have their final sizes, in place.
+def set_inertials(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+    """Set the inertial properties of a spec whose shapes have their final sizes, in place.
 
-    Of tractor and trailer the vehicle tells mass and centre as a whole: what axle and wheels
-    leave of them is the chassis.
+    The file gives mass and centre of mass of tractor and trailer as a whole. The chassis gets the
+    difference to axle and wheels.
     """
     for wheel in WHEELS:
-        _share(spec, (wheel,), vehicle.wheels[wheel.split("_")[0]].mass_kg)
-    _share(spec, _FRONT_AXLE, vehicle.front_axle.mass_kg)
-    _share(spec, ("drawbar",), vehicle.drawbar.mass_kg)
+        _divide_mass(spec, (wheel,), vehicle.wheels[wheel.split("_")[0]].mass_kg)
+    _divide_mass(spec, _FRONT_AXLE, vehicle.front_axle.mass_kg)
+    _divide_mass(spec, ("drawbar",), vehicle.drawbar.mass_kg)
     model = spec.copy().compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     radius = vehicle.rear_wheel.radius_m
     tractor_parts = (*_FRONT_AXLE, *WHEELS[:4])
-    _put_chassis(spec, data, "tractor", vehicle.tractor, tractor_parts, radius)
+    _set_chassis(spec, data, "tractor", vehicle.tractor, tractor_parts, radius)
     radius = vehicle.trailer_wheel.radius_m
-    _put_chassis(spec, data, "trailer", vehicle.trailer, WHEELS[4:], radius)
+    _set_chassis(spec, data, "trailer", vehicle.trailer, WHEELS[4:], radius)
     centre = np.array([-0.5 * vehicle.drawbar.length_m, 0.0, 0.0])
-    _put_inertial(spec, model, "drawbar", vehicle.drawbar.mass_kg, centre, None)
+    _set_inertial(spec, model, "drawbar", vehicle.drawbar.mass_kg, centre, None)
 
 
-def _share(spec: mujoco.MjSpec, bodies: Sequence[str], mass: float) -> None:
-    """Divide a mass [kg] over the shapes of some bodies in the shares of the drawing."""
+def _divide_mass(spec: mujoco.MjSpec, bodies: Sequence[str], mass: float) -> None:
+    """Divide a mass [kg] over the shapes of some bodies by the shares of the MJCF."""
     shapes = [shape for body in bodies for shape in spec.body(body).geoms]
     total = sum(shape.mass for shape in shapes)
     for shape in shapes:
         shape.mass *= mass / total
 
 
-def _put_chassis(
+def _set_chassis(
     spec: mujoco.MjSpec,
     data: mujoco.MjData,
     body: str,
@@ -69,10 +69,10 @@ def _put_chassis(
     mass = whole.mass_kg - float(masses.sum())
     centre = np.array([whole.centre_forward_m, 0.0, whole.centre_height_m - axle_height])
     centre = (whole.mass_kg * centre - moments) / mass
-    _put_inertial(spec, model, body, mass, centre, whole.chassis_inertia_kgm2)
+    _set_inertial(spec, model, body, mass, centre, whole.chassis_inertia_kgm2)
 
 
-def _put_inertial(
+def _set_inertial(
     spec: mujoco.MjSpec,
     model: mujoco.MjModel,
     name: str,
@@ -80,10 +80,10 @@ def _put_inertial(
     centre: np.ndarray,
     inertia: tuple[float, float, float] | None,
 ) -> None:
-    """Give a body its inertial; without an inertia [kg m^2] that of its shapes, at their mass."""
-    body, drawn = spec.body(name), model.body(name)
+    """Set the inertial of a body; the default inertia [kg m^2] is that of its shapes, scaled."""
+    body, from_shapes = spec.body(name), model.body(name)
     body.explicitinertial = True
     body.mass = mass
     body.ipos = centre
-    body.iquat = [1.0, 0.0, 0.0, 0.0] if inertia else drawn.iquat
-    body.inertia = inertia or drawn.inertia * mass / float(drawn.mass[0])
+    body.iquat = [1.0, 0.0, 0.0, 0.0] if inertia else from_shapes.iquat
+    body.inertia = inertia or from_shapes.inertia * mass / float(from_shapes.mass[0])

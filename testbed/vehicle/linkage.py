@@ -1,4 +1,4 @@
-"""The steering linkage: what the front wheels do while the single-track angle is delta."""
+"""Steering linkage: knuckle angles of the front wheels by Ackermann."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def knuckle_angle(delta: FloatArray, wheelbase: float, kingpin_y: float) -> Floa
 def linkage_polynomial(limit: float, wheelbase: float, kingpin_y: float) -> FloatArray:
     """Return the quartic in delta nearest to `knuckle_angle` over +-limit [rad], (5,).
 
-    Order 0 first. MuJoCo couples joints by a quartic. Least squares without a constant, so that
-    straight stays straight.
+    Order 0 first. MuJoCo couples joints by a quartic. The least-squares fit has no constant: at
+    delta = 0 both wheels are straight.
     """
     delta = np.linspace(-limit, limit, _SAMPLES)
     powers = delta[:, None] ** np.arange(1, 5)  # (samples, 4)

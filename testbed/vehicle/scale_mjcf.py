@@ -1,8 +1,8 @@
-"""The drawing in `mjcf/` fitted to a vehicle: places of bodies and joints, scale of every shape.
+"""MJCF scaling: positions of bodies and joints, and sizes of shapes, from the vehicle's file.
 
-What the drawing itself measures is read from its own bodies and shapes; a piece of it - a named
-frame, or a body that is drawn in one piece - is moved to where the vehicle has it and scaled by
-the vehicle's lengths over the drawn ones.
+The lengths of the model in `mjcf/` are read from its bodies and shapes. A group of shapes, which is
+a named frame or a body, is moved to its position on the vehicle and scaled by the ratio of the
+vehicle's lengths to those of the MJCF.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _SIDES = (("left", 1.0), ("right", -1.0))
 
 @dataclass(frozen=True, slots=True)
 class _Ratios:
-    """Lengths of the vehicle over those of the drawing."""
+    """Lengths of the vehicle over those of the MJCF."""
 
     wheelbase: float
     engine: float  # width
@@ -63,8 +63,8 @@ class _Ratios:
         )
 
 
-def fit_drawing(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-    """Fit the drawing, as read from `mjcf/`, to the vehicle, in place."""
+def scale_to_vehicle(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+    """Scale the model, as read from `mjcf/`, to the vehicle, in place."""
     ratios = _Ratios.of(spec, vehicle)
     _fit_tractor(spec, vehicle, ratios)
     _fit_front_axle(spec, vehicle, ratios)
@@ -78,19 +78,19 @@ def _fit_tractor(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> Non
     spec.body("tractor").pos = [0.0, 0.0, wheel.radius_m]
     hitch_z = hitch.height_m - wheel.radius_m
     deck = _frame(spec, "cab").pos[2] * by.rear
-    _piece(spec, "nose", (by.wheelbase, by.engine, by.rear), (0.0, 0.0, 0.0))
-    _piece(spec, "rear_axle", (by.rear, by.inside, by.rear), (0.0, 0.0, 0.0))
-    # people are of one size: whatever the tractor, they sit and stand as high above the deck
-    _piece(spec, "cab", (by.wheelbase, by.inside, 1.0), (0.0, 0.0, deck))
+    _fit_frame(spec, "nose", (by.wheelbase, by.engine, by.rear), (0.0, 0.0, 0.0))
+    _fit_frame(spec, "rear_axle", (by.rear, by.inside, by.rear), (0.0, 0.0, 0.0))
+    # a person is not scaled: the cab has the same height on every tractor
+    _fit_frame(spec, "cab", (by.wheelbase, by.inside, 1.0), (0.0, 0.0, deck))
     seat = _frame(spec, "driver").pos[0] * by.wheelbase
-    _piece(spec, "driver", (1.0, 1.0, 1.0), (seat, 0.0, deck))
+    _fit_frame(spec, "driver", (1.0, 1.0, 1.0), (seat, 0.0, deck))
     reach = hitch.offset_m / -spec.site("rj1").pos[0]
-    _piece(spec, "bracket", (reach, by.rear, by.rear), (0.0, 0.0, hitch_z))
+    _fit_frame(spec, "bracket", (reach, by.rear, by.rear), (0.0, 0.0, hitch_z))
     spec.site("rj1").pos = [-hitch.offset_m, 0.0, hitch_z]
     across = 0.5 * wheel.width_m / spec.geom("rear_left_tyre").size[1]
     for side, sign in _SIDES:
         y = sign * 0.5 * tractor.rear_track_m
-        _piece(spec, f"fender_{side}", (by.rear, across, by.rear), (0.0, y, 0.0))
+        _fit_frame(spec, f"fender_{side}", (by.rear, across, by.rear), (0.0, y, 0.0))
         _fit_wheel(spec, f"rear_{side}", y, wheel.radius_m, wheel.width_m)
 
 
@@ -99,8 +99,8 @@ def _fit_front_axle(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> 
     z = wheel.radius_m - vehicle.rear_wheel.radius_m
     spec.body("front_axle").pos = [vehicle.tractor.wheelbase_m, 0.0, z]
     beam = (by.front, by.kingpins, by.front)
-    _piece(spec, "beam", beam, (0.0, 0.0, 0.0))
-    _piece(spec, "guard", (by.front, by.front_track, by.front), (0.0, 0.0, 0.0))
+    _fit_frame(spec, "beam", beam, (0.0, 0.0, 0.0))
+    _fit_frame(spec, "guard", (by.front, by.front_track, by.front), (0.0, 0.0, 0.0))
     _scale_shapes(spec.body("steer").geoms, beam)
     spec.body("steer").pos = np.asarray(spec.body("steer").pos) * by.front
     for side, sign in _SIDES:
@@ -116,25 +116,25 @@ def _fit_trailer(spec: mujoco.MjSpec, vehicle: PlantVehicle, by: _Ratios) -> Non
     wheel, length = vehicle.trailer_wheel, vehicle.drawbar.length_m
     spec.body("drawbar").pos = spec.site("rj1").pos
     stout = by.box[1]
-    _piece(spec, "a_frame", (by.drawbar, stout, stout), (0.0, 0.0, 0.0))
+    _fit_frame(spec, "a_frame", (by.drawbar, stout, stout), (0.0, 0.0, 0.0))
     spec.site("rj2").pos[0] = -length
     drop = hitch.height_m - wheel.radius_m  # of the axle below the drawbar
     spec.body("trailer").pos = [-length - trailer.length_m, 0.0, -drop]
     spec.joint("rj2_yaw").pos = [trailer.length_m, 0.0, drop]
-    _piece(spec, "turntable", (stout, stout, stout), (trailer.length_m, 0.0, drop))
-    _piece(spec, "trailer_beam", (by.trailer, stout, stout), (0.0, 0.0, drop))
-    _piece(spec, "trailer_axle", (by.towed, by.trailer_track, by.towed), (0.0, 0.0, 0.0))
+    _fit_frame(spec, "turntable", (stout, stout, stout), (trailer.length_m, 0.0, drop))
+    _fit_frame(spec, "trailer_beam", (by.trailer, stout, stout), (0.0, 0.0, drop))
+    _fit_frame(spec, "trailer_axle", (by.towed, by.trailer_track, by.towed), (0.0, 0.0, 0.0))
     floor = box.floor_m - wheel.radius_m
-    _piece(spec, "box", by.box, (box.forward_m, 0.0, floor))
-    _piece(spec, "mast", (1.0, 1.0, 1.0), (0.0, 0.0, floor))
+    _fit_frame(spec, "box", by.box, (box.forward_m, 0.0, floor))
+    _fit_frame(spec, "mast", (1.0, 1.0, 1.0), (0.0, 0.0, floor))
     for side, sign in _SIDES:
         y = sign * 0.5 * trailer.track_m
         _fit_wheel(spec, f"trailer_{side}", y, wheel.radius_m, wheel.width_m)
 
 
 def _fit_wheel(spec: mujoco.MjSpec, name: str, y: float, radius: float, width: float) -> None:
-    drawn_radius, drawn_half = spec.geom(f"{name}_tyre").size[:2]
-    around, across = radius / drawn_radius, 0.5 * width / drawn_half
+    mjcf_radius, mjcf_half_width = spec.geom(f"{name}_tyre").size[:2]
+    around, across = radius / mjcf_radius, 0.5 * width / mjcf_half_width
     body = spec.body(name)
     body.pos[1] = y
     _scale_shapes(body.geoms, (around, across, around))
@@ -144,9 +144,11 @@ def _frame(spec: mujoco.MjSpec, name: str) -> mujoco.MjsFrame:
     return next(frame for frame in spec.frames if frame.name == name)
 
 
-def _piece(spec: mujoco.MjSpec, name: str, scale: Scale, place: tuple[float, float, float]) -> None:
-    """Move a named frame to its place and scale what is drawn in it."""
-    _frame(spec, name).pos = place
+def _fit_frame(
+    spec: mujoco.MjSpec, name: str, scale: Scale, position: tuple[float, float, float]
+) -> None:
+    """Move a named frame to its position and scale its shapes and sites."""
+    _frame(spec, name).pos = position
     _scale_shapes([g for g in spec.geoms if g.frame and g.frame.name == name], scale)
     for site in spec.sites:
         if site.frame and site.frame.name == name:
@@ -154,7 +156,7 @@ def _piece(spec: mujoco.MjSpec, name: str, scale: Scale, place: tuple[float, flo
 
 
 def _scale_shapes(shapes: list[mujoco.MjsGeom], scale: Scale) -> None:
-    """Scale shapes about the origin of their frame; what is round stays round."""
+    """Scale shapes about the origin of their frame; circular sections stay circular."""
     factor = np.array(scale)
     mean = float(np.cbrt(factor.prod()))
     for shape in shapes:

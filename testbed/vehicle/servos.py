@@ -1,6 +1,6 @@
-"""Valves, cylinders and drive of a vehicle, sized by what the vehicle weighs.
+"""Servos of the vehicle: steering cylinders and drive, sized by the weight of the empty vehicle.
 
-Sized for the empty vehicle: a load that a scenario adds makes the same cylinders work harder.
+A load of a scenario does not change them.
 """
 
 from __future__ import annotations
@@ -17,23 +17,30 @@ from ttempc.types import FloatArray
 from ..errors import InvalidPlant
 from ..ground.soil import SoilMap
 from ..truth import WHEELS
-from ..wheels.tyre import Tyres, gross_traction_ratio, mobility, motion_resistance_ratio
+from ..wheels.tyre import (
+    LAW,
+    Tyres,
+    gross_traction_ratio,
+    largest_traction,
+    mobility,
+    motion_resistance_ratio,
+)
 from .axle_loads import GRAVITY, AxleLoads
 from .vehicle import PlantVehicle
 from .vehicle_parts import Steering
 
-# Cylinder torque over (axle load x lever), and the error of the angle at which a cylinder gives
-# all of it. Far above what tyres ask for, so that ground does not steer; assumed. The lever is
-# the wheel's radius in front and the trailer's length behind.
+# Largest cylinder torque over (axle load x lever), and the error of the angle at which a cylinder
+# reaches it; assumed. The torque is far above that of the tyres, so that the ground does not steer.
+# The lever is the wheel's radius in front and the trailer's length behind.
 _FRONT_TORQUE: Final = 3.6
 _FRONT_GIVE: Final = 0.15  # [rad]
 _TRAILER_TORQUE: Final = 1.4
 _TRAILER_GIVE: Final = 0.08  # [rad]
-# Linkage and oil of the front steering over the servo's damping; assumed. Without them the
-# implicit damper and the constraints to the knuckles disagree at 4 ms.
+# Inertia of linkage and oil of the front steering over the servo's damping; assumed. Without it the
+# implicit damper and the constraints of the knuckles are inconsistent at a time step of 4 ms.
 _LINKAGE_TIME: Final = 1e-3  # [s]
-# Torque of the drive over what the rear wheels can ever pass on: the wheels slip, the drive does
-# not stall. And the share of the top wheel speed by which it droops under all of it: oil leaks.
+# Largest torque of the drive over the largest that the rear wheels transmit: the wheels slip before
+# the drive stalls. And its loss of speed under that torque, by leakage, over the top wheel speed.
 _DRIVE_TORQUE: Final = 1.4  # assumed
 _DRIVE_DROOP: Final = 0.034  # assumed
 _FIRM_KPA: Final = SoilMap.named("hard").background
@@ -61,7 +68,7 @@ class DriveServo:
     """First-order lag, then a speed servo on the mean of the driven wheels."""
 
     lag: float  # [s]
-    wheel_speed: float  # [rad/s] asked for at hydrostat position 1
+    wheel_speed: float  # [rad/s] set point at hydrostat position 1
     damping: float  # [N m s/rad]
     torque: float  # [N m] largest, both wheels together
 
@@ -78,15 +85,15 @@ def steering_servos(vehicle: PlantVehicle) -> tuple[SteeringServo, SteeringServo
 
 
 def drive_servo(vehicle: PlantVehicle) -> DriveServo:
-    """Return the drive with which a step test on soil "hard" identifies the vehicle's K and tau.
+    """Return the drive for which a step test on soil "hard" identifies the vehicle's K and tau.
 
     K: at steady speed the driven wheels slip by s and the servo droops by T / damping, so that
 
         wheel speed = (K / r) / (1 - s) + T / damping.
 
-    tau: behind the wheels' speed that of the ground lags by m v / C, C dF/ds the slope of the
-    traction equation at small slip (on average over a step v = K / 2), and the wheels' behind the
-    servo by m r^2 / damping. The valve's own lag is what remains of tau.
+    tau: the speed over ground lags behind the wheels by m v / C, with C = dF/ds the slope of the
+    traction equation at small slip (on average over a step v = K / 2). The wheels lag behind the
+    servo by m r^2 / damping. The rest of tau is the lag of the valve.
 
     Raises:
         InvalidPlant: the vehicle is too heavy for its tau.
@@ -95,21 +102,21 @@ def drive_servo(vehicle: PlantVehicle) -> DriveServo:
     load = wheel_loads(empty)  # (6,)
     radius, gain = vehicle.rear_wheel.radius_m, vehicle.hydrostat.speed_gain_mps
     bn, _ = mobility(tyres, load, np.full(len(WHEELS), _FIRM_KPA))
-    grip = (load * 0.88 * (1.0 - np.exp(-0.1 * bn)))[_DRIVEN].sum()  # [N] largest gross traction
-    torque = _DRIVE_TORQUE * 0.88 * load[_DRIVEN].sum() * radius
+    grip = largest_traction(bn, load)[_DRIVEN].sum()  # [N]
+    torque = _DRIVE_TORQUE * LAW.traction * load[_DRIVEN].sum() * radius
     damping = torque / (_DRIVE_DROOP * gain / radius)
     slip = equilibrium_slip(tyres, load, _FIRM_KPA, pull=0.0)
-    needed = radius * (load * gross_traction_ratio(bn, slip * _DRIVEN))[_DRIVEN].sum()
+    wheel_torque = radius * (load * gross_traction_ratio(bn, slip * _DRIVEN))[_DRIVEN].sum()
     mass = load.sum() / GRAVITY
-    behind = mass * 0.5 * gain / (7.5 * grip) + mass * radius**2 / damping  # [s]
+    wheel_lag = mass * 0.5 * gain / (LAW.traction_slip * grip) + mass * radius**2 / damping  # [s]
     tau = vehicle.hydrostat.time_constant_s
-    if tau <= behind:
+    if tau <= wheel_lag:
         raise InvalidPlant(
-            f"hydrostat.time_constant_s = {tau}: wheels and tyres alone take {behind:.2f} s to "
+            f"hydrostat.time_constant_s = {tau}: wheels and tyres alone take {wheel_lag:.2f} s to "
             f"bring {mass:.0f} kg to speed"
         )
-    wheel_speed = gain / radius / (1.0 - slip) + needed / damping
-    return DriveServo(float(tau - behind), float(wheel_speed), float(damping), float(torque))
+    wheel_speed = gain / radius / (1.0 - slip) + wheel_torque / damping
+    return DriveServo(float(tau - wheel_lag), float(wheel_speed), float(damping), float(torque))
 
 
 def equilibrium_slip(tyres: Tyres, load: FloatArray, cone_index: float, pull: float) -> float:
@@ -122,7 +129,7 @@ def equilibrium_slip(tyres: Tyres, load: FloatArray, cone_index: float, pull: fl
         pull: drawbar pull beyond that of the trailer [N].
 
     Raises:
-        InvalidPlant: the soil does not carry the vehicle at any slip.
+        InvalidPlant: traction is below motion resistance at every slip.
     """
     bn, _ = mobility(tyres, load, np.full(len(WHEELS), cone_index))
 

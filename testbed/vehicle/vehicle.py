@@ -1,4 +1,4 @@
-"""The true vehicle: a tractor with a steerable trailer."""
+"""True vehicle: a tractor with a steerable trailer."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from .vehicle_parts import VehicleParts
 
 @dataclass(frozen=True, config=STRICT)
 class PlantVehicle(VehicleParts):
-    """A vehicle that can exist: read by `vehicle_file`, built by `vehicle_model`.
+    """Checked vehicle: read by `vehicle_file`, built by `vehicle_model`.
 
     Raises:
-        InvalidPlant: the parts do not make a vehicle, with the reason.
+        InvalidPlant: the parts do not fit together, with the reason.
     """
 
     def __post_init__(self) -> None:

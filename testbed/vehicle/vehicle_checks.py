@@ -1,4 +1,4 @@
-"""Vehicles that cannot exist: parts that overlap, masses that do not add up, axles in the air."""
+"""Checks of a vehicle: overlapping parts, inconsistent masses, axles without load."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from .linkage import knuckle_angle
 from .vehicle_parts import VehicleParts, Wheel
 
 _LEAST_SHARE: Final = 0.05  # of the tractor's weight on each axle; it must steer and drive
-_WIDEST_KNUCKLE_DEG: Final = 65.0  # beyond it no linkage follows the quartic that MuJoCo couples by
+_WIDEST_KNUCKLE_DEG: Final = 65.0  # beyond it the quartic of MuJoCo's coupling does not fit
 
 
 def check_vehicle(vehicle: VehicleParts) -> None:
-    """Refuse a vehicle whose parts, each possible, do not make one together.
+    """Refuse a vehicle whose parts are valid but do not fit together.
 
     Raises:
-        InvalidPlant: with the first reason found: key, value and what it would have to be.
+        InvalidPlant: for the first failed check: key, value and permitted values.
     """
     for check in (
         _check_wheels,
@@ -49,7 +49,7 @@ def _check_wheels(vehicle: VehicleParts) -> None:
 
 
 def _check_places(vehicle: VehicleParts) -> None:
-    """Wheels of a pair and pairs behind each other must not share a place."""
+    """Refuse wheels that overlap, in a pair or from axle to axle."""
     tractor, axle, trailer = vehicle.tractor, vehicle.front_axle, vehicle.trailer
     for key, track, wheel in (
         ("front_axle.track_m", axle.track_m, vehicle.front_wheel),
@@ -124,7 +124,7 @@ def _check_axle_loads(vehicle: VehicleParts) -> None:
 
 
 def _check_front_steering(vehicle: VehicleParts) -> None:
-    """At the stop the inner wheel turns most, and its rear inner edge comes nearest."""
+    """Refuse a steering limit at which the inner wheel turns too far or touches the body."""
     axle, wheel, limit = vehicle.front_axle, vehicle.front_wheel, vehicle.front_steering.limit_deg
     kingpin, wheelbase = 0.5 * axle.kingpin_track_m, vehicle.tractor.wheelbase_m
     angle = float(knuckle_angle(np.radians(limit), wheelbase, kingpin))
@@ -147,7 +147,7 @@ def _check_front_steering(vehicle: VehicleParts) -> None:
 
 
 def _check_drawbar_swing(vehicle: VehicleParts) -> None:
-    """The drawbar, as a line, must pass behind the rear wheels up to its stop."""
+    """Refuse a hitch limit at which the drawbar, as a line, meets the rear wheels."""
     hitch, wheel = vehicle.hitch, vehicle.rear_wheel
     inside = 0.5 * (vehicle.tractor.rear_track_m - wheel.width_m)
     beside = _chord(wheel, hitch.height_m) - hitch.offset_m  # wheels that stand behind the hitch

@@ -1,4 +1,4 @@
-"""The MuJoCo model of a vehicle on a field: mjcf, the vehicle's numbers, the ground."""
+"""MuJoCo model of a vehicle on a field."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -7,67 +7,67 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Final, Literal, get_args
+from typing import Final
 
 import mujoco
 
 from ..configuration.resources import resource
 from ..errors import InvalidPlant
 from ..ground.terrain import Terrain
-from ..truth import WHEELS
+from ..wheels.wheel_models import wheel_model
 from .appearance import put_tyres
-from .inertials import put_masses
+from .inertials import set_inertials
 from .linkage import linkage_polynomial
-from .scale_mjcf import fit_drawing
+from .scale_mjcf import scale_to_vehicle
 from .servos import SteeringServo, drive_servo, steering_servos
 from .vehicle import PlantVehicle
 
-WheelModel = Literal["soil", "contact"]
-
 _MJCF: Final = "tractor_trailer.xml"
-_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the height of the load that is drawn
+_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the height of the drawn load
 _LOAD_SPREAD: Final = (0.67, 0.83)  # length and width of the load over those of the box; assumed
 _GROUND_BASE_M: Final = 1.0  # thickness of the ground below its lowest point
 
 
 def build_spec(
-    vehicle: PlantVehicle, terrain: Terrain, wheels: WheelModel, timestep_s: float
+    vehicle: PlantVehicle, terrain: Terrain, wheels: str, timestep_s: float
 ) -> mujoco.MjSpec:
     """Return the model of the vehicle on this ground, ready to be compiled.
 
+    Args:
+        vehicle: the true vehicle.
+        terrain: shape of the ground.
+        wheels: name of the wheel model.
+        timestep_s: of the physics.
+
     Raises:
-        InvalidPlant: the wheel model has no such name, the time step is out of range, or the
+        InvalidPlant: there is no wheel model of that name, the time step is out of range, or the
             vehicle cannot drive.
     """
-    if wheels not in get_args(WheelModel):
-        raise InvalidPlant(f"plant.wheels: got {wheels!r}, must be 'soil' or 'contact'")
+    adapt = wheel_model(wheels).adapt
     if not 0.0 < timestep_s <= 0.004:  # front wheels shimmy at 0.008
         raise InvalidPlant(f"plant.timestep_s: got {timestep_s}, must be above 0, at most 0.004")
     spec = mujoco.MjSpec.from_file(str(resource("proving_ground.mjcf", _MJCF)))
     spec.option.timestep = timestep_s
-    fit_drawing(spec, vehicle)
-    put_masses(spec, vehicle)
+    scale_to_vehicle(spec, vehicle)
+    set_inertials(spec, vehicle)
     _put_stops(spec, vehicle)
     _put_actuators(spec, vehicle)
     _put_load(spec, vehicle)
     _put_ground(spec, terrain)
     put_tyres(spec, vehicle)
-    if wheels == "contact":
-        for wheel in WHEELS:
-            geom = spec.geom(f"{wheel}_contact")
-            geom.contype, geom.conaffinity = 2, 1
+    adapt(spec)
     return spec
 
 
 def physics_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Return the model without what is only seen: 85 shapes, 12 % of the time of a step."""
+    """Return the model without its visual shapes: 85 shapes, 12 % of the time of a step."""
     lean = spec.copy()
     lean.compiler.discardvisual = True
     return lean.compile()
 
 
 def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
-    """Return the whole model on level ground, and what it was compiled of."""
+    """Return the whole model on level ground, and its spec."""
     level = spec.copy()
     ground = level.hfield("ground")
     ground.nrow = ground.ncol = 2
@@ -76,10 +76,10 @@ def level_model(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
 
 
 def level_mjcf(level: mujoco.MjSpec, grid: tuple[int, int]) -> str:
-    """Return the MJCF of what `level_model` compiled, with ground of a `grid` (rows, columns).
+    """Return the MJCF of the spec of `level_model`, with ground of a `grid` (rows, columns).
 
-    The heights are left out: written out, they are a hundred times as long as everything else; the
-    loader takes a ground without them for a level one.
+    The heights are left out: as text they are a hundred times as long as the rest. MuJoCo loads a
+    ground without heights as level.
     """
     text = re.sub(r'\s+elevation="[^"]*"', "", level.to_xml())
     return text.replace('nrow="2" ncol="2"', f'nrow="{grid[0]}" ncol="{grid[1]}"')
@@ -95,7 +95,7 @@ def _put_stops(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
         ("rj1_roll", hitch.roll_limit_deg),
         ("rj2_yaw", vehicle.trailer_steering.limit_deg),
     ):
-        spec.joint(joint).range = [-limit_deg, limit_deg]  # the mjcf's angles are degrees
+        spec.joint(joint).range = [-limit_deg, limit_deg]  # the MJCF's angles are degrees
 
 
 def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
@@ -124,7 +124,7 @@ def _put_steering(actuator: mujoco.MjsActuator, servo: SteeringServo) -> None:
 
 
 def _put_load(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-    """Lay the load into the box, as a body of its own: the trailer's inertial stays its own."""
+    """Put the load into the box as a separate body: the trailer's inertial does not change."""
     load, box = vehicle.load, vehicle.box
     if load.mass_kg == 0.0:
         return

@@ -1,7 +1,7 @@
-"""Parts of the true vehicle, as its file in `mjcf/vehicles/` gives them.
+"""Parts of the true vehicle, with the keys of its file in `mjcf/vehicles/`.
 
-Field names are the keys of the file, units stand in them. x forward, y left, z up. Heights are
-above level ground below unloaded tyres unless the comment says otherwise.
+Field names are the keys of the file and include units. x forward, y left, z up. Heights are above
+level ground under unloaded tyres, except where a comment gives another reference.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Tractor:
 
     wheelbase_m: Positive  # L^t
     rear_track_m: Positive  # between the centres of the rear tyres
-    engine_width_m: Positive  # of what stands between the front wheels
+    engine_width_m: Positive  # of the body between the front wheels
     mass_kg: Positive
     centre_forward_m: float  # centre of mass ahead of the rear axle
     centre_height_m: Positive
@@ -41,7 +41,7 @@ class FrontAxle:
 
 @dataclass(frozen=True, config=STRICT)
 class Wheel:
-    """One of a pair of wheels. What the figures mean to the soil: `testbed.wheels.tyre.Tyres`."""
+    """One of a pair of wheels; `testbed.wheels.tyre.Tyres` uses the numbers."""
 
     size: str  # as printed on the tyre
     radius_m: Positive  # unloaded
@@ -66,7 +66,7 @@ class Hitch:
 
 @dataclass(frozen=True, config=STRICT)
 class Drawbar:
-    """From RJ1 to RJ2; its centre of mass lies half-way."""
+    """The drawbar from RJ1 to RJ2; its centre of mass is in the middle."""
 
     length_m: Positive  # d
     mass_kg: Positive
@@ -86,7 +86,7 @@ class Trailer:
 
 @dataclass(frozen=True, config=STRICT)
 class Box:
-    """What holds the load, from the underside of its floor to the upper edge of its boards."""
+    """The box of the trailer, from the underside of its floor to the upper edge of its boards."""
 
     length_m: Positive
     width_m: Positive
@@ -97,7 +97,7 @@ class Box:
 
 @dataclass(frozen=True, config=STRICT)
 class Load:
-    """What lies in the box, on top of the trailer's own mass."""
+    """Load in the box, in addition to the trailer's mass."""
 
     mass_kg: NotNegative
     height_m: Positive  # centre above the trailer axle
@@ -115,11 +115,11 @@ class Steering:
 
 @dataclass(frozen=True, config=STRICT)
 class Hydrostat:
-    """The drive, as a step test on firm level ground identifies it with an empty trailer."""
+    """The drive, identified by a step test on firm level ground with an empty trailer."""
 
     speed_gain_mps: Positive  # K, steady speed at position 1
     time_constant_s: Positive  # tau
-    rate_per_s: Positive  # change of position that the valve follows; kept by who commands it
+    rate_per_s: Positive  # largest rate of the position; the controller must not exceed it
     reverse: bool = False  # positions of -1..0 drive backward, with the same K and tau
 
 
@@ -144,5 +144,5 @@ class VehicleParts:
 
     @property
     def wheels(self) -> dict[str, Wheel]:
-        """The wheels by the name of their pair."""
+        """Wheels by the name of their axle."""
         return {"front": self.front_wheel, "rear": self.rear_wheel, "trailer": self.trailer_wheel}

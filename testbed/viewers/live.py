@@ -1,4 +1,4 @@
-"""Shows a run while it goes on, over Foxglove's WebSocket protocol."""
+"""Live view: a running simulation over Foxglove's WebSocket protocol."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from ..recording.topics import (
 if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client, ServerListener
 
-HOST: Final = "127.0.0.1"  # the machine alone: a run is nobody else's business
-DEFAULT_PORT: Final = 8765  # where Foxglove looks
+HOST: Final = "127.0.0.1"  # of this machine only: the server has no access control
+DEFAULT_PORT: Final = 8765  # Foxglove's default
 
-# Said once or seldom: a viewer that joins later is told the latest.
-_KEPT: Final = (
+# Rarely published: a viewer that joins later gets the latest message.
+_RETAINED: Final = (
     SCENE_TOPIC,
     REFERENCE_PATH_TOPIC,
     DRIVEN_TOPIC,
@@ -40,14 +40,14 @@ _KEPT: Final = (
 
 
 class LiveView(Publisher):
-    """A server of everything that a run says; a `sink.Sink` and a context manager.
+    """Server of the messages of a run; a `sink.Sink` and a context manager.
 
-    Messages go out when their simulated time has come: the view paces the run, and does nothing
-    else to it. What a viewer cannot take in time is dropped for that viewer.
+    A message is sent when its simulated time has come: the view paces the run and does not change
+    it in any other way. Messages that a viewer cannot receive in time are dropped for that viewer.
 
     Args:
-        scenery: what viewers are told once.
-        name: of the run, as viewers show it.
+        scenery: static data for viewers.
+        name: of the run in viewers.
         port: to listen on; 0 for any free one.
         speed: simulated seconds in a second of the wall clock.
         channels: the flat channels to serve.
@@ -77,7 +77,7 @@ class LiveView(Publisher):
         _refuse_taken(port)
         self._speed = speed
         self._due_ns = 0
-        context = self._context = foxglove.Context()  # its channels close when it goes
+        context = self._context = foxglove.Context()  # its channels close when it is deleted
         self._channels = {
             topic.name: foxglove.Channel(
                 topic.name,
@@ -89,7 +89,7 @@ class LiveView(Publisher):
             )
             for topic in topics_of(channels)
         }
-        self._kept: dict[str, tuple[bytes, int]] = {}
+        self._retained: dict[str, tuple[bytes, int]] = {}
         super().__init__(scenery, channels)
         try:
             self._server = foxglove.start_server(
@@ -106,7 +106,7 @@ class LiveView(Publisher):
 
     @property
     def url(self) -> str:
-        """Where a viewer finds the run."""
+        """Address of the server for viewers."""
         return f"ws://{HOST}:{self._server.port}"
 
     def __enter__(self) -> Self:
@@ -123,11 +123,11 @@ class LiveView(Publisher):
     def _send(self, topic: str, time_ns: int, data: bytes) -> None:
         if time_ns > self._due_ns:
             self._wait(time_ns)
-        if topic in _KEPT:
-            self._kept[topic] = (data, time_ns)
+        if topic in _RETAINED:
+            self._retained[topic] = (data, time_ns)
         self._channels[topic].log(data, log_time=time_ns)
 
-    def _gathered(self, time_s: float) -> None:
+    def _collected(self, time_s: float) -> None:
         self._publish()
 
     def _wait(self, time_ns: int) -> None:
@@ -138,14 +138,14 @@ class LiveView(Publisher):
         self._server.broadcast_time(time_ns)
 
     def repeat(self, topic: str, client: int | None) -> None:
-        """Tell one viewer what was last said on a topic that is seldom spoken on."""
-        if topic in self._kept:
-            data, time_ns = self._kept[topic]
+        """Send one viewer the latest message of a rarely published topic."""
+        if topic in self._retained:
+            data, time_ns = self._retained[topic]
             self._channels[topic].log(data, log_time=time_ns, sink_id=client)
 
 
 def _welcome(view: LiveView) -> ServerListener:
-    """Return what tells a viewer that joins what was said before."""
+    """Return the listener that sends the retained messages to a viewer that joins."""
     from foxglove.websocket import ServerListener
 
     class Welcome(ServerListener):
@@ -156,10 +156,10 @@ def _welcome(view: LiveView) -> ServerListener:
 
 
 def _refuse_taken(port: int) -> None:
-    """Refuse a port on which something listens.
+    """Refuse a port that is in use.
 
     Raises:
-        LiveError: with the port.
+        LiveError: the port is in use.
     """
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does

@@ -1,4 +1,4 @@
-"""MuJoCo's own viewer on a run: a window, a mouse, the vehicle on its field."""
+"""Interactive window: a running simulation in MuJoCo's viewer."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from ..truth import Truth
 
 
 class Window:
-    """A window on a plant; a `testbed.recording.sink.Sink` that looks, and a context manager.
+    """Window on a plant; a `testbed.recording.sink.Sink` and a context manager.
 
     Args:
-        plant: to look at; never changed.
+        plant: the plant to draw; it is not changed.
         speed: simulated seconds in a second of the wall clock.
 
     Raises:
@@ -52,7 +52,7 @@ class Window:
             self._viewer = mujoco.viewer.launch_passive(
                 self._model, self._data, show_left_ui=False, show_right_ui=False
             )
-        except RuntimeError as error:  # on a Mac the viewer wants its own interpreter
+        except RuntimeError as error:  # on macOS the viewer needs its own interpreter, mjpython
             raise LiveError(f"view: no window could be opened: {error}") from error
         self._start_s = time.monotonic()
 
@@ -68,19 +68,19 @@ class Window:
         self._viewer.close()
 
     def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Ignore a row: a window shows shapes."""
+        """Ignore a row: the window draws shapes only."""
 
     def event(self, event: Event) -> None:
-        """Ignore an event, for the same reason."""
+        """Ignore an event."""
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
-        """Ignore a path, for the same reason."""
+        """Ignore a path."""
 
     def scene(self, truth: Truth) -> None:
-        """Show the bodies where they are, when their time has come.
+        """Draw the bodies when their simulated time has come.
 
         Raises:
-            WindowClosed: there is no one to show it to.
+            WindowClosed: the user closed the window.
         """
         due_s = self._start_s + truth.time_s / self._speed
         time.sleep(max(0.0, due_s - time.monotonic()))

@@ -1,1 +1,1 @@
-"""Wheel models: tyres on soil, and contacts of MuJoCo."""
+"""Wheel models: the law of tyres on soil, and contacts of MuJoCo."""

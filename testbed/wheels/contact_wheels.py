@@ -1,9 +1,9 @@
-"""The second wheel model: MuJoCo's own contact of ellipsoid wheels, for cross-checks.
+"""Contact wheels: MuJoCo's own contact of ellipsoid wheels, to compare with the soil wheels.
 
-Coulomb friction instead of soil: the friction of each wheel is the largest gross traction ratio of
-its soil, 0.88 (1 - e^(-0.1 Bn)) (Brixius, see `tyre`), its rolling resistance 1/Bn + 0.04
-acts as dry friction at the wheel's bearing. Both follow the cone index under the wheel and the load
-that it carried, once per `prepare`. Slip and slip angle are not reported (NaN).
+The contact has Coulomb friction. Its coefficient is the largest gross traction ratio of the soil
+under the wheel (Brixius, see `tyre`); the motion resistance without slip acts as dry friction at
+the wheel's bearing. Both follow the cone index under the wheel and the load of the last report, and
+are set once per `prepare`. Slip and slip angle are not reported (NaN).
 """
 
 # mujoco fills its name space from compiled modules without type information
@@ -11,41 +11,62 @@ that it carried, once per `prepare`. Slip and slip angle are not reported (NaN).
 
 from __future__ import annotations
 
+from typing import ClassVar, Final
+
 import mujoco
 import numpy as np
 
 from ttempc.types import FloatArray
 
-from ..ground.terrain import Terrain
+from ..ground.ground import Ground
 from ..truth import WHEELS
-from .tyre import Tyres, mobility
+from .tyre import Tyres, largest_traction, mobility, motion_resistance_ratio
 from .tyre_kernel import Output
 
 
-class NativeWheels:
-    """Sets the friction of the contact wheels and reads their forces."""
+class ContactWheels:
+    """Sets the friction of the contacts and reads their forces; a `WheelModel`.
+
+    It has no state of its own.
+    """
+
+    follows_soil_law: ClassVar[bool] = False
 
     def __init__(
-        self, model: mujoco.MjModel, tyres: Tyres, terrain: Terrain, cone_indices: FloatArray
+        self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground
     ) -> None:
-        self._model, self._tyres, self._terrain = model, tyres, terrain
-        self._cone_indices = cone_indices
+        self.state: Final = np.zeros(0)
+        self.output: Final = np.zeros((len(WHEELS), len(Output)))
+        self._model, self._data, self._tyres, self._ground = model, data, tyres, ground
         self._bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._geoms = np.array([model.geom(f"{wheel}_contact").id for wheel in WHEELS])
         self._dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
 
-    def prepare(self, data: mujoco.MjData, load: FloatArray) -> None:
-        """Set friction and rolling resistance for the soil under each wheel, `load` (6,) [N] on it.
+    @staticmethod
+    def adapt(spec: mujoco.MjSpec) -> None:
+        """Let the ellipsoid of every wheel collide with the ground."""
+        for wheel in WHEELS:
+            geom = spec.geom(f"{wheel}_contact")
+            geom.contype, geom.conaffinity = 2, 1
 
-        Contacts are made anew, for those of `data` still have the friction from before.
+    def prepare(self) -> None:
+        """Set friction and motion resistance for the soil under each wheel and its last load.
+
+        MuJoCo's contacts are computed again: the present ones have the previous friction.
         """
-        bn, _ = mobility(self._tyres, load, self._cone_index(data))
-        self._model.geom_friction[self._geoms, 0] = 0.88 * (1.0 - np.exp(-0.1 * bn))
-        self._model.dof_frictionloss[self._dofs] = load * (1.0 / bn + 0.04) * self._tyres.radius
-        mujoco.mj_step1(self._model, data)
+        load = self.output[:, Output.LOAD]
+        bn, _ = mobility(self._tyres, load, self._cone_index())
+        self._model.geom_friction[self._geoms, 0] = largest_traction(bn)
+        resistance = load * motion_resistance_ratio(bn, np.zeros_like(bn))  # (6,) [N]
+        self._model.dof_frictionloss[self._dofs] = resistance * self._tyres.radius
+        mujoco.mj_step1(self._model, self._data)
 
-    def report(self, data: mujoco.MjData, output: FloatArray) -> None:
+    def step(self) -> None:
+        """Do nothing: MuJoCo computes the forces of its contacts."""
+
+    def report(self) -> None:
         """Write loads and forces of the present contacts into `output`, (6, 7)."""
+        data, output = self._data, self.output
         output[:] = 0.0
         output[:, [Output.SLIP, Output.SLIP_ANGLE]] = np.nan
         wrench = np.zeros(6)
@@ -66,12 +87,14 @@ class NativeWheels:
             output[wheel, Output.FORCE_LONG] += force @ ahead
             output[wheel, Output.FORCE_LAT] += force @ np.cross(normal, ahead)
         place = data.xpos[self._bodies]
-        output[:, Output.CONE_INDEX] = self._cone_index(data)
-        output[:, Output.GROUND] = self._terrain.height(place[:, 0], place[:, 1])
+        output[:, Output.CONE_INDEX] = self._cone_index()
+        output[:, Output.GROUND] = self._ground.terrain.height(place[:, 0], place[:, 1])
 
-    def _cone_index(self, data: mujoco.MjData) -> FloatArray:
-        ny, nx = self._cone_indices.shape
-        cells = (data.xpos[self._bodies, :2] - self._terrain.origin) / self._terrain.spacing_m
+    def _cone_index(self) -> FloatArray:
+        """Return the cone index of the grid point nearest to each wheel [kPa], (6,)."""
+        terrain, cone_index = self._ground.terrain, self._ground.cone_index
+        ny, nx = cone_index.shape
+        cells = (self._data.xpos[self._bodies, :2] - terrain.origin) / terrain.spacing_m
         column = np.clip(np.rint(cells[:, 0]).astype(int), 0, nx - 1)
         row = np.clip(np.rint(cells[:, 1]).astype(int), 0, ny - 1)
-        return self._cone_indices[row, column]
+        return cone_index[row, column]

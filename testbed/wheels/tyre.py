@@ -1,8 +1,8 @@
-"""The wheel on soil, in plain numpy: the law to read, and the measure of the compiled one.
+"""Law of a wheel on soil, in numpy: the reference of the compiled law.
 
-A wheel is a disc above a Winkler bed: height look-ups under the disc give the normal force, cone
-index gives traction, motion resistance and side force. All functions take every wheel at once,
-n wheels along the first axis; state and motion in, new state and forces out.
+A wheel is a disc above a Winkler bed: height look-ups under the disc give the normal force, and the
+cone index gives traction, motion resistance and side force. All functions take n wheels along the
+first axis and map state and motion to the new state and forces.
 
 Sources: [B] W. W. Brixius, "Traction prediction equations for bias ply tires", ASAE paper
 87-1622, 1987, in the form of the public MAVS simulator, whose lateral law is used as well;
@@ -11,7 +11,7 @@ Sources: [B] W. W. Brixius, "Traction prediction equations for bias ply tires", 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Final
 
 import numpy as np
@@ -20,8 +20,46 @@ from ttempc.types import FloatArray
 
 from ..ground.terrain import Terrain
 
-# The fan of look-ups: angles from straight down, denser where a tyre at its rated deflection
-# touches; weights are the arc that each stands for. Columns across the section width.
+
+@dataclass(frozen=True, slots=True)
+class SoilLaw:
+    """Coefficients of the law: mobility and traction after [B], bias-ply; side force after MAVS.
+
+    With width b, diameter d, section height h, deflection delta, load W, cone index CI, slip s and
+    slip angle alpha:
+
+        Cn = CI b d / W
+        Bn = Cn (1 + mobility_deflection delta / h) / (1 + mobility_width b / d)
+        Bn1 = Cn sqrt(d / h) / (1 + mobility_area b d)
+        gross traction ratio     traction (1 - e^(-traction_bn Bn)) (1 - e^(-traction_slip s))
+        motion resistance ratio  resistance_bn / Bn + resistance + resistance_slip s / sqrt(Bn)
+        side force ratio         mu (1 - e^(-B |alpha|)),  mu = side + side_bn1 / Bn1,
+                                 B mu = side_slope + side_slope_bn1 Bn1
+    """
+
+    mobility_deflection: float = 5.0  # weight of the relative deflection in Bn
+    mobility_width: float = 3.0  # weight of width over diameter in Bn
+    mobility_area: float = 0.5  # [1/m^2] weight of width times diameter in Bn1
+    traction: float = 0.88  # limit of the gross traction ratio at full slip on firm soil
+    traction_bn: float = 0.1
+    traction_slip: float = 7.5
+    resistance: float = 0.04  # limit of the motion resistance ratio without slip on firm soil
+    resistance_bn: float = 1.0
+    resistance_slip: float = 0.5
+    side: float = 0.61  # limit of mu on firm soil
+    side_bn1: float = 0.69
+    side_slope: float = 2.34  # [1/rad] slope of the side force ratio at Bn1 = 0
+    side_slope_bn1: float = 0.088  # [1/rad] its growth with Bn1
+
+    def table(self) -> FloatArray:
+        """Return the coefficients in the order of the fields, for the compiled law, (13,)."""
+        return np.array(astuple(self))
+
+
+LAW: Final = SoilLaw()
+
+# The fan of look-ups: angles from straight down, denser in the contact area at rated deflection;
+# each weight is the arc of its look-up. Columns across the section width.
 FAN_ANGLES: Final = np.radians([-36.0, -18.0, -8.0, 0.0, 8.0, 18.0, 36.0])  # (7,)
 FAN_ARCS: Final = np.array([9.0, 14.0, 9.0, 8.0, 9.0, 14.0, 9.0]) / 72.0  # (7,) sum 1
 FAN_COLUMNS: Final = np.array([-1.0, 0.0, 1.0]) / 3.0  # (3,) of the section width
@@ -32,18 +70,18 @@ RELAXATION_ROLL: Final = 0.05  # [m] rolling distance over which motion resistan
 TREAD_DAMPING_LONG: Final = 0.01  # [s] damps the bristles of a standing wheel; assumed
 TREAD_DAMPING_LAT: Final = 0.02  # [s]
 
-# Largest side force per load and slip angle [1/rad]. The soil term of [B]'s lateral law grows
-# without bound with the cone index; on ground that does not yield it is the carcass that does.
-# 6 per rad is about 0.1 per degree (assumed, the order of published tractor tyres on concrete).
+# Largest side force per load and slip angle [1/rad]. The soil term of the lateral law grows without
+# bound with the cone index; on firm ground the carcass limits it. 6 per rad is about 0.1 per degree
+# (assumed, the order of published tractor tyres on concrete).
 LATERAL_STIFFNESS_LIMIT: Final = 6.0
-SMALLEST_LOAD: Final = 50.0  # [N] below which the numerics of a wheel stop growing
-SMALL_SPEED: Final = 0.05  # [m/s] floor in the slips that are reported (the forces need none)
-LEAST_UPRIGHT: Final = 0.3  # cosine between disc and vertical below which a wheel lies on its side
+SMALLEST_LOAD: Final = 50.0  # [N] floor of the load in divisions
+SMALL_SPEED: Final = 0.05  # [m/s] floor in the reported slips (the forces need none)
+LEAST_UPRIGHT: Final = 0.3  # cosine of disc to vertical below which a wheel lies on its side
 
 
 @dataclass(frozen=True, slots=True)
 class Tyres:
-    """What the law needs to know of n wheels; every array is (n,)."""
+    """Parameters of n tyres; every array is (n,)."""
 
     radius: FloatArray  # [m] unloaded, also the rolling radius
     width: FloatArray  # [m] section width b
@@ -54,14 +92,14 @@ class Tyres:
 
     @property
     def stiffness(self) -> FloatArray:
-        """Return the Winkler stiffness [N/m] that gives rated load at rated deflection, (n,)."""
+        """Winkler stiffness [N/m] that gives rated load at rated deflection, (n,)."""
         deflection = self.relative_deflection * self.section_height  # (n,)
-        rise = self.radius[:, None] * (1.0 - np.cos(FAN_ANGLES))  # (n, 7) of the disc over its foot
+        rise = self.radius[:, None] * (1.0 - np.cos(FAN_ANGLES))  # (n, 7) over the lowest point
         depth = np.maximum(0.0, deflection[:, None] - rise) @ FAN_ARCS  # (n,)
         return self.rated_load / depth
 
     def table(self) -> FloatArray:
-        """Return the columns that the compiled law reads, (n, 6)."""
+        """Return the parameters for the compiled law, (n, 6)."""
         return np.column_stack(
             [
                 self.radius,
@@ -76,7 +114,7 @@ class Tyres:
 
 @dataclass(frozen=True, slots=True)
 class WheelMotion:
-    """Where n wheels are and how they move, map frame; vectors are (n, 3)."""
+    """Position and motion of n wheels, map frame; vectors are (n, 3)."""
 
     centre: FloatArray  # [m]
     axle: FloatArray  # unit vector along the axle, to the wheel's left
@@ -86,7 +124,7 @@ class WheelMotion:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Where and how hard n wheels press on the ground."""
+    """Normal contact of n wheels with the ground."""
 
     load: FloatArray  # (n,) [N] normal, never negative
     normal: FloatArray  # (n, 3) unit vector out of the ground
@@ -95,7 +133,7 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class WheelForces:
-    """What the ground does to n wheels, and the quantities behind it."""
+    """Forces of the ground on n wheels, and the quantities that determine them."""
 
     force: FloatArray  # (n, 3) [N] on the wheel, map frame
     moment: FloatArray  # (n, 3) [N m] about the wheel's centre
@@ -113,39 +151,62 @@ def mobility(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the mobility numbers Bn [B] and Bn1 (MAVS), both (n,).
 
-    Cn = CI b d / W;  Bn = Cn (1 + 5 delta/h) / (1 + 3 b/d);  Bn1 = Cn sqrt(d/h) / (1 + 0.5 b d)
+    `SoilLaw` has the equations.
     """
     b, d = tyres.width, 2.0 * tyres.radius
     cn = cone_index * b * d / (1e-3 * np.maximum(load, SMALLEST_LOAD))  # kPa m^2 / kN
-    bn = cn * (1.0 + 5.0 * tyres.relative_deflection) / (1.0 + 3.0 * b / d)
-    bn1 = cn * np.sqrt(d / tyres.section_height) / (1.0 + 0.5 * b * d)
+    deflection = 1.0 + LAW.mobility_deflection * tyres.relative_deflection
+    bn = cn * deflection / (1.0 + LAW.mobility_width * b / d)
+    bn1 = cn * np.sqrt(d / tyres.section_height) / (1.0 + LAW.mobility_area * b * d)
     return bn, bn1
+
+
+def largest_traction(bn: FloatArray, load: FloatArray | float = 1.0) -> FloatArray:
+    """Return the gross traction at full slip under `load` [N], (n,) [N]. [B], bias-ply.
+
+    The default load of 1 gives the ratio of traction to load.
+    """
+    return load * LAW.traction * (1.0 - np.exp(-LAW.traction_bn * bn))
 
 
 def gross_traction_ratio(bn: FloatArray, slip: FloatArray) -> FloatArray:
     """Return driving force at the rim over load; odd in the slip. [B], bias-ply.
 
-    0.88 (1 - e^(-0.1 Bn)) (1 - e^(-7.5 s))
+    `SoilLaw` has the equation.
     """
-    return np.sign(slip) * 0.88 * (1.0 - np.exp(-0.1 * bn)) * (1.0 - np.exp(-7.5 * np.abs(slip)))
+    developed = 1.0 - np.exp(-LAW.traction_slip * np.abs(slip))
+    return np.sign(slip) * largest_traction(bn) * developed
+
+
+def slip_at_traction(share: FloatArray) -> FloatArray:
+    """Return the slip at which a wheel transmits this share of `largest_traction`, 0 <= share < 1.
+
+    It inverts `gross_traction_ratio`.
+    """
+    return -np.log(1.0 - share) / LAW.traction_slip
 
 
 def motion_resistance_ratio(bn: FloatArray, slip: FloatArray) -> FloatArray:
     """Return motion resistance over load. [B], bias-ply.
 
-    1/Bn + 0.04 + 0.5 s / sqrt(Bn)
+    `SoilLaw` has the equation.
     """
-    return 1.0 / bn + 0.04 + 0.5 * np.abs(slip) / np.sqrt(bn)
+    by_slip = LAW.resistance_slip * np.abs(slip) / np.sqrt(bn)
+    return LAW.resistance_bn / bn + LAW.resistance + by_slip
+
+
+def largest_side_ratio(bn1: FloatArray) -> FloatArray:
+    """Return mu of `SoilLaw`, the limit of side force over load at large slip angles. MAVS."""
+    return LAW.side + LAW.side_bn1 / bn1
 
 
 def lateral_ratio(bn1: FloatArray, slip_angle: FloatArray) -> FloatArray:
     """Return side force over load, against the slip angle [rad]. MAVS.
 
-    mu_max (1 - e^(-B |alpha|)),  mu_max = 0.61 + 0.69/Bn1,  B = (2.34 + 0.088 Bn1) / mu_max,
-    the initial slope B mu_max limited to `LATERAL_STIFFNESS_LIMIT`.
+    `SoilLaw` has the equation; its initial slope is limited to `LATERAL_STIFFNESS_LIMIT`.
     """
-    largest = 0.61 + 0.69 / bn1
-    slope = np.minimum(2.34 + 0.088 * bn1, LATERAL_STIFFNESS_LIMIT)
+    largest = largest_side_ratio(bn1)
+    slope = np.minimum(LAW.side_slope + LAW.side_slope_bn1 * bn1, LATERAL_STIFFNESS_LIMIT)
     grip = largest * (1.0 - np.exp(-slope / largest * np.abs(slip_angle)))
     return -np.sign(slip_angle) * grip
 
@@ -153,10 +214,10 @@ def lateral_ratio(bn1: FloatArray, slip_angle: FloatArray) -> FloatArray:
 def contact(tyres: Tyres, terrain: Terrain, motion: WheelMotion) -> Contact:
     """Return the normal contact of a disc with a Winkler bed.
 
-    The elastic force is minus the gradient of the energy sum(k w d^2 / 2) over the fan, d the
-    depth of each point below the ground, hence free of energy made from nothing on rough ground;
-    its direction is the normal. Damping after Hunt and Crossley (1975): proportional to the force,
-    so that it neither jumps at touch-down nor pulls.
+    The elastic force is minus the gradient of the energy sum(k w d^2 / 2) over the fan, with d the
+    depth of each point below the ground. It is therefore conservative on rough ground. Its
+    direction is the normal. Damping after Hunt and Crossley (1975) is proportional to the force,
+    so that the load neither jumps at touch-down nor becomes negative.
     """
     vertical = np.array([0.0, 0.0, 1.0])
     up = vertical - motion.axle[:, 2:] * motion.axle  # (n, 3) in the disc
@@ -195,13 +256,13 @@ def step(
 ) -> tuple[FloatArray, WheelForces]:
     """Return the tread deflections after `dt` [s] and the forces of the ground, for n wheels.
 
-    Deflections u (n, 3) [m] - along, across, in rolling - are the state; they follow the sliding
+    Deflections u (n, 3) [m] - along, across, in rolling - are the state. They follow the sliding
     speed w and fade over the relaxation length sigma (single-contact-point model, [P] eq. (7.7)),
 
-        du/dt = w - |V| / sigma u,
+        du/dt = w - |V| / sigma u.
 
-    so that u / sigma is the slip in steady rolling, a spring at V = 0 (a standing wheel holds on a
-    slope), and the same law in reverse. `cone_index` is (n,) [kPa] below each wheel.
+    u / sigma is the slip in steady rolling. At V = 0 it is a spring, so that a standing wheel holds
+    on a slope. The law is the same in reverse. `cone_index` is (n,) [kPa] below each wheel.
     """
     ground = terrain.height(motion.centre[:, 0], motion.centre[:, 1])
     touch = contact(tyres, terrain, motion)
@@ -229,17 +290,16 @@ def step(
     bn, bn1 = mobility(tyres, load, cone_index)
     traction = load * gross_traction_ratio(bn, slips[:, 0])
     side = load * lateral_ratio(bn1, np.arctan(slips[:, 1]))
-    # friction ellipse: neither force leaves what the soil gives to both together
-    used = np.hypot(
-        traction / (0.88 * (1.0 - np.exp(-0.1 * bn))), side / (0.61 + 0.69 / bn1)
-    ) / np.maximum(load, SMALLEST_LOAD)
+    # friction ellipse: traction and side force together stay within what the soil transmits
+    used = np.hypot(traction / largest_traction(bn), side / largest_side_ratio(bn1))
+    used = used / np.maximum(load, SMALLEST_LOAD)
     share = 1.0 / np.maximum(1.0, used)
     traction, side = share * traction, share * side
     pull = traction - load * motion_resistance_ratio(bn, slips[:, 0]) * slips[:, 2]
 
     force = load[:, None] * normal + pull[:, None] * ahead + side[:, None] * left
     moment = np.cross(arm, force)
-    # about the axle a disc feels its gross traction alone; motion resistance acts on the hub
+    # the moment about the axle is that of gross traction; motion resistance acts on the hub
     about_axle = np.einsum("nk,nk->n", moment, motion.axle)
     moment = moment - (tyres.radius * traction + about_axle)[:, None] * motion.axle
     return after, WheelForces(

@@ -1,7 +1,10 @@
-"""The law of `tyre`, compiled: all wheels of a vehicle in one call, on MuJoCo's arrays.
+"""Compiled law of `tyre`: all wheels of a vehicle in one call, on MuJoCo's arrays.
 
-Same equations, same order; a test holds the two together. What stands here and not there is the
-way from MuJoCo's quantities to a wheel's motion, and the way back into `xfrc_applied`.
+Equations and their order are those of `tyre`; a test compares the two. In addition it converts
+MuJoCo's quantities to the motion of a wheel, and forces to `xfrc_applied`.
+
+numba compiles the constants below into its cache on disk and does not notice when they change in
+`tyre`: delete `__pycache__` after such a change. The coefficients of the law are an argument.
 """
 
 from __future__ import annotations
@@ -30,7 +33,7 @@ class Output(IntEnum):
     GROUND = 6
 
 
-# numba takes module globals as constants; plain floats and tuples, so that it can unroll
+# numba compiles module globals as constants; floats and tuples let it unroll the loops
 _SIN: Final = tuple(np.sin(tyre.FAN_ANGLES).tolist())
 _COS: Final = tuple(np.cos(tyre.FAN_ANGLES).tolist())
 _ARCS: Final = tuple((tyre.FAN_ARCS / tyre.FAN_COLUMNS.size).tolist())
@@ -61,6 +64,7 @@ def _cell(coordinate: float, last: int) -> tuple[int, float]:
 
 @numba.njit(cache=True, error_model="numpy", boundscheck=False)
 def wheel_step(
+    law: FloatArray,
     tyres: FloatArray,
     heights: FloatArray,
     cone_indices: FloatArray,
@@ -77,6 +81,7 @@ def wheel_step(
     """Advance the tread deflections of all wheels and write the forces of the ground.
 
     Args:
+        law: (13,) `SoilLaw.table`.
         tyres: (n, 6) `Tyres.table`.
         heights: (ny, nx) [m] of the ground.
         cone_indices: (ny, nx) [kPa] on the same grid.
@@ -90,6 +95,10 @@ def wheel_step(
         output: (n, 7) see `Output`, written.
         xfrc: (nbody, 6) force and moment on each body, rows of wheels written.
     """
+    mobility_deflection, mobility_width, mobility_area = law[0], law[1], law[2]
+    traction_most, traction_bn, traction_slip = law[3], law[4], law[5]
+    resistance_firm, resistance_bn, resistance_slip = law[6], law[7], law[8]
+    side_most, side_bn1, side_slope, side_slope_bn1 = law[9], law[10], law[11], law[12]
     ny, nx = heights.shape
     x0, y0, dt = grid[0], grid[1], grid[3]
     per_metre = 1.0 / grid[2]  # cells
@@ -194,18 +203,21 @@ def wheel_step(
         # forces from cone index
         diameter, section = 2.0 * radius, tyres[wheel, 2]
         cn = cone_index * width * diameter / (1e-3 * max(load, _SMALLEST_LOAD))
-        bn = cn * (1.0 + 5.0 * tyres[wheel, 3]) / (1.0 + 3.0 * width / diameter)
-        bn1 = cn * math.sqrt(diameter / section) / (1.0 + 0.5 * width * diameter)
-        grip_long = 0.88 * (1.0 - math.exp(-0.1 * bn))
-        traction = math.copysign(load * grip_long * (1.0 - math.exp(-7.5 * abs(slip))), slip)
-        grip_lat = 0.61 + 0.69 / bn1
-        slope = min(2.34 + 0.088 * bn1, _STIFFNESS_LIMIT)
+        deflected = 1.0 + mobility_deflection * tyres[wheel, 3]
+        bn = cn * deflected / (1.0 + mobility_width * width / diameter)
+        bn1 = cn * math.sqrt(diameter / section) / (1.0 + mobility_area * width * diameter)
+        grip_long = traction_most * (1.0 - math.exp(-traction_bn * bn))
+        developed = 1.0 - math.exp(-traction_slip * abs(slip))
+        traction = math.copysign(load * grip_long * developed, slip)
+        grip_lat = side_most + side_bn1 / bn1
+        slope = min(side_slope + side_slope_bn1 * bn1, _STIFFNESS_LIMIT)
         side = load * grip_lat * (1.0 - math.exp(-slope / grip_lat * abs(math.atan(slip_lat))))
         side = -math.copysign(side, slip_lat)
         used = math.hypot(traction / grip_long, side / grip_lat) / max(load, _SMALLEST_LOAD)
         share = 1.0 / max(1.0, used)
         traction, side = share * traction, share * side
-        resistance = load * (1.0 / bn + 0.04 + 0.5 * abs(slip) / math.sqrt(bn))
+        by_slip = resistance_slip * abs(slip) / math.sqrt(bn)
+        resistance = load * (resistance_bn / bn + resistance_firm + by_slip)
         pull = traction - resistance * share_roll
 
         tx = load * nx_ + pull * hx + side * sx

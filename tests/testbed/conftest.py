@@ -1,4 +1,4 @@
-"""A log made up once, read by many tests."""
+"""A synthetic log, written once for all tests."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from tests.testbed.logs import METADATA, feed, writer
 
 @pytest.fixture(scope="session")
 def logged(tmp_path_factory):
-    """Return a whole log and the record of the same run."""
+    """Return a complete log and the record of the same run."""
     path = tmp_path_factory.mktemp("log") / "log.mcap"
     recorder = Recorder()
     with writer(path) as log:

@@ -1,4 +1,4 @@
-"""Logs made up: everything that a run says, written without a run."""
+"""Synthetic logs: all data of a run, written without a simulation."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ def writer(path, **other) -> LogWriter:
 
 
 def feed(sink, duration_s=22.0) -> None:
-    """Say all that a run says, with every number that a double can be."""
+    """Write all data of a run to a sink, with every kind of double."""
     rng = np.random.default_rng(3)
     sink.path(REFERENCE_PATH_TOPIC, 0.0, np.array([[0.0, 0.0], [0.0, 0.2], [0.0, 0.4]]))
     sink.event(Event(0.0, "info", "start"))
@@ -29,7 +29,7 @@ def feed(sink, duration_s=22.0) -> None:
     for k in range(round(duration_s / PERIOD_S)):
         for channel in CHANNELS:
             values = rng.normal(size=len(channel.fields))
-            first = 4 if channel is MEASUREMENT else 0  # a fix has to be a place
+            first = 4 if channel is MEASUREMENT else 0  # a fix must be a finite position
             values[first : first + 4] = (np.nan, -0.0, np.inf, 5e-324)
             sink.row(channel, now, values.tolist())
         bodies = {"body_xyz": rng.normal(size=(2, 3)), "body_quat": rng.normal(size=(2, 4))}

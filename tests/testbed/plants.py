@@ -1,4 +1,4 @@
-"""Plants to test, and what is asked of them again and again."""
+"""Plants and helper functions for the tests of the testbed."""
 
 import dataclasses
 import hashlib
@@ -60,7 +60,7 @@ def axle_points(truth):
 
 def state_hash(plant):
     snapshot = plant.snapshot()
-    return hashlib.sha256(snapshot.physics.tobytes() + snapshot.deflection.tobytes()).hexdigest()
+    return hashlib.sha256(snapshot.physics.tobytes() + snapshot.wheel_state.tobytes()).hexdigest()
 
 
 def rough_run(seed, steps=1000):

@@ -26,7 +26,6 @@ from ..paper.composition import paper_controller, printed_sign_controller
 from ..paper.options import PaperOptions, PrintedSignOptions
 from ..reference.reference import Reference
 from ..tube.reference_tube import TubeDesign
-from ..types import Controller
 from ..vehicle import Vehicle
 from .options import parse_options
 
@@ -45,8 +44,8 @@ class ControllerEntry:
     """A controller that users choose by name."""
 
     about: str  # one line for `ttempc list`
-    # (vehicle, reference, period [s]) -> Controller; `options` and `design` as keywords
-    make: Callable[..., Controller]
+    # (vehicle, reference, period [s]) -> TrackingController; `options` and `design` as keywords
+    make: Callable[..., TrackingController]
     options: type | None = None  # dataclass of its options; None where it has none
     # Whether it needs the design of a tube, or monitors its place in one where one is given.
     tube: Literal["required", "monitor"] | None = None
@@ -145,7 +144,7 @@ def make_controller(
     period_s: float,
     design: TubeDesign | None = None,
     options: Mapping[str, object] | None = None,
-) -> Controller:
+) -> TrackingController:
     """Return the controller called `name`.
 
     Args:

@@ -9,9 +9,9 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidRoute
 from proving_ground.experiments.run.simulate import simulate
-from proving_ground.experiments.scenario.geodesy import east_north
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.waypoint_file import read_route
+from proving_ground.testbed.geodesy import east_north
 
 POINTS = [(0.0, 0.0, 1.0), (5.0, 0.5, 0.8), (10.0, 2.0, 0.6)]
 

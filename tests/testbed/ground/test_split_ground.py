@@ -1,4 +1,4 @@
-"""Left and right wheel see their own ground: what one side lies on tells in the whole vehicle."""
+"""Different ground under left and right wheels, and its effect on the vehicle."""
 
 import math
 
@@ -29,7 +29,7 @@ def driven(soil, ground=None, seconds=6.0):
 
 
 @pytest.mark.parametrize(("left", "right"), [(200.0, 1000.0), (1000.0, 200.0)])
-def test_on_a_border_each_side_has_its_own_soil_slip_and_resistance(left, right):
+def test_on_a_soil_boundary_each_side_has_its_own_soil_slip_and_resistance(left, right):
     truth = driven(
         SoilMap(1.0, (Gradient(0.0, -0.05, 0.5 * math.pi, 0.1, right, left),)), seconds=3
     )
@@ -39,7 +39,7 @@ def test_on_a_border_each_side_has_its_own_soil_slip_and_resistance(left, right)
     towards_soft = 1.0 if left < right else -1.0
     # an open differential gives both the same torque: the wheel on soft soil slips more for it
     assert towards_soft * (wheels.slip[REAR_LEFT] - wheels.slip[REAR_RIGHT]) > 0.005
-    # and towed wheels are held back there, so that the vehicle turns to that side
+    # and the larger resistance there turns the vehicle to that side
     assert towards_soft * (wheels.force_long[LEFT] - wheels.force_long[RIGHT])[[0, 2]].max() < -20.0
     assert towards_soft * truth.tractor.yaw > 0.005
 

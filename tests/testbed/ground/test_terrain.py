@@ -32,8 +32,8 @@ def test_sections_are_of_their_iso_class(iso_class, axis):
     for centre in 0.1 * 2.0 ** np.arange(0.0, 3.34, 1.0 / 3.0):
         band = (frequency >= centre / third) & (frequency < centre * third)
         n = frequency[band]
-        wanted = terrain.ISO_8608[iso_class] * (n / 0.1) ** -2
-        assert density[band].mean() == pytest.approx(wanted.mean(), rel=0.25), centre
+        expected = terrain.ISO_8608[iso_class] * (n / 0.1) ** -2
+        assert density[band].mean() == pytest.approx(expected.mean(), rel=0.25), centre
 
 
 def test_every_class_is_four_times_as_rough_in_density():

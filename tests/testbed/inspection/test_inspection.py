@@ -1,14 +1,11 @@
-"""The inspection: it passes on the default field, and a broken plant fails the right check."""
+"""Plant validation: the default plant passes, and a mutated plant fails the right check."""
 
 import dataclasses
 import math
 
-import numpy as np
 import pytest
 
 from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.inspection import bench as bench_room
-from proving_ground.testbed.inspection import statics
 from proving_ground.testbed.inspection.bench import Bench
 from proving_ground.testbed.inspection.check import between, near, not_applicable
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS, inspect
@@ -51,17 +48,17 @@ def test_another_vehicle_and_load_are_inspected_by_the_same_code():
         assert not failed(experiment, farm), experiment
 
 
-# --- a broken plant fails the right check ----------------------------------------------------
+# --- a mutated plant fails the right check ---------------------------------------------------
 
 
-def broken(monkeypatch, change):
-    """Let every plant that a bench builds have its model changed."""
-    whole = Bench.plant
+def mutate(monkeypatch, change):
+    """Apply a change to every plant that a bench builds."""
+    build = Bench.plant
 
     def plant(self, *arguments, **options):
-        made = whole(self, *arguments, **options)
-        change(made)
-        return made
+        plant = build(self, *arguments, **options)
+        change(plant)
+        return plant
 
     monkeypatch.setattr(Bench, "plant", plant)
 
@@ -70,7 +67,7 @@ def test_a_drive_with_another_gain_fails_the_hydrostat(monkeypatch):
     def faster(plant):
         plant.model.actuator("hydrostat").gainprm[0] *= 1.1
 
-    broken(monkeypatch, faster)
+    mutate(monkeypatch, faster)
     assert failed("hydrostat") == ["hydrostat gain K"]
 
 
@@ -78,7 +75,7 @@ def test_a_slow_valve_fails_rate_and_nothing_else_of_the_steering(monkeypatch):
     def slow(plant):
         plant.model.actuator("steer").dynprm[1] *= 0.7
 
-    broken(monkeypatch, slow)
+    mutate(monkeypatch, slow)
     names = failed("steering")
     assert "front steering, rate" in names
     assert not any(name.startswith("trailer") for name in names)
@@ -92,23 +89,28 @@ def test_doubled_motion_resistance_fails_the_coast_down(monkeypatch):
 
 
 def test_a_shifted_mass_fails_the_static_loads(monkeypatch):
-    whole = statics.axle_loads
-
-    def elsewhere(plant):
+    def shifted(plant):
         plant.model.body_ipos[plant.body_names.index("tractor"), 0] += 0.1
-        loads = whole(plant)
-        plant.model.body_ipos[plant.body_names.index("tractor"), 0] -= 0.1
-        return loads + np.array([250.0, -250.0, 0.0])
 
-    monkeypatch.setattr(statics, "axle_loads", elsewhere)
+    mutate(monkeypatch, shifted)
     assert failed("static loads") == ["static load, front axle", "static load, rear axle"]
 
 
+def test_a_heavier_trailer_fails_the_static_loads(monkeypatch):
+    def heavier(plant):
+        plant.model.body_mass[plant.body_names.index("trailer")] *= 1.1
+
+    mutate(monkeypatch, heavier)
+    names = failed("static loads")
+    assert "weight on the wheels" in names
+    assert "static load, trailer axle" in names
+
+
 def test_a_flipped_sign_fails_the_kinematics(monkeypatch):
-    turned = bench_room.Plant.truth
+    read = Plant.truth
 
     def mirrored(self):
-        truth = turned(self)
+        truth = read(self)
         object.__setattr__(truth, "delta_i", -truth.delta_i)
         return truth
 
@@ -127,32 +129,32 @@ def test_another_class_fails_the_roughness():
 
 def test_undamped_tyres_fail_the_bump(monkeypatch):
     def undamped(plant):
-        plant._tyre_arguments[0][:, 5] = 0.0
+        plant.wheels.tyre_table[:, 5] = 0.0
 
-    broken(monkeypatch, undamped)
+    mutate(monkeypatch, undamped)
     assert failed("bump") == ["energy left a second after the bump"]
 
 
-def test_contact_wheels_are_shown_as_what_they_are():
-    """Coulomb wheels do not understeer, whatever the soil; efficiency over slip they have none."""
-    native = dataclasses.replace(GRASS, wheels="contact")
-    assert "side force over load at 600 kPa, off the law" in failed("side force", native)
-    assert [check.passed for check in EXPERIMENTS["tractive efficiency"](native)] == [None, None]
+def test_contact_wheels_fail_the_side_force_of_the_soil_law():
+    """Coulomb friction has no understeer on soft soil and no efficiency over slip."""
+    contact = dataclasses.replace(GRASS, wheels="contact")
+    assert "side force over load at 600 kPa, off the law" in failed("side force", contact)
+    assert [check.passed for check in EXPERIMENTS["tractive efficiency"](contact)] == [None, None]
 
 
-def test_a_plant_that_diverges_fails_its_experiment_and_not_the_inspection(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # MuJoCo writes its own log beside the user
+def test_a_diverged_plant_fails_its_experiment_and_the_others_still_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes MUJOCO_LOG.TXT to the working directory
 
-    def torn(plant):
+    def without_gravity(plant):
         plant.model.opt.gravity[2] = math.nan
 
-    broken(monkeypatch, torn)
+    mutate(monkeypatch, without_gravity)
     (check,) = inspect(GRASS, ("creep",))
     assert check.passed is False
     assert "MuJoCo" in check.note or "finite" in check.note or "time" in check.note
 
 
-def test_off_tracking_of_a_trailer_without_length_is_none():
+def test_off_tracking_grows_as_the_radius_shrinks():
     assert off_tracking(GRASS, 10.0) > off_tracking(GRASS, 20.0) > 0.0
 
 

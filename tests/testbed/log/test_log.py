@@ -1,4 +1,4 @@
-"""Logs: what is written is read back to the bit, by us and by others, and refused if foreign."""
+"""Logs: bit-exact round trip, readable by the reference reader, foreign files refused."""
 
 from dataclasses import replace
 
@@ -51,13 +51,13 @@ def test_a_reader_that_is_not_ours_finds_everything(logged):
         reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         names = {metadata.name: metadata.metadata for metadata in reader.iter_metadata()}
         assert METADATA.items() <= names["run"].items()
-        found = {file.name: file.data.decode() for file in reader.iter_attachments()}
-        assert found == ATTACHMENTS
+        attachments = {file.name: file.data.decode() for file in reader.iter_attachments()}
+        assert attachments == ATTACHMENTS
         rows = dict.fromkeys(record.tables, 0)
-        seen = {}
+        first_messages = {}
         for schema, channel, message, decoded in reader.iter_decoded_messages():
             assert message.log_time == message.publish_time
-            seen.setdefault(channel.topic, (schema.name, decoded))
+            first_messages.setdefault(channel.topic, (schema.name, decoded))
             if channel.topic in rows:
                 table, row = record.tables[channel.topic], rows[channel.topic]
                 assert message.log_time == round(1e9 * table.time_s[row])
@@ -66,7 +66,9 @@ def test_a_reader_that_is_not_ours_finds_everything(logged):
                 assert getattr(decoded, name) == table[name][row]
                 rows[channel.topic] += 1
     assert rows == {topic: len(table) for topic, table in record.tables.items()}
-    assert {topic: name for topic, (name, _) in seen.items() if name.startswith("foxglove")} == {
+    assert {
+        topic: name for topic, (name, _) in first_messages.items() if name.startswith("foxglove")
+    } == {
         "/tf": "foxglove.FrameTransforms",
         "/tractor/pose": "foxglove.PoseInFrame",
         "/trailer/pose": "foxglove.PoseInFrame",
@@ -78,14 +80,14 @@ def test_a_reader_that_is_not_ours_finds_everything(logged):
         "/mpc/predicted_path": "foxglove.PosesInFrame",
         "/log": "foxglove.Log",
     }
-    transforms = seen["/tf"][1].transforms
+    transforms = first_messages["/tf"][1].transforms
     assert [item.child_frame_id for item in transforms] == list(BODIES)
     assert {item.parent_frame_id for item in transforms} == {"map"}
-    turn = seen["/tractor/pose"][1].pose.orientation
+    turn = first_messages["/tractor/pose"][1].pose.orientation
     assert (turn.w, turn.z) == pytest.approx((np.cos(0.15), np.sin(0.15)))
-    ahead = seen["/reference/path"][1].poses[-1]
+    ahead = first_messages["/reference/path"][1].poses[-1]
     assert ahead.position.y == pytest.approx(0.4, rel=1e-7)
-    assert ahead.position.z > 0.0, "above the ground, to be seen"
+    assert ahead.position.z > 0.0, "above the ground, to be visible"
     assert ahead.orientation.z == pytest.approx(np.sin(np.pi / 4))
 
 
@@ -108,7 +110,7 @@ def test_schemas_explain_themselves(logged):
         (b"time,x,y\n0,1,2\n" * 9, "is not an MCAP log"),
         (b"\x89MCAP0\r\n", "describes no run"),
     ],
-    ids=["empty", "torn in its first bytes", "another format", "nothing but the first bytes"],
+    ids=["empty", "truncated in its first bytes", "another format", "nothing but the first bytes"],
 )
 def test_what_is_no_log_is_said_in_one_line(tmp_path, content, words):
     file = tmp_path / "log.mcap"

@@ -1,4 +1,4 @@
-"""What a log holds for the eye is what was there, to the precision that is promised."""
+"""Scene of a log: equal to the logged scene, to the stated precision."""
 
 import numpy as np
 import pytest
@@ -41,11 +41,11 @@ def test_ground_and_motion_come_back(ground, tmp_path):
         for k in range(10)
     ]
     content = log(tmp_path / "log.mcap", ground, scenes)
-    found = ground_of(content)
-    assert found.terrain.spacing_m == ground.terrain.spacing_m
-    assert found.terrain.origin == ground.terrain.origin
-    np.testing.assert_allclose(found.terrain.heights, ground.terrain.heights, rtol=1e-7)
-    np.testing.assert_allclose(found.cone_index, ground.cone_index, rtol=1e-7)
+    logged_ground = ground_of(content)
+    assert logged_ground.terrain.spacing_m == ground.terrain.spacing_m
+    assert logged_ground.terrain.origin == ground.terrain.origin
+    np.testing.assert_allclose(logged_ground.terrain.heights, ground.terrain.heights, rtol=1e-7)
+    np.testing.assert_allclose(logged_ground.cone_index, ground.cone_index, rtol=1e-7)
     motion = motion_of(content)
     assert motion.body_names == BODIES
     np.testing.assert_allclose(motion.time_s, [scene.time_s for scene in scenes], atol=1e-9)

@@ -1,4 +1,4 @@
-"""Torn logs: what a run that did not end well, or a damaged disk, leaves to be read."""
+"""Truncated and damaged logs: the complete chunks stay readable."""
 
 import io
 import os
@@ -15,6 +15,7 @@ from mcap.stream_reader import StreamReader
 from proving_ground.testbed.errors import LogError, PlantDiverged
 from proving_ground.testbed.log.log_content import salvage_content
 from proving_ground.testbed.log.log_reader import SALVAGED_KEY, read_log, record_of
+from proving_ground.testbed.log.log_recovery import recover
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.recording.record import Record
 from tests.testbed.logs import METADATA, PERIOD_S, feed, writer
@@ -29,7 +30,7 @@ def starts_like(part: Record, whole: Record) -> bool:
 
 def test_at_most_a_flush_period_is_lost_wherever_the_log_is_torn(logged, tmp_path):
     path, record = logged
-    data, torn = path.read_bytes(), tmp_path / "log.mcap.part"
+    data, truncated = path.read_bytes(), tmp_path / "log.mcap.part"
     ends, last_s = chunk_ends(data)
     assert np.diff([0.0, *last_s]).max() < 5.0 + 2 * PERIOD_S
     start = data.index(b"model.xml") + 40  # from here on the description is whole
@@ -38,17 +39,17 @@ def test_at_most_a_flush_period_is_lost_wherever_the_log_is_torn(logged, tmp_pat
         places |= {end - 1, end, end + 1, end + 5, end + 9, end + 40}
     places |= set(range(len(data) - 45, len(data)))  # and everywhere in footer and magic
     for place in sorted(places):
-        torn.write_bytes(data[:place])
-        content = salvage_content(torn)
-        left, found = content.salvage, record_of(content)
-        assert left.chunks == sum(end <= place for end in ends)
-        assert left.damaged == 0
-        assert starts_like(found, record)
-        if left.chunks:
-            newest_s = found[STATE].time_s[-1]
-            assert newest_s == pytest.approx(last_s[left.chunks - 1], abs=1.5 * PERIOD_S)
-        kept = read_log(torn).metadata[SALVAGED_KEY]
-        assert kept.startswith(f"{left.chunks} whole chunks, up to ")
+        truncated.write_bytes(data[:place])
+        content = salvage_content(truncated)
+        salvage, recovered = content.salvage, record_of(content)
+        assert salvage.chunks == sum(end <= place for end in ends)
+        assert salvage.damaged == 0
+        assert starts_like(recovered, record)
+        if salvage.chunks:
+            newest_s = recovered[STATE].time_s[-1]
+            assert newest_s == pytest.approx(last_s[salvage.chunks - 1], abs=1.5 * PERIOD_S)
+        extent = read_log(truncated).metadata[SALVAGED_KEY]
+        assert extent.startswith(f"{salvage.chunks} whole chunks, up to ")
 
 
 def chunk_ends(data: bytes) -> tuple[list[int], list[float]]:
@@ -67,12 +68,12 @@ def test_a_damaged_chunk_costs_no_other(logged, tmp_path):
     ends, _ = chunk_ends(bytes(data))
     data[ends[1] - 1000] ^= 0xFF
     damaged.write_bytes(data)
-    left = salvage_content(damaged).salvage
-    assert (left.chunks, left.damaged) == (len(ends) - 1, 1)
-    found = read_log(damaged)
-    assert "1 damaged left out" in found.metadata[SALVAGED_KEY]
-    assert 0 < len(found[STATE]) < len(record[STATE])
-    assert found.events == record.events
+    salvage = salvage_content(damaged).salvage
+    assert (salvage.chunks, salvage.damaged) == (len(ends) - 1, 1)
+    recovered = read_log(damaged)
+    assert "1 damaged left out" in recovered.metadata[SALVAGED_KEY]
+    assert 0 < len(recovered[STATE]) < len(record[STATE])
+    assert recovered.events == record.events
 
 
 def test_a_run_that_ends_by_design_leaves_a_whole_log(tmp_path):
@@ -95,6 +96,16 @@ def run_that_raises(path, error):
     with writer(path) as log:
         feed(log, 1.0)
         raise error
+
+
+def test_recovery_refuses_to_write_over_the_partial_log_that_it_reads(logged, tmp_path):
+    path, _ = logged
+    truncated = tmp_path / "log.mcap.part"
+    truncated.write_bytes(path.read_bytes()[:-1000])
+    before = truncated.read_bytes()
+    with pytest.raises(LogError, match=r"log\.mcap\.part: exists already"):
+        recover(salvage_content(truncated), tmp_path / "log.mcap")
+    assert truncated.read_bytes() == before
 
 
 def test_a_full_disk_is_said_and_leaves_no_log(tmp_path):

@@ -1,4 +1,4 @@
-"""What is packed by hand is what protobuf itself would have written."""
+"""Packed messages are equal to those that protobuf writes."""
 
 import math
 
@@ -11,9 +11,9 @@ from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
+from proving_ground.testbed.geodesy import DATUM
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.messages.datum import DATUM
 from proving_ground.testbed.messages.protobuf_wire import TransformsEncoder, single
 from proving_ground.testbed.messages.viewer_messages import (
     encode_fix,
@@ -44,8 +44,8 @@ def test_transforms_are_protobufs_own_bytes():
     for data, time_ns, places, turns in zip(messages, TIMES_NS, xyz, quat, strict=True):
         message = FrameTransforms.FromString(data)
         assert message.SerializeToString() == data
-        for found, place, turn in zip(message.transforms, places, turns, strict=True):
-            stamp, at, by = found.timestamp, found.translation, found.rotation
+        for transform, place, turn in zip(message.transforms, places, turns, strict=True):
+            stamp, at, by = transform.timestamp, transform.translation, transform.rotation
             assert stamp.seconds * 10**9 + stamp.nanos == time_ns
             assert [at.x, at.y, at.z] == single(place).tolist()
             assert [by.w, by.x, by.y, by.z] == single(turn).tolist()

@@ -1,4 +1,4 @@
-"""Where a run comes from: the same run has the same identity, any other has another."""
+"""Provenance: equal runs have the same identity, different runs different ones."""
 
 from importlib.metadata import version
 
@@ -6,10 +6,10 @@ from proving_ground.testbed.recording import provenance
 
 
 def test_versions_are_those_of_what_is_installed():
-    found = provenance.versions()
-    assert found["mujoco"] == version("mujoco")
-    assert found["ttempc"] == version("ttempc")
-    assert all(found.values())
+    software = provenance.versions()
+    assert software["mujoco"] == version("mujoco")
+    assert software["ttempc"] == version("ttempc")
+    assert all(software.values())
 
 
 def test_an_installed_package_claims_no_commit(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Records: rows come out as they went in, by name, and a tee tells all sinks the same."""
+"""Records and sinks: rows by field name, events, and a tee to several sinks."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_rows_come_out_as_columns_in_their_order():
     assert table.columns("b_m", "a_m").tolist() == [[0.0, 0.0], [-1.0, 1.0], [-2.0, 2.0]]
 
 
-def test_a_record_is_what_was_known_when_it_was_taken():
+def test_a_record_does_not_change_when_the_run_goes_on():
     recorder = Recorder([PAIR])
     recorder.row(PAIR, 0.0, (1.0, 2.0))
     early = recorder.record({"seed": "1"})
@@ -55,7 +55,7 @@ def test_names_of_topics_and_fields_are_unique():
         assert "time_s" not in channel.fields
 
 
-def test_a_tee_tells_all_sinks_the_same():
+def test_a_tee_passes_all_data_to_every_sink():
     one, other = Recorder([PAIR]), Recorder([PAIR])
     tee = Tee(one, other)
     tee.row(PAIR, 0.0, (1.0, 2.0))

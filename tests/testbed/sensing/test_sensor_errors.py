@@ -1,4 +1,4 @@
-"""Error processes: stated deviation, memory, tails."""
+"""Error processes: stated deviation, autocorrelation, tails."""
 
 import numpy as np
 import pytest
@@ -20,20 +20,20 @@ def correlated(white_share, correlation_time=2.0, seed=1):
 
 
 def test_a_bias_is_the_mean_and_noise_lies_around_it():
-    found = samples(White(SD, np.random.default_rng(1), np.array([0.5, -0.2])))
-    assert (np.abs(found.mean(axis=0) - [0.5, -0.2]) < 4 * SD / np.sqrt(N)).all()
-    np.testing.assert_allclose(found.std(axis=0), SD, rtol=4 / np.sqrt(2 * N))
+    errors = samples(White(SD, np.random.default_rng(1), np.array([0.5, -0.2])))
+    assert (np.abs(errors.mean(axis=0) - [0.5, -0.2]) < 4 * SD / np.sqrt(N)).all()
+    np.testing.assert_allclose(errors.std(axis=0), SD, rtol=4 / np.sqrt(2 * N))
 
 
 @pytest.mark.parametrize("white_share", [0.0, 0.3])
 def test_autocorrelation_of_the_slow_part_is_exponential(white_share):
     """Within four deviations of Bartlett's formula for a first-order process."""
-    found = samples(correlated(white_share))
-    keeps = np.exp(-0.2 / 2.0)
+    errors = samples(correlated(white_share))
+    correlation = np.exp(-0.2 / 2.0)
     for lag in (1, 5, 10, 20):
-        expected = (1.0 - white_share) * keeps**lag
-        independent = N * (1.0 - keeps**2) / (1.0 + keeps**2)
-        for column in found.T:
+        expected = (1.0 - white_share) * correlation**lag
+        independent = N * (1.0 - correlation**2) / (1.0 + correlation**2)
+        for column in errors.T:
             rho = np.mean(column[:-lag] * column[lag:]) / np.mean(column**2)
             assert abs(rho - expected) < 4 / np.sqrt(independent)
 
@@ -52,17 +52,17 @@ def test_both_parts_together_have_the_stated_deviation_from_the_first_sample_on(
 
 def test_heavy_tails_have_the_stated_deviation_and_kurtosis():
     """The bands are four deviations of the sample moments, from the mixture's own moments."""
-    found = samples(HeavyTailed(SD, np.random.default_rng(2)))
+    errors = samples(HeavyTailed(SD, np.random.default_rng(2)))
     good = 1.0 / np.sqrt(1.8)  # deviation of the good component where the mixture has 1
     moments = {k: f * (0.9 + 0.1 * 3.0**k) * good**k for k, f in ((4, 3), (6, 15), (8, 105))}
     kurtosis_sd = np.sqrt((moments[8] - moments[4] ** 2) / N)
     assert moments[4] - 3.0 == pytest.approx(5.33, abs=0.005)  # as the docstring says
-    for column, sd in zip(found.T, SD, strict=True):
+    for column, sd in zip(errors.T, SD, strict=True):
         assert column.std() == pytest.approx(sd, rel=4 * np.sqrt((moments[4] - 1.0) / N) / 2)
         assert abs(kurtosis(column) - (moments[4] - 3.0)) < 4 * kurtosis_sd
         assert abs(np.corrcoef(column[:-1], column[1:])[0, 1]) < 4 / np.sqrt(N)
 
 
 def test_gaussian_noise_has_no_excess_kurtosis():
-    found = samples(White(SD, np.random.default_rng(3)))
-    assert np.abs(kurtosis(found, axis=0)).max() < 4 * np.sqrt(24 / N)
+    errors = samples(White(SD, np.random.default_rng(3)))
+    assert np.abs(kurtosis(errors, axis=0)).max() < 4 * np.sqrt(24 / N)

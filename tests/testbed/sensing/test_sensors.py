@@ -8,12 +8,11 @@ from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.randomness import generator
-from proving_ground.testbed.sensing.antennas import lever_in_map
 from proving_ground.testbed.sensing.sensor_specification import (
     ImuSpecification,
     SensorSpecification,
 )
-from proving_ground.testbed.sensing.sensors import SensorSuite
+from proving_ground.testbed.sensing.sensors import SensorSuite, lever_in_map
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
 from tests.testbed.truths import truth

@@ -10,6 +10,8 @@ from scipy.optimize import curve_fit
 
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
+from proving_ground.testbed.inspection.bench import nominal
+from proving_ground.testbed.inspection.steady_motion import Planar, steady_motion
 from proving_ground.testbed.vehicle.servos import equilibrium_slip, wheel_loads
 from tests.testbed.plants import (
     DRIVEN,
@@ -173,18 +175,24 @@ def test_reset_starts_rolling_steadily():
 
 
 @both_vehicles
-def test_cornering_is_near_ackermann_on_firm_ground_and_falls_with_strength(vehicle):
+def test_cornering_is_the_planar_force_balance_and_the_yaw_rate_falls_with_strength(vehicle):
     wheelbase, ratios = vehicle.tractor.wheelbase_m, []
     radius = wheelbase / 0.14
     for cone_index in (2000.0, 600.0, 300.0, 150.0):
         soil = as_strong(cone_index, vehicle)
         plant = plant_on(terrain.flat((60.0, 60.0)), soil, vehicle)
+        plant.reset(0.0, 0.0, 0.0, 0.0)
+        planar = Planar.of(nominal(vehicle), plant)
         plant.reset(0.0, -radius, 0.0, 1.0)
         command = Command(math.atan(wheelbase / radius), 0.0, 1.0 / top_speed(vehicle))
         plant.advance(command, 7500)
         truth = plant.advance(command, 1)
-        ratios.append(truth.yaw_rate_t / (truth.speed * math.tan(truth.delta_t) / wheelbase))
-    assert ratios[0] == pytest.approx(0.96, abs=0.02)
+        ackermann = truth.speed * math.tan(truth.delta_t) / wheelbase
+        balance = steady_motion(
+            planar, truth.delta_t, truth.speed, truth.wheels.load, soil.background
+        )
+        assert truth.yaw_rate_t == pytest.approx(balance.yaw_rate, abs=0.02 * ackermann)
+        ratios.append(truth.yaw_rate_t / ackermann)
     assert all(firm > soft for firm, soft in itertools.pairwise(ratios))
     assert ratios[-1] > 0.8
 

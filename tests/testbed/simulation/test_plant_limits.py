@@ -1,4 +1,4 @@
-"""Where the plant ends: roll-over, divergence, refusal, and the second wheel model."""
+"""Limits of the plant: roll-over, divergence, refusal, comparison of the wheel models."""
 
 import math
 
@@ -48,8 +48,8 @@ def test_tipped_past_its_balance_it_ends_on_its_side_and_stays_there(vehicle, wh
     assert min(depth) > -0.03
 
 
-def test_nan_is_told_as_a_divergence(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # MuJoCo writes its own log beside the user
+def test_nan_raises_a_divergence(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes MUJOCO_LOG.TXT to the working directory
     plant = plant_on()
     plant.reset(0.0, 0.0, 0.0, 1.0)
     plant.data.qvel[0] = math.nan
@@ -57,7 +57,7 @@ def test_nan_is_told_as_a_divergence(tmp_path, monkeypatch):
         plant.advance(ROLL, 10)
 
 
-def test_silent_reset_of_mujoco_is_told_as_a_divergence(tmp_path, monkeypatch):
+def test_silent_reset_of_mujoco_raises_a_divergence(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     plant = plant_on()
     plant.reset(0.0, 0.0, 0.0, 1.0)
@@ -67,7 +67,7 @@ def test_silent_reset_of_mujoco_is_told_as_a_divergence(tmp_path, monkeypatch):
         plant.advance(ROLL, 10)
 
 
-def test_command_that_is_not_finite_is_told_as_a_divergence(tmp_path, monkeypatch):
+def test_command_that_is_not_finite_raises_a_divergence(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     plant = plant_on()
     plant.reset(0.0, 0.0, 0.0, 1.0)
@@ -102,18 +102,18 @@ def test_impossible_plants_are_refused(make):
         make()
 
 
-def test_native_wheels_agree_with_soil_wheels_on_firm_level_ground():
+def test_contact_wheels_agree_with_soil_wheels_on_firm_level_ground():
     truths = []
     for wheels in ("soil", "contact"):
         plant = plant_on(wheels=wheels)
         plant.reset(-10.0, 0.0, 0.0, 1.0)
         truths.append(plant.advance(Command(0.1, 0.0, 1.0 / 1.4), 2500))
-    soil, native = truths
-    np.testing.assert_allclose(axle_points(native), axle_points(soil), atol=0.25)
-    assert native.speed == pytest.approx(soil.speed, rel=0.04)
-    assert native.beta == pytest.approx(soil.beta, abs=0.02)
-    assert np.isnan(native.wheels.slip).all()
-    assert np.isfinite(native.wheels.load).all()
+    soil, contact = truths
+    np.testing.assert_allclose(axle_points(contact), axle_points(soil), atol=0.25)
+    assert contact.speed == pytest.approx(soil.speed, rel=0.04)
+    assert contact.beta == pytest.approx(soil.beta, abs=0.02)
+    assert np.isnan(contact.wheels.slip).all()
+    assert np.isfinite(contact.wheels.load).all()
 
 
 def test_wheels_are_reported_in_the_order_of_their_names():

@@ -1,4 +1,4 @@
-"""The plant in motion: geometry, signs, actuators, and the same bits twice."""
+"""The plant in motion: geometry, signs, actuators, repeatability."""
 
 import dataclasses
 import math
@@ -74,10 +74,8 @@ def test_hitch_kinematics_hold_with_the_sign_of_the_steering_rate(vehicle):
         rows.append((truth.speed, lam, truth.delta_i, truth.yaw_rate_t, truth.yaw_rate_i))
     v, lam, delta_i, rate_t, rate_i = np.array(rows).T
     delta_i_rate = np.gradient(delta_i, 0.02)
-    a, d, length = (
-        *(vehicle.hitch.offset_m, vehicle.drawbar.length_m),
-        vehicle.trailer.length_m,
-    )
+    a, d = vehicle.hitch.offset_m, vehicle.drawbar.length_m
+    length = vehicle.trailer.length_m
 
     def residual(sign):
         numerator = (
@@ -126,14 +124,14 @@ def test_joints_have_the_stops_of_the_file(vehicle):
 def test_same_seed_gives_the_same_bits_in_another_process():
     here = state_hash(rough_run(7))
     code = "import tests.testbed.plants as t; print(t.state_hash(t.rough_run(7)))"
-    there = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,
         text=True,
         check=True,
         cwd=ROOT,
     )
-    assert there.stdout.strip() == here
+    assert process.stdout.strip() == here
     assert state_hash(rough_run(8)) != here
 
 

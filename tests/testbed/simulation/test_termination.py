@@ -1,19 +1,21 @@
+"""Termination conditions, each with its reason."""
+
 import math
 
 import pytest
 
 from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.simulation.termination import MishapLimits, mishap
+from proving_ground.testbed.simulation.termination import TerminationLimits, check_termination
 from tests.testbed.truths import truth
 
 FIELD = flat(size_m=(80.0, 50.0))
 
 
 def verdict(state, reference=(0.0, 0.0)):
-    return mishap(state, reference, FIELD, MishapLimits())
+    return check_termination(state, reference, FIELD, TerminationLimits())
 
 
-def test_a_vehicle_that_drives_is_not_lost():
+def test_normal_driving_does_not_terminate():
     assert verdict(truth()) is None
     assert verdict(truth(tractor={"roll": 0.3, "pitch": -0.3}, beta=0.6, delta_i=-0.4)) is None
 
@@ -30,7 +32,7 @@ def test_a_vehicle_that_drives_is_not_lost():
         (truth(tractor={"x": 3.0, "y": 4.5}), "diverged, the tractor is 5.4 m"),
     ],
 )
-def test_a_lost_vehicle_is_lost_for_the_reason(state, reason):
-    said = verdict(state)
-    assert said is not None
-    assert said.startswith(reason)
+def test_each_limit_terminates_with_its_reason(state, reason):
+    text = verdict(state)
+    assert text is not None
+    assert text.startswith(reason)

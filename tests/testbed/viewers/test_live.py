@@ -1,4 +1,4 @@
-"""The live view: what a log holds, in time, and nothing that touches the run."""
+"""Live view: the messages of a log, paced by the clock, without effect on the run."""
 
 import base64
 import json
@@ -28,11 +28,11 @@ from proving_ground.testbed.viewers.live import LiveView
 from tests.testbed.truths import truth
 
 pytest.importorskip("foxglove")
-MESSAGE, TIME = 1, 2  # opcodes of what a server sends, in Foxglove's WebSocket protocol
+MESSAGE, TIME = 1, 2  # opcodes of server messages in Foxglove's WebSocket protocol
 
 
 class Viewer:
-    """A client of the protocol that knows nothing but the protocol."""
+    """Client that implements only the WebSocket protocol."""
 
     def __init__(self, url):
         self.socket = connect(url, subprotocols=["foxglove.sdk.v1"]).__enter__()
@@ -40,8 +40,8 @@ class Viewer:
         advertised = json.loads(self.socket.recv())
         assert advertised["op"] == "advertise"
         self.channels = {int(each["id"]): each for each in advertised["channels"]}
-        wanted = [{"id": number, "channelId": number} for number in self.channels]
-        self.socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+        subscriptions = [{"id": number, "channelId": number} for number in self.channels]
+        self.socket.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
 
     def messages(self, count):
         """Yield topic, time [s] and decoded message of the next messages."""
@@ -67,7 +67,7 @@ def view(**other) -> LiveView:
     return LiveView(Scenery(("tractor",)), **{"port": 0, "speed": 100.0, **other})
 
 
-def say(sink, moments):
+def publish(sink, moments):
     for k in moments:
         sink.row(STATE, 0.04 * k, [float(k)] * len(STATE.fields))
         sink.scene(truth(time_s=0.04 * k, body_xyz=np.full((1, 3), float(k))))
@@ -87,11 +87,11 @@ def test_a_viewer_is_offered_what_a_log_holds_and_can_decode_it():
         ((topic, _, message),) = viewer.messages(1)
         assert (topic, message.message) == (EVENT_TOPIC, "first")
         time.sleep(0.2)  # until the server has taken in the other subscriptions
-        say(live, range(1, 3))
-        seen = list(viewer.messages(5))
-        rows = [(when, message.x_t_m) for topic, when, message in seen if topic == STATE.topic]
+        publish(live, range(1, 3))
+        received = list(viewer.messages(5))
+        rows = [(when, message.x_t_m) for topic, when, message in received if topic == STATE.topic]
         np.testing.assert_allclose(rows, [(0.04, 1.0), (0.08, 2.0)])
-        (moved,) = (message for topic, _, message in seen[:2] if topic == TRANSFORMS_TOPIC)
+        (moved,) = (message for topic, _, message in received[:2] if topic == TRANSFORMS_TOPIC)
         assert moved.transforms[0].translation.x == 1.0
         viewer.socket.close()
 
@@ -99,11 +99,11 @@ def test_a_viewer_is_offered_what_a_log_holds_and_can_decode_it():
 def test_who_comes_later_is_told_what_was_said_once():
     with LiveView(Scenery(("tractor",), None, b"\x0a\x00"), port=0, speed=100.0) as live:
         live.path(REFERENCE_PATH_TOPIC, 0.0, np.array([[0.0, 0.0], [1.0, 0.0]]))
-        say(live, range(3))
+        publish(live, range(3))
         viewer = Viewer(live.url)
-        told = {topic: message for topic, _, message in viewer.messages(2)}
-        assert told.keys() == {SCENE_TOPIC, REFERENCE_PATH_TOPIC}
-        assert len(told[REFERENCE_PATH_TOPIC].poses) == 2
+        latest = {topic: message for topic, _, message in viewer.messages(2)}
+        assert latest.keys() == {SCENE_TOPIC, REFERENCE_PATH_TOPIC}
+        assert len(latest[REFERENCE_PATH_TOPIC].poses) == 2
         viewer.socket.close()
 
 
@@ -111,19 +111,19 @@ def test_viewers_come_and_go_and_the_run_goes_on():
     with view() as live:
         for k in range(4):
             viewer = Viewer(live.url)
-            say(live, [k])
+            publish(live, [k])
             if k % 2:
                 viewer.socket.close()
             else:
                 viewer.socket.socket.close()  # no goodbye
-        say(live, range(4, 60))
+        publish(live, range(4, 60))
 
 
 def test_a_viewer_that_reads_nothing_does_not_hold_the_run_up():
     with view(speed=1e6) as live:
         viewer = Viewer(live.url)
         start = time.monotonic()
-        say(live, range(1500))  # more than the server keeps for one viewer
+        publish(live, range(1500))  # more than the server keeps for one viewer
         assert time.monotonic() - start < 30.0
         viewer.socket.socket.close()
 
@@ -132,7 +132,7 @@ def test_a_viewer_that_reads_nothing_does_not_hold_the_run_up():
 def test_simulated_time_runs_at_the_chosen_factor(speed):
     with view(speed=speed) as live:
         start = time.monotonic()  # the view's own start, however long the first words take
-        say(live, [0, 25])
+        publish(live, [0, 25])
         assert time.monotonic() - start >= 0.95 / speed, "one simulated second"
 
 
@@ -146,11 +146,11 @@ def test_a_taken_port_is_said_in_one_line():
 
 
 @pytest.mark.parametrize(
-    ("option", "said"),
+    ("option", "message"),
     [({"speed": 0.0}, "speed 0, must be above 0"), ({"port": 70000}, "from 0 to 65535")],
 )
-def test_what_cannot_be_is_refused(option, said):
-    with pytest.raises(LiveError, match=said):
+def test_impossible_options_are_refused(option, message):
+    with pytest.raises(LiveError, match=message):
         view(**option)
 
 

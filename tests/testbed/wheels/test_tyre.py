@@ -1,3 +1,5 @@
+"""The law of a wheel on soil: contact, traction, side force, and its compiled version."""
+
 import itertools
 import math
 from dataclasses import fields
@@ -88,6 +90,7 @@ def run_kernel(tyres, ground, soil, wheels, deflection):
     cvel[2:, 3:] = wheels.velocity - np.cross(wheels.rotation, wheels.centre - com[2:])
     state, output, xfrc = deflection.copy(), np.zeros((n, len(Output))), np.zeros((n + 2, 6))
     wheel_step(
+        tyre.LAW.table(),
         tyres.table(),
         ground.heights,
         soil.rasterised(ground),
@@ -104,7 +107,7 @@ def run_kernel(tyres, ground, soil, wheels, deflection):
     return state, output, xfrc[2:]
 
 
-def test_the_reports_columns_are_the_fields_of_what_is_told_of_wheels():
+def test_the_columns_of_the_report_are_the_fields_of_wheels():
     assert [column.name.lower() for column in Output] == [item.name for item in fields(Wheels)]
 
 
@@ -136,7 +139,16 @@ def test_compiled_law_reads_the_soil_below_each_wheel(tyres):
     xpos[2:, 1] = np.linspace(5.0, -6.0, 6)
     xmat = np.tile(np.eye(3).ravel(), (8, 1))
     grid = np.array([*FLAT.origin, FLAT.spacing_m, DT])
-    arguments = (tyres.table(), FLAT.heights, cone, grid, np.arange(2, 8), xpos, xmat)
+    arguments = (
+        tyre.LAW.table(),
+        tyres.table(),
+        FLAT.heights,
+        cone,
+        grid,
+        np.arange(2, 8),
+        xpos,
+        xmat,
+    )
     wheel_step(*arguments, np.zeros((8, 6)), np.zeros((8, 3)), state, output, xfrc)
     column = np.rint((xpos[2:, 0] + 10.0) / 0.1).astype(int)
     row = np.rint((xpos[2:, 1] + 10.0) / 0.1).astype(int)
@@ -248,9 +260,9 @@ def test_forces_stay_inside_the_friction_ellipse(tyres):
         angle, spin = rng.uniform(-1.0, 1.0), rng.uniform(0.0, 10.0)
         forces = steady(single, 300.0, [math.cos(angle), math.sin(angle), 0], spin)
         bn, bn1 = tyre.mobility(single, forces.load, np.array([300.0]))
-        largest_long = forces.load * 0.88 * (1.0 - np.exp(-0.1 * bn))
-        largest_lat = forces.load * (0.61 + 0.69 / bn1)
-        # gross traction: what the axle feels
+        largest_long = tyre.largest_traction(bn, forces.load)
+        largest_lat = forces.load * tyre.largest_side_ratio(bn1)
+        # gross traction: the moment about the axle over the radius
         gross = -forces.moment[0, 1] / single.radius
         assert np.hypot(gross / largest_long, forces.force_lat / largest_lat) <= 1.0 + 1e-9
 
@@ -264,7 +276,7 @@ def test_spinning_wheel_loses_side_force(tyres):
 
 
 def test_side_force_builds_up_over_the_relaxation_length(tyres):
-    """After one relaxation length 63 % of a small steady side force is there.
+    """After one relaxation length a small steady side force has reached 63 %.
 
     The tread's damping leads by its time over that of the relaxation, 0.02 s of 0.3 s.
     """

@@ -1,4 +1,4 @@
-"""Times as counts of physics steps."""
+"""Discretisation: times as counts of physics steps, values as multiples of a resolution."""
 
 from __future__ import annotations
 
@@ -22,9 +22,14 @@ def whole_steps(period: float, timestep: float, what: str) -> int:
 
 
 def delay_steps(delay: float, timestep: float, what: str) -> int:
-    """Return how many physics steps make `delay` [s], which may be none at all.
+    """Return how many physics steps make `delay` [s]; a delay of 0 makes none.
 
     Raises:
-        InvalidPlant: as `whole_steps`.
+        InvalidPlant: the delay is not a whole number of steps; `what` names it.
     """
     return whole_steps(delay, timestep, what) if delay else 0
+
+
+def quantised(value: float, resolution: float) -> float:
+    """Return the multiple of `resolution` nearest to `value`; the value itself where that is 0."""
+    return resolution * round(value / resolution) if resolution else value

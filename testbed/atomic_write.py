@@ -1,0 +1,36 @@
+"""Atomic writes: a file is complete, or it is unchanged."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+
+def partial_path(path: Path) -> Path:
+    """Return the path under which a file is written until it is complete."""
+    return path.with_name(f"{path.name}.part")
+
+
+@contextmanager
+def atomic_write(file: Path) -> Iterator[BinaryIO]:
+    """Open a binary stream whose content replaces `file` when the block ends without an error.
+
+    The content is flushed to the disk before the file is replaced. After an error the file is
+    unchanged, and the partial file is removed.
+
+    Raises:
+        OSError: the content cannot be written.
+    """
+    partial = partial_path(file)
+    try:
+        with partial.open("wb") as stream:
+            yield stream
+            stream.flush()
+            os.fsync(stream.fileno())
+        partial.replace(file)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise

@@ -1,0 +1,93 @@
+"""Rows of the channels: every number stands under the name of its field."""
+
+import math
+
+import numpy as np
+import pytest
+
+from proving_ground.testbed.recording.channels import (
+    ESTIMATE,
+    MEASUREMENT,
+    MEASUREMENT_COLUMNS,
+    STATE,
+    TYRES,
+)
+from proving_ground.testbed.recording.record_rows import (
+    estimate_row,
+    measurement_row,
+    state_row,
+    tyres_row,
+)
+from proving_ground.testbed.sensing.sensor_specification import (
+    ImuSpecification,
+    SensorSpecification,
+)
+from proving_ground.testbed.sensing.sensors import COMPONENTS, SensorSuite
+from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
+from proving_ground.testbed.truth import WHEELS
+from tests.testbed.plants import ROLL, plant_on
+from tests.testbed.truths import truth
+from ttempc.types import Measurement, Sensor
+
+
+def named(channel, row):
+    return dict(zip(channel.fields, row, strict=True))
+
+
+@pytest.fixture(scope="module")
+def driven():
+    plant = plant_on()
+    plant.reset(1.0, 2.0, 0.3, 1.0)
+    return plant.advance(ROLL, 100)
+
+
+def test_every_sensor_has_components_and_columns_of_its_own():
+    assert set(COMPONENTS) == set(Sensor)
+    taken = [i for columns in MEASUREMENT_COLUMNS.values() for i in range(99)[columns]]
+    assert taken == list(range(len(MEASUREMENT.fields)))
+
+
+@pytest.mark.parametrize("sensor", Sensor)
+def test_a_sample_stands_under_the_names_of_its_components(sensor):
+    value = tuple(10.0 + k for k in range(len(COMPONENTS[sensor])))
+    row = named(MEASUREMENT, measurement_row([Measurement(0.0, sensor, value)]))
+    expected = {
+        f"{sensor}_{part}": number for part, number in zip(COMPONENTS[sensor], value, strict=True)
+    }
+    assert {name: number for name, number in row.items() if not math.isnan(number)} == expected
+
+
+def test_samples_of_the_suite_have_the_components_of_the_table():
+    suite = SensorSuite(SensorSpecification(imu=ImuSpecification()), 0.002, 1, np.zeros((2, 3)))
+    samples = suite.sample(truth(antennas=np.zeros((2, 3))), 0)
+    assert {sample.sensor for sample in samples} == set(Sensor)
+    for sample in samples:
+        assert len(sample.value) == len(COMPONENTS[sample.sensor])
+
+
+def test_rows_of_the_truth_stand_under_their_names(driven):
+    state = named(STATE, state_row(driven))
+    assert state["x_t_m"] == driven.tractor.x
+    assert state["psi_i_rad"] == driven.trailer.yaw
+    assert state["roll_i_rad"] == driven.trailer.roll
+    assert state["psi_d_rad"] == driven.psi_d
+    assert state["hp"] == driven.hp
+    assert state["yaw_rate_i_radps"] == driven.yaw_rate_i
+    assert state["v_rim_mps"] == driven.rim_speed
+    assert state["hp_set_point"] == driven.set_points[2]
+    tyres = named(TYRES, tyres_row(driven))
+    for index, wheel in enumerate(WHEELS):
+        assert tyres[f"{wheel}_load_n"] == driven.wheels.load[index]
+        assert tyres[f"{wheel}_force_lat_n"] == driven.wheels.force_lat[index]
+        assert tyres[f"{wheel}_ground_m"] == driven.wheels.ground[index]
+
+
+def test_rows_of_an_estimate_stand_under_their_names(driven):
+    estimate = TruthEstimator(lambda: driven).update(0.2, [], None)
+    row = named(ESTIMATE, estimate_row(estimate))
+    assert row["x_i_m"] == driven.trailer.x
+    assert row["psi_i_rad"] == driven.trailer.yaw
+    assert row["delta_t_rad"] == driven.delta_t
+    assert row["beta_rad"] == driven.beta
+    assert row["sd_v_mps"] == 0.0
+    assert row["nis_dof"] == 0.0
