@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.actuation.actuators import ActuatorSpecification
@@ -12,7 +12,7 @@ from proving_ground.testbed.configuration.config_io import STRICT
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.wheels.wheel_models import DEFAULT_WHEEL_MODEL, wheel_model_name
+from proving_ground.testbed.wheels.wheel_models import DEFAULT_WHEEL_MODEL, WheelModelName
 
 from .vehicle import TrueVehicle
 
@@ -21,7 +21,7 @@ from .vehicle import TrueVehicle
 class PlantSettings:
     """How the vehicle is simulated."""
 
-    wheels: Annotated[str, AfterValidator(wheel_model_name)] = DEFAULT_WHEEL_MODEL
+    wheels: WheelModelName = DEFAULT_WHEEL_MODEL
     timestep_s: Annotated[float, Field(ge=0.0005, le=0.004)] = 0.002
     vehicle: TrueVehicle = TrueVehicle()
 
