@@ -1,4 +1,4 @@
-"""From degrees on the earth to metres on the field."""
+"""Geodetic coordinates to local east and north."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _ECCENTRICITY_SQUARED: Final = _FLATTENING * (2.0 - _FLATTENING)
 def east_north(
     latitude_deg: ArrayLike, longitude_deg: ArrayLike, origin_deg: tuple[float, float]
 ) -> FloatArray:
-    """Return places on the ellipsoid in the plane that touches it at an origin, (..., 2) [m].
+    """Return east and north of points in the tangent plane at an origin, (..., 2) [m].
 
-    Both are brought to earth-centred coordinates in closed form,
+    Points and origin have the earth-centred coordinates
 
         X = N cos(phi) cos(l),  Y = N cos(phi) sin(l),  Z = N (1 - e^2) sin(phi),
         N = a / sqrt(1 - e^2 sin^2(phi)),
 
-    and their difference is turned into east and north at the origin (latitude, longitude)
+    and their difference is rotated to east and north at the origin (latitude, longitude)
     (Hofmann-Wellenhof, Lichtenegger and Wasle, "GNSS", 2008, ch. 8).
     """
     phi, lam = np.radians(origin_deg)

@@ -12,7 +12,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.configuration.config_io import STRICT, validated
-from proving_ground.testbed.configuration.resources import Shelf
+from proving_ground.testbed.configuration.resources import ShippedFiles
 from ttempc.errors import TtempcError
 from ttempc.tube.ancillary import AncillaryWeights
 from ttempc.tube.disturbance_set import DisturbanceSet, Shape
@@ -22,7 +22,7 @@ from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidFit
 
-_TUBES: Final = Shelf(
+_TUBES: Final = ShippedFiles(
     "tube", "proving_ground.experiments", "fitted", ".json", InvalidFit, "`ttempc fit-tube`"
 )
 _DIMENSION: Final = len(State)

@@ -95,37 +95,37 @@ class SensorSuite:
         def white(sensor: Sensor, sd: float) -> White:
             return White(np.array([sd]), generator(seed, f"sensor/{sensor}"))
 
-        imus = () if s.imu is None else ((s.imu, sensor, read) for sensor, read in _IMU.items())
+        imu = s.imu
         self._channels = (
             # First: corrected GNSS samples of the same moment need them.
             *(
                 channel(
-                    *(sensor, read, imu.rate, imu.latency),
-                    (imu.yaw_rate_resolution, imu.angle_resolution, imu.angle_resolution),
+                    *(sensor, read, imu.rate_hz, imu.latency_s),
+                    imu.resolution,
                     _imu_error(imu, seed, sensor),
                 )
-                for imu, sensor, read in imus
+                for sensor, read in (_IMU.items() if imu.on else ())
             ),
             *(
                 channel(
-                    *(sensor, self._gnss_reader(body), s.gnss_rate, s.gnss_latency),
-                    (s.gnss_resolution, s.gnss_resolution),
+                    *(sensor, self._gnss_reader(body), s.gnss_rate_hz, s.gnss_latency_s),
+                    (s.gnss_resolution_m, s.gnss_resolution_m),
                     _gnss_error(s, seed, sensor),
                 )
                 for body, sensor in enumerate(_GNSS)
             ),
             *(
                 channel(
-                    *(sensor, read, s.angle_rate, s.angle_latency),
+                    *(sensor, read, s.angle_rate_hz, s.angle_latency_s),
                     (s.angle_resolution,),
                     white(sensor, s.angle_sd),
                 )
                 for sensor, read in _ANGLES.items()
             ),
             channel(
-                *(Sensor.ENCODER, _ENCODER[s.encoder_on], s.encoder_rate, s.encoder_latency),
-                (s.encoder_resolution,),
-                white(Sensor.ENCODER, s.encoder_sd),
+                *(Sensor.ENCODER, _ENCODER[s.encoder_on], s.encoder_rate_hz, s.encoder_latency_s),
+                (s.encoder_resolution_mps,),
+                white(Sensor.ENCODER, s.encoder_sd_mps),
             ),
         )
 
@@ -179,7 +179,7 @@ class SensorSuite:
 
 
 def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -> ErrorSource:
-    sd, rng = np.full(2, specification.gnss_sd), generator(seed, f"sensor/{sensor}")
+    sd, rng = np.full(2, specification.gnss_sd_m), generator(seed, f"sensor/{sensor}")
     match specification.gnss_error:
         case "white":
             return White(sd, rng)
@@ -187,8 +187,8 @@ def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -
             return Correlated(
                 sd,
                 specification.gnss_white_share,
-                specification.gnss_correlation_time,
-                1.0 / specification.gnss_rate,
+                specification.gnss_correlation_time_s,
+                1.0 / specification.gnss_rate_hz,
                 rng,
                 generator(seed, f"sensor/{sensor}/slow"),
             )
@@ -197,7 +197,6 @@ def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -
 
 
 def _imu_error(imu: ImuSpecification, seed: int, sensor: Sensor) -> ErrorSource:
-    sd = np.array([imu.yaw_rate_sd, imu.angle_sd, imu.angle_sd])
-    bias_sd = np.array([imu.yaw_rate_bias_sd, imu.angle_bias_sd, imu.angle_bias_sd])
-    bias = bias_sd * generator(seed, f"sensor/{sensor}/bias").standard_normal(3)
+    sd = np.array(imu.sd)
+    bias = np.array(imu.bias_sd) * generator(seed, f"sensor/{sensor}/bias").standard_normal(3)
     return White(sd, generator(seed, f"sensor/{sensor}"), bias)

@@ -9,10 +9,10 @@ import pytest
 
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import assemble
-from proving_ground.experiments.scenario.features import FeatureSettings
 from proving_ground.experiments.scenario.scenario import dump, load
 from proving_ground.experiments.scenario.soil import SoilSettings
-from proving_ground.experiments.scenario.tramlines import TramlinesSettings
+from proving_ground.experiments.scenario.tramlines import AnyTramlines
+from proving_ground.testbed.ground.features import AnyFeature
 from proving_ground.testbed.ground.soil import NAMED_SOILS
 
 EVERYTHING = """
@@ -79,7 +79,7 @@ def folder(tmp_path):
 
 @pytest.mark.parametrize(
     ("settings", "table", "key"),
-    [(FeatureSettings, "terrain", "features"), (TramlinesSettings, "soil", "tramlines")],
+    [(AnyFeature, "terrain", "features"), (AnyTramlines, "soil", "tramlines")],
 )
 def test_every_kind_is_tried_here(settings, table, key):
     kinds = {entry["kind"] for entry in tomllib.loads(EVERYTHING)[table][key]}
