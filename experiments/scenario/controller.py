@@ -21,15 +21,18 @@ _DEFAULT_TUBE: Final = "grass"
 class ControllerSettings:
     """Who drives."""
 
-    name: str = (
-        "ttempc"  # in ttempc/guidance/controllers.py, or "package.module:factory" of your own
-    )
+    name: str = "ttempc"
+    """Name in ttempc/guidance/controllers.py, or "package.module:factory" of a user's own."""
     estimator: Literal["ekf", "nmhe", "truth"] = "ekf"
-    # A shipped tube, or a path relative to the scenario. `ttempc-tube` keeps to it,
-    # `ttempc` watches where it is in it. Unnamed it is that of grass;
-    # a watcher of another vehicle has none then.
+    """State estimator."""
     tube: NameOrFile | None = None
+    """Name of a shipped tube, or path of a file relative to the scenario.
+
+    `ttempc-tube` stays inside it, `ttempc` monitors its deviation from it. The default is the tube
+    of grass; a controller that only monitors has none if its vehicle differs from that of grass.
+    """
     vehicle: ModelVehicleSettings = ModelVehicleSettings()
+    """Parameters of the model of controller and estimator."""
 
     def design(self, vehicle: Vehicle, period_s: float) -> TubeDesign | None:
         """Return the tube that the controller keeps to or watches, None where it has none.

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from ttempc.types import FloatArray
 
-from ..configuration.config_io import STRICT, Positive
+from ..configuration.config_io import STRICT
 from ..errors import InvalidField
 
 _STEP_OF_WIDTH: Final = 0.2  # of the points along a track: its edge is short by 1 % of its width
@@ -26,12 +26,15 @@ _STEP_OF_WIDTH: Final = 0.2  # of the points along a track: its edge is short by
 class Tracks:
     """Two tracks of changed soil beside a line; the default ones are those of the tractor."""
 
-    track_m: Positive = 0.95
-    """Distance between the middles of the left and the right track."""
-    width_m: Positive = 0.3
-    """Width of each track."""
-    strength_factor: Annotated[float, Field(ge=0.05, le=20)] = 1.5
-    """Cone index in a track over that beside it; assumed."""
+    # Descriptions instead of docstrings, because subclasses do not inherit those.
+    track_m: Annotated[
+        float, Field(gt=0, description="Distance between the middles of both tracks.")
+    ] = 0.95
+    width_m: Annotated[float, Field(gt=0, description="Width of each track.")] = 0.3
+    strength_factor: Annotated[
+        float,
+        Field(ge=0.05, le=20, description="Cone index in a track over that beside it; assumed."),
+    ] = 1.5
 
     def __post_init__(self) -> None:
         if self.width_m > self.track_m:

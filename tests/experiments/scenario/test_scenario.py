@@ -1,8 +1,19 @@
+import tomllib
+from pathlib import Path
+
 import pytest
 
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.scenario.path import FigureEight, Straight
-from proving_ground.experiments.scenario.scenario import Scenario, dump, load, shipped
+from proving_ground.experiments.scenario.scenario import (
+    Scenario,
+    dump,
+    load,
+    merge_tables,
+    shipped,
+)
+
+RESOLVED = Path(__file__).parent / "resolved"
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -11,6 +22,16 @@ def test_shipped_scenarios_survive_being_written_out_and_read_back(name, tmp_pat
     file = tmp_path / "copy.toml"
     file.write_text(dump(scenario))
     assert load(str(file)) == ("copy", scenario)
+
+
+@pytest.mark.parametrize("file", sorted(RESOLVED.glob("*.toml")), ids=lambda file: file.stem)
+def test_resolved_scenarios_of_an_earlier_version_mean_the_same(file):
+    """Later versions may add keys, but must not change or remove one."""
+    text = dump(load(file.stem)[1])
+    assert dump(load(str(file))[1]) == text
+    earlier, now = tomllib.loads(file.read_text()), tomllib.loads(text)
+    merge_tables(now, earlier)
+    assert now == tomllib.loads(text)
 
 
 def test_the_paper_s_sensors_and_path_are_the_default():
