@@ -55,7 +55,7 @@ def test_a_path_of_another_kind_replaces_the_figure_eight():
 
 
 @pytest.mark.parametrize(
-    ("override", "said"),
+    ("override", "message"),
     [
         ("soil.cone_index_kpa=-3", "soil.cone_index_kpa: Input should be greater than 0, got -3"),
         ("soil.cone_index_kpa=nan", "soil.cone_index_kpa: Input should be a finite number"),
@@ -125,15 +125,15 @@ def test_a_path_of_another_kind_replaces_the_figure_eight():
         ("terrain", "--set terrain: must be key.key=value"),
     ],
 )
-def test_what_is_wrong_where_and_what_is_allowed_in_one_line(override, said):
+def test_a_refusal_names_key_value_and_allowed_values_in_one_line(override, message):
     with pytest.raises(InvalidScenario) as caught:
         load("grass", [override])
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["gras", "nowhere.toml"])
-def test_a_missing_scenario_is_refused_with_those_there_are(name):
+def test_a_missing_scenario_is_refused_with_the_shipped_names(name):
     with pytest.raises(InvalidScenario, match="shipped are farm, furrows, grass"):
         load(name)
 

@@ -85,7 +85,7 @@ def test_a_vehicle_file_lies_beside_its_scenario_and_is_found_from_a_copy_elsewh
 
 
 @pytest.mark.parametrize(
-    ("override", "said"),
+    ("override", "message"),
     [
         ("plant.vehicle.file='tank'", "no such vehicle; shipped are farm4500, kayacan2016"),
         ("plant.vehicle.file='none.toml'", "none.toml': no such file"),
@@ -96,10 +96,10 @@ def test_a_vehicle_file_lies_beside_its_scenario_and_is_found_from_a_copy_elsewh
         ("controller.vehicle.file='farm4500'", "controller.vehicle.file: unknown key"),
     ],
 )
-def test_vehicles_that_cannot_be_are_refused_in_one_line(override, said):
+def test_impossible_vehicles_are_refused_in_one_line(override, message):
     with pytest.raises(InvalidScenario) as caught:
         load("grass", [override])
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -128,11 +128,11 @@ def test_a_run_reports_the_mismatch_and_its_resolved_scenario_repeats_it(tmp_pat
     sets = [word for option in options for word in ("--set", option)]
     first, again = tmp_path / "first", tmp_path / "again"
     assert main(["run", "grass", *sets, "--out", str(first)]) == 0
-    said = "trailer_m 3 (true 2.6), load_kg 1500 (true 500)"
-    assert f"Believed wrongly: {said}" in capsys.readouterr().out
-    assert said in (first / "report.html").read_text()
+    message = "trailer_m 3 (true 2.6), load_kg 1500 (true 500)"
+    assert f"Believed wrongly: {message}" in capsys.readouterr().out
+    assert message in (first / "report.html").read_text()
     log = read_log(first / "log.mcap")
-    assert log.metadata["mismatch"] == said
+    assert log.metadata["mismatch"] == message
     resolved = (first / "scenario.toml").read_text()
     assert "trailer_m = 3.0" in resolved
     assert "load_kg = 500.0" in resolved

@@ -1,4 +1,4 @@
-"""Files of points: read alike in every format, refused with their place."""
+"""Waypoint files: formats and refusals."""
 
 import json
 import math
@@ -36,7 +36,7 @@ def written(folder, text, name="route.csv"):
     ],
     ids=["csv", "blanks", "header", "order", "comment", "names", "lengths", "durations"],
 )
-def test_every_format_of_columns_says_the_same(tmp_path, text):
+def test_all_formats_of_columns_give_the_same_waypoints(tmp_path, text):
     waypoints = read_waypoints(written(tmp_path, text))
     np.testing.assert_allclose(waypoints.points, np.array(POINTS)[:, :2])
     np.testing.assert_allclose(waypoints.speed, np.array(POINTS)[:, 2])
@@ -48,7 +48,9 @@ def test_speeds_follow_from_times_where_there_are_none(tmp_path):
     np.testing.assert_allclose(waypoints.speed, np.gradient([0.0, 5.0, 15.0], [3.0, 5.0, 9.0]))
 
 
-def test_fields2cover_s_last_section_ends_the_route_and_empty_ones_are_no_points(tmp_path):
+def test_the_end_of_the_last_fields2cover_section_is_a_waypoint_and_empty_sections_are_none(
+    tmp_path,
+):
     text = (
         "0 0 0 0 1 10 1 1\n"  # a swath
         "10 0 0 0 1 0 1 2\n"  # nothing
@@ -70,7 +72,7 @@ def test_an_origin_moves_the_points(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", "is empty"),
         ("0 0\n1 0 0\n", "line 2: got 3 columns, must be 2"),
@@ -85,8 +87,8 @@ def test_an_origin_moves_the_points(tmp_path):
         ("0 0 0 0 1 1 1 1\n1 0 0 0 1 1 -1 1\n", r"line 2 \(point 1 at .* direction is -1"),
     ],
 )
-def test_what_is_no_route_is_refused_with_its_line(tmp_path, text, said):
-    with pytest.raises(InvalidWaypoints, match=rf"route\.csv: {said}"):
+def test_invalid_columns_are_refused_with_their_line(tmp_path, text, message):
+    with pytest.raises(InvalidWaypoints, match=rf"route\.csv: {message}"):
         read_waypoints(written(tmp_path, text))
 
 
@@ -113,7 +115,7 @@ def test_geojson_is_east_and_north_of_its_first_point_or_of_an_origin(tmp_path, 
 
 
 @pytest.mark.parametrize("latitude", [0.0, 35.0, -50.0, 70.0])
-def test_a_short_way_is_as_long_as_the_radii_of_curvature_say(latitude):
+def test_short_distances_agree_with_the_radii_of_curvature(latitude):
     """Meridian M = a (1 - e^2) / w^3 and prime vertical N = a / w, w^2 = 1 - e^2 sin^2(phi)."""
     a, e2, phi, step = 6378137.0, 0.00669437999014, math.radians(latitude), 1e-3
     w = math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
@@ -124,7 +126,7 @@ def test_a_short_way_is_as_long_as_the_radii_of_curvature_say(latitude):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("{", "is no JSON"),
         ('{"type": "Point", "coordinates": [1, 2]}', "holds 0 LineStrings, must be one"),
@@ -134,8 +136,8 @@ def test_a_short_way_is_as_long_as_the_radii_of_curvature_say(latitude):
         (geojson([[4.7, None]]), "point 0 is"),
     ],
 )
-def test_what_is_no_line_string_is_refused(tmp_path, text, said):
-    with pytest.raises(InvalidWaypoints, match=said):
+def test_invalid_geojson_is_refused(tmp_path, text, message):
+    with pytest.raises(InvalidWaypoints, match=message):
         read_waypoints(written(tmp_path, text, "route.geojson"))
 
 
@@ -172,7 +174,7 @@ def test_a_path_beside_the_scenario_is_driven_at_its_speeds(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("content", "extra", "said"),
+    ("content", "extra", "message"),
     [
         (None, "", "bend.csv: cannot be read"),
         (bend(3.0), "", "path too tight at s ="),
@@ -193,7 +195,7 @@ def test_a_path_beside_the_scenario_is_driven_at_its_speeds(tmp_path, monkeypatc
     ],
 )
 def test_bad_paths_get_one_line_with_the_place_and_nothing_is_written(
-    tmp_path, capsys, content, extra, said
+    tmp_path, capsys, content, extra, message
 ):
     if content is not None:
         written(tmp_path, content, "bend.csv")
@@ -201,6 +203,6 @@ def test_bad_paths_get_one_line_with_the_place_and_nothing_is_written(
     before = sorted(tmp_path.iterdir())
     assert main(["run", str(file), "--out", str(tmp_path / "new")]) == 2
     printed = capsys.readouterr().err
-    assert said in printed
+    assert message in printed
     assert len(printed.strip().splitlines()) == 1
     assert sorted(tmp_path.iterdir()) == before

@@ -57,22 +57,22 @@ def test_with_everything_off_a_set_point_is_the_command_bit_for_bit():
 
 
 @pytest.mark.parametrize("dead_time", [0.002, 0.1, 0.15, 0.5])
-def test_whatever_is_sent_comes_exactly_the_dead_time_later(dead_time):
+def test_commands_arrive_exactly_after_the_dead_time(dead_time):
     late = round(dead_time / TIMESTEP_S)
     valve = SteeringValve(dead_time_s=dead_time)
     actuators = path(front=valve, trailer=valve, hydrostat=HydrostatValve(dead_time_s=dead_time))
     held = np.repeat(np.random.default_rng(2).uniform(0.0, 0.4, (10, 3)), 100, axis=0)  # 0.2 s
-    found = driven(actuators, held, hp=0.7)
-    np.testing.assert_array_equal(found[late:], held[:-late])
-    np.testing.assert_array_equal(found[:late], [[0.0, 0.0, 0.7]] * late)
+    set_points = driven(actuators, held, hp=0.7)
+    np.testing.assert_array_equal(set_points[late:], held[:-late])
+    np.testing.assert_array_equal(set_points[:late], [[0.0, 0.0, 0.7]] * late)
 
 
 def test_every_axis_has_a_dead_time_of_its_own():
     actuators = path(trailer=SteeringValve(dead_time_s=0.1))
-    found = driven(actuators, [(0.1, 0.2, 0.3)] * 60)
-    np.testing.assert_array_equal(found[:, 0], 0.1)
-    np.testing.assert_array_equal(found[:, 1], [0.0] * 50 + [0.2] * 10)
-    np.testing.assert_array_equal(found[:, 2], 0.3)
+    set_points = driven(actuators, [(0.1, 0.2, 0.3)] * 60)
+    np.testing.assert_array_equal(set_points[:, 0], 0.1)
+    np.testing.assert_array_equal(set_points[:, 1], [0.0] * 50 + [0.2] * 10)
+    np.testing.assert_array_equal(set_points[:, 2], 0.3)
 
 
 def test_dead_band_ignores_small_errors_and_is_continuous_beyond():
@@ -96,14 +96,14 @@ def test_an_axis_stops_a_dead_band_short_and_stays_until_the_error_is_as_large_a
     actuators = path(front=SteeringValve(dead_band_deg=0.5))
     back = np.linspace(10.0, 9.01, 500)  # towards where it stands: 9.5, error 0.49 at the end
     commands = DEG * np.array([*[10.0] * 1500, *back, *[8.5] * 1500])
-    found = driven(actuators, front(commands), lag_s=0.15)[:, 0] / DEG
-    np.testing.assert_allclose(found[1499:2000], 9.5, atol=1e-9)
-    assert found[-1] == pytest.approx(9.0)
+    set_points = driven(actuators, front(commands), lag_s=0.15)[:, 0] / DEG
+    np.testing.assert_allclose(set_points[1499:2000], 9.5, atol=1e-9)
+    assert set_points[-1] == pytest.approx(9.0)
 
 
 def test_a_command_that_comes_towards_a_moving_axis_locks_it_where_it_is():
-    band, there = 0.5 * DEG, 3.0 * DEG
-    assert past_dead_band(9.5 * DEG, there + 0.4 * DEG, there, band) == there
+    band, present = 0.5 * DEG, 3.0 * DEG
+    assert past_dead_band(9.5 * DEG, present + 0.4 * DEG, present, band) == present
 
 
 def test_hysteresis_of_the_play_is_as_wide_as_the_play():
@@ -129,16 +129,16 @@ def test_play_never_leaves_the_wheel_more_than_half_of_it_aside():
         assert abs(wheel - cylinder) <= 0.015 + 1e-15
 
 
-def test_sent_commands_lie_on_the_grid_and_next_to_what_was_wanted():
+def test_commands_are_rounded_to_the_resolution():
     step = 0.25 * DEG
     actuators = path(front=SteeringValve(resolution_deg=0.25))
-    wanted = np.random.default_rng(4).uniform(-0.5, 0.5, 300)
-    sent = driven(actuators, front(wanted))[:, 0]
+    commands = np.random.default_rng(4).uniform(-0.5, 0.5, 300)
+    sent = driven(actuators, front(commands))[:, 0]
     np.testing.assert_allclose(sent / step, np.round(sent / step), atol=1e-9)
-    assert np.abs(sent - wanted).max() <= 0.5 * step + 1e-12
+    assert np.abs(sent - commands).max() <= 0.5 * step + 1e-12
 
 
-def test_what_is_on_is_said_and_nothing_else():
+def test_notes_name_the_effects_that_are_on():
     specification = ActuatorSpecification(front=OLD, hydrostat=HydrostatValve(dead_time_s=0.3))
     assert specification.notes() == [
         "actuators: front valve dead time 0.15 s, dead band 0.5 deg, backlash 1 deg",
@@ -149,7 +149,7 @@ def test_what_is_on_is_said_and_nothing_else():
 
 @pytest.mark.parametrize("value", [-0.1, math.nan, math.inf])
 @pytest.mark.parametrize("name", ["dead_time_s", "dead_band_deg", "backlash_deg", "resolution_deg"])
-def test_valves_that_cannot_be_are_refused(name, value):
+def test_impossible_valves_are_refused(name, value):
     with pytest.raises(ValidationError, match=name):
         SteeringValve(**{name: value})
 
@@ -165,7 +165,7 @@ def test_a_dead_time_between_two_steps_is_refused():
 
 
 @pytest.mark.parametrize("name", ["dead_band", "backlash", "resolution"])
-def test_what_reaches_the_stop_is_refused(name):
+def test_angles_that_reach_the_stop_are_refused(name):
     valve = SteeringValve(**{f"{name}_deg": 26.0})
     path(front=valve)
     with pytest.raises(InvalidPlant, match=rf"trailer\.{name}_deg: got 26, must be below .* 25"):

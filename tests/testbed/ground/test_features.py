@@ -30,7 +30,7 @@ def on_line(feature, direction, distances):
     )
 
 
-def test_without_features_the_ground_is_what_it_was():
+def test_without_features_the_ground_does_not_change():
     ground = terrain.rough("D", np.random.default_rng(0), (12.0, 8.0))
     assert np.array_equal(ground.shaped(()).heights, ground.heights)
 
@@ -100,7 +100,7 @@ def test_a_step_climbs_along_its_ramp_and_stays(rise):
 
 
 @pytest.mark.parametrize(
-    ("feature", "said"),
+    ("feature", "message"),
     [
         (
             Bump(x_m=99.0, y_m=0.0, width_m=0.8, height_m=0.1),
@@ -132,14 +132,14 @@ def test_a_step_climbs_along_its_ramp_and_stays(rise):
         ),
     ],
 )
-def test_what_the_field_cannot_hold_is_refused_in_one_line(feature, said):
+def test_features_that_do_not_fit_the_grid_are_refused_in_one_line(feature, message):
     with pytest.raises(InvalidField) as caught:
         terrain.flat((20.0, 16.0)).shaped((feature,))
-    assert str(caught.value).startswith(said)
+    assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
 
 
-def test_the_finest_feature_that_a_grid_can_hold_is_held():
+def test_the_finest_feature_that_a_grid_allows_keeps_its_height():
     for spacing in (0.05, 0.1, 0.2):
         ground = terrain.flat((20.0, 16.0), spacing)
         step = Step(x_m=0.0, y_m=0.0, height_m=0.1, ramp_m=2 * spacing)

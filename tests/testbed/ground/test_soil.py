@@ -19,7 +19,7 @@ def test_uniform_soil_is_the_same_everywhere():
     np.testing.assert_array_equal(SoilMap(450.0).cone_index(x, x[:, None]), np.full((7, 7), 450.0))
 
 
-def test_named_soils_are_finite_and_unknown_names_are_told_with_what_is_allowed():
+def test_named_soils_have_their_strength_and_an_unknown_name_is_refused():
     for name, strength in NAMED_SOILS.items():
         assert SoilMap.named(name).cone_index(0.0, 0.0) == strength
     with pytest.raises(InvalidField, match="hard"):

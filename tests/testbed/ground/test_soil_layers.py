@@ -77,7 +77,7 @@ def test_correlation_of_the_logarithm_falls_by_e_over_the_correlation_length(axi
         assert error < 0.03
 
 
-def test_opposite_edges_do_not_know_of_each_other():
+def test_opposite_edges_are_uncorrelated():
     pairs = np.array([drawn(seed).values[::8][:, [0, -1]] for seed in range(40)])
     west, east = np.log(pairs).reshape(-1, 2).T
     assert abs(np.corrcoef(west, east)[0, 1]) < 0.15
@@ -110,7 +110,7 @@ def test_correlation_lengths_that_do_not_fit_the_grid_are_refused(length):
 # --- map -------------------------------------------------------------------------------------
 
 
-def test_a_map_holds_where_it_reaches_and_the_rest_below_it(tmp_path):
+def test_a_map_replaces_the_soil_inside_its_extent(tmp_path):
     values = np.random.default_rng(0).uniform(200.0, 900.0, (9, 13))
     np.save(tmp_path / "map.npy", values)
     layer = StrengthMap.from_file(tmp_path / "map.npy", 0.5, (2.0, -1.0))
@@ -122,7 +122,7 @@ def test_a_map_holds_where_it_reaches_and_the_rest_below_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("300 400\n500 nan\n", "got nan at row 1, column 1"),
         ("300 400\n500 0\n", "got 0.0 at row 1, column 1, every cone index must be above 0 kPa"),
@@ -133,13 +133,13 @@ def test_a_map_holds_where_it_reaches_and_the_rest_below_it(tmp_path):
         ("", "2 x 2 or larger"),
     ],
 )
-def test_an_unusable_map_is_refused_in_one_line_that_names_it(tmp_path, text, said):
+def test_an_unusable_map_is_refused_in_one_line_that_names_it(tmp_path, text, message):
     file = tmp_path / "soil.csv"
     file.write_text(text)
     with pytest.raises(InvalidField) as caught:
         StrengthMap.from_file(file, 0.5)
     assert str(caught.value).startswith("soil map file")
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "soil.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -178,7 +178,7 @@ def test_raster_of_all_layers_is_the_map_at_the_grid_s_points():
         assert raster[row, column] == soil.cone_index(x[column], y[row, 0])
 
 
-def test_what_a_grid_would_not_see_is_refused():
+def test_patches_finer_than_the_grid_are_refused():
     patch = Patch(x_m=0.0, y_m=0.0, radius_m=0.1, cone_index_kpa=100.0)
     with pytest.raises(InvalidField, match=r"soil: got patch 0\.2 m wide"):
         SoilMap(500.0, (patch,)).rasterised(FIELD)

@@ -90,7 +90,7 @@ def test_noise_is_white_with_the_stated_deviation():
 
 
 @pytest.mark.parametrize(("on", "speed"), [("wheel", "rim_speed"), ("ground", "speed")])
-def test_encoder_reads_what_it_is_on(on, speed):
+def test_the_encoder_measures_wheel_or_ground_speed(on, speed):
     values = collect(replace(EXACT, encoder_on=on), seed=1, steps=1)
     assert values[Sensor.ENCODER] == pytest.approx(SPEEDS[speed])
 
@@ -136,34 +136,34 @@ def standing_on(slope, yaw, along=math.pi / 2):
     return plant.reset(0.0, 0.0, yaw, 0.0), plant.lever_arms
 
 
-def gnss(specification, seen, levers):
-    samples = SensorSuite(specification, 0.002, 1, levers).sample(seen, 0)
+def gnss(specification, state, levers):
+    samples = SensorSuite(specification, 0.002, 1, levers).sample(state, 0)
     return {sample.sensor: np.array(sample.value) for sample in samples}
 
 
-def points(seen):
-    return [np.array([pose.x, pose.y]) for pose in (seen.tractor, seen.trailer)]
+def points(state):
+    return [np.array([pose.x, pose.y]) for pose in (state.tractor, state.trailer)]
 
 
 def test_a_raw_antenna_on_a_side_slope_lies_height_times_sine_of_roll_downhill():
-    seen, levers = standing_on(0.1, yaw=0.0)  # east along the contour, north is up
-    found = gnss(replace(EXACT, gnss_antenna="raw"), seen, levers)
+    state, levers = standing_on(0.1, yaw=0.0)  # east along the contour, north is up
+    samples = gnss(replace(EXACT, gnss_antenna="raw"), state, levers)
     for sensor, point, pose, height in zip(
-        GNSS, points(seen), (seen.tractor, seen.trailer), (1.78, 1.27), strict=True
+        GNSS, points(state), (state.tractor, state.trailer), (1.78, 1.27), strict=True
     ):
         assert pose.roll == pytest.approx(0.1, abs=0.02)
         across = -height * math.sin(pose.roll)
         along = height * math.cos(pose.roll) * math.sin(pose.pitch)
         cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
         turned = (cos * along - sin * across, sin * along + cos * across)
-        np.testing.assert_allclose(found[sensor] - point, turned, atol=1e-9)
-        assert found[sensor][1] - point[1] == pytest.approx(-height * math.sin(0.1), rel=0.2)
+        np.testing.assert_allclose(samples[sensor] - point, turned, atol=1e-9)
+        assert samples[sensor][1] - point[1] == pytest.approx(-height * math.sin(0.1), rel=0.2)
 
 
 def test_lever_arm_is_turned_as_mujoco_turns_the_site():
-    seen, levers = standing_on(0.12, yaw=0.9, along=0.3)
+    state, levers = standing_on(0.12, yaw=0.9, along=0.3)
     for antenna, lever, pose in zip(
-        seen.antennas, levers, (seen.tractor, seen.trailer), strict=True
+        state.antennas, levers, (state.tractor, state.trailer), strict=True
     ):
         turned = lever_in_map(lever, pose.yaw, pose.pitch, pose.roll)
         expected = antenna[:2] - np.array([pose.x, pose.y])
@@ -180,32 +180,32 @@ def test_lever_arms_with_all_three_parts_keep_their_length():
 
 
 def test_corrected_with_a_perfect_imu_is_the_axle_point():
-    seen, levers = standing_on(0.12, yaw=0.9, along=0.3)
-    found = gnss(replace(EXACT, gnss_antenna="corrected", imu=PERFECT_IMU), seen, levers)
-    for sensor, point in zip(GNSS, points(seen), strict=True):
-        np.testing.assert_allclose(found[sensor], point, atol=1e-9)
+    state, levers = standing_on(0.12, yaw=0.9, along=0.3)
+    samples = gnss(replace(EXACT, gnss_antenna="corrected", imu=PERFECT_IMU), state, levers)
+    for sensor, point in zip(GNSS, points(state), strict=True):
+        np.testing.assert_allclose(samples[sensor], point, atol=1e-9)
 
 
-def test_what_the_imu_has_wrong_stays_in_the_corrected_point():
-    seen, levers = standing_on(0.1, yaw=0.0)
+def test_errors_of_the_imu_remain_in_the_corrected_point():
+    state, levers = standing_on(0.1, yaw=0.0)
     imu = replace(PERFECT_IMU, angle_bias_sd_deg=math.degrees(0.02))
-    found = gnss(replace(EXACT, gnss_antenna="corrected", imu=imu), seen, levers)
-    roll = found[Sensor.IMU_TRACTOR][1]
-    assert abs(roll - seen.tractor.roll) > 1e-3
-    expected = 1.78 * (math.sin(roll) - math.sin(seen.tractor.roll))
-    assert found[Sensor.GNSS_TRACTOR][1] - seen.tractor.y == pytest.approx(expected, abs=1e-4)
+    samples = gnss(replace(EXACT, gnss_antenna="corrected", imu=imu), state, levers)
+    roll = samples[Sensor.IMU_TRACTOR][1]
+    assert abs(roll - state.tractor.roll) > 1e-3
+    expected = 1.78 * (math.sin(roll) - math.sin(state.tractor.roll))
+    assert samples[Sensor.GNSS_TRACTOR][1] - state.tractor.y == pytest.approx(expected, abs=1e-4)
 
 
 def test_an_imu_reads_yaw_rate_roll_and_pitch_of_its_body():
-    seen = truth(
+    state = truth(
         tractor={"roll": 0.1, "pitch": -0.2},
         trailer={"roll": 0.3, "pitch": -0.4},
         yaw_rate_t=0.5,
         yaw_rate_i=0.6,
     )
-    found = gnss(replace(EXACT, imu=PERFECT_IMU), seen, LEVERS)
-    np.testing.assert_array_equal(found[Sensor.IMU_TRACTOR], [0.5, 0.1, -0.2])
-    np.testing.assert_array_equal(found[Sensor.IMU_TRAILER], [0.6, 0.3, -0.4])
+    samples = gnss(replace(EXACT, imu=PERFECT_IMU), state, LEVERS)
+    np.testing.assert_array_equal(samples[Sensor.IMU_TRACTOR], [0.5, 0.1, -0.2])
+    np.testing.assert_array_equal(samples[Sensor.IMU_TRAILER], [0.6, 0.3, -0.4])
 
 
 def test_the_bias_of_an_imu_is_drawn_once_a_run():
@@ -224,14 +224,14 @@ def test_the_bias_of_an_imu_is_drawn_once_a_run():
 # --- latency, resolution ---------------------------------------------------------------------
 
 
-def test_a_late_sample_bears_its_own_time_and_what_was_true_then():
+def test_a_late_sample_has_the_time_and_the_value_of_its_sampling():
     specification = replace(EXACT, gnss_latency_s=0.3, encoder_latency_s=0.05)
     suite = SensorSuite(specification, 0.002, 1, LEVERS)
     came = {Sensor.GNSS_TRACTOR: [], Sensor.ENCODER: [], Sensor.HITCH: []}
     for step in range(0, 1000, suite.every):
         time = 0.002 * step
-        seen = truth(time_s=time, tractor={"x": time}, rim_speed=2 * time, beta=0.1 * time)
-        for sample in suite.sample(seen, step):
+        state = truth(time_s=time, tractor={"x": time}, rim_speed=2 * time, beta=0.1 * time)
+        for sample in suite.sample(state, step):
             if sample.sensor in came:
                 came[sample.sensor].append((time, sample.time_s, sample.value[0]))
     for sensor, latency, gain, first in (
@@ -253,12 +253,12 @@ def test_latency_delays_samples_without_changing_them():
     assert len(delayed[Sensor.GNSS_TRACTOR]) == len(plain[Sensor.GNSS_TRACTOR]) - 1
 
 
-def test_moments_at_which_something_comes_are_those_that_are_looked_at():
+def test_the_suite_is_sampled_at_the_common_divisor_of_all_periods_and_delays():
     assert SensorSuite(SensorSpecification(), 0.002, 1, LEVERS).every == 20
     assert SensorSuite(SensorSpecification(gnss_latency_s=0.05), 0.002, 1, LEVERS).every == 5
 
 
-def test_samples_lie_on_the_grid_of_their_sensor_next_to_what_they_would_be():
+def test_samples_are_rounded_to_the_resolution_of_their_sensor():
     grids = {
         **dict.fromkeys(GNSS, 0.02),
         **dict.fromkeys(
@@ -293,7 +293,7 @@ def test_a_latency_between_two_steps_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"gnss_sd_m": -0.01}, r"gnss_sd_m\n.*greater than or equal to 0"),
         ({"gnss_latency_s": 2.5}, r"gnss_latency_s\n.*less than or equal to 2"),
@@ -304,22 +304,22 @@ def test_a_latency_between_two_steps_is_refused():
         ({"gnss_antenna": "corrected"}, "'corrected' needs the attitude that an IMU measures"),
     ],
 )
-def test_sensors_that_cannot_be_are_refused(change, said):
-    with pytest.raises(ValidationError, match=said):
+def test_impossible_sensors_are_refused(change, message):
+    with pytest.raises(ValidationError, match=message):
         SensorSpecification(**change)
 
 
-def test_an_imu_that_cannot_be_is_refused():
+def test_an_impossible_imu_is_refused():
     with pytest.raises(ValidationError, match=r"angle_sd_deg\n.*greater than or equal to 0"):
         ImuSpecification(angle_sd_deg=-1.0)
 
 
-def test_what_is_not_the_paper_s_is_said():
+def test_notes_name_the_differences_from_the_paper():
     assert SensorSpecification().notes() == []
-    said = SensorSpecification(
+    notes = SensorSpecification(
         gnss_error="correlated", gnss_antenna="raw", gnss_latency_s=0.1, encoder_on="ground"
     ).notes()
-    assert said == [
+    assert notes == [
         "sensors: GNSS error correlated over 60 s, 10 % of its variance white",
         "sensors: GNSS of the antennas taken for the axle points",
         "sensors: encoder reads the speed over ground",
