@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
 from typing import Final, Literal
 
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT
+from proving_ground.testbed.configuration.config_io import STRICT, NameOrFile
 from ttempc.guidance.controllers import CONTROLLERS
 from ttempc.tube.reference_tube import TubeDesign
 from ttempc.vehicle import Vehicle
 
 from .tube_file import read_tube
-from .vehicle import BelievedVehicle
+from .vehicle import ModelVehicleSettings
 
 _DEFAULT_TUBE: Final = "grass"
 
@@ -23,15 +21,18 @@ _DEFAULT_TUBE: Final = "grass"
 class ControllerSettings:
     """Who drives."""
 
-    name: str = (
-        "ttempc"  # in ttempc/guidance/controllers.py, or "package.module:factory" of your own
-    )
+    name: str = "ttempc"
+    """Name in ttempc/guidance/controllers.py, or "package.module:factory" of a user's own."""
     estimator: Literal["ekf", "nmhe", "truth"] = "ekf"
-    # A shipped tube, or a path relative to the scenario. `ttempc-tube` keeps to it,
-    # `ttempc` watches where it is in it. Unnamed it is that of grass;
-    # a watcher of another vehicle has none then.
-    tube: str | None = None
-    vehicle: BelievedVehicle = BelievedVehicle()
+    """State estimator."""
+    tube: NameOrFile | None = None
+    """Name of a shipped tube, or path of a file relative to the scenario.
+
+    `ttempc-tube` stays inside it, `ttempc` monitors its deviation from it. The default is the tube
+    of grass; a controller that only monitors has none if its vehicle differs from that of grass.
+    """
+    vehicle: ModelVehicleSettings = ModelVehicleSettings()
+    """Parameters of the model of controller and estimator."""
 
     def design(self, vehicle: Vehicle, period_s: float) -> TubeDesign | None:
         """Return the tube that the controller keeps to or watches, None where it has none.
@@ -48,9 +49,3 @@ class ControllerSettings:
             return None
         design.require(vehicle, period_s)
         return design
-
-    def anchored(self, folder: Path) -> ControllerSettings:
-        """Return the same with the path of its tube made absolute from `folder`."""
-        if self.tube is None or not self.tube.endswith(".json"):
-            return self
-        return replace(self, tube=str((folder / self.tube).resolve()))
