@@ -17,8 +17,8 @@ class InvalidController(ExperimentError):
     """A controller that cannot be found or made; the message says where and what is asked for."""
 
 
-class InvalidRoute(ExperimentError):
-    """A file of points to drive along that cannot be used; the message names file and place."""
+class InvalidWaypoints(ExperimentError):
+    """A waypoint file that cannot be used; the message names file and line or point."""
 
 
 class InvalidStudy(ExperimentError):

@@ -19,10 +19,11 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from ttempc.guidance.controllers import make_controller
+from ttempc.laws.tracking_controller import TrackingController
 from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import Controller, Estimate, FloatArray, Preparing
+from ttempc.types import Estimate, FloatArray
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
@@ -58,14 +59,14 @@ def estimates_along(name: str, vehicle: Vehicle, reference: Reference) -> list[E
 
 
 def timed(
-    controller: Controller, estimates: list[Estimate], pause_s: float, prepared: bool
+    controller: TrackingController, estimates: list[Estimate], pause_s: float, prepared: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return the times of whole steps and of the bare solves in them, (N,) [s] each."""
     steps, solves = np.zeros(len(estimates)), np.zeros(len(estimates))
     for k, estimate in enumerate(estimates):
         if pause_s:
             time.sleep(pause_s)
-        if prepared and isinstance(controller, Preparing):
+        if prepared:
             controller.prepare(k)
         begin = time.perf_counter()
         result = controller.step(estimate, k)

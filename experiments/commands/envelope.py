@@ -61,12 +61,12 @@ def _envelope(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and Dask take seconds to load, and help should not wait.
     from proving_ground.testbed.recording.provenance import versions
 
-    from ..scenario.scenario import overridden, read
+    from ..scenario.scenario import parse_overrides, read_scenario
     from ..sweep.engine import engine
     from ..sweep.envelope import QUANTITIES, EnvelopeFile, Question, envelope
 
-    settings = overridden(arguments.overrides)
-    draft = read(arguments.scenario)
+    settings = parse_overrides(arguments.overrides)
+    draft = read_scenario(arguments.scenario)
     name, quantity = arguments.quantity, QUANTITIES[arguments.quantity]
     file = arguments.out or options.fresh(Path("runs"), f"envelope-{draft.name}-{name}", ".json")
     refuse_existing(file)

@@ -13,7 +13,7 @@ from ..results.published import CAVEAT, compare
 from ..results.summary import InputStatistics, Spread, Summary
 from ..results.table import centimetres
 from ..results.tracking import START_UP_S
-from ..scenario.vehicle import Difference
+from ..scenario.vehicle import ParameterMismatch
 from .page import Picture, environment
 
 _EVENTS_SHOWN: Final = 100  # a page is no log: a fault that flickers would fill it
@@ -25,11 +25,11 @@ def report(
     events: Sequence[Event],
     scenario_toml: str,
     pictures: Mapping[str, bytes],
-    mismatch: Sequence[Difference] = (),
+    mismatch: Sequence[ParameterMismatch] = (),
 ) -> str:
     """Return the text of `report.html`; `pictures` are PNG files' contents by figure name.
 
-    `mismatch` is what the controller believed wrongly of the vehicle.
+    `mismatch` lists the parameters that differ between plant and model.
     """
     page = environment().get_template("report.html.j2")
     return page.render(

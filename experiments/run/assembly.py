@@ -29,10 +29,11 @@ from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
+from ..scenario.assumed_noise import assumed_noise
 from ..scenario.controller import TRUTH, ControllerSettings
-from ..scenario.mission import Course
+from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
-from ..scenario.vehicle import Difference, mismatch
+from ..scenario.vehicle import ParameterMismatch, Vehicles
 from .user_code import is_user_code, load_factory, user_controller, user_estimator, user_stage
 
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
@@ -51,7 +52,7 @@ class Assembly:
     terrain: Terrain
     reference: Reference
     ticks: int
-    mismatch: tuple[Difference, ...]  # between the vehicle and what is believed of it
+    mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     notes: tuple[str, ...] = ()  # on the path, for the log
     stages: tuple[Stage, ...] = STAGES
 
@@ -118,15 +119,23 @@ def assemble(
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             the message says what, where and what is allowed.
     """
-    course = scenario.path.course()
-    vehicle = geared(course, scenario)
+    mission = scenario.path.mission()
+    vehicles = scenario.vehicles()
+    vehicle = model_vehicle(mission, scenario, vehicles)
     terrain = scenario.terrain.terrain(seed)
-    reference, strength_map = _way(course, vehicle, terrain, scenario)
+    reference, strength_map = _way(mission, vehicle, terrain, scenario)
     timestep = scenario.plant.timestep_s
     record_steps(timestep, RECORD_RATE_HZ)
-    soil = scenario.soil.soil(seed, terrain, course.path, strength_map)
-    plant = scenario.plant.plant(terrain, soil, scenario.actuators.specification())
-    sensors = SensorSuite(scenario.sensors.specification(), timestep, seed, plant.lever_arms)
+    soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
+    plant = Plant(
+        vehicles.plant,
+        terrain,
+        soil,
+        wheels=scenario.plant.wheels,
+        timestep_s=timestep,
+        actuators=scenario.actuators,
+    )
+    sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
     return Assembly(
         plant=plant,
         sensors=sensors,
@@ -134,8 +143,8 @@ def assemble(
         terrain=terrain,
         reference=reference,
         ticks=_ticks(reference),
-        mismatch=mismatch(scenario.plant.vehicle, scenario.controller.vehicle),
-        notes=course.notes,
+        mismatch=vehicles.mismatch,
+        notes=mission.notes,
         stages=_stages(scenario, seed),
     )
 
@@ -149,51 +158,50 @@ def check(scenario: Scenario) -> int:
     Raises:
         ExperimentError, TestbedError, TtempcError: as `assemble`.
     """
-    course = scenario.path.course()
-    vehicle = geared(course, scenario)
+    mission = scenario.path.mission()
+    vehicles = scenario.vehicles()
+    vehicle = model_vehicle(mission, scenario, vehicles)
     level = replace(scenario.terrain, iso_class="flat").terrain(seed=0)
-    reference, strength_map = _way(course, vehicle, level, scenario)
-    check_drivable(course.path, vehicle)
+    reference, strength_map = _way(mission, vehicle, level, scenario)
+    check_drivable(mission.path, vehicle)
     check_pace(reference, CONTROL_PERIOD_S)
     _check_guidance(scenario.controller, vehicle)
     for stage in scenario.stages:
         load_factory(stage.make, "stage")
     timestep_s = scenario.plant.timestep_s
     record_steps(timestep_s, RECORD_RATE_HZ)
-    scenario.soil.soil(0, level, course.path, strength_map)
-    steered = scenario.plant.vehicle.vehicle()
-    stops = (steered.front_steering.limit_deg, steered.trailer_steering.limit_deg)
-    front, trailer = (math.radians(stop) for stop in stops)
-    Actuators(scenario.actuators.specification(), timestep_s, (front, trailer))
-    SensorSuite(scenario.sensors.specification(), timestep_s, 0, np.zeros((2, 3)))
+    scenario.soil.soil(0, level, mission.path, strength_map)
+    front_stop = math.radians(vehicles.plant.front_steering.limit_deg)
+    trailer_stop = math.radians(vehicles.plant.trailer_steering.limit_deg)
+    Actuators(scenario.actuators, timestep_s, (front_stop, trailer_stop))
+    SensorSuite(scenario.sensors, timestep_s, 0, np.zeros((2, 3)))
     return _ticks(reference)
 
 
-def geared(course: Course, scenario: Scenario) -> Vehicle:
-    """Return the vehicle as it is believed, in the gear of the course.
+def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> Vehicle:
+    """Return the vehicle model in the gear of the mission.
 
     Raises:
-        InvalidScenario: it has no such gear.
+        InvalidScenario: the vehicle has no such gear.
     """
-    filed = scenario.plant.vehicle.filed()
-    if course.reverse and not filed.hydrostat.reverse:
+    if mission.reverse and not vehicles.plant.hydrostat.reverse:
         raise InvalidScenario(
             f"path.reverse: vehicle {scenario.plant.vehicle.file} drives forward only; its file "
             "must say hydrostat.reverse = true"
         )
-    return replace(scenario.controller.vehicle.vehicle(filed), reverse=course.reverse)
+    return replace(vehicles.model, reverse=mission.reverse)
 
 
 def _way(
-    course: Course, vehicle: Vehicle, terrain: Terrain, scenario: Scenario
+    mission: Mission, vehicle: Vehicle, terrain: Terrain, scenario: Scenario
 ) -> tuple[Reference, StrengthMap | None]:
     """Return the reference, on a field and a soil map that cover it; the map, too."""
-    path = course.path
+    path = mission.path
     _check_covered(path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
     strength_map = scenario.soil.strength_map()
     if strength_map:
         _check_covered(path, strength_map, "soil map", "soil.map")
-    return Reference(path, vehicle, course.speed), strength_map
+    return Reference(path, vehicle, mission.speed), strength_map
 
 
 def _ticks(reference: Reference) -> int:
@@ -228,7 +236,7 @@ def _guidance(
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
-    noise = scenario.sensors.believed_noise()
+    noise = assumed_noise(scenario.sensors)
     controller, options, tube = settings.name, settings.options, None
     if factory is None and is_user_code(settings.name):
         factory = load_factory(settings.name, "controller")

@@ -43,7 +43,7 @@ def open_log(
         metadata=metadata,
         attachments={
             "scenario.toml": dump(scenario),
-            "vehicle.toml": scenario.plant.vehicle.text(),
+            "vehicle.toml": scenario.plant.vehicle.file_text(),
             "model.xml": assembly.plant.mjcf,
             GROUND_FILE: assembly.plant.ground.to_npz(),
         },

@@ -23,7 +23,7 @@ from ..results.metrics import summarise
 from ..results.summary import RunFacts, Summary
 from ..scenario.controller import OptionValue
 from ..scenario.scenario import Scenario, dump, identity
-from ..scenario.vehicle import Difference
+from ..scenario.vehicle import ParameterMismatch
 from .assembly import RECORD_RATE_HZ, Assembly, assemble, record_steps
 from .log_file import describe, open_log
 from .user_code import name_of, source_digest, user_sources
@@ -38,7 +38,7 @@ class Finished:
     summary: Summary
     record: Record
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
-    mismatch: tuple[Difference, ...]  # between the vehicle and what was believed of it
+    mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     notes: tuple[str, ...] = ()  # on the path
 
 

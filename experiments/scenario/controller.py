@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT
+from proving_ground.testbed.configuration.config_io import STRICT, NameOrFile
 from ttempc.guidance.controllers import CONTROLLERS, controller_options
 from ttempc.guidance.estimators import ESTIMATORS
 from ttempc.tube.reference_tube import TubeDesign
@@ -17,7 +16,7 @@ from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
 from .tube_file import read_tube
-from .vehicle import BelievedVehicle
+from .vehicle import ModelVehicleSettings
 
 OptionValue = bool | int | float | str | list[float] | None
 
@@ -30,16 +29,20 @@ TRUTH: Final = "truth"
 class ControllerSettings:
     """The controller, its options, and the estimator."""
 
-    # One of `ttempc.CONTROLLERS`, or "package.module:factory" of a user's own.
     name: str = "ttempc"
-    # One of `ttempc.ESTIMATORS`, "truth", or "package.module:factory" of a user's own.
+    """Name in ttempc/guidance/controllers.py, or "package.module:factory" of a user's own."""
     estimator: str = "ekf"
-    # A shipped tube, or a path relative to the scenario: `ttempc-tube` needs one, `ttempc` monitors
-    # its place in one. Unnamed it is that of grass, and none for a monitor of another vehicle.
-    tube: str | None = None
-    # Keyword options of the controller; those of shipped controllers are in docs/controllers.md.
+    """Name in ttempc/guidance/estimators.py, "truth", or "package.module:factory"."""
+    tube: NameOrFile | None = None
+    """Name of a shipped tube, or path of a file relative to the scenario.
+
+    `ttempc-tube` stays inside it, `ttempc` monitors its deviation from it. The default is the tube
+    of grass; a controller that only monitors has none if its vehicle differs from that of grass.
+    """
     options: dict[str, OptionValue] = Field(default_factory=dict)
-    vehicle: BelievedVehicle = BelievedVehicle()
+    """Options of the controller, such as `horizon`; keyword arguments of a user's factory."""
+    vehicle: ModelVehicleSettings = ModelVehicleSettings()
+    """Parameters of the model of controller and estimator."""
 
     def __post_init__(self) -> None:
         if ":" not in self.estimator and self.estimator not in (*ESTIMATORS, TRUTH):
@@ -64,12 +67,6 @@ class ControllerSettings:
             return None
         design.require(vehicle, period_s)
         return design
-
-    def anchored(self, folder: Path) -> ControllerSettings:
-        """Return the same with the path of its tube made absolute from `folder`."""
-        if self.tube is None or not self.tube.endswith(".json"):
-            return self
-        return replace(self, tube=str((folder / self.tube).resolve()))
 
     def with_defaults(self) -> ControllerSettings:
         """Return the same with every option of a shipped controller filled in.

@@ -1,4 +1,4 @@
-"""A course: a path, how fast it is driven and in which gear."""
+"""Mission: a path, a speed profile and a gear."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from ttempc.reference.speed import Backward
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
-    """Where and how fast to drive, whoever drives it."""
+class Mission:
+    """Path, speed and gear of a run; they do not depend on the controller."""
 
-    path: Path  # in the direction in which the vehicle looks
+    path: Path  # in the direction of the vehicle's heading
     speed: SpeedProfile
     reverse: bool  # in reverse gear, from the end of the path to its beginning
-    notes: tuple[str, ...] = ()  # what a reader of the log should know of it
+    notes: tuple[str, ...] = ()  # lines for the log
 
     @classmethod
     def along(
         cls, path: Path, speed: SpeedProfile, *, reverse: bool, notes: tuple[str, ...] = ()
-    ) -> Course:
-        """Return the course along `path` from its beginning; in reverse the vehicle backs it."""
+    ) -> Mission:
+        """Return the mission along `path` from its beginning; `reverse`: in reverse gear."""
         if reverse:
             path, speed = path.reversed(), Backward(speed, path.length_m)
         return cls(path, speed, reverse, notes)

@@ -1,4 +1,4 @@
-"""A scenario: everything that describes a run except its seed and its folder."""
+"""Scenario: the description of a run without its seed and its folder."""
 
 from __future__ import annotations
 
@@ -12,40 +12,60 @@ from typing import Any, Final
 import tomli_w
 from pydantic.dataclasses import dataclass
 
+from proving_ground.testbed.actuation.actuators import ActuatorSpecification
 from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
-from proving_ground.testbed.configuration.resources import Shelf
+from proving_ground.testbed.configuration.resources import ShippedFiles
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.recording.provenance import run_id
+from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from ttempc.errors import InvalidTuning
 
 from ..errors import InvalidScenario
-from .actuators import ActuatorSettings
 from .controller import ControllerSettings
-from .path import FigureEight, PathSettings
+from .path import AnyPath, FigureEight
 from .plant import PlantSettings
-from .sensors import SensorSettings
 from .soil import SoilSettings
 from .stages import StageSettings
 from .terrain import TerrainSettings
+from .vehicle import Vehicles, fill_in, read_vehicles
 
-_SCENARIOS: Final = Shelf(
+_SCENARIOS: Final = ShippedFiles(
     "scenario", "proving_ground.experiments", "scenarios", ".toml", InvalidScenario
 )
 
 
 @dataclass(frozen=True, config=STRICT)
 class Scenario:
-    """A field, a path over it, the vehicle, its actuators, its sensors and its driver."""
+    """Field, path, vehicle, actuators, sensors and controller of a run."""
 
     description: str = ""
-    path: PathSettings = FigureEight()
+    """One sentence for lists of scenarios."""
+    path: AnyPath = FigureEight()
+    """Reference path and speed."""
     terrain: TerrainSettings = TerrainSettings()
+    """Shape of the ground."""
     soil: SoilSettings = SoilSettings()
+    """Strength of the ground."""
     plant: PlantSettings = PlantSettings()
-    actuators: ActuatorSettings = ActuatorSettings()
-    sensors: SensorSettings = SensorSettings()
+    """Simulated vehicle."""
+    actuators: ActuatorSpecification = ActuatorSpecification()
+    """Command path from controller to servos."""
+    sensors: SensorSpecification = SensorSpecification()
+    """Rates, errors and delays of the sensors."""
     controller: ControllerSettings = ControllerSettings()
+    """Controller, estimator and their model."""
     stages: tuple[StageSettings, ...] = ()
+    """Stages of a user in the simulation loop, such as faults."""
+
+    def vehicles(self) -> Vehicles:
+        """Return plant and model of the vehicle; reads the vehicle file.
+
+        Raises:
+            InvalidPlant: the file is missing or not understood, or the parts of the plant do not
+                fit together.
+            InvalidVehicle: the parameters of the model do not fit together.
+        """
+        return read_vehicles(self.plant.vehicle, self.controller.vehicle)
 
 
 def shipped() -> list[str]:
@@ -54,92 +74,98 @@ def shipped() -> list[str]:
 
 
 @dataclass(frozen=True)
-class Draft:
-    """The file of a scenario, read but not yet checked."""
+class ScenarioFile:
+    """Content of a scenario file before validation."""
 
     file: Path
     content: dict[str, Any]
 
     @property
     def name(self) -> str:
-        """Return the name of the scenario."""
+        """Name of the scenario."""
         return self.file.stem
 
     def scenario(self, changes: Mapping[str, Any] | None = None) -> Scenario:
-        """Return the scenario, checked and with every absent key filled in.
+        """Return the validated scenario, every absent key filled in and every path absolute.
 
         Args:
-            changes: tables laid over the content of the file.
+            changes: tables that replace values of the file.
 
         Raises:
-            InvalidScenario: it says something impossible.
+            InvalidScenario: a key or a value is not allowed, or the vehicle is not possible.
         """
         content = copy.deepcopy(self.content)
         _drop_other_options(content, changes or {})
-        merge(content, changes or {})
+        merge_tables(content, changes or {})
         if isinstance(content.get("path"), dict):
             content["path"].setdefault("kind", FigureEight.kind)
         try:
-            scenario = validated(Scenario, content, InvalidScenario)
-            return _resolved(_anchored(scenario, self.file.parent))
+            scenario = validated(Scenario, content, InvalidScenario, self.file.parent)
+            plant, controller = scenario.plant, scenario.controller
+            plant_vehicle, model_vehicle = fill_in(plant.vehicle, controller.vehicle)
+            controller = controller.with_defaults()
         except (InvalidScenario, InvalidPlant, InvalidTuning) as error:
             raise InvalidScenario(f"{self.file}: {error}") from None
+        return replace(
+            scenario,
+            plant=replace(plant, vehicle=plant_vehicle),
+            controller=replace(controller, vehicle=model_vehicle),
+        )
 
 
-def read(name: str) -> Draft:
-    """Return what stands in the file of a scenario.
+def read_scenario(name: str) -> ScenarioFile:
+    """Return the content of a scenario file.
 
     Args:
-        name: a shipped scenario, or the path of a TOML file.
+        name: name of a shipped scenario, or path of a TOML file.
 
     Raises:
-        InvalidScenario: no such scenario, or its file is no TOML.
+        InvalidScenario: there is no such scenario, or its file is no TOML.
     """
     file = _SCENARIOS.find(name)
-    return Draft(file, read_toml(file, InvalidScenario))
+    return ScenarioFile(file, read_toml(file, InvalidScenario))
 
 
 def load(name: str, overrides: Sequence[str] = ()) -> tuple[str, Scenario]:
     """Return name and content of a scenario.
 
     Args:
-        name: a shipped scenario, or the path of a TOML file.
-        overrides: lines `key.key=value`, the value as in TOML, laid over the file.
+        name: name of a shipped scenario, or path of a TOML file.
+        overrides: lines `key.key=value` with TOML values, which replace values of the file.
 
     Raises:
-        InvalidScenario: no such scenario, or one that says something impossible.
+        InvalidScenario: there is no such scenario, or a key or a value is not allowed.
     """
-    draft = read(name)
-    return draft.name, draft.scenario(overridden(overrides))
+    source = read_scenario(name)
+    return source.name, source.scenario(parse_overrides(overrides))
 
 
-def overridden(lines: Sequence[str]) -> dict[str, Any]:
-    """Return lines `key.key=value` as tables to lay over a scenario.
+def parse_overrides(lines: Sequence[str]) -> dict[str, Any]:
+    """Return lines `key.key=value` as tables.
 
     Raises:
         InvalidScenario: a line is no TOML.
     """
     changes: dict[str, Any] = {}
     for line in lines:
-        merge(changes, _parsed(line))
+        merge_tables(changes, _parse_override(line))
     return changes
 
 
 def dump(scenario: Scenario) -> str:
     """Return the scenario with every default written out, as TOML that `load` reads back.
 
-    Of the vehicle, what is not given is left out: TOML has no word for it, and `load` fills it in.
+    Keys without a value are left out, since TOML has no null.
     """
-    return tomli_w.dumps(plain(asdict(scenario)))
+    return tomli_w.dumps(without_none(asdict(scenario)))
 
 
 def identity(scenario_toml: str, seed: int, code: dict[str, str]) -> str:
-    """Return the identity of a run of a dumped scenario with a seed under these versions."""
+    """Return the identifier of a run, from the dumped scenario, the seed and the versions."""
     return run_id(f"{scenario_toml}\nseed = {seed}\n", code)
 
 
-def _parsed(line: str) -> dict[str, Any]:
-    """Return one `key.key=value` as tables."""
+def _parse_override(line: str) -> dict[str, Any]:
     try:
         return tomllib.loads(line)
     except tomllib.TOMLDecodeError as error:
@@ -149,21 +175,21 @@ def _parsed(line: str) -> dict[str, Any]:
         ) from None
 
 
-def merge(content: dict[str, Any], extra: Mapping[str, Any]) -> None:
-    """Lay tables over others, in place."""
-    for key, value in extra.items():
+def merge_tables(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Replace values of nested tables in place by those of other tables."""
+    for key, value in changes.items():
         below = content.get(key)
         if isinstance(value, Mapping) and isinstance(below, dict):
-            merge(below, value)
+            merge_tables(below, value)
         else:
             content[key] = copy.deepcopy(value)
 
 
-def plain(value: Any) -> Any:  # noqa: ANN401 - any TOML value
-    """Return the value as TOML has it: without what is not there."""
+def without_none(value: Any) -> Any:  # noqa: ANN401 - any TOML value
+    """Return nested tables without the keys whose value is None."""
     if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items() if item is not None}
-    return [plain(item) for item in value] if isinstance(value, (list, tuple)) else value
+        return {key: without_none(item) for key, item in value.items() if item is not None}
+    return [without_none(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def _drop_other_options(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
@@ -174,27 +200,3 @@ def _drop_other_options(content: dict[str, Any], changes: Mapping[str, Any]) -> 
     default = ControllerSettings().name
     if other.get("name", controller.get("name", default)) != controller.get("name", default):
         controller.pop("options", None)
-
-
-def _anchored(scenario: Scenario, folder: Path) -> Scenario:
-    """Return the scenario with the paths of its files made absolute."""
-    plant = scenario.plant
-    return replace(
-        scenario,
-        path=scenario.path.anchored(folder),
-        terrain=scenario.terrain.anchored(folder),
-        soil=scenario.soil.anchored(folder),
-        plant=replace(plant, vehicle=plant.vehicle.anchored(folder)),
-        controller=scenario.controller.anchored(folder),
-    )
-
-
-def _resolved(scenario: Scenario) -> Scenario:
-    """Return the scenario with every value of the vehicle and of the belief filled in."""
-    plant, controller = scenario.plant, scenario.controller
-    believed = controller.vehicle.resolved(plant.vehicle.filed())
-    return replace(
-        scenario,
-        plant=replace(plant, vehicle=plant.vehicle.resolved()),
-        controller=replace(controller.with_defaults(), vehicle=believed),
-    )

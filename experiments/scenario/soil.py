@@ -1,55 +1,44 @@
-"""`[soil]`: the strength of the ground."""
+"""`[soil]`: strength of the ground."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Final
 
-from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, Positive
+from proving_ground.testbed.configuration.config_io import STRICT, DataFile, Positive
 from proving_ground.testbed.ground.soil import Layer, SoilMap
-from proving_ground.testbed.ground.soil_layers import Gradient, Patch, RandomField, StrengthMap
+from proving_ground.testbed.ground.soil_layers import (
+    Gradient,
+    Patch,
+    RandomStrength,
+    StrengthMap,
+)
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.randomness import generator
-from ttempc.reference.path import Path as DrivenPath
+from ttempc.reference.path import Path as ReferencePath
 
-from .tramlines import TramlinesSettings
+from .tramlines import AnyTramlines
 
-_BACKGROUND_KPA = 600.0  # where the scenario names neither a soil nor a strength
-
-
-@dataclass(frozen=True, config=STRICT)
-class GradientSettings:
-    """Strength that changes linearly over a distance; it covers the background."""
-
-    from_kpa: Positive
-    to_kpa: Positive
-    distance_m: Positive
-    x_m: float = 0.0  # where it begins
-    y_m: float = 0.0
-    towards_deg: float = 0.0  # counter-clockwise from east
-
-    def gradient(self) -> Gradient:
-        """Return the layer."""
-        towards = math.radians(self.towards_deg)
-        return Gradient(self.x_m, self.y_m, towards, self.distance_m, self.from_kpa, self.to_kpa)
+_DEFAULT_KPA: Final = 600.0  # if the scenario has neither a name nor a cone index
 
 
 @dataclass(frozen=True, config=STRICT)
-class StrengthMapSettings:
+class StrengthMapFile:
     """Cone index from a file."""
 
-    file: str  # grid of cone index [kPa] (.npy, .csv, .txt), first row in the south
+    file: DataFile
+    """Grid of cone index [kPa] (.npy, .csv, .txt), first row in the south."""
     spacing_m: Positive
-    x_m: float = 0.0  # middle of the map
+    """Distance between neighbouring points."""
+    x_m: float = 0.0
+    """Middle of the grid, map frame."""
     y_m: float = 0.0
+    """Middle of the grid, map frame."""
 
-    def strength_map(self) -> StrengthMap:
-        """Return the layer.
+    def read(self) -> StrengthMap:
+        """Return the soil layer.
 
         Raises:
             InvalidField: the file is missing or not usable.
@@ -58,42 +47,27 @@ class StrengthMapSettings:
 
 
 @dataclass(frozen=True, config=STRICT)
-class RandomSettings:
-    """Random strength, log-normal about what lies below it."""
-
-    coefficient_of_variation: Annotated[float, Field(ge=0, le=2)] = 0.3  # assumed
-    correlation_m: Positive = 5.0  # assumed
-
-
-@dataclass(frozen=True, config=STRICT)
-class PatchSettings:
-    """A round patch of soil of another strength."""
-
-    x_m: float
-    y_m: float
-    radius_m: Positive
-    cone_index_kpa: Positive
-
-    def patch(self) -> Patch:
-        """Return the layer."""
-        return Patch.circle(self.x_m, self.y_m, self.radius_m, self.cone_index_kpa)
-
-
-@dataclass(frozen=True, config=STRICT)
 class SoilSettings:
-    """A named soil or a cone index, and layers over it in the order of the keys below.
+    """A named soil or a cone index, and layers on it in the order of the keys.
 
-    Gradient, map and patches take the place of what lies below them; the random field and the
-    tramlines multiply it.
+    Gradient, map and patches replace the layers below them; the random field and the tramlines
+    multiply the strength of the layers below them.
     """
 
-    name: str | None = None  # of a soil in testbed/ground/soil.py
+    name: str | None = None
+    """Name of a soil in testbed/ground/soil.py."""
     cone_index_kpa: Positive | None = None
-    gradient: GradientSettings | None = None
-    map: StrengthMapSettings | None = None
-    random: RandomSettings | None = None
-    patches: tuple[PatchSettings, ...] = ()
-    tramlines: tuple[TramlinesSettings, ...] = ()
+    """Cone index of the background; 600 if there is neither a name nor a cone index."""
+    gradient: Gradient | None = None
+    """Linear change of strength."""
+    map: StrengthMapFile | None = None
+    """Measured strength."""
+    random: RandomStrength | None = None
+    """Random strength."""
+    patches: tuple[Patch, ...] = ()
+    """Round patches of another strength."""
+    tramlines: tuple[AnyTramlines, ...] = ()
+    """Wheel tracks of earlier passes."""
 
     def __post_init__(self) -> None:
         if self.name is not None and self.cone_index_kpa is not None:
@@ -102,42 +76,34 @@ class SoilSettings:
                 "give one of the two"
             )
         if self.name is None and self.cone_index_kpa is None:
-            object.__setattr__(self, "cone_index_kpa", _BACKGROUND_KPA)
+            object.__setattr__(self, "cone_index_kpa", _DEFAULT_KPA)
 
     def strength_map(self) -> StrengthMap | None:
-        """Return the map from the file, if there is one.
+        """Return the map from the file, None without a file.
 
         Raises:
             InvalidField: the file is missing or not usable.
         """
-        return self.map and self.map.strength_map()
+        return self.map and self.map.read()
 
     def soil(
-        self, seed: int, terrain: Terrain, path: DrivenPath, strength_map: StrengthMap | None
+        self, seed: int, terrain: Terrain, path: ReferencePath, strength_map: StrengthMap | None
     ) -> SoilMap:
         """Return the strength of the ground in the run with this seed.
 
         Raises:
-            InvalidField: no soil has that name, or a layer cannot be.
+            InvalidField: there is no soil of that name, or a layer does not fit the terrain.
         """
         layers: list[Layer] = []
         if self.gradient:
-            layers.append(self.gradient.gradient())
+            layers.append(self.gradient)
         if strength_map:
             layers.append(strength_map)
         if self.random:
-            spread, length = self.random.coefficient_of_variation, self.random.correlation_m
-            layers.append(RandomField.drawn(generator(seed, "soil"), terrain, spread, length))
-        layers += [settings.patch() for settings in self.patches]
+            layers.append(self.random.draw(generator(seed, "soil"), terrain))
+        layers += self.patches
         layers += [settings.tramlines(path) for settings in self.tramlines]
         if self.name is not None:
             return SoilMap.named(self.name, tuple(layers))
         assert self.cone_index_kpa is not None
         return SoilMap(self.cone_index_kpa, tuple(layers))
-
-    def anchored(self, folder: Path) -> SoilSettings:
-        """Return these settings with the path of the map made absolute."""
-        if not self.map:
-            return self
-        file = str((folder / self.map.file).resolve())
-        return replace(self, map=replace(self.map, file=file))

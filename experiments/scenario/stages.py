@@ -20,8 +20,9 @@ class StageSettings:
     function of the simulation set-up and the context of the tick.
     """
 
-    make: str  # "package.module:factory"
-    # The stage after which it runs: a spoilt sample belongs after `sense`, a spoilt command after
-    # `control`.
+    make: str
+    """Factory of the stage, "package.module:factory"."""
     after: Literal["prepare", "sense", "estimate", "control", "advance"]
+    """Stage after which it runs: `sense` to change samples, `control` to change commands."""
     options: dict[str, OptionValue] = Field(default_factory=dict)
+    """Keyword arguments of the factory."""

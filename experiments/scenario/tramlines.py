@@ -3,95 +3,79 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.configuration.config_io import STRICT, Positive
-from proving_ground.testbed.ground.tramlines import Tramlines, parallel_lines
+from proving_ground.testbed.ground.tramlines import Tracks, Tramlines, parallel_lines
 from ttempc.reference.path import Path
-from ttempc.types import FloatArray
 
-# The vehicle stands with its trailer behind the beginning of a path and stops beyond its end.
-_BEYOND_PATH_M = 5.0
-_PATH_STEP_M = 0.2
-
-
-@dataclass(frozen=True, kw_only=True, config=STRICT)
-class Tracks:
-    """What all tramlines have: two tracks of changed soil, by default those of the tractor."""
-
-    track_m: Positive = 0.95  # between the middles of left and right track
-    width_m: Positive = 0.3  # of each track
-    strength_factor: Positive = 1.5  # assumed; cone index in a track over that beside it
-
-    def over(self, *lines: FloatArray) -> Tramlines:
-        """Return the tracks beside these lines, each (n, 2) [m].
-
-        Raises:
-            InvalidField: they cannot be.
-        """
-        return Tramlines(lines, self.track_m, self.width_m, self.strength_factor)
+# The trailer starts behind the beginning of the path, and the vehicle stops behind its end.
+_BEYOND_PATH_M: Final = 5.0
+_PATH_STEP_M: Final = 0.2
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class PathTramlines(Tracks):
-    """The wheels of the last pass ran along the reference path itself."""
+    """Tracks of an earlier pass along the reference path."""
 
-    kind: Literal["path"]
+    kind: Literal["path"] = "path"
+    """Kind of tramlines."""
 
     def tramlines(self, path: Path) -> Tramlines:
-        """Return the tracks.
-
-        Raises:
-            InvalidField: they cannot be.
-        """
+        """Return the soil layer."""
         along = np.arange(-_BEYOND_PATH_M, path.lap_m + _BEYOND_PATH_M, _PATH_STEP_M)
-        return self.over(path.pose(along)[:, :2])
+        return Tramlines((path.pose(along)[:, :2],), self)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class LineTramlines(Tracks):
-    """The wheels ran along a line through given points."""
+    """Tracks of a pass along a line through given points."""
 
-    kind: Literal["line"]
+    kind: Literal["line"] = "line"
+    """Kind of tramlines."""
     points_m: tuple[tuple[float, float], ...]
+    """Points (x, y), map frame."""
 
     def tramlines(self, path: Path) -> Tramlines:
-        """Return the tracks, wherever the path is.
+        """Return the soil layer; it does not depend on the path.
 
         Raises:
-            InvalidField: they cannot be.
+            InvalidField: the points make no line.
         """
-        return self.over(np.array(self.points_m))
+        return Tramlines((np.array(self.points_m),), self)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class PassesTramlines(Tracks):
-    """Straight passes beside each other, from a sprayer or a seeder, say."""
+    """Tracks of straight parallel passes, for example of a sprayer or a seeder."""
 
-    kind: Literal["passes"]
-    x_m: float  # where the first pass begins
+    kind: Literal["passes"] = "passes"
+    """Kind of tramlines."""
+    x_m: float
+    """Start of the first pass, map frame."""
     y_m: float
-    heading_deg: float = 0.0  # counter-clockwise from east
+    """Start of the first pass, map frame."""
+    heading_deg: float = 0.0
+    """Direction of the passes, counter-clockwise from east."""
     length_m: Positive
+    """Length of each pass."""
     passes: Annotated[int, Field(ge=1, le=200)] = 1
-    spacing_m: Positive = 3.0  # from pass to pass, to the left
+    """Number of passes."""
+    spacing_m: Positive = 3.0
+    """Distance from pass to pass, to the left."""
 
     def tramlines(self, path: Path) -> Tramlines:
-        """Return the tracks, wherever the path is.
-
-        Raises:
-            InvalidField: they cannot be.
-        """
+        """Return the soil layer; it does not depend on the path."""
         start, heading = (self.x_m, self.y_m), math.radians(self.heading_deg)
-        return self.over(
-            *parallel_lines(start, heading, self.length_m, self.passes, self.spacing_m)
-        )
+        lines = parallel_lines(start, heading, self.length_m, self.passes, self.spacing_m)
+        return Tramlines(lines, self)
 
 
-TramlinesSettings = Annotated[
+AnyTramlines = Annotated[
     PathTramlines | LineTramlines | PassesTramlines, Field(discriminator="kind")
 ]
+"""A table with a key `kind`."""

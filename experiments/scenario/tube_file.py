@@ -1,4 +1,4 @@
-"""`tube.json`: the design of a tube with all that it was fitted on, written and read strictly."""
+"""`tube.json`: design of a tube and the data of its fit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.configuration.config_io import STRICT, validated
-from proving_ground.testbed.configuration.resources import Shelf
+from proving_ground.testbed.configuration.resources import ShippedFiles
 from ttempc.errors import TtempcError
 from ttempc.tube.ancillary import AncillaryWeights
 from ttempc.tube.disturbance_set import DisturbanceSet, Shape
@@ -22,7 +22,7 @@ from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidFit
 
-_TUBES: Final = Shelf(
+_TUBES: Final = ShippedFiles(
     "tube", "proving_ground.experiments", "fitted", ".json", InvalidFit, "`ttempc fit-tube`"
 )
 _DIMENSION: Final = len(State)
@@ -41,9 +41,9 @@ class SetTable:
     shape: Shape
 
     @classmethod
-    def of(cls, made: DisturbanceSet) -> SetTable:
+    def of(cls, disturbances: DisturbanceSet) -> SetTable:
         """Return the table of a set."""
-        return cls(made.axes.tolist(), made.window, made.shape)
+        return cls(disturbances.axes.tolist(), disturbances.window, disturbances.shape)
 
     def set(self) -> DisturbanceSet:
         """Return the set."""
@@ -61,10 +61,10 @@ class WeightsTable:
 
 @dataclass(frozen=True, config=STRICT)
 class HoldOut:
-    """How many windows of runs that the fit did not see lie in its set.
+    """Windows of held-out runs inside the fitted set, with the interval of their share.
 
-    The interval is that of Clopper and Pearson for windows that follow one another without
-    overlap, taken as independent.
+    The interval is that of Clopper and Pearson; consecutive windows without overlap are taken as
+    independent.
     """
 
     windows: _Count
@@ -84,19 +84,19 @@ class ResidualTable:
 
 @dataclass(frozen=True, config=STRICT)
 class Provenance:
-    """What a tube was fitted on, and how well that holds for runs that the fit did not see."""
+    """Runs of the fit, and coverage of held-out runs."""
 
     scenarios: list[str]
     controllers: list[str]
     fitted_seeds: list[int]
     held_out_seeds: list[int]
     reference: dict[str, str]  # path and speed as in the scenarios
-    coverage: _Fraction  # asked for, of windows, by disturbance and estimate error each
+    coverage: _Fraction  # required share of windows, for disturbance and estimate error each
     confidence: _Fraction
     disturbance: HoldOut
     estimate_error: HoldOut
-    seen: ResidualTable  # of the estimate
-    true: ResidualTable  # of the truth
+    seen: ResidualTable  # of the estimated states
+    true: ResidualTable  # of the true states
     estimation: ResidualTable  # true less estimated error
     versions: dict[str, str]
 
@@ -118,7 +118,7 @@ class TubeFile:
         """Return the design of the tube.
 
         Raises:
-            TtempcError: its numbers make no vehicle or no set.
+            TtempcError: the numbers are no valid vehicle or no valid set.
         """
         return TubeDesign(
             vehicle=Vehicle(**self.vehicle),  # pyright: ignore[reportArgumentType] - checked when read
@@ -159,8 +159,11 @@ def shipped_tubes() -> list[str]:
 def read_tube(name: str) -> TubeFile:
     """Return the content of a tube file.
 
+    Args:
+        name: name of a shipped tube, or path of a JSON file.
+
     Raises:
-        InvalidFit: there is none, or it is not understood; key and what is allowed.
+        InvalidFit: there is no such file, or a key or a value is not allowed.
     """
     file = _TUBES.find(name)
     try:
@@ -170,17 +173,17 @@ def read_tube(name: str) -> TubeFile:
     if not isinstance(content, Mapping):
         raise InvalidFit(f"{file}: must be a table")
     try:
-        read = validated(TubeFile, content, InvalidFit)
-        known = {item.name for item in fields(Vehicle)}
-        if set(read.vehicle) != known:
-            differing = ", ".join(sorted(known ^ set(read.vehicle)))
+        tube = validated(TubeFile, content, InvalidFit)
+        required = {item.name for item in fields(Vehicle)}
+        if set(tube.vehicle) != required:
+            differing = ", ".join(sorted(required ^ set(tube.vehicle)))
             raise InvalidFit(f"vehicle: keys that are missing or unknown: {differing}")
-        read.design()
+        tube.design()
     except (InvalidFit, TtempcError) as error:
         raise InvalidFit(f"{file}: {error}") from None
-    return read
+    return tube
 
 
-def to_json(made: TubeFile) -> str:
+def to_json(tube: TubeFile) -> str:
     """Return the text of a tube file."""
-    return json.dumps(asdict(made), indent=1, allow_nan=False) + "\n"
+    return json.dumps(asdict(tube), indent=1, allow_nan=False) + "\n"

@@ -1,7 +1,7 @@
-"""`[plant.vehicle]` and `[controller.vehicle]`: what the vehicle is, and what is believed of it.
+"""`[plant.vehicle]` and `[controller.vehicle]`: vehicle parameters of the plant and of the model.
 
-Both start from one vehicle file. A key that is absent is as in the file; a key that is given
-differs on purpose. `load` of a scenario fills all of them in.
+Both start from one vehicle file. A key of a table replaces the value of the file; `load` of a
+scenario fills in the absent keys.
 """
 
 from __future__ import annotations
@@ -9,20 +9,26 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import dataclass as stdlib_dataclass
 from types import MappingProxyType
-from typing import Final
+from typing import Final, TypeVar
 
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, AngleDeg, NotNegative, Positive
+from proving_ground.testbed.configuration.config_io import (
+    STRICT,
+    AngleDeg,
+    NameOrFile,
+    NotNegative,
+    Positive,
+)
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.vehicle.vehicle import PlantVehicle
 from proving_ground.testbed.vehicle.vehicle_file import DEFAULT_VEHICLE, find_vehicle, read_vehicle
 from ttempc.vehicle import Vehicle
 
-# Where the keys of a scenario stand in a vehicle file.
-_PLACES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
+# Table and key of a vehicle file for each key of a scenario.
+_VEHICLE_FILE_KEYS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     {
         "wheelbase_m": ("tractor", "wheelbase_m"),
         "hitch_offset_m": ("hitch", "offset_m"),
@@ -45,138 +51,191 @@ _PLACES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
 
 
 @dataclass(frozen=True, config=STRICT)
-class TrueVehicle:
-    """What the vehicle really is: a file, and where it differs from that."""
+class PlantVehicleSettings:
+    """Vehicle file, and parameters of the plant that differ from it; absent: as in the file."""
 
-    file: str = DEFAULT_VEHICLE  # a shipped vehicle, or a path relative to the scenario
-    hitch_offset_m: Positive | None = None  # rear axle to RJ1
-    drawbar_m: Positive | None = None  # RJ1 to RJ2
-    trailer_m: Positive | None = None  # RJ2 to trailer axle
-    load_kg: NotNegative | None = None  # in the trailer, on top of its own mass
-    load_height_m: Positive | None = None  # centre of the load above the trailer axle
-    load_forward_m: float | None = None  # centre of the load ahead of the trailer axle
-    speed_gain_mps: Positive | None = None  # K
-    speed_time_constant_s: Positive | None = None  # tau
+    file: NameOrFile = DEFAULT_VEHICLE
+    """Name of a shipped vehicle, or path of a TOML file relative to the scenario."""
+    hitch_offset_m: Positive | None = None
+    """Distance from the rear axle to the hitch point RJ1."""
+    drawbar_m: Positive | None = None
+    """Distance from RJ1 to the pivot RJ2 of the trailer."""
+    trailer_m: Positive | None = None
+    """Distance from RJ2 to the trailer axle."""
+    load_kg: NotNegative | None = None
+    """Load of the trailer, without the mass of the trailer."""
+    load_height_m: Positive | None = None
+    """Centre of the load above the trailer axle."""
+    load_forward_m: float | None = None
+    """Centre of the load ahead of the trailer axle."""
+    speed_gain_mps: Positive | None = None
+    """Steady speed at hydrostat position 1, K."""
+    speed_time_constant_s: Positive | None = None
+    """Time constant of the speed, tau."""
 
-    def filed(self) -> PlantVehicle:
-        """Return the vehicle as its file has it.
+    def nominal_vehicle(self) -> PlantVehicle:
+        """Return the vehicle of the file.
 
         Raises:
-            InvalidPlant: the file is missing, not understood, or tells of no possible vehicle.
+            InvalidPlant: the file is missing or not understood, or its parts do not fit together.
         """
         return read_vehicle(self.file)
 
-    def vehicle(self) -> PlantVehicle:
-        """Return the vehicle as it really is.
+    def plant_vehicle(self, nominal: PlantVehicle) -> PlantVehicle:
+        """Return the vehicle of the plant, given that of the file.
 
         Raises:
-            InvalidPlant: as `filed`, or what differs from the file makes it impossible.
+            InvalidPlant: the parts with the changed parameters do not fit together.
         """
-        filed = self.filed()
         changes: dict[str, dict[str, float]] = {}
         for key, value in _given(self).items():
-            table, name = _PLACES[key]
+            table, name = _VEHICLE_FILE_KEYS[key]
             changes.setdefault(table, {})[name] = value
         try:
             return replace(
-                filed,
-                **{name: replace(getattr(filed, name), **keys) for name, keys in changes.items()},
+                nominal,
+                **{name: replace(getattr(nominal, name), **keys) for name, keys in changes.items()},
             )
         except InvalidPlant as error:
             raise InvalidPlant(f"plant.vehicle over {self.file}: {error}") from None
 
-    def resolved(self) -> TrueVehicle:
-        """Return the same with every key filled in."""
-        return TrueVehicle(self.file, **_numbers(self, self.vehicle()))
-
-    def anchored(self, folder: Path) -> TrueVehicle:
-        """Return the same with the path of its file made absolute from `folder`."""
-        if not self.file.endswith(".toml"):
-            return self
-        return replace(self, file=str((folder / self.file).resolve()))
-
-    def text(self) -> str:
-        """Return what the file says, to be kept with a run."""
+    def file_text(self) -> str:
+        """Return the text of the vehicle file."""
         return find_vehicle(self.file).read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True, config=STRICT)
-class BelievedVehicle:
-    """What the controller and its estimator believe, where that differs from the vehicle file."""
+class ModelVehicleSettings:
+    """Parameters of the model that controller and estimator use; absent: as in the vehicle file."""
 
     wheelbase_m: Positive | None = None
+    """Distance from the rear to the front axle."""
     hitch_offset_m: Positive | None = None
+    """Distance from the rear axle to the hitch point RJ1."""
     drawbar_m: Positive | None = None
+    """Distance from RJ1 to the pivot RJ2 of the trailer."""
     trailer_m: Positive | None = None
+    """Distance from RJ2 to the trailer axle."""
     speed_gain_mps: Positive | None = None
+    """Steady speed at hydrostat position 1, K."""
     speed_time_constant_s: Positive | None = None
+    """Time constant of the speed, tau."""
     hp_rate_per_s: Positive | None = None
+    """Rate limit of the hydrostat position."""
     front_limit_deg: AngleDeg | None = None
+    """Largest front steering angle to each side."""
     front_rate_degps: Positive | None = None
+    """Rate limit of the front steering."""
     front_lag_s: Positive | None = None
+    """Time constant of the front steering."""
     trailer_limit_deg: AngleDeg | None = None
+    """Largest trailer steering angle to each side."""
     trailer_rate_degps: Positive | None = None
+    """Rate limit of the trailer steering."""
     trailer_lag_s: Positive | None = None
+    """Time constant of the trailer steering."""
 
-    def resolved(self, filed: PlantVehicle) -> BelievedVehicle:
-        """Return the same with every key filled in from the vehicle file."""
-        return BelievedVehicle(**_numbers(self, filed))
-
-    def vehicle(self, filed: PlantVehicle) -> Vehicle:
-        """Return the vehicle as the control side knows it.
+    def model_vehicle(self, nominal: PlantVehicle) -> Vehicle:
+        """Return the vehicle model, given the vehicle of the file.
 
         Raises:
-            InvalidVehicle: it cannot be.
+            InvalidVehicle: the parameters do not fit together.
         """
-        known = _numbers(self, filed)
+        values = _values(nominal) | _given(self)
         return Vehicle(
-            wheelbase=known["wheelbase_m"],
-            hitch_offset=known["hitch_offset_m"],
-            drawbar_length=known["drawbar_m"],
-            trailer_length=known["trailer_m"],
-            speed_gain=known["speed_gain_mps"],
-            speed_time_constant=known["speed_time_constant_s"],
-            steering_lag_t=known["front_lag_s"],
-            steering_lag_i=known["trailer_lag_s"],
-            steering_limit_t=math.radians(known["front_limit_deg"]),
-            steering_limit_i=math.radians(known["trailer_limit_deg"]),
-            steering_rate_t=math.radians(known["front_rate_degps"]),
-            steering_rate_i=math.radians(known["trailer_rate_degps"]),
-            hp_rate=known["hp_rate_per_s"],
+            wheelbase=values["wheelbase_m"],
+            hitch_offset=values["hitch_offset_m"],
+            drawbar_length=values["drawbar_m"],
+            trailer_length=values["trailer_m"],
+            speed_gain=values["speed_gain_mps"],
+            speed_time_constant=values["speed_time_constant_s"],
+            steering_lag_t=values["front_lag_s"],
+            steering_lag_i=values["trailer_lag_s"],
+            steering_limit_t=math.radians(values["front_limit_deg"]),
+            steering_limit_i=math.radians(values["trailer_limit_deg"]),
+            steering_rate_t=math.radians(values["front_rate_degps"]),
+            steering_rate_i=math.radians(values["trailer_rate_degps"]),
+            hp_rate=values["hp_rate_per_s"],
         )
 
 
-@dataclass(frozen=True)
-class Difference:
-    """A value that is not what the controller believes, or was told, it to be."""
+@stdlib_dataclass(frozen=True, slots=True)
+class ParameterMismatch:
+    """A parameter whose values in plant and model differ."""
 
-    key: str  # with its unit
-    true: float
-    believed: float
+    key: str  # of the scenario, with its unit
+    plant: float
+    model: float
 
     def __str__(self) -> str:
-        return f"{self.key} {self.believed:g} (true {self.true:g})"
+        return f"{self.key} {self.model:g} (true {self.plant:g})"
 
 
-def mismatch(true: TrueVehicle, believed: BelievedVehicle) -> tuple[Difference, ...]:
-    """Return where truth and belief differ; of the load the vehicle file is what is believed."""
-    filed, really = true.filed(), true.vehicle()
-    known = _numbers(TrueVehicle(), filed) | _numbers(believed, filed)
-    actual = _numbers(TrueVehicle(), really) | _numbers(BelievedVehicle(), really)
-    return tuple(
-        Difference(key, actual[key], known[key]) for key in _PLACES if actual[key] != known[key]
+@stdlib_dataclass(frozen=True, slots=True)
+class Vehicles:
+    """Plant and model of one vehicle file."""
+
+    plant: PlantVehicle
+    model: Vehicle
+    mismatch: tuple[ParameterMismatch, ...]
+
+
+def read_vehicles(plant: PlantVehicleSettings, model: ModelVehicleSettings) -> Vehicles:
+    """Return plant and model; the vehicle file is read once.
+
+    The model has no load. A load of the plant that differs from that of the file counts as a
+    mismatch.
+
+    Raises:
+        InvalidPlant: the file is missing or not understood, or the parts of the plant do not fit
+            together.
+        InvalidVehicle: the parameters of the model do not fit together.
+    """
+    nominal = plant.nominal_vehicle()
+    vehicle = plant.plant_vehicle(nominal)
+    plant_values, model_values = _values(vehicle), _values(nominal) | _given(model)
+    mismatch = tuple(
+        ParameterMismatch(key, plant_values[key], model_values[key])
+        for key in _VEHICLE_FILE_KEYS
+        if plant_values[key] != model_values[key]
     )
+    return Vehicles(vehicle, model.model_vehicle(nominal), mismatch)
 
 
-def _given(table: TrueVehicle | BelievedVehicle) -> dict[str, float]:
+def fill_in(
+    plant: PlantVehicleSettings, model: ModelVehicleSettings
+) -> tuple[PlantVehicleSettings, ModelVehicleSettings]:
+    """Return both tables with the absent keys filled in from the vehicle file.
+
+    Raises:
+        InvalidPlant: the file is missing or not understood, or the parts of the plant do not fit
+            together.
+    """
+    nominal = plant.nominal_vehicle()
+    plant_values = _values(plant.plant_vehicle(nominal))
+    model_values = _values(nominal) | _given(model)
+    return _filled(plant, plant_values), _filled(model, model_values)
+
+
+_Settings = TypeVar("_Settings", PlantVehicleSettings, ModelVehicleSettings)
+
+
+def _filled(table: _Settings, values: Mapping[str, float]) -> _Settings:
+    return replace(table, **{key: values[key] for key in asdict(table) if key in values})
+
+
+def _given(table: PlantVehicleSettings | ModelVehicleSettings) -> dict[str, float]:
+    """Return the parameters that a table gives."""
     return {
-        key: value for key, value in asdict(table).items() if key in _PLACES and value is not None
+        key: value
+        for key, value in asdict(table).items()
+        if key in _VEHICLE_FILE_KEYS and value is not None
     }
 
 
-def _numbers(table: TrueVehicle | BelievedVehicle, filed: PlantVehicle) -> dict[str, float]:
-    """Return every number of a table: those that are given, and those of the file for the rest."""
-    keys = [key for key in asdict(table) if key in _PLACES]
+def _values(vehicle: PlantVehicle) -> dict[str, float]:
+    """Return the parameters of a vehicle under their keys of a scenario."""
     return {
-        key: getattr(getattr(filed, _PLACES[key][0]), _PLACES[key][1]) for key in keys
-    } | _given(table)
+        key: getattr(getattr(vehicle, table), name)
+        for key, (table, name) in _VEHICLE_FILE_KEYS.items()
+    }

@@ -1,4 +1,4 @@
-"""A route: points to drive along, as a file tells them."""
+"""Waypoint files: points of a path, with or without speeds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from proving_ground.testbed.geodesy import east_north
 from ttempc.types import FloatArray
 
-from ..errors import InvalidRoute
+from ..errors import InvalidWaypoints
 
 _GEOJSON: Final = (".geojson", ".json")
 # Columns without a header, by their number.
@@ -36,52 +36,55 @@ _UNIT: Final = re.compile(r"(_mps|_m|_s)$|\s*\[.*\]$")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Route:
-    """Points in the order in which they are driven along."""
+class Waypoints:
+    """Points of a path in driving order."""
 
     points: FloatArray  # (n, 2) x, y [m], map frame
-    speed: FloatArray | None = None  # (n,) [m/s]; None where the file has none
-    backward: bool = False  # the file has the vehicle drive in reverse
+    speed: FloatArray | None = None  # (n,) [m/s]; None if the file has no speeds
+    backward: bool = False  # the file drives in reverse gear
 
 
-def read_route(
+def read_waypoints(
     file: Path,
     origin_m: tuple[float, float] | None = None,
     origin_deg: tuple[float, float] | None = None,
-) -> Route:
-    """Return the route in a file.
+) -> Waypoints:
+    """Return the waypoints of a file.
 
-    A .geojson or .json file holds one LineString in WGS84. Any other holds columns between commas,
-    semicolons or blanks: x y, x y speed or the eight of Fields2Cover, in metres and m/s; a header
-    may name columns x, y, speed and time in any order. From times follow the speeds.
+    A .geojson or .json file contains one LineString in WGS84. Any other file contains columns
+    that commas, semicolons or blanks separate: x y, x y speed, or the eight columns of
+    Fields2Cover, in metres and m/s. A header may name columns x, y, speed and time in any order;
+    speeds are derived from times.
 
     Args:
-        file: to be read.
-        origin_m: what becomes (0, 0) of the map, in the file's coordinates; columns only, their
-            own where there is none.
-        origin_deg: what becomes (0, 0) of the map, latitude and longitude; GeoJSON only, the first
-            point where there is none.
+        file: path of the file.
+        origin_m: file coordinates of (0, 0) of the map, for files of columns; default (0, 0).
+        origin_deg: latitude and longitude of (0, 0) of the map, for GeoJSON; default the first
+            point.
 
     Raises:
-        InvalidRoute: with file, line or point, and what is allowed there.
+        InvalidWaypoints: the file cannot be read; the message names the file, the line or point,
+            and the allowed content.
     """
     try:
         text = file.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidRoute(f"{file}: cannot be read as text: {error}") from None
+        raise InvalidWaypoints(f"{file}: cannot be read as text: {error}") from None
     try:
         if file.suffix.lower() in _GEOJSON:
             if origin_m is not None:
-                raise InvalidRoute("is GeoJSON, its origin is given as origin_deg, not origin_m")
-            return Route(_geojson_points(text, origin_deg))
+                raise InvalidWaypoints(
+                    "is GeoJSON, its origin is given as origin_deg, not origin_m"
+                )
+            return Waypoints(_geojson_points(text, origin_deg))
         if origin_deg is not None:
-            raise InvalidRoute("is in metres, its origin is given as origin_m, not origin_deg")
-        return _columns_route(text, origin_m or (0.0, 0.0))
-    except InvalidRoute as error:
-        raise InvalidRoute(f"{file}: {error}") from None
+            raise InvalidWaypoints("is in metres, its origin is given as origin_m, not origin_deg")
+        return _columns_waypoints(text, origin_m or (0.0, 0.0))
+    except InvalidWaypoints as error:
+        raise InvalidWaypoints(f"{file}: {error}") from None
 
 
-def _columns_route(text: str, origin_m: tuple[float, float]) -> Route:
+def _columns_waypoints(text: str, origin_m: tuple[float, float]) -> Waypoints:
     lines = [(number, _words(line)) for number, line in enumerate(text.splitlines(), 1)]
     lines = [(number, words) for number, words in lines if words]
     names, lines = _header(lines)
@@ -90,16 +93,16 @@ def _columns_route(text: str, origin_m: tuple[float, float]) -> Route:
     points = np.column_stack([column["x"], column["y"]]) - origin_m
     numbers = [number for number, _ in lines]
     if "direction" in column:
-        return _fields2cover_route(points, column, numbers)
+        return _fields2cover_waypoints(points, column, numbers)
     if "speed" in column:
-        return Route(points, column["speed"])
+        return Waypoints(points, column["speed"])
     if "time" in column and len(points) > 1:
-        return Route(points, _speed_of(points, column["time"], numbers))
-    return Route(points)
+        return Waypoints(points, _speed_of(points, column["time"], numbers))
+    return Waypoints(points)
 
 
 def _words(line: str) -> list[str]:
-    """Return the words of a line without comment; a header may stand in a comment."""
+    """Return the words of a line, none for a comment; a comment may be the header."""
     words = [word for word in re.split(r"[,;\s]+", line.strip()) if word]
     if words and words[0].startswith("#"):
         words = [words[0].lstrip("#"), *words[1:]]
@@ -116,21 +119,21 @@ def _plain(word: str) -> str:
 def _header(
     lines: list[tuple[int, list[str]]],
 ) -> tuple[Sequence[str], list[tuple[int, list[str]]]]:
-    """Return the names of the columns, and the lines that hold numbers."""
+    """Return the names of the columns and the lines of numbers."""
     if not lines:
-        raise InvalidRoute("is empty, must hold points")
+        raise InvalidWaypoints("is empty, must hold points")
     number, words = lines[0]
     if not all(map(_is_number, words)):
         names = [_plain(word) for word in words]
         for name in ("x", "y"):
             if names.count(name) != 1:
-                raise InvalidRoute(
+                raise InvalidWaypoints(
                     f"line {number}: header {' '.join(words)}: needs one column x and one y, "
                     "may have speed and time"
                 )
         return names, lines[1:]
     if len(words) not in _UNNAMED:
-        raise InvalidRoute(
+        raise InvalidWaypoints(
             f"line {number}: got {len(words)} columns, must be 2 (x y), 3 (x y speed), 8 "
             "(Fields2Cover), or have a header"
         )
@@ -140,12 +143,14 @@ def _header(
 def _rows(lines: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> Iterator[list[float]]:
     for number, words in lines:
         if len(words) != len(names):
-            raise InvalidRoute(f"line {number}: got {len(words)} columns, must be {len(names)}")
+            raise InvalidWaypoints(f"line {number}: got {len(words)} columns, must be {len(names)}")
         used = [name in _USED for name in names]
         row = []
         for name, word, needed in zip(names, words, used, strict=True):
             if needed and not (_is_number(word) and np.isfinite(float(word))):
-                raise InvalidRoute(f"line {number}: {name} is {word!r}, must be a finite number")
+                raise InvalidWaypoints(
+                    f"line {number}: {name} is {word!r}, must be a finite number"
+                )
             row.append(float(word) if needed else 0.0)
         yield row
 
@@ -159,11 +164,11 @@ def _is_number(word: str) -> bool:
 
 
 def _speed_of(points: FloatArray, times: FloatArray, numbers: Sequence[int]) -> FloatArray:
-    """Return the speeds (n,) with which the points are passed at `times` (n,)."""
+    """Return the speeds (n,) [m/s] at the points (n, 2) [m], from their times (n,) [s]."""
     late = np.flatnonzero(np.diff(times) <= 0.0)
     if len(late):
         index = int(late[0]) + 1
-        raise InvalidRoute(
+        raise InvalidWaypoints(
             f"line {numbers[index]} (point {index} at x = {points[index, 0]:.2f}, "
             f"y = {points[index, 1]:.2f} m): time goes from {times[index - 1]:g} to "
             f"{times[index]:g} s, must rise"
@@ -172,18 +177,19 @@ def _speed_of(points: FloatArray, times: FloatArray, numbers: Sequence[int]) -> 
     return np.gradient(along, times)
 
 
-def _fields2cover_route(
+def _fields2cover_waypoints(
     points: FloatArray, column: dict[str, FloatArray], numbers: Sequence[int]
-) -> Route:
-    """Return the route of Fields2Cover's states, each the start of a section.
+) -> Waypoints:
+    """Return the waypoints of Fields2Cover's states, each the start of a section.
 
-    The last section's end is a point, too. Which of length and duration the sixth column holds
-    is seen from the sections before it: the reading that fits their ends.
+    The end of the last section is a waypoint, too. The sixth column contains lengths or
+    durations, depending on the version of Fields2Cover; the one that fits the distances between
+    the other states is taken.
     """
     direction = column["direction"]
     for index, value in enumerate(direction):
         if value != direction[0] or abs(value) != 1.0:
-            raise InvalidRoute(
+            raise InvalidWaypoints(
                 f"line {numbers[index]} (point {index} at x = {points[index, 0]:.2f}, "
                 f"y = {points[index, 1]:.2f} m): direction is {value:g}, must be 1 (forward) or "
                 "-1 (backward) and the same all along: a change of gear needs a path of its own"
@@ -197,17 +203,17 @@ def _fields2cover_route(
     points, speed = points[driven], speed[driven]
     if lengths[-1] > 0.0:
         points, speed = np.vstack([points, end]), np.append(speed, speed[-1])
-    return Route(points, speed, backward=bool(direction[0] < 0.0))
+    return Waypoints(points, speed, backward=bool(direction[0] < 0.0))
 
 
 def _geojson_points(text: str, origin_deg: tuple[float, float] | None) -> FloatArray:
     try:
         content = json.loads(text)
     except ValueError as error:
-        raise InvalidRoute(f"is no JSON: {error}") from None
+        raise InvalidWaypoints(f"is no JSON: {error}") from None
     lines = list(_line_strings(content))
     if len(lines) != 1:
-        raise InvalidRoute(f"holds {len(lines)} LineStrings, must be one")
+        raise InvalidWaypoints(f"holds {len(lines)} LineStrings, must be one")
     places = []
     for index, place in enumerate(lines[0] if isinstance(lines[0], list) else _no_points()):
         numbers = place if isinstance(place, list) else []
@@ -215,7 +221,7 @@ def _geojson_points(text: str, origin_deg: tuple[float, float] | None) -> FloatA
             isinstance(value, int | float) and np.isfinite(value) for value in numbers
         )
         if not good or abs(numbers[0]) > 180.0 or abs(numbers[1]) > 90.0:
-            raise InvalidRoute(
+            raise InvalidWaypoints(
                 f"point {index} is {place!r}, must be [longitude, latitude] in degrees (WGS84)"
             )
         places.append(numbers[:2])
@@ -241,4 +247,4 @@ def _line_strings(content: Any) -> Iterator[Any]:  # noqa: ANN401 - any JSON val
 
 
 def _no_points() -> Never:
-    raise InvalidRoute("the LineString has no coordinates")
+    raise InvalidWaypoints("the LineString has no coordinates")

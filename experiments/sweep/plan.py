@@ -18,7 +18,7 @@ from ttempc.errors import TtempcError
 
 from ..errors import ExperimentError, InvalidStudy
 from ..run.assembly import CONTROL_PERIOD_S, check
-from ..scenario.scenario import Draft, Scenario, dump, identity, merge, read
+from ..scenario.scenario import Scenario, ScenarioFile, dump, identity, merge_tables, read_scenario
 from .dimensions import Change, Dimension, dimensions
 from .row import Value
 from .study import Scalar, Study
@@ -75,7 +75,7 @@ class Plan:
         self._drivers = next((d for d in found if d.drives), Dimension([{}]))
         self._relative = frozenset(key for dimension in found for key in dimension.relative)
         self._seeds = study.drawn_with
-        self._drafts: dict[str, Draft] = {}
+        self._drafts: dict[str, ScenarioFile] = {}
         for dimension in found:
             for entry in dimension.entries:
                 self._draft(str(entry.get("scenario", study.scenario)))
@@ -149,7 +149,7 @@ class Plan:
         """
         draft = self._draft(str(changes.get("scenario", self.study.scenario)))
         tables: dict[str, Any] = {}
-        merge(tables, self.study.set)
+        merge_tables(tables, self.study.set)
         try:
             for key, value in changes.items():
                 if key in self._relative:
@@ -164,12 +164,12 @@ class Plan:
     def _made(self, point: int, driver: int) -> Setting:
         return self.setting(self.changed(point, driver))
 
-    def _draft(self, name: str) -> Draft:
+    def _draft(self, name: str) -> ScenarioFile:
         if name not in self._drafts:
-            self._drafts[name] = read(name)
+            self._drafts[name] = read_scenario(name)
         return self._drafts[name]
 
-    def _scaled(self, draft: Draft, key: str, factor: Scalar) -> float:
+    def _scaled(self, draft: ScenarioFile, key: str, factor: Scalar) -> float:
         """Return the factor times what the scenario has at the key without any axis."""
         number = _get(draft.scenario(self.study.set), key, draft.name)
         if isinstance(number, (bool, str)) or number is None or isinstance(factor, (bool, str)):
@@ -186,7 +186,9 @@ def _set(tables: dict[str, Any], key: str, value: Scalar) -> None:
     if key == "scenario":
         return
     *path, last = ("controller", "name") if key == "controller" else key.split(".")
-    merge(tables, functools.reduce(lambda below, part: {part: below}, path[::-1], {last: value}))
+    merge_tables(
+        tables, functools.reduce(lambda below, part: {part: below}, path[::-1], {last: value})
+    )
 
 
 def _get(scenario: Scenario, key: str, name: str) -> Value:

@@ -11,13 +11,15 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
-from proving_ground.testbed.configuration.resources import Shelf
+from proving_ground.testbed.configuration.resources import ShippedFiles
 
 from ..errors import InvalidStudy
-from ..scenario.scenario import plain
+from ..scenario.scenario import without_none
 from .row import FIGURES
 
-_STUDIES: Final = Shelf("study", "proving_ground.experiments", "sweeps", ".toml", InvalidStudy)
+_STUDIES: Final = ShippedFiles(
+    "study", "proving_ground.experiments", "sweeps", ".toml", InvalidStudy
+)
 
 Scalar = bool | int | float | str
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
@@ -155,7 +157,7 @@ class Study:
 
     def dump(self) -> str:
         """Return the study as TOML, with every default written out."""
-        return tomli_w.dumps(plain(asdict(self)))
+        return tomli_w.dumps(without_none(asdict(self)))
 
 
 def shipped_studies() -> list[str]:

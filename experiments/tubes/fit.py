@@ -23,7 +23,7 @@ from ttempc.types import FloatArray, State
 
 from ..errors import InvalidFit, InvalidScenario
 from ..results.confidence import fewest_samples, share
-from ..run.assembly import CONTROL_PERIOD_S, geared
+from ..run.assembly import CONTROL_PERIOD_S, model_vehicle
 from ..scenario.scenario import Scenario, load
 from ..scenario.tube_file import HoldOut, Provenance, TubeFile, residual_table, tube_file
 from .residuals import Errors, Residuals, errors, residuals
@@ -64,8 +64,9 @@ def fit_run(record: Record, scenario: Scenario) -> FitRun:
     Raises:
         InvalidFit: the run is too short.
     """
-    course = scenario.path.course()
-    reference = Reference(course.path, geared(course, scenario), course.speed)
+    mission = scenario.path.mission()
+    vehicle = model_vehicle(mission, scenario, scenario.vehicles())
+    reference = Reference(mission.path, vehicle, mission.speed)
     seen = errors(record, reference, CONTROL_PERIOD_S)
     return FitRun(
         record.metadata["scenario"],

@@ -1,100 +1,107 @@
-"""From the controller's command to the set points of the servos: what valves and linkages lose.
+"""Command path of the actuators: dead time, dead band, backlash and resolution.
 
     command -> resolution -> dead time -> dead band -> play -> set point of the servo
 
-Rate, lag and stops come after it and stand in `mjcf/`. Everything here is off by default. States
-are data: a step takes one and returns the next, once a physics step, because a dead time ends
-between two control ticks and a dead band looks at the present angle.
+The servos in `mjcf/` add rate limits, lags and stops behind it. Every effect is off by default.
+States are data: a step takes a state and returns the next one. It runs once a physics step,
+because a dead time may end between two control ticks and the dead band depends on the present
+angle.
 
-What the steering sensors and `Truth` call the steering angle is that of the wheel, behind the
-play: it lies up to half the play aside of where the cylinder stands. Friction holds the wheel
-while the cylinder crosses the play; the crossing itself takes no time.
+The steering angle of the sensors and of `Truth` is that of the wheel, behind the play: it differs
+from the angle of the cylinder by up to half the play. Friction holds the wheel while the cylinder
+crosses the play; the crossing itself takes no time.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from ttempc.types import Command
 
+from ..configuration.config_io import STRICT, NotNegative
 from ..discretisation import delay_steps, quantised
 from ..errors import InvalidPlant
 
-LONGEST_DEAD_TIME_S: Final = 2.0  # ten control periods: what is slower is no steering
+MAX_DEAD_TIME_S: Final = 2.0  # ten control periods
 _ROUNDING: Final = 1e-12  # [rad] a set point at the edge of the dead band is inside it
 
+DeadTime = Annotated[float, Field(ge=0, le=MAX_DEAD_TIME_S)]
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, config=STRICT)
 class SteeringValve:
-    """What one steering axis loses on the way from command to wheel; SI units, off where 0.
+    """Valve and linkage of one steering axis; an effect is off where its value is 0."""
 
-    Raises:
-        InvalidPlant: a value is not finite, negative, or a dead time above 2 s.
-    """
-
-    dead_time: float = 0.0  # [s] from command to valve: bus, solenoid, spool
-    dead_band: float = 0.0  # [rad] overlap: smaller errors of the angle do not open the valve
-    backlash: float = 0.0  # [rad] whole play between cylinder and wheel
-    resolution: float = 0.0  # [rad] of the command as it is sent
-
-    def __post_init__(self) -> None:
-        _require_dead_time(self.dead_time)
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise InvalidPlant(
-                    f"steering valve, {item.name}: got {value}, must be finite and not negative"
-                )
+    dead_time_s: DeadTime = 0.0
+    """Time from command to valve: bus, solenoid and spool."""
+    dead_band_deg: NotNegative = 0.0
+    """Half width of the overlap: smaller errors of the angle do not open the valve."""
+    backlash_deg: NotNegative = 0.0
+    """Whole play between cylinder and wheel."""
+    resolution_deg: NotNegative = 0.0
+    """Resolution of the command as it is sent."""
 
     def notes(self) -> list[str]:
-        """Return what is on, in words."""
-        angles = ("dead_band", "backlash", "resolution")
-        values = {name: math.degrees(getattr(self, name)) for name in angles}
-        said = [f"dead time {self.dead_time:g} s"] if self.dead_time else []
-        return said + [
-            f"{name.replace('_', ' ')} {value:g} deg" for name, value in values.items() if value
+        """Return one phrase for each effect that is on."""
+        angles = {
+            "dead band": self.dead_band_deg,
+            "backlash": self.backlash_deg,
+            "resolution": self.resolution_deg,
+        }
+        return _dead_time_note(self.dead_time_s) + [
+            f"{name} {value:g} deg" for name, value in angles.items() if value
         ]
 
 
-@dataclass(frozen=True, slots=True)
-class ActuatorSpecification:
-    """What all actuators lose; nothing by default.
+@dataclass(frozen=True, config=STRICT)
+class HydrostatValve:
+    """Valve of the hydrostat; its lag and rate limit belong to the vehicle."""
 
-    Raises:
-        InvalidPlant: a dead time that is not finite, negative or above 2 s.
-    """
-
-    front: SteeringValve = field(default_factory=SteeringValve)
-    trailer: SteeringValve = field(default_factory=SteeringValve)
-    hydrostat_dead_time: float = 0.0  # [s]
-
-    def __post_init__(self) -> None:
-        _require_dead_time(self.hydrostat_dead_time)
+    dead_time_s: DeadTime = 0.0
+    """Time from command to valve."""
 
     def notes(self) -> list[str]:
-        """Return a line for each actuator that has something on."""
+        """Return one phrase for each effect that is on."""
+        return _dead_time_note(self.dead_time_s)
+
+
+@dataclass(frozen=True, config=STRICT)
+class ActuatorSpecification:
+    """Command path of all actuators."""
+
+    front: SteeringValve = SteeringValve()
+    """Steering of the tractor's front wheels."""
+    trailer: SteeringValve = SteeringValve()
+    """Steering of the trailer's wheels."""
+    hydrostat: HydrostatValve = HydrostatValve()
+    """Drive."""
+
+    def notes(self) -> list[str]:
+        """Return one line for each actuator with an effect that is on."""
         parts = {
             "front valve": self.front.notes(),
             "trailer valve": self.trailer.notes(),
-            "hydrostat": SteeringValve(dead_time=self.hydrostat_dead_time).notes(),
+            "hydrostat": self.hydrostat.notes(),
         }
-        return [f"actuators: {name} {', '.join(said)}" for name, said in parts.items() if said]
+        return [f"actuators: {name} {', '.join(notes)}" for name, notes in parts.items() if notes]
 
 
 # Named tuples: made three times a physics step, they cost a third of a frozen dataclass.
 class AxisState(NamedTuple):
-    """One axis on its way from command to set point; [rad], the hydrostat's a fraction."""
+    """State of one axis; angles [rad], for the hydrostat positions [-1, 1]."""
 
-    under_way: tuple[tuple[int, float], ...]  # physics step of arrival, command
+    under_way: tuple[tuple[int, float], ...]  # commands in the dead time: step of arrival, value
     arrived: float  # newest command behind the dead time
-    cylinder: float  # where the valve sends the cylinder
-    set_point: float  # where the cylinder takes the wheel
+    cylinder: float  # angle to which the valve moves the cylinder
+    set_point: float  # angle to which the cylinder moves the wheel
 
 
 class ActuatorState(NamedTuple):
-    """Everything that the future of the command path depends on, besides the angles."""
+    """State of the command path."""
 
     step: int  # physics steps since the start
     front: AxisState
@@ -103,26 +110,28 @@ class ActuatorState(NamedTuple):
 
     @property
     def set_points(self) -> tuple[float, float, float]:
-        """What the servos get: both steering angles [rad] and the hydrostat's position."""
+        """Set points of the servos: front and trailer angle [rad], position of the hydrostat."""
         return self.front.set_point, self.trailer.set_point, self.hydrostat.set_point
 
 
 class _Axis(NamedTuple):
     delay: int  # physics steps
-    valve: SteeringValve
+    dead_band: float = 0.0  # [rad] half width
+    backlash: float = 0.0  # [rad] whole play
+    resolution: float = 0.0  # [rad]
 
 
 class Actuators:
     """The command path of a vehicle.
 
     Args:
-        specification: what each axis loses.
-        timestep: physics step [s]; every dead time must be a whole number of them.
+        specification: effects of each axis.
+        timestep: physics step [s]; every dead time must be a whole number of steps.
         stops: front and trailer steering angle at the stops [rad].
 
     Raises:
-        InvalidPlant: a dead time between two steps; a dead band, backlash or resolution that
-            reaches the stop, with which the axis could not be steered at all.
+        InvalidPlant: a dead time is not a whole number of steps, or a dead band, backlash or
+            resolution is not below the stop, so that the axis could not be steered at all.
     """
 
     def __init__(
@@ -130,34 +139,19 @@ class Actuators:
     ) -> None:
         self.specification = specification
         self.passive = not specification.notes()  # every command is a set point at once
-        for name, valve, stop in (
-            ("front", specification.front, stops[0]),
-            ("trailer", specification.trailer, stops[1]),
-        ):
-            for key in ("dead_band", "backlash", "resolution"):
-                if getattr(valve, key) >= stop:
-                    raise InvalidPlant(
-                        f"actuators.{name}.{key}_deg: got {math.degrees(getattr(valve, key)):g}, "
-                        f"must be below the stop at {math.degrees(stop):g}"
-                    )
-        self._front, self._trailer, self._hydrostat = (
-            _Axis(delay_steps(valve.dead_time, timestep, f"actuators.{name}.dead_time_s"), valve)
-            for name, valve in (
-                ("front", specification.front),
-                ("trailer", specification.trailer),
-                ("hydrostat", SteeringValve(dead_time=specification.hydrostat_dead_time)),
-            )
-        )
+        self._front = _steering_axis("front", specification.front, timestep, stops[0])
+        self._trailer = _steering_axis("trailer", specification.trailer, timestep, stops[1])
+        self._hydrostat = _Axis(_delay("hydrostat", specification.hydrostat, timestep))
 
     def start(self, hp: float) -> ActuatorState:
-        """Return the state of a vehicle that rolls straight with the hydrostat at `hp`."""
+        """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
         straight, rolling = (AxisState((), value, value, value) for value in (0.0, hp))
         return ActuatorState(0, straight, straight, rolling)
 
     def step(
         self, state: ActuatorState, command: Command, delta_t: float, delta_i: float
     ) -> ActuatorState:
-        """Return the state one physics step on, under `command` and the present angles [rad]."""
+        """Return the state after one physics step; the arguments are the present angles [rad]."""
         now = state.step
         return ActuatorState(
             now + 1,
@@ -172,7 +166,18 @@ class Actuators:
 def past_dead_time(
     under_way: tuple[tuple[int, float], ...], arrived: float, command: float, now: int, delay: int
 ) -> tuple[tuple[tuple[int, float], ...], float]:
-    """Return what is still under way and what has arrived at step `now`, `delay` steps late."""
+    """Delay a command by `delay` physics steps.
+
+    Args:
+        under_way: commands that have not arrived, with their steps of arrival.
+        arrived: newest command that has arrived.
+        command: command that is sent at this step.
+        now: number of this step.
+        delay: dead time in steps.
+
+    Returns:
+        `under_way` and `arrived` after this step.
+    """
     newest = under_way[-1][1] if under_way else arrived
     if command != newest:
         under_way = (*under_way, (now + delay, command))
@@ -182,17 +187,18 @@ def past_dead_time(
 
 
 def past_dead_band(sent: float, command: float, cylinder: float, dead_band: float) -> float:
-    """Return where the valve sends the cylinder [rad].
+    """Return the angle to which the valve moves the cylinder [rad].
 
-    The valve opens with the error beyond its overlap, sign(e) (|e| - dead band), so that the
-    cylinder stops that much short of the command. Within the overlap the oil is locked: the
-    cylinder stays where it was sent or, where the command has come towards it since, where it is.
+    The valve opens by the part of the error e beyond its overlap, sign(e) (|e| - dead band), so
+    that the cylinder stops short of the command by the dead band. Inside the overlap the valve is
+    closed: a cylinder that has reached its last target stays; if the command has moved towards a
+    cylinder that is still moving, the cylinder stops at its present angle.
 
     Args:
-        sent: what this function returned last.
-        command: angle that is wanted.
-        cylinder: present angle.
-        dead_band: half width of the band.
+        sent: last return value of this function [rad].
+        command: commanded angle [rad].
+        cylinder: present angle of the cylinder [rad].
+        dead_band: half width of the band [rad].
     """
     if not dead_band:
         return command
@@ -203,24 +209,41 @@ def past_dead_band(sent: float, command: float, cylinder: float, dead_band: floa
 
 
 def past_play(wheel: float, cylinder: float, play: float) -> float:
-    """Return the angle to which the cylinder takes the wheel, which follows at half the play."""
+    """Return the angle of the wheel, at most half the play from that of the cylinder [rad]."""
     return min(max(wheel, cylinder - 0.5 * play), cylinder + 0.5 * play)
 
 
 def _axis_step(state: AxisState, now: int, command: float, angle: float, axis: _Axis) -> AxisState:
-    valve = axis.valve
     under_way, arrived = past_dead_time(
-        state.under_way, state.arrived, quantised(command, valve.resolution), now, axis.delay
+        state.under_way, state.arrived, quantised(command, axis.resolution), now, axis.delay
     )
-    at = angle + (state.cylinder - state.set_point)  # the wheel's angle plus what the play hides
-    cylinder = past_dead_band(state.cylinder, arrived, at, valve.dead_band)
+    present = angle + (state.cylinder - state.set_point)  # angle of the cylinder
+    cylinder = past_dead_band(state.cylinder, arrived, present, axis.dead_band)
     return AxisState(
-        under_way, arrived, cylinder, past_play(state.set_point, cylinder, valve.backlash)
+        under_way, arrived, cylinder, past_play(state.set_point, cylinder, axis.backlash)
     )
 
 
-def _require_dead_time(value: float) -> None:
-    if not 0.0 <= value <= LONGEST_DEAD_TIME_S:  # NaN is neither
-        raise InvalidPlant(
-            f"dead time of an actuator: got {value} s, must be in [0, {LONGEST_DEAD_TIME_S:g}]"
-        )
+def _steering_axis(name: str, valve: SteeringValve, timestep: float, stop: float) -> _Axis:
+    """Return a steering axis in SI units; `stop` is its largest angle [rad]."""
+    angles_deg = {
+        "dead_band": valve.dead_band_deg,
+        "backlash": valve.backlash_deg,
+        "resolution": valve.resolution_deg,
+    }
+    angles = {key: math.radians(value) for key, value in angles_deg.items()}
+    for key, value in angles.items():
+        if value >= stop:
+            raise InvalidPlant(
+                f"actuators.{name}.{key}_deg: got {angles_deg[key]:g}, "
+                f"must be below the stop at {math.degrees(stop):g}"
+            )
+    return _Axis(_delay(name, valve, timestep), **angles)
+
+
+def _delay(name: str, valve: SteeringValve | HydrostatValve, timestep: float) -> int:
+    return delay_steps(valve.dead_time_s, timestep, f"actuators.{name}.dead_time_s")
+
+
+def _dead_time_note(dead_time_s: float) -> list[str]:
+    return [f"dead time {dead_time_s:g} s"] if dead_time_s else []

@@ -1,4 +1,4 @@
-"""Where the project's data files are, in a checkout and in an installed wheel alike."""
+"""Data files of the project, in a checkout and in an installed wheel."""
 
 from __future__ import annotations
 
@@ -20,35 +20,35 @@ def resource(package: str, name: str = "") -> Path:
 
 
 @dataclass(frozen=True, slots=True)
-class Shelf:
-    """Files of one kind that ship with the project, each by its name; others go by their path."""
+class ShippedFiles:
+    """Files of one kind in one folder of a package; a user's own files are given by their path."""
 
-    what: str  # one of them is, such as "vehicle"
+    kind: str  # noun for messages, such as "vehicle"
     package: str
     folder: str
     suffix: str  # of the files, with the dot
     error: type[Exception]  # raised with one line
-    made_by: str = ""  # the command that writes such files
+    made_by: str = ""  # command that writes such files
 
     def names(self) -> list[str]:
-        """Return the names of those that ship with the project."""
+        """Return the names of the shipped files."""
         folder = resource(self.package, self.folder)
         return sorted(path.stem for path in folder.glob(f"*{self.suffix}"))
 
     def find(self, name: str) -> Path:
-        """Return the file of a shipped name, or the path of a file as it is.
+        """Return the path of a shipped file, or the given path of a user's own file.
 
         Raises:
-            Exception: `error`, where there is none.
+            Exception: `error`, if there is no such file.
         """
         if name in self.names():
             return resource(self.package, f"{self.folder}/{name}{self.suffix}")
         file = Path(name)
         if file.suffix == self.suffix and file.is_file():
             return file
-        missing = "file" if file.suffix == self.suffix else self.what
+        missing = "file" if file.suffix == self.suffix else self.kind
         written = f" that {self.made_by} has written" if self.made_by else ""
         raise self.error(
-            f"{self.what} {name!r}: no such {missing}; shipped are {', '.join(self.names())}, "
+            f"{self.kind} {name!r}: no such {missing}; shipped are {', '.join(self.names())}, "
             f"or give the path of a {self.suffix} file{written}"
         )

@@ -1,4 +1,4 @@
-"""What the validator says of a file, in the words of the file: one line, one key."""
+"""Messages of validation errors."""
 
 from __future__ import annotations
 
@@ -9,33 +9,37 @@ from typing import Any, get_args, get_type_hints
 from pydantic import ValidationError
 
 
-def first_complaint(error: ValidationError, root: type) -> str:
-    """Return key, what is allowed there and what was given, in the words of the file.
+def format_validation_error(error: ValidationError, root: type) -> str:
+    """Format a pydantic error as one line that names the TOML key.
+
+    An unknown key is reported before any other error: a misspelt key also leaves one missing.
 
     Args:
-        error: of validating a file.
-        root: the dataclass of the whole file.
+        error: error of the validation of a file.
+        root: dataclass of the whole file.
+
+    Returns:
+        Key, allowed values and given value.
     """
-    complaints = error.errors()
-    unknown = (each for each in complaints if each["type"] == "unexpected_keyword_argument")
-    first = next(unknown, complaints[0])  # a slip of the pen also leaves a key missing
+    details = error.errors()
+    unknown = (each for each in details if each["type"] == "unexpected_keyword_argument")
+    first = next(unknown, details[0])
     keys, tables = _descend(first["loc"], root)
     where = ".".join(keys)
     if first["type"] == "unexpected_keyword_argument":
         allowed = ", ".join(field.name for field in fields(tables[0]))
         return f"{where}: unknown key; allowed here: {allowed}"
-    given = first["input"]
-    said = "" if isinstance(given, Mapping) else f", got {given!r}"
+    value = first["input"]
+    given = "" if isinstance(value, Mapping) else f", got {value!r}"
     if first["type"] == "union_tag_not_found":
-        return f"{where}: kind is missing, must be one of {', '.join(_kinds(tables))}{said}"
-    return f"{where}: {first['msg'].removeprefix('Value error, ')}{said}"
+        return f"{where}: kind is missing, must be one of {', '.join(_kinds(tables))}{given}"
+    return f"{where}: {first['msg'].removeprefix('Value error, ')}{given}"
 
 
 def _descend(location: Sequence[str | int], root: type) -> tuple[list[str], list[Any]]:
-    """Return the keys of the file that lead to a validator's location, and the tables there.
+    """Return the keys of a pydantic error location and the dataclasses of its table.
 
-    Where a table may be of several kinds, the validator's locations hold the kind as well, which
-    is no key of the file.
+    A location inside a discriminated union also holds the kind, which is no key of the file.
     """
     keys: list[str] = []
     tables: list[Any] = [root]
@@ -59,6 +63,6 @@ def _tables(hint: Any) -> list[Any]:  # noqa: ANN401 - any type
 
 
 def _kinds(tables: Sequence[Any]) -> dict[str, Any]:
-    """Return the tables that say their kind, by its name."""
+    """Return the dataclasses that have a field `kind`, by the value of that field."""
     hints = ((table, get_type_hints(table).get("kind")) for table in tables)
     return {get_args(kind)[0]: table for table, kind in hints if kind}

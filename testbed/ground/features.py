@@ -1,253 +1,292 @@
-"""What lies on the ground on top of its roughness: rises, furrows, ditches and bumps, steps.
+"""Terrain features: rises, furrows, bumps, ditches and steps.
 
-A feature is a height [m] as a function of the place, in closed form, positioned in the map frame;
-directions are counter-clockwise from x (east). `Terrain.shaped` adds it to a grid and refuses what
-that grid cannot hold. Every flank is at most as high as it is long, 45 degrees on average: the
-look-ups under a wheel (`testbed.wheels.tyre`) know no wall.
+A feature is a height [m] as a function of the position in the map frame, in closed form. Keys that
+end in `_deg` are directions, counter-clockwise from x (east). `Terrain.shaped` adds a feature to a
+grid and refuses a feature that the grid cannot represent. A flank is at most as high as it is
+long, 45 degrees on average, because the wheel model (`testbed.wheels.tyre`) samples heights and
+has no contact with walls.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import ClassVar, Literal, Protocol, get_args
+from typing import Annotated, Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from ttempc.types import FloatArray
 
-from ..errors import InvalidField
+from ..configuration.config_io import STRICT, NotNegative, Positive
 
 Profile = Literal["cosine", "cylinder"]
 
-STEEPEST_RISE_RAD = 0.6  # that of a tilted field
+STEEPEST_RISE_RAD: Final = 0.6  # as for the slope of a whole field
 
 
 class Feature(Protocol):
     """A height that is added to the ground."""
 
-    what: ClassVar[str]  # the noun that starts a refusal
+    @property
+    def kind(self) -> str:
+        """Noun that begins an error message."""
+        ...
 
     @property
     def place(self) -> tuple[float, float] | None:
-        """(x, y) [m] that must lie on the field; None where it is everywhere."""
+        """(x, y) [m] that must lie on the field; None for a feature of the whole field."""
         ...
 
     @property
     def flank(self) -> float:
-        """Shortest distance [m] over which it climbs as far as it does."""
+        """Shortest horizontal distance [m] over which the feature reaches its height."""
         ...
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Return what is added to the ground [m] at (x, y) [m]."""
+        """Return the height [m] that is added at (x, y) [m]."""
         ...
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Rise:
-    """A slope that changes: level ground turns into a slope in a valley, and level in a crest.
+    """A slope between two level parts of the field, with a rounded valley and a rounded crest.
 
-    With u [m] from (x, y) uphill, the slope grows linearly to tan(slope) over `rounding`, stays,
-    and fades over `rounding` until u = `length`; beyond, the ground is level again and
-    tan(slope) (length - rounding) higher. It spans the field across its direction.
-
-    Raises:
-        InvalidField: a value is not finite or out of its range.
+    With u [m] the distance from (x, y) uphill, the slope grows linearly to tan(slope) over the
+    rounding, is constant, and falls to 0 over the rounding until u = length. The ground behind it
+    is level and tan(slope) (length - rounding) higher. The rise spans the field across its
+    direction.
     """
 
-    what: ClassVar[str] = "rise"
-
-    x: float  # [m] where it begins
-    y: float  # [m]
-    uphill: float  # [rad]
-    slope: float  # [rad] at its steepest; below 0 it falls
-    length: float  # [m] from level to level
-    rounding: float  # [m] of valley and of crest
+    kind: Literal["rise"] = "rise"
+    """Kind of feature."""
+    x_m: float
+    """Start of the rise, map frame."""
+    y_m: float
+    """Start of the rise, map frame."""
+    slope_rad: Annotated[float, Field(ge=-STEEPEST_RISE_RAD, le=STEEPEST_RISE_RAD)]
+    """Largest slope; negative where the ground falls."""
+    length_m: Positive
+    """Distance between the level parts."""
+    rounding_m: Positive = 2.0
+    """Length of the valley and of the crest."""
+    uphill_deg: float = 0.0
+    """Direction of the rise, counter-clockwise from east."""
 
     def __post_init__(self) -> None:
-        _check(self, "length", "rounding")
-        if not abs(self.slope) <= STEEPEST_RISE_RAD:
-            raise InvalidField(
-                f"rise: got slope {self.slope} rad, must be in "
-                f"[-{STEEPEST_RISE_RAD}, {STEEPEST_RISE_RAD}]"
-            )
-        if 2.0 * self.rounding > self.length:
-            raise InvalidField(
-                f"rise: got rounding {self.rounding} m, must be at most half the length, "
-                f"{0.5 * self.length} m"
+        if 2.0 * self.rounding_m > self.length_m:
+            raise ValueError(
+                f"got rounding_m {self.rounding_m}, must be at most half the length, "
+                f"{0.5 * self.length_m} m"
             )
 
     @property
     def place(self) -> tuple[float, float]:
-        """Where it begins."""
-        return self.x, self.y
+        """Start of the rise (x, y) [m]."""
+        return self.x_m, self.y_m
 
     @property
     def flank(self) -> float:
-        """The shorter of its curves."""
-        return self.rounding
+        """Length of the valley [m]."""
+        return self.rounding_m
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Return what is added to the ground [m] at (x, y) [m]."""
-        along, _ = _turned(self.x, self.y, self.uphill, x, y)
-        crest = along - (self.length - self.rounding)
-        return math.tan(self.slope) * (self._bent(along) - self._bent(crest))
+        """Return the height [m] that is added at (x, y) [m]."""
+        along, _ = _rotated(self.place, self.uphill_deg, x, y)
+        crest = along - (self.length_m - self.rounding_m)
+        return math.tan(self.slope_rad) * (self._ramp(along) - self._ramp(crest))
 
-    def _bent(self, along: FloatArray) -> FloatArray:
+    def _ramp(self, along: FloatArray) -> FloatArray:
         """Return the integral of a slope that grows from 0 to 1 over the rounding."""
-        curve = np.clip(along, 0.0, self.rounding)
-        return curve**2 / (2.0 * self.rounding) + np.maximum(along - self.rounding, 0.0)
+        curve = np.clip(along, 0.0, self.rounding_m)
+        return curve**2 / (2.0 * self.rounding_m) + np.maximum(along - self.rounding_m, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Furrows:
-    """Ridges and furrows all over the field, depth/2 cos(2 pi u / period), u across them.
+    """Ridges and furrows over the whole field: depth/2 cos(2 pi u / period), u across them.
 
-    Raises:
-        InvalidField: a value is not finite or out of its range.
+    A ridge runs through the origin of the map.
     """
 
-    what: ClassVar[str] = "furrows"
-
-    period: float  # [m] from ridge to ridge
-    depth: float  # [m] from ridge to furrow
-    direction: float  # [rad] in which they run; a ridge runs through the origin
+    kind: Literal["furrows"] = "furrows"
+    """Kind of feature."""
+    period_m: Positive
+    """Distance from ridge to ridge."""
+    depth_m: Positive
+    """Height of a ridge above a furrow."""
+    along_deg: float = 90.0
+    """Direction of the furrows, counter-clockwise from east."""
 
     def __post_init__(self) -> None:
-        _check(self, "period", "depth")
-        _check_steepness(self.what, "depth", self.depth, self.flank)
+        _check_steepness("depth_m", self.depth_m, self.flank)
 
     @property
     def place(self) -> None:
-        """They are everywhere."""
+        """None: the furrows cover the field."""
         return
 
     @property
     def flank(self) -> float:
-        """From furrow to ridge."""
-        return 0.5 * self.period
+        """Distance from furrow to ridge [m]."""
+        return 0.5 * self.period_m
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Return what is added to the ground [m] at (x, y) [m]."""
-        _, across = _turned(0.0, 0.0, self.direction, x, y)
-        return 0.5 * self.depth * np.cos(2.0 * math.pi / self.period * across)
+        """Return the height [m] that is added at (x, y) [m]."""
+        _, across = _rotated((0.0, 0.0), self.along_deg, x, y)
+        return 0.5 * self.depth_m * np.cos(2.0 * math.pi / self.period_m * across)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Bump:
-    """A single obstacle, or with a negative height a ditch: a profile along a line, round ends.
+    """An obstacle along a line, with round ends.
 
-    With d the distance from the line, 0 where d > width/2, else
+    With d [m] the distance from the line, the height is 0 where d > width/2, elsewhere
 
         cosine     height/2 (1 + cos(2 pi d / width))
         cylinder   the segment of a circle with chord `width` and sagitta `height`.
-
-    Raises:
-        InvalidField: a value is not finite or out of its range.
     """
 
-    what: ClassVar[str] = "bump"
-
-    x: float  # [m] middle
-    y: float  # [m]
-    direction: float  # [rad] in which the line runs
-    length: float  # [m] of the line without its ends; 0 makes it round
-    width: float  # [m] across the line
-    rise: float  # [m] in the middle; below 0 a ditch
+    kind: Literal["bump"] = "bump"
+    """Kind of feature."""
+    x_m: float
+    """Middle of the line, map frame."""
+    y_m: float
+    """Middle of the line, map frame."""
+    height_m: Positive
+    """Height on the line."""
+    width_m: Positive
+    """Width across the line."""
+    length_m: NotNegative = 0.0
+    """Length of the line without the round ends; 0: a round bump."""
+    along_deg: float = 90.0
+    """Direction of the line, counter-clockwise from east."""
     profile: Profile = "cosine"
+    """Shape of a section across the line."""
 
     def __post_init__(self) -> None:
-        _check(self, "width")
-        if self.length < 0.0:
-            raise InvalidField(f"bump: got length {self.length} m, must not be negative")
-        if self.profile not in get_args(Profile):
-            raise InvalidField(f"bump: got profile {self.profile!r}, must be cosine or cylinder")
-        _check_steepness(self.what, "rise", self.rise, self.flank)
+        _check_steepness("height_m", self.height_m, self.flank)
 
     @property
     def place(self) -> tuple[float, float]:
-        """Its middle."""
-        return self.x, self.y
+        """Middle of the line (x, y) [m]."""
+        return self.x_m, self.y_m
 
     @property
     def flank(self) -> float:
-        """From its edge to its middle."""
-        return 0.5 * self.width
+        """Half the width [m]."""
+        return 0.5 * self.width_m
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Return what is added to the ground [m] at (x, y) [m]."""
-        along, across = _turned(self.x, self.y, self.direction, x, y)
-        beyond = np.maximum(np.abs(along) - 0.5 * self.length, 0.0)
-        distance = np.minimum(np.hypot(beyond, across), self.flank)  # from the line
-        if self.profile == "cosine" or self.rise == 0.0:
-            return 0.5 * self.rise * (1.0 + np.cos(math.pi * distance / self.flank))
-        rise = abs(self.rise)
-        radius = (self.flank**2 + rise**2) / (2.0 * rise)
-        return math.copysign(1.0, self.rise) * (
-            np.sqrt(radius**2 - distance**2) - math.sqrt(radius**2 - self.flank**2)
-        )
+        """Return the height [m] that is added at (x, y) [m]."""
+        distance = _distance_from_line(self, x, y)
+        if self.profile == "cosine":
+            return _cosine(self.height_m, distance, self.flank)
+        radius = (self.flank**2 + self.height_m**2) / (2.0 * self.height_m)
+        return np.sqrt(radius**2 - distance**2) - math.sqrt(radius**2 - self.flank**2)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Ditch:
+    """A trench along a line, with round ends: a cosine bump of negative height."""
+
+    kind: Literal["ditch"] = "ditch"
+    """Kind of feature."""
+    x_m: float
+    """Middle of the line, map frame."""
+    y_m: float
+    """Middle of the line, map frame."""
+    depth_m: Positive
+    """Depth on the line."""
+    width_m: Positive
+    """Width across the line, at the top."""
+    length_m: NotNegative = 0.0
+    """Length of the line without the round ends; 0: a round hole."""
+    along_deg: float = 90.0
+    """Direction of the line, counter-clockwise from east."""
+
+    def __post_init__(self) -> None:
+        _check_steepness("depth_m", self.depth_m, self.flank)
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """Middle of the line (x, y) [m]."""
+        return self.x_m, self.y_m
+
+    @property
+    def flank(self) -> float:
+        """Half the width [m]."""
+        return 0.5 * self.width_m
+
+    def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
+        """Return the height [m] that is added at (x, y) [m]; negative inside the ditch."""
+        return _cosine(-self.depth_m, _distance_from_line(self, x, y), self.flank)
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
 class Step:
-    """Ground that is higher beyond a line, by way of a straight ramp; it spans the field.
+    """Ground that is higher behind a line, with a straight ramp; it spans the field."""
 
-    Raises:
-        InvalidField: a value is not finite or out of its range.
-    """
-
-    what: ClassVar[str] = "step"
-
-    x: float  # [m] where the ramp begins
-    y: float  # [m]
-    uphill: float  # [rad]
-    rise: float  # [m]; below 0 it goes down
-    ramp: float  # [m] over which it rises
+    kind: Literal["step"] = "step"
+    """Kind of feature."""
+    x_m: float
+    """Start of the ramp, map frame."""
+    y_m: float
+    """Start of the ramp, map frame."""
+    height_m: float
+    """Height behind the ramp; negative for a step down."""
+    ramp_m: Positive
+    """Length of the ramp."""
+    uphill_deg: float = 0.0
+    """Direction across the step, counter-clockwise from east."""
 
     def __post_init__(self) -> None:
-        _check(self, "ramp")
-        _check_steepness(self.what, "rise", self.rise, self.ramp)
+        _check_steepness("height_m", self.height_m, self.flank)
 
     @property
     def place(self) -> tuple[float, float]:
-        """Where the ramp begins."""
-        return self.x, self.y
+        """Start of the ramp (x, y) [m]."""
+        return self.x_m, self.y_m
 
     @property
     def flank(self) -> float:
-        """The ramp."""
-        return self.ramp
+        """Length of the ramp [m]."""
+        return self.ramp_m
 
     def height(self, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Return what is added to the ground [m] at (x, y) [m]."""
-        along, _ = _turned(self.x, self.y, self.uphill, x, y)
-        return self.rise * np.clip(along / self.ramp, 0.0, 1.0)
+        """Return the height [m] that is added at (x, y) [m]."""
+        along, _ = _rotated(self.place, self.uphill_deg, x, y)
+        return self.height_m * np.clip(along / self.ramp_m, 0.0, 1.0)
 
 
-def _turned(
-    x0: float, y0: float, direction: float, x: ArrayLike, y: ArrayLike
+AnyFeature = Annotated[Rise | Furrows | Bump | Ditch | Step, Field(discriminator="kind")]
+"""A table with a key `kind`."""
+
+
+def _rotated(
+    origin: tuple[float, float], direction_deg: float, x: ArrayLike, y: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (x, y) [m] in a frame at (x0, y0) turned by `direction`: along and across it."""
-    dx, dy = np.asarray(x) - x0, np.asarray(y) - y0
+    """Return the coordinates of (x, y) [m] along and across a direction through an origin."""
+    dx, dy = np.asarray(x) - origin[0], np.asarray(y) - origin[1]
+    direction = math.radians(direction_deg)
     cosine, sine = math.cos(direction), math.sin(direction)
     return cosine * dx + sine * dy, cosine * dy - sine * dx
 
 
-def _check(feature: Rise | Furrows | Bump | Step, *positive: str) -> None:
-    """Refuse what is not finite, and what of the named values is not above 0."""
-    for item in fields(feature):
-        value = getattr(feature, item.name)
-        if isinstance(value, str):
-            continue
-        if not math.isfinite(value):
-            raise InvalidField(f"{feature.what}: got {item.name} {value}, must be finite")
-        if item.name in positive and value <= 0.0:
-            raise InvalidField(f"{feature.what}: got {item.name} {value} m, must be above 0")
+def _distance_from_line(feature: Bump | Ditch, x: ArrayLike, y: ArrayLike) -> FloatArray:
+    """Return the distance of (x, y) [m] from the line of a feature, at most its flank [m]."""
+    along, across = _rotated(feature.place, feature.along_deg, x, y)
+    beyond = np.maximum(np.abs(along) - 0.5 * feature.length_m, 0.0)
+    return np.minimum(np.hypot(beyond, across), feature.flank)
 
 
-def _check_steepness(what: str, name: str, height: float, flank: float) -> None:
+def _cosine(height: float, distance: FloatArray, flank: float) -> FloatArray:
+    return 0.5 * height * (1.0 + np.cos(math.pi * distance / flank))
+
+
+def _check_steepness(key: str, height: float, flank: float) -> None:
     if abs(height) > flank:
-        raise InvalidField(
-            f"{what}: got {name} {height} m over a flank of {flank} m, must be at most as much"
+        raise ValueError(
+            f"got {key} {height} over a flank of {flank} m, must be at most as high as long"
         )

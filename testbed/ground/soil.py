@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -13,7 +14,6 @@ from numpy.typing import ArrayLike
 from ttempc.types import FloatArray
 
 from ..errors import InvalidField
-from .soil_layers import check_cone_index
 from .terrain import Terrain
 
 # Soils by name, cone index [kPa], all assumed: one loam, stronger as it dries, over the range of
@@ -52,7 +52,10 @@ class SoilMap:
     layers: tuple[Layer, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        check_cone_index("soil", self.background)
+        if not (math.isfinite(self.background) and self.background > 0.0):
+            raise InvalidField(
+                f"soil: got cone index {self.background} kPa, must be finite and above 0"
+            )
 
     @classmethod
     def named(cls, name: str, layers: tuple[Layer, ...] = ()) -> SoilMap:

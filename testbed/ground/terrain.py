@@ -54,13 +54,13 @@ class Terrain(Grid):
         for feature in features:
             if feature.place and not self.contains(*feature.place):
                 raise InvalidField(
-                    f"{feature.what}: got a place at {feature.place} m, must be on the field, "
+                    f"{feature.kind}: got a place at {feature.place} m, must be on the field, "
                     f"{self.size_m[0]:g} x {self.size_m[1]:g} m "
                     f"about ({self.centre[0]:.1f}, {self.centre[1]:.1f})"
                 )
             if feature.flank < LEAST_FLANK_CELLS * self.spacing_m * (1.0 - 1e-9):
                 raise InvalidField(
-                    f"{feature.what}: rises over {feature.flank:g} m, must be "
+                    f"{feature.kind}: rises over {feature.flank:g} m, must be "
                     f"{LEAST_FLANK_CELLS * self.spacing_m:g} m or more on a grid of "
                     f"{self.spacing_m:g} m"
                 )

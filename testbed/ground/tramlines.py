@@ -1,48 +1,64 @@
-"""Wheel tracks of earlier passes, rolled firmer or worked softer than the ground beside them."""
+"""Tramlines: wheel tracks of earlier passes, compacted or loosened against the soil beside them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass as stdlib_dataclass
+from dataclasses import field
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 from scipy.spatial import KDTree
 
 from ttempc.types import FloatArray
 
+from ..configuration.config_io import STRICT
 from ..errors import InvalidField
 
 _STEP_OF_WIDTH: Final = 0.2  # of the points along a track: its edge is short by 1 % of its width
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class Tracks:
+    """Two tracks of changed soil beside a line; the default ones are those of the tractor."""
+
+    # Descriptions instead of docstrings, because subclasses do not inherit those.
+    track_m: Annotated[
+        float, Field(gt=0, description="Distance between the middles of both tracks.")
+    ] = 0.95
+    width_m: Annotated[float, Field(gt=0, description="Width of each track.")] = 0.3
+    strength_factor: Annotated[
+        float,
+        Field(ge=0.05, le=20, description="Cone index in a track over that beside it; assumed."),
+    ] = 1.5
+
+    def __post_init__(self) -> None:
+        if self.width_m > self.track_m:
+            raise ValueError(
+                f"got tracks {self.width_m} m wide and {self.track_m} m apart, "
+                "the width must be at most the distance"
+            )
+
+
+@stdlib_dataclass(frozen=True, slots=True, eq=False)
 class Tramlines:
-    """Two tracks beside every line that was driven; where tracks cross, they count once.
+    """Soil layer of two tracks beside every line; where tracks cross, they count once.
 
     Raises:
-        InvalidField: there is no line, one has less than two points or one that is not finite, the
-            width is not above 0 or above the distance of the tracks, or the factor is not in
-            [0.05, 20].
+        InvalidField: there is no line, or a line has less than two points, no length or a point
+            that is not finite.
     """
 
     lines: tuple[FloatArray, ...]  # each (n, 2) [m], the middle between both tracks
-    track: float  # [m] from the middle of the left track to that of the right one
-    width: float  # [m] of each track
-    factor: float  # cone index in a track over that of what lies below
+    tracks: Tracks
 
     _points: KDTree = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.track) and 0.0 < self.width <= self.track):
-            raise InvalidField(
-                f"tramlines: got tracks {self.width} m wide and {self.track} m apart, "
-                "the width must be above 0 and at most the distance"
-            )
-        if not 0.05 <= self.factor <= 20.0:
-            raise InvalidField(f"tramlines: got factor {self.factor}, must be in [0.05, 20]")
         if not self.lines:
             raise InvalidField("tramlines: got no line, must be one or more")
         lines = tuple(np.asarray(line, dtype=float) for line in self.lines)
@@ -54,28 +70,28 @@ class Tramlines:
             if not np.any(line != line[0]):
                 raise InvalidField(f"tramlines: got a line without length at {tuple(line[0])} m")
         object.__setattr__(self, "lines", lines)
-        object.__setattr__(self, "_points", KDTree(np.concatenate(list(self._tracks()))))
+        object.__setattr__(self, "_points", KDTree(np.concatenate(list(self._track_points()))))
 
     @property
     def finest(self) -> float:
         """The width of a track [m]."""
-        return self.width
+        return self.tracks.width_m
 
     def over(self, below: FloatArray, x: ArrayLike, y: ArrayLike) -> FloatArray:
-        """Return the cone index [kPa] at (x, y) [m] where it was `below` [kPa]."""
+        """Return the cone index [kPa] at (x, y) [m] over that of the layers below [kPa]."""
         places = np.stack(np.broadcast_arrays(x, y), axis=-1)  # (..., 2)
-        reach = 0.5 * self.width
+        reach = 0.5 * self.tracks.width_m
         distance, _ = self._points.query(places, distance_upper_bound=reach * (1.0 + 1e-12))
-        return np.where(np.isfinite(distance), self.factor * below, below)
+        return np.where(np.isfinite(distance), self.tracks.strength_factor * below, below)
 
-    def _tracks(self) -> Iterable[FloatArray]:
-        """Yield points along each track, near enough to each other to make a line, (n, 2)."""
+    def _track_points(self) -> Iterable[FloatArray]:
+        """Yield the points along each track, (n, 2) [m]."""
         for line in self.lines:
             steps = np.diff(line, axis=0)
             steps = steps[np.any(steps != 0.0, axis=1)]  # (pieces, 2)
             lengths = np.linalg.norm(steps, axis=1)
             ends = np.concatenate([[0.0], np.cumsum(lengths)])  # (pieces + 1,)
-            count = math.ceil(ends[-1] / (_STEP_OF_WIDTH * self.width)) + 1
+            count = math.ceil(ends[-1] / (_STEP_OF_WIDTH * self.tracks.width_m)) + 1
             places = np.linspace(0.0, ends[-1], count)
             piece = np.clip(np.searchsorted(ends, places, "right") - 1, 0, len(steps) - 1)
             ahead = (steps / lengths[:, None])[piece]  # (count, 2)
@@ -83,20 +99,20 @@ class Tramlines:
             driven += (places - ends[piece])[:, None] * ahead
             left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
             for side in (0.5, -0.5):
-                yield driven + side * self.track * left
+                yield driven + side * self.tracks.track_m * left
 
 
 def parallel_lines(
     start: tuple[float, float], heading: float, length: float, count: int, spacing: float
 ) -> tuple[FloatArray, ...]:
-    """Return straight lines of one heading [rad], each `spacing` [m] to the left of the last.
+    """Return parallel straight lines (2, 2) [m], each to the left of the last.
 
     Args:
-        start: where the first begins (x, y) [m].
-        heading: counter-clockwise from x [rad].
-        length: of each [m].
-        count: how many.
-        spacing: from line to line [m].
+        start: start of the first line (x, y) [m].
+        heading: direction, counter-clockwise from x [rad].
+        length: length of each line [m].
+        count: number of lines.
+        spacing: distance from line to line [m].
     """
     ahead = np.array([math.cos(heading), math.sin(heading)])
     left = np.array([-ahead[1], ahead[0]])

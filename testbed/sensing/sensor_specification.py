@@ -1,133 +1,166 @@
-"""What the sensors of a vehicle are like: rates, errors, delays; SI units, angles in radians."""
+"""Specification of the sensors: rates, errors and delays, in the units of a scenario file."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
 
-from ..errors import InvalidPlant
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from ..configuration.config_io import STRICT, Fraction, NotNegative, Positive
 
 GnssError = Literal["white", "correlated", "non-gaussian"]
 GnssAntenna = Literal["point", "raw", "corrected"]
 EncoderOn = Literal["wheel", "ground"]
 
-LONGEST_LATENCY_S: Final = 2.0  # ten control periods
+MAX_LATENCY_S: Final = 2.0  # ten control periods
+Latency = Annotated[float, Field(ge=0, le=MAX_LATENCY_S)]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, config=STRICT)
 class ImuSpecification:
-    """An inertial sensor with roll, pitch and yaw rate, one on the tractor, one on the trailer.
+    """Inertial sensors that measure roll, pitch and yaw rate, one on tractor and trailer each.
 
-    The values are those of a small industrial one; assumed. Its bias is drawn once a run.
-
-    Raises:
-        InvalidPlant: a value is out of its range.
+    No estimator uses them; `gnss_antenna = "corrected"` does. The default values are those of a
+    small industrial sensor; assumed. A bias is drawn once a run.
     """
 
-    rate: float = 25.0  # [Hz]
-    angle_sd: float = math.radians(0.2)  # [rad] of roll and pitch, each sample
-    angle_bias_sd: float = math.radians(0.3)  # [rad] over runs
-    angle_resolution: float = 0.0  # [rad]
-    yaw_rate_sd: float = math.radians(0.1)  # [rad/s] each sample
-    yaw_rate_bias_sd: float = math.radians(0.05)  # [rad/s] over runs
-    yaw_rate_resolution: float = 0.0  # [rad/s]
-    latency: float = 0.0  # [s]
+    on: bool = False
+    """Whether the vehicle has these sensors."""
+    rate_hz: Positive = 25.0
+    """Sampling rate."""
+    angle_sd_deg: NotNegative = 0.2
+    """Standard deviation of roll and pitch, each sample."""
+    angle_bias_sd_deg: NotNegative = 0.3
+    """Standard deviation over runs of the bias of roll and pitch."""
+    angle_resolution_deg: NotNegative = 0.0
+    """Resolution of roll and pitch; 0: not quantised."""
+    yaw_rate_sd_degps: NotNegative = 0.1
+    """Standard deviation of the yaw rate, each sample."""
+    yaw_rate_bias_sd_degps: NotNegative = 0.05
+    """Standard deviation over runs of the bias of the yaw rate."""
+    yaw_rate_resolution_degps: NotNegative = 0.0
+    """Resolution of the yaw rate; 0: not quantised."""
+    latency_s: Latency = 0.0
+    """Time from sampling to delivery."""
 
-    def __post_init__(self) -> None:
-        _require_in_range(self, "sensors.imu")
+    @property
+    def sd(self) -> tuple[float, float, float]:
+        """Standard deviation of yaw rate [rad/s], roll and pitch [rad]."""
+        return _yaw_rate_and_angles(self.yaw_rate_sd_degps, self.angle_sd_deg)
+
+    @property
+    def bias_sd(self) -> tuple[float, float, float]:
+        """Standard deviation of the bias of yaw rate [rad/s], roll and pitch [rad]."""
+        return _yaw_rate_and_angles(self.yaw_rate_bias_sd_degps, self.angle_bias_sd_deg)
+
+    @property
+    def resolution(self) -> tuple[float, float, float]:
+        """Resolution of yaw rate [rad/s], roll and pitch [rad]."""
+        return _yaw_rate_and_angles(self.yaw_rate_resolution_degps, self.angle_resolution_deg)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, config=STRICT)
 class SensorSpecification:
-    """The paper's sensors (sec. II) with white Gaussian noise, and what may be wrong with them.
+    """Sensors of the paper (sec. II) with white Gaussian noise, and optional further errors.
 
-    The rates of the sensors other than GNSS are assumed: the paper's computer reads all of them
-    but says only that its controller runs at 5 Hz. `gnss_sd` is the standard deviation of the
-    whole error of an axis, whatever its kind.
-
-    Raises:
-        InvalidPlant: a value is out of its range, or a lever arm is to be corrected without
-            anything that measures the attitude.
+    The rates of the sensors other than GNSS are assumed: the paper states only that its
+    controller runs at 5 Hz.
     """
 
-    gnss_rate: float = 5.0  # [Hz] two RTK antennas
-    gnss_sd: float = 0.03  # [m] each axis
+    gnss_rate_hz: Positive = 5.0
+    """Sampling rate of both RTK receivers."""
+    gnss_sd_m: NotNegative = 0.03
+    """Standard deviation of the whole error of an axis, for every kind of error."""
     gnss_error: GnssError = "white"
+    """Kind of error, see `testbed.sensing.sensor_errors`."""
     # Between the 10 and 900 s by which carrier multipath is bounded (Joerger, Pervan 2020).
-    gnss_correlation_time: float = 60.0  # [s] of the slow part where "correlated"; assumed
-    gnss_white_share: float = 0.1  # of the variance where "correlated"; assumed
-    gnss_antenna: GnssAntenna = "point"  # where the sample is taken, see `testbed.sensing.sensors`
-    gnss_latency: float = 0.0  # [s] from the moment a sample is true to its delivery
-    gnss_resolution: float = 0.0  # [m] 0 for none
-    angle_rate: float = 25.0  # [Hz] both steering angles and the hitch angle
-    angle_sd: float = math.radians(1.0)  # [rad]
-    angle_latency: float = 0.0  # [s]
-    angle_resolution: float = 0.0  # [rad]
-    encoder_rate: float = 25.0  # [Hz]
-    encoder_sd: float = 0.1  # [m/s]
-    encoder_on: EncoderOn = "wheel"  # on the rear wheels, as in the paper: slip is in it
-    encoder_latency: float = 0.0  # [s]
-    encoder_resolution: float = 0.0  # [m/s]
-    imu: ImuSpecification | None = None
+    gnss_correlation_time_s: Positive = 60.0
+    """Correlation time of the coloured part of a correlated error; assumed."""
+    gnss_white_share: Fraction = 0.1
+    """White share of the variance of a correlated error; assumed."""
+    gnss_antenna: GnssAntenna = "point"
+    """Point that is measured: axle point, antenna, or antenna corrected by the IMU's attitude."""
+    gnss_latency_s: Latency = 0.0
+    """Time from sampling to delivery."""
+    gnss_resolution_m: NotNegative = 0.0
+    """Resolution of a position; 0: not quantised."""
+    angle_rate_hz: Positive = 25.0
+    """Sampling rate of both steering angles and of the hitch angle."""
+    angle_sd_deg: NotNegative = 1.0
+    """Standard deviation of these angles."""
+    angle_latency_s: Latency = 0.0
+    """Time from sampling to delivery."""
+    angle_resolution_deg: NotNegative = 0.0
+    """Resolution of these angles; 0: not quantised."""
+    encoder_rate_hz: Positive = 25.0
+    """Sampling rate of the speed encoder."""
+    encoder_sd_mps: NotNegative = 0.1
+    """Standard deviation of the speed."""
+    encoder_on: EncoderOn = "wheel"
+    """Measured speed: that of the rear wheels, slip included (paper), or that over ground."""
+    encoder_latency_s: Latency = 0.0
+    """Time from sampling to delivery."""
+    encoder_resolution_mps: NotNegative = 0.0
+    """Resolution of the speed; 0: not quantised."""
+    imu: ImuSpecification = ImuSpecification()
+    """Inertial sensors."""
 
     def __post_init__(self) -> None:
-        _require_in_range(self, "sensors")
-        if not self.gnss_correlation_time > 0.0:
-            raise InvalidPlant(
-                f"sensors.gnss_correlation_time: got {self.gnss_correlation_time} s, "
-                "must be above 0; an error without memory is gnss_error = 'white'"
-            )
-        if self.gnss_white_share > 1.0:
-            raise InvalidPlant(
-                f"sensors.gnss_white_share: got {self.gnss_white_share}, must be in [0, 1]"
-            )
-        if self.gnss_antenna == "corrected" and self.imu is None:
-            raise InvalidPlant(
-                "sensors.gnss_antenna: 'corrected' needs the attitude that an IMU measures "
+        if self.gnss_antenna == "corrected" and not self.imu.on:
+            raise ValueError(
+                "gnss_antenna 'corrected' needs the attitude that an IMU measures "
                 "(sensors.imu.on = true); without one it can be 'point' or 'raw'"
             )
 
+    @property
+    def angle_sd(self) -> float:
+        """Standard deviation of the steering angles and the hitch angle [rad]."""
+        return math.radians(self.angle_sd_deg)
+
+    @property
+    def angle_resolution(self) -> float:
+        """Resolution of the steering angles and the hitch angle [rad]."""
+        return math.radians(self.angle_resolution_deg)
+
     def notes(self) -> list[str]:
-        """Return a line for each flaw or addition; other rates and deviations go unsaid."""
-        said = []
+        """Return one line for each error or sensor that the paper does not have.
+
+        Rates and standard deviations are not listed.
+        """
+        notes = []
         if self.gnss_error == "correlated":
-            said.append(
-                f"GNSS error correlated over {self.gnss_correlation_time:g} s, "
+            notes.append(
+                f"GNSS error correlated over {self.gnss_correlation_time_s:g} s, "
                 f"{100.0 * self.gnss_white_share:g} % of its variance white"
             )
         elif self.gnss_error == "non-gaussian":
-            said.append("GNSS error heavy-tailed")
+            notes.append("GNSS error heavy-tailed")
         if self.gnss_antenna == "raw":
-            said.append("GNSS of the antennas taken for the axle points")
+            notes.append("GNSS of the antennas taken for the axle points")
         elif self.gnss_antenna == "corrected":
-            said.append("GNSS of the antennas, lever arms corrected with the IMU's attitude")
+            notes.append("GNSS of the antennas, lever arms corrected with the IMU's attitude")
         if self.encoder_on == "ground":
-            said.append("encoder reads the speed over ground")
-        if self.imu:
-            said.append("IMU on tractor and trailer")
-            said += [f"IMU latency {self.imu.latency:g} s"] if self.imu.latency else []
+            notes.append("encoder reads the speed over ground")
+        if self.imu.on:
+            notes.append("IMU on tractor and trailer")
+            notes += [f"IMU latency {self.imu.latency_s:g} s"] if self.imu.latency_s else []
         for name, latency in (
-            ("GNSS", self.gnss_latency),
-            ("angle", self.angle_latency),
-            ("encoder", self.encoder_latency),
+            ("GNSS", self.gnss_latency_s),
+            ("angle", self.angle_latency_s),
+            ("encoder", self.encoder_latency_s),
         ):
-            said += [f"{name} latency {latency:g} s"] if latency else []
+            notes += [f"{name} latency {latency:g} s"] if latency else []
         for name, resolution, unit in (
-            ("GNSS", self.gnss_resolution, "m"),
-            ("angle", math.degrees(self.angle_resolution), "deg"),
-            ("encoder", self.encoder_resolution, "m/s"),
+            ("GNSS", self.gnss_resolution_m, "m"),
+            ("angle", self.angle_resolution_deg, "deg"),
+            ("encoder", self.encoder_resolution_mps, "m/s"),
         ):
-            said += [f"{name} resolution {resolution:g} {unit}"] if resolution else []
-        return [f"sensors: {line}" for line in said]
+            notes += [f"{name} resolution {resolution:g} {unit}"] if resolution else []
+        return [f"sensors: {line}" for line in notes]
 
 
-def _require_in_range(owner: ImuSpecification | SensorSpecification, where: str) -> None:
-    for item in fields(owner):
-        value = getattr(owner, item.name)
-        if not isinstance(value, (int, float)):
-            continue
-        high = LONGEST_LATENCY_S if item.name.endswith("latency") else math.inf
-        if not (math.isfinite(value) and 0.0 <= value <= high):
-            allowed = f"in [0, {high:g}]" if high < math.inf else "finite and not negative"
-            raise InvalidPlant(f"{where}.{item.name}: got {value}, must be {allowed}")
+def _yaw_rate_and_angles(yaw_rate_degps: float, angle_deg: float) -> tuple[float, float, float]:
+    angle = math.radians(angle_deg)
+    return math.radians(yaw_rate_degps), angle, angle

@@ -96,7 +96,7 @@ class SensorSuite:
         self._in_transit: list[tuple[int, Measurement]] = []  # physics step of delivery, sample
         # IMUs come first: corrected GNSS samples of the same moment need them.
         self._sensors = (
-            *(self._imu(sensor, specification.imu) for sensor in _IMU if specification.imu),
+            *(self._imu(sensor, specification.imu) for sensor in _IMU if specification.imu.on),
             *(self._gnss(body) for body in range(len(_GNSS))),
             *(self._angle(sensor) for sensor in _ANGLES),
             self._encoder(),
@@ -150,9 +150,9 @@ class SensorSuite:
             sensor,
             _IMU[sensor],
             _imu_error(imu, self._seed, sensor),
-            rate=imu.rate,
-            latency=imu.latency,
-            resolution=(imu.yaw_rate_resolution, imu.angle_resolution, imu.angle_resolution),
+            rate=imu.rate_hz,
+            latency=imu.latency_s,
+            resolution=imu.resolution,
         )
 
     def _gnss(self, body: int) -> _SampledSensor:
@@ -161,9 +161,9 @@ class SensorSuite:
             sensor,
             self._gnss_reader(body),
             _gnss_error(specification, self._seed, sensor),
-            rate=specification.gnss_rate,
-            latency=specification.gnss_latency,
-            resolution=(specification.gnss_resolution, specification.gnss_resolution),
+            rate=specification.gnss_rate_hz,
+            latency=specification.gnss_latency_s,
+            resolution=(specification.gnss_resolution_m, specification.gnss_resolution_m),
         )
 
     def _angle(self, sensor: Sensor) -> _SampledSensor:
@@ -172,8 +172,8 @@ class SensorSuite:
             sensor,
             _ANGLES[sensor],
             self._white(sensor, specification.angle_sd),
-            rate=specification.angle_rate,
-            latency=specification.angle_latency,
+            rate=specification.angle_rate_hz,
+            latency=specification.angle_latency_s,
             resolution=(specification.angle_resolution,),
         )
 
@@ -182,10 +182,10 @@ class SensorSuite:
         return self._sampled(
             Sensor.ENCODER,
             _ENCODER[specification.encoder_on],
-            self._white(Sensor.ENCODER, specification.encoder_sd),
-            rate=specification.encoder_rate,
-            latency=specification.encoder_latency,
-            resolution=(specification.encoder_resolution,),
+            self._white(Sensor.ENCODER, specification.encoder_sd_mps),
+            rate=specification.encoder_rate_hz,
+            latency=specification.encoder_latency_s,
+            resolution=(specification.encoder_resolution_mps,),
         )
 
     def _white(self, sensor: Sensor, sd: float) -> White:
@@ -241,7 +241,7 @@ def lever_in_map(lever: FloatArray, yaw: float, pitch: float, roll: float) -> tu
 
 
 def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -> ErrorSource:
-    sd, rng = np.full(2, specification.gnss_sd), generator(seed, f"sensor/{sensor}")
+    sd, rng = np.full(2, specification.gnss_sd_m), generator(seed, f"sensor/{sensor}")
     match specification.gnss_error:
         case "white":
             return White(sd, rng)
@@ -249,8 +249,8 @@ def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -
             return Correlated(
                 sd,
                 specification.gnss_white_share,
-                specification.gnss_correlation_time,
-                1.0 / specification.gnss_rate,
+                specification.gnss_correlation_time_s,
+                1.0 / specification.gnss_rate_hz,
                 rng,
                 generator(seed, f"sensor/{sensor}/slow"),
             )
@@ -259,7 +259,6 @@ def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -
 
 
 def _imu_error(imu: ImuSpecification, seed: int, sensor: Sensor) -> ErrorSource:
-    sd = np.array([imu.yaw_rate_sd, imu.angle_sd, imu.angle_sd])
-    bias_sd = np.array([imu.yaw_rate_bias_sd, imu.angle_bias_sd, imu.angle_bias_sd])
-    bias = bias_sd * generator(seed, f"sensor/{sensor}/bias").standard_normal(3)
+    sd = np.array(imu.sd)
+    bias = np.array(imu.bias_sd) * generator(seed, f"sensor/{sensor}/bias").standard_normal(3)
     return White(sd, generator(seed, f"sensor/{sensor}"), bias)

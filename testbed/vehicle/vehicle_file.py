@@ -1,4 +1,4 @@
-"""Vehicles by name: the files that ship in `mjcf/vehicles/`, and files of one's own."""
+"""Vehicle files: the shipped ones in `mjcf/vehicles/`, and a user's own."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Final
 
 from ..configuration.config_io import read_toml, validated
-from ..configuration.resources import Shelf
+from ..configuration.resources import ShippedFiles
 from ..errors import InvalidPlant
 from .vehicle import PlantVehicle
 
 DEFAULT_VEHICLE: Final = "kayacan2016"
-_VEHICLES: Final = Shelf("vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant)
+_VEHICLES: Final = ShippedFiles("vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant)
 
 
 def shipped_vehicles() -> list[str]:
@@ -20,20 +20,26 @@ def shipped_vehicles() -> list[str]:
 
 
 def find_vehicle(name: str) -> Path:
-    """Return the file of a vehicle: a shipped name, or the path of a TOML file.
+    """Return the path of a vehicle file.
+
+    Args:
+        name: name of a shipped vehicle, or path of a TOML file.
 
     Raises:
-        InvalidPlant: there is none.
+        InvalidPlant: there is no such file.
     """
     return _VEHICLES.find(name)
 
 
 def read_vehicle(name: str = DEFAULT_VEHICLE) -> PlantVehicle:
-    """Return the vehicle with this name or in this file.
+    """Return the vehicle of a file.
+
+    Args:
+        name: name of a shipped vehicle, or path of a TOML file.
 
     Raises:
-        InvalidPlant: no such file, a key or value that is not allowed (with file and key), or
-            parts that do not make a vehicle (with the reason).
+        InvalidPlant: there is no such file, a key or a value is not allowed (the message names
+            file and key), or the parts do not fit together (the message gives the reason).
     """
     file = find_vehicle(name)
     content = read_toml(file, InvalidPlant)

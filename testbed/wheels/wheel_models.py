@@ -9,9 +9,10 @@ A new model is a module with a class that satisfies `WheelModel`, and a line in 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import ClassVar, Final, Protocol
+from typing import Annotated, ClassVar, Final, Protocol
 
 import mujoco
+from pydantic import AfterValidator, Field
 
 from ttempc.types import FloatArray
 
@@ -73,7 +74,7 @@ def wheel_model(name: str) -> type[WheelModel]:
     """Return the wheel model of a name.
 
     Raises:
-        InvalidPlant: there is none of that name.
+        InvalidPlant: there is no wheel model of that name.
     """
     if name not in WHEEL_MODELS:
         allowed = " or ".join(map(repr, WHEEL_MODELS))
@@ -81,11 +82,12 @@ def wheel_model(name: str) -> type[WheelModel]:
     return WHEEL_MODELS[name]
 
 
-def wheel_model_name(name: str) -> str:
-    """Return the name of a wheel model, checked; a validator of settings.
-
-    Raises:
-        InvalidPlant: there is none of that name.
-    """
+def _known(name: str) -> str:
     wheel_model(name)
     return name
+
+
+WheelModelName = Annotated[
+    str, AfterValidator(_known), Field(json_schema_extra={"enum": list(WHEEL_MODELS)})
+]
+"""Type of a setting: the name of a wheel model; another name raises `InvalidPlant`."""

@@ -1,4 +1,4 @@
-"""The ground of a scenario: files, layers and features from TOML to the grid under the wheels."""
+"""Ground of a scenario: files, soil layers and terrain features."""
 
 import math
 import tomllib
@@ -9,10 +9,10 @@ import pytest
 
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import assemble
-from proving_ground.experiments.scenario.features import FeatureSettings
 from proving_ground.experiments.scenario.scenario import dump, load
 from proving_ground.experiments.scenario.soil import SoilSettings
-from proving_ground.experiments.scenario.tramlines import TramlinesSettings
+from proving_ground.experiments.scenario.tramlines import AnyTramlines
+from proving_ground.testbed.ground.features import AnyFeature
 from proving_ground.testbed.ground.soil import NAMED_SOILS
 
 EVERYTHING = """
@@ -79,9 +79,9 @@ def folder(tmp_path):
 
 @pytest.mark.parametrize(
     ("settings", "table", "key"),
-    [(FeatureSettings, "terrain", "features"), (TramlinesSettings, "soil", "tramlines")],
+    [(AnyFeature, "terrain", "features"), (AnyTramlines, "soil", "tramlines")],
 )
-def test_every_kind_is_tried_here(settings, table, key):
+def test_the_scenario_of_these_tests_has_every_kind(settings, table, key):
     kinds = {entry["kind"] for entry in tomllib.loads(EVERYTHING)[table][key]}
     assert len(kinds) == len(get_args(get_args(settings)[0]))
 
@@ -118,7 +118,7 @@ def test_a_map_covers_the_gradient_and_tramlines_multiply_a_patch(folder):
     assert soil.cone_index(-20.0, 12.0) == 150.0
 
 
-def test_features_change_the_height_by_what_they_say(folder):
+def test_a_feature_changes_the_height_by_its_own_height(folder):
     (folder / "heights.csv").write_text("\n".join([",".join(["0"] * 81)] * 51))
     name = str(folder / "field.toml")
     one = "terrain.features=[{kind='ditch', x_m=3, y_m=2, depth_m=0.2, width_m=4.0, along_deg=0}]"

@@ -23,10 +23,10 @@ def test_every_number_of_a_summary_is_a_column(summary):
             elif isinstance(value, int | float):
                 yield f"{prefix}{key}", value
 
-    found = dict(leaves(dataclasses.asdict(summary)))
-    del found["seed"]
-    assert found
-    assert figures(summary).items() >= found.items()
+    leaf_values = dict(leaves(dataclasses.asdict(summary)))
+    del leaf_values["seed"]
+    assert leaf_values
+    assert figures(summary).items() >= leaf_values.items()
 
 
 def test_a_run_without_figures_has_the_same_columns(summary):

@@ -2,7 +2,12 @@ import pytest
 
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.scenario.path import FigureEight, Straight
-from proving_ground.experiments.scenario.scenario import Scenario, dump, load, shipped
+from proving_ground.experiments.scenario.scenario import (
+    Scenario,
+    dump,
+    load,
+    shipped,
+)
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -15,7 +20,9 @@ def test_shipped_scenarios_survive_being_written_out_and_read_back(name, tmp_pat
 
 def test_the_paper_s_sensors_and_path_are_the_default():
     scenario = Scenario()
-    assert scenario.path == FigureEight("figure-eight", 10.0, 30.0, 2.0, 2, 1.0)
+    assert scenario.path == FigureEight(
+        radius_m=10.0, centre_distance_m=30.0, blend_m=2.0, laps=2, speed_mps=1.0
+    )
     assert (scenario.sensors.gnss_sd_m, scenario.sensors.angle_sd_deg) == (0.03, 1.0)
 
 
@@ -28,13 +35,11 @@ def test_overrides_lie_over_the_file_and_leave_the_rest():
 
 
 def test_a_path_of_another_kind_replaces_the_figure_eight():
-    assert load("grass", ["path={kind='straight', length_m=30}"])[1].path == Straight(
-        "straight", 30.0
-    )
+    assert load("grass", ["path={kind='straight', length_m=30}"])[1].path == Straight(length_m=30.0)
 
 
 @pytest.mark.parametrize(
-    ("override", "said"),
+    ("override", "message"),
     [
         ("soil.cone_index_kpa=-3", "soil.cone_index_kpa: Input should be greater than 0, got -3"),
         ("soil.cone_index_kpa=nan", "soil.cone_index_kpa: Input should be a finite number"),
@@ -89,18 +94,30 @@ def test_a_path_of_another_kind_replaces_the_figure_eight():
         ("sensors.gnss_correlation_time_s=0", "sensors.gnss_correlation_time_s: Input should be g"),
         ("sensors.gnss_error='pink'", "sensors.gnss_error: Input should be 'white', 'correlated'"),
         ("sensors.imu.on=1", "sensors.imu.on: Input should be a valid boolean, got 1"),
+        (
+            "sensors.gnss_antenna='corrected'",
+            "sensors: gnss_antenna 'corrected' needs the attitude",
+        ),
+        (
+            "terrain.features=[{kind='step', x_m=1, y_m=1, height_m=0.3, ramp_m=0.2}]",
+            "terrain.features.0: got height_m 0.3 over a flank of 0.2 m, must be at most",
+        ),
+        (
+            "soil.tramlines=[{kind='path', track_m=0.2}]",
+            "soil.tramlines.0: got tracks 0.3 m wide and 0.2 m apart, the width must be",
+        ),
         ("terrain", "--set terrain: must be key.key=value"),
     ],
 )
-def test_what_is_wrong_where_and_what_is_allowed_in_one_line(override, said):
+def test_a_refusal_names_key_value_and_allowed_values_in_one_line(override, message):
     with pytest.raises(InvalidScenario) as caught:
         load("grass", [override])
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["gras", "nowhere.toml"])
-def test_a_missing_scenario_is_refused_with_those_there_are(name):
+def test_a_missing_scenario_is_refused_with_the_shipped_names(name):
     with pytest.raises(InvalidScenario, match="shipped are farm, furrows, grass"):
         load(name)
 

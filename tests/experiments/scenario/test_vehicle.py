@@ -1,4 +1,4 @@
-"""Truth and belief: one vehicle file, what differs from it on purpose, and where that is told."""
+"""Vehicle parameters of plant and model: one file, deliberate differences, and their report."""
 
 import math
 
@@ -9,45 +9,49 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario import vehicle
 from proving_ground.experiments.scenario.scenario import dump, load, shipped
-from proving_ground.experiments.scenario.vehicle import mismatch
 from proving_ground.testbed.log.log_reader import read_log
 from proving_ground.testbed.recording.channels import STATE
-from proving_ground.testbed.vehicle.vehicle_file import find_vehicle
+from proving_ground.testbed.vehicle.vehicle_file import find_vehicle, read_vehicle
 from ttempc.errors import InvalidPath, TtempcError
 from ttempc.vehicle import Vehicle
 
 
 def differences(*overrides, name="grass"):
     scenario = load(name, overrides)[1]
-    return {
-        item.key: (item.true, item.believed)
-        for item in mismatch(scenario.plant.vehicle, scenario.controller.vehicle)
-    }
+    return {item.key: (item.plant, item.model) for item in scenario.vehicles().mismatch}
 
 
 @pytest.mark.parametrize("name", shipped())
-def test_shipped_scenarios_believe_what_is(name):
+def test_shipped_scenarios_have_no_parameter_mismatch(name):
     assert differences(name=name) == {}
 
 
-def test_belief_and_truth_come_from_one_file():
-    scenario = load("grass", ["plant.vehicle.file='farm4500'"])[1]
-    filed = scenario.plant.vehicle.filed()
-    assert scenario.plant.vehicle.vehicle() == filed
-    believed = scenario.controller.vehicle.vehicle(filed)
-    assert believed.wheelbase == filed.tractor.wheelbase_m
-    assert believed.trailer_length == filed.trailer.length_m
-    assert believed.steering_rate_i == math.radians(filed.trailer_steering.rate_degps)
-    assert believed.speed_gain == filed.hydrostat.speed_gain_mps
+def test_plant_and_model_come_from_one_file():
+    vehicles = load("grass", ["plant.vehicle.file='farm4500'"])[1].vehicles()
+    plant, model = vehicles.plant, vehicles.model
+    assert plant == read_vehicle("farm4500")
+    assert model.wheelbase == plant.tractor.wheelbase_m
+    assert model.trailer_length == plant.trailer.length_m
+    assert model.steering_rate_i == math.radians(plant.trailer_steering.rate_degps)
+    assert model.speed_gain == plant.hydrostat.speed_gain_mps
 
 
-def test_the_paper_s_vehicle_is_what_the_control_side_knows_by_itself():
-    scenario = load("grass")[1]
-    assert scenario.controller.vehicle.vehicle(scenario.plant.vehicle.filed()) == Vehicle()
+def test_a_run_reads_its_vehicle_file_once(monkeypatch):
+    scenario, reads = load("grass")[1], []
+    monkeypatch.setattr(
+        vehicle, "read_vehicle", lambda name: reads.append(name) or read_vehicle(name)
+    )
+    assemble(scenario, 1)
+    assert reads == ["kayacan2016"]
 
 
-def test_what_is_wrong_on_purpose_is_told_from_both_sides():
+def test_the_paper_s_vehicle_is_the_default_of_the_control_library():
+    assert load("grass")[1].vehicles().model == Vehicle()
+
+
+def test_a_mismatch_names_the_values_of_plant_and_model():
     assert differences(
         "plant.vehicle.hitch_offset_m=0.45",
         "plant.vehicle.load_kg=200",
@@ -63,7 +67,7 @@ def test_what_is_wrong_on_purpose_is_told_from_both_sides():
     }
 
 
-def test_truth_and_belief_that_are_changed_alike_do_not_differ():
+def test_equal_changes_of_plant_and_model_are_no_mismatch():
     assert differences("plant.vehicle.drawbar_m=1.1", "controller.vehicle.drawbar_m=1.1") == {}
 
 
@@ -81,7 +85,7 @@ def test_a_vehicle_file_lies_beside_its_scenario_and_is_found_from_a_copy_elsewh
 
 
 @pytest.mark.parametrize(
-    ("override", "said"),
+    ("override", "message"),
     [
         ("plant.vehicle.file='tank'", "no such vehicle; shipped are farm4500, kayacan2016"),
         ("plant.vehicle.file='none.toml'", "none.toml': no such file"),
@@ -92,10 +96,10 @@ def test_a_vehicle_file_lies_beside_its_scenario_and_is_found_from_a_copy_elsewh
         ("controller.vehicle.file='farm4500'", "controller.vehicle.file: unknown key"),
     ],
 )
-def test_vehicles_that_cannot_be_are_refused_in_one_line(override, said):
+def test_impossible_vehicles_are_refused_in_one_line(override, message):
     with pytest.raises(InvalidScenario) as caught:
         load("grass", [override])
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -118,19 +122,17 @@ def test_the_large_vehicle_drives_its_scenario_to_the_end():
         assert body.max_m < 2.0
 
 
-def test_a_run_tells_what_was_believed_wrongly_and_its_resolved_scenario_repeats_it(
-    tmp_path, capsys
-):
+def test_a_run_reports_the_mismatch_and_its_resolved_scenario_repeats_it(tmp_path, capsys):
     options = ("path={kind='straight', length_m=12}", "plant.vehicle.load_kg=500")
     options += ("plant.vehicle.file='farm4500'", "controller.vehicle.trailer_m=3.0")
     sets = [word for option in options for word in ("--set", option)]
     first, again = tmp_path / "first", tmp_path / "again"
     assert main(["run", "grass", *sets, "--out", str(first)]) == 0
-    said = "trailer_m 3 (true 2.6), load_kg 1500 (true 500)"
-    assert f"Believed wrongly: {said}" in capsys.readouterr().out
-    assert said in (first / "report.html").read_text()
+    message = "trailer_m 3 (true 2.6), load_kg 1500 (true 500)"
+    assert f"Believed wrongly: {message}" in capsys.readouterr().out
+    assert message in (first / "report.html").read_text()
     log = read_log(first / "log.mcap")
-    assert log.metadata["mismatch"] == said
+    assert log.metadata["mismatch"] == message
     resolved = (first / "scenario.toml").read_text()
     assert "trailer_m = 3.0" in resolved
     assert "load_kg = 500.0" in resolved

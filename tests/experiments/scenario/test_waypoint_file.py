@@ -1,4 +1,4 @@
-"""Files of points: read alike in every format, refused with their place."""
+"""Waypoint files: formats and refusals."""
 
 import json
 import math
@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.errors import InvalidRoute
+from proving_ground.experiments.errors import InvalidWaypoints
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.scenario.waypoint_file import read_route
+from proving_ground.experiments.scenario.waypoint_file import read_waypoints
 from proving_ground.testbed.geodesy import east_north
 
 POINTS = [(0.0, 0.0, 1.0), (5.0, 0.5, 0.8), (10.0, 2.0, 0.6)]
@@ -36,28 +36,30 @@ def written(folder, text, name="route.csv"):
     ],
     ids=["csv", "blanks", "header", "order", "comment", "names", "lengths", "durations"],
 )
-def test_every_format_of_columns_says_the_same(tmp_path, text):
-    route = read_route(written(tmp_path, text))
-    np.testing.assert_allclose(route.points, np.array(POINTS)[:, :2])
-    np.testing.assert_allclose(route.speed, np.array(POINTS)[:, 2])
-    assert not route.backward
+def test_all_formats_of_columns_give_the_same_waypoints(tmp_path, text):
+    waypoints = read_waypoints(written(tmp_path, text))
+    np.testing.assert_allclose(waypoints.points, np.array(POINTS)[:, :2])
+    np.testing.assert_allclose(waypoints.speed, np.array(POINTS)[:, 2])
+    assert not waypoints.backward
 
 
 def test_speeds_follow_from_times_where_there_are_none(tmp_path):
-    route = read_route(written(tmp_path, "time_s,x,y\n" + "3,0,0\n5,3,4\n9,9,12\n"))
-    np.testing.assert_allclose(route.speed, np.gradient([0.0, 5.0, 15.0], [3.0, 5.0, 9.0]))
+    waypoints = read_waypoints(written(tmp_path, "time_s,x,y\n" + "3,0,0\n5,3,4\n9,9,12\n"))
+    np.testing.assert_allclose(waypoints.speed, np.gradient([0.0, 5.0, 15.0], [3.0, 5.0, 9.0]))
 
 
-def test_fields2cover_s_last_section_ends_the_route_and_empty_ones_are_no_points(tmp_path):
+def test_the_end_of_the_last_fields2cover_section_is_a_waypoint_and_empty_sections_are_none(
+    tmp_path,
+):
     text = (
         "0 0 0 0 1 10 1 1\n"  # a swath
         "10 0 0 0 1 0 1 2\n"  # nothing
         "10 0 0 1.5708 1 2 1 2\n"
         f"10 2 0 {math.pi} 1 10 1 1\n"  # a swath back
     )
-    route = read_route(written(tmp_path, text))
-    np.testing.assert_allclose(route.points, [[0, 0], [10, 0], [10, 2], [0, 2]], atol=1e-9)
-    backward = read_route(
+    waypoints = read_waypoints(written(tmp_path, text))
+    np.testing.assert_allclose(waypoints.points, [[0, 0], [10, 0], [10, 2], [0, 2]], atol=1e-9)
+    backward = read_waypoints(
         written(tmp_path, text.replace(" 1 1\n", " -1 1\n").replace(" 1 2\n", " -1 2\n"))
     )
     assert backward.backward
@@ -65,12 +67,12 @@ def test_fields2cover_s_last_section_ends_the_route_and_empty_ones_are_no_points
 
 def test_an_origin_moves_the_points(tmp_path):
     file = written(tmp_path, "500000 5600000\n500010 5600020\n")
-    points = read_route(file, origin_m=(500005.0, 5600000.0)).points
+    points = read_waypoints(file, origin_m=(500005.0, 5600000.0)).points
     np.testing.assert_allclose(points, [[-5.0, 0.0], [5.0, 20.0]])
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("", "is empty"),
         ("0 0\n1 0 0\n", "line 2: got 3 columns, must be 2"),
@@ -85,9 +87,9 @@ def test_an_origin_moves_the_points(tmp_path):
         ("0 0 0 0 1 1 1 1\n1 0 0 0 1 1 -1 1\n", r"line 2 \(point 1 at .* direction is -1"),
     ],
 )
-def test_what_is_no_route_is_refused_with_its_line(tmp_path, text, said):
-    with pytest.raises(InvalidRoute, match=rf"route\.csv: {said}"):
-        read_route(written(tmp_path, text))
+def test_invalid_columns_are_refused_with_their_line(tmp_path, text, message):
+    with pytest.raises(InvalidWaypoints, match=rf"route\.csv: {message}"):
+        read_waypoints(written(tmp_path, text))
 
 
 def geojson(coordinates, wrap="Feature"):
@@ -105,15 +107,15 @@ def geojson(coordinates, wrap="Feature"):
 def test_geojson_is_east_and_north_of_its_first_point_or_of_an_origin(tmp_path, wrap):
     places = [[4.7, 50.88], [4.701, 50.88, 30.0], [4.701, 50.881]]
     file = written(tmp_path, geojson(places, wrap), "route.geojson")
-    route = read_route(file)
-    np.testing.assert_allclose(route.points[0], 0.0, atol=1e-9)
-    moved = read_route(file, origin_deg=(50.8801, 4.7)).points
-    np.testing.assert_allclose(np.diff(moved, axis=0), np.diff(route.points, axis=0), atol=1e-3)
+    waypoints = read_waypoints(file)
+    np.testing.assert_allclose(waypoints.points[0], 0.0, atol=1e-9)
+    moved = read_waypoints(file, origin_deg=(50.8801, 4.7)).points
+    np.testing.assert_allclose(np.diff(moved, axis=0), np.diff(waypoints.points, axis=0), atol=1e-3)
     assert moved[0, 1] == pytest.approx(-11.12, abs=0.02)
 
 
 @pytest.mark.parametrize("latitude", [0.0, 35.0, -50.0, 70.0])
-def test_a_short_way_is_as_long_as_the_radii_of_curvature_say(latitude):
+def test_short_distances_agree_with_the_radii_of_curvature(latitude):
     """Meridian M = a (1 - e^2) / w^3 and prime vertical N = a / w, w^2 = 1 - e^2 sin^2(phi)."""
     a, e2, phi, step = 6378137.0, 0.00669437999014, math.radians(latitude), 1e-3
     w = math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
@@ -124,7 +126,7 @@ def test_a_short_way_is_as_long_as_the_radii_of_curvature_say(latitude):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("{", "is no JSON"),
         ('{"type": "Point", "coordinates": [1, 2]}', "holds 0 LineStrings, must be one"),
@@ -134,17 +136,17 @@ def test_a_short_way_is_as_long_as_the_radii_of_curvature_say(latitude):
         (geojson([[4.7, None]]), "point 0 is"),
     ],
 )
-def test_what_is_no_line_string_is_refused(tmp_path, text, said):
-    with pytest.raises(InvalidRoute, match=said):
-        read_route(written(tmp_path, text, "route.geojson"))
+def test_invalid_geojson_is_refused(tmp_path, text, message):
+    with pytest.raises(InvalidWaypoints, match=message):
+        read_waypoints(written(tmp_path, text, "route.geojson"))
 
 
 def test_the_wrong_kind_of_origin_is_refused(tmp_path):
-    with pytest.raises(InvalidRoute, match="given as origin_m"):
-        read_route(written(tmp_path, "0 0\n1 1\n"), origin_deg=(50.0, 4.0))
+    with pytest.raises(InvalidWaypoints, match="given as origin_m"):
+        read_waypoints(written(tmp_path, "0 0\n1 1\n"), origin_deg=(50.0, 4.0))
     file = written(tmp_path, geojson([[4.7, 50.0], [4.7, 50.1]]), "route.geojson")
-    with pytest.raises(InvalidRoute, match="given as origin_deg"):
-        read_route(file, origin_m=(50.0, 4.0))
+    with pytest.raises(InvalidWaypoints, match="given as origin_deg"):
+        read_waypoints(file, origin_m=(50.0, 4.0))
 
 
 def scenario(folder, extra=""):
@@ -172,7 +174,7 @@ def test_a_path_beside_the_scenario_is_driven_at_its_speeds(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("content", "extra", "said"),
+    ("content", "extra", "message"),
     [
         (None, "", "bend.csv: cannot be read"),
         (bend(3.0), "", "path too tight at s ="),
@@ -193,7 +195,7 @@ def test_a_path_beside_the_scenario_is_driven_at_its_speeds(tmp_path, monkeypatc
     ],
 )
 def test_bad_paths_get_one_line_with_the_place_and_nothing_is_written(
-    tmp_path, capsys, content, extra, said
+    tmp_path, capsys, content, extra, message
 ):
     if content is not None:
         written(tmp_path, content, "bend.csv")
@@ -201,6 +203,6 @@ def test_bad_paths_get_one_line_with_the_place_and_nothing_is_written(
     before = sorted(tmp_path.iterdir())
     assert main(["run", str(file), "--out", str(tmp_path / "new")]) == 2
     printed = capsys.readouterr().err
-    assert said in printed
+    assert message in printed
     assert len(printed.strip().splitlines()) == 1
     assert sorted(tmp_path.iterdir()) == before

@@ -15,7 +15,7 @@ from proving_ground.experiments.results.confidence import fewest_samples, share
 from proving_ground.experiments.results.containment import QUANTITIES, containment
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
-from proving_ground.experiments.run.assembly import CONTROL_PERIOD_S, check, geared
+from proving_ground.experiments.run.assembly import CONTROL_PERIOD_S, check, model_vehicle
 from proving_ground.experiments.run.simulate import run, simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes, to_json
@@ -43,7 +43,7 @@ from ttempc.types import Disturbance, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
 NAME, SCENARIO = load("grass", ["path.laps=1"])
-REFERENCE_PATH = Reference(SCENARIO.path.course().path, Vehicle(), ConstantSpeed(1.0))
+REFERENCE_PATH = Reference(SCENARIO.path.mission().path, Vehicle(), ConstantSpeed(1.0))
 TICKS = 600
 FIELDS = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
 INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
@@ -266,7 +266,7 @@ def test_ttempc_watches_the_default_tube_where_it_fits(scenario, overrides, watc
         with pytest.raises(InvalidTube, match="made for another vehicle"):
             check(settings)
     else:
-        vehicle = geared(settings.path.course(), settings)
+        vehicle = model_vehicle(settings.path.mission(), settings, settings.vehicles())
         assert (settings.controller.design(vehicle, CONTROL_PERIOD_S) is not None) == watched
 
 

@@ -1,13 +1,15 @@
-"""What is lost between a command and the servos: pure laws first, then in the plant."""
+"""Command path of the actuators, by itself and in the plant."""
 
 import math
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from proving_ground.testbed.actuation.actuators import (
     Actuators,
     ActuatorSpecification,
+    HydrostatValve,
     SteeringValve,
     past_dead_band,
     past_play,
@@ -22,7 +24,7 @@ from ttempc.types import Command
 TIMESTEP_S = 0.002
 STOPS = (math.radians(35.0), math.radians(25.0))
 DEG = math.pi / 180.0
-OLD = SteeringValve(dead_time=0.15, dead_band=0.5 * DEG, backlash=1.0 * DEG)
+OLD = SteeringValve(dead_time_s=0.15, dead_band_deg=0.5, backlash_deg=1.0)
 
 
 def path(timestep=TIMESTEP_S, **specification):
@@ -55,22 +57,22 @@ def test_with_everything_off_a_set_point_is_the_command_bit_for_bit():
 
 
 @pytest.mark.parametrize("dead_time", [0.002, 0.1, 0.15, 0.5])
-def test_whatever_is_sent_comes_exactly_the_dead_time_later(dead_time):
+def test_commands_arrive_exactly_after_the_dead_time(dead_time):
     late = round(dead_time / TIMESTEP_S)
-    valve = SteeringValve(dead_time=dead_time)
-    actuators = path(front=valve, trailer=valve, hydrostat_dead_time=dead_time)
+    valve = SteeringValve(dead_time_s=dead_time)
+    actuators = path(front=valve, trailer=valve, hydrostat=HydrostatValve(dead_time_s=dead_time))
     held = np.repeat(np.random.default_rng(2).uniform(0.0, 0.4, (10, 3)), 100, axis=0)  # 0.2 s
-    found = driven(actuators, held, hp=0.7)
-    np.testing.assert_array_equal(found[late:], held[:-late])
-    np.testing.assert_array_equal(found[:late], [[0.0, 0.0, 0.7]] * late)
+    set_points = driven(actuators, held, hp=0.7)
+    np.testing.assert_array_equal(set_points[late:], held[:-late])
+    np.testing.assert_array_equal(set_points[:late], [[0.0, 0.0, 0.7]] * late)
 
 
 def test_every_axis_has_a_dead_time_of_its_own():
-    actuators = path(trailer=SteeringValve(dead_time=0.1))
-    found = driven(actuators, [(0.1, 0.2, 0.3)] * 60)
-    np.testing.assert_array_equal(found[:, 0], 0.1)
-    np.testing.assert_array_equal(found[:, 1], [0.0] * 50 + [0.2] * 10)
-    np.testing.assert_array_equal(found[:, 2], 0.3)
+    actuators = path(trailer=SteeringValve(dead_time_s=0.1))
+    set_points = driven(actuators, [(0.1, 0.2, 0.3)] * 60)
+    np.testing.assert_array_equal(set_points[:, 0], 0.1)
+    np.testing.assert_array_equal(set_points[:, 1], [0.0] * 50 + [0.2] * 10)
+    np.testing.assert_array_equal(set_points[:, 2], 0.3)
 
 
 def test_dead_band_ignores_small_errors_and_is_continuous_beyond():
@@ -85,28 +87,28 @@ def test_dead_band_ignores_small_errors_and_is_continuous_beyond():
 
 
 def test_small_commands_leave_an_axis_with_a_dead_band_where_it_is():
-    actuators = path(front=SteeringValve(dead_band=0.5 * DEG))
+    actuators = path(front=SteeringValve(dead_band_deg=0.5))
     wiggle = 0.49 * DEG * np.sin(np.arange(2000) * 0.01)
     np.testing.assert_array_equal(driven(actuators, front(wiggle), lag_s=0.15)[:, 0], 0.0)
 
 
 def test_an_axis_stops_a_dead_band_short_and_stays_until_the_error_is_as_large_again():
-    actuators = path(front=SteeringValve(dead_band=0.5 * DEG))
+    actuators = path(front=SteeringValve(dead_band_deg=0.5))
     back = np.linspace(10.0, 9.01, 500)  # towards where it stands: 9.5, error 0.49 at the end
     commands = DEG * np.array([*[10.0] * 1500, *back, *[8.5] * 1500])
-    found = driven(actuators, front(commands), lag_s=0.15)[:, 0] / DEG
-    np.testing.assert_allclose(found[1499:2000], 9.5, atol=1e-9)
-    assert found[-1] == pytest.approx(9.0)
+    set_points = driven(actuators, front(commands), lag_s=0.15)[:, 0] / DEG
+    np.testing.assert_allclose(set_points[1499:2000], 9.5, atol=1e-9)
+    assert set_points[-1] == pytest.approx(9.0)
 
 
 def test_a_command_that_comes_towards_a_moving_axis_locks_it_where_it_is():
-    band, there = 0.5 * DEG, 3.0 * DEG
-    assert past_dead_band(9.5 * DEG, there + 0.4 * DEG, there, band) == there
+    band, present = 0.5 * DEG, 3.0 * DEG
+    assert past_dead_band(9.5 * DEG, present + 0.4 * DEG, present, band) == present
 
 
 def test_hysteresis_of_the_play_is_as_wide_as_the_play():
     play = 1.0 * DEG
-    actuators = path(front=SteeringValve(backlash=play))
+    actuators = path(front=SteeringValve(backlash_deg=1.0))
     command = 5.0 * DEG * np.sin(np.linspace(0.0, 4.0 * math.pi, 4001))
     wheel = driven(actuators, front(command))[2000:, 0]  # the second loop
     command = command[2000:]
@@ -127,17 +129,17 @@ def test_play_never_leaves_the_wheel_more_than_half_of_it_aside():
         assert abs(wheel - cylinder) <= 0.015 + 1e-15
 
 
-def test_sent_commands_lie_on_the_grid_and_next_to_what_was_wanted():
+def test_commands_are_rounded_to_the_resolution():
     step = 0.25 * DEG
-    actuators = path(front=SteeringValve(resolution=step))
-    wanted = np.random.default_rng(4).uniform(-0.5, 0.5, 300)
-    sent = driven(actuators, front(wanted))[:, 0]
+    actuators = path(front=SteeringValve(resolution_deg=0.25))
+    commands = np.random.default_rng(4).uniform(-0.5, 0.5, 300)
+    sent = driven(actuators, front(commands))[:, 0]
     np.testing.assert_allclose(sent / step, np.round(sent / step), atol=1e-9)
-    assert np.abs(sent - wanted).max() <= 0.5 * step + 1e-12
+    assert np.abs(sent - commands).max() <= 0.5 * step + 1e-12
 
 
-def test_what_is_on_is_said_and_nothing_else():
-    specification = ActuatorSpecification(front=OLD, hydrostat_dead_time=0.3)
+def test_notes_name_the_effects_that_are_on():
+    specification = ActuatorSpecification(front=OLD, hydrostat=HydrostatValve(dead_time_s=0.3))
     assert specification.notes() == [
         "actuators: front valve dead time 0.15 s, dead band 0.5 deg, backlash 1 deg",
         "actuators: hydrostat dead time 0.3 s",
@@ -146,15 +148,15 @@ def test_what_is_on_is_said_and_nothing_else():
 
 
 @pytest.mark.parametrize("value", [-0.1, math.nan, math.inf])
-@pytest.mark.parametrize("name", ["dead_time", "dead_band", "backlash", "resolution"])
-def test_valves_that_cannot_be_are_refused(name, value):
-    with pytest.raises(InvalidPlant, match=r"dead time|" + name):
+@pytest.mark.parametrize("name", ["dead_time_s", "dead_band_deg", "backlash_deg", "resolution_deg"])
+def test_impossible_valves_are_refused(name, value):
+    with pytest.raises(ValidationError, match=name):
         SteeringValve(**{name: value})
 
 
 def test_a_dead_time_beyond_two_seconds_is_refused():
-    with pytest.raises(InvalidPlant, match=r"got 2.1 s, must be in \[0, 2\]"):
-        ActuatorSpecification(hydrostat_dead_time=2.1)
+    with pytest.raises(ValidationError, match=r"less than or equal to 2"):
+        HydrostatValve(dead_time_s=2.1)
 
 
 def test_a_dead_time_between_two_steps_is_refused():
@@ -163,8 +165,8 @@ def test_a_dead_time_between_two_steps_is_refused():
 
 
 @pytest.mark.parametrize("name", ["dead_band", "backlash", "resolution"])
-def test_what_reaches_the_stop_is_refused(name):
-    valve = SteeringValve(**{name: 26.0 * DEG})
+def test_angles_that_reach_the_stop_are_refused(name):
+    valve = SteeringValve(**{f"{name}_deg": 26.0})
     path(front=valve)
     with pytest.raises(InvalidPlant, match=rf"trailer\.{name}_deg: got 26, must be below .* 25"):
         path(trailer=valve)
@@ -192,7 +194,10 @@ def test_a_path_that_changes_nothing_changes_no_bit(wheels):
     """A hydrostat dead time takes the way through the valves, but a constant 0.5 stays 0.5."""
     strides = [(Command(0.1 * math.sin(k), 0.05 * math.cos(k), 0.5), 20) for k in range(30)]
     plain = qpos_after(plant_with(wheels=wheels), strides)
-    late = qpos_after(plant_with(ActuatorSpecification(hydrostat_dead_time=0.3), wheels), strides)
+    late = qpos_after(
+        plant_with(ActuatorSpecification(hydrostat=HydrostatValve(dead_time_s=0.3)), wheels),
+        strides,
+    )
     np.testing.assert_array_equal(plain, late)
 
 
@@ -205,14 +210,16 @@ def test_a_dead_time_that_ends_between_two_ticks_shifts_the_steering_by_itself()
         return np.array([plant.advance(turn, 1).delta_t for _ in range(300)])
 
     plain = angles(plant_with())
-    delayed = angles(plant_with(ActuatorSpecification(front=SteeringValve(dead_time=0.14))))
+    delayed = angles(plant_with(ActuatorSpecification(front=SteeringValve(dead_time_s=0.14))))
     assert np.abs(delayed[:late]).max() < 1e-4
     np.testing.assert_allclose(delayed[late:], plain[:-late], atol=1e-4)
 
 
 def test_a_dead_time_does_not_depend_on_how_the_time_is_split():
     commands = [Command(0.1 * (-1) ** k, 0.05 * k, 0.4) for k in range(5)]
-    specification = ActuatorSpecification(front=OLD, trailer=OLD, hydrostat_dead_time=0.25)
+    specification = ActuatorSpecification(
+        front=OLD, trailer=OLD, hydrostat=HydrostatValve(dead_time_s=0.25)
+    )
     whole = qpos_after(plant_with(specification), [(command, 100) for command in commands])
     split = [(command, steps) for command in commands for steps in (30, 10, 60)]
     np.testing.assert_array_equal(whole, qpos_after(plant_with(specification), split)[2::3])
@@ -229,7 +236,9 @@ def test_a_steered_axle_stops_short_by_dead_band_and_half_the_play():
 
 
 def test_a_restored_plant_goes_on_identically_with_commands_under_way():
-    plant = plant_with(ActuatorSpecification(front=OLD, trailer=OLD, hydrostat_dead_time=0.3))
+    plant = plant_with(
+        ActuatorSpecification(front=OLD, trailer=OLD, hydrostat=HydrostatValve(dead_time_s=0.3))
+    )
     plant.reset(-10.0, 0.0, 0.0, 0.7)
     plant.advance(Command(0.2, -0.1, 0.8), 100)
     plant.advance(Command(-0.1, 0.1, 0.2), 10)  # three commands between sender and servos
@@ -245,6 +254,6 @@ def test_a_restored_plant_goes_on_identically_with_commands_under_way():
 
 
 def test_a_reset_forgets_commands_under_way():
-    plant = plant_with(ActuatorSpecification(front=OLD, hydrostat_dead_time=0.3))
+    plant = plant_with(ActuatorSpecification(front=OLD, hydrostat=HydrostatValve(dead_time_s=0.3)))
     strides = [(Command(0.2, 0.0, 0.8), 100), (Command(-0.2, 0.0, 0.1), 50)]
     np.testing.assert_array_equal(qpos_after(plant, strides), qpos_after(plant, strides))

@@ -2,18 +2,23 @@ import math
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from proving_ground.testbed.errors import InvalidField
 from proving_ground.testbed.ground import terrain
-from proving_ground.testbed.ground.features import Bump, Furrows, Rise, Step
+from proving_ground.testbed.ground.features import Bump, Ditch, Furrows, Rise, Step
 
+UPHILL = {"x_m": 1.0, "y_m": -2.0, "uphill_deg": math.degrees(0.4)}
+LINE = {"x_m": 1.0, "y_m": -2.0, "along_deg": math.degrees(0.4), "width_m": 0.8, "length_m": 3.0}
+FURROWS = Furrows(period_m=0.8, depth_m=0.1, along_deg=math.degrees(1.1))
 FEATURES = (
-    Rise(1.0, -2.0, 0.4, 0.2, 8.0, 2.0),
-    Rise(1.0, -2.0, 0.4, -0.2, 4.0, 2.0),
-    Furrows(0.75, 0.1, 1.1),
-    Bump(1.0, -2.0, 0.4, 3.0, 0.8, 0.1),
-    Bump(1.0, -2.0, 0.4, 3.0, 0.8, -0.4, "cylinder"),
-    Step(1.0, -2.0, 0.4, -0.15, 0.3),
+    Rise(**UPHILL, slope_rad=0.2, length_m=8.0),
+    Rise(**UPHILL, slope_rad=-0.2, length_m=4.0),
+    FURROWS,
+    Bump(**LINE, height_m=0.1),
+    Bump(**LINE, height_m=0.4, profile="cylinder"),
+    Ditch(**LINE, depth_m=0.4),
+    Step(**UPHILL, height_m=-0.15, ramp_m=0.3),
 )
 
 
@@ -25,7 +30,7 @@ def on_line(feature, direction, distances):
     )
 
 
-def test_without_features_the_ground_is_what_it_was():
+def test_without_features_the_ground_does_not_change():
     ground = terrain.rough("D", np.random.default_rng(0), (12.0, 8.0))
     assert np.array_equal(ground.shaped(()).heights, ground.heights)
 
@@ -40,7 +45,7 @@ def test_features_add_up_in_any_order():
 
 @pytest.mark.parametrize("slope", [0.2, -0.2])
 def test_a_rise_turns_smoothly_into_its_slope_and_back(slope):
-    rise = Rise(1.0, -2.0, 0.4, slope, 8.0, 2.0)
+    rise = Rise(**UPHILL, slope_rad=slope, length_m=8.0)
     heights = on_line(rise, 0.4, [-5.0, 0.0, 2.0, 4.0, 6.0, 8.0, 50.0])
     grade = math.tan(slope)
     np.testing.assert_allclose(heights, grade * np.array([0, 0, 1, 3, 5, 6, 6]), atol=1e-12)
@@ -53,37 +58,35 @@ def test_a_rise_turns_smoothly_into_its_slope_and_back(slope):
 
 
 def test_furrows_repeat_after_their_period_and_are_as_deep_as_stated():
-    furrows = Furrows(0.8, 0.1, 1.1)
     across, along = 1.1 - 0.5 * math.pi, 1.1
     u = np.linspace(0.0, 0.8, 81)
-    profile = furrows.height(u * math.cos(across), u * math.sin(across))
+    profile = FURROWS.height(u * math.cos(across), u * math.sin(across))
     np.testing.assert_allclose(profile, 0.05 * np.cos(2.0 * math.pi * u / 0.8), atol=1e-12)
     assert np.ptp(profile) == pytest.approx(0.1)
-    ridge = furrows.height(u * math.cos(along), u * math.sin(along))
+    ridge = FURROWS.height(u * math.cos(along), u * math.sin(along))
     np.testing.assert_allclose(ridge, 0.05, atol=1e-12)
 
 
-@pytest.mark.parametrize("height", [0.1, -0.1])
-def test_a_cosine_bump_is_half_as_high_half_way_and_ends_level(height):
-    bump = Bump(1.0, -2.0, 0.4, 3.0, 0.8, height)
+@pytest.mark.parametrize(
+    ("bump", "height"), [(Bump(**LINE, height_m=0.1), 0.1), (Ditch(**LINE, depth_m=0.1), -0.1)]
+)
+def test_a_cosine_bump_is_half_as_high_half_way_and_ends_level(bump, height):
     heights = on_line(bump, 0.4 + 0.5 * math.pi, [-0.41, -0.4, -0.2, 0.0, 0.2, 0.4, 9.0])
     np.testing.assert_allclose(heights, height * np.array([0, 0, 0.5, 1, 0.5, 0, 0]), atol=1e-12)
 
 
-@pytest.mark.parametrize("height", [0.1, -0.1, 0.4, 0.0])
+@pytest.mark.parametrize("height", [0.1, 0.4])
 def test_a_cylinder_bump_lies_on_a_circle(height):
-    bump = Bump(1.0, -2.0, 0.4, 3.0, 0.8, height, "cylinder")
+    bump = Bump(**LINE, height_m=height, profile="cylinder")
     u = np.linspace(-0.4, 0.4, 41)
     heights = on_line(bump, 0.4 + 0.5 * math.pi, u)
     assert heights[[0, 20, 40]] == pytest.approx([0.0, height, 0.0], abs=1e-7)
-    if height:
-        radius = (0.4**2 + height**2) / (2.0 * abs(height))
-        middle = math.copysign(radius, height) - height
-        np.testing.assert_allclose(np.hypot(u, heights + middle), radius, rtol=1e-7)
+    radius = (0.4**2 + height**2) / (2.0 * height)
+    np.testing.assert_allclose(np.hypot(u, heights + radius - height), radius, rtol=1e-7)
 
 
 def test_a_bump_has_its_length_round_ends_and_is_round_without_length():
-    long, short = (Bump(1.0, -2.0, 0.4, length, 0.8, 0.1) for length in (3.0, 0.0))
+    long, short = (Bump(**(LINE | {"length_m": length}), height_m=0.1) for length in (3.0, 0.0))
     np.testing.assert_allclose(on_line(long, 0.4, [0.0, 1.5, 1.7, 1.9]), [0.1, 0.1, 0.05, 0.0])
     for direction in np.linspace(0.0, 6.0, 7):
         assert on_line(short, direction, [0.2]) == pytest.approx(0.05)
@@ -91,55 +94,77 @@ def test_a_bump_has_its_length_round_ends_and_is_round_without_length():
 
 @pytest.mark.parametrize("rise", [0.1, -0.1])
 def test_a_step_climbs_along_its_ramp_and_stays(rise):
-    step = Step(1.0, -2.0, 0.4, rise, 0.2)
+    step = Step(**UPHILL, height_m=rise, ramp_m=0.2)
     heights = on_line(step, 0.4, [-3.0, 0.0, 0.05, 0.1, 0.2, 30.0])
     np.testing.assert_allclose(heights, rise * np.array([0, 0, 0.25, 0.5, 1, 1]), atol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("feature", "said"),
+    ("feature", "message"),
     [
-        (Bump(99.0, 0.0, 0.0, 1.0, 0.8, 0.1), "bump: got a place at (99.0, 0.0) m, must be on"),
-        (Rise(0.0, -9.0, 0.0, 0.1, 8.0, 2.0), "rise: got a place at (0.0, -9.0) m"),
-        (Step(-11.0, 0.0, 0.0, 0.1, 0.5), "step: got a place at (-11.0, 0.0) m"),
-        (Step(0.0, 0.0, 0.0, 0.1, 0.1), "step: rises over 0.1 m, must be 0.2 m or more"),
-        (Bump(0.0, 0.0, 0.0, 1.0, 0.3, 0.1), "bump: rises over 0.15 m, must be 0.2 m or more"),
-        (Furrows(0.3, 0.1, 0.0), "furrows: rises over 0.15 m, must be 0.2 m or more"),
-        (Rise(0.0, 0.0, 0.0, 0.1, 8.0, 0.1), "rise: rises over 0.1 m, must be 0.2 m or more"),
+        (
+            Bump(x_m=99.0, y_m=0.0, width_m=0.8, height_m=0.1),
+            "bump: got a place at (99.0, 0.0) m, must be on",
+        ),
+        (
+            Rise(x_m=0.0, y_m=-9.0, slope_rad=0.1, length_m=8.0),
+            "rise: got a place at (0.0, -9.0) m",
+        ),
+        (
+            Step(x_m=-11.0, y_m=0.0, height_m=0.1, ramp_m=0.5),
+            "step: got a place at (-11.0, 0.0) m",
+        ),
+        (
+            Step(x_m=0.0, y_m=0.0, height_m=0.1, ramp_m=0.1),
+            "step: rises over 0.1 m, must be 0.2 m or more",
+        ),
+        (
+            Bump(x_m=0.0, y_m=0.0, width_m=0.3, height_m=0.1),
+            "bump: rises over 0.15 m, must be 0.2 m or more",
+        ),
+        (
+            Furrows(period_m=0.3, depth_m=0.1),
+            "furrows: rises over 0.15 m, must be 0.2 m or more",
+        ),
+        (
+            Rise(x_m=0.0, y_m=0.0, slope_rad=0.1, length_m=8.0, rounding_m=0.1),
+            "rise: rises over 0.1 m, must be 0.2 m or more",
+        ),
     ],
 )
-def test_what_the_field_cannot_hold_is_refused_in_one_line(feature, said):
+def test_features_that_do_not_fit_the_grid_are_refused_in_one_line(feature, message):
     with pytest.raises(InvalidField) as caught:
         terrain.flat((20.0, 16.0)).shaped((feature,))
-    assert str(caught.value).startswith(said)
+    assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
 
 
-def test_the_finest_feature_that_a_grid_can_hold_is_held():
+def test_the_finest_feature_that_a_grid_allows_keeps_its_height():
     for spacing in (0.05, 0.1, 0.2):
         ground = terrain.flat((20.0, 16.0), spacing)
-        step = Step(0.0, 0.0, 0.0, 0.1, 2 * spacing)
+        step = Step(x_m=0.0, y_m=0.0, height_m=0.1, ramp_m=2 * spacing)
         assert np.ptp(ground.shaped((step,)).heights) == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("kind", "values", "message"),
     [
-        (lambda: Rise(0.0, 0.0, 0.0, 0.1, 3.0, 2.0), "rounding 2.0 m"),
-        (lambda: Rise(0.0, 0.0, 0.0, 0.7, 8.0, 2.0), "slope 0.7 rad"),
-        (lambda: Rise(0.0, math.nan, 0.0, 0.1, 8.0, 2.0), "y nan"),
-        (lambda: Furrows(-1.0, 0.1, 0.0), "period -1.0 m"),
-        (lambda: Furrows(1.0, math.inf, 0.0), "depth inf"),
-        (lambda: Furrows(1.0, 0.6, 0.0), "depth 0.6 m"),
-        (lambda: Bump(0.0, 0.0, 0.0, -1.0, 0.8, 0.1), "length -1.0 m"),
-        (lambda: Bump(0.0, 0.0, 0.0, 1.0, -0.8, 0.1), "width -0.8 m"),
-        (lambda: Bump(0.0, 0.0, 0.0, 1.0, 0.8, 0.5), "rise 0.5 m over a flank of 0.4 m"),
-        (lambda: Bump(0.0, 0.0, 0.0, 1.0, 0.8, 0.1, "square"), "profile 'square'"),  # type: ignore
-        (lambda: Step(0.0, 0.0, 0.0, 0.1, 0.0), "ramp 0.0 m"),
-        (lambda: Step(0.0, 0.0, 0.0, 0.3, 0.2), "rise 0.3 m over a flank of 0.2 m"),
+        (Rise, {**UPHILL, "slope_rad": 0.1, "length_m": 3.0}, "rounding_m 2.0"),
+        (Rise, {**UPHILL, "slope_rad": 0.7, "length_m": 8.0}, "less than or equal to 0.6"),
+        (Rise, {**UPHILL, "y_m": math.nan, "slope_rad": 0.1, "length_m": 8.0}, "y_m\n"),
+        (Furrows, {"period_m": -1.0, "depth_m": 0.1}, "period_m\n"),
+        (Furrows, {"period_m": 1.0, "depth_m": math.inf}, "depth_m\n"),
+        (Furrows, {"period_m": 1.0, "depth_m": 0.6}, "depth_m 0.6"),
+        (Bump, {**LINE, "length_m": -1.0, "height_m": 0.1}, "length_m\n"),
+        (Bump, {**LINE, "width_m": -0.8, "height_m": 0.1}, "width_m\n"),
+        (Bump, {**LINE, "height_m": 0.5}, "height_m 0.5 over a flank of 0.4 m"),
+        (Bump, {**LINE, "height_m": 0.1, "profile": "square"}, "'cosine' or 'cylinder'"),
+        (Ditch, {**LINE, "depth_m": 0.5}, "depth_m 0.5 over a flank of 0.4 m"),
+        (Step, {**UPHILL, "height_m": 0.1, "ramp_m": 0.0}, "ramp_m\n"),
+        (Step, {**UPHILL, "height_m": 0.3, "ramp_m": 0.2}, "height_m 0.3 over a flank of 0.2 m"),
     ],
 )
-def test_impossible_features_are_refused(make, said):
-    with pytest.raises(InvalidField) as caught:
-        make()
-    assert said in str(caught.value)
+def test_impossible_features_are_refused(kind, values, message):
+    with pytest.raises(ValidationError) as caught:
+        kind(**values)
+    assert message in str(caught.value)

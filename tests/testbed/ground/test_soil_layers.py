@@ -3,18 +3,20 @@ import math
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from proving_ground.testbed.errors import InvalidField
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.ground.soil_layers import Gradient, Patch, RandomField, StrengthMap
+from proving_ground.testbed.ground.soil_layers import Gradient, Patch, RandomStrength, StrengthMap
 from proving_ground.testbed.randomness import generator
 
 FIELD = terrain.flat((40.0, 30.0), 0.25)
 
 
 def drawn(seed, cv=0.4, correlation_m=2.0, field=FIELD):
-    return RandomField.drawn(np.random.default_rng(seed), field, cv, correlation_m)
+    strength = RandomStrength(coefficient_of_variation=cv, correlation_m=correlation_m)
+    return strength.draw(np.random.default_rng(seed), field)
 
 
 # --- gradient --------------------------------------------------------------------------------
@@ -22,7 +24,15 @@ def drawn(seed, cv=0.4, correlation_m=2.0, field=FIELD):
 
 @pytest.mark.parametrize(("first", "second"), [(300.0, 900.0), (900.0, 300.0), (400.0, 400.0)])
 def test_a_gradient_is_linear_over_its_distance_and_constant_beyond(first, second):
-    soil = SoilMap(100.0, (Gradient(1.0, 2.0, 0.7, 20.0, first, second),))
+    gradient = Gradient(
+        from_kpa=first,
+        to_kpa=second,
+        distance_m=20.0,
+        x_m=1.0,
+        y_m=2.0,
+        towards_deg=math.degrees(0.7),
+    )
+    soil = SoilMap(100.0, (gradient,))
     u = np.linspace(-5.0, 30.0, 71)
     across = 7.0
     x = 1.0 + u * math.cos(0.7) - across * math.sin(0.7)
@@ -67,7 +77,7 @@ def test_correlation_of_the_logarithm_falls_by_e_over_the_correlation_length(axi
         assert error < 0.03
 
 
-def test_opposite_edges_do_not_know_of_each_other():
+def test_opposite_edges_are_uncorrelated():
     pairs = np.array([drawn(seed).values[::8][:, [0, -1]] for seed in range(40)])
     west, east = np.log(pairs).reshape(-1, 2).T
     assert abs(np.corrcoef(west, east)[0, 1]) < 0.15
@@ -79,23 +89,28 @@ def test_no_variation_is_no_change():
 
 
 def test_the_seed_alone_decides_and_does_not_touch_the_terrain():
-    fields = [RandomField.drawn(generator(s, "soil"), FIELD, 0.3, 2.0).values for s in (1, 1, 2)]
+    strength = RandomStrength(correlation_m=2.0)
+    fields = [strength.draw(generator(s, "soil"), FIELD).values for s in (1, 1, 2)]
     assert np.array_equal(fields[0], fields[1])
     assert not np.array_equal(fields[0], fields[2])
 
 
-@pytest.mark.parametrize(
-    ("cv", "length"), [(-0.1, 2.0), (math.nan, 2.0), (3.0, 2.0), (0.3, 0.1), (0.3, 99.0)]
-)
-def test_impossible_random_fields_are_refused(cv, length):
+@pytest.mark.parametrize("cv", [-0.1, math.nan, 3.0])
+def test_impossible_coefficients_of_variation_are_refused(cv):
+    with pytest.raises(ValidationError, match="coefficient_of_variation"):
+        drawn(0, cv)
+
+
+@pytest.mark.parametrize("length", [0.1, 99.0])
+def test_correlation_lengths_that_do_not_fit_the_grid_are_refused(length):
     with pytest.raises(InvalidField, match="random soil"):
-        drawn(0, cv, length)
+        drawn(0, 0.3, length)
 
 
 # --- map -------------------------------------------------------------------------------------
 
 
-def test_a_map_holds_where_it_reaches_and_the_rest_below_it(tmp_path):
+def test_a_map_replaces_the_soil_inside_its_extent(tmp_path):
     values = np.random.default_rng(0).uniform(200.0, 900.0, (9, 13))
     np.save(tmp_path / "map.npy", values)
     layer = StrengthMap.from_file(tmp_path / "map.npy", 0.5, (2.0, -1.0))
@@ -107,7 +122,7 @@ def test_a_map_holds_where_it_reaches_and_the_rest_below_it(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("300 400\n500 nan\n", "got nan at row 1, column 1"),
         ("300 400\n500 0\n", "got 0.0 at row 1, column 1, every cone index must be above 0 kPa"),
@@ -118,13 +133,13 @@ def test_a_map_holds_where_it_reaches_and_the_rest_below_it(tmp_path):
         ("", "2 x 2 or larger"),
     ],
 )
-def test_an_unusable_map_is_refused_in_one_line_that_names_it(tmp_path, text, said):
+def test_an_unusable_map_is_refused_in_one_line_that_names_it(tmp_path, text, message):
     file = tmp_path / "soil.csv"
     file.write_text(text)
     with pytest.raises(InvalidField) as caught:
         StrengthMap.from_file(file, 0.5)
     assert str(caught.value).startswith("soil map file")
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "soil.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -133,8 +148,8 @@ def test_an_unusable_map_is_refused_in_one_line_that_names_it(tmp_path, text, sa
 
 
 def test_layers_lie_on_each_other_in_their_order():
-    patch = Patch.circle(0.0, 0.0, 3.0, 150.0)
-    gradient = Gradient(-5.0, 0.0, 0.0, 10.0, 300.0, 900.0)
+    patch = Patch(x_m=0.0, y_m=0.0, radius_m=3.0, cone_index_kpa=150.0)
+    gradient = Gradient(from_kpa=300.0, to_kpa=900.0, distance_m=10.0, x_m=-5.0)
     factors = drawn(3)
     places = np.array([0.0, 4.0]), np.zeros(2)
     for order in itertools.permutations((patch, gradient, factors)):
@@ -151,10 +166,10 @@ def test_layers_lie_on_each_other_in_their_order():
 
 def test_raster_of_all_layers_is_the_map_at_the_grid_s_points():
     layers = (
-        Gradient(-5.0, 0.0, 0.3, 10.0, 300.0, 900.0),
+        Gradient(from_kpa=300.0, to_kpa=900.0, distance_m=10.0, x_m=-5.0, towards_deg=17.0),
         StrengthMap(np.full((5, 5), 500.0), 1.0, (-2.0, -2.0)),
         drawn(1),
-        Patch(2.0, 1.0, 2.0, 1.0, 120.0, 0.3),
+        Patch(x_m=2.0, y_m=1.0, radius_m=1.5, cone_index_kpa=120.0),
     )
     soil = SoilMap(500.0, layers)
     raster = soil.rasterised(FIELD)
@@ -163,21 +178,23 @@ def test_raster_of_all_layers_is_the_map_at_the_grid_s_points():
         assert raster[row, column] == soil.cone_index(x[column], y[row, 0])
 
 
-def test_what_a_grid_would_not_see_is_refused():
+def test_patches_finer_than_the_grid_are_refused():
+    patch = Patch(x_m=0.0, y_m=0.0, radius_m=0.1, cone_index_kpa=100.0)
     with pytest.raises(InvalidField, match=r"soil: got patch 0\.2 m wide"):
-        SoilMap(500.0, (Patch.circle(0.0, 0.0, 0.1, 100.0),)).rasterised(FIELD)
+        SoilMap(500.0, (patch,)).rasterised(FIELD)
 
 
 @pytest.mark.parametrize(
-    "values",
+    ("key", "value"),
     [
-        (math.nan, 0.0, 0.0, 1.0, 300.0, 900.0),
-        (0.0, 0.0, math.inf, 1.0, 300.0, 900.0),
-        (0.0, 0.0, 0.0, 0.0, 300.0, 900.0),
-        (0.0, 0.0, 0.0, 1.0, -300.0, 900.0),
-        (0.0, 0.0, 0.0, 1.0, 300.0, math.nan),
+        ("x_m", math.nan),
+        ("towards_deg", math.inf),
+        ("distance_m", 0.0),
+        ("from_kpa", -300.0),
+        ("to_kpa", math.nan),
     ],
 )
-def test_impossible_gradients_are_refused(values):
-    with pytest.raises(InvalidField, match="soil gradient"):
-        Gradient(*values)
+def test_impossible_gradients_are_refused(key, value):
+    values = {"from_kpa": 300.0, "to_kpa": 900.0, "distance_m": 1.0}
+    with pytest.raises(ValidationError, match=key):
+        Gradient(**(values | {key: value}))

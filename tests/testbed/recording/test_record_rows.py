@@ -58,7 +58,9 @@ def test_a_sample_stands_under_the_names_of_its_components(sensor):
 
 
 def test_samples_of_the_suite_have_the_components_of_the_table():
-    suite = SensorSuite(SensorSpecification(imu=ImuSpecification()), 0.002, 1, np.zeros((2, 3)))
+    suite = SensorSuite(
+        SensorSpecification(imu=ImuSpecification(on=True)), 0.002, 1, np.zeros((2, 3))
+    )
     samples = suite.sample(truth(antennas=np.zeros((2, 3))), 0)
     assert {sample.sensor for sample in samples} == set(Sensor)
     for sample in samples:

@@ -7,7 +7,7 @@ from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.soil_layers import Patch
-from proving_ground.testbed.ground.tramlines import Tramlines
+from proving_ground.testbed.ground.tramlines import Tracks, Tramlines
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.vehicle.appearance import tyre_mesh
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
@@ -28,7 +28,7 @@ def test_tyre_mesh_is_closed_and_faces_outwards():
 
 
 def test_soft_soil_is_painted_where_it_lies():
-    soil = SoilMap(800.0, (Patch.circle(6.0, -3.0, 2.0, 100.0),))
+    soil = SoilMap(800.0, (Patch(x_m=6.0, y_m=-3.0, radius_m=2.0, cone_index_kpa=100.0),))
     plant = Plant(read_vehicle(), terrain.flat((20.0, 12.0)), soil)
     image = plant.drawn_model().texture("ground").data.astype(float)  # first row north
     rows, columns, _ = image.shape
@@ -44,13 +44,14 @@ def test_soft_soil_is_painted_where_it_lies():
 
 
 def test_hard_and_soft_tracks_and_a_bump_can_be_seen():
+    bump = Bump(x_m=0.0, y_m=0.0, height_m=0.1, width_m=0.8, length_m=10.0, along_deg=0.0)
     line = np.array([[-9.0, 0.0], [9.0, 0.0]])
     layers = (
-        Tramlines((line + np.array([0.0, 3.0]),), 1.0, 0.3, 1.5),
-        Tramlines((line - np.array([0.0, 3.0]),), 1.0, 0.3, 1.0 / 1.5),
+        Tramlines((line + np.array([0.0, 3.0]),), Tracks(track_m=1.0)),
+        Tramlines((line - np.array([0.0, 3.0]),), Tracks(track_m=1.0, strength_factor=1.0 / 1.5)),
     )
     for background in (300.0, 600.0, 1000.0):
-        ground = terrain.flat((20.0, 12.0)).shaped((Bump(0.0, 0.0, 0.0, 10.0, 0.8, 0.1),))
+        ground = terrain.flat((20.0, 12.0)).shaped((bump,))
         image = (
             Plant(read_vehicle(), ground, SoilMap(background, layers))
             .drawn_model()

@@ -1,4 +1,4 @@
-"""Vehicle files: shipped ones are valid, impossible ones are refused with one line."""
+"""Vehicle files: shipped vehicles are valid, impossible ones are refused in one line."""
 
 import dataclasses
 import re
@@ -20,7 +20,7 @@ NAMES = shipped_vehicles()
 
 
 def edited(tmp_path, table, key, value, name="kayacan2016"):
-    """Return a copy of a shipped file with another value of one key."""
+    """Return a copy of a shipped file in which one key of a table says something else."""
     text = find_vehicle(name).read_text()
     pattern = rf"(?ms)(^\[{table}\].*?^{key} = )[^#\n]*"
     text, count = re.subn(pattern, lambda match: match[1] + value + " ", text, count=1)
@@ -46,7 +46,7 @@ def test_the_paper_s_vehicle_has_the_paper_s_lengths_and_drive():
 
 
 @pytest.mark.parametrize(
-    ("table", "key", "value", "reason"),
+    ("table", "key", "value", "message"),
     [
         ("tractor", "wheelbase_m", "-1.4", "tractor.wheelbase_m: Input should be greater than 0"),
         ("tractor", "wheelbase_m", "nan", "tractor.wheelbase_m: Input should be a finite number"),
@@ -76,13 +76,13 @@ def test_the_paper_s_vehicle_has_the_paper_s_lengths_and_drive():
     ],
 )
 def test_impossible_vehicles_are_refused_with_file_key_and_reason(
-    table, key, value, reason, tmp_path
+    table, key, value, message, tmp_path
 ):
     file = edited(tmp_path, table, key, value)
     with pytest.raises(InvalidPlant) as caught:
         read_vehicle(file)
     assert str(caught.value).startswith(f"{file}: ")
-    assert reason in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -95,7 +95,7 @@ def test_a_missing_table_is_refused_by_its_name(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["tank", "nowhere.toml"])
-def test_a_missing_vehicle_is_refused_with_those_there_are(name):
+def test_a_missing_vehicle_is_refused_with_the_shipped_names(name):
     with pytest.raises(InvalidPlant, match="shipped are farm4500, kayacan2016"):
         read_vehicle(name)
 

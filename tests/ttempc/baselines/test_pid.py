@@ -18,7 +18,7 @@ from ttempc.vehicle import Vehicle
 
 def farm() -> Vehicle:
     scenario = load("farm", [])[1]
-    return scenario.controller.vehicle.vehicle(scenario.plant.vehicle.filed())
+    return scenario.vehicles().model
 
 
 VEHICLES = {"paper": (Vehicle(), 1.0), "farm4500": (farm(), 1.5)}
