@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final, Self
 
 from ..errors import SweepRefused, SweepStopped
-from ..output import in_place_of
+from ..output import atomic_write
 from .row import Row, line
 
 _SEEN: Final = 100  # rows from which polars.read_ndjson learns the types
@@ -119,7 +119,7 @@ def settle(file: Path, change: Callable[[Row], Row] = lambda row: row) -> None:
     if not changed and not moved:
         return
     try:
-        with in_place_of(file) as stream:
+        with atomic_write(file) as stream:
             for first in (True, False):
                 for number, row in enumerate(rows(file)):
                     if (number in moved) is first:

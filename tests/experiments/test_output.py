@@ -6,7 +6,7 @@ import os
 import pytest
 
 from proving_ground.experiments.errors import SweepStopped
-from proving_ground.experiments.output import in_place_of
+from proving_ground.experiments.output import atomic_write
 from proving_ground.experiments.sweep.results import Results, settle
 
 
@@ -19,7 +19,7 @@ def file(request, tmp_path):
 
 
 def test_the_file_is_what_was_written_and_nothing_else_is_left(file):
-    with in_place_of(file) as stream:
+    with atomic_write(file) as stream:
         stream.write(b"new")
         assert not file.exists() or file.read_bytes() == b"old"
     assert file.read_bytes() == b"new"
@@ -35,7 +35,7 @@ def test_whatever_breaks_it_off_leaves_what_was_there(error, file):
 
 
 def broken_off(file, error):
-    with in_place_of(file) as stream:
+    with atomic_write(file) as stream:
         stream.write(b"ne")
         raise error
 

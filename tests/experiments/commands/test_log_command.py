@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.logs.log_check import check
+from proving_ground.experiments.logs.log_check import check_log
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.log.log import LogWriter
@@ -88,13 +88,13 @@ def test_check_sees_what_is_missing(tmp_path):
     with LogWriter(file, metadata={}, attachments={}) as writer:
         for time_s in (0.0, 0.04, 0.02, 0.06, 0.5):
             writer.row(STATE, time_s, [0.0] * len(STATE.fields))
-    found = {each.what: each for each in check(read_content(file))}
-    assert found["whole"].good
+    found = {each.name: each for each in check_log(read_content(file))}
+    assert found["whole"].passed
     assert "model.xml" in found["attachments"].detail
     assert "/control" in found["topics"].detail
     assert "backwards on /state" in found["time"].detail
     assert "nothing for 440 ms" in found["truth"].detail
-    assert not any(found[what].good for what in ("attachments", "topics", "time", "truth"))
+    assert not any(found[what].passed for what in ("attachments", "topics", "time", "truth"))
 
 
 def test_tables_hold_the_log_to_the_bit(log, tmp_path):

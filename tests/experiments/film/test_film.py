@@ -14,15 +14,15 @@ from PIL import Image
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFilm
+from proving_ground.experiments.film.body_poses import place_bodies
 from proving_ground.experiments.film.camera import FIELD_OF_VIEW
+from proving_ground.experiments.film.composition import FilmSetup
 from proving_ground.experiments.film.field import FieldMesh
-from proving_ground.experiments.film.film import pictures
-from proving_ground.experiments.film.posing import place_bodies
+from proving_ground.experiments.film.mujoco_scene import MujocoScene
+from proving_ground.experiments.film.render import render_frames
 from proving_ground.experiments.film.replay import read_replay
 from proving_ground.experiments.film.ribbon import Ribbon
-from proving_ground.experiments.film.scenes import Setup
 from proving_ground.experiments.film.shot import FRAME_RATE, Shot
-from proving_ground.experiments.film.stage import Stage
 from proving_ground.experiments.film.writer import FilmWriter
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.recording.channels import STATE
@@ -108,7 +108,7 @@ def test_the_field_is_whole_has_its_heights_and_is_fine_where_one_looks(bumps):
     field.add_to(spec)
     count = spec.compile().mesh("field").vertnum[0]
     parts = {name: np.empty((count, 3)) for name in ("vertices", "normals")}
-    mesh = SimpleNamespace(**parts, texture_places=np.empty((count, 2)))
+    mesh = SimpleNamespace(**parts, texture_coordinates=np.empty((count, 2)))
     assert field.lay(mesh, 2.0, 1.0)
     assert not field.lay(mesh, 2.1, 1.0), "near enough to leave it"
     x, y, z = mesh.vertices.T
@@ -134,20 +134,20 @@ def projected(place, view, size):
 
 @needs_gl
 def test_the_cameras_see_the_tractor_where_the_projection_has_it(replay):
-    stage = Stage(replay, SMALL, 1.0)
+    scene = MujocoScene(replay, SMALL, 1.0)
     try:
         for camera, geom in (("side", "bonnet"), ("top", "roof"), ("chase", "roof")):
-            picture = stage.picture(camera, 6.0).astype(float)
-            place = stage.data.geom(geom).xpos
-            x, y = projected(place, stage.operator.view(camera, 6.0), SMALL)
+            picture = scene.picture(camera, 6.0).astype(float)
+            place = scene.data.geom(geom).xpos
+            x, y = projected(place, scene.camera.view(camera, 6.0), SMALL)
             red, green, blue = picture[round(y), round(x)]
             assert red > 90.0, (camera, x, y)
             assert red > 2.0 * max(green, blue), (camera, x, y)
         xyz, _ = replay.poses(6.0)
-        found = [stage.data.body(name).xpos for name in replay.motion.body_names]
+        found = [scene.data.body(name).xpos for name in replay.motion.body_names]
         np.testing.assert_array_equal(found, xyz)
     finally:
-        stage.close()
+        scene.close()
 
 
 @needs_gl
@@ -189,14 +189,16 @@ def test_a_plan_film_needs_no_opengl_and_plays_in_a_browser(log, tmp_path, monke
 
 
 def test_processes_share_a_film_without_changing_it(replay):
-    setup = Setup((replay,), Shot("plan", 0.0, 11.0, 5.0, SMALL))
-    alone, shared = (list(pictures(setup, workers)) for workers in (1, 2))
+    setup = FilmSetup((replay,), Shot("plan", 0.0, 11.0, 5.0, SMALL))
+    alone, shared = (list(render_frames(setup, workers)) for workers in (1, 2))
     assert len(alone) == 55
     np.testing.assert_array_equal(alone, shared)
 
 
 def test_the_plan_shows_the_tractor_where_it_was(replay):
-    scene = Setup((replay,), Shot("plan", 0.0, 5.0, 1.0, (1280, 720)), moving=False).scene()
+    scene = FilmSetup(
+        (replay,), Shot("plan", 0.0, 5.0, 1.0, (1280, 720)), moving=False
+    ).frame_source()
     early, late = (scene.picture(t)[60:550, :880].astype(int) for t in (1.0, 9.0))
     places = []
     for picture in (early, late):
@@ -204,7 +206,7 @@ def test_the_plan_shows_the_tractor_where_it_was(replay):
         rows, columns = np.nonzero((red > 150) & (red > 2 * green) & (red > 2 * blue))
         places.append((columns.mean(), -rows.mean()))
     seen = np.subtract(places[1], places[0])
-    there = np.diff([replay.places(STATE, t)[0] for t in (1.0, 9.0)], axis=0)[0]
+    there = np.diff([replay.positions(STATE, t)[0] for t in (1.0, 9.0)], axis=0)[0]
     assert math.atan2(seen[1], seen[0]) == pytest.approx(math.atan2(there[1], there[0]), abs=0.1)
 
 

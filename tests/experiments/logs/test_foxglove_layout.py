@@ -3,7 +3,7 @@
 import json
 import re
 
-from proving_ground.experiments.logs.foxglove_layout import FILE, text
+from proving_ground.experiments.logs.foxglove_layout import FILE, layout_text
 from proving_ground.testbed.messages.publisher import topics_of
 from proving_ground.testbed.recording.channels import CHANNELS
 
@@ -33,7 +33,7 @@ def leaves(node):
 
 
 def test_the_file_is_what_its_program_writes():
-    assert FILE.read_text(encoding="utf-8") == text(), (
+    assert FILE.read_text(encoding="utf-8") == layout_text(), (
         "run python -m experiments.logs.foxglove_layout"
     )
 

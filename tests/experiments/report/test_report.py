@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import pytest
 
 from proving_ground.experiments.figures import draw
-from proving_ground.experiments.report.report import report
+from proving_ground.experiments.report.run_report import render_run_report
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.testbed.recording.record import Event
@@ -57,7 +57,7 @@ def pictures(run):
 
 @pytest.fixture(scope="module")
 def text(run, pictures):
-    return report(summarise(run, FACTS), run.events, SCENARIO, pictures)
+    return render_run_report(summarise(run, FACTS), run.events, SCENARIO, pictures)
 
 
 def test_it_needs_nothing_from_elsewhere(text):
@@ -90,7 +90,7 @@ def test_text_of_others_stays_text(text):
 
 def test_a_flood_of_events_is_cut_and_counted(run, pictures):
     events = [Event(float(k), "info", f"event {k} of many") for k in range(250)]
-    text = report(summarise(run, FACTS), events, SCENARIO, pictures)
+    text = render_run_report(summarise(run, FACTS), events, SCENARIO, pictures)
     assert text.count("of many") == 100
     assert "150 more in the log" in text
 
@@ -98,5 +98,5 @@ def test_a_flood_of_events_is_cut_and_counted(run, pictures):
 def test_a_run_without_log_failure_events_or_numbers_has_a_report():
     facts = replace(FACTS, status="completed", failure=None, log=None)
     empty = record(duration_s=0.0)
-    page = Page(report(summarise(empty, facts), (), "", {}))
+    page = Page(render_run_report(summarise(empty, facts), (), "", {}))
     assert page.links == ["summary.json", "scenario.toml"]

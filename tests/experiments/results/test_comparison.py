@@ -10,10 +10,10 @@ from PIL import Image
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import NotComparable
+from proving_ground.experiments.film.composition import FilmSetup
 from proving_ground.experiments.film.replay import read_replay
-from proving_ground.experiments.film.scenes import Setup
 from proving_ground.experiments.film.shot import Shot
-from proving_ground.experiments.results.comparison import read_compared, table
+from proving_ground.experiments.results.comparison import format_comparison, read_compared
 
 
 def logs(short_runs, *names):
@@ -48,18 +48,18 @@ def test_runs_are_compared_up_to_the_end_that_all_reach(short_runs):
     np.testing.assert_array_equal(
         shorter.errors.tractor.cross_m, runs[0].errors.tractor.cross_m[kept]
     )
-    assert "8 to 9.0 s" in table([shorter])
+    assert "8 to 9.0 s" in format_comparison([shorter])
 
 
 def test_runs_abreast_show_each_run_in_its_own_part(short_runs):
     both = tuple(map(read_replay, logs(short_runs, "paper", "nominal")))
     shot = Shot("plan", 0.0, 5.0, 8.0, (640, 180))
-    swapped = Setup(both[::-1], shot).scene().picture(8.0)
-    picture = Setup(both, shot).scene().picture(8.0)
+    swapped = FilmSetup(both[::-1], shot).frame_source().picture(8.0)
+    picture = FilmSetup(both, shot).frame_source().picture(8.0)
     assert picture.shape == (180, 640, 3)
     np.testing.assert_array_equal(picture[:, :320], swapped[:, 320:])
     np.testing.assert_array_equal(picture[:, 320:], swapped[:, :320])
-    beyond = Setup(both, shot).scene().picture(1e3)
+    beyond = FilmSetup(both, shot).frame_source().picture(1e3)
     assert beyond.shape == picture.shape, "a run that has ended stays"
 
 

@@ -10,7 +10,7 @@ import pytest
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.published import compare
 from proving_ground.experiments.results.summary import RunFacts
-from proving_ground.experiments.results.table import WIDTH, table
+from proving_ground.experiments.results.table import WIDTH, format_run
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING
 from proving_ground.testbed.recording.record import Record
 from tests.records import circle, eight, record, straight, table_of
@@ -178,12 +178,12 @@ def test_a_run_that_ended_at_once_has_a_summary_and_a_table(duration_s):
     summary = summarise(record(duration_s=duration_s), facts)
     assert summary.tracking.all.tractor.mean_euclidean_m is None
     assert json.loads(summary.to_json())["duration_s"] == duration_s
-    assert "roll-over" in table(summary)
+    assert "roll-over" in format_run(summary)
 
 
 def test_the_table_sets_the_published_errors_beside_the_runs():
     summary = summarise(record(cross=(0.1, 0.05)), FACTS)
-    text = table(summary)
+    text = format_run(summary)
     assert all(len(line) <= WIDTH for line in text.splitlines())
     for number in ("23.5", "21.2", "39.8", "36.2", "10.0", "5.0"):
         assert number in text

@@ -127,7 +127,7 @@ def test_a_run_tells_what_was_believed_wrongly_and_its_resolved_scenario_repeats
     first, again = tmp_path / "first", tmp_path / "again"
     assert main(["run", "grass", *sets, "--out", str(first)]) == 0
     said = "trailer_m 3 (true 2.6), load_kg 1500 (true 500)"
-    assert f"Believed wrongly: {said}" in capsys.readouterr().out
+    assert f"Parameter mismatch: {said}" in capsys.readouterr().out
     assert said in (first / "report.html").read_text()
     log = read_log(first / "log.mcap")
     assert log.metadata["mismatch"] == said

@@ -19,7 +19,8 @@ from proving_ground.experiments.run.assembly import CONTROL_PERIOD_S, check, gea
 from proving_ground.experiments.run.simulate import run, simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes, to_json
-from proving_ground.experiments.tubes.fit import fit_run, fit_set, fit_tube, hold_out, read_runs
+from proving_ground.experiments.tubes.fit import fit_run, fit_tube, read_fit_runs
+from proving_ground.experiments.tubes.set_fit import fit_set, hold_out
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     CONTROL,
@@ -106,7 +107,7 @@ def test_residuals_that_were_put_in_come_out():
     got = fit_run(record, SCENARIO)
     first = int(got.errors.tick[0])
     assert first * CONTROL_PERIOD_S >= 8.0
-    np.testing.assert_allclose(got.residuals.seen, w[first:-1], atol=1e-9)
+    np.testing.assert_allclose(got.residuals.estimated, w[first:-1], atol=1e-9)
     np.testing.assert_allclose(got.errors.estimation, (true - seen)[first:], atol=1e-9)
 
 
@@ -310,7 +311,7 @@ def test_a_run_in_the_tube_says_so_and_a_single_run_is_no_fit(tmp_path, capsys):
     assert asdict(finished.summary)["tube"]["contained_fraction"] == 1.0
     assert len(finished.record[TUBE]) == len(finished.record[CONTROL])
     assert finished.files["tube"].exists()
-    assert len(read_runs([tmp_path])) == 1
+    assert len(read_fit_runs([tmp_path])) == 1
     out = tmp_path / "tube.json"
     assert main(["fit-tube", str(tmp_path), "-o", str(out)]) == 2
     assert "got 1 runs, at least 3 are needed" in capsys.readouterr().err

@@ -7,8 +7,12 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.validation import plant_validation as card_room
-from proving_ground.experiments.validation.plant_validation import Card, line, make_card
+from proving_ground.experiments.validation import plant_validation
+from proving_ground.experiments.validation.plant_validation import (
+    PlantValidation,
+    format_check,
+    validate_plant,
+)
 from proving_ground.testbed.inspection.check import between, near, not_applicable
 
 FAST = ("hydrostat", "roughness")
@@ -17,8 +21,8 @@ FAST = ("hydrostat", "roughness")
 @pytest.fixture
 def quick(monkeypatch):
     """Let the command inspect two things only."""
-    whole = card_room.inspect
-    monkeypatch.setattr(card_room, "inspect", lambda bench, names: whole(bench, FAST))
+    whole = plant_validation.inspect
+    monkeypatch.setattr(plant_validation, "inspect", lambda bench, names: whole(bench, FAST))
 
 
 def test_a_card_leaves_page_json_and_figures(quick, tmp_path, capsys):
@@ -41,7 +45,7 @@ def test_a_card_leaves_page_json_and_figures(quick, tmp_path, capsys):
 
 def test_a_failing_check_is_exit_code_1_and_stands_in_the_page(monkeypatch, tmp_path, capsys):
     wrong = near("gain", 2.0, 1.0, 0.1, "m/s", "the vehicle")
-    monkeypatch.setattr(card_room, "inspect", lambda bench, names: iter([wrong]))
+    monkeypatch.setattr(plant_validation, "inspect", lambda bench, names: iter([wrong]))
     assert main(["card", "grass", "--out", str(tmp_path / "new")]) == 1
     assert "FAIL  gain: 2 m/s, expected 1 ± 0.1 [the vehicle]" in capsys.readouterr().out
     assert "1 of 1 checks fail" in (tmp_path / "new" / "card.html").read_text()
@@ -49,7 +53,7 @@ def test_a_failing_check_is_exit_code_1_and_stands_in_the_page(monkeypatch, tmp_
 
 
 def test_what_does_not_apply_neither_passes_nor_fails():
-    card = Card(
+    card = PlantValidation(
         "x", "contact", {}, (not_applicable("slip", "no slip"), between("y", 1, 0, 2, "", "s"))
     )
     assert card.passed
@@ -57,11 +61,11 @@ def test_what_does_not_apply_neither_passes_nor_fails():
     assert content[0]["passed"] is None
     assert content[0]["figure"] is None
     assert content[0]["low"] is None
-    assert line(card.checks[0]) == "n/a   slip: no slip"
+    assert format_check(card.checks[0]) == "n/a   slip: no slip"
 
 
 def test_a_figure_that_is_no_number_fails_and_is_null():
-    card = Card("x", "soil", {}, (between("y", float("nan"), 0, 2, "m", "s"),))
+    card = PlantValidation("x", "soil", {}, (between("y", float("nan"), 0, 2, "m", "s"),))
     assert not card.passed
     assert json.loads(card.to_json())["checks"][0] | {"low": 0} == {
         **{"name": "y", "figure": None, "unit": "m", "expectation": "at most 2", "low": 0},
@@ -71,10 +75,10 @@ def test_a_figure_that_is_no_number_fails_and_is_null():
 
 def test_wheels_and_changes_reach_the_plant():
     name, scenario = load("wet-slope", ['plant.wheels="contact"', "soil.cone_index_kpa=450"])
-    bench = card_room.bench(scenario)
+    bench = plant_validation.bench(scenario)
     assert (bench.wheels, bench.cone_index, bench.iso_class) == ("contact", 450.0, "E")
     assert bench.slope_rad == 0.15
-    assert make_card(name, scenario, ()).checks == ()
+    assert validate_plant(name, scenario, ()).checks == ()
 
 
 @pytest.mark.parametrize(
