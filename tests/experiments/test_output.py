@@ -1,4 +1,4 @@
-"""What takes the place of a file is whole, or the file is as it was."""
+"""Atomic writes: the new content is complete, or the file is unchanged."""
 
 import errno
 import os
@@ -18,7 +18,7 @@ def file(request, tmp_path):
     return file
 
 
-def test_the_file_is_what_was_written_and_nothing_else_is_left(file):
+def test_the_file_has_the_new_content_and_no_partial_file_is_left(file):
     with atomic_write(file) as stream:
         stream.write(b"new")
         assert not file.exists() or file.read_bytes() == b"old"
@@ -27,20 +27,20 @@ def test_the_file_is_what_was_written_and_nothing_else_is_left(file):
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, OSError])
-def test_whatever_breaks_it_off_leaves_what_was_there(error, file):
+def test_an_error_leaves_the_file_unchanged(error, file):
     before = {each: each.read_bytes() for each in file.parent.iterdir()}
     with pytest.raises(error):
-        broken_off(file, error)
+        fail_within(file, error)
     assert {each: each.read_bytes() for each in file.parent.iterdir()} == before
 
 
-def broken_off(file, error):
+def fail_within(file, error):
     with atomic_write(file) as stream:
         stream.write(b"ne")
         raise error
 
 
-def test_rows_that_the_disk_does_not_take_stay_as_they_were(tmp_path, monkeypatch):
+def test_rows_on_a_full_disk_stay_unchanged(tmp_path, monkeypatch):
     file = tmp_path / "rows.jsonl"
     with Results(file, 1) as results:
         results.append({"run": 0, "x": 1.0})

@@ -1,4 +1,4 @@
-"""The layout that ships: what it asks for, a log holds."""
+"""Shipped Foxglove layout: its topics and fields exist in a log."""
 
 import json
 import re
@@ -39,9 +39,9 @@ def test_the_file_is_what_its_program_writes():
 
 
 def test_every_topic_and_field_in_it_exists():
-    found = [each for each in texts(LAYOUT["configById"]) if re.match(r"/\w", each)]
-    assert len(found) > 30
-    assert set(found) <= FIELDS | {topic.name for topic in topics_of()}
+    topics = [each for each in texts(LAYOUT["configById"]) if re.match(r"/\w", each)]
+    assert len(topics) > 30
+    assert set(topics) <= FIELDS | {each.name for each in topics_of()}
 
 
 def test_every_panel_has_one_place():

@@ -1,4 +1,4 @@
-"""The report: one file that needs no other, tells all, and trusts no text."""
+"""Report of a run: self-contained, complete, with escaped text."""
 
 import base64
 import re
@@ -15,14 +15,21 @@ from proving_ground.testbed.recording.record import Event
 from tests.records import record
 
 FACTS = RunFacts(
-    *("0", "made-up", "none", 1, "lost", "roll-over <at> the & fence", 10.0, {"ttempc": "9.8"}),
+    run_id="0",
+    scenario="made-up",
+    controller="none",
+    seed=1,
+    status="lost",
+    failure="roll-over <at> the & fence",
+    wall_s=10.0,
+    versions={"ttempc": "9.8"},
     log="log.mcap",
 )
 SCENARIO = 'name = "made-up"\n# <script>alert(1)</script>\n'
 
 
 class Page(HTMLParser):
-    """Checks that tags are closed in order, and gathers what they point at."""
+    """Parser that checks the nesting of tags and collects links and images."""
 
     VOID = frozenset({"meta", "img", "br", "link"})
 
@@ -34,10 +41,10 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.add(tag)
-        given = dict(attrs)
-        self.links += [given[name] for name in ("href", "src") if name in given]
+        attributes = dict(attrs)
+        self.links += [attributes[name] for name in ("href", "src") if name in attributes]
         if tag == "img":
-            self.images.append(given)
+            self.images.append(attributes)
         if tag not in self.VOID:
             self.open.append(tag)
 
@@ -60,29 +67,39 @@ def text(run, pictures):
     return render_run_report(summarise(run, FACTS), run.events, SCENARIO, pictures)
 
 
-def test_it_needs_nothing_from_elsewhere(text):
+def test_it_loads_no_other_file(text):
     assert not re.search(r"https?:|//|@import|url\(", re.sub(r"base64,[\w+/=]*", "", text))
     links = [link for link in Page(text).links if not link.startswith("data:")]
     assert links == ["log.mcap", "summary.json", "scenario.toml"]
     assert not Page(text).tags & {"script", "link", "iframe"}
 
 
-def test_it_holds_every_figure_with_words_for_those_who_do_not_see_it(text, pictures):
+def test_it_holds_every_figure_with_an_alternative_text(text, pictures):
     images = Page(text).images
-    held = [base64.b64decode(image["src"].partition(",")[2]) for image in images]
-    assert held == list(pictures.values())
+    contents = [base64.b64decode(image["src"].partition(",")[2]) for image in images]
+    assert contents == list(pictures.values())
     assert all(image["alt"] for image in images)
 
 
-def test_it_tells_how_the_run_went(text):
+def test_it_shows_errors_status_and_events(text):
     for word in (
-        *("12.3", "5.7", "23.49", "21.21", "39.82", "36.21", "lost", "roll-over", "ttempc 9.8"),
-        *("31.40 s", "ield experiment; here: simulation", "60.0 s"),
+        "12.3",  # measured [cm]
+        "5.7",
+        "23.49",  # published [cm]
+        "21.21",
+        "39.82",
+        "36.21",
+        "lost",
+        "roll-over",
+        "ttempc 9.8",
+        "31.40 s",
+        "ield experiment; here: simulation",
+        "60.0 s",
     ):
         assert word in text
 
 
-def test_text_of_others_stays_text(text):
+def test_text_is_escaped(text):
     for danger in ("<script>", "<b>", "<at>"):
         assert danger not in text
     assert "roll-over &lt;at&gt; the &amp; fence" in text
