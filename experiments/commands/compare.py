@@ -45,9 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _compare(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..figures import png
-    from ..figures.comparison import COMPARISONS
+    from ..figures.comparison_figures import COMPARISONS
     from ..output import make_folder, refuse_existing
-    from ..results.comparison import comparison_csv, format_comparison, read_compared
+    from ..results.run_comparison import comparison_csv, format_comparison, read_compared
 
     folder = arguments.out or options.unused_path(Path("runs"), "comparison")
     refuse_existing(folder)

@@ -77,7 +77,7 @@ class Overlay:
         """Draw the overlay of a time onto a picture, in place."""
         width, height = self._size
         margin = _MARGIN * self.scale
-        self._title().paste_onto(picture, margin, margin)
+        self._headline(self._replay.title).paste_onto(picture, margin, margin)
         clock = self._clock(time_s)
         clock.paste_onto(picture, width - margin - clock.image.width, margin)
         bars = self._bars(time_s)
@@ -90,9 +90,6 @@ class Overlay:
         if caption is not None:
             x = 0.5 * (width - caption.image.width)
             caption.paste_onto(picture, x, clock.image.height + 2.0 * margin)
-
-    def _title(self) -> OverlayBox:
-        return self._headline(self._replay.title)
 
     def _clock(self, time_s: float) -> OverlayBox:
         speed = self._replay.value(STATE, "v_mps", time_s)

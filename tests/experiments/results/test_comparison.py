@@ -9,11 +9,11 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import NotComparable
-from proving_ground.experiments.figures.comparison import COMPARISONS
+from proving_ground.experiments.figures.comparison_figures import COMPARISONS
 from proving_ground.experiments.film.composition import FilmSetup
 from proving_ground.experiments.film.replay import read_replay
 from proving_ground.experiments.film.shot import Shot
-from proving_ground.experiments.results.comparison import format_comparison, read_compared
+from proving_ground.experiments.results.run_comparison import format_comparison, read_compared
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 
 

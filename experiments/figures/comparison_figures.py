@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE
 
-from ..results.comparison import ComparedRun
+from ..results.run_comparison import ComparedRun
 from ..results.tracking_errors import BODIES, BodyError, position_fields
 from .signals import INPUTS
 from .style import (
