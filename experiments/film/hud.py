@@ -138,7 +138,7 @@ class Overlay:
         box.text(380.0, y, f"{factor * sent:.1f}{unit}", align="right", colour=colour)
 
     def _legend(self) -> OverlayBox:
-        box = OverlayBox(246.0, 136.0, self.scale)
+        box = OverlayBox(254.0, 136.0, self.scale)
         for y, name, colour in (
             (18.0, "reference path", REFERENCE),
             (42.0, "tractor: driven, desired (mark)", _lighter(TRACTOR)),
