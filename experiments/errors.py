@@ -1,61 +1,61 @@
-"""Errors of the experiments. Every one of them is an `ExperimentError`."""
+"""Exceptions of `experiments`. All of them derive from `ExperimentError`."""
 
 
 class ExperimentError(Exception):
-    """Root of all errors that the experiments raise on purpose."""
+    """Root of all errors that `experiments` raises deliberately."""
 
 
 class InvalidScenario(ExperimentError):
-    """A scenario that cannot be run; the message names file, key and what is allowed."""
+    """The scenario cannot be run. The message names the file, the key and the allowed values."""
 
 
 class OutputExists(ExperimentError):
-    """A folder or file that would have been written over, or that cannot be made."""
+    """The output file or folder exists already or cannot be written."""
 
 
 class InvalidController(ExperimentError):
-    """A controller that cannot be found or made; the message says where and what is asked for."""
+    """The controller cannot be imported or created. The message names it and the reason."""
 
 
 class InvalidWaypoints(ExperimentError):
-    """A waypoint file that cannot be used; the message names file and line or point."""
+    """The waypoint file is invalid. The message names the file and the line or point."""
 
 
 class InvalidStudy(ExperimentError):
-    """A study that cannot be made; the message names file, axis and what is allowed."""
+    """The study is invalid. The message names the file, the axis and the allowed values."""
 
 
 class SweepRefused(ExperimentError):
-    """A sweep that cannot begin: its folder, its scheduler or its workers do not fit."""
+    """The sweep cannot start because its folder, scheduler or workers are unusable."""
 
 
 class SweepStopped(ExperimentError):
-    """A sweep that could not go on; what it had found is kept."""
+    """The sweep cannot continue. The rows written so far are kept."""
 
 
 class MissingExtra(ExperimentError):
-    """A part of the project that is installed on request only; the message names it."""
+    """An optional dependency is not installed. The message names the extra."""
 
 
 class BadOptions(ExperimentError):
-    """Options that do not go together."""
+    """The command-line options contradict each other."""
 
 
 class InvalidFilm(ExperimentError):
-    """A film or picture that cannot be made of this log; the message says what is allowed."""
+    """The log or the options allow no film or picture. The message names the allowed values."""
 
 
 class NoGraphics(ExperimentError):
-    """Off-screen rendering is not to be had; the message names what to install."""
+    """Off-screen rendering is unavailable. The message names the packages to install."""
 
 
 class NotComparable(ExperimentError):
-    """Runs that do not belong side by side."""
+    """The runs do not share one reference or are unusable for a comparison."""
 
 
 class InvalidRows(ExperimentError):
-    """A file of finished runs that cannot be read or compared; the message names the place."""
+    """A results file cannot be read or compared. The message names the line."""
 
 
 class InvalidFit(ExperimentError):
-    """Data from which a tube cannot be fitted, or a tube file that cannot be used."""
+    """The data do not allow a tube to be fitted, or the tube file is invalid."""

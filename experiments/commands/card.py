@@ -1,4 +1,4 @@
-"""`ttempc card`: inspect the plant of one scenario."""
+"""`ttempc card`: validate the plant of one scenario."""
 
 from __future__ import annotations
 
@@ -7,25 +7,23 @@ from pathlib import Path
 
 from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS
 
-from ..scenario.scenario import load
 from . import options
 
-_ABOUT = """\
+ABOUT = """\
 Inspects the plant of a scenario - its vehicle, wheels, soil, roughness and slope -
-in experiments whose outcome is known without the simulation, or published. Prints
-a line a check and writes into DIR:
+in experiments whose results are known without the simulation, or published. Prints
+one line per check and writes into DIR:
 
   card.html   one page, to attach to a paper     card.json   the checks, for scripts
   *.png       the figures
 
-Exit code 0 where all checks hold, 1 where one fails, 2 for bad input (one line;
+Exit code 0 if all checks hold, 1 if one fails, 2 for bad input (one line;
 nothing is written). Takes up to a minute.
 """
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    parser = options.command(commands, "card", "inspect the plant of one scenario", _ABOUT)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
     options.add_scenario(parser)
     parser.add_argument(
         "--wheels",
@@ -37,14 +35,19 @@ def add(commands: options.Commands) -> None:
 
 
 def _card(arguments: argparse.Namespace) -> int:
-    # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
-    from ..validation.plant_validation import line, summary_line, write_card
+    # Imported here so that --help does not load MuJoCo and matplotlib.
+    from ..scenario.scenario import load
+    from ..validation.plant_validation import format_check, summary_line
+    from ..validation.validation_report import write_plant_validation
 
     overrides = list(arguments.overrides)
     if arguments.wheels is not None:
         overrides.append(f'plant.wheels="{arguments.wheels}"')
     name, scenario = load(arguments.scenario, overrides)
-    folder = arguments.out or options.fresh(Path("runs"), f"{name}-card-{scenario.plant.wheels}")
-    card = write_card(name, scenario, folder, lambda check: print(line(check), flush=True))
-    print(f"\n{summary_line(card)}\npage      {folder / 'card.html'}")
-    return 0 if card.passed else options.EXIT_CHECK_FAILED
+    stem = f"{name}-card-{scenario.plant.wheels}"
+    folder = arguments.out or options.unused_path(Path("runs"), stem)
+    validation = write_plant_validation(
+        name, scenario, folder, lambda check: print(format_check(check), flush=True)
+    )
+    print(f"\n{summary_line(validation)}\npage      {folder / 'card.html'}")
+    return 0 if validation.passed else options.EXIT_CHECK_FAILED

@@ -1,25 +1,29 @@
-"""`ttempc list`: show what a scenario can be made of by name."""
+"""`ttempc list`: list the shipped scenarios, studies, vehicles, controllers and tubes."""
 
 from __future__ import annotations
 
 import argparse
 
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
-from ttempc.guidance.controllers import CONTROLLERS
-
-from ..scenario.scenario import load, shipped
-from ..scenario.tube_file import read_tube, shipped_tubes
-from ..sweep.study import load_study, shipped_studies
-from . import options
+ABOUT = """\
+Lists the scenarios, studies, vehicles, controllers and tubes that ship with the
+project, by the names that other commands and scenario files take.
+"""
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    listing = commands.add_parser("list", help="show what ships with the project, by name")
-    listing.set_defaults(command=_list)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.set_defaults(command=_list)
 
 
 def _list(arguments: argparse.Namespace) -> int:
+    # Imported here so that --help does not load MuJoCo.
+    from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
+    from ttempc.guidance.controllers import CONTROLLERS
+
+    from ..scenario.scenario import load, shipped
+    from ..scenario.tube_file import read_tube, shipped_tubes
+    from ..sweep.study import load_study, shipped_studies
+
     print("Scenarios (ttempc run NAME):")
     for name in shipped():
         print(f"  {name:<14} {load(name)[1].description}")
@@ -32,9 +36,10 @@ def _list(arguments: argparse.Namespace) -> int:
     print("\nControllers (--controller NAME):")
     for name, entry in CONTROLLERS.items():
         print(f"  {name:<20} {entry.about}")
-    print(f"  {'package.module:factory':<20} one of your own, importable from where you stand")
-    print("\nTubes (controller.tube; ttempc-tube keeps to it, ttempc watches it):")
+    print(f"  {'package.module:factory':<20} your own, importable from the current folder")
+    print("\nTubes (controller.tube; ttempc-tube requires one, ttempc monitors one):")
     for name in shipped_tubes():
-        said = read_tube(name).provenance
-        print(f"  {name:<14} {', '.join(said.scenarios)}, coverage {said.coverage:g}")
+        provenance = read_tube(name).provenance
+        scenarios = ", ".join(provenance.scenarios)
+        print(f"  {name:<14} {scenarios}, coverage {provenance.coverage:g}")
     return 0

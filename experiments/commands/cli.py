@@ -1,4 +1,4 @@
-"""The command line `ttempc`: what every command has in common."""
+"""Command line `ttempc`: choice of the command, errors, exit codes."""
 
 from __future__ import annotations
 
@@ -6,32 +6,38 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import version
-from typing import NoReturn
+from typing import Final, NoReturn
 
 from proving_ground.testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
 from ..errors import ExperimentError
-from . import (
-    card,
-    catalogue,
-    compare,
-    envelope,
-    fit_tube,
-    frame,
-    log,
-    options,
-    report,
-    run,
-    sweep,
-    video,
-    view,
-)
+from .options import EXIT_BAD_INPUT, EXIT_INTERRUPTED
 
-_COMMANDS = (
-    *(run, sweep, report, envelope, view, log, video, frame, compare, card, fit_tube, catalogue),
-)
+
+@dataclass(frozen=True, slots=True)
+class _Command:
+    module: str  # of this package
+    help: str  # in one line
+
+
+_COMMANDS: Final = {
+    "run": _Command("run", "drive one scenario to its end"),
+    "view": _Command("view", "watch a run in MuJoCo's viewer"),
+    "list": _Command("catalogue", "list what ships with the project"),
+    "sweep": _Command("sweep", "drive all runs of a study"),
+    "report": _Command("report", "report the results of a sweep"),
+    "envelope": _Command("envelope", "find where controllers fail"),
+    "compare": _Command("compare", "compare several runs on one reference"),
+    "log": _Command("log", "show, export, check or recover a log"),
+    "video": _Command("video", "film a run from its log"),
+    "frame": _Command("frame", "take one picture of a run from its log"),
+    "card": _Command("card", "validate the plant of one scenario"),
+    "fit-tube": _Command("fit_tube", "fit a tube to the logs of runs"),
+}
 
 _ABOUT = """\
 A tractor with a steerable trailer drives a figure eight over a bumpy, slippery
@@ -39,47 +45,57 @@ field in MuJoCo, under the controller of your choice.
 
   ttempc run                        the default: scenario `grass`, controller `ttempc`
   ttempc run wet-slope --seed 7     another field, another draw of terrain and noise
-  ttempc run my-field.toml          a scenario of your own; `ttempc list` shows the shipped ones
+  ttempc run my-field.toml          your own scenario; `ttempc list` shows the shipped ones
   ttempc run grass --set soil.cone_index_kpa=250 --set path.laps=1
-  ttempc sweep terrain-slip         thousands of runs on all cores: where does a controller fail?
-  ttempc report runs/sweep-terrain-slip    what a sweep found: one page with tables and charts
-  ttempc card wet-slope             is it my controller or the simulator? inspects the plant
-  ttempc log info runs/DIR/log.mcap  what a log holds; export, check and recover it
+  ttempc sweep terrain-slip         thousands of runs on all cores
+  ttempc report runs/sweep-terrain-slip    one page with tables and charts of a sweep
+  ttempc card wet-slope             validation of the plant: is it my controller or the simulator?
+  ttempc log info runs/DIR/log.mcap  content of a log; export, check and recover it
   ttempc video runs/.../log.mcap    a film of a run; `frame` takes one picture of it
 """
 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        self.exit(
-            options.EXIT_BAD_INPUT, f"{self.prog}: error: {message} (see {self.prog} --help)\n"
-        )
+        self.exit(EXIT_BAD_INPUT, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    parsed = _parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    parsed = _parser(arguments).parse_args(arguments)
     try:
         return parsed.command(parsed)
     except (ExperimentError, TestbedError, TtempcError) as error:
         print(f"ttempc: error: {error}", file=sys.stderr)
-        return options.EXIT_BAD_INPUT
+        return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print("ttempc: interrupted; what was logged so far is in *.mcap.part", file=sys.stderr)
-        return options.EXIT_INTERRUPTED
-    except BrokenPipeError:  # the reader of our output, as in `| head`, has seen enough
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # the reader of the output has closed it, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
+    """Return the parser of a command line.
+
+    Only the module of the command in `arguments` is imported, since some load slowly.
+    """
     parser = _Parser(
         prog="ttempc", description=_ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--version", action="version", version=f"ttempc {version('ttempc')}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for room in _COMMANDS:
-        room.add(commands)
+    chosen = next((text for text in arguments if not text.startswith("-")), None)
+    for name, command in _COMMANDS.items():
+        subparser = commands.add_parser(
+            name, help=command.help, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        if name == chosen:
+            module = import_module(f".{command.module}", __package__)
+            subparser.description = module.ABOUT
+            module.add_arguments(subparser)
     return parser
 
 

@@ -1,4 +1,4 @@
-"""`ttempc compare`: several runs on one reference, side by side."""
+"""`ttempc compare`: compare several runs on one reference."""
 
 from __future__ import annotations
 
@@ -6,29 +6,28 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import options, shots
+from . import film_options, options
 
 if TYPE_CHECKING:
-    from ..film.scenes import Setup
+    from ..film.composition import FilmSetup
 
-_ABOUT = """\
-Lays runs of one reference over one another, aligned by its time, prints a table
-and writes into DIR:
+ABOUT = """\
+Compares runs on one reference, aligned by its time, prints a table and writes
+into DIR:
 
   path.png        the driven paths          error.png   the errors over time
-  signals.png     the commands              comparison.csv   the figures, SI units
+  signals.png     the commands              comparison.csv   the statistics, SI units
   comparison.mp4  with --video: all runs side by side at the same time
 
   ttempc compare runs/grass-paper-1/log.mcap runs/grass-ttempc-nominal-1/log.mcap
 
-Exit code 2 for bad input, as logs of different references (one line; nothing is
-written).
+Exit code 2 for bad input, such as logs of different references (one line; nothing
+is written).
 """
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    parser = options.command(commands, "compare", "several runs side by side", _ABOUT)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
     parser.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="log.mcap of a run")
     parser.add_argument(
         "-o",
@@ -37,48 +36,52 @@ def add(commands: options.Commands) -> None:
         metavar="DIR",
         help="folder to make (default: a new one in runs/); an existing one is refused",
     )
-    parser.add_argument("--video", action="store_true", help="film the runs side by side, too")
-    shots.add_camera(parser)
-    shots.add_span(parser)
+    parser.add_argument("--video", action="store_true", help="also film the runs side by side")
+    film_options.add_camera(parser)
+    film_options.add_span(parser)
     parser.set_defaults(command=_compare)
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
+    # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..figures import png
-    from ..figures.comparison import COMPARISONS
+    from ..figures.comparison_figures import COMPARISONS
     from ..output import make_folder, refuse_existing
-    from ..results.comparison import read_compared, table, table_csv
+    from ..results.run_comparison import comparison_csv, format_comparison, read_compared
 
-    folder = arguments.out or options.fresh(Path("runs"), "comparison")
+    folder = arguments.out or options.unused_path(Path("runs"), "comparison")
     refuse_existing(folder)
     runs = read_compared(arguments.logs)
     setup = _setup(arguments) if arguments.video else None
     make_folder(folder)
-    print(table(runs) + "\n")
+    print(format_comparison(runs) + "\n")
     files = {name: folder / f"{name}.png" for name in COMPARISONS}
     for name, figure in COMPARISONS.items():
         files[name].write_bytes(png(figure(runs)))
     files["figures"] = folder / "comparison.csv"
-    files["figures"].write_text(table_csv(runs), encoding="utf-8")
+    files["figures"].write_text(comparison_csv(runs), encoding="utf-8")
     if setup is not None:
         files["film"] = folder / "comparison.mp4"
-        shots.shoot(setup, files["film"], arguments.workers)
-    for what, file in files.items():
-        print(f"{what:<10}{file}")
+        film_options.write_with_progress(setup, files["film"], arguments.workers)
+    for name, file in files.items():
+        print(f"{name:<10}{file}")
     return 0
 
 
-def _setup(arguments: argparse.Namespace) -> Setup:
-    """Return what is to be filmed: from the latest start of all runs to the latest end."""
+def _setup(arguments: argparse.Namespace) -> FilmSetup:
+    """Return the film of all runs, from the latest start to the latest end."""
+    from ..film.composition import FilmSetup
     from ..film.replay import read_replay
-    from ..film.scenes import Setup
-    from ..film.shot import spanned
+    from ..film.shot import make_shot
 
     replays = tuple(read_replay(log) for log in arguments.logs)
-    logged_s = max(r.begin_s for r in replays), max(r.end_s for r in replays)
-    wanted_s = arguments.begin_s, arguments.end_s
-    shot = spanned(arguments.camera, wanted_s, logged_s, arguments.speed, arguments.size)
-    setup = Setup(replays, shot)
+    shot = make_shot(
+        arguments.camera,
+        span_s=(arguments.begin_s, arguments.end_s),
+        logged_s=(max(r.begin_s for r in replays), max(r.end_s for r in replays)),
+        speed=arguments.speed,
+        size=arguments.size,
+    )
+    setup = FilmSetup(replays, shot)
     setup.check()
     return setup

@@ -7,58 +7,56 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from ..output import begin_part, refuse_existing
+from ..output import create_partial, refuse_existing
 from . import options
-from .sweep import add_workers
 
-_ABOUT = """\
-Makes one quantity of a scenario harder until a controller fails: the vehicle is lost,
-or the trailer's 95 % cross-track error exceeds a limit, in at least half of the seeds.
-Looks at the whole range first, says where both of its ends hold or fail and where
-failure comes and goes, then bisects down to the tolerance. Prints a line a controller
-and writes what was found, with every value that was tried, to a JSON file.
+ABOUT = """\
+Makes one quantity of a scenario harder until a controller fails: in at least half of
+the seeds the run terminates early, or the trailer's 95 % cross-track error exceeds a
+limit. Scans the whole range first and reports if both ends pass or fail, or if failure
+is not monotone; then bisects down to the tolerance. Prints one line per controller and
+writes the results, with every value that was tried, to a JSON file.
 
-Exit code 0 where the question was answered, 2 for bad input (one line, no run made).
+Exit code 0 if the search completed, 2 for bad input (one line, no run made).
 """
 _TOLERANCES = {"cone-index": 20.0, "slope": 0.01, "speed": 0.05, "delay": 0.05, "roughness": 1.0}
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    parser = options.command(commands, "envelope", "find where controllers fail", _ABOUT)
-    parser.add_argument("quantity", choices=_TOLERANCES, help="what is made harder")
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
+    parser.add_argument("quantity", choices=_TOLERANCES, help="quantity to vary")
     options.add_scenario(parser)
     parser.add_argument(
         "--controller",
         action="append",
         metavar="NAME",
-        help="who drives; may be repeated (default: the scenario's)",
+        help="controller; may be repeated (default: the scenario's)",
     )
     parser.add_argument("--low", type=options.number, metavar="X", help="one end of the range")
     parser.add_argument("--high", type=options.number, metavar="X", help="the other end")
-    parser.add_argument("--tolerance", type=options.number, metavar="X", help="how close to come")
+    parser.add_argument(
+        "--tolerance", type=options.number, metavar="X", help="width at which the bisection ends"
+    )
     parser.add_argument(
         "--limit",
         type=options.number,
         metavar="M",
-        help="fails above this 95 %% cross-track error of the trailer, in m (default: only where "
-        "the vehicle is lost)",
+        help="a run fails above this 95 %% cross-track error of the trailer, in m (default: a run "
+        "fails only by early termination)",
     )
     parser.add_argument(
-        "--seeds", type=_seeds, default=3, metavar="N", help="runs a value (default: 3)"
+        "--seeds",
+        type=options.whole_number(1),
+        default=3,
+        metavar="N",
+        help="runs per value (default: 3)",
     )
-    add_workers(parser)
+    options.add_workers(parser)
     parser.set_defaults(command=_envelope)
 
 
-def _seeds(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1, got {text!r}")
-    return int(text)
-
-
 def _envelope(arguments: argparse.Namespace) -> int:
-    # Here, because MuJoCo and Dask take seconds to load, and help should not wait.
+    # Imported here so that --help does not load MuJoCo and Dask.
     from proving_ground.testbed.recording.provenance import versions
 
     from ..scenario.scenario import parse_overrides, read_scenario
@@ -68,7 +66,9 @@ def _envelope(arguments: argparse.Namespace) -> int:
     settings = parse_overrides(arguments.overrides)
     draft = read_scenario(arguments.scenario)
     name, quantity = arguments.quantity, QUANTITIES[arguments.quantity]
-    file = arguments.out or options.fresh(Path("runs"), f"envelope-{draft.name}-{name}", ".json")
+    file = arguments.out or options.unused_path(
+        Path("runs"), f"envelope-{draft.name}-{name}", ".json"
+    )
     refuse_existing(file)
     questions = [
         Question(
@@ -86,15 +86,15 @@ def _envelope(arguments: argparse.Namespace) -> int:
     ]
     for question in questions:
         question.check()
-    found = []
-    with engine(arguments.workers, arguments.dask) as carried_out:
-        part = begin_part(file)
+    results = []
+    with engine(arguments.workers, arguments.dask) as run_jobs:
+        partial = create_partial(file)
         for question in questions:
-            found.append(envelope(question, carried_out))
-            print(found[-1], flush=True)
-            content = asdict(EnvelopeFile(versions(), tuple(found)))
+            results.append(envelope(question, run_jobs))
+            print(results[-1], flush=True)
+            content = asdict(EnvelopeFile(versions(), tuple(results)))
             text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-            part.write_text(text, encoding="utf-8")
-    part.rename(file)
+            partial.write_text(text, encoding="utf-8")
+    partial.rename(file)
     print(f"values    {file}")
     return 0

@@ -1,26 +1,22 @@
-"""`ttempc fit-tube`: a tube from the logs of runs."""
+"""`ttempc fit-tube`: fit a tube to the logs of runs."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from . import options
-
-_ABOUT = """\
-Reads the logs of runs of one vehicle, measures what its error model leaves
-unexplained, and writes the tube that follows: the set of disturbances, the
-error of the estimate, the gain that keeps the vehicle near its nominal state,
-and where all of it comes from. Every third run is held out to check the fit.
-Drive in the tube with
+ABOUT = """\
+Reads the logs of runs of one vehicle, computes the one-step residuals of its
+error model, and writes a tube: the disturbance set, the set of estimation
+errors, the weights of the ancillary gain, and the provenance of the data. Every
+third run is held out to check the fit. To drive in the tube:
 
   ttempc run --controller ttempc-tube --set controller.tube='"tube.json"'
 """
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    parser = options.command(commands, "fit-tube", "fit a tube to the logs of runs", _ABOUT)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
     parser.add_argument(
         "folders", nargs="+", type=Path, metavar="DIR", help="folder of a run, or of many"
     )
@@ -37,37 +33,36 @@ def add(commands: options.Commands) -> None:
         type=float,
         default=0.9,
         metavar="SHARE",
-        help="of all windows that shall lie in the set (default: 0.9)",
+        help="share of all windows inside the disturbance set (default: 0.9)",
     )
     parser.add_argument(
         "--window",
         type=int,
         default=10,
         metavar="STEPS",
-        help="steps over which the energy of a disturbance is bounded, 1 for every step by itself "
+        help="steps over which the energy of a disturbance is bounded, 1 for single steps "
         "(default: 10, two seconds)",
     )
     parser.add_argument(
         "--shape",
         choices=("box", "zonotope", "ellipsoid"),
         default="box",
-        help="of the set of disturbances (default: box)",
+        help="of the disturbance set (default: box)",
     )
     parser.set_defaults(command=_fit_tube)
 
 
 def _fit_tube(arguments: argparse.Namespace) -> int:
-    # Here, because help should not wait for what loads slowly.
-    from ..output import begin_part, refuse_existing
+    # Imported here so that --help does not load MuJoCo.
+    from ..output import create_partial, refuse_existing
     from ..scenario.tube_file import to_json
-    from ..tubes.fit import fit_tube, read_runs
-    from ..tubes.tube_table import tube_table
+    from ..tubes.fit import fit_tube, format_fit, read_fit_runs
 
     refuse_existing(arguments.out)
-    runs = read_runs(arguments.folders)
+    runs = read_fit_runs(arguments.folders)
     fit = fit_tube(runs, arguments.coverage, arguments.window, arguments.shape)
-    part = begin_part(arguments.out)
-    part.write_text(to_json(fit.file), encoding="utf-8")
-    part.rename(arguments.out)
-    print(f"{tube_table(fit)}\n\ntube      {arguments.out}")
+    partial = create_partial(arguments.out)
+    partial.write_text(to_json(fit.file), encoding="utf-8")
+    partial.rename(arguments.out)
+    print(f"{format_fit(fit)}\n\ntube      {arguments.out}")
     return 0

@@ -1,23 +1,22 @@
-"""`ttempc frame`: one picture of a run from its log."""
+"""`ttempc frame`: take one picture of a run from its log."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
-from . import options, shots
+from . import film_options, options
 
-_ABOUT = """\
-Takes one picture of a run from its log alone, as `ttempc video` films it.
+ABOUT = """\
+Takes one picture of a run from its log alone, like one frame of `ttempc video`.
 
   ttempc frame runs/grass-paper-1/log.mcap --at 42.5
   ttempc frame log.mcap --at 42.5 --camera hitch --size 1920x1080 -o hitch.png
 """
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    parser = options.command(commands, "frame", "one picture of a run from its log", _ABOUT)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
     parser.add_argument("log", type=Path, metavar="LOG", help="log.mcap of a run")
     parser.add_argument(
         "--at", type=options.number, required=True, dest="at_s", metavar="S", help="time [s]"
@@ -29,22 +28,22 @@ def add(commands: options.Commands) -> None:
         metavar="FILE",
         help="picture to write, .png or .jpg (default: beside the log); an existing one is refused",
     )
-    shots.add_camera(parser)
+    film_options.add_camera(parser)
     parser.set_defaults(command=_frame)
 
 
 def _frame(arguments: argparse.Namespace) -> int:
-    # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
-    from ..film.film import still
+    # Imported here so that --help does not load MuJoCo and matplotlib.
+    from ..film.composition import FilmSetup
+    from ..film.render import write_still
     from ..film.replay import read_replay
-    from ..film.scenes import Setup
     from ..film.shot import Shot, check_within
 
     name = f"{arguments.camera}-{arguments.at_s:g}.png"
-    file = arguments.out or shots.beside(arguments.log, name)
+    file = arguments.out or film_options.path_beside(arguments.log, name)
     replay = read_replay(arguments.log)
     check_within("--at", arguments.at_s, replay.begin_s, replay.end_s)
     shot = Shot(arguments.camera, replay.begin_s, replay.end_s, 1.0, arguments.size)
-    still(Setup((replay,), shot, moving=False), file, arguments.at_s)
+    write_still(FilmSetup((replay,), shot, moving=False), file, arguments.at_s)
     print(f"picture   {file}")
     return 0

@@ -1,4 +1,4 @@
-"""`ttempc log`: say what a log holds, hand it on as tables, check and recover it."""
+"""`ttempc log`: show, export, check or recover a log."""
 
 from __future__ import annotations
 
@@ -8,26 +8,25 @@ from pathlib import Path
 
 from . import options
 
-_ABOUT = """\
-  ttempc log info LOG.mcap                     which run, what happened, which topics
-  ttempc log export LOG.mcap --out DIR         CSV, one file a topic; --format parquet
+ABOUT = """\
+  ttempc log info LOG.mcap                     run, duration, failure, topics, events
+  ttempc log export LOG.mcap --out DIR         CSV, one file per topic; --format parquet
   ttempc log check LOG.mcap                    is it whole, complete, of this version?
   ttempc log check TORN.part --recover NEW.mcap
 
-A log is log.mcap of a run's folder, or log.mcap.part of one that was killed. What
-a torn log still holds is shown and exported as well, and said. Exit code 0 where
-all is well, 1 where `check` finds a log damaged or incomplete, 2 for bad input
-(one line; nothing is written).
+A log is log.mcap of a run's folder, or log.mcap.part of a run that was killed. The
+readable part of a torn log is shown and exported, with a note. Exit code 0 for
+success, 1 if `check` finds a log damaged or incomplete, 2 for bad input (one line;
+nothing is written).
 """
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    parser = options.command(commands, "log", "show, export, check or recover a log", _ABOUT)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
     actions = parser.add_subparsers(required=True, metavar="ACTION")
-    info = actions.add_parser("info", help="which run, what happened, which topics")
+    info = actions.add_parser("info", help="run, duration, failure, topics, events")
     info.set_defaults(command=_info)
-    export = actions.add_parser("export", help="tables, one file a topic")
+    export = actions.add_parser("export", help="tables, one file per topic")
     export.add_argument(
         "-o",
         "--out",
@@ -39,7 +38,7 @@ def add(commands: options.Commands) -> None:
     export.set_defaults(command=_export)
     check = actions.add_parser("check", help="validate a log, recover a torn one")
     check.add_argument(
-        "--recover", type=Path, metavar="NEW.mcap", help="write what is left as a whole log"
+        "--recover", type=Path, metavar="NEW.mcap", help="write the readable part as a whole log"
     )
     check.set_defaults(command=_check)
     for action in (info, export, check):
@@ -49,20 +48,20 @@ def add(commands: options.Commands) -> None:
 def _info(arguments: argparse.Namespace) -> int:
     from proving_ground.testbed.log.log_content import read_content
 
-    from ..logs.log_check import information
+    from ..logs.log_check import format_log_info
 
-    print("\n".join(information(read_content(arguments.log))))
+    print("\n".join(format_log_info(read_content(arguments.log))))
     return 0
 
 
 def _export(arguments: argparse.Namespace) -> int:
     from proving_ground.testbed.log.log_content import read_content
 
-    from ..logs.log_export import export
+    from ..logs.log_export import export_log
 
     content = read_content(arguments.log)
     folder = arguments.out or arguments.log.with_name(f"{arguments.log.stem}-{arguments.form}")
-    files = export(content, folder, arguments.form)
+    files = export_log(content, folder, arguments.form)
     if content.salvage is not None:
         print(f"torn or damaged: {content.salvage}", file=sys.stderr)
     print("\n".join(map(str, files)))
@@ -73,13 +72,13 @@ def _check(arguments: argparse.Namespace) -> int:
     from proving_ground.testbed.log.log_content import read_content
     from proving_ground.testbed.log.log_recovery import recover
 
-    from ..logs.log_check import check
+    from ..logs.log_check import check_log
 
     content = read_content(arguments.log)
-    findings = check(content)
+    checks = check_log(content)
     if arguments.recover is not None:
         recover(content, arguments.recover)
-    print("\n".join(map(str, findings)))
+    print("\n".join(map(str, checks)))
     if arguments.recover is not None:
         print(f"recovered to {arguments.recover}")
-    return 0 if all(finding.good for finding in findings) else options.EXIT_CHECK_FAILED
+    return 0 if all(check.passed for check in checks) else options.EXIT_CHECK_FAILED

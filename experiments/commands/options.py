@@ -1,37 +1,26 @@
-"""Arguments that several commands take, and the exit codes of all."""
+"""Exit codes and arguments that several commands share."""
 
 from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from ttempc.guidance.controllers import CONTROLLERS
+from proving_ground.testbed.atomic_write import partial_path
 
-from ..output import part_of
-from ..scenario.scenario import Scenario, load
+if TYPE_CHECKING:
+    from ..scenario.scenario import Scenario
 
 EXIT_CHECK_FAILED: Final = 1
 EXIT_BAD_INPUT: Final = 2
-EXIT_LOST: Final = 3
+EXIT_LOST: Final = 3  # the run ended early: roll-over, jack-knife, off the field, diverged
 EXIT_INTERRUPTED: Final = 130
-
-Commands = argparse._SubParsersAction  # the type has no public name
-
-
-def command(commands: Commands, name: str, help: str, about: str) -> argparse.ArgumentParser:
-    """Declare a command with a one-line help and a description that keeps its line breaks."""
-    return commands.add_parser(
-        name,
-        help=help,
-        description=about,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
 
 
 def add_scenario(parser: argparse.ArgumentParser, writes: bool = True) -> None:
-    """Add what a command on one scenario takes: its name, changes to it, the folder it writes."""
+    """Add the scenario, its changes, and the output folder if the command writes one."""
     parser.add_argument(
         "scenario",
         nargs="?",
@@ -53,45 +42,71 @@ def add_scenario(parser: argparse.ArgumentParser, writes: bool = True) -> None:
         default=[],
         metavar="KEY=VALUE",
         dest="overrides",
-        help="lay a value over the scenario, e.g. soil.cone_index_kpa=250; may be repeated",
+        help="override a value of the scenario, e.g. soil.cone_index_kpa=250; may be repeated",
     )
 
 
-def add_driver(parser: argparse.ArgumentParser) -> None:
-    """Add who drives, and with which seed."""
+def add_controller_and_seed(parser: argparse.ArgumentParser) -> None:
+    """Add the controller and the seed of a run."""
+    # Imported here because only some commands need it, and it loads SciPy and Numba.
+    from ttempc.guidance.controllers import CONTROLLERS
+
     parser.add_argument(
         "--controller",
         metavar="NAME",
-        help=f"who drives: {', '.join(CONTROLLERS)}, or package.module:factory of your own",
+        help=f"controller: {', '.join(CONTROLLERS)}, or package.module:factory of your own",
     )
     parser.add_argument(
-        "--seed", type=seed, default=1, metavar="N", help="draws terrain and noise (default: 1)"
+        "--seed",
+        type=whole_number(0, 2**32 - 1),
+        default=1,
+        metavar="N",
+        help="draws terrain and noise (default: 1)",
     )
 
 
-def driven(arguments: argparse.Namespace) -> tuple[str, Scenario]:
-    """Return name and settings of the scenario with its changes, the driver's among them.
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Add the workers of a command that makes many runs."""
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers",
+        type=whole_number(0),
+        metavar="N",
+        help="processes on this machine (default: one per core; 0: in this process)",
+    )
+    where.add_argument(
+        "--dask", metavar="ADDRESS", help="address of a Dask scheduler: tcp://HOST:PORT"
+    )
+
+
+def load_scenario(arguments: argparse.Namespace) -> tuple[str, Scenario]:
+    """Return name and settings of the scenario with all changes, the controller among them.
 
     Raises:
-        InvalidScenario: it is not understood.
+        InvalidScenario: the scenario or a change is invalid.
     """
+    from ..scenario.scenario import load
+
     overrides = list(arguments.overrides)
     if arguments.controller is not None:
         overrides.append(f'controller.name="{arguments.controller}"')
     return load(arguments.scenario, overrides)
 
 
-def seed(text: str) -> int:
-    """Read a seed from the command line."""
-    if not text.isdecimal() or int(text) >= 2**32:
-        raise argparse.ArgumentTypeError(
-            f"must be a whole number from 0 to 2**32 - 1, got {text!r}"
-        )
-    return int(text)
+def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:
+    """Return a reader of whole numbers from `low` to `high` for `argparse`."""
+    allowed = f"from {low}" if high is None else f"from {low} to {high}"
+
+    def read(text: str) -> int:
+        if not text.isdecimal() or int(text) < low or (high is not None and int(text) > high):
+            raise argparse.ArgumentTypeError(f"must be a whole number {allowed}, got {text!r}")
+        return int(text)
+
+    return read
 
 
 def number(text: str) -> float:
-    """Read a number from the command line."""
+    """Read a finite number."""
     try:
         value = float(text)
     except ValueError:
@@ -101,10 +116,10 @@ def number(text: str) -> float:
     return value
 
 
-def fresh(parent: Path, stem: str, suffix: str = "") -> Path:
-    """Return a folder or file that does not exist yet: the stem, or the stem with a number."""
+def unused_path(parent: Path, stem: str, suffix: str = "") -> Path:
+    """Return the path of a new folder or file: the stem, with a number appended if it exists."""
     path, count = parent / f"{stem}{suffix}", 1
-    while path.exists() or part_of(path).exists():
+    while path.exists() or partial_path(path).exists():
         count += 1
         path = parent / f"{stem}-{count}{suffix}"
     return path

@@ -1,4 +1,4 @@
-"""`ttempc report`: tell what a sweep found."""
+"""`ttempc report`: report the results of a sweep."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ from pathlib import Path
 
 from . import options
 
-_ABOUT = """\
-Reads the rows of a sweep, one that is still at work included, and writes into
-DIR/report, in place of an earlier report:
+ABOUT = """\
+Reads the rows of a sweep, which may still be running, and writes into DIR/report,
+in place of an earlier report:
 
   report.html   one page: tables to sort, charts, the worst runs, all runs
-  summary.md    the same in short      *.png   its pictures
+  summary.md    a short version        *.png   its pictures
 
   ttempc report runs/sweep-terrain-slip
   ttempc report runs/sweep-terrain-slip --limit 0.6 --against paper
 
-Exit code 2 for bad input, as a folder without rows (one line; nothing is written).
+Exit code 2 for bad input, such as a folder without rows (one line; nothing is written).
 """
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    parser = options.command(commands, "report", "tell what a sweep found", _ABOUT)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="of a sweep")
     parser.add_argument(
         "--against",
@@ -34,7 +33,7 @@ def add(commands: options.Commands) -> None:
         "--limit",
         type=_limit,
         metavar="M",
-        help="a run fails above this 95 %% cross-track error of the trailer, too, in m",
+        help="a run also fails above this 95 %% cross-track error of the trailer, in m",
     )
     parser.add_argument(
         "--envelope",
@@ -42,40 +41,37 @@ def add(commands: options.Commands) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="show what `ttempc envelope` found, too; may be repeated",
+        help="also show the results of `ttempc envelope`; may be repeated",
     )
     parser.add_argument(
         "--docs",
         type=Path,
         metavar="FOLDER",
-        help="write summary and pictures there alone, as STUDY.md and STUDY-*.png",
+        help="write summary and pictures to this folder only, as STUDY.md and STUDY-*.png",
     )
     parser.set_defaults(command=_report)
 
 
 def _limit(text: str) -> float:
-    try:
-        limit = float(text)
-    except ValueError:
-        limit = 0.0
-    if not 0.0 < limit < float("inf"):
+    limit = options.number(text)
+    if limit <= 0.0:
         raise argparse.ArgumentTypeError(f"must be a length above 0 in m, got {text!r}")
     return limit
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    # Here, because matplotlib takes a second to load, and help should not wait.
+    # Imported here so that --help does not load matplotlib.
     from ..sweep_report.envelope_results import read_breaking
     from ..sweep_report.files import write_docs, write_report
     from ..sweep_report.report import report
     from ..sweep_report.runs import read_runs
 
     runs = read_runs(arguments.folder, arguments.limit)
-    made = report(runs, arguments.against, read_breaking(arguments.envelope))
+    sweep_report = report(runs, arguments.against, read_breaking(arguments.envelope))
     if arguments.docs is not None:
-        print(f"page      {write_docs(made, arguments.docs)}")
+        print(f"page      {write_docs(sweep_report, arguments.docs)}")
         return 0
-    file = write_report(made, arguments.folder)
+    file = write_report(sweep_report, arguments.folder)
     if runs.missing:
         print(f"in progress: {runs.missing} of {runs.planned} runs are missing")
     print(f"page      {file}\nsummary   {file.with_name('summary.md')}")

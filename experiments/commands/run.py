@@ -9,32 +9,31 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import BadOptions
-from ..results.table import table
+from ..results.table import format_run
 from . import options
 
 if TYPE_CHECKING:
     from proving_ground.testbed.messages.scenery import Scenery
     from proving_ground.testbed.viewers.live import LiveView
 
-_ABOUT = """\
+ABOUT = """\
 Drives one scenario to its end and writes into DIR:
 
-  summary.json   the figures, SI units     log.mcap       everything, for Foxglove or Rerun
+  summary.json   the statistics, SI units  log.mcap       all channels, for Foxglove or Rerun
   scenario.toml  all settings, resolved    report.html    one page with the figures
   *.png          the figures
 
-Exit code 0 where the run ended as planned, 2 for bad input (one line says what,
-where and what is allowed; nothing is written), 3 where the vehicle was lost
-(roll-over, jack-knife, left the field, diverged) or the simulation became
-invalid; log and summary are written then, too.
+Exit code 0 if the run ended as planned, 2 for bad input (one line names the key
+and the allowed values; nothing is written), 3 if the run terminated early
+(roll-over, jack-knife, off the field, diverged) or the simulation became invalid;
+log and summary are written in this case, too.
 """
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    parser = options.command(commands, "run", "drive one scenario to its end", _ABOUT)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
     options.add_scenario(parser)
-    options.add_driver(parser)
+    options.add_controller_and_seed(parser)
     parser.add_argument(
         "--json", action="store_true", help="print summary.json, and nothing else, to stdout"
     )
@@ -42,28 +41,28 @@ def add(commands: options.Commands) -> None:
         "--record-rate",
         type=float,
         metavar="HZ",
-        help="how often the truth is written down (default: 25)",
+        help="rate at which the truth is recorded (default: 25)",
     )
     live = parser.add_argument_group("live view (extra `live`)")
     live.add_argument(
         "--live",
         action="store_true",
-        help="serve the run to Foxglove while it goes on, at real time; the run is the same",
+        help="serve the run to Foxglove in real time; its results are the same",
     )
     live.add_argument(
-        "--speed", type=float, metavar="FACTOR", help="simulated seconds in one of the clock's"
+        "--speed", type=float, metavar="FACTOR", help="simulated time over wall-clock time"
     )
     live.add_argument("--port", type=int, metavar="N", help="to serve on (default: 8765)")
     parser.set_defaults(command=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
+    # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..run.assembly import RECORD_RATE_HZ
     from ..run.simulate import run
 
-    name, scenario = options.driven(arguments)
-    folder = arguments.out or options.fresh(
+    name, scenario = options.load_scenario(arguments)
+    folder = arguments.out or options.unused_path(
         Path("runs"), f"{name}-{scenario.controller.name.replace(':', '-')}-{arguments.seed}"
     )
     finished = run(
@@ -77,9 +76,9 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(finished.summary.to_json())
     else:
-        print(table(finished.summary))
+        print(format_run(finished.summary))
         if finished.mismatch:
-            print(f"Believed wrongly: {', '.join(map(str, finished.mismatch))}")
+            print(f"Parameter mismatch: {', '.join(map(str, finished.mismatch))}")
         for note in finished.notes:
             print(f"{note[0].upper()}{note[1:]}")
         print()
@@ -89,7 +88,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _watch(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], LiveView] | None:
-    """Return what opens the live view that was asked for, if any."""
+    """Return the function that opens the live view, None without --live."""
     from proving_ground.testbed.viewers.live import DEFAULT_PORT, LiveView
 
     if not arguments.live:

@@ -4,42 +4,40 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from tqdm import tqdm
 
 from . import options
 
 if TYPE_CHECKING:
     from ..sweep.sweep import Progress
 
-_ABOUT = """\
-Drives all runs of a study, as many at a time as there are workers, and writes into DIR:
+ABOUT = """\
+Drives all runs of a study in parallel and writes into DIR:
 
-  results.jsonl   one row a run, as it ends; opens in pandas and polars as it is
-  study.toml      the study, resolved      versions.json   what drove it
+  results.jsonl   one row per run, written when it ends; opens in pandas and polars
+  study.toml      the study, resolved      versions.json   of the software
   logs/           the logs that the study keeps
 
-The same command carries on where a sweep was interrupted, whatever interrupted it. The keys of
-a study and the columns of a row are in docs/sweeps.md.
+The same command continues an interrupted sweep. The keys of a study and the columns of a row are
+in docs/sweeps.md.
 
-Exit code 0 where every run has its row, however it ended, 2 for bad input (one line; no run is
-made), 130 where it was interrupted.
+Exit code 0 if every run has a row, whatever its status, 2 for bad input (one line; no run is
+made), 130 if the sweep was interrupted.
 """
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    parser = options.command(commands, "sweep", "drive all runs of a study", _ABOUT)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
     parser.add_argument("study", metavar="STUDY", help="name of a shipped study or a .toml file")
-    add_workers(parser)
+    options.add_workers(parser)
     parser.add_argument(
         "-o",
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder to make, or to carry on in (default: runs/sweep-STUDY)",
+        help="folder to make or to continue (default: runs/sweep-STUDY)",
     )
     parser.add_argument(
         "--dry-run",
@@ -49,26 +47,8 @@ def add(commands: options.Commands) -> None:
     parser.set_defaults(command=_sweep)
 
 
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Add what a command that makes many runs takes: who carries them out."""
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--workers",
-        type=_count,
-        metavar="N",
-        help="processes on this machine (default: one a core; 0: in this process)",
-    )
-    where.add_argument("--dask", metavar="ADDRESS", help="of a Dask scheduler: tcp://HOST:PORT")
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0, got {text!r}")
-    return int(text)
-
-
 def _sweep(arguments: argparse.Namespace) -> int:
-    # Here, because MuJoCo and Dask take seconds to load, and help should not wait.
+    # Imported here so that --help does not load MuJoCo and Dask.
     from ..sweep.engine import engine
     from ..sweep.estimate import described, estimate
     from ..sweep.folder import held, is_begun
@@ -87,27 +67,29 @@ def _sweep(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         print(described(plan, extent, estimate(plan, extent), arguments.workers))
         return 0
-    begun = False
+    started = False
     try:
         with (
-            engine(arguments.workers, arguments.dask) as carried_out,
-            held(folder, plan, extent.digest) as taken,
+            engine(arguments.workers, arguments.dask) as run_jobs,
+            held(folder, plan, extent.digest) as locked,
         ):
-            begun = True
-            sweep(plan, taken, carried_out, _Reporter(extent.runs))
+            started = True
+            sweep(plan, locked, run_jobs, _Reporter(extent.runs))
     except KeyboardInterrupt:
-        if not begun:
+        if not started:
             raise
         print(f"ttempc: interrupted; the same command carries on in {folder}", file=sys.stderr)
         return options.EXIT_INTERRUPTED
-    print(_told(folder / "results.jsonl"))
+    print(_summary(folder / "results.jsonl"))
     return 0
 
 
 class _Reporter:
-    """Shows how far a sweep is: a bar for people, a line every tenth for files."""
+    """Progress of a sweep: a bar on a terminal, else a line after each tenth of the runs."""
 
     def __init__(self, runs: int) -> None:
+        from tqdm import tqdm
+
         self._bar = tqdm(
             total=runs, unit="run", disable=not sys.stderr.isatty(), leave=False, smoothing=0.05
         )
@@ -121,12 +103,10 @@ class _Reporter:
             self._bar.close()
 
 
-def _told(results: Path) -> str:
-    """Return how the runs of a sweep ended, and where their rows are."""
-    from collections import Counter
-
+def _summary(results: Path) -> str:
+    """Return the counts of the runs by status, and the path of their rows."""
     from ..sweep.results import rows
 
     counts = Counter(str(row["status"]) for row in rows(results))
-    ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
-    return f"{counts.total()} runs: {ended}\nrows      {results}"
+    by_status = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    return f"{counts.total()} runs: {by_status}\nrows      {results}"

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from . import options, shots
+from . import film_options
 
-_ABOUT = """\
-Films a run from its log alone; nothing is simulated again. Rendered in software
-where there is no GPU; needs no screen. H.264 in MP4, 25 frames a second, plays in
+ABOUT = """\
+Films a run from its log alone; nothing is simulated again. Renders in software
+without a GPU; needs no screen. H.264 in MP4, 25 frames a second, plays in
 a browser. On the ground: reference path (white), driven paths of tractor (blue)
-and trailer (orange), predicted paths (yellow). Poles stand where both points
-should be; wheels turn amber and red as they slip.
+and trailer (orange), predicted paths (yellow). Poles mark the references of both
+points. Slipping wheels are amber, then red.
 
   ttempc video runs/grass-paper-1/log.mcap
   ttempc video log.mcap --camera split --from 20 --to 60 --speed 4 -o curve.mp4
@@ -22,9 +22,8 @@ Exit code 2 for bad input (one line; nothing is written).
 """
 
 
-def add(commands: options.Commands) -> None:
-    """Declare the command."""
-    parser = options.command(commands, "video", "film a run from its log", _ABOUT)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the command."""
     parser.add_argument("log", type=Path, metavar="LOG", help="log.mcap of a run")
     parser.add_argument(
         "-o",
@@ -33,27 +32,27 @@ def add(commands: options.Commands) -> None:
         metavar="FILE",
         help="film to write, .mp4 (default: beside the log); an existing one is refused",
     )
-    shots.add_camera(parser)
-    shots.add_span(parser)
+    film_options.add_camera(parser)
+    film_options.add_span(parser)
     parser.set_defaults(command=_video)
 
 
 def _video(arguments: argparse.Namespace) -> int:
-    # Here, because MuJoCo and matplotlib take two seconds to load, and help should not wait.
+    # Imported here so that --help does not load MuJoCo and matplotlib.
+    from ..film.composition import FilmSetup
     from ..film.replay import read_replay
-    from ..film.scenes import Setup
-    from ..film.shot import FRAME_RATE, spanned
+    from ..film.shot import FRAME_RATE, make_shot
 
-    file = arguments.out or shots.beside(arguments.log, f"{arguments.camera}.mp4")
+    file = arguments.out or film_options.path_beside(arguments.log, f"{arguments.camera}.mp4")
     replay = read_replay(arguments.log)
-    shot = spanned(
+    shot = make_shot(
         arguments.camera,
-        (arguments.begin_s, arguments.end_s),
-        (replay.begin_s, replay.end_s),
-        arguments.speed,
-        arguments.size,
+        span_s=(arguments.begin_s, arguments.end_s),
+        logged_s=(replay.begin_s, replay.end_s),
+        speed=arguments.speed,
+        size=arguments.size,
     )
-    shots.shoot(Setup((replay,), shot), file, arguments.workers)
+    film_options.write_with_progress(FilmSetup((replay,), shot), file, arguments.workers)
     count = len(shot.times)
     print(f"film      {file} ({count} frames, {count / FRAME_RATE:.1f} s)")
     return 0

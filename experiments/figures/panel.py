@@ -1,4 +1,4 @@
-"""A panel: one chart that stands alone in a page, or beside others in a picture."""
+"""Panels: charts that are drawn alone on a page or side by side in one picture."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .style import DPI, GRID, PAGE_WIDTH_IN, series
+from .style import DPI, GRID, PAGE_WIDTH_IN, blank, series
 
 _HEIGHT_IN: Final = 2.9
 
@@ -24,9 +24,9 @@ class Panel:
     """A chart of half a page's width.
 
     Attributes:
-        title: what it shows.
-        draw: draws it onto empty axes.
-        series: names of what is compared in it, which need a key; in the order of their looks.
+        title: of the chart.
+        draw: draws the chart onto empty axes.
+        series: names of the compared series for the legend, in the order of `style.series`.
     """
 
     title: str
@@ -35,54 +35,60 @@ class Panel:
 
 
 def alone(panel: Panel) -> Figure:
-    """Return a figure of one panel, without its title, which a page has as text."""
+    """Return a figure of one panel. Its title is left out, since a page shows it as text."""
     figure = Figure(figsize=(0.5 * PAGE_WIDTH_IN, _HEIGHT_IN), dpi=DPI, layout="constrained")
     panel.draw(figure.subplots())
-    _add_key(figure, panel.series, columns=2)
+    _add_legend(figure, panel.series, columns=2)
     return figure
 
 
 def together(panels: Sequence[Panel]) -> Figure:
-    """Return a figure of page width with the panels in two columns and one key for all."""
+    """Return a figure of page width with the panels in two columns and a common legend."""
     columns = min(2, len(panels))
-    lines = math.ceil(len(panels) / columns)
-    size = (PAGE_WIDTH_IN, _HEIGHT_IN * lines)
-    figure = Figure(figsize=size, dpi=DPI, layout="constrained")
-    grid = figure.subplots(lines, columns, squeeze=False).ravel()
+    rows = math.ceil(len(panels) / columns)
+    figure = blank(_HEIGHT_IN * rows)
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, panel in zip(grid, panels, strict=False):
         panel.draw(axes)
         axes.set_title(panel.title, fontsize=8.5, loc="left", fontweight="bold")
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
-    _add_key(figure, max((panel.series for panel in panels), key=len), columns=4)
+    _add_legend(figure, max((panel.series for panel in panels), key=len), columns=4)
     return figure
 
 
-def _add_key(figure: Figure, names: Sequence[str], columns: int) -> None:
-    """Add who is who above the charts, where it hides nothing."""
+def _add_legend(figure: Figure, names: Sequence[str], columns: int) -> None:
+    """Add the legend of the series above the charts."""
     handles = [
         Line2D([], [], linewidth=1.4, markersize=4.5, label=name, **series(number))
         for number, name in enumerate(names)
     ]
     if handles:
-        looks = {"frameon": False, "fontsize": 8.0, "handlelength": 1.8, "columnspacing": 1.2}
-        figure.legend(handles=handles, loc="outside upper left", ncols=columns, **looks)
+        figure.legend(
+            handles=handles,
+            loc="outside upper left",
+            ncols=columns,
+            frameon=False,
+            fontsize=8.0,
+            handlelength=1.8,
+            columnspacing=1.2,
+        )
 
 
 def svg(figure: Figure, name: str) -> str:
-    """Return a figure as SVG for the inside of a page, the same for the same figure.
+    """Return a figure as SVG to be embedded in a page. Equal figures give equal text.
 
-    Black, the grid and the paper take the colours of the page, which may be dark: its `--line` and
-    `--paper`.
+    Black lines and text take the current colour of the page, grid and background its CSS variables
+    `--line` and `--paper`, so that the figure fits a dark page.
 
     Args:
-        figure: to draw.
-        name: that no other figure of the page has.
+        figure: to convert.
+        name: prefix of the ids, unique within the page.
     """
     buffer = io.StringIO()
-    nothing = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    no_metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": name}):
-        figure.savefig(buffer, format="svg", transparent=True, metadata=nothing)
+        figure.savefig(buffer, format="svg", transparent=True, metadata=no_metadata)
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)

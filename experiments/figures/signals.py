@@ -1,4 +1,4 @@
-"""Commands split into the actions that they are the sum of (the paper's figure)."""
+"""Figure of the commands and the actions that add up to them, as in the paper."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ _HEADROOM: Final = 0.06  # of the range between the bounds
 
 
 def signals_figure(record: Record) -> Figure:
-    """Return feedforward, feedback, robust and total action of every input with its bounds."""
+    """Return feedforward, feedback, robust and total action of each input with its bounds."""
     table = record[CONTROL]
     figure = blank(6.2)
     rows = figure.subplots(3, 1, sharex=True)
     for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
-        for action, what, colour, width in _ACTIONS:
+        for action, text, colour, width in _ACTIONS:
             axes.plot(
                 table.time_s,
                 factor * table[f"{name}_{action}"],
                 color=colour,
                 linewidth=width,
-                label=what,
+                label=text,
             )
         for bound in ("min", "max"):
             axes.plot(

@@ -1,4 +1,4 @@
-"""What all figures share: page width, colours that colour-blind readers tell apart, empty axes."""
+"""Style of all figures: page width, colours, axes, legends."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ttempc.types import FloatArray
 PAGE_WIDTH_IN: Final = 7.2  # two columns of a journal page
 DPI: Final = 110
 
-# Okabe and Ito (2008), "Color Universal Design": told apart with every kind of colour vision.
+# Okabe and Ito (2008), "Color Universal Design": distinguishable with every kind of colour vision.
 BLACK: Final = "#000000"
 ORANGE: Final = "#E69F00"
 SKY: Final = "#56B4E9"
@@ -37,12 +37,12 @@ _FONT_PT: Final = 8.5
 
 
 def blank(height_in: float) -> Figure:
-    """Return an empty figure of page width that belongs to no window."""
+    """Return an empty figure of page width, independent of pyplot."""
     return Figure(figsize=(PAGE_WIDTH_IN, height_in), dpi=DPI, layout="constrained")
 
 
 def series(number: int) -> dict[str, Any]:
-    """Return the looks of one of several things that are compared; lines of 16 differ."""
+    """Return line and marker of a compared series. The lines of the first 16 are distinct."""
     return {
         "color": _SERIES_COLOURS[number % len(_SERIES_COLOURS)],
         "linestyle": ("-", "--")[number // len(_SERIES_COLOURS) % 2],
@@ -51,7 +51,7 @@ def series(number: int) -> dict[str, Any]:
 
 
 def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
-    """Give axes their labels, a light grid and no box."""
+    """Set labels and title of axes, draw a light grid and remove the box."""
     axes.set_xlabel(x_label, fontsize=_FONT_PT)
     axes.set_ylabel(y_label, fontsize=_FONT_PT)
     if title:
@@ -63,7 +63,7 @@ def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
 
 
 def legend(axes: Axes, columns: int) -> None:
-    """Add a legend in one strip above the axes, where it hides no line."""
+    """Add a legend above the axes, where it covers no line."""
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
@@ -76,16 +76,16 @@ def legend(axes: Axes, columns: int) -> None:
     )
 
 
-def note(axes: Axes, x: float, y: float, text: str, **looks: Any) -> None:  # noqa: ANN401
+def note(axes: Axes, x: float, y: float, text: str, **style: Any) -> None:  # noqa: ANN401
     """Write a short text at (x, y) in fractions of the axes."""
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
-    axes.text(x, y, text, transform=axes.transAxes, fontsize=_FONT_PT - 0.5, bbox=box, **looks)
+    axes.text(x, y, text, transform=axes.transAxes, fontsize=_FONT_PT - 0.5, bbox=box, **style)
 
 
 def shade(
     axes: Axes, time_s: FloatArray, rows: NDArray[np.bool_], hatch: str | None = None
 ) -> None:
-    """Shade, or hatch, the spans of time in which `rows` is True."""
+    """Shade or hatch the time spans in which `rows` is True."""
     axes.fill_between(
         time_s,
         0.0,

@@ -1,4 +1,4 @@
-"""What a control period costs: histograms of the wall-clock time of its parts."""
+"""Figure of the wall-clock time of the parts of a control period."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _PARTS: Final = (
     ("plant_step_us", "plant, one physics step"),
 )
 _BINS: Final = 40
-_WIDE: Final = 50.0  # greatest over least cost from which powers of ten label the axis well
+_WIDE: Final = 50.0  # ratio of largest to smallest time above which decades alone label the axis
 
 
 def timing_figure(record: Record) -> Figure:
-    """Return a histogram of every cost with its median and 99th percentile."""
+    """Return a histogram of each time with its median and 99th percentile."""
     figure = blank(4.2)
     for axes, (field, title) in zip(figure.subplots(2, 2).flat, _PARTS, strict=True):
         cost_us = record[TIMING][field]
@@ -37,7 +37,7 @@ def timing_figure(record: Record) -> Figure:
 
 def _histogram(axes: Axes, cost_us: FloatArray) -> None:
     if not len(cost_us):
-        note(axes, 0.5, 0.5, "none on record", ha="center", color=GREY)
+        note(axes, 0.5, 0.5, "not recorded", ha="center", color=GREY)
         axes.set(xticks=[], yticks=[])
         return
     low, high = 0.9 * cost_us.min(), 1.1 * cost_us.max()

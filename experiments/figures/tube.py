@@ -1,4 +1,4 @@
-"""Where in its tube a run was: deviations across the track in their half widths, and the margin."""
+"""Figure of the containment of a run in its tube."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from proving_ground.testbed.recording.channels import TUBE
 from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
-from ..results.containment import Containment, containment, to_the_left
+from ..results.containment import Containment, containment, leftward
 from .style import BLACK, BODY_COLOURS, GREY, PALE, blank, dress, legend, note, shade
 
 
 def tube_figure(record: Record) -> Figure:
-    """Return the truth's deviation of both axle points in the tube, and the estimate's margin."""
-    found = containment(record)
+    """Return the cross-track deviation of both true axle points, and the margin of the estimate."""
+    contained = containment(record)
     figure = blank(5.4)
     *rows, last = figure.subplots(3, 1, sharex=True)
-    for axes, (body, column) in zip(rows, found.ACROSS.items(), strict=True):
-        _across(axes, found, column, body)
-    shade(last, found.time_s, found.curved)
-    counted = record[TUBE].time_s >= found.time_s.min(initial=np.inf)
+    for axes, (body, column) in zip(rows, contained.ACROSS.items(), strict=True):
+        _draw_deviation(axes, contained, column, body)
+    shade(last, contained.time_s, contained.curved)
+    counted = record[TUBE].time_s >= contained.time_s.min(initial=np.inf)
     margin: FloatArray = record[TUBE]["margin"][counted]
     last.plot(record[TUBE].time_s[counted], margin, color=BLACK, linewidth=0.8)
     last.axhline(0.0, color=GREY, linewidth=0.8)
@@ -33,12 +33,14 @@ def tube_figure(record: Record) -> Figure:
     return figure
 
 
-def _across(axes: Axes, found: Containment, column: int, body: str) -> None:
-    width = 100 * found.half_width[:, column]
-    aside = 100 * to_the_left(found.deviation[:, column])
-    shade(axes, found.time_s, found.curved)
-    axes.fill_between(found.time_s, -width, width, color=PALE, alpha=0.6, label="tube")
-    axes.plot(found.time_s, aside, color=BODY_COLOURS[body], linewidth=0.8, label=body)
+def _draw_deviation(axes: Axes, contained: Containment, column: int, body: str) -> None:
+    half_width_cm = 100 * contained.half_width[:, column]
+    offset_cm = 100 * leftward(contained.deviation[:, column])
+    shade(axes, contained.time_s, contained.curved)
+    axes.fill_between(
+        contained.time_s, -half_width_cm, half_width_cm, color=PALE, alpha=0.6, label="tube"
+    )
+    axes.plot(contained.time_s, offset_cm, color=BODY_COLOURS[body], linewidth=0.8, label=body)
     dress(axes, "", "to the left [cm]")
     axes.margins(x=0.0)
     legend(axes, 2)

@@ -1,1 +1,1 @@
-"""Pictures and films of a run, from its log alone: in space (MuJoCo, EGL) and in plan (PIL)."""
+"""Pictures and films of a run from its log: rendered by MuJoCo, or drawn in plan without OpenGL."""

@@ -1,4 +1,4 @@
-"""Where one looks from: cameras that follow the vehicle without its shaking."""
+"""Cameras that follow the smoothed motion of the vehicle."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from ttempc.types import FloatArray
 from .replay import Replay
 
 FIELD_OF_VIEW: Final = math.radians(42.0)  # vertical
-_LEAST_CLEARANCE_M: Final = 0.6  # of the eye above the ground
-_UNIT_LENGTH_M: Final = 3.8  # from front to trailer axle where distances below are as they stand
+_MIN_CLEARANCE_M: Final = 0.6  # of the camera above the ground
+_UNIT_LENGTH_M: Final = 3.8  # of a vehicle from front to trailer axle for which `unit` is 1
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """An eye and what it looks at, upright; straight down, north is up."""
+    """An upright camera view. Straight down, north is up."""
 
-    eye: FloatArray  # (3,) [m] map frame
-    target: FloatArray  # (3,)
+    eye: FloatArray  # (3,) [m] position of the camera, map frame
+    target: FloatArray  # (3,) [m] point in the middle of the picture
 
     @property
     def forward(self) -> FloatArray:
@@ -34,45 +34,45 @@ class View:
 
 
 @dataclass(frozen=True, slots=True)
-class Stand:
-    """Where the vehicle is, smoothed over time."""
+class SmoothedPose:
+    """Pose of the vehicle, smoothed over time."""
 
     tractor: FloatArray  # (3,) [m] tractor point
     trailer: FloatArray  # (3,) [m] trailer point
     yaw: float  # [rad] of the tractor
-    unit: float  # length of the vehicle over that of the paper's
+    unit: float  # length of the vehicle over `_UNIT_LENGTH_M`
 
-    def place(self, ahead: float, left: float, above: float) -> FloatArray:
-        """Return a place beside the tractor point (3,), offsets in units of the vehicle."""
+    def offset(self, ahead: float, left: float, above: float) -> FloatArray:
+        """Return the position (3,) [m] at offsets from the tractor point in multiples of `unit`."""
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        offset = np.array([cos * ahead - sin * left, sin * ahead + cos * left, above])
-        return self.tractor + self.unit * offset
+        relative = np.array([cos * ahead - sin * left, sin * ahead + cos * left, above])
+        return self.tractor + self.unit * relative
 
     @property
     def middle(self) -> FloatArray:
-        """Between both points, (3,) [m]."""
+        """Midpoint of both axle points, (3,) [m]."""
         return 0.5 * (self.tractor + self.trailer)
 
 
-def _chase(stand: Stand) -> View:
-    target = stand.middle + np.array([0.0, 0.0, 0.75 * stand.unit])
-    return View(stand.place(-7.2, 2.9, 2.3), target)
+def _chase(pose: SmoothedPose) -> View:
+    target = pose.middle + np.array([0.0, 0.0, 0.75 * pose.unit])
+    return View(pose.offset(-7.2, 2.9, 2.3), target)
 
 
-def _top(stand: Stand) -> View:
-    return View(stand.middle + np.array([0.0, 0.0, 15.0 * stand.unit]), stand.middle)
+def _top(pose: SmoothedPose) -> View:
+    return View(pose.middle + np.array([0.0, 0.0, 15.0 * pose.unit]), pose.middle)
 
 
-def _side(stand: Stand) -> View:
-    target = stand.middle + np.array([0.0, 0.0, 0.55 * stand.unit])
-    return View(stand.place(-0.6, -7.0, 1.5), target)
+def _side(pose: SmoothedPose) -> View:
+    target = pose.middle + np.array([0.0, 0.0, 0.55 * pose.unit])
+    return View(pose.offset(-0.6, -7.0, 1.5), target)
 
 
-def _hitch(stand: Stand) -> View:
-    return View(stand.place(0.9, 2.6, 2.3), stand.place(-1.1, 0.0, 0.1))
+def _hitch(pose: SmoothedPose) -> View:
+    return View(pose.offset(0.9, 2.6, 2.3), pose.offset(-1.1, 0.0, 0.1))
 
 
-VIEWS: Final[dict[str, Callable[[Stand], View]]] = {
+VIEWS: Final[dict[str, Callable[[SmoothedPose], View]]] = {
     "chase": _chase,
     "top": _top,
     "side": _side,
@@ -80,20 +80,24 @@ VIEWS: Final[dict[str, Callable[[Stand], View]]] = {
 }
 
 
-class Operator:
-    """Points the cameras: places and heading of the vehicle under a Gaussian window in time.
+class FollowCamera:
+    """Camera views that follow the vehicle, smoothed by a Gaussian window in time.
 
-    The window looks both ways, so that a view depends on its time alone, in whatever order
-    frames are made; it grows with the speed of the film, in which a turn is soon over.
+    The window is symmetric in time, so that a view depends on its time only and frames can be
+    rendered in any order. Its width grows with the speed of the film.
+
+    Args:
+        replay: the run.
+        speed: seconds of the run per second of film.
     """
 
     def __init__(self, replay: Replay, speed: float) -> None:
         motion = replay.motion
         self._time_s, self._terrain = motion.time_s, replay.ground.terrain
-        per_record = float(np.median(np.diff(motion.time_s)))
-        turn = _unwrapped_yaw(motion.quat[:, replay.body("tractor")])
-        self._yaw = gaussian_filter1d(turn, max(0.8, 0.4 * speed) / per_record, mode="nearest")
-        window = max(0.3, 0.1 * speed) / per_record
+        step_s = float(np.median(np.diff(motion.time_s)))
+        yaw = _unwrapped_yaw(motion.quat[:, replay.body("tractor")])
+        self._yaw = gaussian_filter1d(yaw, max(0.8, 0.4 * speed) / step_s, mode="nearest")
+        window = max(0.3, 0.1 * speed) / step_s
         tractor, trailer, front = (
             gaussian_filter1d(motion.xyz[:, replay.body(name)], window, axis=0, mode="nearest")
             for name in ("tractor", "trailer", "front_axle")
@@ -102,21 +106,21 @@ class Operator:
         length = np.linalg.norm(front[0] - tractor[0]) + np.linalg.norm(tractor[0] - trailer[0])
         self.unit = float(length) / _UNIT_LENGTH_M
 
-    def stand(self, time_s: float) -> Stand:
-        """Return where the vehicle is at a moment."""
+    def pose(self, time_s: float) -> SmoothedPose:
+        """Return the smoothed pose of the vehicle at a time."""
 
-        def at(places: FloatArray) -> FloatArray:
-            return np.array([np.interp(time_s, self._time_s, part) for part in places.T])
+        def at(positions: FloatArray) -> FloatArray:
+            return np.array([np.interp(time_s, self._time_s, column) for column in positions.T])
 
         yaw = float(np.interp(time_s, self._time_s, self._yaw))
-        return Stand(at(self._tractor), at(self._trailer), yaw, self.unit)
+        return SmoothedPose(at(self._tractor), at(self._trailer), yaw, self.unit)
 
     def view(self, camera: str, time_s: float) -> View:
-        """Return the view of a camera of `VIEWS`, its eye kept above the ground."""
-        view = VIEWS[camera](self.stand(time_s))
+        """Return the view of a camera of `VIEWS` at a time, kept above the ground."""
+        view = VIEWS[camera](self.pose(time_s))
         x, y, z = view.eye
-        floor = float(self._terrain.height(x, y)) + _LEAST_CLEARANCE_M
-        return View(np.array([x, y, max(z, floor)]), view.target)
+        lowest = float(self._terrain.height(x, y)) + _MIN_CLEARANCE_M
+        return View(np.array([x, y, max(z, lowest)]), view.target)
 
 
 def _unwrapped_yaw(quat: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The field as one mesh: fine where one looks, coarse far away, and a meadow around it."""
+"""Mesh of the field, fine near the vehicle and coarse far away, with a meadow around it."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -15,21 +15,21 @@ from ttempc.types import FloatArray
 
 from .ribbon import MeshView, add_mesh, strip_faces
 
-_FINE_M: Final = 0.15  # between the lines of the grid near the middle
-_REACH_M: Final = 9.0  # of the fine part, to every side
-_GROWTH: Final = 1.17  # from one spacing to the next beyond it
-_SNAP_M: Final = 1.5  # the middle moves in steps, or far bumps would swim; whole fine spacings
-_MEADOW_M: Final = 220.0  # how far the meadow goes
-_LEVEL_M: Final = 8.0  # over which the edge of the field fades into it
-_STRIP_M: Final = 0.3  # depth of the meadow's edge below the field
-_STEP_M: Final = 0.1  # over which slopes are taken
+_FINE_M: Final = 0.15  # spacing of the grid near its centre
+_REACH_M: Final = 9.0  # of the fine part, from the centre to each side
+_GROWTH: Final = 1.17  # ratio of successive spacings beyond the fine part
+_SNAP_M: Final = 1.5  # step of the centre, a multiple of `_FINE_M`; continuous motion flickers
+_MEADOW_M: Final = 220.0  # extent of the meadow beyond the field
+_LEVEL_M: Final = 8.0  # decay length from the height at the field's edge to the plane
+_STRIP_M: Final = 0.3  # depth of the meadow's inner edge below the field
+_STEP_M: Final = 0.1  # of the central differences of the slope
 
 
 class FieldMesh:
-    """The ground of one run.
+    """Ground of one run on a graded grid.
 
-    Drawn on its own grid, a field of 80 x 50 m has 800 000 triangles, most of them smaller than a
-    pixel, and a picture takes four times as long.
+    On the grid of the simulation, a field of 80 x 50 m has 800 000 triangles, most of them smaller
+    than a pixel, and a picture takes four times as long.
     """
 
     NAME: Final = "field"
@@ -41,11 +41,11 @@ class FieldMesh:
         self._centre = (np.nan, np.nan)
 
     def add_to(self, spec: mujoco.MjSpec) -> None:
-        """Put field and meadow into the model in place of the ground of the simulation."""
+        """Replace the ground of the simulation by field and meadow."""
         spec.delete(spec.geom("ground"))
         spec.delete(spec.hfield("ground"))
         x, y = np.meshgrid(self._offsets, self._offsets)
-        # Not level, which has no axes for the compiler to turn a mesh to.
+        # Not planar: the compiler needs principal axes of inertia.
         vertices = np.stack([x, 0.5 * y, 0.01 * np.sin(x + y)], axis=-1).reshape(-1, 3)
         n = len(self._offsets)
         add_mesh(spec, self.NAME, vertices, strip_faces(n, n), material="ground")
@@ -53,11 +53,11 @@ class FieldMesh:
         add_mesh(spec, "meadow", meadow, faces, material="meadow")
 
     def lay_meadow(self, mesh: MeshView) -> None:
-        """Put the meadow to its place."""
+        """Set the vertices of the meadow."""
         mesh.vertices[:], _ = _meadow(self._terrain)
 
     def lay(self, mesh: MeshView, x: float, y: float) -> bool:
-        """Make the mesh fine about (x, y) [m]; return whether that changed it."""
+        """Centre the mesh near (x, y) [m] and return whether it changed."""
         centre = (self._snap * round(x / self._snap), self._snap * round(y / self._snap))
         if centre == self._centre:
             return False
@@ -72,14 +72,13 @@ class FieldMesh:
             -1, 3
         )
         mesh.normals[:] = _normals(terrain, east, north).reshape(-1, 3)
-        # the first row of a texture lies at the far side of the field
-        places = np.stack([(east - x0) / width, (north - y0) / depth], axis=-1)
-        mesh.texture_places[:] = places.reshape(-1, 2)
+        texture = np.stack([(east - x0) / width, (north - y0) / depth], axis=-1)
+        mesh.texture_coordinates[:] = texture.reshape(-1, 2)
         return True
 
 
 def _offsets(unit: float, end_m: float) -> FloatArray:
-    """Return the lines of the grid about its middle [m], symmetric."""
+    """Return the symmetric grid lines relative to the centre [m], (n,)."""
     spacing = _FINE_M * unit
     lines = list(np.arange(0.0, _REACH_M * unit, spacing))
     while lines[-1] < end_m:
@@ -98,9 +97,9 @@ def _normals(terrain: Terrain, x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _meadow(terrain: Terrain) -> tuple[FloatArray, np.ndarray]:
-    """Return vertices (n, 3) [m] and faces (m, 3) of the land around the field.
+    """Return vertices (n, 3) [m] and faces (m, 3) of the ground around the field.
 
-    At the edge it is as high as the field, farther out it lies on the plane through the field.
+    Its height is that of the field at the edge and decays outwards to a plane fitted to the field.
     """
     outwards = np.array([0.0, 1.0, 2.5, 5.0, 10.0, 20.0, 40.0, 80.0, 140.0, _MEADOW_M])
     (x0, y0), (width, depth) = terrain.origin, terrain.size_m
@@ -119,7 +118,7 @@ def _meadow(terrain: Terrain) -> tuple[FloatArray, np.ndarray]:
     )
     near = np.exp(-beyond / _LEVEL_M)
     height = near * terrain.height(east, north) + (1.0 - near) * level
-    # A strip goes on below the field: between two meshes that only touch, the sky shines through.
+    # A strip continues below the field, since a gap would open between meshes that only touch.
     height = np.where(terrain.inside(east, north, 0.5), height - _STRIP_M, height)
     vertices = np.stack([east, north, height], axis=-1).reshape(-1, 3)
     faces = strip_faces(len(y), len(x))

@@ -1,4 +1,4 @@
-"""A run as it can be seen at any moment: what a picture needs, read from the log alone."""
+"""Replay of a run from its log: state, reference and scene at any time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from proving_ground.testbed.log.log_scene import (
     motion_of,
 )
 from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE, TYRES, Channel
-from proving_ground.testbed.recording.record import Record, Table
+from proving_ground.testbed.recording.record import Record
 from proving_ground.testbed.recording.topics import (
     EVENT_TOPIC,
     PREDICTED_PATH_TOPIC,
@@ -36,30 +36,30 @@ from proving_ground.testbed.truth import WHEELS
 from ttempc.types import FloatArray
 
 from ..errors import InvalidFilm
-from ..results.tracking import Tracking, tracking
+from ..results.tracking_errors import BODIES, TrackingErrors, position_fields, tracking_errors
 
-MODEL_FILE: Final = "model.xml"
+_MODEL_FILE: Final = "model.xml"
 _CHANNELS: Final = (STATE, REFERENCE, CONTROL, TYRES)
-_PLANS: Final = (PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC)
+_PREDICTED_PATHS: Final = (PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC)
+_POSITIONS: Final = tuple(field for body in BODIES for field in position_fields(body))
+_SAME_TIME_S: Final = 1e-9  # times closer than this are the same
 _TOPICS: Final = frozenset(
-    (
-        *(EVENT_TOPIC, REFERENCE_PATH_TOPIC, TRANSFORMS_TOPIC, *_PLANS),
-        *(channel.topic for channel in _CHANNELS),
-    )
+    {EVENT_TOPIC, REFERENCE_PATH_TOPIC, TRANSFORMS_TOPIC, *_PREDICTED_PATHS}
+    | {channel.topic for channel in _CHANNELS}
 )
 
 
 @dataclass(frozen=True)
 class Replay:
-    """A run to look at."""
+    """A logged run."""
 
     file: Path
     record: Record
     motion: Motion
     ground: Ground
-    mjcf: str  # the compiled model
-    path: FloatArray  # (n, 2) [m] the reference
-    plans: tuple[Sequence[Line], Sequence[Line]]  # predicted paths of tractor and trailer point
+    mjcf: str  # the MuJoCo model as XML
+    path: FloatArray  # (n, 2) [m] reference path
+    predicted: tuple[Sequence[Line], Sequence[Line]]  # paths of tractor and trailer point
 
     @property
     def begin_s(self) -> float:
@@ -74,20 +74,20 @@ class Replay:
     @property
     def title(self) -> str:
         """Scenario, controller and seed."""
-        said = self.record.metadata
-        return f"{said['scenario']} · {said['controller']} · seed {said['seed']}"
+        run = self.record.metadata
+        return f"{run['scenario']} · {run['controller']} · seed {run['seed']}"
 
     @cached_property
-    def errors(self) -> Tracking:
+    def errors(self) -> TrackingErrors:
         """Tracking errors of the whole run."""
-        return tracking(self.record)
+        return tracking_errors(self.record)
 
     def poses(self, time_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return places (bodies, 3) [m] and attitudes (bodies, 4), w, x, y, z, at a moment.
+        """Return positions (bodies, 3) [m] and attitudes (bodies, 4), w, x, y, z, at a time.
 
-        Between two records places are straight and attitudes on the shorter great circle, by the
-        chord: at 0.04 s between records the wheels turn by less than 0.3 rad, where chord and
-        circle differ by less than a thousandth.
+        Positions and quaternions are interpolated linearly between two records, the quaternions
+        on the shorter arc and normalised. In the 0.04 s between records the wheels turn by less
+        than 0.3 rad, where this differs from spherical interpolation by less than 0.1 %.
         """
         motion = self.motion
         k = int(np.searchsorted(motion.time_s, time_s, side="right")) - 1
@@ -101,65 +101,63 @@ class Replay:
         return xyz, quat / np.linalg.norm(quat, axis=1, keepdims=True)
 
     def body(self, name: str) -> int:
-        """Return the row of a body in what `poses` returns."""
+        """Return the row of a body in the result of `poses`."""
         return self.motion.body_names.index(name)
 
     def value(self, channel: Channel, field: str, time_s: float) -> float:
-        """Return a number of the newest row at a moment; the first row's before it."""
+        """Return a field of the newest row at a time; before the first row, that of the first."""
         table = self.record[channel]
-        return float(table[field][newest(table, time_s)])
+        return float(table[field][newest_row(table.time_s, time_s)])
 
     def slips(self, time_s: float) -> FloatArray:
-        """Return what slides of the speed of every wheel, along and across, (6,) in `WHEELS`."""
-        row = newest(self.record[TYRES], time_s)
+        """Return the total slip of each wheel, hypot(slip, tan(slip angle)), (6,), as `WHEELS`."""
+        row = newest_row(self.record[TYRES].time_s, time_s)
         along, angle = (
             np.array([self.record[TYRES][f"{wheel}_{part}"][row] for wheel in WHEELS])
             for part in ("slip", "slip_angle_rad")
         )
         return np.hypot(along, np.tan(angle))
 
-    def places(self, channel: Channel, time_s: float) -> FloatArray:
-        """Return both axle points of a channel with poses, (2, 2) [m], straight between rows."""
+    def positions(self, channel: Channel, time_s: float) -> FloatArray:
+        """Return both axle points of a channel with poses, (2, 2) [m], linear between rows."""
         table = self.record[channel]
-        names = ("x_t_m", "y_t_m", "x_i_m", "y_i_m")
-        at = [np.interp(time_s, table.time_s, table[name]) for name in names]
+        at = [np.interp(time_s, table.time_s, table[field]) for field in _POSITIONS]
         return np.array(at).reshape(2, 2)
 
     def driven(self, time_s: float, step_m: float) -> FloatArray:
-        """Return the paths of both points up to a moment, (2, n, 2) [m], a point every step."""
+        """Return the driven paths of both points up to a time, (2, n, 2) [m], `step_m` apart."""
         table, rows = self.record[STATE], self._spaced_rows(step_m)
         passed = rows[table.time_s[rows] < time_s]
-        names = ("x_t_m", "y_t_m", "x_i_m", "y_i_m")
-        corners = table.columns(*names)[passed].reshape(-1, 2, 2)
-        return np.concatenate([corners, self.places(STATE, time_s)[None]]).swapaxes(0, 1)
+        points = table.columns(*_POSITIONS)[passed].reshape(-1, 2, 2)
+        return np.concatenate([points, self.positions(STATE, time_s)[None]]).swapaxes(0, 1)
 
     def _spaced_rows(self, step_m: float) -> NDArray[np.intp]:
-        """Return rows of the state at which another step [m] has been driven."""
-        driven = np.diff(self.record[STATE].columns("x_t_m", "y_t_m"), axis=0)
+        """Return the rows of the state at which the tractor point has driven another step [m]."""
+        driven = np.diff(self.record[STATE].columns(*position_fields("tractor")), axis=0)
         steps = np.cumsum(np.hypot(*driven.T)) // step_m
         return np.flatnonzero(np.diff(steps, prepend=-1.0, append=steps[-1]))
 
-    def plan(self, time_s: float) -> tuple[FloatArray, ...]:
-        """Return the predicted paths of both points at a moment, (n, 2) [m] each; none may be."""
-        found = []
-        for lines in self.plans:
-            k = bisect_right(lines, time_s + 1e-9, key=lambda line: line.time_s) - 1
+    def predicted_paths(self, time_s: float) -> tuple[FloatArray, ...]:
+        """Return the newest predicted paths at a time, (n, 2) [m] each; empty if there are none."""
+        paths = []
+        for lines in self.predicted:
+            k = bisect_right(lines, time_s + _SAME_TIME_S, key=lambda line: line.time_s) - 1
             if k >= 0:
-                found.append(lines[k].points[:, :2])
-        return tuple(found)
+                paths.append(lines[k].points[:, :2])
+        return tuple(paths)
 
 
-def newest(table: Table, time_s: float) -> int:
-    """Return the row of a table that held at a moment."""
-    return max(int(np.searchsorted(table.time_s, time_s + 1e-9)) - 1, 0)
+def newest_row(times_s: FloatArray, time_s: float) -> int:
+    """Return the index of the last of the sorted times that is not after a time, else 0."""
+    return max(int(np.searchsorted(times_s, time_s + _SAME_TIME_S)) - 1, 0)
 
 
 def read_replay(file: Path) -> Replay:
-    """Read what a picture needs.
+    """Read the channels and the scene of a log.
 
     Raises:
-        LogError: no log of ours, of another version, or one without what a picture needs.
-        InvalidFilm: the log is torn, or too short to show motion.
+        LogError: the file is not a log of this version, or lacks an attachment.
+        InvalidFilm: the log is torn, lacks a channel, or is too short to show motion.
     """
     content = read_content(file, _TOPICS.__contains__)
     if content.salvage is not None:
@@ -177,13 +175,13 @@ def read_replay(file: Path) -> Replay:
     path = lines_of(content, REFERENCE_PATH_TOPIC)
     if not path:
         raise InvalidFilm(f"{file}: holds nothing on {REFERENCE_PATH_TOPIC}")
-    tractor, trailer = (lines_of(content, topic) for topic in _PLANS)
+    tractor, trailer = (lines_of(content, topic) for topic in _PREDICTED_PATHS)
     return Replay(
-        file,
-        record,
-        motion,
-        ground_of(content),
-        attachment(content, MODEL_FILE).decode(),
-        path[0].points[:, :2],
-        (tractor, trailer),
+        file=file,
+        record=record,
+        motion=motion,
+        ground=ground_of(content),
+        mjcf=attachment(content, _MODEL_FILE).decode(),
+        path=path[0].points[:, :2],
+        predicted=(tractor, trailer),
     )

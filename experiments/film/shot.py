@@ -1,4 +1,4 @@
-"""What is to be filmed: camera, span of time, speed and size, checked before any work."""
+"""Settings of a film: camera, time span, speed and size."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ CAMERAS: Final[tuple[Camera, ...]] = get_args(Camera)
 
 FRAME_RATE: Final = 25  # frames a second of film
 SIZE: Final = (1280, 720)
-LEAST_SIZE: Final = (320, 180)  # below, no text can be read
-_GREATEST_SIZE: Final = (3840, 2160)
+MIN_SIZE: Final = (320, 180)  # smaller text cannot be read
+_MAX_SIZE: Final = (3840, 2160)
 _SPEEDS: Final = (0.05, 100.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One film.
+    """Settings of one film.
 
     Raises:
-        InvalidFilm: a value is out of its range; the message says which is allowed.
+        InvalidFilm: a value is out of range. The message names the allowed range.
     """
 
     camera: Camera
-    begin_s: float  # of the run
+    begin_s: float  # time of the run
     end_s: float
-    speed: float  # seconds of the run in a second of film
+    speed: float  # seconds of the run per second of film
     size: tuple[int, int]  # width, height of a frame
 
     def __post_init__(self) -> None:
         if self.camera not in CAMERAS:
             raise InvalidFilm(f"--camera: got {self.camera!r}, allowed are {', '.join(CAMERAS)}")
         width, height = self.size
-        (low_w, low_h), (high_w, high_h) = LEAST_SIZE, _GREATEST_SIZE
+        (low_w, low_h), (high_w, high_h) = MIN_SIZE, _MAX_SIZE
         if width % 2 or height % 2:
             raise InvalidFilm(
                 f"--size: got {width}x{height}, H.264 needs an even width and an even height"
@@ -59,44 +59,52 @@ class Shot:
 
     @property
     def times(self) -> FloatArray:
-        """Time of every frame [s of the run], one or more."""
+        """Time of each frame [s of the run], (n,), n at least 1."""
         seconds = (self.end_s - self.begin_s) / self.speed
         count = max(1, int(seconds * FRAME_RATE + 1e-6))
         return self.begin_s + np.arange(count) * self.speed / FRAME_RATE
 
 
-def check_within(what: str, time_s: float, begin_s: float, end_s: float) -> None:
-    """Refuse a time outside a run.
+def check_within(option: str, time_s: float, begin_s: float, end_s: float) -> None:
+    """Raise if a time is outside a run.
 
     Raises:
-        InvalidFilm: with the run's span.
+        InvalidFilm: the time is outside. The message names the option and the run's span.
     """
     if not begin_s <= time_s <= end_s:
         raise InvalidFilm(
-            f"{what}: got {time_s:g} s, the log reaches from {begin_s:g} to {end_s:.2f} s"
+            f"{option}: got {time_s:g} s, the log reaches from {begin_s:g} to {end_s:.2f} s"
         )
 
 
-def spanned(
+def make_shot(
     camera: Camera,
-    wanted_s: tuple[float | None, float | None],
+    *,
+    span_s: tuple[float | None, float | None],
     logged_s: tuple[float, float],
     speed: float,
     size: tuple[int, int],
 ) -> Shot:
-    """Return a shot over the wanted part of a log, all of it where nothing is said.
+    """Return a shot of a part of a log.
+
+    Args:
+        camera: of the film.
+        span_s: begin and end of the part; None for that of the log.
+        logged_s: begin and end of the log.
+        speed: seconds of the run per second of film.
+        size: width and height [pixels].
 
     Raises:
-        InvalidFilm: as `Shot`, or the part reaches beyond the log.
+        InvalidFilm: as `Shot`, or the part extends beyond the log.
     """
-    (begin_s, end_s), (first_s, last_s) = wanted_s, logged_s
-    for what, time_s in (("--from", begin_s), ("--to", end_s)):
+    (begin_s, end_s), (first_s, last_s) = span_s, logged_s
+    for option, time_s in (("--from", begin_s), ("--to", end_s)):
         if time_s is not None:
-            check_within(what, time_s, first_s, last_s)
+            check_within(option, time_s, first_s, last_s)
     return Shot(
-        camera,
-        first_s if begin_s is None else begin_s,
-        last_s if end_s is None else end_s,
-        speed,
-        size,
+        camera=camera,
+        begin_s=first_s if begin_s is None else begin_s,
+        end_s=last_s if end_s is None else end_s,
+        speed=speed,
+        size=size,
     )

@@ -1,4 +1,4 @@
-"""A film being written: H.264 in MP4, whole where it exists."""
+"""Film writer: H.264 in MP4. The file appears when it is complete."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ import numpy as np
 from av.error import FFmpegError
 from numpy.typing import NDArray
 
+from proving_ground.testbed.atomic_write import partial_path
+
 from ..errors import InvalidFilm
-from ..output import part_of, refuse_existing
+from ..output import refuse_existing
 from .shot import FRAME_RATE
 
 _CODEC: Final = "libx264"
-# yuv420p and the index at the front are what browsers play at once.
+# Browsers need yuv420p, and the index at the front of the file to start at once.
 _PIXELS: Final = "yuv420p"
 _QUALITY: Final = "23"  # constant rate factor
 _EFFORT: Final = "veryfast"
@@ -28,16 +30,15 @@ _TICK: Final = Fraction(1, FRAME_RATE)
 
 
 def check_writable(file: Path, suffixes: tuple[str, ...]) -> None:
-    """Refuse a file that exists, has no folder, cannot be written or has a wrong ending.
+    """Raise if a file exists, has another suffix, or lies in no writable folder.
 
     Raises:
-        OutputExists: it does, or a part of it.
-        InvalidFilm: with the reason otherwise.
+        OutputExists: the file or its partial file exists.
+        InvalidFilm: the suffix or the folder is wrong.
     """
     if file.suffix.lower() not in suffixes:
         raise InvalidFilm(f"{file}: must end in {' or '.join(suffixes)}")
-    for taken in (file, part_of(file)):
-        refuse_existing(taken)
+    refuse_existing(file, partial_path(file))
     folder = file.parent
     if not folder.is_dir():
         raise InvalidFilm(f"{file}: there is no folder {folder}")
@@ -46,26 +47,31 @@ def check_writable(file: Path, suffixes: tuple[str, ...]) -> None:
 
 
 def check_codec() -> None:
-    """Refuse where no film could be encoded.
+    """Raise if PyAV has no H.264 encoder.
 
     Raises:
-        InvalidFilm: PyAV comes without H.264 here.
+        InvalidFilm: the encoder is missing.
     """
     if _CODEC not in av.codecs_available:
         raise InvalidFilm(f"no H.264 encoder ({_CODEC}) in PyAV {av.__version__}: pip install av")
 
 
 class FilmWriter:
-    """Takes frames, one after the other; a context manager.
+    """Context manager that encodes frames to a file.
 
-    The file has its name once the `with` block has ended well; else nothing is left of it.
+    The file is renamed from its partial path when the `with` block ends without an error. After
+    an error the partial file is removed.
+
+    Args:
+        file: to write.
+        size: width and height of a frame [pixels].
     """
 
     def __init__(self, file: Path, size: tuple[int, int]) -> None:
-        self._file, self._part, self._count = file, part_of(file), 0
+        self._file, self._partial, self._count = file, partial_path(file), 0
         with self._writing():
             self._container = av.open(
-                str(self._part), "w", format="mp4", options={"movflags": "+faststart"}
+                str(self._partial), "w", format="mp4", options={"movflags": "+faststart"}
             )
             self._stream = self._container.add_stream(_CODEC, rate=FRAME_RATE)
         self._stream.width, self._stream.height = size
@@ -77,7 +83,7 @@ class FilmWriter:
         """Add one frame, (height, width, 3).
 
         Raises:
-            InvalidFilm: it cannot be written, as on a full disk.
+            InvalidFilm: the frame cannot be written, for example on a full disk.
         """
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
         frame.pts, frame.time_base = self._count, _TICK
@@ -99,18 +105,18 @@ class FilmWriter:
                 with self._writing():
                     self._container.mux(self._stream.encode(None))
                     self._container.close()
-                    self._part.rename(self._file)
+                    self._partial.rename(self._file)
             else:
-                # The error on its way out says more than one of the closing could.
+                # An error of the closing must not hide the original error.
                 with contextlib.suppress(FFmpegError, OSError):
                     self._container.close()
         finally:
-            self._part.unlink(missing_ok=True)
+            self._partial.unlink(missing_ok=True)
 
     @contextlib.contextmanager
     def _writing(self) -> Iterator[None]:
-        """Turn what the file system or the encoder says into an `InvalidFilm`."""
+        """Convert errors of the file system and of the encoder to `InvalidFilm`."""
         try:
             yield
         except (FFmpegError, OSError) as error:
-            raise InvalidFilm(f"{self._part}: cannot be written: {error.strerror}") from error
+            raise InvalidFilm(f"{self._partial}: cannot be written: {error.strerror}") from error

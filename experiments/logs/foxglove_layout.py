@@ -1,7 +1,7 @@
-"""Layout for Foxglove that ships with the project, `foxglove-layout.json` beside this module.
+"""Foxglove layout shipped with the project, `foxglove-layout.json` beside this module.
 
-Run `python -m experiments.logs.foxglove_layout` after topics or fields have changed. The format is
-that of the files which the app itself exports: panels by name, and a binary tree of splits.
+Run `python -m experiments.logs.foxglove_layout` after a change of topics or fields. The format is
+that of files exported by the Foxglove app: panels by name, and a binary tree of splits.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ _ERRORS: Final = ("x_t_e_m", "y_t_e_m", "x_i_e_m", "y_i_e_m")
 Config = dict[str, Any]
 
 
-def text() -> str:
-    """Return the layout as the file holds it: the field beside what explains a run."""
+def layout_text() -> str:
+    """Return the content of the layout file: field, errors and inputs, sensors and costs."""
     left = {"3D!field": _field(), "RosOut!events": {"topicToRender": topics.EVENT_TOPIC}}
     middle = {
-        "Plot!error": _plot("Believed error [m]", TRACKING, _ERRORS),
+        "Plot!error": _plot("Estimated error [m]", TRACKING, _ERRORS),
         "Plot!front": _input("Front steering [rad]", "delta_t_rad"),
         "Plot!trailer": _input("Trailer steering [rad]", "delta_i_rad"),
         "Plot!hydrostat": _input("Hydrostat [fraction]", "hp"),
@@ -57,7 +57,8 @@ def text() -> str:
     }
     columns = [
         _split("column", list(left), 75.0),
-        *(_split("column", list(c)) for c in (middle, right)),
+        _split("column", list(middle)),
+        _split("column", list(right)),
     ]
     layout = {
         "configById": {**left, **middle, **right},
@@ -70,7 +71,7 @@ def text() -> str:
 
 
 def _split(direction: str, parts: list[Any], first_percent: float | None = None) -> Any:  # noqa: ANN401 - a tree of JSON
-    """Return the parts side by side, the rest of them in equal shares beside the first."""
+    """Return the tree of the parts side by side, all but the first in equal shares."""
     if len(parts) == 1:
         return parts[0]
     return {
@@ -86,7 +87,7 @@ def _input(title: str, name: str) -> Config:
 
 
 def _plot(title: str, channel: Channel, fields: tuple[str, ...] | list[str]) -> Config:
-    """Return a plot of fields of one channel over the time of the log."""
+    """Return a plot of some fields of one channel over time."""
     return {
         "title": title,
         "paths": [
@@ -108,7 +109,7 @@ def _plot(title: str, channel: Channel, fields: tuple[str, ...] | list[str]) -> 
 
 
 def _field() -> Config:
-    shown = {
+    lines = {
         topic: {"visible": True, "type": "line", "lineWidth": 0.08, "gradient": [colour, colour]}
         for topic, colour in _LINES.items()
     }
@@ -129,9 +130,9 @@ def _field() -> Config:
         "followMode": "follow-position",
         "followTf": "tractor",
         "scene": {"transforms": {"visible": False}},
-        "topics": {topics.SCENE_TOPIC: {"visible": True}, **shown},
+        "topics": {topics.SCENE_TOPIC: {"visible": True}, **lines},
     }
 
 
 if __name__ == "__main__":
-    FILE.write_text(text(), encoding="utf-8")
+    FILE.write_text(layout_text(), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A log as tables, one file a topic, for programs that know nothing of it."""
+"""Export of a log to CSV or Parquet tables, one file per topic."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from proving_ground.testbed.atomic_write import partial_path
 from proving_ground.testbed.errors import LogError
 from proving_ground.testbed.log.log_content import Content
 from proving_ground.testbed.log.log_reader import record_of
@@ -18,24 +19,24 @@ from proving_ground.testbed.log.log_scene import Motion, motion_of
 from proving_ground.testbed.recording.topics import EVENT_TOPIC, TRANSFORMS_TOPIC
 
 from ..errors import MissingExtra, OutputExists
-from ..output import part_of, refuse_existing
+from ..output import refuse_existing
 
-Columns = Mapping[str, Any]  # name to a sequence of values
-_PLACE: Final = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
+Columns = Mapping[str, Any]  # name: sequence of values
+_POSE: Final = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 
 
-def export(content: Content, folder: Path, form: str) -> list[Path]:
+def export_log(content: Content, folder: Path, form: str) -> list[Path]:
     """Write the rows, events and transforms of a log to a new folder and return the files.
 
     Args:
         content: of the log.
-        folder: to make.
-        form: "csv", or "parquet", which takes the extra `export`.
+        folder: to create.
+        form: "csv", or "parquet", which needs the extra `export`.
 
     Raises:
         OutputExists: the folder exists already or cannot be written; nothing is left behind.
-        MissingExtra: there is nothing that writes Parquet.
-        LogError: the log is of another version, or says nothing on any topic.
+        MissingExtra: pyarrow is not installed.
+        LogError: the log is of another version or holds no rows.
     """
     refuse_existing(folder)
     if form == "parquet" and importlib.util.find_spec("pyarrow") is None:
@@ -44,20 +45,20 @@ def export(content: Content, folder: Path, form: str) -> list[Path]:
     if not any(len(next(iter(columns.values()))) for columns in tables.values()):
         raise LogError(f"{content.path}: holds no rows")
     write: Callable[[Columns, Path], None] = _parquet if form == "parquet" else _csv
-    part = part_of(folder)
+    partial = partial_path(folder)
     try:
-        part.mkdir(parents=True)
+        partial.mkdir(parents=True)
         for topic, columns in tables.items():
-            write(columns, part / f"{topic.strip('/').replace('/', '_')}.{form}")
-        part.rename(folder)
+            write(columns, partial / f"{topic.strip('/').replace('/', '_')}.{form}")
+        partial.rename(folder)
     except OSError as error:
-        shutil.rmtree(part, ignore_errors=True)
+        shutil.rmtree(partial, ignore_errors=True)
         raise OutputExists(f"output folder {folder}: cannot be written: {error.strerror}") from None
     return sorted(folder.iterdir())
 
 
 def columns_of(content: Content) -> dict[str, Columns]:
-    """Return the columns of every topic, `time_s` first, units in the names."""
+    """Return the columns of each topic: `time_s` first, units in the names."""
     record = record_of(content)
     tables: dict[str, Columns] = {
         topic: {
@@ -72,18 +73,18 @@ def columns_of(content: Content) -> dict[str, Columns]:
         "text": [event.text for event in record.events],
     }
     if content.messages.get(TRANSFORMS_TOPIC):
-        tables[TRANSFORMS_TOPIC] = _places(motion_of(content))
+        tables[TRANSFORMS_TOPIC] = _poses(motion_of(content))
     return tables
 
 
-def _places(motion: Motion) -> Columns:
-    places = np.concatenate([motion.xyz, motion.quat], axis=2)  # (n, bodies, 7)
+def _poses(motion: Motion) -> Columns:
+    poses = np.concatenate([motion.xyz, motion.quat], axis=2)  # (n, bodies, 7)
     return {
         "time_s": motion.time_s,
         **{
-            f"{body}_{name}": places[:, i, j]
+            f"{body}_{name}": poses[:, i, j]
             for i, body in enumerate(motion.body_names)
-            for j, name in enumerate(_PLACE)
+            for j, name in enumerate(_POSE)
         },
     }
 
@@ -93,11 +94,11 @@ def _csv(columns: Columns, file: Path) -> None:
     with file.open("x", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(columns)
-        writer.writerows(zip(*cells, strict=True))  # floats as repr: to the bit
+        writer.writerows(zip(*cells, strict=True))  # floats as their repr, hence exact
 
 
 def _parquet(columns: Columns, file: Path) -> None:
-    # Here, because it is there only with the extra `export`.
+    # Imported here because it is installed only with the extra `export`.
     import pyarrow
     import pyarrow.parquet
 

@@ -1,1 +1,1 @@
-"""Numbers of a run: tracking, containment, summary."""
+"""Numbers of a run: tracking errors, containment, summary."""

@@ -1,4 +1,4 @@
-"""Whether the truth was where the tube said that it would be."""
+"""Containment of the true errors in the tube of the controller."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ from proving_ground.testbed.recording.channels import REFERENCE, STATE, TUBE
 from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
-from .tracking import START_UP_S, is_curved
+from .tracking_errors import START_UP_S, body_error, is_curved
 
 QUANTITIES: Final = tuple(
     name.removesuffix("_nominal") for name in TUBE.fields if name.endswith("_nominal")
 )
-"""What a tube bounds: the errors of the minimal state, then x and y of the trailer point."""
+"""Quantities that a tube bounds: errors of the minimal state, then x and y of the trailer point."""
 
-_TRACTOR: Final = ("x_t_e_m", "y_t_e_m")
-_TRAILER: Final = ("x_i_e_m", "y_i_e_m")
-_PLAIN: Final = {  # the other errors: z_r - z of one column
+_POSITION_ERRORS: Final = {
+    "tractor": ("x_t_e_m", "y_t_e_m"),
+    "trailer": ("x_i_e_m", "y_i_e_m"),
+}
+_SCALAR_ERRORS: Final = {  # error z_r - z of one field
     "psi_t_e_rad": "psi_t_rad",
     "psi_i_e_rad": "psi_i_rad",
     "delta_t_e_rad": "delta_t_rad",
@@ -32,27 +34,29 @@ _PLAIN: Final = {  # the other errors: z_r - z of one column
 
 @dataclass(frozen=True)
 class Containment:
-    """Deviation of the true error from the nominal one at control ticks after start-up."""
+    """Deviation of the true error from the nominal error at the control ticks after start-up."""
 
     time_s: FloatArray  # (n,)
     curved: NDArray[np.bool_]  # (n,)
     deviation: FloatArray  # (n, 9) in the order of `QUANTITIES`
-    half_width: FloatArray  # (n, 9)
+    half_width: FloatArray  # (n, 9) of the tube
 
-    POINTS: ClassVar = [QUANTITIES.index(name) for name in (*_TRACTOR, *_TRAILER)]
-    ACROSS: ClassVar = {
-        "tractor": QUANTITIES.index(_TRACTOR[1]),
-        "trailer": QUANTITIES.index(_TRAILER[1]),
-    }
+    POINTS: ClassVar = [
+        QUANTITIES.index(name) for names in _POSITION_ERRORS.values() for name in names
+    ]
+    """Columns of the position errors of both axle points."""
+
+    ACROSS: ClassVar = {body: QUANTITIES.index(y) for body, (_, y) in _POSITION_ERRORS.items()}
+    """Column of the cross-track error of each body."""
 
     @property
-    def share(self) -> FloatArray:
-        """Return how much of its half width each deviation takes, at most 1 inside, (n, 9)."""
+    def normalised_deviation(self) -> FloatArray:
+        """Absolute deviation over half width, (n, 9); at most 1 inside the tube."""
         return np.abs(self.deviation) / self.half_width
 
 
 def containment(record: Record) -> Containment:
-    """Return where in its tube a run was, at the times that state, reference and tube share."""
+    """Return the containment of a run at the common times of state, reference and tube."""
     tables = [record[channel] for channel in (TUBE, STATE, REFERENCE)]
     time_s = tables[0].time_s[tables[0].time_s >= START_UP_S]
     for table in tables[1:]:
@@ -65,16 +69,13 @@ def containment(record: Record) -> Containment:
 
 
 def _true_error(record: Record, state: NDArray[np.intp], reference: NDArray[np.intp]) -> FloatArray:
-    """Return the errors z_e = T (z_r - z) of the truth, (n, 9)."""
+    """Return the true errors z_e = T (z_r - z), (n, 9), in the order of `QUANTITIES`."""
     columns = {}
-    for (x, y), letter in ((_TRACTOR, "t"), (_TRAILER, "i")):
-        place = [f"x_{letter}_m", f"y_{letter}_m"]
-        there = record[REFERENCE].columns(*place)[reference]
-        dx, dy = (there - record[STATE].columns(*place)[state]).T
-        heading = record[REFERENCE][f"psi_{letter}_rad"][reference]
-        cos, sin = np.cos(heading), np.sin(heading)
-        columns[x], columns[y] = cos * dx + sin * dy, cos * dy - sin * dx
-    for name, field in _PLAIN.items():
+    for body, (along, cross) in _POSITION_ERRORS.items():
+        # The position errors of `tracking_errors` are z - z_r in the same frame.
+        error = body_error(record, state, reference, body)
+        columns[along], columns[cross] = -error.along_m, -error.cross_m
+    for name, field in _SCALAR_ERRORS.items():
         error = record[REFERENCE][field][reference] - record[STATE][field][state]
         if name.startswith("psi"):
             error = np.remainder(error + np.pi, 2.0 * np.pi) - np.pi
@@ -82,9 +83,9 @@ def _true_error(record: Record, state: NDArray[np.intp], reference: NDArray[np.i
     return np.column_stack([columns[name] for name in QUANTITIES])
 
 
-def to_the_left(deviation: FloatArray) -> FloatArray:
-    """Return how far left of the nominal vehicle a point is, for its deviation across [m].
+def leftward(deviation: FloatArray) -> FloatArray:
+    """Return the offset to the left of the nominal vehicle for a cross-track deviation [m].
 
-    Errors are z_r - z: one that exceeds the nominal error means a vehicle to the right.
+    Errors are z_r - z: a true error above the nominal error means a vehicle further to the right.
     """
     return -deviation

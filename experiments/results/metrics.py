@@ -1,4 +1,4 @@
-"""A record and what is known of its run -> the run's `Summary`."""
+"""Summary of a run computed from its record."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, 
 from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
-from .containment import containment
+from .containment import Containment, containment
 from .summary import (
     BodyStatistics,
     ErrorStatistics,
@@ -27,13 +27,26 @@ from .summary import (
     TrackingStatistics,
     TubeStatistics,
 )
-from .tracking import BODIES, START_UP_S, BodyError, Tracking, rows_at_same_time, tracking
+from .tracking_errors import (
+    BODIES,
+    START_UP_S,
+    BodyError,
+    TrackingErrors,
+    position_fields,
+    rows_at_same_time,
+    tracking_errors,
+)
 
-_AT_BOUND: Final = 1e-9  # [rad] or fraction: a command this close to a limit is at it
+_AT_BOUND: Final = 1e-9  # [rad] or fraction: a command this close to a limit counts as at it
 
 
 def summarise(record: Record, facts: RunFacts) -> Summary:
-    """Return the numbers of a run."""
+    """Return the summary of a run.
+
+    Args:
+        record: channels of the run.
+        facts: identity and outcome of the run, which the record does not hold.
+    """
     times = record[STATE].time_s
     duration_s = float(times[-1]) if len(times) else 0.0
     return Summary(
@@ -45,7 +58,7 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
         failure=facts.failure,
         duration_s=duration_s,
         versions=dict(facts.versions),
-        tracking=tracking_statistics(tracking(record)),
+        tracking=tracking_statistics(tracking_errors(record)),
         estimation=_estimation(record),
         timing=_timing(record, duration_s, facts.wall_s),
         inputs=_inputs(record),
@@ -55,7 +68,7 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
     )
 
 
-def tracking_statistics(errors: Tracking) -> TrackingStatistics:
+def tracking_statistics(errors: TrackingErrors) -> TrackingStatistics:
     """Return the statistics of tracking errors after the start-up."""
     counted = errors.time_s >= START_UP_S
 
@@ -89,16 +102,16 @@ def _error_statistics(error: BodyError) -> ErrorStatistics:
 def _estimation(record: Record) -> EstimationStatistics:
     _, state, estimate = rows_at_same_time(record, STATE, ESTIMATE)
 
-    def of(letter: str) -> MeanError:
-        place = [f"x_{letter}_m", f"y_{letter}_m"]
-        error = record[ESTIMATE].columns(*place)[estimate] - record[STATE].columns(*place)[state]
+    def mean_error(body: str) -> MeanError:
+        fields = position_fields(body)
+        error = record[ESTIMATE].columns(*fields)[estimate] - record[STATE].columns(*fields)[state]
         return MeanError(_mean(_since_first(np.hypot(*error.T))))
 
-    return EstimationStatistics(**{body: of(letter) for body, letter in BODIES.items()})
+    return EstimationStatistics(**{body: mean_error(body) for body in BODIES})
 
 
 def _since_first(samples: FloatArray) -> FloatArray:
-    """Return the samples from the first finite one on: a filter waits for its first readings."""
+    """Return the samples from the first finite one on; an estimator needs its first readings."""
     return samples[np.argmax(np.isfinite(samples)) :] if len(samples) else samples
 
 
@@ -111,14 +124,18 @@ def _timing(record: Record, duration_s: float, wall_s: float) -> TimingStatistic
 
 
 def _spread(cost_us: FloatArray) -> Spread:
-    there = cost_us[np.isfinite(cost_us)]  # a tick without a QP has no QP solve time
-    return Spread(_percentile(there, 50.0), _percentile(there, 99.0), _percentile(there, 100.0))
+    finite = cost_us[np.isfinite(cost_us)]  # a tick without a QP has no QP solve time
+    return Spread(
+        median=_percentile(finite, 50.0),
+        p99=_percentile(finite, 99.0),
+        max=_percentile(finite, 100.0),
+    )
 
 
 def _inputs(record: Record) -> InputsStatistics:
     table = record[CONTROL]
 
-    def of(name: str) -> InputStatistics:
+    def statistics(name: str) -> InputStatistics:
         command = table[f"{name}_command"]
         at_bound = (command <= table[f"{name}_min"] + _AT_BOUND) | (
             command >= table[f"{name}_max"] - _AT_BOUND
@@ -127,14 +144,18 @@ def _inputs(record: Record) -> InputsStatistics:
         rate = np.diff(command) / np.diff(table.time_s)
         return InputStatistics(saturated_fraction=_mean(saturated), rms_rate=_rms(rate))
 
-    return InputsStatistics(delta_t=of("delta_t_rad"), delta_i=of("delta_i_rad"), hp=of("hp"))
+    return InputsStatistics(
+        delta_t=statistics("delta_t_rad"),
+        delta_i=statistics("delta_i_rad"),
+        hp=statistics("hp"),
+    )
 
 
 def _tube(record: Record) -> TubeStatistics | None:
     if not len(record[TUBE]):
         return None
-    found = containment(record)
-    margin = 1.0 - found.share[:, found.POINTS].max(axis=1)
+    deviation = containment(record).normalised_deviation[:, Containment.POINTS]
+    margin = 1.0 - deviation.max(axis=1)
     inside = margin >= 0.0
     return TubeStatistics(_mean(inside), _number(margin.min()) if margin.size else None)
 
@@ -167,5 +188,5 @@ def _percentile(samples: FloatArray, percent: float) -> float | None:
 
 
 def _number(value: np.floating) -> float | None:
-    """Return a finite number, None else: one missing sample makes a statistic unknown, not good."""
+    """Return the number if it is finite, else None: a missing sample makes a statistic unknown."""
     return float(value) if np.isfinite(value) else None

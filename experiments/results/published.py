@@ -1,4 +1,4 @@
-"""What the paper published: mean Euclidean errors on a real field, to set beside a simulation's.
+"""Published mean Euclidean errors of a field experiment, compared with those of a run.
 
 Kayacan, Ramon, Saeys (2016), "Robust Trajectory Tracking Error Model-Based Predictive Control for
 Unmanned Ground Vehicles", section V: the time-based linear MPC with the robust action.
@@ -15,8 +15,8 @@ CAVEAT: Final = "published: field experiment; here: simulation"
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
-    """One mean Euclidean error beside its published counterpart."""
+class PublishedError:
+    """Mean Euclidean error of a run and its published counterpart."""
 
     where: str  # "straight" or "curve"
     body: str  # "tractor" or "trailer"
@@ -32,13 +32,13 @@ _PUBLISHED_M: Final = {
 }
 
 COLUMNS: Final = tuple(f"{body} {where}" for where, body in _PUBLISHED_M)
-"""What the entries of `compare` are, in their order."""
+"""Labels of the entries of `compare`, in their order."""
 
 
-def compare(summary: Summary) -> tuple[Comparison, ...]:
-    """Return the run's mean Euclidean errors beside the published ones."""
+def compare(summary: Summary) -> tuple[PublishedError, ...]:
+    """Return the mean Euclidean errors of a run with the published ones."""
     return tuple(
-        Comparison(
+        PublishedError(
             where,
             body,
             getattr(getattr(summary.tracking, where), body).mean_euclidean_m,

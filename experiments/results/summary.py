@@ -1,4 +1,4 @@
-"""The numbers of a run, `summary.json`: every field is a key of it, every unit stands in a name.
+"""Schema of `summary.json`. Field names are its keys and carry the units.
 
 A number that does not exist, such as the error on curves of a straight path, is None.
 """
@@ -15,15 +15,15 @@ Status = Literal["completed", "lost", "invalid"]
 
 @dataclass(frozen=True, slots=True)
 class RunFacts:
-    """What the numbers of a record cannot say of a run."""
+    """Identity and outcome of a run, which its record does not hold."""
 
     run_id: str
     scenario: str
     controller: str
     seed: int
     status: Status
-    failure: str | None  # why the run did not complete, in one line
-    wall_s: float  # wall-clock time that the run took, without reports
+    failure: str | None  # reason for early termination, in one line
+    wall_s: float  # wall-clock time of the simulation, without reports
     versions: Mapping[str, str]
     log: str | None  # the log's path relative to the run's folder
 
@@ -33,14 +33,14 @@ class ErrorStatistics:
     """Tracking error of one axle point."""
 
     mean_euclidean_m: float | None
-    rms_m: float | None  # of the Euclidean error, as the two below
+    rms_m: float | None  # rms, p95 and max of the Euclidean error
     p95_m: float | None
     max_m: float | None
     along_mean_m: float | None
     along_sd_m: float | None
     cross_mean_m: float | None
     cross_sd_m: float | None
-    cross_p95_m: float | None  # of the unsigned cross-track error, as ISO 12188-2 has it
+    cross_p95_m: float | None  # of the absolute cross-track error, as in ISO 12188-2
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class BodyStatistics:
 
 @dataclass(frozen=True, slots=True)
 class TrackingStatistics:
-    """Tracking errors after start-up by the shape of the reference."""
+    """Tracking errors after start-up, by shape of the reference."""
 
     straight: BodyStatistics
     curve: BodyStatistics
@@ -69,7 +69,7 @@ class MeanError:
 
 @dataclass(frozen=True, slots=True)
 class EstimationStatistics:
-    """Errors of the estimate from its first on, start-up included."""
+    """Errors of the estimate from the first estimate on, start-up included."""
 
     tractor: MeanError
     trailer: MeanError
@@ -97,15 +97,15 @@ class TimingStatistics:
 
 @dataclass(frozen=True, slots=True)
 class InputStatistics:
-    """How hard one input was used."""
+    """Saturation and rate of one input."""
 
-    saturated_fraction: float | None  # of ticks where a limit changed the command or it is at one
-    rms_rate: float | None  # of the command, in its unit a second
+    saturated_fraction: float | None  # of ticks with the command changed by or at a limit
+    rms_rate: float | None  # of the command, in its unit per second
 
 
 @dataclass(frozen=True, slots=True)
 class InputsStatistics:
-    """How hard the inputs were used."""
+    """Saturation and rate of the inputs."""
 
     delta_t: InputStatistics
     delta_i: InputStatistics
@@ -114,7 +114,7 @@ class InputsStatistics:
 
 @dataclass(frozen=True, slots=True)
 class SlipStatistics:
-    """Unsigned slip of the driven wheels and slip angle of the trailer's."""
+    """Absolute slip of the driven wheels and absolute slip angle of the trailer's wheels."""
 
     rear_mean: float | None
     rear_p95: float | None
@@ -123,9 +123,10 @@ class SlipStatistics:
 
 @dataclass(frozen=True, slots=True)
 class TubeStatistics:
-    """How well the truth kept to the controller's tube after start-up, by both axle points.
+    """Containment of both true axle points in the controller's tube after start-up.
 
-    The margin is 1 in the middle of the tube, 0 on its boundary and below 0 outside.
+    The margin is 1 minus the largest normalised deviation: 1 at the centre of the tube, 0 on its
+    boundary, below 0 outside.
     """
 
     contained_fraction: float | None  # of the control ticks
@@ -148,10 +149,10 @@ class Summary:
     estimation: EstimationStatistics
     timing: TimingStatistics
     inputs: InputsStatistics
-    tube: TubeStatistics | None  # None where the controller keeps to no tube
+    tube: TubeStatistics | None  # None if the run has no tube
     slip: SlipStatistics
     log: str | None
 
     def to_json(self) -> str:
-        """Return the text of `summary.json`; it holds no NaN, which JSON does not know."""
+        """Return the text of `summary.json`. It holds no NaN, which JSON does not define."""
         return json.dumps(asdict(self), indent=2, allow_nan=False, ensure_ascii=False) + "\n"

@@ -1,4 +1,4 @@
-"""The table of a run for the console: plain text, at most 80 columns."""
+"""Console table of a run: plain text, at most 80 columns."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _HEADS: Final = ("mean", "published", "rms", "p95", "max", "cross mean", "sd")
 _BODY_WIDTH: Final = 18
 
 
-def table(summary: Summary) -> str:
-    """Return the tracking errors of a run beside the published ones, in centimetres."""
+def format_run(summary: Summary) -> str:
+    """Return the tracking errors of a run and the published ones as text, in centimetres."""
     published = {(item.where, item.body): item.published_m for item in compare(summary)}
     lines = [
         f"{summary.scenario} · {summary.controller} · seed {summary.seed}: {summary.status} "
@@ -30,7 +30,7 @@ def table(summary: Summary) -> str:
             lines.append(f"{where:<10}{body}".ljust(_BODY_WIDTH) + _row(cells))
     lines += [
         "",
-        *_figures(summary),
+        *_other_numbers(summary),
         CAVEAT[0].upper() + CAVEAT[1:] + ". The first 8 s do not count.",
     ]
     if summary.failure:
@@ -39,14 +39,20 @@ def table(summary: Summary) -> str:
 
 
 def centimetres(metres: float | None, decimals: int = 1) -> str:
-    """Return a length as text in centimetres, a dash where there is none."""
+    """Return a length as text in centimetres, a dash for None."""
     return "–" if metres is None else f"{100.0 * metres:.{decimals}f}"
 
 
 def _cells(error: ErrorStatistics, published_m: float | None) -> tuple[str, ...]:
+    """Return the cells of one line in the order of `_HEADS`."""
     numbers = (
-        *(error.mean_euclidean_m, published_m, error.rms_m, error.p95_m, error.max_m),
-        *(error.cross_mean_m, error.cross_sd_m),
+        error.mean_euclidean_m,
+        published_m,
+        error.rms_m,
+        error.p95_m,
+        error.max_m,
+        error.cross_mean_m,
+        error.cross_sd_m,
     )
     return tuple(centimetres(number) for number in numbers)
 
@@ -56,7 +62,8 @@ def _row(cells: tuple[str, ...]) -> str:
     return "".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))
 
 
-def _figures(summary: Summary) -> list[str]:
+def _other_numbers(summary: Summary) -> list[str]:
+    """Return lines on timing and containment, as far as the run has these numbers."""
     step, factor = summary.timing.control_step_us, summary.timing.real_time_factor
     lines = []
     if step.median is not None and step.p99 is not None:

@@ -111,7 +111,7 @@ def run(
     """
     # Here, because matplotlib takes a second to load, and workers that only simulate need none.
     from ..figures import draw
-    from ..report.report import report
+    from ..report.run_report import render_run_report
 
     refuse_existing(folder)
     scenario, sources = _with_controller(scenario, factory, options)
@@ -142,7 +142,7 @@ def run(
         files[figure] = folder / f"{figure}.png"
         files[figure].write_bytes(content)
     files["report"] = folder / "report.html"
-    page = report(summary, record.events, resolved, pictures, assembly.mismatch)
+    page = render_run_report(summary, record.events, resolved, pictures, assembly.mismatch)
     files["report"].write_text(page, encoding="utf-8")
     return Finished(summary, record, files, assembly.mismatch, assembly.notes)
 

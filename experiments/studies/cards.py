@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Final
 
 from ..scenario.scenario import load, shipped
-from ..validation.plant_validation import Card, figure_text, summary_line, write_card
+from ..validation.plant_validation import PlantValidation, figure_text, summary_line
+from ..validation.validation_report import write_plant_validation
 
 _HEAD: Final = """\
 # Cards of the shipped scenarios
@@ -33,7 +34,7 @@ def main(folder: Path) -> None:
         scenario = load(name, [f'plant.wheels="{wheels}"'])[1]
         with tempfile.TemporaryDirectory() as parent:
             made = Path(parent) / "card"
-            card = write_card(name, scenario, made, lambda check: None)
+            card = write_plant_validation(name, scenario, made, lambda check: None)
             stem = name if wheels == "soil" else f"{name}-{wheels}"
             for suffix in ("html", "json"):
                 content = (made / f"card.{suffix}").read_bytes()
@@ -43,7 +44,7 @@ def main(folder: Path) -> None:
     (folder / "README.md").write_text(_HEAD + "".join(rows), encoding="utf-8")
 
 
-def _row(stem: str, card: Card) -> str:
+def _row(stem: str, card: PlantValidation) -> str:
     made = [check for check in card.checks if check.passed is not None]
     failed = "; ".join(
         f"{check.name}: {figure_text(check)}, expected {check.expectation}"

@@ -34,8 +34,7 @@ from ..results.containment import QUANTITIES, Containment, containment
 from ..run.simulate import simulate
 from ..scenario.scenario import load
 from ..scenario.tube_file import read_tube, to_json
-from ..tubes.fit import FitRun, fit_run, fit_tube
-from ..tubes.tube_table import tube_table
+from ..tubes.fit import FitRun, fit_run, fit_tube, format_fit
 from .containment_figures import draw
 
 DRIVER: Final = "ttempc-tube"  # of the laps to fit to, in the shipped tube of grass
@@ -93,7 +92,7 @@ def fresh_lap(case: Case, tube: Path, folder: Path, key: str, seed: int) -> dict
     name, scenario = load(case.scenario, settings(case, "ttempc-tube", tube))
     summary, record = simulate(name, scenario, seed)
     found = containment(record)
-    inside = found.share <= 1.0
+    inside = found.normalised_deviation <= 1.0
     if seed < FIRST_SEED + TRACKS:
         tracks = folder / "tracks"
         tracks.mkdir(exist_ok=True)
@@ -123,7 +122,7 @@ def fresh_lap(case: Case, tube: Path, folder: Path, key: str, seed: int) -> dict
         "straight": counts(~found.curved),
         "curve": counts(found.curved),
         "restarts": int((seen < 0.5).sum()),
-        "largest_share": found.share.max(axis=0, initial=0.0).tolist(),
+        "largest_share": found.normalised_deviation.max(axis=0, initial=0.0).tolist(),
         "cross_error_p95_m": [
             body.cross_p95_m
             for body in (summary.tracking.all.tractor, summary.tracking.all.trailer)
@@ -150,7 +149,7 @@ def tube_of(key: str, folder: Path, laps: int, pool: ProcessPoolExecutor) -> Pat
     except (InvalidFit, InvalidTube) as error:
         refused.write_text(f"{error}\n", encoding="utf-8")
         return None
-    (folder / f"{key}.txt").write_text(tube_table(fit) + "\n", encoding="utf-8")
+    (folder / f"{key}.txt").write_text(format_fit(fit) + "\n", encoding="utf-8")
     file.write_text(to_json(fit.file), encoding="utf-8")
     return file
 

@@ -27,7 +27,7 @@ from ..figures.style import (
     dress,
     legend,
 )
-from ..results.containment import QUANTITIES, Containment, to_the_left
+from ..results.containment import QUANTITIES, Containment, leftward
 
 _PLANES: Final = (("y_t_e_m", "psi_t_e_rad"), ("y_t_e_m", "y_i_e_m"), ("y_i_e_m", "psi_i_e_rad"))
 _LABELS: Final = {
@@ -75,7 +75,7 @@ def _path(file: Path, reference: Reference, tracks: Sequence[Any]) -> None:
             axes.fill(*band.T, color=PALE, alpha=0.6, linewidth=0.0)
         for number, track in enumerate(tracks):
             ticks = slice(len(track["time_s"]))  # a lap that was lost has fewer
-            driven = place[ticks] + to_the_left(track["deviation"][:, column, None]) * left[ticks]
+            driven = place[ticks] + leftward(track["deviation"][:, column, None]) * left[ticks]
             near.plot(*driven.T, color=colour, linewidth=0.5)
             label = body if number == 0 else None
             views["whole"].plot(*driven.T, color=colour, linewidth=0.5, label=label)
@@ -106,7 +106,7 @@ def _tracks(file: Path, tracks: Sequence[Any]) -> None:
             label = f"{len(tracks)} fresh laps" if place == 0 else None
             axes.plot(
                 track["time_s"],
-                to_the_left(track["deviation"][:, column]),
+                leftward(track["deviation"][:, column]),
                 color=BODY_COLOURS[body],
                 linewidth=0.5,
                 label=label,

@@ -21,7 +21,7 @@ from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import drive
 from ttempc.types import Input, State
 
-from ..results.tracking import tracking
+from ..results.tracking_errors import tracking_errors
 from ..run.assembly import assemble
 from ..scenario.scenario import load
 
@@ -55,7 +55,7 @@ def recover(
     drive(rig, ticks)
     record = recorder.record()
 
-    errors = tracking(record)
+    errors = tracking_errors(record)
     beside = np.stack([errors.tractor.cross_m, errors.trailer.cross_m])  # (2, n)
     outside = np.flatnonzero(np.abs(beside).max(axis=0) > NEAR_M)
     last = int(outside[-1]) + 1 if len(outside) else 0

@@ -9,7 +9,7 @@ from typing import Final
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import drive
 
-from ..results.tracking import START_UP_S
+from ..results.tracking_errors import START_UP_S
 from ..run.assembly import CONTROL_PERIOD_S, assemble
 from .engine import cores
 from .plan import Extent, Plan, Setting

@@ -12,10 +12,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from proving_ground.testbed.atomic_write import atomic_write, partial_path
 from proving_ground.testbed.recording.provenance import code_digest, versions
 
 from ..errors import SweepRefused, SweepStopped
-from ..output import in_place_of, part_of
 from .plan import Plan
 
 _LOCK: Final = ".lock"
@@ -77,7 +77,7 @@ def held(path: Path, plan: Plan, digest: str) -> Iterator[Folder]:
         SweepRefused: the folder holds something else, another study or other versions, or another
             process is at work in it; nothing is changed.
     """
-    parts = {part_of(path / name).name for name in (_VERSIONS, _STUDY)}
+    parts = {partial_path(path / name).name for name in (_VERSIONS, _STUDY)}
     ours = {_LOCK, _VERSIONS, *parts}  # of one that died at once
     try:
         if not is_begun(path) and path.exists() and {item.name for item in path.iterdir()} - ours:
@@ -142,7 +142,7 @@ def _difference(begun: Mapping[str, Any], now: Origin) -> str:
 
 def _write(file: Path, text: str) -> None:
     try:
-        with in_place_of(file) as stream:
+        with atomic_write(file) as stream:
             stream.write(text.encode())
     except OSError as error:
         raise SweepStopped(f"{file}: cannot be written: {error.strerror}") from None

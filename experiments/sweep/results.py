@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, Self
 
+from proving_ground.testbed.atomic_write import atomic_write
+
 from ..errors import SweepRefused, SweepStopped
-from ..output import in_place_of
 from .row import Row, line
 
 _SEEN: Final = 100  # rows from which polars.read_ndjson learns the types
@@ -119,7 +120,7 @@ def settle(file: Path, change: Callable[[Row], Row] = lambda row: row) -> None:
     if not changed and not moved:
         return
     try:
-        with in_place_of(file) as stream:
+        with atomic_write(file) as stream:
             for first in (True, False):
                 for number, row in enumerate(rows(file)):
                     if (number in moved) is first:

@@ -10,11 +10,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import Literal
 
+from proving_ground.testbed.atomic_write import partial_path
 from proving_ground.testbed.errors import LogError
 from proving_ground.testbed.recording.provenance import code_digest
 
 from ..errors import SweepStopped
-from ..output import part_of
 from ..run.simulate import simulate
 from ..scenario.scenario import Scenario
 from .row import Row, RowStatus, Value, figures, no_figures
@@ -92,7 +92,7 @@ def work(job: Job) -> Row:
         return job.row("failed", reason, no_figures(), perf_counter() - start)
     finally:
         if job.keep != "none":
-            for file in (part, part_of(part)):
+            for file in (part, partial_path(part)):
                 with contextlib.suppress(OSError):
                     file.unlink(missing_ok=True)
     wall_s = perf_counter() - start

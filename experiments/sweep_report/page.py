@@ -8,7 +8,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from ..figures.panel import Panel, alone, svg
-from ..report.page import environment
+from ..report.html import environment
 from ..sweep.row import Row
 from .format import command, estimate_text, numbers_text, percent_text, value_text
 from .report import Report

@@ -1,1 +1,1 @@
-"""Fitting of tubes to logged runs."""
+"""Fit of tubes to logged runs."""

@@ -1,4 +1,4 @@
-"""From the logs of runs to a tube: residuals, their sets, what a hold-out says, gains."""
+"""Fit of a tube to the logs of runs."""
 
 from __future__ import annotations
 
@@ -22,44 +22,46 @@ from ttempc.tube.reference_tube import ReferenceTube, TubeDesign
 from ttempc.types import FloatArray, State
 
 from ..errors import InvalidFit, InvalidScenario
-from ..results.confidence import fewest_samples, share
+from ..results.confidence import fewest_samples
+from ..results.containment import Containment
 from ..run.assembly import CONTROL_PERIOD_S, model_vehicle
 from ..scenario.scenario import Scenario, load
 from ..scenario.tube_file import HoldOut, Provenance, TubeFile, residual_table, tube_file
-from .residuals import Errors, Residuals, errors, residuals
+from .residuals import Residuals, RunErrors, residuals, run_errors
+from .set_fit import fit_set, hold_out
 
-WINDOW_STEPS = 10  # two seconds: by then the vehicle has moved by two thirds of its length
+WINDOW_STEPS = 10  # two seconds, in which the vehicle moves by two thirds of its length
 COVERAGE = 0.9
-RESERVE = 0.2  # share of each steering range that the tube shall leave free
+RESERVE = 0.2  # share of each steering range that the tube leaves free
 _HOLD_OUT_EVERY = 3  # of three runs, the third is held out
 _N = len(State)
 
 
 @dataclass(frozen=True)
 class FitRun:
-    """One run, as a fit sees it."""
+    """Data of one run for a fit."""
 
     scenario: str
     controller: str
     seed: int
     settings: Scenario
     reference: Reference
-    errors: Errors
+    errors: RunErrors
     residuals: Residuals
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A tube file with its tube along the reference of the runs."""
+    """A fitted tube: its file, and the tube along the reference of the runs."""
 
     file: TubeFile
     along: ReferenceTube
-    straight: int  # tick of the smallest curvature
-    curve: int  # tick of the sharpest
+    straight: int  # tick of the smallest curvature of the reference
+    curve: int  # tick in the middle of the longest sharpest curve
 
 
 def fit_run(record: Record, scenario: Scenario) -> FitRun:
-    """Return what a fit needs of a run.
+    """Return the data of one run for a fit.
 
     Raises:
         InvalidFit: the run is too short.
@@ -67,24 +69,24 @@ def fit_run(record: Record, scenario: Scenario) -> FitRun:
     mission = scenario.path.mission()
     vehicle = model_vehicle(mission, scenario, scenario.vehicles())
     reference = Reference(mission.path, vehicle, mission.speed)
-    seen = errors(record, reference, CONTROL_PERIOD_S)
+    errors = run_errors(record, reference, CONTROL_PERIOD_S)
     return FitRun(
-        record.metadata["scenario"],
-        record.metadata["controller"],
-        int(record.metadata["seed"]),
-        scenario,
-        reference,
-        seen,
-        residuals(seen, reference, CONTROL_PERIOD_S),
+        scenario=record.metadata["scenario"],
+        controller=record.metadata["controller"],
+        seed=int(record.metadata["seed"]),
+        settings=scenario,
+        reference=reference,
+        errors=errors,
+        residuals=residuals(errors, reference, CONTROL_PERIOD_S),
     )
 
 
-def read_runs(folders: Sequence[Path]) -> list[FitRun]:
-    """Return the runs in the folders, and in folders below them, in the order of their names.
+def read_fit_runs(folders: Sequence[Path]) -> list[FitRun]:
+    """Read all runs in the folders and their subfolders, sorted by name within each folder.
 
     Raises:
-        InvalidFit: there is no run in a folder, a log or its scenario cannot be read, a run is too
-            short, or the runs are of different vehicles.
+        InvalidFit: a folder holds no run, a log or its scenario cannot be read, a run is too
+            short, or the runs have different vehicles.
     """
     runs = []
     for folder in folders:
@@ -108,42 +110,6 @@ def read_runs(folders: Sequence[Path]) -> list[FitRun]:
     return runs
 
 
-def fit_set(
-    runs: Sequence[FloatArray], coverage: float, window: int, shape: Shape
-) -> DisturbanceSet:
-    """Return the set that holds the share `coverage` of all windows of the `runs` (n, 7) each.
-
-    The axes are those of the coordinates for a box, else those of the correlations' principal
-    components, scaled by the standard deviations. An ellipsoid has one radius; else every axis
-    has its own, the same quantile on each, such that together they hold the coverage: what has
-    heavy tails along one axis does not widen the others.
-    """
-    samples = np.concatenate(runs)
-    spread = samples.std(axis=0)
-    if not np.all(spread > 0.0):
-        raise InvalidFit(f"residuals without spread: standard deviations {spread.tolist()}")
-    axes = np.diag(spread)
-    if shape != "box":
-        vectors, values, _ = np.linalg.svd(np.corrcoef(samples.T))
-        axes = spread[:, None] * vectors * np.sqrt(values)
-    if shape == "ellipsoid":
-        unit = DisturbanceSet(axes, window, shape)
-        radius = np.quantile(np.concatenate([unit.fill(run) for run in runs]), coverage)
-        return DisturbanceSet(radius * axes, window, shape)
-    single = [
-        np.concatenate([_axis_fill(axes, run, window)[:, axis] for run in runs])
-        for axis in range(len(axes))
-    ]
-    return DisturbanceSet(axes * _joint_quantile(np.array(single).T, coverage), window, shape)
-
-
-def hold_out(made: DisturbanceSet, runs: Sequence[FloatArray], confidence: float) -> HoldOut:
-    """Return how many windows of the `runs`, one after the other without overlap, lie inside."""
-    fills = np.concatenate([made.fill(run)[:: made.window] for run in runs])
-    found = share(int((fills <= 1.0).sum()), len(fills), confidence)
-    return HoldOut(found.total, found.inside, found.low, found.high)
-
-
 def fit_tube(
     runs: Sequence[FitRun],
     coverage: float = COVERAGE,
@@ -151,23 +117,30 @@ def fit_tube(
     shape: Shape = "box",
     confidence: float = 0.95,
 ) -> Fit:
-    """Return the tube that the runs ask for, every third of them held out.
+    """Fit a tube to runs. Every third run is held out to check the fit.
+
+    Args:
+        runs: in the order in which they are held out.
+        coverage: share of the windows inside the disturbance set.
+        window: length of a window in control steps.
+        shape: of the disturbance set.
+        confidence: of the intervals of the hold-out counts, and of the least amount of data.
 
     Raises:
-        InvalidFit: there are too few data for the coverage; with the numbers.
-        InvalidTube: no gain makes a tube that fits into the inputs; with the numbers.
+        InvalidFit: there are too few data for the coverage. The message gives the numbers.
+        InvalidTube: no gain yields a tube within the input limits. The message gives the numbers.
     """
-    fitted = [run for place, run in enumerate(runs, 1) if place % _HOLD_OUT_EVERY]
-    held_out = [run for place, run in enumerate(runs, 1) if place % _HOLD_OUT_EVERY == 0]
+    fitted = [run for number, run in enumerate(runs, 1) if number % _HOLD_OUT_EVERY]
+    held_out = [run for number, run in enumerate(runs, 1) if number % _HOLD_OUT_EVERY == 0]
     _require_enough(fitted, held_out, coverage, window, confidence)
-    seen = [run.residuals.seen for run in fitted]
-    blur = [run.errors.estimation for run in fitted]
-    disturbance = fit_set(seen, coverage, window, shape)
-    estimate_error = fit_set(blur, coverage, 1, "zonotope")
+    disturbance = fit_set([run.residuals.estimated for run in fitted], coverage, window, shape)
+    estimate_error = fit_set([run.errors.estimation for run in fitted], coverage, 1, "zonotope")
+    held_residuals = [run.residuals.estimated for run in held_out]
+    held_estimation = [run.errors.estimation for run in held_out]
     reference = runs[0].reference
     ticks = int(reference.duration_s / CONTROL_PERIOD_S)
-    bend = np.abs(reference.at(np.arange(ticks) * CONTROL_PERIOD_S).curvature)
-    straight, curve = int(np.argmin(bend)), _longest(bend >= 0.999 * bend.max())
+    curvature = np.abs(reference.at(np.arange(ticks) * CONTROL_PERIOD_S).curvature)
+    straight, curve = int(np.argmin(curvature)), _longest(curvature >= 0.999 * curvature.max())
     weights = design_weights(reference, [straight, curve], disturbance)
     design = TubeDesign(reference.vehicle, CONTROL_PERIOD_S, disturbance, estimate_error, weights)
     provenance = Provenance(
@@ -182,11 +155,9 @@ def fit_tube(
         },
         coverage=coverage,
         confidence=confidence,
-        disturbance=hold_out(disturbance, [run.residuals.seen for run in held_out], confidence),
-        estimate_error=hold_out(
-            estimate_error, [run.errors.estimation for run in held_out], confidence
-        ),
-        seen=residual_table(np.concatenate([run.residuals.seen for run in runs])),
+        disturbance=hold_out(disturbance, held_residuals, confidence),
+        estimate_error=hold_out(estimate_error, held_estimation, confidence),
+        seen=residual_table(np.concatenate([run.residuals.estimated for run in runs])),
         true=residual_table(np.concatenate([run.residuals.true for run in runs])),
         estimation=residual_table(np.concatenate([run.errors.estimation for run in runs])),
         versions=versions(),
@@ -199,19 +170,23 @@ def fit_tube(
 def design_weights(
     reference: Reference, ticks: Sequence[int], disturbance: DisturbanceSet
 ) -> AncillaryWeights:
-    """Return the weights of the ancillary gain for roads as at the `ticks` of the reference.
+    """Return the weights of the ancillary gain for the error models at some ticks of a reference.
+
+    Args:
+        reference: along which the vehicle drives.
+        ticks: at which the error model is taken, as the straight and the sharpest curve.
+        disturbance: set of the one-step residuals.
 
     Raises:
-        InvalidTube: no gain makes a tube.
+        InvalidTube: no gain yields a tube.
     """
     vehicle, rows = reference.vehicle, list(ticks)
     a, b, c = error_dynamics(reference, CONTROL_PERIOD_S, max(rows) + 1)
     feedforward = exact_feedforward(reference, max(rows) + 1, CONTROL_PERIOD_S)
-    room = InputMargin.of(feedforward[rows], CommandLimits.of(vehicle, CONTROL_PERIOD_S))
-    return search_weights(
-        *(a[rows, :_N, :_N], b[rows, :_N], c[rows, :, :_N], disturbance, room),
-        reserve=RESERVE * np.array([vehicle.steering_limit_t, vehicle.steering_limit_i, 0.0]),
-    )
+    margin = InputMargin.of(feedforward[rows], CommandLimits.of(vehicle, CONTROL_PERIOD_S))
+    reserve = RESERVE * np.array([vehicle.steering_limit_t, vehicle.steering_limit_i, 0.0])
+    a, b, c = a[rows, :_N, :_N], b[rows, :_N], c[rows, :, :_N]
+    return search_weights(a, b, c, disturbance, margin, reserve=reserve)
 
 
 def _require_enough(
@@ -221,6 +196,7 @@ def _require_enough(
     window: int,
     confidence: float,
 ) -> None:
+    """Raise `InvalidFit` if there are too few runs or windows for the coverage."""
     if not 0.0 < coverage < 1.0:
         raise InvalidFit(f"coverage: got {coverage}, must be between 0 and 1")
     if not held_out:
@@ -228,7 +204,7 @@ def _require_enough(
             f"got {len(fitted)} runs, at least {_HOLD_OUT_EVERY} are needed: every third is held "
             "out to check the fit"
         )
-    windows = sum(len(run.residuals.seen) // window for run in fitted)
+    windows = sum(len(run.residuals.estimated) // window for run in fitted)
     needed = fewest_samples(coverage, confidence)
     if windows < needed:
         raise InvalidFit(
@@ -237,26 +213,47 @@ def _require_enough(
         )
 
 
-def _axis_fill(axes: FloatArray, run: FloatArray, window: int) -> FloatArray:
-    """Return the root of the energy of every window along each axis, (n - window + 1, 7)."""
-    energy = np.linalg.solve(axes, run.T) ** 2
-    windows = np.lib.stride_tricks.sliding_window_view(energy, window, axis=1)
-    return np.sqrt(windows.sum(axis=2)).T
-
-
-def _joint_quantile(samples: FloatArray, coverage: float) -> FloatArray:
-    """Return the quantiles (n,), all of one order, within which the `coverage` of rows lies."""
-    low, high = coverage, 1.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        inside = (samples <= np.quantile(samples, middle, axis=0)).all(axis=1).mean()
-        low, high = (middle, high) if inside < coverage else (low, middle)
-    return np.quantile(samples, high, axis=0)
-
-
 def _longest(flags: np.ndarray) -> int:
-    """Return the middle of the longest stretch of True."""
+    """Return the middle index of the longest run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     starts, ends = edges[::2], edges[1::2]
     longest = int(np.argmax(ends - starts))
     return int((starts[longest] + ends[longest]) // 2)
+
+
+def format_fit(fit: Fit) -> str:
+    """Return a table of the half widths, the free input ranges and the hold-out counts."""
+    provenance, certificate = fit.file.provenance, fit.along.tube.certificate
+    disturbance = fit.file.disturbance
+    lines = [
+        f"Runs      {', '.join(provenance.scenarios)}: {len(provenance.fitted_seeds)} fitted, "
+        f"{len(provenance.held_out_seeds)} held out",
+        f"Set       {disturbance.shape}, windows of {disturbance.window} steps, "
+        f"coverage {provenance.coverage:g}",
+        f"Hold-out  disturbance {_inside(provenance.disturbance, provenance.confidence)}",
+        "          error of the estimate "
+        f"{_inside(provenance.estimate_error, provenance.confidence)}",
+        f"Tube      alpha {certificate.alpha:.3f} after {certificate.terms} windows",
+        "",
+        f"{'half width':<24}{'straight':>10}{'curve':>10}{'largest':>10}",
+    ]
+    for body, column in Containment.ACROSS.items():
+        widths = fit.along.half_widths[:, column]
+        lines.append(_row(f"{body} cross-track [m]", widths, fit, widths.max()))
+    lines.append(f"{'free share of range':<24}{'straight':>10}{'curve':>10}{'least':>10}")
+    for column, name in enumerate(("front steering", "trailer steering", "hydrostat")):
+        free = fit.along.free_share[:, column]
+        lines.append(_row(name, free, fit, free.min()))
+    return "\n".join(lines)
+
+
+def _inside(count: HoldOut, confidence: float) -> str:
+    return (
+        f"{count.inside} of {count.windows} windows inside ({100.0 * confidence:g} %: "
+        f"{count.low:.4f} to {count.high:.4f})"
+    )
+
+
+def _row(name: str, values: FloatArray, fit: Fit, extreme: float) -> str:
+    cells = values[fit.straight], values[fit.curve], extreme
+    return f"{f'  {name}':<24}" + "".join(f"{cell:>10.3f}" for cell in cells)

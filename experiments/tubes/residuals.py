@@ -1,4 +1,4 @@
-"""What the error model leaves unexplained: one-step residuals of a recorded run."""
+"""One-step residuals of the error model in a recorded run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ttempc.reference.reference import Reference
 from ttempc.types import Estimate, FloatArray, State
 
 from ..errors import InvalidFit
-from ..results.tracking import START_UP_S
+from ..results.tracking_errors import START_UP_S
 
 _N = len(State)
 _STATE = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
@@ -26,47 +26,47 @@ _SAME_TIME_S = 1e-6
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Errors z_e of one run at successive control ticks after start-up, seen and true.
+class RunErrors:
+    """Estimated and true errors of one run at consecutive control ticks after start-up.
 
-    As `ttempc.mpc.articulated_error.error_state` has them.
+    The error is that of `ttempc.mpc.articulated_error.error_state`.
     """
 
     tick: FloatArray  # (n,) whole numbers
-    state: FloatArray  # (n, 16) of the estimate, with its disturbances
+    state: FloatArray  # (n, 16) error of the estimate, with the estimated disturbances
     true: FloatArray  # (n, 7)
     command: FloatArray  # (n, 3) as sent
 
     @property
-    def seen(self) -> FloatArray:
-        """Return the error of the estimate, (n, 7)."""
+    def estimated(self) -> FloatArray:
+        """Error z_e of the estimate, (n, 7)."""
         return self.state[:, :_N]
 
     @property
     def estimation(self) -> FloatArray:
-        """Return what the true error is less the seen one, (n, 7)."""
-        return self.true - self.seen
+        """True error minus estimated error, (n, 7)."""
+        return self.true - self.estimated
 
 
 @dataclass(frozen=True)
 class Residuals:
-    """What a step added to the error beside the model: w = z_e(k+1) - A z_e(k) - B u_e(k) + E s(k).
+    """One-step residuals w = z_e(k+1) - A z_e(k) - B u_e(k) + E s(k).
 
-    The estimated disturbances, map disturbance included, are part of the model. `true` takes the
-    true error at both ends of the step; `seen` that of the estimate, on which a controller acts.
-    The two differ by what the estimator learns in that step, which a controller meets as a
-    disturbance like any other.
+    The estimated disturbances s, map disturbance included, are part of the model. `true` takes the
+    true error at both ends of the step, `estimated` the error of the estimate, on which a
+    controller acts. They differ by the correction of the estimate in that step, which is one more
+    disturbance to the controller.
     """
 
-    seen: FloatArray  # (n - 1, 7)
+    estimated: FloatArray  # (n - 1, 7)
     true: FloatArray  # (n - 1, 7)
 
 
-def errors(record: Record, reference: Reference, period_s: float) -> Errors:
-    """Return the errors of a run after start-up, up to the first tick that is missing.
+def run_errors(record: Record, reference: Reference, period_s: float) -> RunErrors:
+    """Return the errors of a run from the end of start-up to the first missing tick.
 
     Raises:
-        InvalidFit: the run is too short to have two ticks.
+        InvalidFit: there are fewer than two consecutive ticks.
     """
     time_s = record[ESTIMATE].time_s
     ticks = np.round(time_s / period_s)
@@ -84,22 +84,21 @@ def errors(record: Record, reference: Reference, period_s: float) -> Errors:
         )
     at = time_s[first:last]
     sample = reference.at(at)
-    seen = record[ESTIMATE].columns(*_STATE, *_DISTURBANCE, *_MAP_DISTURBANCE)[first:last]
-    rows = np.searchsorted(record[STATE].time_s, at)
-    true = record[STATE].columns(*_STATE)[rows]
-    rows = np.searchsorted(record[CONTROL].time_s, at)
-    states = [_error(sample.state[k], row[:_N], row, reference) for k, row in enumerate(seen)]
-    truths = [_error(sample.state[k], true[k], row, reference) for k, row in enumerate(seen)]
-    return Errors(
-        ticks[first:last],
-        np.array(states),
-        np.array(truths)[:, :_N],
-        record[CONTROL].columns(*_COMMAND)[rows],
+    estimates = record[ESTIMATE].columns(*_STATE, *_DISTURBANCE, *_MAP_DISTURBANCE)[first:last]
+    true = record[STATE].columns(*_STATE)[np.searchsorted(record[STATE].time_s, at)]
+    command = record[CONTROL].columns(*_COMMAND)[np.searchsorted(record[CONTROL].time_s, at)]
+    states = [_error(sample.state[k], row[:_N], row, reference) for k, row in enumerate(estimates)]
+    truths = [_error(sample.state[k], true[k], row, reference) for k, row in enumerate(estimates)]
+    return RunErrors(
+        tick=ticks[first:last],
+        state=np.array(states),
+        true=np.array(truths)[:, :_N],
+        command=command,
     )
 
 
-def residuals(run: Errors, reference: Reference, period_s: float) -> Residuals:
-    """Return the one-step residuals of the errors of a run along its reference."""
+def residuals(run: RunErrors, reference: Reference, period_s: float) -> Residuals:
+    """Return the one-step residuals of a run along its reference."""
     tick = run.tick[:-1].astype(int)
     count = int(tick[-1]) + 1
     a, b, _ = error_dynamics(reference, period_s, count)
@@ -107,28 +106,35 @@ def residuals(run: Errors, reference: Reference, period_s: float) -> Residuals:
     u_e = feedforward[tick] - run.command[:-1]  # (n - 1, 3)
     driven = np.einsum("kij,kj->ki", b[tick, :_N], u_e)
 
-    def of(error: FloatArray) -> FloatArray:
+    def residual(error: FloatArray) -> FloatArray:
         state = np.concatenate([error, run.state[:, _N:]], axis=1)[:-1]
         return error[1:] - np.einsum("kij,kj->ki", a[tick, :_N], state) - driven
 
-    return Residuals(seen=of(run.seen), true=of(run.true))
+    return Residuals(estimated=residual(run.estimated), true=residual(run.true))
 
 
 def _error(
-    wanted: FloatArray, state: FloatArray, row: FloatArray, reference: Reference
+    reference_state: FloatArray, state: FloatArray, estimate: FloatArray, reference: Reference
 ) -> FloatArray:
-    """Return (z_e, s, m) of a `state` (7,) with the disturbances in a `row` of the estimate."""
-    last = _N + len(_DISTURBANCE)
+    """Return the augmented error (z_e, s, m), (16,).
+
+    Args:
+        reference_state: (7,).
+        state: estimated or true state, (7,).
+        estimate: row of the estimate whose disturbances are taken, (16,).
+        reference: along which the run was driven.
+    """
+    end = _N + len(_DISTURBANCE)
     return error_state(
-        wanted,
+        reference_state,
         Estimate(
             time_s=0.0,
             state=state,
             covariance=np.zeros((_N, _N)),
             trailer_xy=np.zeros(2),
             hitch_angle=0.0,
-            disturbance=row[_N:last],
-            map_disturbance=row[last:],
+            disturbance=estimate[_N:end],
+            map_disturbance=estimate[end:],
         ),
         reference.vehicle,
     )

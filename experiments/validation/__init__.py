@@ -1,1 +1,1 @@
-"""Plant validation: the card of a scenario."""
+"""Plant validation: inspection of a scenario's plant, with its report."""

@@ -1,33 +1,28 @@
-"""The card of a scenario's plant: the checks of `testbed.inspection` as lines, JSON, a page."""
+"""Plant validation of a scenario: the checks of `testbed.inspection` as text and JSON."""
 
 from __future__ import annotations
 
 import json
 import math
-import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Final
 
 from proving_ground.testbed.inspection.bench import Bench
-from proving_ground.testbed.inspection.check import Chart, Check, number
+from proving_ground.testbed.inspection.check import Check, number
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS, inspect
 from proving_ground.testbed.recording.provenance import versions
 
-from ..figures import png
-from ..output import make_folder, refuse_existing
-from ..report.page import Picture, environment
 from ..run.assembly import assemble
-from ..scenario.scenario import Scenario, dump
-from .figure import chart_figure
+from ..scenario.scenario import Scenario
 
-_SEED: Final = 1  # draws the terrain
+_SEED: Final = 1  # of the terrain
 
 
 @dataclass(frozen=True, slots=True)
-class Card:
-    """What the inspection of one scenario's plant found."""
+class PlantValidation:
+    """Results of the inspection of one scenario's plant."""
 
     scenario: str
     wheels: str
@@ -36,11 +31,11 @@ class Card:
 
     @property
     def passed(self) -> bool:
-        """Return whether every check that applies holds."""
+        """Whether every applicable check passed."""
         return all(check.passed is not False for check in self.checks)
 
     def to_json(self) -> str:
-        """Return the card as JSON; its keys are an interface. `null` stands for no number."""
+        """Return the content of card.json. A number that does not exist is `null`."""
         content = {
             "scenario": self.scenario,
             "wheels": self.wheels,
@@ -65,18 +60,18 @@ class Card:
 
 
 def bench(scenario: Scenario) -> Bench:
-    """Return the bench with the scenario's vehicle, wheels and ground, behind faultless valves.
+    """Return the bench with the scenario's vehicle, wheels and ground, and ideal valves.
 
     Raises:
-        ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
+        ExperimentError, TestbedError, TtempcError: the scenario is invalid.
     """
     ground, plant = scenario.terrain, assemble(scenario, _SEED).plant
-    of_a_class = ground.iso_class != "flat" and not ground.height_map
+    has_roughness = ground.iso_class != "flat" and not ground.height_map
     return Bench(
         vehicle=plant.vehicle,
         terrain=plant.terrain,
         soil=plant.soil,
-        rough=replace(ground, features=()).terrain(_SEED) if of_a_class else None,
+        rough=replace(ground, features=()).terrain(_SEED) if has_roughness else None,
         iso_class=ground.iso_class,
         slope_rad=ground.slope_rad,
         wheels=scenario.plant.wheels,
@@ -84,75 +79,32 @@ def bench(scenario: Scenario) -> Bench:
     )
 
 
-def make_card(
+def validate_plant(
     name: str,
     scenario: Scenario,
     experiments: Sequence[str] = tuple(EXPERIMENTS),
     on_check: Callable[[Check], object] = lambda check: None,
-) -> Card:
-    """Inspect the plant of a scenario; nothing is written.
+) -> PlantValidation:
+    """Inspect the plant of a scenario without writing files.
 
     Args:
         name: of the scenario.
-        scenario: whose plant.
-        experiments: names out of `EXPERIMENTS`.
-        on_check: is called with each check as it is made.
+        scenario: whose plant is inspected.
+        experiments: names of the experiments, keys of `EXPERIMENTS`.
+        on_check: called with each check when it is complete.
 
     Raises:
-        ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
+        ExperimentError, TestbedError, TtempcError: the scenario is invalid.
     """
     checks = []
     for check in inspect(bench(scenario), experiments):
         on_check(check)
         checks.append(check)
-    return Card(name, scenario.plant.wheels, versions(), tuple(checks))
+    return PlantValidation(name, scenario.plant.wheels, versions(), tuple(checks))
 
 
-def write_card(
-    name: str, scenario: Scenario, folder: Path, on_check: Callable[[Check], object]
-) -> Card:
-    """Inspect the plant of a scenario; write card.json, card.html and the figures to `folder`.
-
-    Raises:
-        OutputExists: the folder exists already; nothing is written.
-        ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
-            nothing is written.
-    """
-    refuse_existing(folder)
-    card = make_card(name, scenario, on_check=on_check)
-    make_folder(folder)
-    (folder / "card.json").write_text(card.to_json(), encoding="utf-8")
-    pictures = {}
-    for check in card.checks:
-        if check.chart is not None:
-            pictures[_stem(check.chart)] = (check.chart.title, png(chart_figure(check.chart)))
-    for stem, (_, content) in pictures.items():
-        (folder / f"{stem}.png").write_bytes(content)
-    shown = [Picture.of(stem, title, content) for stem, (title, content) in pictures.items()]
-    (folder / "card.html").write_text(page(card, dump(scenario), shown), encoding="utf-8")
-    return card
-
-
-def page(card: Card, scenario_toml: str, pictures: Sequence[Picture]) -> str:
-    """Return the text of `card.html`."""
-    counts = dict.fromkeys(("pass", "FAIL", "not applicable"), 0)
-    for check in card.checks:
-        counts[check.verdict] += 1
-    return (
-        environment()
-        .get_template("card.html.j2")
-        .render(
-            card=card,
-            counts=counts,
-            rows=[(check, figure_text(check)) for check in card.checks],
-            pictures=pictures,
-            scenario_toml=scenario_toml,
-        )
-    )
-
-
-def line(check: Check) -> str:
-    """Return a check as a line of text."""
+def format_check(check: Check) -> str:
+    """Return a check as one line of text."""
     if check.passed is None:
         return f"{'n/a':<5} {check.name}: {check.note}"
     note = f" ({check.note})" if check.note else ""
@@ -163,24 +115,19 @@ def line(check: Check) -> str:
 
 
 def figure_text(check: Check) -> str:
-    """Return the figure with its unit."""
+    """Return the measured value of a check with its unit, a dash if it does not apply."""
     return "–" if check.figure is None else f"{number(check.figure)} {check.unit}".rstrip()
+
+
+def summary_line(validation: PlantValidation) -> str:
+    """Return the number of passed checks as one line of text."""
+    counts = Counter(check.verdict for check in validation.checks)
+    passed, skipped = counts["pass"], counts["not applicable"]
+    return (
+        f"{validation.scenario}, {validation.wheels} wheels: {passed} of "
+        f"{passed + counts['FAIL']} checks hold" + (f", {skipped} do not apply" if skipped else "")
+    )
 
 
 def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
-
-
-def _stem(chart: Chart) -> str:
-    return re.sub(r"[^a-z0-9]+", "-", chart.title.lower()).strip("-")
-
-
-def summary_line(card: Card) -> str:
-    """Return how many checks hold."""
-    failed = sum(check.passed is False for check in card.checks)
-    skipped = sum(check.passed is None for check in card.checks)
-    return (
-        f"{card.scenario}, {card.wheels} wheels: {len(card.checks) - failed - skipped} of "
-        f"{len(card.checks) - skipped} checks hold"
-        + (f", {skipped} do not apply" if skipped else "")
-    )

@@ -1,4 +1,4 @@
-"""The command line, run as a user runs it: in a process of its own, in an empty folder."""
+"""Command line in a process of its own, in an empty folder."""
 
 import json
 import subprocess
@@ -34,7 +34,7 @@ def finished(tmp_path_factory):
     return done, cwd / "short"
 
 
-def test_a_run_leaves_everything_and_says_where(finished):
+def test_a_run_writes_its_files_and_prints_their_paths(finished):
     done, folder = finished
     names = {file.name for file in folder.iterdir()}
     assert {"log.mcap", "summary.json", "scenario.toml", "report.html"} <= names
@@ -83,7 +83,7 @@ def test_an_existing_folder_is_refused_and_left_alone(finished):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("gras",), "scenario 'gras': no such scenario; shipped are farm, furrows, grass"),
         (("nowhere.toml",), "no such file"),
@@ -116,7 +116,7 @@ def test_an_existing_folder_is_refused_and_left_alone(finished):
     ],
 )
 def test_bad_input_gets_one_line_and_exit_code_2_and_writes_nothing(
-    arguments, said, tmp_path, monkeypatch, capsys
+    arguments, message, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     try:
@@ -125,7 +125,7 @@ def test_bad_input_gets_one_line_and_exit_code_2_and_writes_nothing(
         code = stopped.code
     printed = capsys.readouterr()
     assert code == 2
-    assert said in printed.err
+    assert message in printed.err
     assert len(printed.err.strip().splitlines()) == 1
     assert not printed.out
     assert not any(tmp_path.iterdir())
@@ -137,10 +137,15 @@ def test_a_refusal_is_the_exit_code_of_the_process(tmp_path):
     assert done.stderr.startswith("ttempc: error: scenario 'gras'")
 
 
-def test_a_lost_vehicle_is_exit_code_3_with_log_and_summary(tmp_path):
+def test_early_termination_is_exit_code_3_with_log_and_summary(tmp_path):
     done = ttempc(
-        *("run", "--controller", "paper-printed-sign", "--out", "lost"),
-        *("--set", "path.laps=1"),
+        "run",
+        "--controller",
+        "paper-printed-sign",
+        "--out",
+        "lost",
+        "--set",
+        "path.laps=1",
         cwd=tmp_path,
     )
     assert done.returncode == 3, done.stdout
@@ -163,3 +168,50 @@ def test_help_says_what_is_written_and_what_the_exit_codes_mean(tmp_path):
     assert done.returncode == 0
     for word in ("summary.json", "log.mcap", "Exit code 0", "--set KEY=VALUE"):
         assert word in done.stdout
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run",
+        "view",
+        "list",
+        "sweep",
+        "report",
+        "envelope",
+        "compare",
+        "log",
+        "video",
+        "frame",
+        "card",
+        "fit-tube",
+    ],
+)
+def test_every_command_is_listed_and_has_a_help_text(command, capsys):
+    for arguments in (["--help"], [command, "--help"]):
+        with pytest.raises(SystemExit) as stopped:
+            main(arguments)
+        assert stopped.value.code == 0
+        lines = capsys.readouterr().out.splitlines()
+        assert any(line.split()[:1] == [command] or f"ttempc {command}" in line for line in lines)
+    assert len(lines) >= 7  # usage, description, options
+
+
+def test_help_loads_no_slow_package(tmp_path):
+    code = """if True:
+        import sys
+        from proving_ground.experiments.commands.cli import main
+        try:
+            main(sys.argv[1:])
+        finally:
+            slow = {"mujoco", "matplotlib", "distributed"} & set(sys.modules)
+            print("loaded:", *sorted(slow))"""
+    for arguments in (["--help"], ["run", "--help"], ["video", "--help"], ["sweep", "--help"]):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *arguments],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.stdout.splitlines()[-1] == "loaded:", done.stdout[-500:]

@@ -1,4 +1,4 @@
-"""`ttempc log` and `ttempc run --live`, as a user runs them."""
+"""`ttempc log`, `ttempc run --live` and `ttempc view`: output, exit codes, refusals."""
 
 import csv
 import os
@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.logs.log_check import check
+from proving_ground.experiments.logs.log_check import check_log
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.log.log import LogWriter
@@ -26,7 +26,7 @@ SHORT = ("--set", "path={kind='straight', length_m=15}")
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
-    """The log of a short run, at 50 Hz and shown to no one at 40 times real time."""
+    """The log of a short run, recorded at 50 Hz, with a live view without clients."""
     folder = tmp_path_factory.mktemp("run") / "short"
     options = ("--record-rate", "50", "--live", "--speed", "40", "--port", "0")
     assert main(["run", "grass", "--seed", "3", "--out", str(folder), *SHORT, *options]) == 0
@@ -54,7 +54,7 @@ def test_neither_a_live_view_nor_the_rate_of_the_record_changes_a_bit(log):
         assert np.array_equal(watched[channel].values, alone[channel].values, equal_nan=True)
 
 
-def test_a_picture_needs_nothing_but_the_log(log):
+def test_motion_and_ground_are_read_from_the_log_alone(log):
     content, record = read_content(log), read_log(log)
     motion = motion_of(content)
     tractor = motion.xyz[:, motion.body_names.index("tractor")]
@@ -63,11 +63,11 @@ def test_a_picture_needs_nothing_but_the_log(log):
     assert np.all(np.abs(tractor[:, 2] - heights - 0.4) < 0.1), "an axle a wheel above its ground"
 
 
-def test_info_says_which_run_and_what_is_in_it(log, capsys):
+def test_info_shows_run_duration_and_topics(log, capsys):
     assert main(["log", "info", str(log)]) == 0
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for word in ("grass", "whole", "/tf", "foxglove.SceneUpdate", "/tyres", "50.0", "15.00 s"):
-        assert word in said
+        assert word in printed
 
 
 def test_check_passes_a_whole_log_and_fails_a_torn_one(log, torn, tmp_path, capsys):
@@ -75,26 +75,26 @@ def test_check_passes_a_whole_log_and_fails_a_torn_one(log, torn, tmp_path, caps
     assert "FAIL" not in capsys.readouterr().out
     new = tmp_path / "new.mcap"
     assert main(["log", "check", str(torn), "--recover", str(new)]) == 1
-    said = capsys.readouterr().out
-    assert "FAIL  whole" in said
-    assert "whole chunks, up to " in said
+    printed = capsys.readouterr().out
+    assert "FAIL  whole" in printed
+    assert "whole chunks, up to " in printed
     assert main(["log", "check", str(new)]) == 0
     assert read_content(new).messages == read_content(torn).messages
     assert [file.name for file in tmp_path.iterdir()] == ["new.mcap"]
 
 
-def test_check_sees_what_is_missing(tmp_path):
+def test_check_reports_missing_topics_attachments_and_rows(tmp_path):
     file = tmp_path / "log.mcap"
     with LogWriter(file, metadata={}, attachments={}) as writer:
         for time_s in (0.0, 0.04, 0.02, 0.06, 0.5):
             writer.row(STATE, time_s, [0.0] * len(STATE.fields))
-    found = {each.what: each for each in check(read_content(file))}
-    assert found["whole"].good
-    assert "model.xml" in found["attachments"].detail
-    assert "/control" in found["topics"].detail
-    assert "backwards on /state" in found["time"].detail
-    assert "nothing for 440 ms" in found["truth"].detail
-    assert not any(found[what].good for what in ("attachments", "topics", "time", "truth"))
+    checks = {each.name: each for each in check_log(read_content(file))}
+    assert checks["whole"].passed
+    assert "model.xml" in checks["attachments"].detail
+    assert "/control" in checks["topics"].detail
+    assert "backwards on /state" in checks["time"].detail
+    assert "nothing for 440 ms" in checks["truth"].detail
+    assert not any(checks[name].passed for name in ("attachments", "topics", "time", "truth"))
 
 
 def test_tables_hold_the_log_to_the_bit(log, tmp_path):
@@ -115,13 +115,13 @@ def test_parquet_holds_the_log_to_the_bit(log, tmp_path):
     assert np.array_equal(table[list(STATE.fields)].to_numpy(), read_log(log)[STATE].values)
 
 
-def test_a_torn_log_is_exported_and_said_to_be_torn(torn, tmp_path, capsys):
+def test_a_torn_log_is_exported_with_a_note(torn, tmp_path, capsys):
     assert main(["log", "export", str(torn), "--out", str(tmp_path / "new")]) == 0
     assert "torn or damaged" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("info", "nowhere.mcap"), "nowhere.mcap: cannot be read"),
         (("check", "text.mcap"), "is not an MCAP log"),
@@ -135,7 +135,7 @@ def test_a_torn_log_is_exported_and_said_to_be_torn(torn, tmp_path, capsys):
     ],
 )
 def test_bad_input_gets_one_line_and_leaves_nothing(
-    log, torn, arguments, said, tmp_path, monkeypatch, capsys
+    log, torn, arguments, message, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "text.mcap").write_text("precious")
@@ -146,14 +146,14 @@ def test_bad_input_gets_one_line_and_leaves_nothing(
         code = stopped.code
     printed = capsys.readouterr()
     assert code == 2
-    assert said in printed.err
+    assert message in printed.err
     assert len(printed.err.strip().splitlines()) == 1
     assert not printed.out
     assert [file.name for file in tmp_path.iterdir()] == ["text.mcap"]
     assert (tmp_path / "text.mcap").read_text() == "precious"
 
 
-def test_parquet_without_its_extra_names_it(log, tmp_path, monkeypatch, capsys):
+def test_parquet_without_its_extra_is_refused_with_its_name(log, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     code = main(["log", "export", str(log), "--format", "parquet", "--out", str(tmp_path / "new")])
     assert code == 2
@@ -173,7 +173,7 @@ def test_a_taken_port_stops_the_run_before_it_writes(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("run", "--speed", "2"), "goes with --live only"),
         (("run", "--record-rate", "30"), "got 30 Hz, must be one of 5, 10, 20, 25, 50"),
@@ -182,8 +182,8 @@ def test_a_taken_port_stops_the_run_before_it_writes(tmp_path, capsys):
         (("view", "--speed", "0"), "speed 0, must be above 0"),
     ],
 )
-def test_what_cannot_be_shown_is_refused_in_one_line(
-    arguments, said, tmp_path, monkeypatch, capsys
+def test_live_view_and_window_refuse_bad_options_in_one_line(
+    arguments, message, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DISPLAY", raising=False)
@@ -191,7 +191,7 @@ def test_what_cannot_be_shown_is_refused_in_one_line(
     monkeypatch.setattr("sys.platform", "linux")
     assert main([*arguments, *SHORT]) == 2
     printed = capsys.readouterr()
-    assert said in printed.err
+    assert message in printed.err
     assert len(printed.err.strip().splitlines()) == 1
     assert not any(tmp_path.iterdir())
 

@@ -1,68 +1,218 @@
-"""The figures: drawn from any record, axes labelled with units, light, and the same every time."""
+"""Figures of a run: labels with units, drawn data equal to the record's, size, reproducibility."""
 
 import io
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from PIL import Image
 
 from proving_ground.experiments.figures import CAPTIONS, FIGURES, draw, png
-from tests.records import eight, record, straight
+from proving_ground.experiments.figures.panel import Panel, alone, svg, together
+from proving_ground.experiments.results.containment import QUANTITIES
+from proving_ground.experiments.results.tracking_errors import tracking_errors
+from proving_ground.testbed.recording.channels import (
+    CONTROL,
+    REFERENCE,
+    STATE,
+    TIMING,
+    TUBE,
+    TYRES,
+)
+from tests.records import eight, record, straight, table_of
 
 MAX_BYTES = 300_000
+HALF_WIDTH_M = 0.2
+
+
+@pytest.fixture(scope="module")
+def run():
+    """A run of 100 s with noisy errors and a tube of constant width about zero error."""
+    made_up = record(duration_s=100.0, cross=(0.05, -0.08), noise_m=0.03)
+    time_s = made_up[CONTROL].time_s
+    columns = {f"{name}_nominal": np.zeros(len(time_s)) for name in QUANTITIES}
+    columns |= {f"{name}_half_width": np.full(len(time_s), HALF_WIDTH_M) for name in QUANTITIES}
+    columns["margin"] = np.linspace(-1.0, 1.0, len(time_s))
+    tables = made_up.tables | {TUBE.topic: table_of(TUBE, time_s, columns)}
+    return replace(made_up, tables=tables)
+
+
+def line(axes, label):
+    """Return x and y (n, 2) of the first line with a label."""
+    lines = {one.get_label(): one for one in reversed(axes.lines)}
+    return lines[label].get_xydata()
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_axes_are_labelled_with_units(name):
-    figure = FIGURES[name](record(duration_s=100.0, noise_m=0.03))
-    shown_x = {axes.get_xlabel() for axes in figure.axes} - {""}
-    assert shown_x
+def test_axes_are_labelled_with_units(name, run):
+    figure = FIGURES[name](run)
+    x_labels = {axes.get_xlabel() for axes in figure.axes} - {""}
+    assert x_labels
+    assert all("[" in label for label in x_labels)
     for axes in figure.axes:
         label = axes.get_ylabel()
-        assert label
         assert "[" in label or label == "control periods"
-    assert all("[" in label for label in shown_x)
+
+
+def test_the_path_figure_shows_both_driven_paths_and_zooms_in_on_the_largest_errors(run):
+    whole, *zooms = FIGURES["path"](run).axes
+    np.testing.assert_array_equal(
+        line(whole, "reference"), run[REFERENCE].columns("x_t_m", "y_t_m")
+    )
+    np.testing.assert_array_equal(line(whole, "tractor"), run[STATE].columns("x_t_m", "y_t_m"))
+    np.testing.assert_array_equal(line(whole, "trailer"), run[STATE].columns("x_i_m", "y_i_m"))
+    errors = tracking_errors(run)
+    assert len(zooms) == len(whole.patches) == 2
+    for axes, shape in zip(zooms, (~errors.curved, errors.curved), strict=True):
+        rows = shape & (errors.time_s >= 8.0)
+        worst = np.argmax(np.where(rows, errors.tractor.euclidean_m, -1.0))
+        (text,) = axes.texts
+        assert f"t = {errors.time_s[worst]:.1f} s" in text.get_text()
+        assert f"{100 * errors.tractor.euclidean_m[worst]:.1f} cm" in text.get_text()
+        x, y = run[STATE].columns("x_t_m", "y_t_m")[worst]
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        assert left < x < right
+        assert bottom < y < top
+
+
+def test_the_error_figure_shows_the_distance_to_the_reference(run):
+    errors = tracking_errors(run)
+    for axes, body in zip(FIGURES["error"](run).axes, ("tractor", "trailer"), strict=True):
+        time_s, error_cm = axes.lines[0].get_xydata().T
+        np.testing.assert_array_equal(time_s, errors.time_s)
+        np.testing.assert_allclose(error_cm, 100 * getattr(errors, body).euclidean_m)
+        assert axes.get_ylabel() == f"{body} error [cm]"
+        assert axes.get_ylim()[0] == 0.0
+
+
+def test_mean_errors_are_written_into_the_figure():
+    figure = FIGURES["error"](record(cross=(0.123, 0.045), duration_s=100.0))
+    texts = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert texts == [
+        "mean on straights 12.3 cm, on curves 12.3 cm",
+        "mean on straights 4.5 cm, on curves 4.5 cm",
+    ]
+
+
+def test_control_signals_show_every_action_of_every_input(run):
+    figure = FIGURES["signals"](run)
+    control = run[CONTROL]
+    inputs = (("delta_t_rad", 180.0 / np.pi), ("delta_i_rad", 180.0 / np.pi), ("hp", 100.0))
+    for axes, (name, factor) in zip(figure.axes, inputs, strict=True):
+        assert len(axes.lines) == 7  # three actions, their sum, the command, two bounds
+        for label, action in (("feedback", "feedback"), ("total, as sent", "command")):
+            time_s, values = line(axes, label).T
+            np.testing.assert_array_equal(time_s, control.time_s)
+            np.testing.assert_allclose(values, factor * control[f"{name}_{action}"])
+        low, high = (one.get_ydata() for one in axes.lines[-2:])
+        np.testing.assert_allclose(low, factor * control[f"{name}_min"])
+        np.testing.assert_allclose(high, factor * control[f"{name}_max"])
+    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert labels == [
+        "feedforward",
+        "feedback",
+        "robust",
+        "total, before limits",
+        "total, as sent",
+        "bounds",
+    ]
+
+
+def test_the_tyre_figure_shows_means_over_a_second_of_each_wheel(run):
+    slip, angle, load = FIGURES["tyres"](run).axes
+    assert [len(axes.lines) for axes in (slip, angle, load)] == [2, 4, 6]
+    tyres = run[TYRES]
+    for axes, label, field, factor in (
+        (slip, "rear left", "rear_left_slip", 100.0),
+        (angle, "trailer right", "trailer_right_slip_angle_rad", 180.0 / np.pi),
+        (load, "front left", "front_left_load_n", 1e-3),
+    ):
+        second = np.floor(tyres.time_s) == 20.0
+        times_s, means = line(axes, label).T
+        drawn = means[np.floor(times_s) == 20.0]
+        assert drawn == pytest.approx([factor * tyres[field][second].mean()])
+
+
+def test_the_timing_figure_counts_every_control_period(run):
+    titles = {}
+    for axes in FIGURES["timing"](run).axes:
+        titles[axes.get_title(loc="left")] = axes
+    assert list(titles) == ["estimator", "control step", "QP solve", "plant, one physics step"]
+    axes = titles["control step"]
+    time_us = run[TIMING]["control_step_us"]
+    assert sum(patch.get_height() for patch in axes.patches) == len(time_us)
+    median, p99 = (one.get_xdata()[0] for one in axes.lines)
+    assert (median, p99) == pytest.approx(tuple(np.percentile(time_us, [50.0, 99.0])))
+
+
+def test_the_tube_figure_shows_offsets_to_the_left_and_the_margin(run):
+    *bodies, margin = FIGURES["tube"](run).axes
+    errors = tracking_errors(run)
+    for axes, body in zip(bodies, ("tractor", "trailer"), strict=True):
+        time_s, offset_cm = line(axes, body).T
+        rows = np.searchsorted(errors.time_s, time_s)
+        np.testing.assert_array_equal(errors.time_s[rows], time_s)
+        np.testing.assert_allclose(offset_cm, 100 * getattr(errors, body).cross_m[rows])
+        assert time_s[0] == pytest.approx(8.0)
+        band = next(each for each in axes.collections if each.get_label() == "tube")
+        y = band.get_paths()[0].vertices[:, 1]
+        assert (y.min(), y.max()) == pytest.approx((-100 * HALF_WIDTH_M, 100 * HALF_WIDTH_M))
+    drawn = margin.lines[0].get_ydata()
+    np.testing.assert_array_equal(drawn, run[TUBE]["margin"][run[TUBE].time_s >= 8.0])
+    (text,) = margin.texts
+    assert text.get_text() == f"inside {100.0 * np.mean(drawn >= 0.0):.1f} % of the ticks"
 
 
 @pytest.mark.parametrize(
-    ("curvature", "duration_s"),
-    [(straight, 20.0), (eight, 4.0), (eight, 0.0)],
+    ("curvature", "duration_s", "texts"),
+    [
+        (straight, 20.0, {"path": "no curve after the start-up", "error": "mean on straights"}),
+        (eight, 4.0, {"path": "no curve after the start-up", "error": "shorter than the start-up"}),
+        (eight, 0.0, {"path": "no straight after the start-up"}),
+    ],
     ids=["no curve", "within the start-up", "over at once"],
 )
-def test_every_run_has_figures(curvature, duration_s):
-    for content in draw(record(curvature, duration_s)).values():
-        assert Image.open(io.BytesIO(content)).format == "PNG"
+def test_a_run_without_curves_or_counted_time_has_figures_with_a_note(curvature, duration_s, texts):
+    short = record(curvature, duration_s)
+    assert set(draw(short)) == set(FIGURES) - {"tube"}
+    for name, text in texts.items():
+        notes = [note.get_text() for axes in FIGURES[name](short).axes for note in axes.texts]
+        assert any(text in note for note in notes), notes
 
 
-def test_figures_are_light_and_as_wide_as_a_page():
+def test_figures_are_small_png_files_as_wide_as_a_page():
     pictures = draw(record(duration_s=273.0, noise_m=0.03))
     assert set(pictures) == set(FIGURES) - {"tube"}
     assert set(CAPTIONS) == set(FIGURES)
     for content in pictures.values():
         assert len(content) < MAX_BYTES
-        assert Image.open(io.BytesIO(content)).width == 792
+        picture = Image.open(io.BytesIO(content))
+        assert (picture.format, picture.width) == ("PNG", 792)
 
 
-def test_the_same_record_gives_the_same_picture():
-    run = record(duration_s=30.0, noise_m=0.03)
+def test_the_same_record_gives_the_same_picture(run):
     assert png(FIGURES["error"](run)) == png(FIGURES["error"](run))
 
 
-def test_control_signals_show_every_action_of_every_input():
-    figure = FIGURES["signals"](record())
-    assert len(figure.axes) == 3
-    for axes in figure.axes:
-        assert len(axes.lines) == 7  # three actions, their sum, what was sent, two bounds
-    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert labels == [
-        *("feedforward", "feedback", "robust"),
-        *("total, before limits", "total, as sent", "bounds"),
+def test_panels_side_by_side_share_one_legend_and_hide_unused_axes():
+    panels = [
+        Panel("first", lambda axes: axes.plot([0.0, 1.0])),
+        Panel("second", lambda axes: axes.plot([1.0, 0.0]), series=("a", "b")),
+        Panel("third", lambda axes: axes.plot([1.0, 1.0])),
     ]
+    figure = together(panels)
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles == ["first", "second", "third", ""]
+    assert [axes.axison for axes in figure.axes] == [True, True, True, False]
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["a", "b"]
 
 
-def test_mean_errors_are_written_into_the_figure():
-    figure = FIGURES["error"](record(cross=(0.123, 0.045), duration_s=100.0))
-    words = [text.get_text() for axes in figure.axes for text in axes.texts]
-    assert words == [
-        "mean on straights 12.3 cm, on curves 12.3 cm",
-        "mean on straights 4.5 cm, on curves 4.5 cm",
-    ]
+def test_svg_figures_of_one_page_share_no_id():
+    def ids(name):
+        text = svg(alone(Panel("one", lambda axes: axes.plot([0.0, 1.0]))), name)
+        assert text.startswith("<svg viewBox=")
+        return {part.partition('"')[0] for part in text.split(' id="')[1:]}
+
+    assert ids("first")
+    assert not ids("first") & ids("second")

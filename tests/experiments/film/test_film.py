@@ -1,4 +1,4 @@
-"""Films and pictures of logs: what they show is what was logged, and bad input leaves nothing."""
+"""Films and pictures of logs: poses and projections as logged, formats, refusals."""
 
 import ctypes.util
 import math
@@ -14,15 +14,15 @@ from PIL import Image
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFilm
+from proving_ground.experiments.film.body_poses import place_bodies
 from proving_ground.experiments.film.camera import FIELD_OF_VIEW
+from proving_ground.experiments.film.composition import FilmSetup
 from proving_ground.experiments.film.field import FieldMesh
-from proving_ground.experiments.film.film import pictures
-from proving_ground.experiments.film.posing import place_bodies
+from proving_ground.experiments.film.mujoco_scene import MujocoScene
+from proving_ground.experiments.film.render import render_frames
 from proving_ground.experiments.film.replay import read_replay
 from proving_ground.experiments.film.ribbon import Ribbon
-from proving_ground.experiments.film.scenes import Setup
 from proving_ground.experiments.film.shot import FRAME_RATE, Shot
-from proving_ground.experiments.film.stage import Stage
 from proving_ground.experiments.film.writer import FilmWriter
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.recording.channels import STATE
@@ -83,7 +83,7 @@ def test_bodies_at_given_places_carry_their_shapes_as_mujoco_does(replay):
     np.testing.assert_allclose(placed.geom_xmat[moving], joints.geom_xmat[moving], atol=1e-9)
 
 
-def test_a_ribbon_lies_on_the_ground_as_wide_as_told_and_hides_what_it_does_not_need(bumps):
+def test_a_ribbon_lies_on_the_ground_with_its_width_and_hides_unused_points(bumps):
     along = np.linspace(0.0, 2.0, 30)
     points = np.column_stack([3.0 * np.cos(along), 3.0 * np.sin(along)])
     ribbon, mesh = Ribbon("ribbon", 40, 0.2, 0.01), SimpleNamespace(vertices=np.empty((80, 3)))
@@ -98,7 +98,7 @@ def test_a_ribbon_lies_on_the_ground_as_wide_as_told_and_hides_what_it_does_not_
     assert np.all(turn[:, 2] > 0.0), "faces look up"
 
 
-def test_the_field_is_whole_has_its_heights_and_is_fine_where_one_looks(bumps):
+def test_the_field_mesh_covers_the_field_with_its_heights_and_is_fine_near_its_centre(bumps):
     field = FieldMesh(bumps, 1.0)
     spec = mujoco.MjSpec()
     spec.add_hfield(name="ground", nrow=2, ncol=2, size=[1, 1, 1, 1], userdata=[0.0] * 4)
@@ -108,7 +108,7 @@ def test_the_field_is_whole_has_its_heights_and_is_fine_where_one_looks(bumps):
     field.add_to(spec)
     count = spec.compile().mesh("field").vertnum[0]
     parts = {name: np.empty((count, 3)) for name in ("vertices", "normals")}
-    mesh = SimpleNamespace(**parts, texture_places=np.empty((count, 2)))
+    mesh = SimpleNamespace(**parts, texture_coordinates=np.empty((count, 2)))
     assert field.lay(mesh, 2.0, 1.0)
     assert not field.lay(mesh, 2.1, 1.0), "near enough to leave it"
     x, y, z = mesh.vertices.T
@@ -121,7 +121,7 @@ def test_the_field_is_whole_has_its_heights_and_is_fine_where_one_looks(bumps):
 
 
 def projected(place, view, size):
-    """Return where a pinhole camera sees a place (3,): pixels to the right and down."""
+    """Return the pixel of a position (3,) in a pinhole camera: to the right and down."""
     width, height = size
     upright = [0.0, 1.0, 0.0] if abs(view.forward[2]) > 1.0 - 1e-9 else [0.0, 0.0, 1.0]
     right = np.cross(view.forward, upright)
@@ -133,21 +133,21 @@ def projected(place, view, size):
 
 
 @needs_gl
-def test_the_cameras_see_the_tractor_where_the_projection_has_it(replay):
-    stage = Stage(replay, SMALL, 1.0)
+def test_the_cameras_show_the_tractor_at_its_projected_position(replay):
+    scene = MujocoScene(replay, SMALL, 1.0)
     try:
         for camera, geom in (("side", "bonnet"), ("top", "roof"), ("chase", "roof")):
-            picture = stage.picture(camera, 6.0).astype(float)
-            place = stage.data.geom(geom).xpos
-            x, y = projected(place, stage.operator.view(camera, 6.0), SMALL)
+            picture = scene.picture(camera, 6.0).astype(float)
+            place = scene.data.geom(geom).xpos
+            x, y = projected(place, scene.camera.view(camera, 6.0), SMALL)
             red, green, blue = picture[round(y), round(x)]
             assert red > 90.0, (camera, x, y)
             assert red > 2.0 * max(green, blue), (camera, x, y)
         xyz, _ = replay.poses(6.0)
-        found = [stage.data.body(name).xpos for name in replay.motion.body_names]
-        np.testing.assert_array_equal(found, xyz)
+        positions = [scene.data.body(name).xpos for name in replay.motion.body_names]
+        np.testing.assert_array_equal(positions, xyz)
     finally:
-        stage.close()
+        scene.close()
 
 
 @needs_gl
@@ -189,37 +189,39 @@ def test_a_plan_film_needs_no_opengl_and_plays_in_a_browser(log, tmp_path, monke
 
 
 def test_processes_share_a_film_without_changing_it(replay):
-    setup = Setup((replay,), Shot("plan", 0.0, 11.0, 5.0, SMALL))
-    alone, shared = (list(pictures(setup, workers)) for workers in (1, 2))
+    setup = FilmSetup((replay,), Shot("plan", 0.0, 11.0, 5.0, SMALL))
+    alone, shared = (list(render_frames(setup, workers)) for workers in (1, 2))
     assert len(alone) == 55
     np.testing.assert_array_equal(alone, shared)
 
 
 def test_the_plan_shows_the_tractor_where_it_was(replay):
-    scene = Setup((replay,), Shot("plan", 0.0, 5.0, 1.0, (1280, 720)), moving=False).scene()
+    scene = FilmSetup(
+        (replay,), Shot("plan", 0.0, 5.0, 1.0, (1280, 720)), moving=False
+    ).frame_source()
     early, late = (scene.picture(t)[60:550, :880].astype(int) for t in (1.0, 9.0))
-    places = []
+    centroids = []
     for picture in (early, late):
         red, green, blue = np.moveaxis(picture, -1, 0)
         rows, columns = np.nonzero((red > 150) & (red > 2 * green) & (red > 2 * blue))
-        places.append((columns.mean(), -rows.mean()))
-    seen = np.subtract(places[1], places[0])
-    there = np.diff([replay.places(STATE, t)[0] for t in (1.0, 9.0)], axis=0)[0]
-    assert math.atan2(seen[1], seen[0]) == pytest.approx(math.atan2(there[1], there[0]), abs=0.1)
+        centroids.append((columns.mean(), -rows.mean()))
+    x, y = np.subtract(centroids[1], centroids[0])
+    east, north = np.diff([replay.positions(STATE, t)[0] for t in (1.0, 9.0)], axis=0)[0]
+    assert math.atan2(y, x) == pytest.approx(math.atan2(north, east), abs=0.1)
 
 
 def test_without_opengl_the_packages_and_the_plan_are_named(log, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "mujoco.egl", None)
     file = tmp_path / "film.mp4"
     assert main(["video", str(log), "-o", str(file)]) == 2
-    said = capsys.readouterr().err
-    assert "libegl1 libgl1" in said
-    assert "--camera plan" in said
-    assert said.count("\n") == 1
+    message = capsys.readouterr().err
+    assert "libegl1 libgl1" in message
+    assert "--camera plan" in message
+    assert message.count("\n") == 1
     assert not list(tmp_path.iterdir())
 
 
-def test_without_h264_it_is_said(log, tmp_path, monkeypatch, capsys):
+def test_a_missing_h264_encoder_is_reported(log, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(av, "codecs_available", {"mpeg4"})
     assert main(["video", str(log), "--camera", "plan", "-o", str(tmp_path / "f.mp4")]) == 2
     assert "no H.264 encoder" in capsys.readouterr().err
@@ -278,10 +280,10 @@ def test_bad_input_is_refused_in_one_line(bad_logs, line, words, monkeypatch, ca
         code = main(line)
     except SystemExit as exit:
         code = exit.code
-    said = capsys.readouterr()
+    printed = capsys.readouterr()
     assert code == 2
-    assert words in said.err
-    assert said.err.count("\n") == 1
-    assert said.out == ""
+    assert words in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
     assert sorted(bad_logs.iterdir()) == before
     assert (bad_logs / "taken.mp4").read_text() == "mine"

@@ -1,9 +1,9 @@
-"""The layout that ships: what it asks for, a log holds."""
+"""Shipped Foxglove layout: its topics and fields exist in a log."""
 
 import json
 import re
 
-from proving_ground.experiments.logs.foxglove_layout import FILE, text
+from proving_ground.experiments.logs.foxglove_layout import FILE, layout_text
 from proving_ground.testbed.messages.publisher import topics_of
 from proving_ground.testbed.recording.channels import CHANNELS
 
@@ -33,15 +33,15 @@ def leaves(node):
 
 
 def test_the_file_is_what_its_program_writes():
-    assert FILE.read_text(encoding="utf-8") == text(), (
+    assert FILE.read_text(encoding="utf-8") == layout_text(), (
         "run python -m experiments.logs.foxglove_layout"
     )
 
 
 def test_every_topic_and_field_in_it_exists():
-    found = [each for each in texts(LAYOUT["configById"]) if re.match(r"/\w", each)]
-    assert len(found) > 30
-    assert set(found) <= FIELDS | {topic.name for topic in topics_of()}
+    topics = [each for each in texts(LAYOUT["configById"]) if re.match(r"/\w", each)]
+    assert len(topics) > 30
+    assert set(topics) <= FIELDS | {each.name for each in topics_of()}
 
 
 def test_every_panel_has_one_place():

@@ -1,4 +1,4 @@
-"""The report: one file that needs no other, tells all, and trusts no text."""
+"""Report of a run: self-contained, complete, with escaped text."""
 
 import base64
 import re
@@ -8,21 +8,28 @@ from html.parser import HTMLParser
 import pytest
 
 from proving_ground.experiments.figures import draw
-from proving_ground.experiments.report.report import report
+from proving_ground.experiments.report.run_report import render_run_report
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.testbed.recording.record import Event
 from tests.records import record
 
 FACTS = RunFacts(
-    *("0", "made-up", "none", 1, "lost", "roll-over <at> the & fence", 10.0, {"ttempc": "9.8"}),
+    run_id="0",
+    scenario="made-up",
+    controller="none",
+    seed=1,
+    status="lost",
+    failure="roll-over <at> the & fence",
+    wall_s=10.0,
+    versions={"ttempc": "9.8"},
     log="log.mcap",
 )
 SCENARIO = 'name = "made-up"\n# <script>alert(1)</script>\n'
 
 
 class Page(HTMLParser):
-    """Checks that tags are closed in order, and gathers what they point at."""
+    """Parser that checks the nesting of tags and collects links and images."""
 
     VOID = frozenset({"meta", "img", "br", "link"})
 
@@ -34,10 +41,10 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.add(tag)
-        given = dict(attrs)
-        self.links += [given[name] for name in ("href", "src") if name in given]
+        attributes = dict(attrs)
+        self.links += [attributes[name] for name in ("href", "src") if name in attributes]
         if tag == "img":
-            self.images.append(given)
+            self.images.append(attributes)
         if tag not in self.VOID:
             self.open.append(tag)
 
@@ -57,32 +64,42 @@ def pictures(run):
 
 @pytest.fixture(scope="module")
 def text(run, pictures):
-    return report(summarise(run, FACTS), run.events, SCENARIO, pictures)
+    return render_run_report(summarise(run, FACTS), run.events, SCENARIO, pictures)
 
 
-def test_it_needs_nothing_from_elsewhere(text):
+def test_it_loads_no_other_file(text):
     assert not re.search(r"https?:|//|@import|url\(", re.sub(r"base64,[\w+/=]*", "", text))
     links = [link for link in Page(text).links if not link.startswith("data:")]
     assert links == ["log.mcap", "summary.json", "scenario.toml"]
     assert not Page(text).tags & {"script", "link", "iframe"}
 
 
-def test_it_holds_every_figure_with_words_for_those_who_do_not_see_it(text, pictures):
+def test_it_holds_every_figure_with_an_alternative_text(text, pictures):
     images = Page(text).images
-    held = [base64.b64decode(image["src"].partition(",")[2]) for image in images]
-    assert held == list(pictures.values())
+    contents = [base64.b64decode(image["src"].partition(",")[2]) for image in images]
+    assert contents == list(pictures.values())
     assert all(image["alt"] for image in images)
 
 
-def test_it_tells_how_the_run_went(text):
+def test_it_shows_errors_status_and_events(text):
     for word in (
-        *("12.3", "5.7", "23.49", "21.21", "39.82", "36.21", "lost", "roll-over", "ttempc 9.8"),
-        *("31.40 s", "ield experiment; here: simulation", "60.0 s"),
+        "12.3",  # measured [cm]
+        "5.7",
+        "23.49",  # published [cm]
+        "21.21",
+        "39.82",
+        "36.21",
+        "lost",
+        "roll-over",
+        "ttempc 9.8",
+        "31.40 s",
+        "ield experiment; here: simulation",
+        "60.0 s",
     ):
         assert word in text
 
 
-def test_text_of_others_stays_text(text):
+def test_text_is_escaped(text):
     for danger in ("<script>", "<b>", "<at>"):
         assert danger not in text
     assert "roll-over &lt;at&gt; the &amp; fence" in text
@@ -90,7 +107,7 @@ def test_text_of_others_stays_text(text):
 
 def test_a_flood_of_events_is_cut_and_counted(run, pictures):
     events = [Event(float(k), "info", f"event {k} of many") for k in range(250)]
-    text = report(summarise(run, FACTS), events, SCENARIO, pictures)
+    text = render_run_report(summarise(run, FACTS), events, SCENARIO, pictures)
     assert text.count("of many") == 100
     assert "150 more in the log" in text
 
@@ -98,5 +115,5 @@ def test_a_flood_of_events_is_cut_and_counted(run, pictures):
 def test_a_run_without_log_failure_events_or_numbers_has_a_report():
     facts = replace(FACTS, status="completed", failure=None, log=None)
     empty = record(duration_s=0.0)
-    page = Page(report(summarise(empty, facts), (), "", {}))
+    page = Page(render_run_report(summarise(empty, facts), (), "", {}))
     assert page.links == ["summary.json", "scenario.toml"]

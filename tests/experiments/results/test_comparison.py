@@ -1,4 +1,4 @@
-"""Runs side by side: the figures are those of each run, and only what belongs together is shown."""
+"""Comparison of runs: statistics and figures equal those of each run; refusals."""
 
 import csv
 import json
@@ -6,21 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import NotComparable
+from proving_ground.experiments.figures.comparison_figures import COMPARISONS
+from proving_ground.experiments.film.composition import FilmSetup
 from proving_ground.experiments.film.replay import read_replay
-from proving_ground.experiments.film.scenes import Setup
 from proving_ground.experiments.film.shot import Shot
-from proving_ground.experiments.results.comparison import read_compared, table
+from proving_ground.experiments.results.run_comparison import format_comparison, read_compared
+from proving_ground.testbed.recording.channels import CONTROL, STATE
 
 
 def logs(short_runs, *names):
     return [short_runs / name / "log.mcap" for name in names]
 
 
-def test_the_figures_are_those_of_each_run(short_runs, tmp_path, capsys):
+def test_the_statistics_are_those_of_each_run(short_runs, tmp_path, capsys):
     files = logs(short_runs, "paper", "nominal")
     folder = tmp_path / "both"
     assert main(["compare", *map(str, files), "-o", str(folder)]) == 0
@@ -35,11 +36,29 @@ def test_the_figures_are_those_of_each_run(short_runs, tmp_path, capsys):
             figures = summary["tracking"][row["where"]][row["body"]]
             for name, value in figures.items():
                 assert row[name] == ("" if value is None else repr(value)), name
-    for name in ("path", "error", "signals"):
-        assert np.asarray(Image.open(folder / f"{name}.png").convert("L")).std() > 5.0
+    assert {file.stem for file in folder.glob("*.png")} == set(COMPARISONS)
 
 
-def test_runs_are_compared_up_to_the_end_that_all_reach(short_runs):
+def test_the_figures_show_each_run_up_to_the_common_end(short_runs):
+    runs = read_compared(logs(short_runs, "paper", "nominal"))
+    runs = [replace(run, end_s=9.0) for run in runs]
+    paths, errors, inputs = (COMPARISONS[name](runs) for name in ("path", "error", "signals"))
+    for k, run in enumerate(runs):
+        rows = run.record[STATE].time_s <= 9.0
+        driven = run.record[STATE].columns("x_i_m", "y_i_m")[rows]
+        np.testing.assert_array_equal(paths.axes[1].lines[k + 1].get_xydata(), driven)
+        trailer = errors.axes[1].lines[k].get_ydata()
+        np.testing.assert_allclose(trailer, 100.0 * run.errors.trailer.euclidean_m)
+        control = run.record[CONTROL]
+        sent = inputs.axes[2].lines[k].get_ydata()
+        expected = np.where(control.time_s <= 9.0, 100.0 * control["hp_command"], np.nan)
+        np.testing.assert_allclose(sent, expected)
+    for figure in (paths, errors, inputs):
+        labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+        assert labels[-2:] == [run.label for run in runs]
+
+
+def test_runs_are_compared_up_to_the_end_of_the_shortest(short_runs):
     runs = read_compared(logs(short_runs, "paper", "nominal"))
     assert runs[0].end_s == runs[1].end_s
     shorter = replace(runs[0], end_s=9.0)
@@ -48,18 +67,18 @@ def test_runs_are_compared_up_to_the_end_that_all_reach(short_runs):
     np.testing.assert_array_equal(
         shorter.errors.tractor.cross_m, runs[0].errors.tractor.cross_m[kept]
     )
-    assert "8 to 9.0 s" in table([shorter])
+    assert "8 to 9.0 s" in format_comparison([shorter])
 
 
-def test_runs_abreast_show_each_run_in_its_own_part(short_runs):
+def test_a_side_by_side_film_shows_each_run_in_its_own_part(short_runs):
     both = tuple(map(read_replay, logs(short_runs, "paper", "nominal")))
     shot = Shot("plan", 0.0, 5.0, 8.0, (640, 180))
-    swapped = Setup(both[::-1], shot).scene().picture(8.0)
-    picture = Setup(both, shot).scene().picture(8.0)
+    swapped = FilmSetup(both[::-1], shot).frame_source().picture(8.0)
+    picture = FilmSetup(both, shot).frame_source().picture(8.0)
     assert picture.shape == (180, 640, 3)
     np.testing.assert_array_equal(picture[:, :320], swapped[:, 320:])
     np.testing.assert_array_equal(picture[:, 320:], swapped[:, :320])
-    beyond = Setup(both, shot).scene().picture(1e3)
+    beyond = FilmSetup(both, shot).frame_source().picture(1e3)
     assert beyond.shape == picture.shape, "a run that has ended stays"
 
 
@@ -72,13 +91,13 @@ def test_runs_abreast_show_each_run_in_its_own_part(short_runs):
         (["paper", "none"], "cannot be read"),
     ],
 )
-def test_what_does_not_belong_together_is_refused(short_runs, names, words, tmp_path, capsys):
+def test_runs_that_are_not_comparable_are_refused(short_runs, names, words, tmp_path, capsys):
     folder = tmp_path / "both"
     files = logs(short_runs, *names)
     assert main(["compare", *map(str, files), "-o", str(folder)]) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert said.count("\n") == 1
+    message = capsys.readouterr().err
+    assert words in message
+    assert message.count("\n") == 1
     assert not folder.exists()
 
 

@@ -1,4 +1,4 @@
-"""Laws of the numbers: closed forms, invariance under motions of the map, the interface's keys."""
+"""Summary of a run: closed forms, invariance under motions of the map, keys of summary.json."""
 
 import json
 import math
@@ -10,15 +10,22 @@ import pytest
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.published import compare
 from proving_ground.experiments.results.summary import RunFacts
-from proving_ground.experiments.results.table import WIDTH, table
+from proving_ground.experiments.results.table import WIDTH, format_run
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING
 from proving_ground.testbed.recording.record import Record
 from tests.records import circle, eight, record, straight, table_of
 
 FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {"ttempc": "0"}, "log.mcap")
 ERROR_KEYS = {
-    *("mean_euclidean_m", "rms_m", "p95_m", "max_m", "along_mean_m", "along_sd_m"),
-    *("cross_mean_m", "cross_sd_m", "cross_p95_m"),
+    "mean_euclidean_m",
+    "rms_m",
+    "p95_m",
+    "max_m",
+    "along_mean_m",
+    "along_sd_m",
+    "cross_mean_m",
+    "cross_sd_m",
+    "cross_p95_m",
 }
 
 
@@ -53,15 +60,15 @@ def test_a_constant_error_is_its_own_statistic(curvature):
             assert error.cross_sd_m == pytest.approx(0.0, abs=1e-9)
 
 
-def test_errors_know_neither_place_nor_direction():
-    here = asdict(tracking(record(noise_m=0.1)))
-    there = asdict(tracking(record(noise_m=0.1, turned=2.2, moved=(30.0, -700.0))))
-    for where, bodies in here.items():
+def test_errors_are_invariant_to_translation_and_rotation_of_the_map():
+    original = asdict(tracking(record(noise_m=0.1)))
+    moved = asdict(tracking(record(noise_m=0.1, turned=2.2, moved=(30.0, -700.0))))
+    for where, bodies in original.items():
         for body, error in bodies.items():
-            assert there[where][body] == pytest.approx(error, abs=1e-9)
+            assert moved[where][body] == pytest.approx(error, abs=1e-9)
 
 
-def test_a_mirrored_run_errs_to_the_other_side():
+def test_a_mirrored_run_has_the_opposite_cross_track_error():
     run, mirrored = (
         tracking(record(cross=(0.2, 0.1), noise_m=0.05, mirrored=mirrored)).all
         for mirrored in (False, True)
@@ -72,7 +79,7 @@ def test_a_mirrored_run_errs_to_the_other_side():
         assert other == pytest.approx(error, abs=1e-9)
 
 
-def test_straight_and_curve_share_out_the_whole():
+def test_straight_and_curve_means_average_to_the_mean_of_all():
     run = record(noise_m=0.05)
     parts = tracking(run)
     counted = run[STATE].time_s[run[STATE].time_s >= 8.0]
@@ -92,7 +99,7 @@ def test_the_start_up_does_not_count():
     assert tracking(wild) == tracking(run)
 
 
-def test_a_missing_sample_makes_a_statistic_unknown_not_good():
+def test_a_missing_sample_makes_a_statistic_unknown():
     run = record()
     values = run[STATE].values.copy()
     values[-1] = np.nan
@@ -100,18 +107,18 @@ def test_a_missing_sample_makes_a_statistic_unknown_not_good():
     assert set(asdict(error).values()) == {None}
 
 
-def test_the_estimate_is_judged_at_its_own_times():
+def test_the_estimation_error_is_taken_at_the_times_of_the_estimates():
     estimation = summarise(record(estimate_off=(0.03, -0.04)), FACTS).estimation
     assert estimation.tractor.mean_euclidean_m == pytest.approx(0.03)
     assert estimation.trailer.mean_euclidean_m == pytest.approx(0.04)
 
 
 def test_estimation_error_counts_from_the_first_estimate_on():
-    """A filter that waits for its first readings has no error yet; one that breaks off has none."""
+    """Missing estimates before the first are left out; a later gap makes the error unknown."""
     for gap, expected in ((slice(0, 3), pytest.approx(0.03)), (slice(3, 4), None)):
-        made = record(estimate_off=(0.03, -0.04))
-        made[ESTIMATE].values[gap] = np.nan
-        assert summarise(made, FACTS).estimation.tractor.mean_euclidean_m == expected
+        run = record(estimate_off=(0.03, -0.04))
+        run[ESTIMATE].values[gap] = np.nan
+        assert summarise(run, FACTS).estimation.tractor.mean_euclidean_m == expected
 
 
 def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it():
@@ -132,7 +139,7 @@ def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it(
     assert inputs.delta_t.rms_rate == pytest.approx(math.sqrt(np.mean(steps**2)))
 
 
-def test_timing_leaves_out_what_did_not_happen():
+def test_timing_leaves_out_missing_samples():
     cost = np.array([1.0, 2.0, 3.0, np.nan])
     columns = {name: cost for name in TIMING.fields if name != "qp_solve_us"}
     run = with_table(record(), table_of(TIMING, np.arange(4.0), columns))
@@ -148,8 +155,21 @@ def test_summary_has_exactly_the_keys_of_the_interface():
 
     summary = json.loads(summarise(record(), FACTS).to_json(), parse_constant=unknown)
     assert set(summary) == {
-        *("run_id", "scenario", "controller", "seed", "status", "failure", "duration_s"),
-        *("versions", "tracking", "estimation", "timing", "inputs", "tube", "slip", "log"),
+        "run_id",
+        "scenario",
+        "controller",
+        "seed",
+        "status",
+        "failure",
+        "duration_s",
+        "versions",
+        "tracking",
+        "estimation",
+        "timing",
+        "inputs",
+        "tube",
+        "slip",
+        "log",
     }
     assert set(summary["tracking"]) == {"straight", "curve", "all"}
     for bodies in summary["tracking"].values():
@@ -161,7 +181,10 @@ def test_summary_has_exactly_the_keys_of_the_interface():
     assert summary["estimation"] == {}
     assert isinstance(summary["timing"].pop("real_time_factor"), float)
     assert set(summary["timing"]) == {
-        *("estimator_us", "control_step_us", "qp_solve_us", "plant_step_us")
+        "estimator_us",
+        "control_step_us",
+        "qp_solve_us",
+        "plant_step_us",
     }
     for spread in summary["timing"].values():
         assert set(spread) == {"median", "p99", "max"}
@@ -178,12 +201,12 @@ def test_a_run_that_ended_at_once_has_a_summary_and_a_table(duration_s):
     summary = summarise(record(duration_s=duration_s), facts)
     assert summary.tracking.all.tractor.mean_euclidean_m is None
     assert json.loads(summary.to_json())["duration_s"] == duration_s
-    assert "roll-over" in table(summary)
+    assert "roll-over" in format_run(summary)
 
 
 def test_the_table_sets_the_published_errors_beside_the_runs():
     summary = summarise(record(cross=(0.1, 0.05)), FACTS)
-    text = table(summary)
+    text = format_run(summary)
     assert all(len(line) <= WIDTH for line in text.splitlines())
     for number in ("23.5", "21.2", "39.8", "36.2", "10.0", "5.0"):
         assert number in text

@@ -129,7 +129,7 @@ def test_a_run_reports_the_mismatch_and_its_resolved_scenario_repeats_it(tmp_pat
     first, again = tmp_path / "first", tmp_path / "again"
     assert main(["run", "grass", *sets, "--out", str(first)]) == 0
     message = "trailer_m 3 (true 2.6), load_kg 1500 (true 500)"
-    assert f"Believed wrongly: {message}" in capsys.readouterr().out
+    assert f"Parameter mismatch: {message}" in capsys.readouterr().out
     assert message in (first / "report.html").read_text()
     log = read_log(first / "log.mcap")
     assert log.metadata["mismatch"] == message

@@ -1,4 +1,4 @@
-"""From runs to tubes: residuals that were put in come out, sets cover, bad data are refused."""
+"""Fit of tubes: known residuals are recovered, sets have their coverage, bad data are refused."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.errors import InvalidFit, InvalidScenario
+from proving_ground.experiments.errors import InvalidFit
 from proving_ground.experiments.figures.tube import tube_figure
 from proving_ground.experiments.results.confidence import fewest_samples, share
 from proving_ground.experiments.results.containment import QUANTITIES, containment
@@ -19,7 +19,8 @@ from proving_ground.experiments.run.assembly import CONTROL_PERIOD_S, check, mod
 from proving_ground.experiments.run.simulate import run, simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes, to_json
-from proving_ground.experiments.tubes.fit import fit_run, fit_set, fit_tube, hold_out, read_runs
+from proving_ground.experiments.tubes.fit import fit_run, fit_tube, format_fit, read_fit_runs
+from proving_ground.experiments.tubes.set_fit import fit_set, hold_out
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     CONTROL,
@@ -37,7 +38,6 @@ from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.mpc.prediction import rotation
 from ttempc.reference.feedforward import exact_feedforward
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.disturbance_set import DisturbanceSet
 from ttempc.tube.reference_tube import ReferenceTube
 from ttempc.types import Disturbance, MapDisturbance, State
 from ttempc.vehicle import Vehicle
@@ -51,7 +51,7 @@ DYNAMICS = error_dynamics(REFERENCE_PATH, CONTROL_PERIOD_S, TICKS)
 
 
 def made_up(seed, spread=SPREAD, blur=0.3):
-    """A run in which the estimate's error got known residuals, with a stabilising input."""
+    """Return a run with known residuals of the estimated error, and these residuals and errors."""
     generator = np.random.default_rng(seed)
     a, b, _ = DYNAMICS
     w = spread * generator.standard_normal((TICKS, 7))
@@ -60,14 +60,14 @@ def made_up(seed, spread=SPREAD, blur=0.3):
     sample = REFERENCE_PATH.at(time_s)
     feedforward = exact_feedforward(REFERENCE_PATH, TICKS, CONTROL_PERIOD_S)
     turn = rotation(sample.state[:, State.PSI_T])
-    seen, command = np.zeros((TICKS, 7)), np.zeros((TICKS, 3))
+    estimated, command = np.zeros((TICKS, 7)), np.zeros((TICKS, 3))
     for k in range(TICKS):
         u_e = 0.01 * generator.standard_normal(3)
         command[k] = feedforward[k] - u_e
         if k + 1 < TICKS:
-            state = np.concatenate([seen[k], lasting[k], np.zeros(len(MapDisturbance))])
-            seen[k + 1] = a[k, :7] @ state + b[k, :7] @ u_e + w[k]
-    true = seen + blur * spread * generator.standard_normal((TICKS, 7))
+            state = np.concatenate([estimated[k], lasting[k], np.zeros(len(MapDisturbance))])
+            estimated[k + 1] = a[k, :7] @ state + b[k, :7] @ u_e + w[k]
+    true = estimated + blur * spread * generator.standard_normal((TICKS, 7))
 
     def columns(error):
         error = error.copy()
@@ -79,7 +79,7 @@ def made_up(seed, spread=SPREAD, blur=0.3):
             "y_i_m": points[:, 1],
         }
 
-    estimate = columns(seen)
+    estimate = columns(estimated)
     names = ("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel_slip")
     estimate |= dict(zip(names, lasting.T, strict=True))
     estimate |= dict.fromkeys(("side_x_rad", "side_y_rad", "climb_x", "climb_y"), np.zeros(TICKS))
@@ -91,7 +91,7 @@ def made_up(seed, spread=SPREAD, blur=0.3):
     }
     tables = {c.topic: table_of(c, time_s, given.get(c, {})) for c in CHANNELS}
     metadata = {"scenario": NAME, "controller": "made-up", "seed": str(seed)}
-    return Record(tables, (), metadata), w, true, seen
+    return Record(tables, (), metadata), w, true, estimated
 
 
 RUNS = [made_up(seed) for seed in range(6)]
@@ -101,13 +101,13 @@ def fitted(count=6):
     return [fit_run(record, SCENARIO) for record, *_ in RUNS[:count]]
 
 
-def test_residuals_that_were_put_in_come_out():
-    record, w, true, seen = RUNS[0]
-    got = fit_run(record, SCENARIO)
-    first = int(got.errors.tick[0])
+def test_known_residuals_are_recovered():
+    record, w, true, estimated = RUNS[0]
+    fit_data = fit_run(record, SCENARIO)
+    first = int(fit_data.errors.tick[0])
     assert first * CONTROL_PERIOD_S >= 8.0
-    np.testing.assert_allclose(got.residuals.seen, w[first:-1], atol=1e-9)
-    np.testing.assert_allclose(got.errors.estimation, (true - seen)[first:], atol=1e-9)
+    np.testing.assert_allclose(fit_data.residuals.estimated, w[first:-1], atol=1e-9)
+    np.testing.assert_allclose(fit_data.errors.estimation, (true - estimated)[first:], atol=1e-9)
 
 
 def test_a_gap_ends_what_is_used_of_a_run():
@@ -116,8 +116,8 @@ def test_a_gap_ends_what_is_used_of_a_run():
     values = estimate.values.copy()
     values[300] = np.nan
     tables = dict(record.tables) | {ESTIMATE.topic: replace(estimate, values=values)}
-    got = fit_run(replace(record, tables=tables), SCENARIO)
-    assert got.errors.tick[-1] == 299
+    fit_data = fit_run(replace(record, tables=tables), SCENARIO)
+    assert fit_data.errors.tick[-1] == 299
     values[50:] = np.nan
     values[:49] = np.nan
     with pytest.raises(InvalidFit, match="has 1 control ticks after 8 s"):
@@ -126,19 +126,19 @@ def test_a_gap_ends_what_is_used_of_a_run():
 
 @pytest.mark.parametrize("shape", ["box", "zonotope", "ellipsoid"])
 @pytest.mark.parametrize("window", [1, 5])
-def test_a_fitted_set_covers_what_was_asked_of_fresh_data(shape, window):
+def test_a_fitted_set_has_its_coverage_on_fresh_data(shape, window):
     generator = np.random.default_rng(2)
     mix = generator.standard_normal((7, 7))
     draw = [(mix @ generator.standard_t(6, (7, 4000))).T for _ in range(4)]
-    made = fit_set(draw[:2], 0.95, window, shape)
-    fresh = np.concatenate([made.fill(run) for run in draw[2:]])
+    fitted_set = fit_set(draw[:2], 0.95, window, shape)
+    fresh = np.concatenate([fitted_set.fill(run) for run in draw[2:]])
     assert (fresh <= 1.0).mean() == pytest.approx(0.95, abs=0.015)
-    said = hold_out(made, draw[2:], 0.95)
-    assert said.windows == sum(-(-len(made.fill(run)) // window) for run in draw[2:])
-    assert said.low <= 0.95 <= said.high
+    count = hold_out(fitted_set, draw[2:], 0.95)
+    assert count.windows == sum(-(-len(fitted_set.fill(run)) // window) for run in draw[2:])
+    assert count.low <= 0.95 <= count.high
 
 
-def test_axes_of_their_own_make_a_smaller_set_where_things_go_together():
+def test_a_zonotope_of_correlated_residuals_is_smaller_than_a_box():
     generator = np.random.default_rng(4)
     common = generator.standard_normal((3000, 1))
     run = common + 0.1 * generator.standard_normal((3000, 7))
@@ -147,9 +147,9 @@ def test_axes_of_their_own_make_a_smaller_set_where_things_go_together():
     assert zonotope.support(across)[0] < 0.3 * box.support(across)[0]
 
 
-def test_the_interval_of_clopper_and_pearson_is_that_of_the_tables():
-    found = share(90, 100)
-    assert (round(found.low, 4), round(found.high, 4)) == (0.8238, 0.9510)
+def test_the_interval_of_clopper_and_pearson_equals_published_values():
+    interval = share(90, 100)
+    assert (round(interval.low, 4), round(interval.high, 4)) == (0.8238, 0.9510)
     assert share(0, 10).low == 0.0
     assert share(10, 10).high == 1.0
     assert share(10, 10).low == pytest.approx(0.025 ** (1 / 10))
@@ -161,12 +161,18 @@ def test_the_interval_of_clopper_and_pearson_is_that_of_the_tables():
 def test_a_tube_is_fitted_written_and_read_back(monkeypatch, tmp_path):
     monkeypatch.setattr("ttempc.tube.ancillary._EVALUATIONS", 40)
     fit = fit_tube(fitted())
-    said = fit.file.provenance
-    assert said.fitted_seeds == [0, 1, 3, 4]
-    assert said.held_out_seeds == [2, 5]
-    assert said.disturbance.inside / said.disturbance.windows > 0.8
-    np.testing.assert_allclose(said.seen.sd, SPREAD, rtol=0.05)
+    provenance = fit.file.provenance
+    assert provenance.fitted_seeds == [0, 1, 3, 4]
+    assert provenance.held_out_seeds == [2, 5]
+    assert provenance.disturbance.inside / provenance.disturbance.windows > 0.8
+    np.testing.assert_allclose(provenance.seen.sd, SPREAD, rtol=0.05)
     assert np.all(fit.along.free_share > 0.0)
+    text = format_fit(fit)
+    assert "4 fitted, 2 held out" in text
+    assert f"{100.0 * provenance.confidence:g} %" in text
+    half_width = fit.along.half_widths[:, QUANTITIES.index("y_i_e_m")].max()
+    (trailer,) = [row for row in text.splitlines() if "trailer cross-track [m]" in row]
+    assert float(trailer.split()[-1]) == pytest.approx(half_width, abs=5e-4)
     file = tmp_path / "tube.json"
     file.write_text(to_json(fit.file))
     again = read_tube(str(file))
@@ -246,31 +252,31 @@ def test_a_tube_that_is_not_there_is_refused_before_driving():
 
 def test_a_tube_of_another_vehicle_is_refused_before_driving():
     name, scenario = load("farm", ['controller.name="ttempc-tube"'])
-    with pytest.raises((InvalidTube, InvalidScenario), match="made for another vehicle"):
+    with pytest.raises(InvalidTube, match="made for another vehicle"):
         simulate(name, scenario, 1)
 
 
 @pytest.mark.parametrize(
-    ("scenario", "overrides", "watched"),
+    ("scenario", "overrides", "monitored"),
     [
         ("grass", [], True),
         ("grass", ['controller.name="pid"'], False),
         ("farm", [], False),  # another vehicle than that of the default tube
-        ("farm", ['controller.name="ttempc-tube"'], None),  # keeps to it: refused
-        ("farm", ['controller.tube="grass"'], None),  # asked for by name: refused
+        ("farm", ['controller.name="ttempc-tube"'], None),  # requires it: refused
+        ("farm", ['controller.tube="grass"'], None),  # named in the scenario: refused
     ],
 )
-def test_ttempc_watches_the_default_tube_where_it_fits(scenario, overrides, watched):
+def test_ttempc_monitors_the_default_tube_if_the_vehicle_matches(scenario, overrides, monitored):
     _, settings = load(scenario, overrides)
-    if watched is None:
+    if monitored is None:
         with pytest.raises(InvalidTube, match="made for another vehicle"):
             check(settings)
     else:
         vehicle = model_vehicle(settings.path.mission(), settings, settings.vehicles())
-        assert (settings.controller.design(vehicle, CONTROL_PERIOD_S) is not None) == watched
+        assert (settings.controller.design(vehicle, CONTROL_PERIOD_S) is not None) == monitored
 
 
-def test_a_run_of_ttempc_says_where_it_is_in_the_set_of_steps():
+def test_a_run_of_ttempc_logs_its_margin_in_the_one_step_tube():
     name, settings = load("grass", ['path={kind="straight", length_m=4.0}'])
     summary, record = simulate(name, settings, 1)
     assert len(record[TUBE]) == len(record[CONTROL])
@@ -286,31 +292,31 @@ def test_containment_is_counted_on_the_truth():
     width["y_t_e_m_half_width"] = np.abs(true[:, 1]) * np.where(np.arange(TICKS) % 4, 2.0, 0.5)
     table = table_of(TUBE, record[STATE].time_s, nominal | width)
     record = replace(record, tables=dict(record.tables) | {TUBE.topic: table})
-    found = containment(record)
-    np.testing.assert_allclose(found.deviation[:, :7], true[40:], atol=1e-9)
-    assert found.curved.any()
+    contained = containment(record)
+    np.testing.assert_allclose(contained.deviation[:, :7], true[40:], atol=1e-9)
+    assert contained.curved.any()
     facts = RunFacts("", NAME, "made-up", 0, "completed", None, 1.0, {}, None)
-    said = summarise(record, facts).tube
-    assert said is not None
-    assert said.contained_fraction == pytest.approx(0.75, abs=0.01)
+    statistics = summarise(record, facts).tube
+    assert statistics is not None
+    assert statistics.contained_fraction == pytest.approx(0.75, abs=0.01)
     tractor = tube_figure(record).axes[0]
     drawn = np.asarray(tractor.lines[-1].get_ydata(), float)
     tables = record[STATE], record[REFERENCE]
-    there, due = (table.columns("x_t_m", "y_t_m")[40:] for table in tables)
+    actual, desired = (table.columns("x_t_m", "y_t_m")[40:] for table in tables)
     heading = record[REFERENCE]["psi_t_rad"][40:]
     left = np.column_stack([-np.sin(heading), np.cos(heading)])
-    np.testing.assert_allclose(drawn, 100.0 * np.sum(left * (there - due), axis=1), atol=1e-9)
-    assert said.margin_min == pytest.approx(-1.0)
+    np.testing.assert_allclose(drawn, 100.0 * np.sum(left * (actual - desired), axis=1), atol=1e-9)
+    assert statistics.margin_min == pytest.approx(-1.0)
 
 
-def test_a_run_in_the_tube_says_so_and_a_single_run_is_no_fit(tmp_path, capsys):
+def test_a_run_stays_in_its_tube_and_one_run_is_too_few_for_a_fit(tmp_path, capsys):
     overrides = ['path={kind="straight", length_m=12.0}', 'controller.name="ttempc-tube"']
     name, scenario = load("grass", overrides)
     finished = run(name, scenario, 5, tmp_path / "run")
     assert asdict(finished.summary)["tube"]["contained_fraction"] == 1.0
     assert len(finished.record[TUBE]) == len(finished.record[CONTROL])
     assert finished.files["tube"].exists()
-    assert len(read_runs([tmp_path])) == 1
+    assert len(read_fit_runs([tmp_path])) == 1
     out = tmp_path / "tube.json"
     assert main(["fit-tube", str(tmp_path), "-o", str(out)]) == 2
     assert "got 1 runs, at least 3 are needed" in capsys.readouterr().err
@@ -322,7 +328,6 @@ def test_a_run_in_the_tube_says_so_and_a_single_run_is_no_fit(tmp_path, capsys):
     assert "there is no log.mcap in it or below" in capsys.readouterr().err
 
 
-def test_without_spread_there_is_no_set():
+def test_constant_residuals_are_refused():
     with pytest.raises(InvalidFit, match="residuals without spread"):
         fit_set([np.zeros((50, 7))], 0.9, 1, "box")
-    assert DisturbanceSet(np.eye(7)).dimension == 7

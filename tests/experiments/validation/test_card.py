@@ -1,4 +1,4 @@
-"""`ttempc card`: keys, exit codes, refusals, the page."""
+"""Plant validation and `ttempc card`: keys, exit codes, refusals, the page."""
 
 import json
 from html.parser import HTMLParser
@@ -7,8 +7,12 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.validation import plant_validation as card_room
-from proving_ground.experiments.validation.plant_validation import Card, line, make_card
+from proving_ground.experiments.validation import plant_validation
+from proving_ground.experiments.validation.plant_validation import (
+    PlantValidation,
+    format_check,
+    validate_plant,
+)
 from proving_ground.testbed.inspection.check import between, near, not_applicable
 
 FAST = ("hydrostat", "roughness")
@@ -16,19 +20,27 @@ FAST = ("hydrostat", "roughness")
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Let the command inspect two things only."""
-    whole = card_room.inspect
-    monkeypatch.setattr(card_room, "inspect", lambda bench, names: whole(bench, FAST))
+    """Restrict the command to two experiments."""
+    inspect = plant_validation.inspect
+    monkeypatch.setattr(plant_validation, "inspect", lambda bench, names: inspect(bench, FAST))
 
 
-def test_a_card_leaves_page_json_and_figures(quick, tmp_path, capsys):
+def test_a_validation_writes_page_json_and_figures(quick, tmp_path, capsys):
     assert main(["card", "grass", "--out", str(tmp_path / "new")]) == 0
     content = json.loads((tmp_path / "new" / "card.json").read_text())
     assert list(content) == ["scenario", "wheels", "passed", "versions", "checks"]
     assert (content["scenario"], content["wheels"], content["passed"]) == ("grass", "soil", True)
     for check in content["checks"]:
         assert list(check) == [
-            *("name", "figure", "unit", "expectation", "low", "high", "source", "passed", "note")
+            "name",
+            "figure",
+            "unit",
+            "expectation",
+            "low",
+            "high",
+            "source",
+            "passed",
+            "note",
         ]
     text = capsys.readouterr().out
     for check in content["checks"]:
@@ -41,15 +53,15 @@ def test_a_card_leaves_page_json_and_figures(quick, tmp_path, capsys):
 
 def test_a_failing_check_is_exit_code_1_and_stands_in_the_page(monkeypatch, tmp_path, capsys):
     wrong = near("gain", 2.0, 1.0, 0.1, "m/s", "the vehicle")
-    monkeypatch.setattr(card_room, "inspect", lambda bench, names: iter([wrong]))
+    monkeypatch.setattr(plant_validation, "inspect", lambda bench, names: iter([wrong]))
     assert main(["card", "grass", "--out", str(tmp_path / "new")]) == 1
     assert "FAIL  gain: 2 m/s, expected 1 ± 0.1 [the vehicle]" in capsys.readouterr().out
     assert "1 of 1 checks fail" in (tmp_path / "new" / "card.html").read_text()
     assert json.loads((tmp_path / "new" / "card.json").read_text())["passed"] is False
 
 
-def test_what_does_not_apply_neither_passes_nor_fails():
-    card = Card(
+def test_a_check_that_does_not_apply_neither_passes_nor_fails():
+    card = PlantValidation(
         "x", "contact", {}, (not_applicable("slip", "no slip"), between("y", 1, 0, 2, "", "s"))
     )
     assert card.passed
@@ -57,46 +69,53 @@ def test_what_does_not_apply_neither_passes_nor_fails():
     assert content[0]["passed"] is None
     assert content[0]["figure"] is None
     assert content[0]["low"] is None
-    assert line(card.checks[0]) == "n/a   slip: no slip"
+    assert format_check(card.checks[0]) == "n/a   slip: no slip"
 
 
-def test_a_figure_that_is_no_number_fails_and_is_null():
-    card = Card("x", "soil", {}, (between("y", float("nan"), 0, 2, "m", "s"),))
+def test_a_value_that_is_nan_fails_and_is_null():
+    card = PlantValidation("x", "soil", {}, (between("y", float("nan"), 0, 2, "m", "s"),))
     assert not card.passed
     assert json.loads(card.to_json())["checks"][0] | {"low": 0} == {
-        **{"name": "y", "figure": None, "unit": "m", "expectation": "at most 2", "low": 0},
-        **{"high": 2, "source": "s", "passed": False, "note": ""},
+        "name": "y",
+        "figure": None,
+        "unit": "m",
+        "expectation": "at most 2",
+        "low": 0,
+        "high": 2,
+        "source": "s",
+        "passed": False,
+        "note": "",
     }
 
 
-def test_wheels_and_changes_reach_the_plant():
+def test_wheels_and_overrides_reach_the_bench():
     name, scenario = load("wet-slope", ['plant.wheels="contact"', "soil.cone_index_kpa=450"])
-    bench = card_room.bench(scenario)
+    bench = plant_validation.bench(scenario)
     assert (bench.wheels, bench.cone_index, bench.iso_class) == ("contact", 450.0, "E")
     assert bench.slope_rad == 0.15
-    assert make_card(name, scenario, ()).checks == ()
+    assert validate_plant(name, scenario, ()).checks == ()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("gras",), "scenario 'gras': no such scenario"),
         (("grass", "--wheels", "tracks"), "--wheels: invalid choice: 'tracks'"),
         (("grass", "--set", "soil.softnes=3"), "unknown key"),
-        (("grass", "--out", "there"), "exists already"),
+        (("grass", "--out", "old"), "exists already"),
     ],
 )
-def test_bad_input_gets_one_line_and_exit_code_2(arguments, said, tmp_path, monkeypatch, capsys):
+def test_bad_input_gets_one_line_and_exit_code_2(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "there").mkdir()
+    (tmp_path / "old").mkdir()
     try:
         code = main(["card", *arguments])
     except SystemExit as stopped:  # argparse's way out
         code = stopped.code
     printed = capsys.readouterr()
     assert code == 2
-    assert said in printed.err
+    assert message in printed.err
     assert len(printed.err.strip().splitlines()) == 1
     assert not printed.out
-    assert [file.name for file in tmp_path.iterdir()] == ["there"]
-    assert not any((tmp_path / "there").iterdir())
+    assert [file.name for file in tmp_path.iterdir()] == ["old"]
+    assert not any((tmp_path / "old").iterdir())

@@ -1,4 +1,4 @@
-"""The one-page report of a run: a single HTML file that needs nothing else to be read."""
+"""Report of a run as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -12,33 +12,41 @@ from ..figures import CAPTIONS
 from ..results.published import CAVEAT, compare
 from ..results.summary import InputStatistics, Spread, Summary
 from ..results.table import centimetres
-from ..results.tracking import START_UP_S
+from ..results.tracking_errors import START_UP_S
 from ..scenario.vehicle import ParameterMismatch
-from .page import Picture, environment
+from .html import Picture, environment
 
-_EVENTS_SHOWN: Final = 100  # a page is no log: a fault that flickers would fill it
-_FILES: Final = ("summary.json", "scenario.toml")  # beside the report, and the log
+_EVENTS_SHOWN: Final = 100  # an intermittent fault would fill the page; the log has all
+_FILES: Final = ("summary.json", "scenario.toml")  # beside the report
 
 
-def report(
+def render_run_report(
     summary: Summary,
     events: Sequence[Event],
     scenario_toml: str,
     pictures: Mapping[str, bytes],
     mismatch: Sequence[ParameterMismatch] = (),
 ) -> str:
-    """Return the text of `report.html`; `pictures` are PNG files' contents by figure name.
+    """Return the text of `report.html`.
 
-    `mismatch` lists the parameters that differ between plant and model.
+    Args:
+        summary: of the run.
+        events: of the run.
+        scenario_toml: the resolved scenario.
+        pictures: contents of PNG files, by the figure's name.
+        mismatch: parameters that differ between plant and model.
     """
-    page = environment().get_template("report.html.j2")
-    return page.render(
+    template = environment().get_template("report.html.j2")
+    return template.render(
         summary=summary,
         comparison=compare(summary),
         caveat=CAVEAT,
         start_up_s=START_UP_S,
         errors=_errors(summary),
-        facts=[*_facts(summary), ("believed wrongly", ", ".join(map(str, mismatch)) or "nothing")],
+        facts=[
+            *_facts(summary),
+            ("parameter mismatch", ", ".join(map(str, mismatch)) or "none"),
+        ],
         files=[*([summary.log] if summary.log else []), *_FILES],
         pictures=[
             Picture.of(name, CAPTIONS.get(name, name), content)
@@ -80,7 +88,7 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
         (
             "slip",
             f"rear wheels {_number(slip.rear_mean, '{:.1%}')} (mean), "
-            f"{_number(slip.rear_p95, '{:.1%}')} (p95); trailer's slip angle "
+            f"{_number(slip.rear_p95, '{:.1%}')} (p95); trailer slip angle "
             f"{_number(slip.trailer_slip_angle_p95_rad, '{:.3f}')} rad (p95)",
         ),
     ]
@@ -91,10 +99,10 @@ def _spread(cost_us: Spread) -> str:
     return ", ".join(f"{name} {_number(value, '{:.0f}')} us" for name, value in parts)
 
 
-def _input(use: InputStatistics, unit: str) -> str:
+def _input(statistics: InputStatistics, unit: str) -> str:
     return (
-        f"at a limit {_number(use.saturated_fraction, '{:.1%}')} of the ticks, "
-        f"rms rate {_number(use.rms_rate, '{:.3f}')} {unit}"
+        f"at a limit {_number(statistics.saturated_fraction, '{:.1%}')} of the ticks, "
+        f"rms rate {_number(statistics.rms_rate, '{:.3f}')} {unit}"
     )
 
 

@@ -1,4 +1,4 @@
-"""Euclidean error of tractor and trailer over time (the paper's figure)."""
+"""Figure of the Euclidean errors of tractor and trailer over time, as in the paper."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from matplotlib.figure import Figure
 
 from proving_ground.testbed.recording.record import Record
 
-from ..results.tracking import BODIES, START_UP_S, BodyError, Tracking, tracking
+from ..results.tracking_errors import BODIES, START_UP_S, BodyError, TrackingErrors, tracking_errors
 from .style import BODY_COLOURS, GREY, blank, dress, note, shade
 
 
 def error_figure(record: Record) -> Figure:
     """Return the errors of both bodies, curves shaded, with their means."""
-    errors = tracking(record)
+    errors = tracking_errors(record)
     figure = blank(4.2)
     rows = figure.subplots(2, 1, sharex=True, sharey=True)
     for axes, body in zip(rows, BODIES, strict=True):
@@ -23,15 +23,16 @@ def error_figure(record: Record) -> Figure:
         shade(axes, errors.time_s, errors.time_s < START_UP_S, hatch="////")
         axes.plot(errors.time_s, 100 * error.euclidean_m, color=BODY_COLOURS[body], linewidth=1.0)
         dress(axes, "", f"{body} error [cm]")
-        _means(axes, errors, error, body)
+        _draw_means(axes, errors, error)
         axes.margins(x=0.0)
     rows[0].set_ylim(bottom=0.0)
-    rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # room for the means
+    rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # space for the text of the means
     rows[-1].set_xlabel("time [s] (hatched: start-up, not counted; shaded: curves)", fontsize=8.5)
     return figure
 
 
-def _means(axes: Axes, errors: Tracking, error: BodyError, body: str) -> None:
+def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
+    """Draw the mean errors on straights and on curves as lines, with their values as text."""
     counted = errors.time_s >= START_UP_S
     parts = []
     for name, rows in (

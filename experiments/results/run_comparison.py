@@ -1,9 +1,10 @@
-"""Runs side by side: aligned by the time of their common reference, as table and figures."""
+"""Comparison of runs on one reference, aligned by its time."""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -20,42 +21,46 @@ from ..errors import NotComparable
 from .metrics import tracking_statistics
 from .summary import ErrorStatistics, TrackingStatistics
 from .table import centimetres
-from .tracking import BODIES, Tracking, tracking
+from .tracking_errors import BODIES, TrackingErrors, position_fields, tracking_errors
 
-MOST: Final = 6  # runs in a figure that can still be told apart
-_SAME_M: Final = 1e-6
-_FIGURES: Final = ("mean_euclidean_m", "p95_m", "max_m", "cross_sd_m")
-_HEADS: Final = ("mean", "p95", "max", "cross sd")
+MAX_RUNS: Final = 6  # more lines in one figure cannot be told apart
+_SAME_M: Final = 1e-6  # references closer than this are the same
+_COLUMNS: Final = {  # head of a column: statistic
+    "mean": "mean_euclidean_m",
+    "p95": "p95_m",
+    "max": "max_m",
+    "cross sd": "cross_sd_m",
+}
 
 
 @dataclass(frozen=True)
-class Compared:
-    """One of the runs."""
+class ComparedRun:
+    """One of the compared runs."""
 
     label: str
     record: Record
-    end_s: float  # up to which all runs go
+    end_s: float  # end of the shortest of the compared runs
 
     @cached_property
-    def errors(self) -> Tracking:
+    def errors(self) -> TrackingErrors:
         """Tracking errors up to the common end."""
-        return tracking(self.record).until(self.end_s)
+        return tracking_errors(self.record).until(self.end_s)
 
     @cached_property
     def statistics(self) -> TrackingStatistics:
-        """The figures of these errors."""
+        """Statistics of the tracking errors up to the common end."""
         return tracking_statistics(self.errors)
 
 
-def read_compared(logs: Sequence[Path]) -> list[Compared]:
-    """Read runs and see that they belong side by side.
+def read_compared(logs: Sequence[Path]) -> list[ComparedRun]:
+    """Read the logs of runs and check that the runs are comparable.
 
     Raises:
-        NotComparable: too few or too many logs, one of them torn, or of different references.
-        LogError: one is no log of ours.
+        NotComparable: too few or too many logs, a torn log, or different references.
+        LogError: a file is not a log of this project.
     """
-    if not 2 <= len(logs) <= MOST:
-        raise NotComparable(f"compare: got {len(logs)} logs, takes 2 to {MOST}")
+    if not 2 <= len(logs) <= MAX_RUNS:
+        raise NotComparable(f"compare: got {len(logs)} logs, takes 2 to {MAX_RUNS}")
     if len({log.resolve() for log in logs}) < len(logs):
         raise NotComparable("compare: the same log is given twice")
     records = [read_log(log) for log in logs]
@@ -71,59 +76,68 @@ def read_compared(logs: Sequence[Path]) -> list[Compared]:
         _check_same_reference(logs[0], records[0], log, record)
     end_s = min(float(record[STATE].time_s[-1]) for record in records)
     labels = _labels(logs, records)
-    return [Compared(*item, end_s) for item in zip(labels, records, strict=True)]
+    return [
+        ComparedRun(label, record, end_s) for label, record in zip(labels, records, strict=True)
+    ]
 
 
-def table(runs: Sequence[Compared]) -> str:
+def format_comparison(runs: Sequence[ComparedRun]) -> str:
     """Return the tracking errors of all runs as text, in centimetres."""
     width = max(len(run.label) for run in runs) + 2
     blocks = [f"Tracking error [cm], 8 to {runs[0].end_s:.1f} s"]
     for body in BODIES:
-        blocks += ["", body.ljust(width) + "".join(head.rjust(10) for head in _HEADS)]
+        blocks += ["", body.ljust(width) + "".join(head.rjust(10) for head in _COLUMNS)]
         for run in runs:
             error: ErrorStatistics = getattr(run.statistics.all, body)
-            cells = (centimetres(getattr(error, name)) for name in _FIGURES)
+            cells = (centimetres(getattr(error, name)) for name in _COLUMNS.values())
             blocks.append(run.label.ljust(width) + "".join(cell.rjust(10) for cell in cells))
     return "\n".join(blocks)
 
 
-def table_csv(runs: Sequence[Compared]) -> str:
-    """Return all tracking statistics of all runs as CSV, SI units, a line per run and part."""
+def comparison_csv(runs: Sequence[ComparedRun]) -> str:
+    """Return all tracking statistics of all runs as CSV in SI units.
+
+    Each line holds one body of one run on straights, on curves or on all of the path.
+    """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     fields = list(ErrorStatistics.__dataclass_fields__)
     writer.writerow(["run", "end_s", "where", "body", *fields])
     for run in runs:
         for where, bodies in asdict(run.statistics).items():
-            for body, figures in bodies.items():
-                numbers = (figures[field] for field in fields)
+            for body, statistics in bodies.items():
+                numbers = (statistics[field] for field in fields)
                 writer.writerow([run.label, f"{run.end_s:.3f}", where, body, *numbers])
     return stream.getvalue()
 
 
 def _check_same_reference(first: Path, one: Record, second: Path, other: Record) -> None:
-    time_s, here, there = np.intersect1d(
+    """Raise `NotComparable` if the references of two runs differ at a common time."""
+    time_s, rows, other_rows = np.intersect1d(
         one[REFERENCE].time_s, other[REFERENCE].time_s, return_indices=True
     )
-    names = ("x_t_m", "y_t_m", "x_i_m", "y_i_m")
-    apart = np.abs(one[REFERENCE].columns(*names)[here] - other[REFERENCE].columns(*names)[there])
     if not len(time_s):
         raise NotComparable(f"{first} and {second}: have no time in common")
-    if apart.max() > _SAME_M:
-        k = int(np.argmax(apart.max(axis=1) > _SAME_M))
+    fields = [field for body in BODIES for field in position_fields(body)]
+    distance = np.abs(
+        one[REFERENCE].columns(*fields)[rows] - other[REFERENCE].columns(*fields)[other_rows]
+    ).max(axis=1)
+    if distance.max() > _SAME_M:
+        k = int(np.argmax(distance > _SAME_M))
         raise NotComparable(
             f"{first} and {second}: have different references (at {time_s[k]:.2f} s "
-            f"{apart[k].max():.3g} m apart); runs are compared on one path at one speed"
+            f"{distance[k]:.3g} m apart); runs are compared on one path at one speed"
         )
 
 
 def _labels(logs: Sequence[Path], records: Sequence[Record]) -> list[str]:
-    """Return what tells the runs apart: scenario, controller, seed, and the file where needed."""
-    said = [
+    """Return a unique label per run: scenario, controller, seed, and the file if needed."""
+    titles = [
         " · ".join((r.metadata["scenario"], r.metadata["controller"], f"seed {r.metadata['seed']}"))
         for r in records
     ]
+    counts = Counter(titles)
     return [
-        label if said.count(label) == 1 else f"{label} ({log})"
-        for label, log in zip(said, logs, strict=True)
+        title if counts[title] == 1 else f"{title} ({log})"
+        for title, log in zip(titles, logs, strict=True)
     ]

@@ -1,4 +1,4 @@
-"""What one frame is composed of: a view, two views of one run, or a view of each of several."""
+"""Composition of a frame: one view, two views of one run, or one view of each of several runs."""
 
 from __future__ import annotations
 
@@ -13,73 +13,79 @@ from PIL import Image
 
 from ..errors import InvalidFilm
 from .hud import Overlay, error_scale
-from .plan import PlanView
+from .mujoco_scene import MujocoScene
+from .offscreen import check_graphics
+from .plan_view import PlanView
 from .replay import Replay
-from .screen import check_graphics
-from .shot import LEAST_SIZE, Camera, Shot
-from .stage import Stage
+from .shot import MIN_SIZE, Camera, Shot
 
 _SPLIT: tuple[Camera, Camera] = ("chase", "top")
 
 
-class Scene(Protocol):
-    """Makes the frame of any moment."""
+class FrameSource(Protocol):
+    """Source of the frames of a film."""
 
     def picture(self, time_s: float) -> NDArray[np.uint8]:
-        """Return the frame, (height, width, 3)."""
+        """Return the frame of a time, (height, width, 3)."""
         ...
 
 
-class View:
-    """One camera on one run, with everything written over it.
+class SingleView:
+    """One camera on one run, with overlay.
 
-    `rivals` are the runs beside which it is seen, itself among them.
+    Args:
+        replay: the run.
+        shot: settings of the film.
+        moving: False for a still.
+        compared: all runs of a side-by-side film, this one included; none for a single run.
     """
 
     def __init__(
-        self, replay: Replay, shot: Shot, *, moving: bool, rivals: Sequence[Replay] = ()
+        self, replay: Replay, shot: Shot, *, moving: bool, compared: Sequence[Replay] = ()
     ) -> None:
-        speed, scale = shot.speed if moving else 0.0, error_scale(rivals or [replay])
-        self._overlay = Overlay(replay, shot.size, speed, scale, brief=bool(rivals))
-        self._bare = _bare(replay, shot)
+        speed, scale = shot.speed if moving else 0.0, error_scale(compared or [replay])
+        self._overlay = Overlay(replay, shot.size, speed, scale, brief=bool(compared))
+        self._bare = _bare_view(replay, shot)
 
     def picture(self, time_s: float) -> NDArray[np.uint8]:
         """Return the frame, (height, width, 3)."""
         image = Image.fromarray(self._bare.picture(time_s))
-        self._overlay.onto(image, time_s)
+        self._overlay.draw_onto(image, time_s)
         return np.asarray(image)
 
 
-class Split:
-    """Behind the vehicle and from above, side by side, written over as one picture."""
+class SplitView:
+    """The cameras `_SPLIT` on one run side by side, with a common overlay."""
 
     def __init__(self, replay: Replay, shot: Shot, *, moving: bool) -> None:
         speed = shot.speed if moving else 0.0
         self._overlay = Overlay(replay, shot.size, speed, error_scale([replay]))
         widths = _shares(shot.size[0], len(_SPLIT))
         self._views = [
-            _bare(replay, replace(shot, camera=camera, size=(width, shot.size[1])))
+            _bare_view(replay, replace(shot, camera=camera, size=(width, shot.size[1])))
             for camera, width in zip(_SPLIT, widths, strict=True)
         ]
 
     def picture(self, time_s: float) -> NDArray[np.uint8]:
         """Return the frame, (height, width, 3)."""
         image = Image.fromarray(np.hstack([view.picture(time_s) for view in self._views]))
-        self._overlay.onto(image, time_s)
+        self._overlay.draw_onto(image, time_s)
         return np.asarray(image)
 
 
-class Abreast:
-    """The same camera on several runs at the same moment, side by side.
+class SideBySide:
+    """The same camera on several runs at the same time, side by side.
 
-    A run that has ended stays at its last moment.
+    A run that has ended stays at its last record.
     """
 
     def __init__(self, replays: Sequence[Replay], shot: Shot, *, moving: bool) -> None:
         widths = _shares(shot.size[0], len(replays))
         self._ends = [replay.end_s for replay in replays]
         self._views = [
-            View(replay, replace(shot, size=(width, shot.size[1])), moving=moving, rivals=replays)
+            SingleView(
+                replay, replace(shot, size=(width, shot.size[1])), moving=moving, compared=replays
+            )
             for replay, width in zip(replays, widths, strict=True)
         ]
 
@@ -90,24 +96,24 @@ class Abreast:
 
 
 @dataclass(frozen=True, slots=True)
-class Setup:
-    """How to make the scene of a film, in whichever process renders it."""
+class FilmSetup:
+    """Runs and settings of a film, from which each rendering process creates a `FrameSource`."""
 
     replays: tuple[Replay, ...]
     shot: Shot
     moving: bool = True  # a film, not a still
 
     def check(self) -> None:
-        """Refuse what could not be drawn.
+        """Raise if the film cannot be rendered.
 
         Raises:
-            InvalidFilm: too many runs for the width.
-            NoGraphics: the camera needs OpenGL, and there is none.
+            InvalidFilm: there are too many runs for the width or the camera.
+            NoGraphics: the camera needs OpenGL, which is unavailable.
         """
         runs, width = len(self.replays), self.shot.size[0]
-        if runs > 1 and width // runs < LEAST_SIZE[0]:
+        if runs > 1 and width // runs < MIN_SIZE[0]:
             raise InvalidFilm(
-                f"--size: {runs} runs abreast need a width of {runs * LEAST_SIZE[0]} or more, "
+                f"--size: {runs} runs abreast need a width of {runs * MIN_SIZE[0]} or more, "
                 f"got {width}"
             )
         if runs > 1 and self.shot.camera == "split":
@@ -115,36 +121,38 @@ class Setup:
         if self.shot.camera != "plan":
             check_graphics()
 
-    def scene(self) -> Scene:
-        """Return the scene.
+    def frame_source(self) -> FrameSource:
+        """Create the source of the frames.
 
         Raises:
-            InvalidFilm, NoGraphics: it cannot be made.
+            InvalidFilm, NoGraphics: a view cannot be created.
         """
         first, *others = self.replays
         if others:
-            return Abreast(self.replays, self.shot, moving=self.moving)
-        make = Split if self.shot.camera == "split" else View
-        return make(first, self.shot, moving=self.moving)
+            return SideBySide(self.replays, self.shot, moving=self.moving)
+        view = SplitView if self.shot.camera == "split" else SingleView
+        return view(first, self.shot, moving=self.moving)
 
 
 @dataclass(frozen=True, slots=True)
-class _Rendered:
-    stage: Stage
+class _RenderedView:
+    """One camera in a MuJoCo scene."""
+
+    scene: MujocoScene
     camera: Camera
 
     def picture(self, time_s: float) -> NDArray[np.uint8]:
-        return self.stage.picture(self.camera, time_s)
+        return self.scene.picture(self.camera, time_s)
 
 
-def _bare(replay: Replay, shot: Shot) -> Scene:
-    """Return the picture without anything written over it."""
+def _bare_view(replay: Replay, shot: Shot) -> FrameSource:
+    """Return a view without overlay."""
     if shot.camera == "plan":
         return PlanView(replay, shot.size)
-    return _Rendered(Stage(replay, shot.size, shot.speed), shot.camera)
+    return _RenderedView(MujocoScene(replay, shot.size, shot.speed), shot.camera)
 
 
 def _shares(width: int, parts: int) -> list[int]:
-    """Return whole widths that differ by no more than a pixel and sum up to `width`."""
+    """Split a width into whole widths that differ by at most one pixel."""
     edges = [round(width * k / parts) for k in range(parts + 1)]
     return [end - start for start, end in pairwise(edges)]

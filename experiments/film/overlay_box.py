@@ -1,4 +1,4 @@
-"""A plate with text and bars that lies over a picture; everything scales with its unit."""
+"""Translucent box with text and bars, laid over a picture."""
 
 from __future__ import annotations
 
@@ -10,21 +10,27 @@ from PIL import Image, ImageDraw, ImageFont
 
 from .colours import FAINT, INK, Rgb
 
-_PLATE: Final = (16, 20, 24, 176)  # see-through
-_ROUND: Final = 7  # radius of a corner
-Side = Literal["left", "right", "middle"]
-_ANCHORS: Final[dict[Side, str]] = {"left": "lm", "right": "rm", "middle": "mm"}
+_BACKGROUND: Final = (16, 20, 24, 176)  # red, green, blue, opacity
+_BAR_BACKGROUND: Final = (52, 58, 64)
+_CORNER_RADIUS: Final = 7
+Align = Literal["left", "right", "middle"]
+_ANCHORS: Final[dict[Align, str]] = {"left": "lm", "right": "rm", "middle": "mm"}
 
 
 @cache
 def font(points: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    """Return matplotlib's own sans serif, which is wherever matplotlib is."""
+    """Return the sans-serif font that matplotlib ships."""
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/{name}", points)
 
 
-class Panel:
-    """A plate; lengths are given for a frame 720 pixels high and multiplied by `scale`."""
+def text_length(text: str, points: int, *, bold: bool = False) -> float:
+    """Return the width of a text in units of an `OverlayBox`."""
+    return float(font(points, bold).getlength(text))
+
+
+class OverlayBox:
+    """A box whose lengths are in pixels of a frame 720 pixels high, multiplied by `scale`."""
 
     def __init__(self, width: float, height: float, scale: float) -> None:
         self.scale = scale
@@ -32,40 +38,40 @@ class Panel:
         self.image = Image.new("RGBA", size)
         self._draw = ImageDraw.Draw(self.image)
         box = (0, 0, size[0] - 1, size[1] - 1)
-        self._draw.rounded_rectangle(box, round(_ROUND * scale), fill=_PLATE)
+        self._draw.rounded_rectangle(box, round(_CORNER_RADIUS * scale), fill=_BACKGROUND)
 
     def text(
         self,
         x: float,
         y: float,
-        words: str,
+        text: str,
         *,
         points: float = 14.0,
         colour: Rgb = INK,
         bold: bool = False,
-        side: Side = "left",
+        align: Align = "left",
     ) -> None:
-        """Write words whose middle line lies at y."""
+        """Write a text that is vertically centred at y."""
         shape = font(max(6, round(points * self.scale)), bold)
-        place = (x * self.scale, y * self.scale)
-        self._draw.text(place, words, font=shape, fill=colour, anchor=_ANCHORS[side])
+        position = (x * self.scale, y * self.scale)
+        self._draw.text(position, text, font=shape, fill=colour, anchor=_ANCHORS[align])
 
     def rectangle(self, x0: float, y0: float, x1: float, y1: float, colour: Rgb) -> None:
-        """Fill a rectangle, whichever way round its corners are."""
+        """Fill a rectangle; x0 and x1 may be in either order."""
         left, right = sorted((x0 * self.scale, x1 * self.scale))
         self._draw.rectangle((left, y0 * self.scale, right, y1 * self.scale), fill=colour)
 
     def bar(
         self, box: tuple[float, float, float, float], fraction: float, colour: Rgb, zero: float = 0
     ) -> None:
-        """Draw a bar from `zero` to `fraction`, both fractions of the box, cut at its ends."""
+        """Draw a bar from `zero` to `fraction`, fractions of the box, clipped to the box."""
         x0, y0, x1, y1 = box
-        self.rectangle(x0, y0, x1, y1, (52, 58, 64))
+        self.rectangle(x0, y0, x1, y1, _BAR_BACKGROUND)
         start, end = (x0 + (x1 - x0) * min(max(part, 0.0), 1.0) for part in (zero, fraction))
         self.rectangle(start, y0, end, y1, colour)
         if zero:
             self.rectangle(start - 0.5, y0 - 2, start + 0.5, y1 + 2, FAINT)
 
-    def onto(self, picture: Image.Image, x: float, y: float) -> None:
-        """Lay the plate on a picture with its upper left corner at (x, y) [pixels]."""
+    def paste_onto(self, picture: Image.Image, x: float, y: float) -> None:
+        """Lay the box on a picture with its upper left corner at (x, y) [pixels]."""
         picture.paste(self.image, (round(x), round(y)), self.image)

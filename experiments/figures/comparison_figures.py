@@ -1,4 +1,4 @@
-"""Several runs on one reference, laid over one another."""
+"""Figures of several runs on one reference."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE
 
-from ..results.comparison import Compared
-from ..results.tracking import BODIES, BodyError
+from ..results.run_comparison import ComparedRun
+from ..results.tracking_errors import BODIES, BodyError, position_fields
 from .signals import INPUTS
 from .style import (
     BLACK,
@@ -32,17 +32,17 @@ from .style import (
 _COLOURS: Final = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
 
 
-def paths_figure(runs: Sequence[Compared]) -> Figure:
-    """Return the driven paths of both points over the reference."""
+def paths_figure(runs: Sequence[ComparedRun]) -> Figure:
+    """Return the driven paths of both axle points and the reference."""
     figure = blank(6.4)
-    for axes, (body, letter) in zip(figure.subplots(2, 1), BODIES.items(), strict=True):
-        place = (f"x_{letter}_m", f"y_{letter}_m")
+    for axes, body in zip(figure.subplots(2, 1), BODIES, strict=True):
+        fields = position_fields(body)
         longest = max(runs, key=lambda run: len(run.record[REFERENCE]))
-        reference = longest.record[REFERENCE].columns(*place)
+        reference = longest.record[REFERENCE].columns(*fields)
         axes.plot(*reference.T, color=PALE, linewidth=3.0, label="reference")
         for run, colour in zip(runs, _COLOURS, strict=False):
             table = run.record[STATE]
-            driven = table.columns(*place)[table.time_s <= run.end_s]
+            driven = table.columns(*fields)[table.time_s <= run.end_s]
             axes.plot(*driven.T, color=colour, linewidth=0.9, label=run.label)
         dress(axes, "x east [m]", "y north [m]")
         note(axes, 0.01, 0.97, body, va="top", fontweight="bold")
@@ -51,8 +51,8 @@ def paths_figure(runs: Sequence[Compared]) -> Figure:
     return figure
 
 
-def errors_figure(runs: Sequence[Compared]) -> Figure:
-    """Return the error of both points over the common time, curves shaded."""
+def errors_figure(runs: Sequence[ComparedRun]) -> Figure:
+    """Return the errors of both axle points over the common time, curves shaded."""
     figure = blank(4.6)
     rows = figure.subplots(2, 1, sharex=True, sharey=True)
     for axes, body in zip(rows, BODIES, strict=True):
@@ -69,15 +69,15 @@ def errors_figure(runs: Sequence[Compared]) -> Figure:
     return figure
 
 
-def inputs_figure(runs: Sequence[Compared]) -> Figure:
-    """Return the commands of all runs with the bounds of the first."""
+def inputs_figure(runs: Sequence[ComparedRun]) -> Figure:
+    """Return the commands of all runs with the bounds of the first run."""
     figure = blank(6.2)
     rows = figure.subplots(3, 1, sharex=True)
     for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
         for run, colour in zip(runs, _COLOURS, strict=False):
             table = run.record[CONTROL]
-            there = table.time_s <= run.end_s
-            sent = np.where(there, factor * table[f"{name}_command"], np.nan)
+            common = table.time_s <= run.end_s
+            sent = np.where(common, factor * table[f"{name}_command"], np.nan)
             axes.plot(table.time_s, sent, color=colour, linewidth=0.9, label=run.label)
         bounds = runs[0].record[CONTROL]
         for bound in ("min", "max"):
@@ -91,7 +91,7 @@ def inputs_figure(runs: Sequence[Compared]) -> Figure:
     return figure
 
 
-COMPARISONS: Final[dict[str, Callable[[Sequence[Compared]], Figure]]] = {
+COMPARISONS: Final[dict[str, Callable[[Sequence[ComparedRun]], Figure]]] = {
     "path": paths_figure,
     "error": errors_figure,
     "signals": inputs_figure,

@@ -1,4 +1,4 @@
-"""A picture of a MuJoCo scene without a screen: EGL, in software where there is no GPU."""
+"""Off-screen rendering of MuJoCo scenes with EGL, in software without a GPU."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 import os
-from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -17,7 +16,7 @@ from proving_ground.testbed.errors import first_line
 
 from ..errors import NoGraphics
 
-PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"
+_PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"
 _OFF: Final = ("disable", "disabled", "off", "false", "0")  # values of MUJOCO_GL
 
 
@@ -25,7 +24,7 @@ def _context() -> Any:  # noqa: ANN401 - mujoco has no types
     """Return an OpenGL context that needs no screen.
 
     Raises:
-        NoGraphics: there is none.
+        NoGraphics: no context can be created.
     """
     if os.environ.get("MUJOCO_GL", "").lower() in _OFF:
         raise NoGraphics(
@@ -35,27 +34,27 @@ def _context() -> Any:  # noqa: ANN401 - mujoco has no types
     try:
         from mujoco.egl import GLContext
 
-        context = GLContext(1, 1)  # of the frame buffer, which is MuJoCo's own, the size counts
+        context = GLContext(1, 1)  # the size is that of MuJoCo's own frame buffer
         context.make_current()
     except (ImportError, AttributeError, OSError, RuntimeError) as error:
         raise NoGraphics(
-            f"off-screen OpenGL is not to be had ({first_line(error)}): install {PACKAGES}, "
+            f"off-screen OpenGL is unavailable ({first_line(error)}): install {_PACKAGES}, "
             "or take --camera plan, which needs none"
         ) from None
     return context
 
 
 def check_graphics() -> None:
-    """Refuse at once where nothing could be rendered later.
+    """Raise if rendering is unavailable.
 
     Raises:
-        NoGraphics: with what to install.
+        NoGraphics: the message names the packages to install.
     """
     _context().free()
 
 
-class Screen:
-    """A frame buffer for the scenes of one model; a context manager."""
+class OffscreenRenderer:
+    """Off-screen frame buffer for the scenes of one model."""
 
     def __init__(self, model: mujoco.MjModel, size: tuple[int, int]) -> None:
         self._gl = _context()
@@ -66,32 +65,21 @@ class Screen:
         self._rect = mujoco.MjrRect(0, 0, *size)
 
     def upload_mesh(self, mesh: int) -> None:
-        """Take over what has changed in a mesh of the model."""
+        """Copy a changed mesh of the model to the graphics memory."""
         self._gl.make_current()
         mujoco.mjr_uploadMesh(self._model, self._mujoco, mesh)
 
     def picture(self, scene: mujoco.MjvScene) -> NDArray[np.uint8]:
-        """Return the scene, (height, width, 3)."""
+        """Return the rendered scene, (height, width, 3)."""
         width, height = self._size
         self._gl.make_current()
         mujoco.mjr_render(self._rect, scene, self._mujoco)
         pixels = np.empty((height, width, 3), dtype=np.uint8)
         mujoco.mjr_readPixels(pixels, None, self._rect, self._mujoco)
-        return pixels[::-1]  # the first row of OpenGL is the lowest
+        return pixels[::-1]  # OpenGL's first row is the bottom row
 
     def close(self) -> None:
-        """Free the context; nothing can be rendered afterwards."""
+        """Free the context. Nothing can be rendered afterwards."""
         self._gl.make_current()
         self._mujoco.free()
         self._gl.free()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -1,4 +1,4 @@
-"""Arguments of the commands that make pictures of logs."""
+"""Arguments that the commands for films and pictures share."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from ..film.shot import CAMERAS, SIZE
 from . import options
 
 if TYPE_CHECKING:
-    from ..film.scenes import Setup
-
-CAMERA_HELP = (
-    "chase (behind, default), top, side, hitch, split (chase and top), or plan, which is drawn "
-    "without OpenGL"
-)
+    from ..film.composition import FilmSetup
 
 
 def add_camera(parser: argparse.ArgumentParser) -> None:
     """Add camera and size of a picture."""
-    parser.add_argument("--camera", choices=CAMERAS, default="chase", help=CAMERA_HELP)
+    parser.add_argument(
+        "--camera",
+        choices=CAMERAS,
+        default="chase",
+        help="chase (behind, default), top, side, hitch, split (chase and top), or plan, which "
+        "needs no OpenGL",
+    )
     parser.add_argument(
         "--size",
-        type=size,
+        type=_size,
         default=SIZE,
         metavar="WxH",
         help=f"pixels, both even (default: {SIZE[0]}x{SIZE[1]})",
@@ -33,7 +34,7 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
 
 
 def add_span(parser: argparse.ArgumentParser) -> None:
-    """Add which part of a run is filmed, and how fast."""
+    """Add time span, speed and number of processes of a film."""
     parser.add_argument(
         "--from",
         type=options.number,
@@ -49,43 +50,36 @@ def add_span(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=8.0,
         metavar="X",
-        help="seconds of the run in a second of film (default: 8)",
+        help="simulated time over film time (default: 8)",
     )
     parser.add_argument(
         "--workers",
-        type=workers,
+        type=options.whole_number(1, 64),
         default=2,
         metavar="N",
         help="processes that share the frames (default: 2)",
     )
 
 
-def size(text: str) -> tuple[int, int]:
+def _size(text: str) -> tuple[int, int]:
     """Read WIDTHxHEIGHT."""
-    found = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
-    if not found:
+    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    if not match:
         raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, as 1280x720, got {text!r}")
-    return int(found[1]), int(found[2])
+    return int(match[1]), int(match[2])
 
 
-def workers(text: str) -> int:
-    """Read a number of processes."""
-    if not text.isdecimal() or not 1 <= int(text) <= 64:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 64, got {text!r}")
-    return int(text)
-
-
-def beside(log: Path, ending: str) -> Path:
-    """Return the name of a picture beside its log."""
+def path_beside(log: Path, ending: str) -> Path:
+    """Return the default path of a picture or film of a log."""
     return log.with_name(f"{log.name.removesuffix('.mcap')}-{ending}")
 
 
-def shoot(setup: Setup, file: Path, workers: int) -> None:
-    """Write a film, with a bar where someone watches."""
+def write_with_progress(setup: FilmSetup, file: Path, workers: int) -> None:
+    """Write a film, with a progress bar if stderr is a terminal."""
     from tqdm import tqdm
 
-    from ..film.film import film
+    from ..film.render import write_film
 
     quiet, count = not sys.stderr.isatty(), len(setup.shot.times)
     with tqdm(total=count, desc=file.name, unit="frame", disable=quiet, leave=False) as bar:
-        film(setup, file, workers, bar.update)
+        write_film(setup, file, workers, bar.update)

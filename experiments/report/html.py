@@ -1,4 +1,4 @@
-"""What the project's HTML pages share: templates, filters, embedded pictures."""
+"""Template environment and embedded pictures of the HTML pages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..results.table import centimetres
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure as a page holds it."""
+    """A PNG picture embedded in a page."""
 
     name: str
     caption: str
@@ -22,16 +22,16 @@ class Picture:
 
     @classmethod
     def of(cls, name: str, caption: str, content: bytes) -> Picture:
-        """Return the picture in a PNG file's content."""
+        """Return the picture for the content of a PNG file."""
         return cls(name, caption, base64.b64encode(content).decode())
 
 
 def environment() -> Environment:
-    """Return the environment in which every page is rendered."""
-    made = Environment(
+    """Return the Jinja environment of all pages, with the filter `cm`."""
+    jinja = Environment(
         loader=FileSystemLoader(resource("proving_ground.experiments.report", "templates")),
         autoescape=True,
         undefined=StrictUndefined,
     )
-    made.filters["cm"] = centimetres
-    return made
+    jinja.filters["cm"] = centimetres
+    return jinja

@@ -1,0 +1,107 @@
+"""Tracking errors of tractor and trailer against their time-based references."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from proving_ground.testbed.recording.channels import REFERENCE, STATE, Channel
+from proving_ground.testbed.recording.record import Record
+from ttempc.types import FloatArray
+
+START_UP_S: Final = 8.0  # the vehicle starts from standstill; statistics leave this time out
+
+BODIES: Final = {"tractor": "t", "trailer": "i"}  # body: the paper's letter in the field names
+
+# A reference counts as curved from 1 % of its largest curvature on: the blends between line and
+# arc then count as curve, and rounding errors on a line do not.
+_CURVED_FRACTION: Final = 0.01
+_STRAIGHT_PER_M: Final = 1e-6  # a path whose largest curvature is below this is a straight line
+
+
+@dataclass(frozen=True, slots=True)
+class BodyError:
+    """Position error of one axle point in the frame of its reference."""
+
+    along_m: FloatArray  # (n,) positive ahead of the reference
+    cross_m: FloatArray  # (n,) positive to the left of the reference
+
+    @property
+    def euclidean_m(self) -> FloatArray:
+        """Distance to the reference, (n,)."""
+        return np.hypot(self.along_m, self.cross_m)
+
+    def at(self, rows: NDArray[np.bool_]) -> BodyError:
+        """Return the error at the rows that are True."""
+        return BodyError(self.along_m[rows], self.cross_m[rows])
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingErrors:
+    """Errors at all times at which both the state and its reference are recorded."""
+
+    time_s: FloatArray  # (n,)
+    curved: NDArray[np.bool_]  # (n,) by the reference's curvature at the tractor point
+    tractor: BodyError
+    trailer: BodyError
+
+    def until(self, end_s: float) -> TrackingErrors:
+        """Return the errors up to a time."""
+        rows = self.time_s <= end_s
+        tractor, trailer = self.tractor.at(rows), self.trailer.at(rows)
+        return TrackingErrors(self.time_s[rows], self.curved[rows], tractor, trailer)
+
+
+def tracking_errors(record: Record) -> TrackingErrors:
+    """Return the errors of both axle points against their time-based references."""
+    time_s, state, reference = rows_at_same_time(record, STATE, REFERENCE)
+    errors = {body: body_error(record, state, reference, body) for body in BODIES}
+    return TrackingErrors(time_s, is_curved(record)[reference], **errors)
+
+
+def is_curved(record: Record) -> NDArray[np.bool_]:
+    """Return for each row of the reference whether it counts as curve."""
+    curvature = np.abs(record[REFERENCE]["curvature_per_m"])
+    largest = float(curvature.max(initial=0.0, where=np.isfinite(curvature)))
+    return curvature > max(_CURVED_FRACTION * largest, _STRAIGHT_PER_M)
+
+
+def rows_at_same_time(
+    record: Record, first: Channel, second: Channel
+) -> tuple[FloatArray, NDArray[np.intp], NDArray[np.intp]]:
+    """Return the common times of two channels and the rows of each at these times.
+
+    The simulation stamps rows of one moment with the same number. The times are compared exactly,
+    and nothing is interpolated.
+    """
+    return np.intersect1d(
+        record[first].time_s, record[second].time_s, assume_unique=False, return_indices=True
+    )
+
+
+def position_fields(body: str) -> tuple[str, str]:
+    """Return the field names of a body's axle point in the channels with poses."""
+    letter = BODIES[body]
+    return f"x_{letter}_m", f"y_{letter}_m"
+
+
+def body_error(
+    record: Record, state: NDArray[np.intp], reference: NDArray[np.intp], body: str
+) -> BodyError:
+    """Return the position error of one body.
+
+    Args:
+        record: of the run.
+        state: rows of the state channel, (n,).
+        reference: rows of the reference channel at the same times, (n,).
+        body: key of `BODIES`.
+    """
+    fields = position_fields(body)
+    position = record[STATE].columns(*fields)[state]
+    dx, dy = (position - record[REFERENCE].columns(*fields)[reference]).T
+    heading = record[REFERENCE][f"psi_{BODIES[body]}_rad"][reference]
+    cos, sin = np.cos(heading), np.sin(heading)
+    return BodyError(cos * dx + sin * dy, cos * dy - sin * dx)
