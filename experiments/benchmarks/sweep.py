@@ -21,30 +21,32 @@ from pathlib import Path
 from typing import Final
 
 from ..sweep.engine import engine
-from ..sweep.folder import Folder, Origin
-from ..sweep.plan import Plan
+from ..sweep.folder import Origin, SweepFolder
+from ..sweep.plan import SweepPlan
 from ..sweep.results import rows
 from ..sweep.row import Row, no_figures
 from ..sweep.study import ListAxis, Study
 from ..sweep.sweep import sweep
-from ..sweep.work import Job
+from ..sweep.work import SweepJob
 
 LARGEST_OVERHEAD: Final = 0.05
 LEAST_EFFICIENCY: Final = 0.9
 LEAST_SPEED: Final = 60.0  # simulated seconds a wall second and core
 
 
-def _plan(seeds: int) -> Plan:
+def _plan(seeds: int) -> SweepPlan:
     controllers = ListAxis(kind="list", key="controller", values=("ttempc-nominal", "paper"))
-    return Plan("benchmark", Study(seeds=seeds, set={"path": {"laps": 1}}, axis=(controllers,)))
+    return SweepPlan(
+        "benchmark", Study(seeds=seeds, set={"path": {"laps": 1}}, axis=(controllers,))
+    )
 
 
-def _swept(plan: Plan, workers: int, parent: Path) -> tuple[float, list[Row]]:
+def _swept(plan: SweepPlan, workers: int, parent: Path) -> tuple[float, list[Row]]:
     """Return the time of a sweep on warm workers and its rows."""
     with engine(workers) as cores:
         for seeds in (workers, 0):
             part = _plan(seeds) if seeds else plan
-            folder = Folder(parent / f"{workers}-{part.size}", Origin.here("", part.size))
+            folder = SweepFolder(parent / f"{workers}-{part.size}", Origin.here("", part.size))
             folder.path.mkdir()
             begin = time.perf_counter()
             sweep(part, folder, cores)
@@ -71,7 +73,7 @@ def measure_runs(count: int) -> None:
     print(f"parallel efficiency {efficiency:.2f} (at least {LEAST_EFFICIENCY})")
 
 
-def made_up(job: Job) -> Row:
+def made_up(job: SweepJob) -> Row:
     """Return a row without a run."""
     return job.row("completed", None, dict.fromkeys(no_figures(), 0.5), 0.0)
 
@@ -81,7 +83,7 @@ def measure_rows(most: int, workers: int) -> None:
     with tempfile.TemporaryDirectory() as parent, engine(workers) as cores:
         for number, count in enumerate((1000, most)):
             plan = _plan(count // 2)
-            folder = Folder(Path(parent) / str(number), Origin.here("", plan.size))
+            folder = SweepFolder(Path(parent) / str(number), Origin.here("", plan.size))
             folder.path.mkdir()
             begin = time.perf_counter()
             sweep(plan, folder, cores, work=made_up)

@@ -69,29 +69,31 @@ def _count(text: str) -> int:
 
 def _sweep(arguments: argparse.Namespace) -> int:
     # Here, because MuJoCo and Dask take seconds to load, and help should not wait.
+    from ..sweep.cost_estimate import estimate_cost, format_plan
     from ..sweep.engine import engine
-    from ..sweep.estimate import described, estimate
-    from ..sweep.folder import held, is_begun
-    from ..sweep.inert_axes import unread
-    from ..sweep.plan import Plan
+    from ..sweep.folder import is_begun, lock_folder
+    from ..sweep.inert_axes import find_inert_axes
+    from ..sweep.plan import SweepPlan
     from ..sweep.study import load_study
     from ..sweep.sweep import sweep
 
     name, study = load_study(arguments.study)
-    plan = Plan(name, study)
+    plan = SweepPlan(name, study)
     extent = plan.extent()
     folder = arguments.out or Path("runs") / f"sweep-{name}"
     if arguments.dry_run or not is_begun(folder):
-        for axis in unread(plan):
+        for axis in find_inert_axes(plan):
             print(f"ttempc: note: axis {axis}: changes nothing, no run reads it", file=sys.stderr)
+        for reason in extent.refused:
+            print(f"ttempc: note: left out: {reason}", file=sys.stderr)
     if arguments.dry_run:
-        print(described(plan, extent, estimate(plan, extent), arguments.workers))
+        print(format_plan(plan, extent, estimate_cost(plan, extent), arguments.workers))
         return 0
     begun = False
     try:
         with (
             engine(arguments.workers, arguments.dask) as carried_out,
-            held(folder, plan, extent.digest) as taken,
+            lock_folder(folder, plan) as taken,
         ):
             begun = True
             sweep(plan, taken, carried_out, _Reporter(extent.runs))

@@ -22,7 +22,7 @@ from ttempc.tube.reference_tube import ReferenceTube, TubeDesign
 from ttempc.types import FloatArray, State
 
 from ..errors import InvalidFit, InvalidScenario
-from ..results.confidence import fewest_samples, share
+from ..results.statistics import fewest_samples, proportion
 from ..run.assembly import CONTROL_PERIOD_S, geared
 from ..scenario.scenario import Scenario, load
 from ..scenario.tube_file import HoldOut, Provenance, TubeFile, residual_table, tube_file
@@ -139,8 +139,8 @@ def fit_set(
 def hold_out(made: DisturbanceSet, runs: Sequence[FloatArray], confidence: float) -> HoldOut:
     """Return how many windows of the `runs`, one after the other without overlap, lie inside."""
     fills = np.concatenate([made.fill(run)[:: made.window] for run in runs])
-    found = share(int((fills <= 1.0).sum()), len(fills), confidence)
-    return HoldOut(found.total, found.inside, found.low, found.high)
+    found = proportion(int((fills <= 1.0).sum()), len(fills), confidence)
+    return HoldOut(found.total, found.count, found.low, found.high)
 
 
 def fit_tube(

@@ -1,10 +1,11 @@
 """Sweeps of made-up runs, for tests of what is told of them."""
 
 from proving_ground.experiments.sweep.engine import engine
-from proving_ground.experiments.sweep.folder import held
+from proving_ground.experiments.sweep.failure import ERROR
+from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.row import no_figures
 from proving_ground.experiments.sweep.sweep import sweep
-from proving_ground.experiments.sweep_report.runs import COST, ERROR
+from proving_ground.experiments.sweep_report.runs import COST
 from proving_ground.testbed.randomness import generator
 from tests.experiments.study_files import plan_of
 
@@ -59,7 +60,7 @@ def swept(folder, *parts, most=None, name="made-up", work=made_up):
         if progress.done == most:
             raise KeyboardInterrupt
 
-    with engine(workers=0) as inside, held(path, plan, plan.extent().digest) as held_folder:
+    with engine(workers=0) as inside, lock_folder(path, plan) as held_folder:
         try:
             sweep(plan, held_folder, inside, stop, work)
         except KeyboardInterrupt:

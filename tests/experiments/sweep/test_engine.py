@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.sweep.engine import Engine, InProcess, engine, flow
-from proving_ground.experiments.sweep.folder import held
+from proving_ground.experiments.sweep.engine import Engine, InProcess, engine, imap_bounded
+from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.results import rows
 from proving_ground.experiments.sweep.row import no_figures
 from proving_ground.experiments.sweep.sweep import sweep
@@ -87,7 +87,7 @@ def test_a_sweep_on_a_cluster_outlives_its_workers(dask, scheduler, tmp_path, ca
     dask("worker", scheduler, *options, "--nworkers", "2")
     with (
         engine(address=scheduler) as cluster,
-        held(tmp_path / "out", plan, plan.extent().digest) as folder,
+        lock_folder(tmp_path / "out", plan) as folder,
     ):
         sweep(plan, folder, cluster, work=deadly)
     found = sorted(rows(tmp_path / "out" / "results.jsonl"), key=lambda row: row["run"])
@@ -117,14 +117,16 @@ def test_no_more_tasks_are_taken_than_can_be_worked_on():
             taken.append(task)
             yield task
 
-    for task, future in flow(Engine(InProcess(), lambda: 3), lambda task: 2 * task, tasks()):
+    for task, future in imap_bounded(
+        Engine(InProcess(), lambda: 3), lambda task: 2 * task, tasks()
+    ):
         assert future.result() == 2 * task
         assert len(taken) <= task + 6
     assert taken == list(range(20))
 
 
 def test_what_a_task_raises_is_in_its_future():
-    ((_, future),) = flow(Engine(InProcess(), lambda: 1), int, ["no number"])
+    ((_, future),) = imap_bounded(Engine(InProcess(), lambda: 1), int, ["no number"])
     assert isinstance(future.exception(), ValueError)
 
 

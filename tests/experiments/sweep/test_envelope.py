@@ -7,9 +7,10 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidStudy, SweepStopped
-from proving_ground.experiments.sweep import envelope as room
+from proving_ground.experiments.sweep import envelope as envelope_module
 from proving_ground.experiments.sweep.engine import Engine, InProcess
-from proving_ground.experiments.sweep.envelope import ERROR, Question, envelope
+from proving_ground.experiments.sweep.envelope import Question, envelope
+from proving_ground.experiments.sweep.failure import ERROR
 from proving_ground.experiments.sweep.row import no_figures
 
 ASKED = Question(
@@ -27,13 +28,13 @@ ASKED = Question(
 def answered(question, monkeypatch, error):
     """Ask with runs whose error is a function of the slope and the seed, None where lost."""
 
-    def driven(engine, jobs):
+    def rows_of(engine, jobs):
         for job in jobs:
             found = error(next(iter(job.axes.values())), job.seed)
             status = "completed" if found is not None else "lost"
             yield job.row(status, None, {**no_figures(), ERROR: found}, 0.1)
 
-    monkeypatch.setattr(room, "driven", driven)
+    monkeypatch.setattr(envelope_module, "imap_rows", rows_of)
     return envelope(question, Engine(InProcess(), lambda: 1))
 
 
@@ -65,11 +66,11 @@ def test_delays_are_whole_steps_on_the_way_to_the_answer(monkeypatch):
 
 
 def test_a_run_that_raised_an_error_says_nothing_of_the_controller(monkeypatch):
-    def driven(engine, jobs):
+    def rows_of(engine, jobs):
         for job in jobs:
             yield job.row("failed", "no such thing", no_figures(), 0.1)
 
-    monkeypatch.setattr(room, "driven", driven)
+    monkeypatch.setattr(envelope_module, "imap_rows", rows_of)
     with pytest.raises(SweepStopped, match=r"slope at 0, paper, seed 1: no such thing"):
         envelope(ASKED, Engine(InProcess(), lambda: 1))
 

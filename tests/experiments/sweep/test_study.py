@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from proving_ground.experiments.errors import ExperimentError
-from proving_ground.experiments.sweep.inert_axes import unread
-from proving_ground.experiments.sweep.plan import Plan
+from proving_ground.experiments.sweep.inert_axes import find_inert_axes
+from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.study import load_study, shipped_studies
 from tests.experiments.study_files import CONTROLLERS, SHORT, STRENGTHS, plan_of
 
@@ -43,7 +43,7 @@ def test_runs_of_one_point_and_seed_differ_in_the_controller_alone(tmp_path):
 def test_a_latin_hypercube_has_one_point_in_every_slice_of_every_axis(tmp_path):
     keys = ("sensors.gnss_sd_m", "sensors.angle_sd_deg")
     plan = plan_of(tmp_path, "samples = 20", SHORT, drawn("latin-hypercube", *keys))
-    points = np.array([[plan.changed(point)[key] for key in keys] for point in range(20)])
+    points = np.array([[plan.changes(point)[key] for key in keys] for point in range(20)])
     slices = np.floor((points - 1.0) / 8.0 * 20).astype(int)
     assert (np.sort(slices, axis=0) == np.arange(20)[:, None]).all()
 
@@ -56,8 +56,8 @@ def test_random_axes_have_draws_of_their_own_and_stay_in_range(tmp_path):
         SHORT,
         drawn("random", "sensors.angle_sd_deg", "sensors.gnss_sd_m", more=""),
     )
-    values = [one.changed(point)["sensors.gnss_sd_m"] for point in range(50)]
-    assert values == [two.changed(point)["sensors.gnss_sd_m"] for point in range(50)]
+    values = [one.changes(point)["sensors.gnss_sd_m"] for point in range(50)]
+    assert values == [two.changes(point)["sensors.gnss_sd_m"] for point in range(50)]
     assert len({*values}) == 50
     assert all(1.0 <= value <= 9.0 for value in values)
 
@@ -65,7 +65,7 @@ def test_random_axes_have_draws_of_their_own_and_stay_in_range(tmp_path):
 def test_a_normal_axis_has_its_low_and_high_at_95_percent(tmp_path):
     normal = drawn("latin-hypercube", "sensors.gnss_sd_m", more='distribution = "normal"')
     plan = plan_of(tmp_path, "samples = 400", normal)
-    values = np.array([plan.changed(point)["sensors.gnss_sd_m"] for point in range(400)])
+    values = np.array([plan.changes(point)["sensors.gnss_sd_m"] for point in range(400)])
     inside = np.mean((values >= 1.0) & (values <= 9.0))
     assert inside == pytest.approx(0.95, abs=2 / 400)
 
@@ -157,11 +157,11 @@ def test_an_axis_that_changes_nothing_is_found(tmp_path):
         '[[axis]]\nkind="list"\nkey="sensors.gnss_correlation_time_s"\nvalues=[1.0, 9.0]',
         CONTROLLERS,
     )
-    assert unread(plan) == ("sensors.gnss_correlation_time_s",)
+    assert find_inert_axes(plan) == ("sensors.gnss_correlation_time_s",)
 
 
 @pytest.mark.parametrize("name", shipped_studies())
 def test_shipped_studies_name_what_they_ask(name):
     study = load_study(name)[1]
     assert study.description
-    assert Plan(name, study)[0].setting.scenario
+    assert SweepPlan(name, study)[0].setting.scenario

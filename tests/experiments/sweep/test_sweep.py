@@ -16,11 +16,11 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import SweepRefused, SweepStopped
 from proving_ground.experiments.sweep.engine import engine
-from proving_ground.experiments.sweep.folder import held
+from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.results import rows
 from proving_ground.experiments.sweep.row import columns, no_figures
 from proving_ground.experiments.sweep.sweep import sweep
-from proving_ground.experiments.sweep.work import work
+from proving_ground.experiments.sweep.work import run_job
 from tests.experiments.study_files import CONTROLLERS, SHORT, STRENGTHS, plan_of
 
 WORST = "tracking.all.trailer.cross_p95_m"
@@ -38,7 +38,7 @@ def made(job):
 
 
 def swept(plan, path, work=made, on_row=lambda progress: None):
-    with engine(workers=0) as inside, held(path, plan, plan.extent().digest) as folder:
+    with engine(workers=0) as inside, lock_folder(path, plan) as folder:
         sweep(plan, folder, inside, on_row, work)
     return sorted(rows(path / "results.jsonl"), key=lambda row: row["run"])
 
@@ -56,7 +56,7 @@ def real(tmp_path_factory):
     """A plan of real runs, and its rows by one uninterrupted sweep."""
     folder = tmp_path_factory.mktemp("real")
     plan = plan_of(folder, "seeds = 2", SHORT, CONTROLLERS)
-    return plan, swept(plan, folder / "out", work), folder / "out"
+    return plan, swept(plan, folder / "out", run_job), folder / "out"
 
 
 def test_rows_have_the_documented_columns_and_open_as_they_are(real):
@@ -75,10 +75,10 @@ def test_an_interrupted_sweep_ends_with_the_same_rows(real, tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        swept(plan, tmp_path / "out", work, stop)
+        swept(plan, tmp_path / "out", run_job, stop)
     file = tmp_path / "out" / "results.jsonl"
     file.write_bytes(file.read_bytes() + b'{"run":1,"po')  # and the disk was cut off in a row
-    again = swept(plan, tmp_path / "out", work)
+    again = swept(plan, tmp_path / "out", run_job)
     assert [timeless(row) for row in again] == [timeless(row) for row in whole]
 
 
@@ -95,7 +95,7 @@ def test_a_run_that_raises_is_a_row_with_the_same_columns(tmp_path, monkeypatch)
         raise ZeroDivisionError("of the controller\nwith a second line")
 
     monkeypatch.setattr("proving_ground.experiments.sweep.work.simulate", simulate)
-    (row, _) = swept(plan, tmp_path / "out", work)
+    (row, _) = swept(plan, tmp_path / "out", run_job)
     assert (row["status"], row["failure"]) == ("failed", "ZeroDivisionError: of the controller")
     assert list(row) == [*columns(plan.study.names)]
 
@@ -103,7 +103,7 @@ def test_a_run_that_raises_is_a_row_with_the_same_columns(tmp_path, monkeypatch)
 @pytest.mark.parametrize(("keep", "kept"), [("none", []), ("all", [0, 1])])
 def test_logs_are_kept_as_asked_and_named_in_the_rows(keep, kept, tmp_path):
     plan = plan_of(tmp_path, f'keep = "{keep}"', SHORT, CONTROLLERS)
-    found = swept(plan, tmp_path / "out", work)
+    found = swept(plan, tmp_path / "out", run_job)
     there = sorted(file.name for file in (tmp_path / "out" / "logs").iterdir())
     assert there == [f"{run}.mcap" for run in kept]
     assert [row["log"] for row in found if row["log"]] == [f"logs/{run}.mcap" for run in kept]
@@ -154,7 +154,7 @@ def test_another_study_other_versions_and_foreign_folders_are_refused(tmp_path):
 def test_a_worker_with_other_code_ends_the_sweep(tmp_path):
     plan = plan_of(tmp_path, SHORT)
     with pytest.raises(SweepStopped, match="a worker has other code than the driver"):
-        swept(plan, tmp_path / "out", lambda job: work(replace(job, code="other")))
+        swept(plan, tmp_path / "out", lambda job: run_job(replace(job, code="other")))
 
 
 def test_a_killed_driver_loses_only_the_run_under_way(real, tmp_path):
@@ -176,7 +176,7 @@ def test_a_killed_driver_loses_only_the_run_under_way(real, tmp_path):
     driver.send_signal(signal.SIGKILL)
     driver.communicate()
     assert 0 < len(list(rows(file))) <= 4
-    again = swept(plan, file.parent, work)
+    again = swept(plan, file.parent, run_job)
     assert [timeless(row) for row in again] == [timeless(row) for row in whole]
 
 

@@ -11,12 +11,18 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidRows
 from proving_ground.experiments.scenario.scenario import dump, load
-from proving_ground.experiments.sweep.plan import Plan
+from proving_ground.experiments.sweep.failure import ERROR
+from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.study import load_study
-from proving_ground.experiments.sweep_report.aggregate import cells, differences, tail, whole
+from proving_ground.experiments.sweep_report.aggregate import (
+    cells,
+    controller_groups,
+    controller_tail,
+    paired_differences,
+)
 from proving_ground.experiments.sweep_report.axes import scales
-from proving_ground.experiments.sweep_report.format import command, numbers_text
-from proving_ground.experiments.sweep_report.runs import ERROR, read_runs
+from proving_ground.experiments.sweep_report.format import format_numbers, rerun_command
+from proving_ground.experiments.sweep_report.runs import read_sweep
 from tests.experiments.sweep_rows import AXES, DRAWN, swept
 
 
@@ -38,11 +44,11 @@ def begun(three_rows, tmp_path):
 
 @pytest.fixture(scope="module")
 def runs(folder):
-    return read_runs(folder)
+    return read_sweep(folder)
 
 
 def numbers(text):
-    """Read again what `numbers_text` writes, as the page does."""
+    """Read again what `format_numbers` writes, as the page does."""
     found = []
     for part in filter(None, text.split(", ")):
         span, _, step = part.partition("/")
@@ -54,7 +60,7 @@ def numbers(text):
 def test_every_run_is_in_one_cell_and_every_number_leads_to_its_runs(runs):
     found = cells(runs, scales(runs))
     assert len(found) == 3 * 4 * 3
-    told = [run for cell in found for run in numbers(numbers_text(cell.group.runs))]
+    told = [run for cell in found for run in numbers(format_numbers(cell.group.runs))]
     assert sorted(told) == list(range(180))
     rows = {row["run"]: row for row in runs.rows}
     for cell in found:
@@ -72,14 +78,14 @@ def test_every_run_is_in_one_cell_and_every_number_leads_to_its_runs(runs):
 @pytest.mark.parametrize("chance", [0.02, 0.3, 0.9, 1.0])
 def test_numbers_in_few_words_are_read_again(chance):
     chosen = np.flatnonzero(np.random.default_rng(1).random(500) < chance)
-    assert numbers(numbers_text(chosen)) == chosen.tolist()
-    assert numbers_text(np.arange(3, 2000, 3)) == "3-1998/3"
-    assert numbers_text([4]) == "4"
-    assert numbers_text([]) == ""
+    assert numbers(format_numbers(chosen)) == chosen.tolist()
+    assert format_numbers(np.arange(3, 2000, 3)) == "3-1998/3"
+    assert format_numbers([4]) == "4"
+    assert format_numbers([]) == ""
 
 
 def test_differences_are_those_of_the_same_ground(runs):
-    ours, feedforward = differences(runs, 0)
+    ours, feedforward = paired_differences(runs, 0)
     rows = {(row["controller"], row["point"], row["seed"]): row[ERROR] for row in runs.rows}
     pairs = [
         (error, rows["paper", *key]) for (name, *key), error in rows.items() if name == "ttempc"
@@ -89,18 +95,18 @@ def test_differences_are_those_of_the_same_ground(runs):
     assert (ours.pairs, len(ours.alone_failed), len(ours.other_failed)) == (60, 0, 0)
     assert (feedforward.pairs, len(feedforward.alone_failed)) == (40, 20)
     # The ground is common: the difference is far surer than the two errors.
-    wide = whole(runs)[0].error_cm
+    wide = controller_groups(runs)[0].error_cm
     assert ours.error_cm.high - ours.error_cm.low < wide.high - wide.low
-    back = differences(runs, 1)[0]
+    back = paired_differences(runs, 1)[0]
     assert back.error_cm.value == pytest.approx(-ours.error_cm.value)
 
 
 def test_a_limit_makes_runs_fail_that_completed(folder, runs):
-    strict = read_runs(folder, 0.1)
+    strict = read_sweep(folder, 0.1)
     assert runs.failed.sum() == 20
     assert (strict.failed == (runs.failed | (runs.error_cm > 10.0))).all()
-    assert whole(strict)[0].fails
-    assert tail(strict, 0) == tail(runs, 0)
+    assert controller_groups(strict)[0].fails
+    assert controller_tail(strict, 0) == controller_tail(runs, 0)
 
 
 def test_axes_have_words_units_and_the_order_of_the_study(runs):
@@ -112,7 +118,7 @@ def test_axes_have_words_units_and_the_order_of_the_study(runs):
 
 
 def test_drawn_axes_are_binned_evenly_and_points_are_drawn_anew(tmp_path):
-    runs = read_runs(swept(tmp_path, "seeds = 2", DRAWN))
+    runs = read_sweep(swept(tmp_path, "seeds = 2", DRAWN))
     (scale,) = scales(runs)
     assert scale.binned
     assert sorted(np.bincount(scale.place)) == [6, 6, 6, 6, 8, 8]
@@ -123,14 +129,14 @@ def test_a_sweep_at_work_is_told_as_far_as_it_is(tmp_path):
     folder = swept(tmp_path, "seeds = 5", AXES, most=40)
     file = folder / "results.jsonl"
     file.write_bytes(file.read_bytes() + b'{"run":41,"po')
-    runs = read_runs(folder)
+    runs = read_sweep(folder)
     assert (len(runs.rows), runs.missing) == (40, 140)
     assert runs.controllers == ("paper", "ttempc", "feedforward")
 
 
 @pytest.mark.parametrize("study", ["terrain-slip", "mismatch", "delay", "paper-table"])
 def test_the_command_of_a_row_drives_the_same_scenario(study):
-    plan = Plan(*load_study(study))
+    plan = SweepPlan(*load_study(study))
     for run in (0, plan.size // 2, plan.size - 1):
         planned = plan[run]
         setting = planned.setting
@@ -140,7 +146,7 @@ def test_the_command_of_a_row_drives_the_same_scenario(study):
             "seed": planned.seed,
             **setting.axes,
         }
-        _, _, name, *options = shlex.split(command(plan.study, row))
+        _, _, name, *options = shlex.split(rerun_command(plan.study, row))
         given = {"seed": "", "controller": ""}
         overrides = []
         for option, value in zip(options[::2], options[1::2], strict=True):
@@ -180,7 +186,7 @@ def _without(lines):
 def test_rows_of_something_else_are_refused_in_one_line(change, said, begun, capsys):
     _changed(begun, change)
     with pytest.raises(InvalidRows, match=said):
-        read_runs(begun)
+        read_sweep(begun)
     before = sorted(begun.iterdir())
     assert main(["report", str(begun)]) == 2
     assert capsys.readouterr().err.count("\n") == 1

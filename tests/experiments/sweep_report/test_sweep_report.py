@@ -14,7 +14,7 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.sweep.envelope import Envelope, Probe, Question
-from proving_ground.experiments.sweep_report.runs import read_runs
+from proving_ground.experiments.sweep_report.runs import read_sweep
 from proving_ground.experiments.sweep_report.summary import MARK
 from tests.experiments.sweep_rows import AXES, DRAWN, made_up, swept
 
@@ -88,7 +88,7 @@ def test_it_needs_nothing_from_elsewhere_and_every_link_leads_somewhere(folder, 
 
 
 def test_every_run_has_its_row_with_what_tells_it_from_others(folder, text):
-    for row in read_runs(folder).rows:
+    for row in read_sweep(folder).rows:
         (line,) = re.findall(rf'<tr data-run="{row["run"]}">.*?</tr>', text, re.DOTALL)
         for word in (row["run_id"], row["controller"], row["status"], html.escape(row["failure"])):
             assert word in line
@@ -192,7 +192,10 @@ def test_breaking_points_stand_beside_the_sweep(tmp_path):
     cells = [re.findall(r"<td>(.*?)</td>", row) for row in re.findall(r"<tr>.*?</tr>", table, re.S)]
     assert cells[1] == ["paper", "slope [rad]", "0.2", "0.25", "once", "4", "8"]
     assert cells[2] == ["pid", "slope [rad]", "throughout", "–", "–", "2", "4"]
-    assert "grass, seeds 1, 2; a run fails where it is lost, or errs by more than 60 cm" in text
+    assert (
+        "grass, seeds 1, 2; a run fails where it does not complete, or errs by more than 60 cm"
+        in text
+    )
     assert (folder / "report" / "envelope.png").exists()
 
 
