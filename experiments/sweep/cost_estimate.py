@@ -30,10 +30,11 @@ class SweepCost:
 
 
 def estimate_cost(plan: SweepPlan, extent: PlanExtent) -> SweepCost:
-    """Drive the first seconds of each controller's first run and extrapolate."""
+    """Drive the first seconds of one run of each controller and extrapolate."""
     settings: dict[str, Setting] = {}
     for controller in range(plan.controller_count):
-        setting = plan.setting(plan.changes(0, controller))
+        accepted = (p for p in range(plan.points) if (p, controller) not in plan.refusals)
+        setting = plan.setting(plan.changes(next(accepted), controller))
         settings.setdefault(setting.scenario.controller.name, setting)
     costs = [_cost(setting) for setting in settings.values()]
     start_s, per_s = (sum(parts) / len(costs) for parts in zip(*costs, strict=True))

@@ -14,9 +14,11 @@ from typing import Final
 
 import numpy as np
 
+from proving_ground.testbed.errors import TestbedError
 from proving_ground.testbed.recording.channels import CHANNELS, MEASUREMENT, TIMING
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import drive
+from ttempc.errors import TtempcError
 from ttempc.types import FloatArray
 
 from ..errors import ExperimentError
@@ -60,7 +62,8 @@ def _outcome(plan: SweepPlan, changes: Change) -> str:
     """Return the fingerprint of a point, or the reason why it is refused."""
     try:
         return fingerprint(plan.setting(changes).scenario)
-    except ExperimentError as error:  # the pair need not be a point of the plan
+    except (ExperimentError, TestbedError, TtempcError) as error:
+        # The pair need not be a point of the plan.
         return str(error)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from proving_ground.experiments.errors import ExperimentError
+from proving_ground.experiments.errors import ExperimentError, InvalidStudy
 from proving_ground.experiments.sweep.inert_axes import find_inert_axes
 from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.study import load_study, shipped_studies
@@ -165,3 +165,30 @@ def test_shipped_studies_name_what_they_ask(name):
     study = load_study(name)[1]
     assert study.description
     assert SweepPlan(name, study)[0].setting.scenario
+
+
+REFUSING = """
+[[axis]]
+kind = "list"
+key = "soil.cone_index_kpa"
+values = [300.0, -3.0, 600.0]
+"""
+
+
+def test_refused_combinations_are_left_out_where_the_study_says_so(tmp_path):
+    plan = plan_of(tmp_path, "seeds = 2\nskip_refused = true", SHORT, REFUSING, CONTROLLERS)
+    extent = plan.extent()
+    assert [*plan.runs()] == [0, 1, 2, 3, 8, 9, 10, 11]
+    assert extent.runs == plan.run_count == 8
+    assert len(extent.refused) == 2
+    assert all("soil.cone_index_kpa = -3.0" in reason for reason in extent.refused)
+    without = plan_of(tmp_path, "seeds = 2", SHORT, REFUSING, CONTROLLERS)
+    with pytest.raises(InvalidStudy, match=r"soil.cone_index_kpa = -3.0"):
+        without.extent()
+
+
+def test_a_controller_that_every_combination_refuses_is_an_error(tmp_path):
+    drivers = CONTROLLERS.replace('"feedforward"', '"feedforwards"')
+    plan = plan_of(tmp_path, "skip_refused = true", SHORT, REFUSING, drivers)
+    with pytest.raises(InvalidStudy, match="'feedforwards' does not exist"):
+        plan.extent()

@@ -214,3 +214,14 @@ def test_options_that_make_no_sense_are_refused(option, value, said, begun, caps
     assert said in told
     assert told.count("\n") == 1
     assert not (begun / "report").exists()
+
+
+def test_runs_of_refused_combinations_are_not_missing(tmp_path, capsys):
+    refusing = AXES.replace("values = [", 'values = ["Z", ')  # no such class
+    parts = ("seeds = 1\nskip_refused = true", refusing.replace('["Z", "paper"', '["paper"'))
+    folder = swept(tmp_path, *parts)
+    runs = read_sweep(folder)
+    assert (runs.planned, runs.missing, runs.refused, len(runs.rows)) == (36, 0, 12, 36)
+    assert main(["report", str(folder)]) == 0
+    assert "12 refused" in (folder / "report" / "summary.md").read_text()
+    assert "12 refused" in (folder / "report" / "report.html").read_text()
