@@ -19,14 +19,14 @@ def drawn(kind, *keys, more=""):
 def test_every_combination_of_listed_values_is_a_run_under_every_seed(tmp_path):
     plan = plan_of(tmp_path, "seeds = [3, 8]", SHORT, STRENGTHS, CONTROLLERS)
     runs = [plan[run] for run in range(plan.size)]
-    seen = {(*run.setting.axes.values(), run.seed) for run in runs}
+    combinations = {(*run.setting.axes.values(), run.seed) for run in runs}
     expected = {
         (strength, driver, seed)
         for strength in (200.0, 500.0, 800.0)
         for driver in ("paper", "feedforward")
         for seed in (3, 8)
     }
-    assert seen == expected
+    assert combinations == expected
     assert plan.size == len(expected)
 
 
@@ -94,7 +94,7 @@ def test_a_dumped_study_is_the_study(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("colour = 3", "colour: unknown key; allowed here: description, scenario, seeds"),
         ("seeds = 0", "seeds"),
@@ -142,10 +142,10 @@ def test_a_dumped_study_is_the_study(tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line_before_any_run(text, said, tmp_path):
+def test_invalid_studies_are_refused_in_one_line_before_any_run(text, message, tmp_path):
     with pytest.raises(ExperimentError) as refused:
         plan_of(tmp_path, text).extent()
-    assert said in str(refused.value)
+    assert message in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
 
 
@@ -161,7 +161,7 @@ def test_an_axis_that_changes_nothing_is_found(tmp_path):
 
 
 @pytest.mark.parametrize("name", shipped_studies())
-def test_shipped_studies_name_what_they_ask(name):
+def test_shipped_studies_have_a_description_and_valid_scenarios(name):
     study = load_study(name)[1]
     assert study.description
     assert SweepPlan(name, study)[0].setting.scenario
