@@ -124,8 +124,8 @@ class WorstLogs:
             return
         figure, run = row[self._by], row["run"]
         assert isinstance(run, int)
-        badness = float(figure) if isinstance(figure, float) else float("-inf")
-        entry = (row["status"] != "completed", badness, run, str(row["log"]))
+        severity = float(figure) if isinstance(figure, float) else float("-inf")
+        entry = (row["status"] != "completed", severity, run, str(row["log"]))
         heapq.heappush(self._worst, entry)
         if len(self._worst) > self._count:
             best = heapq.heappop(self._worst)

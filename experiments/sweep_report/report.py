@@ -111,7 +111,7 @@ def _sections(
     overview = [tail_panel(runs), cost_panel(controllers, groups, tails)]
     if differences:
         overview.append(difference_panel(controllers, against, differences))
-    grid = [(scale, groups) for scale, groups in over if not scale.binned]
+    grid = [(scale, grouped) for scale, grouped in over if not scale.binned]
     pairs = list(itertools.combinations([scale for scale, _ in grid], 2))
     maps = []
     for number, pair in enumerate(pairs[:_MOST_MAPS], 1):
@@ -183,8 +183,8 @@ def _envelope_section(controllers: Sequence[str], envelopes: Sequence[EnvelopeRe
 
 def _worst(runs: Runs, controller: int) -> tuple[Row, ...]:
     """Return a controller's worst runs: first those not completed, with a log, then by error."""
-    without_figure = np.where(runs.completed, -np.inf, np.inf)
-    badness = np.where(np.isnan(runs.error_cm), without_figure, runs.error_cm)
+    without_error = np.where(runs.completed, -np.inf, np.inf)
+    severity = np.where(np.isnan(runs.error_cm), without_error, runs.error_cm)
     without_log = np.array([not row["log"] for row in runs.rows])
-    order = np.lexsort((runs.run, without_log, -badness))
+    order = np.lexsort((runs.run, without_log, -severity))
     return tuple(runs.rows[place] for place in order[runs.driver[order] == controller][:_WORST])
