@@ -109,4 +109,4 @@ def main(record_hz: float = RATE_HZ, overrides: Sequence[str] = ()) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(float, sys.argv[1:2]))
+    main(float(sys.argv[1]) if len(sys.argv) > 1 else RATE_HZ)

@@ -90,7 +90,7 @@ def aggregate(runs: Runs, chosen: NDArray[np.intp]) -> Group:
     finite = np.isfinite(error)
     failed = runs.run[chosen[runs.failed[chosen]]]
     return Group(
-        int(runs.driver[chosen[0]]),
+        int(runs.controller_index[chosen[0]]),
         runs.run[chosen],
         failed,
         proportion(len(failed), len(chosen)),
@@ -105,7 +105,7 @@ def controller_groups(runs: Runs) -> list[Group]:
 
 def cells(runs: Runs, by: Sequence[Scale]) -> list[Cell]:
     """Return the runs of each controller at each combination of values that has any."""
-    keys = np.column_stack([*(scale.place for scale in by), runs.driver])
+    keys = np.column_stack([*(scale.place for scale in by), runs.controller_index])
     return [
         Cell(tuple(key[:-1]), aggregate(runs, chosen))
         for key, chosen in _by_key(keys.reshape(len(runs.rows), -1))
@@ -114,7 +114,7 @@ def cells(runs: Runs, by: Sequence[Scale]) -> list[Cell]:
 
 def controller_tail(runs: Runs, controller: int) -> Tail:
     """Return worst errors and cost of a controller."""
-    own = runs.driver == controller
+    own = runs.controller_index == controller
 
     def estimate(values: FloatArray, statistic: Statistic) -> IntervalEstimate | None:
         finite = own & np.isfinite(values)
@@ -126,12 +126,12 @@ def controller_tail(runs: Runs, controller: int) -> Tail:
 
 def paired_differences(runs: Runs, against: int) -> list[PairedDifference]:
     """Return the differences of every other controller to one, paired by point and seed."""
-    reference_runs = np.flatnonzero(runs.driver == against)
+    reference_runs = np.flatnonzero(runs.controller_index == against)
     result = []
     for controller in range(len(runs.controllers)):
         if controller == against:
             continue
-        own = np.flatnonzero(runs.driver == controller)
+        own = np.flatnonzero(runs.controller_index == controller)
         own_places, reference_places = pair(runs.pair[own], runs.pair[reference_runs])
         own, other = own[own_places], reference_runs[reference_places]
         error = runs.error_cm[own] - runs.error_cm[other]

@@ -109,7 +109,7 @@ def tail_panel(runs: Runs) -> Panel:
         errors = runs.error_cm[finite]
         right = 1.1 * float(errors.max()) if len(errors) else 1.0
         for number in range(len(runs.controllers)):
-            own = runs.driver == number
+            own = runs.controller_index == number
             not_completed = int((own & ~runs.completed).sum())
             own_errors = runs.error_cm[own & finite]
             if not len(own_errors) + not_completed:

@@ -187,4 +187,6 @@ def _worst(runs: Runs, controller: int) -> tuple[Row, ...]:
     severity = np.where(np.isnan(runs.error_cm), without_error, runs.error_cm)
     without_log = np.array([not row["log"] for row in runs.rows])
     order = np.lexsort((runs.run, without_log, -severity))
-    return tuple(runs.rows[place] for place in order[runs.driver[order] == controller][:_WORST])
+    return tuple(
+        runs.rows[place] for place in order[runs.controller_index[order] == controller][:_WORST]
+    )

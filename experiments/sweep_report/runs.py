@@ -73,7 +73,7 @@ class Runs:
         return np.array([row["run"] for row in self.rows], dtype=np.intp)
 
     @cached_property
-    def driver(self) -> NDArray[np.intp]:
+    def controller_index(self) -> NDArray[np.intp]:
         """Return the index of each run's controller in `controllers`, (n,)."""
         place = {name: number for number, name in enumerate(self.controllers)}
         return np.array([place[str(row["controller"])] for row in self.rows], dtype=np.intp)

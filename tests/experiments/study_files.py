@@ -1,4 +1,4 @@
-"""Studies for tests: a few metres of straight path, which take a fraction of a second a run."""
+"""Studies for tests: a few metres of straight path, a fraction of a second per run."""
 
 from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.study import load_study

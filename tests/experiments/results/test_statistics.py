@@ -1,4 +1,4 @@
-"""What is said of many runs holds as often as it claims, and depends on nothing but the runs."""
+"""Estimates over runs: coverage of their intervals, closed forms, invariance to order."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the containment study makes of its laps, and that it goes on where it was stopped."""
+"""Containment study: counting of laps, resumption and figures."""
 
 from __future__ import annotations
 

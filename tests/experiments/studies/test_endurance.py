@@ -18,7 +18,7 @@ def test_random_driving_stays_valid(iso_class, seconds):
     assert result.top_speed < 1.6
 
 
-def test_what_mujoco_does_wrong_is_counted(tmp_path, monkeypatch):
+def test_a_diverged_simulation_is_counted(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its own log beside the user
     bench = bench_of("grass")
     whole = type(bench).plant

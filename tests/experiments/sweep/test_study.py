@@ -1,4 +1,4 @@
-"""From a study's file to its runs: what is crossed, drawn, paired, refused."""
+"""Study files and plans: combinations, draws, pairing, refusals."""
 
 import numpy as np
 import pytest
