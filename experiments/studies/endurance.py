@@ -43,7 +43,7 @@ class Endurance:
     iso_class: str
     driven_s: float
     drives: int
-    mishaps: int  # roll-overs and jack-knives
+    losses: int  # roll-overs and jack-knives
     invalid: tuple[str, ...]  # reasons of PlantDiverged
     top_speed: float  # [m/s]
     unloaded: float  # share of wheel samples in the air
@@ -52,7 +52,7 @@ class Endurance:
 def endure(bench: Bench, iso_class: str, seconds: float, seed: int = 1) -> Endurance:
     """Drive at random on one class of ground for a simulated time [s]."""
     rng = generator(seed, f"endurance {iso_class}")
-    driven, drives, mishaps, invalid, top, loads = 0.0, 0, 0, [], 0.0, []
+    driven, drives, losses, invalid, top, loads = 0.0, 0, 0, [], 0.0, []
     while driven < seconds - _PERIOD_S:
         strength = float(np.exp(rng.uniform(*np.log(_STRENGTHS_KPA))))
         plant = bench.plant(rough(iso_class, rng), SoilMap(strength))
@@ -65,10 +65,10 @@ def endure(bench: Bench, iso_class: str, seconds: float, seed: int = 1) -> Endur
             invalid.append(f"class {iso_class}, drive {drives}, {strength:.0f} kPa: {error}")
             driven += _DRIVE_S
             continue
-        driven, mishaps, top = driven + spent, mishaps + lost, max(top, fastest)
+        driven, losses, top = driven + spent, losses + lost, max(top, fastest)
         loads.append(samples)
     unloaded = float(np.mean(np.concatenate(loads) <= 0.0)) if loads else math.nan
-    return Endurance(iso_class, driven, drives, mishaps, tuple(invalid), top, unloaded)
+    return Endurance(iso_class, driven, drives, losses, tuple(invalid), top, unloaded)
 
 
 def _drive(
@@ -107,7 +107,7 @@ def main(hours: str = "3", scenario: str = "grass") -> None:
         result = endure(vehicle, iso_class, 3600.0 * float(hours) / len(ISO_8608))
         print(
             f"class {iso_class}: {result.driven_s / 60.0:6.1f} min in {result.drives} drives, "
-            f"{result.mishaps} roll-overs or jack-knives, up to {result.top_speed:.2f} m/s, "
+            f"{result.losses} roll-overs or jack-knives, up to {result.top_speed:.2f} m/s, "
             f"{result.unloaded:.2%} of wheel samples in the air, "
             f"invalid {len(result.invalid)} times",
             flush=True,
