@@ -1,1 +1,1 @@
-"""Figures of cost and speed: each module prints its own and says what they must hold."""
+"""Benchmarks of cost and speed; each module prints its figures and their limits."""

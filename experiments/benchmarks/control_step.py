@@ -1,12 +1,12 @@
-"""What a control step costs beside the bare solve of its quadratic programme.
+"""Cost of a control step relative to the bare solve of its quadratic programme.
 
     python -m experiments.benchmarks.control_step [CONTROLLER ...]     (default: paper ttempc)
 
-Replays to a controller what it sees along half a lap of the figure eight: back to back (warm), with
-a pause of 20 ms before each step, in which the caches go cold as they do between control periods
-(cold), and the same with the controller's own preparation between pause and step (prepared). Each
-warm step counts with its fastest of several replays, so that what else runs on the machine counts
-less. The bare solve is PIQP's own clock within the same steps.
+Replays the estimates of half a lap of the figure eight to a controller: back to back (warm), with a
+pause of 20 ms before each step, in which the caches go cold as between control periods (cold), and
+the same with the controller's preparation between pause and step (prepared). Each warm step counts
+with its fastest of several replays, which reduces the effect of other processes. The bare solve is
+the time that PIQP reports for the same steps.
 """
 
 from __future__ import annotations
@@ -30,17 +30,19 @@ PERIOD_S = 0.2
 TICKS = 340  # half a lap at 1 m/s
 SEED = 1
 NOISE = np.array([0.01, 0.01, 0.005, 0.005, 0.002, 0.002, 0.01])  # of the estimates; m, rad, m/s
-
+REPEATS = 12  # warm replays
+COLD_TICKS = 150
+PAUSE_S = 0.02
 
 LARGEST_RATIO: Final = 3.0  # of a whole warm step of `ttempc` to its bare solve
 
 
 def estimates_along(name: str, vehicle: Vehicle, reference: Reference) -> list[Estimate]:
-    """Return what a controller sees on its way along half a lap on exact kinematics."""
+    """Return the estimates of a controller along half a lap, on the kinematic model."""
     controller = make_controller(name, vehicle, reference, PERIOD_S)
     generator = np.random.default_rng(SEED)
     state = reference.at(0.0).state
-    seen = []
+    estimates = []
     for k in range(TICKS):
         noisy = state + NOISE * generator.standard_normal(7)
         estimate = Estimate(
@@ -50,18 +52,18 @@ def estimates_along(name: str, vehicle: Vehicle, reference: Reference) -> list[E
             trailer_xy=trailer_point(noisy, vehicle),
             hitch_angle=hitch_angle(noisy),
         )
-        seen.append(estimate)
+        estimates.append(estimate)
         command = controller.step(estimate, k).command.as_array()
         state = solve_ivp(
             lambda _, x, u=command: articulated(x, u, vehicle), (0.0, PERIOD_S), state
         ).y[:, -1]
-    return seen
+    return estimates
 
 
 def timed(
     controller: TrackingController, estimates: list[Estimate], pause_s: float, prepared: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the times of whole steps and of the bare solves in them, (N,) [s] each."""
+    """Return the times of whole steps and of their bare solves, (N,) [s] each."""
     steps, solves = np.zeros(len(estimates)), np.zeros(len(estimates))
     for k, estimate in enumerate(estimates):
         if pause_s:
@@ -77,22 +79,24 @@ def timed(
 
 
 def main(names: list[str]) -> None:
-    """Print medians, tails and ratios; exit code 1 where `ttempc` costs too much of its solve."""
+    """Print medians, tails and ratios; exit code 1 if `ttempc` exceeds its largest ratio."""
     vehicle = Vehicle()
     reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
     print(
         f"{'us':24s}{'step: median':>14s}{'p99':>8s}{'solve: median':>16s}{'p99':>8s}  step/solve"
     )
-    dear = False
+    too_slow = False
     for name in names:
-        seen = estimates_along(name, vehicle, reference)
+        estimates = estimates_along(name, vehicle, reference)
         for kind, repeats, ticks, pause_s in (
-            *(("warm", 12, TICKS, 0.0), ("cold", 1, 150, 0.02), ("prepared", 1, 150, 0.02)),
+            ("warm", REPEATS, TICKS, 0.0),
+            ("cold", 1, COLD_TICKS, PAUSE_S),
+            ("prepared", 1, COLD_TICKS, PAUSE_S),
         ):
             runs = [
                 timed(
                     make_controller(name, vehicle, reference, PERIOD_S),
-                    seen[:ticks],
+                    estimates[:ticks],
                     pause_s,
                     kind == "prepared",
                 )
@@ -106,8 +110,8 @@ def main(names: list[str]) -> None:
                 f"{name + ', ' + kind:24s}{middle:14.1f}{tail:8.1f}{solve:16.1f}{solve_tail:8.1f}"
                 f"{ratio:12.2f}"
             )
-            dear |= name == "ttempc" and kind == "warm" and ratio > LARGEST_RATIO
-    if dear:
+            too_slow |= name == "ttempc" and kind == "warm" and ratio > LARGEST_RATIO
+    if too_slow:
         raise SystemExit(1)
 
 

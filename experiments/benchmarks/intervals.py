@@ -1,8 +1,8 @@
-"""How often the bootstrap interval of a mean holds the true one, by the number of seeds.
+"""Coverage of the bootstrap interval of a mean by the number of seeds.
 
     python -m experiments.benchmarks.intervals [DRAWS]
 
-draws that many (2000) sets of samples of each size, normal and skewed, with a fixed seed.
+Draws DRAWS (2000) sets of samples of each size, normal and skewed, with a fixed seed.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ _SKEW: Final = 0.5  # standard deviation of the logarithm
 
 
 def coverage(count: int, draws: int, skewed: bool) -> float:
-    """Return the share of intervals, each of `count` samples, that hold the mean."""
+    """Return the share of intervals, each of `count` samples, that contain the mean."""
     random = generator(count, "intervals")
-    held = 0
+    covered = 0
     for _ in range(draws):
         normal = random.normal(0.0, 1.0, count)
-        found = bootstrap(np.exp(_SKEW * normal) if skewed else normal)
-        low, high = found.ends
-        held += low <= (np.exp(0.5 * _SKEW**2) if skewed else 0.0) <= high
-    return held / draws
+        estimate = bootstrap(np.exp(_SKEW * normal) if skewed else normal)
+        low, high = estimate.ends
+        covered += low <= (np.exp(0.5 * _SKEW**2) if skewed else 0.0) <= high
+    return covered / draws
 
 
 def main(draws: str = "2000") -> None:

@@ -1,9 +1,10 @@
-"""What a log costs: the share of a run's time that logging takes, and the size of the file.
+"""Cost of a log: its share of a run's time, and the size of the file.
 
-Run with `python -m experiments.benchmarks.logging [RATE_HZ]`. The clock is that of the thread and
-runs whenever the run is inside the log, opening and closing included: a run waits for nothing, so
-that on an idle machine this is its wall time, and on a busy one the ratio stays what it is. What
-looking at the clock itself takes is no part of either.
+    python -m experiments.benchmarks.logging [RATE_HZ]
+
+Times are thread times, so that the ratio does not depend on other processes; a run never waits, so
+that on an idle machine they equal wall times. The time of the log includes opening and closing. The
+cost of reading the clock is subtracted from both.
 """
 
 from __future__ import annotations
@@ -32,31 +33,31 @@ RATE_HZ: Final = 50.0
 
 
 class Timed:
-    """A sink with a stop watch."""
+    """A sink that measures the thread time spent in it."""
 
     def __init__(self, inner: Sink) -> None:
         self.inner, self.spent_ns, self.calls = inner, 0, 0
 
     def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Hand on one row."""
+        """Pass one row on."""
         start = time.thread_time_ns()
         self.inner.row(channel, time_s, values)
         self._stop(start)
 
     def event(self, event: Event) -> None:
-        """Hand on one event."""
+        """Pass one event on."""
         start = time.thread_time_ns()
         self.inner.event(event)
         self._stop(start)
 
     def scene(self, truth: Truth) -> None:
-        """Hand on one scene."""
+        """Pass one scene on."""
         start = time.thread_time_ns()
         self.inner.scene(truth)
         self._stop(start)
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
-        """Hand on one path."""
+        """Pass one path on."""
         start = time.thread_time_ns()
         self.inner.path(topic, time_s, points)
         self._stop(start)
@@ -67,13 +68,13 @@ class Timed:
 
 
 def _reading_ns() -> float:
-    """Return what one look at the clock takes, a microsecond where that asks the kernel [ns]."""
-    looks = [time.thread_time_ns() for _ in range(20_001)]
-    return (looks[-1] - looks[0]) / (len(looks) - 1)
+    """Return the cost of reading the clock [ns]; a system call takes a microsecond."""
+    readings = [time.thread_time_ns() for _ in range(20_001)]
+    return (readings[-1] - readings[0]) / (len(readings) - 1)
 
 
 def measure(record_hz: float, overrides: Sequence[str] = ()) -> tuple[float, float, float]:
-    """Return the time of a run and what of it the log took [s], and the log's size [MB]."""
+    """Return the time of a run and of its log [s], and the size of the log [MB]."""
     name, scenario = load("grass", list(overrides))
     assembly = assemble(scenario, 1)
     recorder = Recorder()
@@ -89,16 +90,15 @@ def measure(record_hz: float, overrides: Sequence[str] = ()) -> tuple[float, flo
             driven = time.thread_time_ns()
         closed = time.thread_time_ns()
         size = file.stat().st_size
-    looking = timed.calls * _reading_ns()  # half of the two looks at each call are in its time
-    spent = opened - start + timed.spent_ns - looking + closed - driven
-    return 1e-9 * (closed - start - 2.0 * looking), 1e-9 * spent, 1e-6 * size
+    reading = timed.calls * _reading_ns()  # half of the two readings of each call are in its time
+    spent = opened - start + timed.spent_ns - reading + closed - driven
+    return 1e-9 * (closed - start - 2.0 * reading), 1e-9 * spent, 1e-6 * size
 
 
-def main() -> None:
-    """Print the figures; exit code 1 where a log costs more than it may."""
-    record_hz = float(sys.argv[1]) if len(sys.argv) > 1 else RATE_HZ
-    measure(record_hz, ["path={kind='straight', length_m=15}"])  # compiles what is compiled late
-    wall, spent, size = measure(record_hz)
+def main(record_hz: float = RATE_HZ, overrides: Sequence[str] = ()) -> None:
+    """Print the figures; exit code 1 if a log exceeds a limit."""
+    measure(record_hz, ["path={kind='straight', length_m=15}"])  # compiles functions on first use
+    wall, spent, size = measure(record_hz, overrides)
     print(f"two laps of grass, truth at {record_hz:g} Hz")
     print(f"  run           {wall:7.2f} s, log included")
     print(f"  log           {spent:7.2f} s")
@@ -109,4 +109,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(float(sys.argv[1]) if len(sys.argv) > 1 else RATE_HZ)

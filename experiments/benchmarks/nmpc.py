@@ -1,13 +1,13 @@
-"""What nonlinear MPC costs beside the linear one: the same ticks, horizon, weights and bounds.
+"""Cost of nonlinear MPC relative to the linear one at equal ticks, horizon, weights and bounds.
 
     python -m experiments.benchmarks.nmpc
 
-The estimates are those that the linear MPC sees on its way from a straight into a curve. Every
-controller is shown all of them, in turn tick by tick, and processor time counts, so that a busy
-machine slows all alike. `nmpc` is the project's Gauss-Newton method on CasADi's derivatives with
+The estimates are those of the linear MPC from a straight into a curve. Every controller gets all of
+them, in turn tick by tick, and processor time counts, so that other processes slow all alike.
+`nmpc` is the project's Gauss-Newton method on CasADi's derivatives with
 PIQP; ipopt, fatrop and sqpmethod (with qrqp) are CasADi's own solvers on the same problem,
-all in CasADi's virtual machine, without a C compiler. Beside the cost: how far the first move is
-from that of `nmpc`, at most over the ticks.
+all in CasADi's virtual machine, without a C compiler. The table also shows
+the largest difference of the first move to that of `nmpc`.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ def main() -> None:
     steps: dict[str, list[ControlStep]] = {name: [] for name in controllers}
     for k, estimate in enumerate(estimates):
         for name, controller in controllers.items():
-            if isinstance(controller, Preparing):  # or the one after the slowest is the coldest
+            # Without preparation, the controller after the slowest one has the coldest caches.
+            if isinstance(controller, Preparing):
                 controller.prepare(k)
             begin = time.thread_time()
             step = controller.step(estimate, k)
@@ -70,17 +71,17 @@ def main() -> None:
     print(f"bare QP of {LINEAR}: {bare_us:.0f} us")
     heads = ("median us", "p99 us", "/ linear", "/ bare QP", "iterations", "off nmpc", "fallbacks")
     print(f"{'':20s}" + "".join(f"{head:>11s}" for head in heads))
-    for name, made in steps.items():
+    for name, own in steps.items():
         median, tail = medians(name), np.quantile(costs_us[name][WARM_UP:], 0.99)
-        counts = [s.diagnostics.solver.iterations for s in made if s.diagnostics.solver]
+        counts = [s.diagnostics.solver.iterations for s in own if s.diagnostics.solver]
         off = [
             np.abs(one.command.as_array() - other.command.as_array()).max()
-            for one, other in zip(made, steps["nmpc"], strict=True)
+            for one, other in zip(own, steps["nmpc"], strict=True)
         ]
         print(
             f"{name:20s}{median:11.0f}{tail:11.0f}{median / medians(LINEAR):11.2f}"
             f"{median / bare_us:11.2f}{np.mean(counts) if counts else 0:11.1f}"
-            f"{max(off):11.1e}{sum(bool(s.diagnostics.fallback) for s in made):11d}"
+            f"{max(off):11.1e}{sum(bool(s.diagnostics.fallback) for s in own):11d}"
         )
 
 

@@ -1,8 +1,9 @@
-"""What the soil wheels cost: the physics loop against a bare `mj_step` of the same vehicle.
+"""Cost of the soil wheels: the physics loop relative to a bare `mj_step` of the same vehicle.
 
-Run with `python -m experiments.benchmarks.physics_loop`. Both kinds of step alternate within one
-run, so that a busy machine slows both; the medians are compared. The bare vehicle floats without
-gravity, because it has nothing to stand on.
+    python -m experiments.benchmarks.physics_loop
+
+Both kinds of step alternate within one run, so that other processes slow both; the medians are
+compared. The bare vehicle floats without gravity: it has no ground to stand on.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def measure(vehicle: PlantVehicle) -> tuple[float, float, float]:
 
 
 def main() -> None:
-    """Print the figures; exit code 1 where a soil loop costs more than it may."""
+    """Print the figures; exit code 1 if a soil loop exceeds the largest ratio."""
     slow = False
     for name in shipped_vehicles():
         soil, bare, timestep = measure(read_vehicle(name))

@@ -1,7 +1,7 @@
-"""The NMPC's problem as a sparse nonlinear programme, for CasADi's own solvers.
+"""Sparse nonlinear programme of the NMPC, for CasADi's own solvers.
 
 `ttempc.baselines.nmpc_solver` condenses the same problem to its free input steps. Here every
-state is an unknown (multiple shooting), in the order that solvers for optimal control expect.
+state is an unknown (multiple shooting), in the order of solvers for optimal control.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ SOLVERS: Final[dict[str, dict[str, Any]]] = {
         "qpsol_options": {"print_iter": False, "print_header": False, "error_on_fail": False},
     },
 }
-"""CasADi's solvers by name, with what they are told."""
+"""Options of CasADi's solvers by name."""
 
 
 class Programme:
-    """Unknowns (x_0, u_e,-1), Delta u_e,0, (x_1, u_e,0) ...; free steps in the first Nc periods."""
+    """Nonlinear programme in (x_0, u_e,-1), Delta u_e,0, (x_1, u_e,0), ...; steps in Nc periods."""
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class Programme:
         solver: str,
     ) -> None:
         if subsystem is not WHOLE:
-            raise InvalidTuning("a programme is about the whole vehicle")
+            raise InvalidTuning("subsystem: the programme covers the whole vehicle only")
         ca = load_casadi()
         expressions = ArticulatedExpressions(reference.vehicle)
         horizon, moves = tuning.horizon, tuning.moves
@@ -64,7 +64,7 @@ class Programme:
         unknowns = ca.SX.sym("unknowns", self._size)
         given = ca.SX.sym("given", _NODE + horizon * _GIVEN)
         weights = ca.DM(tuning.output_weight), ca.DM(tuning.step_weight)
-        gaps, seen, cost = [], [], 0.0
+        gaps, outputs, cost = [], [], 0.0
         for j in range(horizon):
             node, ahead = unknowns[self._nodes[j]], unknowns[self._nodes[j + 1]]
             state, u_e = node[:_N], node[_N:]
@@ -78,7 +78,7 @@ class Programme:
             if j == 0:
                 gaps.append(node - given[:_NODE])
             errors = expressions.position_errors(ahead[:_N], poses)
-            seen.append(errors)
+            outputs.append(errors)
             cost = cost + ca.dot(weights[0], errors**2)
         constraints = ca.vertcat(*gaps)
         options = dict(SOLVERS[solver])
@@ -86,21 +86,21 @@ class Programme:
             options["equality"] = [True] * constraints.numel()
         problem = {"x": unknowns, "f": cost, "g": constraints, "p": given}
         self._solve = ca.nlpsol("programme", solver, problem, options)
-        self._errors = ca.Function("errors", [unknowns, given], [ca.horzcat(*seen)])
-        self._found: FloatArray | None = None
+        self._errors = ca.Function("errors", [unknowns, given], [ca.horzcat(*outputs)])
+        self._solution: FloatArray | None = None
 
     def minimise(self, task: Task, steps: FloatArray) -> Plan:
-        """Return the plan of a task; its start is what was found before, `steps` are not used."""
+        """Return the plan of a task, started at the last solution; `steps` are not used."""
         start = np.concatenate([task.state, task.previous])
-        if self._found is None:
-            self._found = np.zeros(self._size)
+        if self._solution is None:
+            self._solution = np.zeros(self._size)
             for node in self._nodes:
-                self._found[node] = start
-        known = np.hstack([task.feedforward, task.disturbance, task.poses])
-        given = np.concatenate([start, known.reshape(-1)])
+                self._solution[node] = start
+        parameters = np.hstack([task.feedforward, task.disturbance, task.poses])
+        given = np.concatenate([start, parameters.reshape(-1)])
         bounds = task.bounds
         result = self._solve(
-            x0=self._found,
+            x0=self._solution,
             p=given,
             lbx=self._limits(bounds.lower, bounds.step_lower, -np.inf),
             ubx=self._limits(bounds.upper, bounds.step_upper, np.inf),
@@ -110,7 +110,7 @@ class Programme:
         unknowns = np.asarray(result["x"]).reshape(-1)
         stats = self._solve.stats()
         success = bool(stats["success"])
-        self._found = unknowns if success else None
+        self._solution = unknowns if success else None
         errors = np.asarray(self._errors(unknowns, given)).T
         report = SolverReport(
             status="solved" if success else str(stats["return_status"]),
@@ -125,12 +125,12 @@ class Programme:
         return Plan(np.concatenate([unknowns[step] for step in self._steps]), errors, report)
 
     def prepare(self) -> None:
-        """Do nothing: the benchmark times it warm."""
+        """Do nothing: the benchmark measures with warm caches."""
 
     def fresh(self) -> Programme:
         """Return the programme before its first task; it shares CasADi's solver."""
         programme = copy.copy(self)
-        programme._found = None
+        programme._solution = None
         return programme
 
     def _limits(self, inputs: FloatArray, steps: FloatArray, free: float) -> FloatArray:

@@ -1,9 +1,9 @@
-"""What a control step of the tube MPC costs beside that of the plain MPC, and a tube by itself.
+"""Cost of a control step of the tube MPC relative to the plain MPC, and of a tube.
 
     python -m experiments.benchmarks.tube_step
 
-Replays the same estimates along half a lap to `ttempc-nominal` and `ttempc-tube`, in turns, so that
-the ratio of their medians holds on any machine; then times the tube of the whole figure eight.
+Replays the same estimates of half a lap to `ttempc-nominal` and `ttempc-tube`, in turns, so that
+the ratio of their medians does not depend on the machine. Then measures the tube of a figure eight.
 """
 
 from __future__ import annotations

@@ -61,17 +61,17 @@ def _limit(text: str) -> float:
 
 def _report(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load matplotlib.
-    from ..sweep_report.envelope_results import read_breaking
+    from ..sweep_report.envelope_results import read_envelopes
     from ..sweep_report.files import write_docs, write_report
-    from ..sweep_report.report import report
-    from ..sweep_report.runs import read_runs
+    from ..sweep_report.report import make_report
+    from ..sweep_report.runs import read_sweep
 
-    runs = read_runs(arguments.folder, arguments.limit)
-    sweep_report = report(runs, arguments.against, read_breaking(arguments.envelope))
+    runs = read_sweep(arguments.folder, arguments.limit)
+    content = make_report(runs, arguments.against, read_envelopes(arguments.envelope))
     if arguments.docs is not None:
-        print(f"page      {write_docs(sweep_report, arguments.docs)}")
+        print(f"page      {write_docs(content, arguments.docs)}")
         return 0
-    file = write_report(sweep_report, arguments.folder)
+    file = write_report(content, arguments.folder)
     if runs.missing:
         print(f"in progress: {runs.missing} of {runs.planned} runs are missing")
     print(f"page      {file}\nsummary   {file.with_name('summary.md')}")

@@ -49,32 +49,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _sweep(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and Dask.
+    from ..sweep.cost_estimate import estimate_cost, format_plan
     from ..sweep.engine import engine
-    from ..sweep.estimate import described, estimate
-    from ..sweep.folder import held, is_begun
-    from ..sweep.inert_axes import unread
-    from ..sweep.plan import Plan
+    from ..sweep.folder import is_begun, lock_folder
+    from ..sweep.inert_axes import find_inert_axes
+    from ..sweep.plan import SweepPlan
     from ..sweep.study import load_study
     from ..sweep.sweep import sweep
 
     name, study = load_study(arguments.study)
-    plan = Plan(name, study)
+    plan = SweepPlan(name, study)
     extent = plan.extent()
     folder = arguments.out or Path("runs") / f"sweep-{name}"
     if arguments.dry_run or not is_begun(folder):
-        for axis in unread(plan):
+        for axis in find_inert_axes(plan):
             print(f"ttempc: note: axis {axis}: changes nothing, no run reads it", file=sys.stderr)
+        for reason in extent.refused:
+            print(f"ttempc: note: left out: {reason}", file=sys.stderr)
     if arguments.dry_run:
-        print(described(plan, extent, estimate(plan, extent), arguments.workers))
+        print(format_plan(plan, extent, estimate_cost(plan, extent), arguments.workers))
         return 0
     started = False
     try:
         with (
-            engine(arguments.workers, arguments.dask) as run_jobs,
-            held(folder, plan, extent.digest) as locked,
+            engine(arguments.workers, arguments.dask) as submit,
+            lock_folder(folder, plan) as locked,
         ):
             started = True
-            sweep(plan, locked, run_jobs, _Reporter(extent.runs))
+            sweep(plan, locked, submit, _Reporter(extent.runs))
     except KeyboardInterrupt:
         if not started:
             raise

@@ -1,12 +1,13 @@
-"""What may be said of many runs, and how sure: estimates with 95 % confidence intervals.
+"""Estimates over many runs with their 95 % confidence intervals.
 
-Runs under one seed share their ground and their noise, whatever the point and the controller. They
-are no independent samples: what is drawn anew is always the whole unit, a seed or a drawn point.
+Runs with the same seed share ground and noise, whatever the point and the controller. They are not
+independent samples: the bootstrap resamples whole units, seeds or drawn points.
 """
 
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -19,30 +20,53 @@ from proving_ground.testbed.randomness import generator
 from ttempc.types import FloatArray
 
 CONFIDENCE: Final = 0.95
-TAIL: Final = 0.05  # the share of runs that CVaR looks at
+TAIL: Final = 0.05  # share of the runs over which CVaR averages
 
-_RESAMPLED: Final = 10_000
-_RESAMPLED_OF_MANY: Final = 2_000  # units, whose interval need not be expanded
+_RESAMPLES: Final = 10_000
+_RESAMPLES_OF_MANY: Final = 2_000  # of more than `_FEW` units
 _FEW: Final = 100
-_AT_ONCE: Final = 1_000_000  # weights that are held in memory
+_BLOCK: Final = 1_000_000  # weights in memory at a time
 
 Statistic = Callable[[FloatArray, FloatArray], FloatArray]
 """Values (n,) and their weights (resamples, n) -> the statistic of every resample (resamples,)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
-    """A figure with its 95 % confidence interval."""
+class IntervalEstimate:
+    """An estimate with its 95 % confidence interval."""
 
     value: float
-    low: float | None  # None where one unit says nothing of the spread
+    low: float | None  # None: one unit does not show the spread
     high: float | None
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Return the interval as it is drawn: none is the value alone."""
+        """Return the ends of the interval; without one, the value twice."""
         value = self.value
         return value if self.low is None else self.low, value if self.high is None else self.high
+
+
+@dataclass(frozen=True, slots=True)
+class Proportion:
+    """A count out of a total, with the interval of its probability."""
+
+    count: int
+    total: int
+    low: float
+    high: float
+
+    @property
+    def value(self) -> float:
+        """Return the proportion; NaN where the total is 0."""
+        return self.count / self.total if self.total else math.nan
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Return the ends of the interval."""
+        return self.low, self.high
+
+    def __str__(self) -> str:
+        return f"{self.value:.4f} ({self.low:.4f} to {self.high:.4f})"
 
 
 def mean(values: FloatArray, weights: FloatArray) -> FloatArray:
@@ -54,16 +78,16 @@ def quantile95(values: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the least value that at least 95 % of the weight does not exceed."""
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(weights[:, order], axis=1)
-    # Sums of whole numbers are exact, 0.95 is not: a hair below it counts as reached.
+    # Sums of whole numbers are exact, 0.95 is not: a tolerance absorbs its rounding error.
     needed = (1.0 - TAIL) * reached[:, -1:] * (1.0 - 1e-12)
     return values[order][np.argmax(reached >= needed, axis=1)]
 
 
 def cvar95(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the mean of the worst, the largest, 5 %: the conditional value at risk.
+    """Return the conditional value at risk: the mean of the largest 5 %.
 
     Rockafellar and Uryasev (2002), "Conditional value-at-risk for general loss distributions",
-    proposition 8: of the value at the edge of the 5 % only the part inside counts.
+    proposition 8: the value at the edge of the 5 % counts with its part inside.
     """
     order = np.argsort(-values, kind="stable")
     weights = weights[:, order]
@@ -75,70 +99,91 @@ def cvar95(values: FloatArray, weights: FloatArray) -> FloatArray:
 
 def bootstrap(
     values: FloatArray, units: NDArray[Any] | None = None, statistic: Statistic = mean
-) -> Estimate:
-    """Return a statistic with its bootstrap interval; the same values give the same interval.
+) -> IntervalEstimate:
+    """Return a statistic with its bootstrap interval; equal values give an equal interval.
 
-    The percentile interval of a cluster bootstrap, expanded for small numbers of units: Hesterberg
-    (2015), "What teachers should know about the bootstrap", The American Statistician 69(4).
-    Without that the interval of a mean of 5 seeds is a third too narrow.
+    The interval is the percentile interval of a cluster bootstrap, expanded for few units:
+    Hesterberg (2015), "What teachers should know about the bootstrap", The American Statistician
+    69(4). Without the expansion, the interval of a mean of 5 seeds is a third too narrow.
 
     Args:
         values: samples, (n,), n at least 1, finite.
-        units: what is drawn anew as a whole, such as the seed of each sample, (n,); each sample by
-            itself if not given.
+        units: the unit of each sample that is resampled as a whole, such as its seed, (n,);
+            default: each sample is a unit.
         statistic: of the samples.
     """
     units = np.arange(len(values)) if units is None else units
-    # Sorted, so that the interval does not depend on the order in which runs ended.
+    # Sorted, so that the interval does not depend on the order in which the runs ended.
     order = np.lexsort((values, units))
     values, units = values[order], units[order]
     value = float(statistic(values, np.ones((1, len(values))))[0])
     _, unit = np.unique(units, return_inverse=True)
     count = int(unit[-1]) + 1
     if count < 2:
-        return Estimate(value, None, None)
-    drawn = _drawn_few(count) if count <= _FEW else _drawn(count, _RESAMPLED_OF_MANY)
-    step = max(1, _AT_ONCE // len(values))
-    found = np.concatenate(
+        return IntervalEstimate(value, None, None)
+    drawn = _drawn_few(count) if count <= _FEW else _drawn(count, _RESAMPLES_OF_MANY)
+    step = max(1, _BLOCK // len(values))
+    resampled = np.concatenate(
         [
             statistic(values, drawn[begin : begin + step, unit].astype(float))
             for begin in range(0, len(drawn), step)
         ]
     )
     tail = norm.cdf(np.sqrt(count / (count - 1)) * t.ppf(0.5 - 0.5 * CONFIDENCE, count - 1))
-    low, high = np.quantile(found, (tail, 1.0 - tail))
-    # Rounding of resampled means: an interval never leaves out its own estimate.
-    return Estimate(value, min(float(low), value), max(float(high), value))
+    low, high = np.quantile(resampled, (tail, 1.0 - tail))
+    # Rounding of resampled means must not exclude the estimate from its own interval.
+    return IntervalEstimate(value, min(float(low), value), max(float(high), value))
 
 
 def _drawn(count: int, resamples: int) -> NDArray[np.int16]:
-    """Return how often each unit is in each resample, (resamples, count)."""
+    """Return the count of each unit in each resample, (resamples, count)."""
     equal = np.full(count, 1.0 / count)
     return generator(count, "bootstrap").multinomial(count, equal, size=resamples).astype(np.int16)
 
 
 @functools.lru_cache(maxsize=8)
 def _drawn_few(count: int) -> NDArray[np.int16]:
-    return _drawn(count, _RESAMPLED)
+    return _drawn(count, _RESAMPLES)
 
 
-def share(hits: int, trials: int, confidence: float = CONFIDENCE) -> Estimate:
-    """Return a share, such as that of failed runs, with its Clopper-Pearson interval."""
-    interval = binomtest(hits, trials).proportion_ci(confidence, method="exact")
-    return Estimate(hits / trials, float(interval.low), float(interval.high))
+def proportion(count: int, total: int, confidence: float = CONFIDENCE) -> Proportion:
+    """Return a proportion with its exact interval, after Clopper and Pearson (1934).
+
+    Of a total of 0, the interval is all of [0, 1].
+
+    Raises:
+        ValueError: the count is negative or exceeds the total.
+    """
+    if not 0 <= count <= total:
+        raise ValueError(f"count must be from 0 to {total}, got {count}")
+    if not total:
+        return Proportion(0, 0, 0.0, 1.0)
+    interval = binomtest(count, total).proportion_ci(confidence, method="exact")
+    return Proportion(count, total, float(interval.low), float(interval.high))
 
 
-def paired(
+def fewest_samples(coverage: float, confidence: float = CONFIDENCE) -> int:
+    """Return the number of independent samples whose maximum bounds a quantile.
+
+    Wilks (1941): the largest of n samples exceeds the quantile of probability `coverage` with
+    probability 1 - coverage^n.
+    """
+    return math.ceil(math.log(1.0 - confidence) / math.log(coverage))
+
+
+def pair(
     keys: NDArray[np.intp], other_keys: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return where the keys that both have stand in the one and in the other.
+    """Return the indices of the common keys in the first and in the second array.
 
     Args:
-        keys: of samples, (n,), each once.
-        other_keys: of the samples to pair them with, (m,), each once.
+        keys: of samples, (n,), unique.
+        other_keys: of the samples to pair them with, (m,), unique.
     """
-    _, here, there = np.intersect1d(keys, other_keys, assume_unique=True, return_indices=True)
-    return here, there
+    _, places, other_places = np.intersect1d(
+        keys, other_keys, assume_unique=True, return_indices=True
+    )
+    return places, other_places
 
 
 def survival(values: FloatArray, worse: int = 0) -> tuple[FloatArray, FloatArray]:
@@ -146,7 +191,7 @@ def survival(values: FloatArray, worse: int = 0) -> tuple[FloatArray, FloatArray
 
     Args:
         values: samples, (n,).
-        worse: samples without a value that count as worse than any: failed runs.
+        worse: number of samples without a value that count as larger than any.
 
     Returns:
         The values sorted, (n,), and the share that lies above each, (n,).

@@ -1,1 +1,1 @@
-"""Studies: one small file a question, run by hand, their tables committed under docs/."""
+"""Studies, run by hand; their tables are part of the pages in docs/."""

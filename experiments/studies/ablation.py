@@ -1,14 +1,15 @@
-"""What does each part of `ttempc` bring?  Feedforward, MPC, disturbance estimate, robust law.
+"""Ablation of `ttempc`: feedforward, MPC, disturbance estimate, robust law.
 
     python -m experiments.studies.ablation [SEEDS [SCENARIO ...]]
 
-SEEDS is how many paired seeds, from 1 (default 2); by default the fields where the parts differ
-most. One lap each. Prints the Markdown table of docs/ablation.md: mean Euclidean errors in cm, and
-the root mean square of the front steering's command rate, which is what stiffness costs.
+SEEDS is the number of paired seeds, from 1 (default 2). The default scenarios are those on which
+the parts differ most. Every run is one lap. Prints the Markdown table of docs/ablation.md: mean
+Euclidean errors [cm], and the root mean square of the front steering's command rate.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
 from functools import partial
@@ -23,9 +24,7 @@ from ttempc.laws.articulated_options import ArticulatedOptions
 
 from ..results.published import COLUMNS
 from ..results.summary import Summary
-from ..run.simulate import simulate
-from ..scenario.scenario import load
-from .batch import mean_errors_cm
+from .batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 
 SCENARIOS: Final = ("grass", "wet-slope", "patchy", "old-valves")
 
@@ -50,19 +49,25 @@ VARIANTS: Final[dict[str, ControllerFactory]] = {
 }
 
 
-def main(seeds: int, scenarios: tuple[str, ...]) -> None:
-    """Run and print."""
+def main(seeds: int = 2, scenarios: tuple[str, ...] = SCENARIOS, path: str = "path.laps=1") -> None:
+    """Drive all variants and print the table; `path` overrides the path of the scenarios."""
+    runs = [
+        StudyRun(scenario, seed, (path,), factory)
+        for scenario in scenarios
+        for factory in VARIANTS.values()
+        for seed in range(1, seeds + 1)
+    ]
+    summaries = iter(simulate_runs(runs))
     print(f"| scenario | parts | {' | '.join(COLUMNS)} | steering rate, deg/s | lost |")
     print("|---" * (len(COLUMNS) + 4) + "|")
     for scenario in scenarios:
-        name, content = load(scenario, ["path.laps=1"])
-        for parts, factory in VARIANTS.items():
-            runs = [simulate(name, content, seed, factory)[0] for seed in range(1, seeds + 1)]
-            errors = np.mean([mean_errors_cm(run) for run in runs], axis=0)
-            lost = sum(run.status != "completed" for run in runs)
+        for parts in VARIANTS:
+            variant = list(itertools.islice(summaries, seeds))
+            errors = np.mean([mean_errors_cm(run) for run in variant], axis=0)
             cells = " | ".join(f"{error:.2f}" for error in errors)
-            rate = np.mean([_steering_rate(run) for run in runs])
-            print(f"| `{name}` | {parts} | {cells} | {rate:.1f} | {lost}/{seeds} |", flush=True)
+            rate = np.mean([_steering_rate(run) for run in variant])
+            lost = f"{lost_count(variant)}/{seeds}"
+            print(f"| `{scenario}` | {parts} | {cells} | {rate:.1f} | {lost} |")
 
 
 def _steering_rate(run: Summary) -> float:

@@ -1,40 +1,61 @@
-"""Many runs in memory, for a study's table, on the engine of the sweeps."""
+"""Parallel runs of a study on the engine of the sweeps, with results in memory."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
 
 from tqdm import tqdm
+
+from ttempc.guidance.guidance import ControllerFactory
 
 from ..results.published import compare
 from ..results.summary import Summary
 from ..run.simulate import simulate
 from ..scenario.scenario import load
-from ..sweep.engine import engine, flow
+from ..sweep.engine import engine, imap_bounded
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
-    """One run to be made."""
+class StudyRun:
+    """A run of a study."""
 
     scenario: str
     seed: int
     overrides: tuple[str, ...] = ()
+    factory: ControllerFactory | None = None  # None: the controller that the scenario names
 
 
-def as_they_end(jobs: Sequence[Job], workers: int | None = None) -> Iterator[tuple[Job, Summary]]:
-    """Yield job and numbers of every run as it ends; `workers` are those of `engine`."""
-    with engine(workers) as cores, tqdm(total=len(jobs)) as bar:
-        for job, future in flow(cores, _run, jobs):
-            yield job, future.result()
+def run_tasks(
+    function: Callable[[Task], Result], tasks: Sequence[Task], label: str = ""
+) -> Iterator[Result]:
+    """Yield the result of every task in the order of the tasks, computed on all cores.
+
+    Args:
+        function: executed in a worker process; what it raises is raised here.
+        tasks: its arguments, picklable.
+        label: of the progress bar.
+    """
+    waiting: dict[int, Result] = {}
+    due = 0
+    with engine() as workers, tqdm(total=len(tasks), desc=label or None) as bar:
+        numbered = enumerate(tasks)
+        for (number, _), future in imap_bounded(workers, partial(_apply, function), numbered):
+            waiting[number] = future.result()
             bar.update()
+            while due in waiting:
+                yield waiting.pop(due)
+                due += 1
 
 
-def summaries(jobs: Sequence[Job]) -> Iterator[tuple[Job, Summary]]:
-    """Return job and numbers of every run, in the order of the jobs, on all cores."""
-    finished = dict(as_they_end(jobs))
-    yield from ((job, finished[job]) for job in jobs)
+def simulate_runs(runs: Sequence[StudyRun]) -> list[Summary]:
+    """Return the summaries of runs in the order of the runs, computed on all cores."""
+    return list(run_tasks(_simulate, runs))
 
 
 def mean_errors_cm(summary: Summary) -> list[float]:
@@ -43,5 +64,14 @@ def mean_errors_cm(summary: Summary) -> list[float]:
     return [float("nan") if error is None else 100.0 * error for error in measured]
 
 
-def _run(job: Job) -> Summary:
-    return simulate(*load(job.scenario, job.overrides), job.seed)[0]
+def lost_count(runs: Sequence[Summary]) -> int:
+    """Return the number of runs that did not complete."""
+    return sum(run.status != "completed" for run in runs)
+
+
+def _apply(function: Callable[[Task], Result], numbered: tuple[int, Task]) -> Result:
+    return function(numbered[1])
+
+
+def _simulate(run: StudyRun) -> Summary:
+    return simulate(*load(run.scenario, run.overrides), run.seed, run.factory)[0]

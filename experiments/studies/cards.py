@@ -1,7 +1,9 @@
-"""The card of every shipped scenario, as published: `python -m experiments.studies.cards DIR`.
+"""Plant validation of every shipped scenario, as published in docs/card.
 
-Writes DIR/NAME.html, DIR/NAME.json and DIR/README.md, which lists what fails; grass is inspected
-with MuJoCo's own wheels as well.
+    python -m experiments.studies.cards DIR
+
+Writes DIR/NAME.html, DIR/NAME.json and DIR/README.md, which lists the failed checks. `grass` is
+validated with contact wheels, too.
 """
 
 from __future__ import annotations
@@ -16,28 +18,29 @@ from ..validation.plant_validation import PlantValidation, figure_text, summary_
 from ..validation.validation_report import write_plant_validation
 
 _HEAD: Final = """\
-# Cards of the shipped scenarios
+# Plant validation of the shipped scenarios
 
-The plant of each scenario on the bench, made by `python -m experiments.studies.cards docs/card`;
-one alone by `ttempc card NAME`. A failed check stays in: it says where the plant or its law ends.
+The plant of each scenario on the test bench, written by
+`python -m experiments.studies.cards docs/card`; `ttempc card NAME` validates one. Failed checks are
+listed: they show the limits of the plant or of its laws.
 
-| card | checks that hold | what fails |
+| scenario | checks that hold | failed checks |
 |---|---|---|
 """
 
 
 def main(folder: Path) -> None:
-    """Write all cards; a card with a failed check is no error."""
+    """Validate all plants and write the pages; a failed check is no error."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = []
     for name, wheels in [*((name, "soil") for name in shipped()), ("grass", "contact")]:
         scenario = load(name, [f'plant.wheels="{wheels}"'])[1]
         with tempfile.TemporaryDirectory() as parent:
-            made = Path(parent) / "card"
-            card = write_plant_validation(name, scenario, made, lambda check: None)
+            output = Path(parent) / "card"
+            card = write_plant_validation(name, scenario, output, lambda check: None)
             stem = name if wheels == "soil" else f"{name}-{wheels}"
             for suffix in ("html", "json"):
-                content = (made / f"card.{suffix}").read_bytes()
+                content = (output / f"card.{suffix}").read_bytes()
                 (folder / f"{stem}.{suffix}").write_bytes(content)
         rows.append(_row(stem, card))
         print(summary_line(card), flush=True)
@@ -45,14 +48,14 @@ def main(folder: Path) -> None:
 
 
 def _row(stem: str, card: PlantValidation) -> str:
-    made = [check for check in card.checks if check.passed is not None]
+    judged = [check for check in card.checks if check.passed is not None]
     failed = "; ".join(
         f"{check.name}: {figure_text(check)}, expected {check.expectation}"
-        for check in made
+        for check in judged
         if not check.passed
     )
-    held = sum(bool(check.passed) for check in made)
-    return f"| [{stem}]({stem}.html) | {held} of {len(made)} | {failed or 'nothing'} |\n"
+    held = sum(bool(check.passed) for check in judged)
+    return f"| [{stem}]({stem}.html) | {held} of {len(judged)} | {failed or 'nothing'} |\n"
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Does a controller hold where nobody tuned it?  Speeds, radii, soft soil, rough ground.
+"""Conditions outside the tuning of a controller: speeds, radii, soft soil, rough ground.
 
     python -m experiments.studies.conditions [SEEDS [CONTROLLER]]      (default: 2 ttempc)
 
-Changes one thing of `grass` at a time and drives one lap with SEEDS paired seeds, from 1. Prints
-the Markdown table of docs/ablation.md: mean Euclidean errors in cm.
+Changes one setting of `grass` at a time and drives one lap with SEEDS paired seeds, from 1. Prints
+the Markdown table of docs/ablation.md: mean Euclidean errors [cm].
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from ..results.published import COLUMNS
-from .batch import Job, mean_errors_cm, summaries
+from .batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 
 CHANGES: Final[dict[str, tuple[str, ...]]] = {
     "`grass` as it is": (),
@@ -32,23 +32,22 @@ CHANGES: Final[dict[str, tuple[str, ...]]] = {
 }
 
 
-def main(seeds: int, controller: str) -> None:
-    """Run and print."""
-    fixed = (f'controller.name="{controller}"', "path.laps=1")
-    jobs = [
-        Job("grass", seed, (*change, *fixed))
+def main(seeds: int = 2, controller: str = "ttempc", path: str = "path.laps=1") -> None:
+    """Drive all conditions and print the table; `path` overrides the path of `grass`."""
+    fixed = (f'controller.name="{controller}"', path)
+    runs = [
+        StudyRun("grass", seed, (*change, *fixed))
         for change in CHANGES.values()
         for seed in range(1, seeds + 1)
     ]
-    finished = [summary for _, summary in summaries(jobs)]
+    summaries = simulate_runs(runs)
     print(f"| {controller} | {' | '.join(COLUMNS)} | lost |")
     print("|---" * (len(COLUMNS) + 2) + "|")
     for index, name in enumerate(CHANGES):
-        runs = finished[index * seeds : (index + 1) * seeds]
-        errors = np.mean([mean_errors_cm(run) for run in runs], axis=0)
-        lost = sum(run.status != "completed" for run in runs)
+        condition = summaries[index * seeds : (index + 1) * seeds]
+        errors = np.mean([mean_errors_cm(run) for run in condition], axis=0)
         cells = " | ".join(f"{error:.1f}" for error in errors)
-        print(f"| {name} | {cells} | {lost}/{seeds} |")
+        print(f"| {name} | {cells} | {lost_count(condition)}/{seeds} |")
 
 
 if __name__ == "__main__":

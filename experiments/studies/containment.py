@@ -1,21 +1,19 @@
-"""How often does reality stay inside the tube?  Fitted on some seeds, counted on others.
+"""Containment of the plant in the tube: fitted on some seeds, counted on others.
 
-    python -m experiments.studies.containment DIR --laps 200 [--only grass-soil grass-150kpa]
+    python -m experiments.studies.containment DIR --laps 200 [--only grass-soil grass-300kpa]
 
-Every lap is a run of one lap with a seed of its own. A case with a tube of its own fits one to laps
-of `ttempc-tube` on its field first; the others borrow that of `grass-soil` and leave what it was
-fitted on: soil, load, speed. DIR keeps tubes, a JSON line for every lap and the tracks of the first
-ones, so that a study that was stopped goes on where it was, and more laps come on top. Prints the
-tables of docs/tube.md; with --figures it draws its pictures from what is in DIR.
+Every lap is a run of one lap with its own seed. A case with its own tube first fits it to laps of
+`ttempc-tube` on its field. The other cases use the tube of `grass-soil` under conditions that it
+was not fitted to: soil, load, speed. DIR keeps the tubes, a JSON line per lap and the tracks of the
+first laps: an interrupted study resumes, and more laps can be added. Prints the tables of
+docs/tube.md; --figures draws its pictures from the content of DIR.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,21 +21,22 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from proving_ground.testbed.recording.channels import TUBE
 from ttempc.errors import InvalidTube
 
 from ..errors import InvalidFit
-from ..results.confidence import Share, share
 from ..results.containment import QUANTITIES, Containment, containment
+from ..results.statistics import Proportion, proportion
+from ..results.tracking_errors import START_UP_S
 from ..run.simulate import simulate
 from ..scenario.scenario import load
 from ..scenario.tube_file import read_tube, to_json
 from ..tubes.fit import FitRun, fit_run, fit_tube, format_fit
-from .containment_figures import draw
+from .batch import run_tasks
+from .containment_figures import draw_containment
 
-DRIVER: Final = "ttempc-tube"  # of the laps to fit to, in the shipped tube of grass
+DRIVER: Final = "ttempc-tube"  # of the laps that a tube is fitted to
 FIRST_FIT_SEED: Final = 1001
 FIRST_SEED: Final = 2001  # of the fresh laps
 TRACKS: Final = 30  # laps whose deviations are kept for the figures
@@ -45,11 +44,12 @@ TRACKS: Final = 30  # laps whose deviations are kept for the figures
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A field with the wheels on it, and whose tube drives there."""
+    """A field with its overrides, and the tube to drive in."""
 
     scenario: str
     changes: tuple[str, ...] = ()
-    tube_of: str = ""  # another case; empty for a tube of its own
+    tube_of: str = ""  # the case whose tube is used; empty: its own
+    path: str = "path.laps=1"
 
 
 BORROWED: Final = "grass-soil"
@@ -75,12 +75,12 @@ CASES: Final = {
 
 def settings(case: Case, controller: str, tube: Path | None = None) -> list[str]:
     """Return the overrides of a lap."""
-    lines = ["path.laps=1", *case.changes, f'controller.name="{controller}"']
+    lines = [case.path, *case.changes, f'controller.name="{controller}"']
     return lines if tube is None else [*lines, f'controller.tube="{tube.resolve()}"']
 
 
 def fit_lap(case: Case, seed: int) -> FitRun:
-    """Drive a lap to fit a tube to."""
+    """Drive a lap that a tube is fitted to."""
     name, scenario = load(case.scenario, settings(case, DRIVER))
     _, record = simulate(name, scenario, seed)
     about = {"scenario": name, "controller": DRIVER, "seed": str(seed)}
@@ -88,25 +88,25 @@ def fit_lap(case: Case, seed: int) -> FitRun:
 
 
 def fresh_lap(case: Case, tube: Path, folder: Path, key: str, seed: int) -> dict[str, Any]:
-    """Drive a lap in the tube and return its counts; keep its track if it is among the first."""
+    """Drive a lap in the tube and return its counts; keep the tracks of the first laps."""
     name, scenario = load(case.scenario, settings(case, "ttempc-tube", tube))
     summary, record = simulate(name, scenario, seed)
-    found = containment(record)
-    inside = found.normalised_deviation <= 1.0
+    deviations = containment(record)
+    inside = deviations.normalised_deviation <= 1.0
     if seed < FIRST_SEED + TRACKS:
         tracks = folder / "tracks"
         tracks.mkdir(exist_ok=True)
         np.savez_compressed(
             tracks / f"{key}-{seed}.npz",
-            time_s=found.time_s,
-            deviation=found.deviation.astype(np.float32),
-            half_width=found.half_width.astype(np.float32),
+            time_s=deviations.time_s,
+            deviation=deviations.deviation.astype(np.float32),
+            half_width=deviations.half_width.astype(np.float32),
         )
 
     def counts(where: NDArray[np.bool_]) -> dict[str, Any]:
         kept = inside[where]
         each = kept.sum(axis=0).tolist()
-        points, everything = kept[:, found.POINTS].all(axis=1), kept.all(axis=1)
+        points, everything = kept[:, deviations.POINTS].all(axis=1), kept.all(axis=1)
         return {
             "steps": len(kept),
             "each": each,
@@ -114,15 +114,15 @@ def fresh_lap(case: Case, tube: Path, folder: Path, key: str, seed: int) -> dict
             "all": int(everything.sum()),
         }
 
-    seen = record[TUBE]["inside"][record[TUBE].time_s >= 8.0]
+    membership = record[TUBE]["inside"][record[TUBE].time_s >= START_UP_S]
     return {
         "case": key,
         "seed": seed,
         "status": summary.status,
-        "straight": counts(~found.curved),
-        "curve": counts(found.curved),
-        "restarts": int((seen < 0.5).sum()),
-        "largest_share": found.normalised_deviation.max(axis=0, initial=0.0).tolist(),
+        "straight": counts(~deviations.curved),
+        "curve": counts(deviations.curved),
+        "restarts": int((membership < 0.5).sum()),
+        "largest_share": deviations.normalised_deviation.max(axis=0, initial=0.0).tolist(),
         "cross_error_p95_m": [
             body.cross_p95_m
             for body in (summary.tracking.all.tractor, summary.tracking.all.trailer)
@@ -132,18 +132,18 @@ def fresh_lap(case: Case, tube: Path, folder: Path, key: str, seed: int) -> dict
 
 
 def refused_file(folder: Path, key: str) -> Path:
-    """Return where it stands why no tube drives a case."""
+    """Return the file with the reason why no tube drives a case."""
     return folder / f"{key}-refused.txt"
 
 
-def tube_of(key: str, folder: Path, laps: int, pool: ProcessPoolExecutor) -> Path | None:
-    """Return the tube file of a case, fitted now if it is not there; None where there is none."""
+def tube_file(key: str, folder: Path, laps: int) -> Path | None:
+    """Return the tube file of a case, fitted if it does not exist; None if the fit is refused."""
     file = folder / f"{key}.json"
     refused = refused_file(folder, key)
     if file.exists() or refused.exists():
         return file if file.exists() else None
-    driven = pool.map(partial(fit_lap, CASES[key]), range(FIRST_FIT_SEED, FIRST_FIT_SEED + laps))
-    runs = list(tqdm(driven, total=laps, desc=f"{key}: to fit"))
+    seeds = range(FIRST_FIT_SEED, FIRST_FIT_SEED + laps)
+    runs = list(run_tasks(partial(fit_lap, CASES[key]), seeds, f"{key}: laps to fit"))
     try:
         fit = fit_tube(runs)
     except (InvalidFit, InvalidTube) as error:
@@ -154,62 +154,69 @@ def tube_of(key: str, folder: Path, laps: int, pool: ProcessPoolExecutor) -> Pat
     return file
 
 
-def rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the laps that are in the folder; a line that was cut off counts as not driven."""
+def read_laps(folder: Path) -> list[dict[str, Any]]:
+    """Return the laps in the folder, without incomplete lines."""
     file = folder / "laps.jsonl"
-    found = []
+    laps = []
     for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else []:
         try:
-            found.append(json.loads(line))
+            laps.append(json.loads(line))
         except json.JSONDecodeError:
             continue
-    return found
+    return laps
 
 
-def drive(folder: Path, keys: Sequence[str], laps: int, fit_laps: int) -> None:
-    """Drive what is missing of the cases."""
-    done = {(row["case"], row["seed"]) for row in rows(folder)}
-    with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
-        for key in keys:
-            case = CASES[key]
-            tube = tube_of(case.tube_of or key, folder, fit_laps, pool)
-            seeds = [FIRST_SEED + lap for lap in range(laps)]
-            seeds = [seed for seed in seeds if (key, seed) not in done]
-            if tube is None or not seeds or refused_file(folder, key).exists():
-                continue
-            driven = pool.map(partial(fresh_lap, case, tube, folder, key), seeds)
-            try:
-                for row in tqdm(driven, total=len(seeds), desc=key):
-                    with (folder / "laps.jsonl").open("a", encoding="utf-8") as file:
-                        file.write(json.dumps(row) + "\n")
-            except InvalidTube as error:  # a borrowed one, along another reference
-                refused_file(folder, key).write_text(f"{error}\n", encoding="utf-8")
+def drive_cases(folder: Path, keys: Sequence[str], laps: int, fit_laps: int) -> None:
+    """Drive the laps of the cases that are not in the folder."""
+    done = {(row["case"], row["seed"]) for row in read_laps(folder)}
+    for key in keys:
+        case = CASES[key]
+        tube = tube_file(case.tube_of or key, folder, fit_laps)
+        seeds = [FIRST_SEED + lap for lap in range(laps)]
+        seeds = [seed for seed in seeds if (key, seed) not in done]
+        if tube is None or not seeds or refused_file(folder, key).exists():
+            continue
+        try:
+            for row in run_tasks(partial(fresh_lap, case, tube, folder, key), seeds, key):
+                with (folder / "laps.jsonl").open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(row) + "\n")
+        except InvalidTube as error:  # the tube of another case, along another reference
+            refused_file(folder, key).write_text(f"{error}\n", encoding="utf-8")
 
 
 def table(folder: Path) -> Iterator[str]:
     """Yield the lines of the tables: by case, then by quantity."""
     by_case: dict[str, list[dict[str, Any]]] = {}
-    for row in rows(folder):
+    for row in read_laps(folder):
         by_case.setdefault(row["case"], []).append(row)
-    heads = ("case", "laps", "lost", "steps with both points inside", "straight", "curve")
-    more = ("laps wholly inside", "restarts a lap", "largest share of a cross-track half width")
-    yield f"| {' | '.join((*heads, *more))} |"
-    yield "|---" * 9 + "|"
+    heads = [
+        "case",
+        "laps",
+        "lost",
+        "steps with both points inside",
+        "straight",
+        "curve",
+        "laps wholly inside",
+        "restarts a lap",
+        "largest share of a cross-track half width",
+    ]
+    yield f"| {' | '.join(heads)} |"
+    yield "|---" * len(heads) + "|"
     for key, laps in by_case.items():
         points = {w: _counted(laps, w, "points") for w in ("straight", "curve")}
-        both = share(
-            points["straight"].inside + points["curve"].inside,
+        both = proportion(
+            points["straight"].count + points["curve"].count,
             points["straight"].total + points["curve"].total,
         )
-        whole = share(sum(_whole(lap) for lap in laps), len(laps))
+        whole = proportion(sum(_whole(lap) for lap in laps), len(laps))
         lost = sum(lap["status"] != "completed" for lap in laps)
         restarts = sum(lap["restarts"] for lap in laps) / len(laps)
         used = np.max([lap["largest_share"] for lap in laps], axis=0)[
             [*Containment.ACROSS.values()]
         ].max()
         yield (
-            f"| `{key}` | {len(laps)} | {lost} | {both} | {points['straight'].fraction:.4f} | "
-            f"{points['curve'].fraction:.4f} | {whole} | {restarts:.2f} | {used:.2f} |"
+            f"| `{key}` | {len(laps)} | {lost} | {both} | {points['straight'].value:.4f} | "
+            f"{points['curve'].value:.4f} | {whole} | {restarts:.2f} | {used:.2f} |"
         )
     yield ""
     yield f"| case | {' | '.join(QUANTITIES)} |"
@@ -222,31 +229,33 @@ def table(folder: Path) -> Iterator[str]:
         yield f"\n`{file.stem.removesuffix('-refused')}`: {file.read_text().strip()}"
 
 
-def _counted(laps: Sequence[dict[str, Any]], where: str, what: str) -> Share:
-    return share(sum(lap[where][what] for lap in laps), sum(lap[where]["steps"] for lap in laps))
+def _counted(laps: Sequence[dict[str, Any]], where: str, what: str) -> Proportion:
+    steps = sum(lap[where]["steps"] for lap in laps)
+    return proportion(sum(lap[where][what] for lap in laps), steps)
 
 
 def _whole(lap: dict[str, Any]) -> bool:
-    """Whether both points were inside at every tick of a lap that was driven to its end."""
+    """Return whether a lap completed with both points inside at every tick."""
     inside = all(lap[where]["points"] == lap[where]["steps"] for where in ("straight", "curve"))
     return inside and lap["status"] == "completed"
 
 
-def main() -> None:
-    """Drive, then print."""
-    parser = argparse.ArgumentParser(description="count how often reality stays inside the tube")
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Drive the missing laps, then print the tables."""
+    parser = argparse.ArgumentParser(description="count how often the plant stays inside the tube")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--laps", type=int, default=10)
     parser.add_argument("--fit-laps", type=int, default=12, help="a third of them held out")
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES))
     parser.add_argument("--figures", action="store_true")
-    arguments = parser.parse_args()
-    arguments.folder.mkdir(parents=True, exist_ok=True)
-    drive(arguments.folder, arguments.only, arguments.laps, arguments.fit_laps)
-    print("\n".join(table(arguments.folder)))
-    if arguments.figures:
-        design = read_tube(str(arguments.folder / f"{BORROWED}.json")).design()
-        draw(arguments.folder, design, rows(arguments.folder), BORROWED)
+    parsed = parser.parse_args(arguments)
+    folder: Path = parsed.folder
+    folder.mkdir(parents=True, exist_ok=True)
+    drive_cases(folder, parsed.only, parsed.laps, parsed.fit_laps)
+    print("\n".join(table(folder)))
+    if parsed.figures:
+        design = read_tube(str(folder / f"{BORROWED}.json")).design()
+        draw_containment(folder, design, read_laps(folder), BORROWED)
 
 
 if __name__ == "__main__":

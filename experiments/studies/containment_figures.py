@@ -1,4 +1,4 @@
-"""Pictures of the containment study: tracks in the tube, cross-sections, containment and slip."""
+"""Figures of the containment study: tracks in the tube, cross-sections, containment over slip."""
 
 from __future__ import annotations
 
@@ -39,11 +39,13 @@ _LABELS: Final = {
 _PERIOD_S: Final = 0.2
 _TICKS: Final = 690
 _NEAR_M: Final = 0.9  # half width of the close views
-_INTO_THE_BEND: Final = 40  # ticks, of the cross-sections and the close views
+_INTO_THE_CURVE: Final = 40  # ticks from its start to the cross-sections and the close views
 
 
-def draw(folder: Path, design: TubeDesign, laps: Sequence[dict[str, Any]], key: str) -> None:
-    """Write path.png, tracks.png and sections.png of the case `key`, and slip.png of all."""
+def draw_containment(
+    folder: Path, design: TubeDesign, laps: Sequence[dict[str, Any]], key: str
+) -> None:
+    """Write path.png, tracks.png and sections.png of the case `key`, and slip.png of all cases."""
     reference = Reference(figure_eight(laps=1), design.vehicle, ConstantSpeed(1.0))
     along = ReferenceTube.along(design, reference, _TICKS)
     tracks = [np.load(file) for file in sorted((folder / "tracks").glob(f"{key}-2*.npz"))]
@@ -54,19 +56,19 @@ def draw(folder: Path, design: TubeDesign, laps: Sequence[dict[str, Any]], key: 
 
 
 def _path(file: Path, reference: Reference, tracks: Sequence[Any]) -> None:
-    """The tube around the path with the laps in it, each about a nominal vehicle on the path."""
+    """Draw the tube around the path and the laps in it, about a nominal vehicle on the path."""
     figure = blank(3.6)
     views = figure.subplot_mosaic(
         [["whole", "tractor"], ["whole", "trailer"]], width_ratios=(1.5, 1.0)
     )
     time_s = tracks[0]["time_s"]
     on_path = reference.at(time_s)
-    middle = _in_the_bend(on_path)
-    roads = {
+    middle = _in_the_curve(on_path)
+    bodies = {
         "tractor": (on_path.state[:, :2], on_path.state[:, State.PSI_T]),
         "trailer": (on_path.trailer_xy, on_path.state[:, State.PSI_I]),
     }
-    for body, (place, heading) in roads.items():
+    for body, (place, heading) in bodies.items():
         near, colour, column = views[body], BODY_COLOURS[body], Containment.ACROSS[body]
         left = np.column_stack([-np.sin(heading), np.cos(heading)])
         width = tracks[0]["half_width"][:, column, None] * left
@@ -74,7 +76,7 @@ def _path(file: Path, reference: Reference, tracks: Sequence[Any]) -> None:
         for axes in (views["whole"], near):
             axes.fill(*band.T, color=PALE, alpha=0.6, linewidth=0.0)
         for number, track in enumerate(tracks):
-            ticks = slice(len(track["time_s"]))  # a lap that was lost has fewer
+            ticks = slice(len(track["time_s"]))  # fewer in a lap that terminated early
             driven = place[ticks] + leftward(track["deviation"][:, column, None]) * left[ticks]
             near.plot(*driven.T, color=colour, linewidth=0.5)
             label = body if number == 0 else None
@@ -88,10 +90,10 @@ def _path(file: Path, reference: Reference, tracks: Sequence[Any]) -> None:
     figure.savefig(file)
 
 
-def _in_the_bend(samples: ReferenceSample) -> int:
-    """Return the place of a sample well inside the first curve."""
-    bend = np.abs(samples.curvature)
-    return int(np.argmax(bend > 0.999 * bend.max())) + _INTO_THE_BEND
+def _in_the_curve(samples: ReferenceSample) -> int:
+    """Return the index of a sample well inside the first curve."""
+    curvature = np.abs(samples.curvature)
+    return int(np.argmax(curvature > 0.999 * curvature.max())) + _INTO_THE_CURVE
 
 
 def _tracks(file: Path, tracks: Sequence[Any]) -> None:
@@ -123,24 +125,24 @@ def _sections(
     along: ReferenceTube,
     tracks: Sequence[Any],
 ) -> None:
-    """Exact projections of the tube, true error included, where the road is straight and bent."""
+    """Draw exact projections of the tube, with and without the estimate's error, at two ticks."""
     figure = blank(2.8)
-    bend = np.abs(reference.at(_PERIOD_S * np.arange(_TICKS)).curvature)
-    roads = {
-        "straight": int(np.argmin(bend)),
-        "curve": int(np.argmax(bend > 0.0999)) + _INTO_THE_BEND,
+    curvature = np.abs(reference.at(_PERIOD_S * np.arange(_TICKS)).curvature)
+    sections = {
+        "straight": int(np.argmin(curvature)),
+        "curve": int(np.argmax(curvature > 0.0999)) + _INTO_THE_CURVE,
     }
     rows = report_rows(along.tube.system.c)
     for axes, names in zip(figure.subplots(1, 3), _PLANES, strict=True):
         columns = [QUANTITIES.index(name) for name in names]
         points = np.concatenate([track["deviation"][:, columns] for track in tracks])
         axes.plot(*points.T, ",", color=GREY)
-        for (where, k), colour in zip(roads.items(), (BLUE, RED), strict=True):
+        for (where, k), colour in zip(sections.items(), (BLUE, RED), strict=True):
             plane = rows[k][columns]
             of_estimate = linear_map(plane, along.tube.at(k))
             truth = minkowski_sum([of_estimate, linear_map(plane, design.estimate_error)])
-            for made, line in ((of_estimate, "--"), (truth, "-")):
-                corners = outline(made, np.eye(2))
+            for section, line in ((of_estimate, "--"), (truth, "-")):
+                corners = outline(section, np.eye(2))
                 closed = np.vstack([corners, corners[:1]])
                 label = where if line == "-" else None
                 axes.plot(*closed.T, line, color=colour, linewidth=1.0, label=label)
@@ -150,7 +152,7 @@ def _sections(
 
 
 def _slip(file: Path, laps: Sequence[dict[str, Any]]) -> None:
-    """Largest share of a cross-track half width by the mean slip of a lap, tubes of grass only."""
+    """Draw the largest share of a cross-track half width over the mean slip, tube of grass only."""
     figure = blank(3.0)
     axes = figure.subplots()
     columns = list(Containment.ACROSS.values())

@@ -1,10 +1,11 @@
-"""Hours of random driving over every class of ground: does the simulation stay valid?
+"""Validity of the simulation over hours of random driving on every class of ground.
 
-`python -m experiments.studies.endurance [HOURS [SCENARIO]]` drives the scenario's vehicle (grass)
-for so many simulated hours (3), shared by classes A to F, on soils from soft to hard, with random
-steering and speeds up to the top speed. A warning, a reset or a NaN of MuJoCo ends a drive and is
-counted; so are roll-overs and jack-knives, which are no error of the simulation. Exit code 1 where
-the simulation was invalid once.
+    python -m experiments.studies.endurance [HOURS [SCENARIO]]
+
+Drives the scenario's vehicle (default: grass) for HOURS of simulated time (default: 3), divided
+among classes A to F, on soft to hard soil, with random steering and speeds up to the top speed. A
+warning, a reset or a NaN of MuJoCo ends a drive and is counted. Roll-overs and jack-knives are
+counted, too; they are no error of the simulation. Exit code 1 if the simulation was invalid once.
 """
 
 from __future__ import annotations
@@ -30,28 +31,28 @@ from ..validation.plant_validation import bench
 
 _PERIOD_S: Final = 0.2
 _HOLD: Final = 10  # periods between two random commands
-_EDGE_M: Final = 6.0  # nearer to the edge of the field a drive ends
-_DRIVE_S: Final = 120.0  # and after so long
+_EDGE_M: Final = 6.0  # distance to the edge of the field at which a drive ends
+_DRIVE_S: Final = 120.0  # longest drive
 _STRENGTHS_KPA: Final = (150.0, 2000.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Endurance:
-    """What happened on one class of ground."""
+    """Result of random driving on one class of ground."""
 
     iso_class: str
     driven_s: float
     drives: int
-    mishaps: int  # roll-overs and jack-knives
-    invalid: tuple[str, ...]  # what MuJoCo did wrong, in words
+    losses: int  # roll-overs and jack-knives
+    invalid: tuple[str, ...]  # reasons of PlantDiverged
     top_speed: float  # [m/s]
     unloaded: float  # share of wheel samples in the air
 
 
 def endure(bench: Bench, iso_class: str, seconds: float, seed: int = 1) -> Endurance:
-    """Drive at random on one class of ground for so many simulated seconds."""
+    """Drive at random on one class of ground for a simulated time [s]."""
     rng = generator(seed, f"endurance {iso_class}")
-    driven, drives, mishaps, invalid, top, loads = 0.0, 0, 0, [], 0.0, []
+    driven, drives, losses, invalid, top, loads = 0.0, 0, 0, [], 0.0, []
     while driven < seconds - _PERIOD_S:
         strength = float(np.exp(rng.uniform(*np.log(_STRENGTHS_KPA))))
         plant = bench.plant(rough(iso_class, rng), SoilMap(strength))
@@ -64,16 +65,20 @@ def endure(bench: Bench, iso_class: str, seconds: float, seed: int = 1) -> Endur
             invalid.append(f"class {iso_class}, drive {drives}, {strength:.0f} kPa: {error}")
             driven += _DRIVE_S
             continue
-        driven, mishaps, top = driven + spent, mishaps + lost, max(top, fastest)
+        driven, losses, top = driven + spent, losses + lost, max(top, fastest)
         loads.append(samples)
     unloaded = float(np.mean(np.concatenate(loads) <= 0.0)) if loads else math.nan
-    return Endurance(iso_class, driven, drives, mishaps, tuple(invalid), top, unloaded)
+    return Endurance(iso_class, driven, drives, losses, tuple(invalid), top, unloaded)
 
 
 def _drive(
     plant: Plant, bench: Bench, rng: np.random.Generator, seconds: float
 ) -> tuple[float, bool, float, np.ndarray]:
-    """Drive until time, field or luck end; return time [s], lost or not, top speed, loads."""
+    """Drive to the end of time or field, or to a roll-over or jack-knife.
+
+    Returns:
+        Time [s], whether the vehicle was lost, top speed [m/s], wheel loads (n, wheels) [N].
+    """
     vehicle, limits = bench.nominal, replace(TerminationLimits(), deviation=math.inf)
     truth = plant.reset(0.0, 0.0, rng.uniform(-math.pi, math.pi), 0.0)
     command, fastest, loads = Command(0.0, 0.0, 0.0), 0.0, []
@@ -95,20 +100,21 @@ def _drive(
 
 
 def main(hours: str = "3", scenario: str = "grass") -> None:
-    """Print a line a class; exit code 1 where the simulation was invalid once."""
+    """Print one line per class; exit code 1 if the simulation was invalid once."""
     vehicle = bench(load(scenario)[1])
     wrong = 0
     for iso_class in ISO_8608:
-        seen = endure(vehicle, iso_class, 3600.0 * float(hours) / len(ISO_8608))
+        result = endure(vehicle, iso_class, 3600.0 * float(hours) / len(ISO_8608))
         print(
-            f"class {seen.iso_class}: {seen.driven_s / 60.0:6.1f} min in {seen.drives} drives, "
-            f"{seen.mishaps} roll-overs or jack-knives, up to {seen.top_speed:.2f} m/s, "
-            f"{seen.unloaded:.2%} of wheel samples in the air, invalid {len(seen.invalid)} times",
+            f"class {iso_class}: {result.driven_s / 60.0:6.1f} min in {result.drives} drives, "
+            f"{result.losses} roll-overs or jack-knives, up to {result.top_speed:.2f} m/s, "
+            f"{result.unloaded:.2%} of wheel samples in the air, "
+            f"invalid {len(result.invalid)} times",
             flush=True,
         )
-        for reason in seen.invalid:
+        for reason in result.invalid:
             print(f"  {reason}")
-        wrong += len(seen.invalid)
+        wrong += len(result.invalid)
     if wrong:
         raise SystemExit(1)
 

@@ -1,9 +1,9 @@
-"""What does each correction of the paper's equations do?  One switch at a time.
+"""Effect of each correction of the paper's equations, one at a time.
 
     python -m experiments.studies.errata
 
 Prints the Markdown table of docs/errata.md: mean Euclidean errors of `paper` with one reading
-changed, on `pavement`, where the plant is nearest to kinematics (one lap, three seeds).
+changed, on `pavement`, where the plant is closest to the kinematic model (one lap, three seeds).
 """
 
 from __future__ import annotations
@@ -18,9 +18,7 @@ from ttempc.paper.composition import paper_controller
 from ttempc.paper.options import PaperOptions
 
 from ..results.published import COLUMNS
-from ..run.simulate import simulate
-from ..scenario.scenario import load
-from .batch import mean_errors_cm
+from .batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 
 SEEDS = (1, 2, 3)
 
@@ -46,17 +44,22 @@ READINGS = {
 }
 
 
-def main() -> None:
-    """Run and print."""
+def main(seeds: tuple[int, ...] = SEEDS, path: str = "path.laps=1") -> None:
+    """Drive all readings and print the table; `path` overrides the path of `pavement`."""
+    summaries = simulate_runs(
+        [
+            StudyRun("pavement", seed, (path,), factory)
+            for factory in READINGS.values()
+            for seed in seeds
+        ]
+    )
     print(f"| reading | {' | '.join(COLUMNS)} | lost |")
     print("|---" * (len(COLUMNS) + 2) + "|")
-    name, scenario = load("pavement", ["path.laps=1"])
-    for reading, factory in READINGS.items():
-        runs = [simulate(name, scenario, seed, factory)[0] for seed in SEEDS]
+    for index, reading in enumerate(READINGS):
+        runs = summaries[index * len(seeds) : (index + 1) * len(seeds)]
         errors = np.mean([mean_errors_cm(run) for run in runs], axis=0)
-        lost = sum(run.status != "completed" for run in runs)
         cells = " | ".join(f"{error:.1f}" for error in errors)
-        print(f"| {reading} | {cells} | {lost}/{len(runs)} |", flush=True)
+        print(f"| {reading} | {cells} | {lost_count(runs)}/{len(runs)} |")
 
 
 if __name__ == "__main__":

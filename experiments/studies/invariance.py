@@ -1,13 +1,13 @@
-"""Does anything leave the tube?  Random and worst-case disturbances from its set, on its own model.
+"""Invariance of the tube under random and worst-case disturbances, on its own model.
 
     python -m experiments.studies.invariance [TUBE]
 
-100,000 deviations start in the middle at ticks all along the figure eight and are pushed for as
-long as the tube remembers: most by noise, by noise of full size and changing sign, and by square
-waves, each scaled until its fullest window fills the set; the rest by the worst case for a
-direction of their own, drawn at random or along a state, an output or an input. Prints the largest
-share of the tube that any of them took, and by how much the invariance condition itself holds in
-dense directions. Neither may exceed 1.
+100,000 deviations start at zero, at ticks all along the figure eight, and are disturbed over the
+memory of the tube. Most disturbances are noise, noise of full size with random sign, and square
+waves, each scaled so that its largest window fills the set. The rest are worst cases for a
+direction, drawn at random or along a state, an output or an input. Prints the largest normalised
+deviation, and the ratio of both sides of the invariance condition in dense directions. Neither may
+exceed 1.
 """
 
 from __future__ import annotations
@@ -30,14 +30,21 @@ SEED = 1
 RANDOM = 90_000
 WORST = 10_000
 BATCH = 1_000  # trajectories that end at the same tick
-DIRECTIONS = 1_000  # at each of the ticks where the condition is checked
-STRIDE = 20  # ticks between those
+DIRECTIONS = 1_000  # in which the condition is checked at a tick
+STRIDE = 20  # ticks between checks of the condition
 
 
 def noise(
     disturbance: DisturbanceSet, steps: int, kind: int, generator: np.random.Generator
 ) -> FloatArray:
-    """Return admissible runs side by side, (`steps`, BATCH, 7)."""
+    """Return admissible disturbance sequences, (`steps`, BATCH, 7).
+
+    Args:
+        disturbance: the set; the largest window of each sequence is on its boundary.
+        steps: length.
+        kind: 0 normal noise, 1 noise of full size, 2 square waves.
+        generator: draws them.
+    """
     y = generator.standard_normal((steps, BATCH, disturbance.dimension))
     if kind == 1:
         y = np.sign(y)
@@ -51,14 +58,14 @@ def noise(
     return (y / np.sqrt(along.max(axis=0))[:, None]) @ disturbance.axes.T
 
 
-def asked(tube: Tube, k: int) -> tuple[FloatArray, FloatArray]:
-    """Return rows for states, outputs and inputs at tick `k`, and their half widths."""
+def bounded_directions(tube: Tube, k: int) -> tuple[FloatArray, FloatArray]:
+    """Return the rows of states, outputs and inputs at tick `k`, and their half widths."""
     rows = np.concatenate([np.eye(7), tube.system.c[k], tube.system.gains[k]])
     return rows, np.concatenate([tube.states[k], tube.outputs[k], tube.inputs[k]])
 
 
-def pushed(tube: Tube, k: int, runs: FloatArray) -> FloatArray:
-    """Return where runs (steps, ..., 7) of disturbances lead at tick `k`, from the middle."""
+def response(tube: Tube, k: int, runs: FloatArray) -> FloatArray:
+    """Return the deviation at tick `k` after disturbances (steps, ..., 7), from zero."""
     m = np.zeros(runs.shape[1:])
     for step, w in enumerate(runs):
         tick = max(0, k - len(runs) + step)
@@ -67,7 +74,7 @@ def pushed(tube: Tube, k: int, runs: FloatArray) -> FloatArray:
 
 
 def main(name: str) -> None:
-    """Push, and print."""
+    """Apply all disturbances and print the largest normalised deviations."""
     generator = np.random.default_rng(SEED)
     design = read_tube(name).design()
     reference = Reference(figure_eight(laps=1), design.vehicle, ConstantSpeed(1.0))
@@ -94,22 +101,22 @@ def main(name: str) -> None:
         largest = 0.0
         for _ in range(RANDOM // BATCH // 3):
             k = int(generator.integers(steps, ticks))
-            rows, widths = asked(tube, k)
-            m = pushed(tube, k, noise(design.disturbance, steps, kind, generator))
+            rows, widths = bounded_directions(tube, k)
+            m = response(tube, k, noise(design.disturbance, steps, kind, generator))
             largest = max(largest, float((np.abs(m @ rows.T) / widths).max()))
         print(f"{RANDOM // 3} runs of {label}: largest share of a half width {largest:.4f}")
 
     largest, least = 0.0, np.inf
     for count in range(WORST):
         k = int(generator.integers(steps, ticks))
-        rows, widths = asked(tube, k)
+        rows, widths = bounded_directions(tube, k)
         choice = count % (len(rows) + 6)
         if choice < len(rows):
             row, width = rows[choice], widths[choice]
         else:
             row = generator.standard_normal(7) / tube.states[k]
             width = float(tube.at(k).support(row[None])[0])
-        reached = float(pushed(tube, k, tube.worst_case(k, row)) @ row) / width
+        reached = float(response(tube, k, tube.worst_case(k, row)) @ row) / width
         largest, least = max(largest, reached), min(least, reached)
     print(f"{WORST} worst cases: share {least:.4f} to {largest:.4f}")
 

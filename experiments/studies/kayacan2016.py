@@ -1,11 +1,11 @@
-"""On which field does `paper` come closest to the published table?
+"""Field on which `paper` comes closest to the published table.
 
     python -m experiments.studies.kayacan2016 coarse      terrain class and cone index
     python -m experiments.studies.kayacan2016 fine        cone index and slope on class E
 
 Five seeds each. Prints the mean errors with their distance to the published ones: the root mean
-square of the four relative differences. docs/errata.md holds what came out; the field chosen is
-the scenario `kayacan2016`.
+square of the four relative differences. docs/errata.md has the results; the best field is the
+scenario `kayacan2016`.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from ..results.published import COLUMNS, compare
-from .batch import Job, mean_errors_cm, summaries
+from .batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 
 SEEDS: Final = (1, 2, 3, 4, 5)
 
 
 class Field(NamedTuple):
-    """One candidate."""
+    """A candidate field."""
 
     iso_class: str
     cone_index_kpa: float
@@ -55,22 +55,23 @@ STAGES: Final = {
 }
 
 
-def main(stage: str) -> None:
-    """Run and print."""
+def main(stage: str, seeds: tuple[int, ...] = SEEDS, path: str = "") -> None:
+    """Drive all fields of a stage and print the table; `path` overrides the path of `grass`."""
     fields = STAGES[stage]
-    jobs = [Job("grass", seed, field.overrides()) for field in fields for seed in SEEDS]
-    finished = [summary for _, summary in summaries(jobs)]
+    more = (path,) if path else ()
+    summaries = simulate_runs(
+        [StudyRun("grass", seed, (*field.overrides(), *more)) for field in fields for seed in seeds]
+    )
     print("| class | kPa | slope [rad] | " + " | ".join(COLUMNS) + " | lost | distance |")
     print("|---" * (len(COLUMNS) + 5) + "|")
     for index, field in enumerate(fields):
-        runs = finished[index * len(SEEDS) : (index + 1) * len(SEEDS)]
+        runs = summaries[index * len(seeds) : (index + 1) * len(seeds)]
         errors = np.mean([mean_errors_cm(run) for run in runs], axis=0)  # (4,)
         published = np.array([100.0 * item.published_m for item in compare(runs[0])])
         distance = np.sqrt(np.mean((errors / published - 1.0) ** 2))
-        lost = sum(run.status != "completed" for run in runs)
         cells = " | ".join([*(f"{part}" for part in field), *(f"{error:.1f}" for error in errors)])
-        print(f"| {cells} | {lost}/{len(runs)} | {distance:.2f} |")
+        print(f"| {cells} | {lost_count(runs)}/{len(runs)} | {distance:.2f} |")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main(sys.argv[1])

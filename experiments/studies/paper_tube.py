@@ -1,11 +1,12 @@
-"""Is the paper's own tube one?  Its -1 m <= z_m <= 1 m and U less K Z_m, for its model and gains.
+"""Invariance of the paper's tube, -1 m <= z_m <= 1 m and U - K Z_m, for its model and gains.
 
     python -m experiments.studies.paper_tube
 
-Prints what docs/tube.md says of it: what the robust action takes of the input set, the modes of the
-linear closed loop of the modelling error, and how many modelling errors from inside the assumed box
-leave it without any disturbance. The robust law acts on its own, as a tube asks of it: z_m is the
-deviation from the nominal state, and u = u_f - u_b + u_m with erratum 6 corrected and as printed.
+Prints the figures of docs/tube.md: the part of the input set that the robust action uses, the modes
+of the linear closed loop of the modelling error, and the share of modelling errors inside the
+assumed box that leave it without disturbance. The robust law acts alone, as a tube requires: z_m is
+the deviation from the nominal state, and u = u_f - u_b + u_m with erratum 6 corrected and as
+printed.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
-ROADS = {"straight": 2.0, "curve": 24.0}  # times along the figure eight [s]
-ACTS_ON = (Error.Y_T, Error.Y_I, Error.X_T)  # what delta_t, lambda and HP answer
+SECTIONS = {"straight": 2.0, "curve": 24.0}  # times along the figure eight [s]
+ACTS_ON = (Error.Y_T, Error.Y_I, Error.X_T)  # errors that delta_t, lambda and HP act on
 BOX_M = 1.0
 YAW_RAD = 0.1  # yaw deviations of the draws, within
 SPEED_MPS = 0.05  # speed deviations of the draws, within
@@ -48,9 +49,9 @@ def model(time_s: float) -> tuple[FloatArray, FloatArray]:
 
 
 def linear_loop(a: FloatArray, b: FloatArray, gains: RobustGains, sign: int) -> FloatArray:
-    """Return the closed loop of (z_m, positions one step before), with tanh replaced by its slope.
+    """Return the closed loop of (z_m, positions one step before), tanh linearised, (11, 11).
 
-    The modelling error is the deviation of z_e, so that u_m moves it by -B u_m; (11, 11).
+    The modelling error is the deviation of z_e, so that u_m moves it by -B u_m.
     """
     now, before = np.zeros((3, 7)), np.zeros((3, 7))
     for row, (state, k_s, k_p, k_d) in enumerate(
@@ -85,7 +86,7 @@ def leaving(a: FloatArray, b: FloatArray, gains: RobustGains, sign: int) -> floa
 
 
 def invariant(loop: FloatArray) -> str:
-    """Return the half widths of the set in which 1 mm, 1 mrad and 1 mm/s a step keep the loop."""
+    """Return the half widths of the invariant set under 1 mm, 1 mrad and 1 mm/s per step."""
     n = len(loop)
     system = TrackingSystem(
         loop[None],
@@ -103,7 +104,7 @@ def invariant(loop: FloatArray) -> str:
 
 
 def main() -> None:
-    """Print the input sets, the modes and the shares."""
+    """Print input sets, modes and shares."""
     gains, bound = RobustGains(), HorizonTuning().input_bound
     print("What u_m takes of U, and what is left of it (delta_t and lambda [deg], HP [%]):")
     scale = (math.degrees(1.0), math.degrees(1.0), 100.0)
@@ -120,13 +121,13 @@ def main() -> None:
             for s, t, u in zip(scale, taken, bound, strict=True)
         ]
         print(f"  {label:<32}{'; '.join(cells)}")
-    for road, time_s in ROADS.items():
+    for section, time_s in SECTIONS.items():
         a, b = model(time_s)
         for name, sign in (("corrected", -1), ("as printed", 1)):
             loop = linear_loop(a, b, gains, sign)
             modes = np.sort(np.abs(np.linalg.eigvals(loop)))[::-1][:4]
             print(
-                f"{road}, sign {name}: largest moduli {np.round(modes, 4).tolist()}, "
+                f"{section}, sign {name}: largest moduli {np.round(modes, 4).tolist()}, "
                 f"{100 * leaving(a, b, gains, sign):.0f} % leave the box undisturbed"
             )
             print(f"  all seven states: {invariant(loop)}")

@@ -1,10 +1,10 @@
-"""Does a controller find back from a metre and 20 degrees beside its path?
+"""Recovery of a controller from a metre and 20 degrees beside its path.
 
     python -m experiments.studies.recovery [CONTROLLER]      (default: ttempc)
 
-Places the vehicle beside a straight line, both bodies turned alike, and prints how far it travels
-until both axle points are within 10 cm for good, how far the trailer overshoots to the other side,
-and whether a command left its limits. docs/ablation.md holds the table.
+Places the vehicle beside a straight line, both bodies turned by the same angle. Prints the distance
+until both axle points stay within 10 cm, the overshoot of the trailer to the other side, and
+whether a command left its limits. docs/ablation.md has the table.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ SEEDS: Final = (1, 2)
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """How a vehicle came back."""
+    """Figures of a recovery."""
 
-    travel_m: float  # until both points stay within `NEAR_M` across the path; inf if they do not
+    travel_m: float  # until both points stay within `NEAR_M` of the path; inf if they do not
     overshoot_m: float  # of the trailer to the other side
     excess: float  # largest amount by which a command left amplitude or rate; 0 where none did
 
@@ -43,16 +43,25 @@ class Recovery:
 def recover(
     scenario: str, controller: str, seed: int, lateral_m: float, yaw_deg: float, ticks: int = 150
 ) -> Recovery:
-    """Drive a straight line from an offset."""
+    """Drive a straight line from an offset.
+
+    Args:
+        scenario: a shipped scenario; its path is replaced.
+        controller: its name.
+        seed: of terrain and noise.
+        lateral_m: offset to the left of the path [m].
+        yaw_deg: heading offset of both bodies, to the left [deg].
+        ticks: control periods to drive.
+    """
     path = f'path={{kind="straight",length_m={ticks / 5.0}}}'
     content = load(scenario, [path, f'controller.name="{controller}"'])[1]
     assembly, recorder = assemble(content, seed), Recorder()
-    rig = assembly.setup(recorder)
+    setup = assembly.setup(recorder)
     start = assembly.reference.at(0.0).state.tolist()
     (x, y, yaw), speed = start[:3], start[State.V]
-    place = x - lateral_m * math.sin(yaw), y + lateral_m * math.cos(yaw)
-    assembly.plant.reset(*place, yaw + math.radians(yaw_deg), speed)
-    drive(rig, ticks)
+    x, y = x - lateral_m * math.sin(yaw), y + lateral_m * math.cos(yaw)
+    assembly.plant.reset(x, y, yaw + math.radians(yaw_deg), speed)
+    drive(setup, ticks)
     record = recorder.record()
 
     errors = tracking_errors(record)
@@ -62,7 +71,7 @@ def recover(
     travel = speed * errors.time_s[last] if last < len(errors.time_s) else math.inf
     sent = record[CONTROL]
     commands = np.stack([sent[f"{name}_command"] for name in ("delta_t_rad", "delta_i_rad", "hp")])
-    vehicle, period = assembly.vehicle, rig.control_steps * assembly.plant.timestep_s
+    vehicle, period = assembly.vehicle, setup.control_steps * assembly.plant.timestep_s
     steps = np.abs(np.diff(commands)) - period * vehicle.input_rate[:, None]
     beyond = np.maximum(
         vehicle.input_min[:, None] - commands, commands - vehicle.input_max[:, None]
@@ -76,7 +85,7 @@ def recover(
 
 
 def main(controller: str = "ttempc") -> None:
-    """Run and print."""
+    """Drive all offsets and print the table."""
     print(
         f"| {controller} | offset | seed | travel until within 10 cm | trailer overshoot | limits |"
     )
@@ -84,11 +93,11 @@ def main(controller: str = "ttempc") -> None:
     for scenario in SCENARIOS:
         for lateral, yaw in OFFSETS:
             for seed in SEEDS:
-                seen = recover(scenario, controller, seed, lateral, yaw)
+                recovery = recover(scenario, controller, seed, lateral, yaw)
                 print(
                     f"| `{scenario}` | {lateral:+.0f} m, {yaw:+.0f} deg | {seed} | "
-                    f"{seen.travel_m:.1f} m | {100.0 * seen.overshoot_m:.0f} cm | "
-                    f"{'kept' if seen.excess < 1e-9 else 'left'} |",
+                    f"{recovery.travel_m:.1f} m | {100.0 * recovery.overshoot_m:.0f} cm | "
+                    f"{'kept' if recovery.excess < 1e-9 else 'left'} |",
                     flush=True,
                 )
 

@@ -1,1 +1,1 @@
-"""Many runs: from a study's file to a row a run, on any number of processes."""
+"""Sweeps: all runs of a study file, on any number of processes, one row per run."""

@@ -1,4 +1,4 @@
-"""From the axes of a study to the dimensions of its grid: what is crossed with what."""
+"""Dimensions of a study's grid, made from its axes."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ _TAIL_SD = float(norm.ppf(0.975))  # `low` and `high` of a normal axis are 2.5 a
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """One factor of the grid: its entries are crossed with those of all others."""
+    """One factor of the grid; its entries are combined with those of all others."""
 
     entries: Sequence[Change]
     relative: frozenset[str] = frozenset()  # keys whose values are factors
-    drives: bool = False  # says who drives: the same terrain and noise for every entry
+    selects_controller: bool = False  # all its entries meet the same terrain and noise
 
 
 def dimensions(study: Study) -> tuple[Dimension, ...]:
-    """Return the dimensions of a study: an axis each, all drawn axes together one."""
-    found = []
+    """Return the dimensions of a study: one for each axis, one for all drawn axes together."""
+    result = []
     for axis in study.axis:
         if isinstance(axis, DrawnAxis):
             continue
         values = grid(axis) if isinstance(axis, GridAxis) else axis.values
-        found.append(
+        result.append(
             Dimension(
                 [_change(axis.names, value) for value in values],
                 frozenset(axis.names if axis.relative else ()),
-                drives="controller" in axis.names,
+                selects_controller="controller" in axis.names,
             )
         )
     drawn = [axis for axis in study.axis if isinstance(axis, DrawnAxis)]
@@ -50,23 +50,23 @@ def dimensions(study: Study) -> tuple[Dimension, ...]:
             for point in points.tolist()
         ]
         relative = frozenset(name for axis in drawn if axis.relative for name in axis.names)
-        found.append(Dimension(changes, relative))
-    return tuple(found)
+        result.append(Dimension(changes, relative))
+    return tuple(result)
 
 
 def grid(axis: GridAxis) -> tuple[float, ...]:
-    """Return the values of a grid axis; its ends are exactly those of the study."""
+    """Return the values of a grid axis; its ends are exactly `low` and `high`."""
     space = np.geomspace if axis.spacing == "log" else np.linspace
     inner = space(axis.low, axis.high, axis.count)[1:-1]
-    # A study is read by people: four digits, lest 387.2983346207417 kPa stand on an axis.
+    # Four digits, so that an axis shows 387.3 kPa, not 387.2983346207417 kPa.
     return (axis.low, *(float(f"{value:.4g}") for value in inner), axis.high)
 
 
 def draw(axes: Sequence[DrawnAxis], samples: int, seed: int) -> FloatArray:
     """Return `samples` points of the drawn axes, (samples, len(axes)).
 
-    Every axis that is random by itself has a generator of its own, so that another axis does not
-    move its values.
+    Every independent axis has its own generator, so that adding an axis does not change the
+    values of the others.
     """
     uniform = np.empty((samples, len(axes)))
     joint = [column for column, axis in enumerate(axes) if axis.kind == "latin-hypercube"]
@@ -81,14 +81,14 @@ def draw(axes: Sequence[DrawnAxis], samples: int, seed: int) -> FloatArray:
     )
 
 
-def _quantile(axis: DrawnAxis, share: FloatArray) -> FloatArray:
-    """Return the value below which a share of the axis's distribution lies."""
+def _quantile(axis: DrawnAxis, probability: FloatArray) -> FloatArray:
+    """Return the quantiles of the axis's distribution at these probabilities, (n,) each."""
     low, high = axis.low, axis.high
     if axis.distribution == "uniform":
-        return low + share * (high - low)
+        return low + probability * (high - low)
     if axis.distribution == "log-uniform":
-        return low * (high / low) ** share
-    return norm.ppf(share, 0.5 * (low + high), 0.5 * (high - low) / _TAIL_SD)
+        return low * (high / low) ** probability
+    return norm.ppf(probability, 0.5 * (low + high), 0.5 * (high - low) / _TAIL_SD)
 
 
 def _change(names: Sequence[str], value: Scalar | tuple[Scalar, ...]) -> Change:

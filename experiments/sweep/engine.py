@@ -1,8 +1,8 @@
-"""Where runs are carried out: any `concurrent.futures.Executor`; Dask's, or none but this process.
+"""Executors of a sweep: Dask, or this process.
 
-Dask does what is hard about it: it finds free workers, brings the runs of a killed worker back, and
-spans from the cores of this machine to a cluster. Nothing here schedules; `flow` only keeps the
-number of runs under way bounded, so that a plan of any size takes no memory.
+Dask schedules: it assigns runs to free workers, repeats the runs of a killed worker, and scales
+from the cores of this machine to a cluster. `imap_bounded` bounds the number of submitted runs, so
+that memory does not grow with the size of a plan.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from ..errors import SweepRefused
 
 _CONNECT_S: Final = 5.0
 _FIRST_WORKER_S: Final = 10.0
-_KILLS: Final = 1  # workers that a run may take with it before it is put aside, beyond the first
-# One thread each: runs are independent, and more threads than cores only wait for each other.
+_KILLS: Final = 1  # workers, beyond the first, that may die on a run before it is set aside
+# One thread per worker: runs are independent, more threads than cores slow each other down.
 _ENVIRONMENT: Final = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )
@@ -33,18 +33,18 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """An executor, how many tasks it carries out at a time, and how it says that a worker died."""
+    """An executor, its number of parallel tasks, and its error for a dead worker."""
 
     executor: Executor
     width: Callable[[], int]
-    died: type[Exception] | tuple[()] = ()  # of a task whose workers died again and again
+    worker_died: type[Exception] | tuple[()] = ()  # raised for a task whose workers kept dying
 
 
 class InProcess(Executor):
-    """Carries a task out as it is submitted, in this process."""
+    """Executor that runs a task in this process as it is submitted."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
-        """Return the future of a call, done."""
+        """Call the function and return its finished future."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -55,24 +55,24 @@ class InProcess(Executor):
 
 @contextlib.contextmanager
 def engine(workers: int | None = None, address: str | None = None) -> Iterator[Engine]:
-    """Start workers, or reach those of a cluster; they are one's own until the block is left.
+    """Start workers on this machine, or connect to those of a cluster, until the block ends.
 
     Args:
-        workers: processes on this machine, one a core by default; 0 for this process.
-        address: of a Dask scheduler, in place of workers here.
+        workers: processes on this machine, one per core by default; 0: this process.
+        address: of a Dask scheduler, instead of workers on this machine.
 
     Raises:
-        SweepRefused: there is no scheduler at the address, it has no workers, or they would drive
-            with another version of the code.
+        SweepRefused: there is no scheduler at the address, it has no workers, or their code has
+            another version.
     """
     if address is None and workers == 0:
         yield Engine(InProcess(), lambda: 1)
         return
-    # Here, because Dask takes a second to load.
+    # Imported here because Dask takes a second to load.
     from distributed import Client
     from distributed.scheduler import KilledWorker
 
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # we say ourselves what matters
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # the driver reports what matters
     with contextlib.ExitStack() as stack:
         where = stack.enter_context(_local(workers or cores())) if address is None else address
         client = stack.enter_context(_client(Client, where))
@@ -84,13 +84,13 @@ def engine(workers: int | None = None, address: str | None = None) -> Iterator[E
         )
 
 
-def flow(
+def imap_bounded(
     engine: Engine, function: Callable[[Task], Result], tasks: Iterable[Task]
 ) -> Iterator[tuple[Task, Future[Result]]]:
-    """Yield every task with its future as it is done; no more are under way than can be worked on.
+    """Yield every task with its future as it completes; at most `engine.width()` are submitted.
 
-    Tasks are taken one at a time as there is room. Where the block is left early, those that are
-    under way are cancelled.
+    Tasks are taken from the iterable one at a time. If the consumer stops early, submitted tasks
+    are cancelled.
     """
     waiting = iter(tasks)
     under_way: dict[Future[Result], Task] = {}
@@ -114,9 +114,9 @@ def flow(
             future.cancel()
 
 
-def alone(engine: Engine) -> Engine:
-    """Return the engine with one task at a time."""
-    return Engine(engine.executor, lambda: 1, engine.died)
+def one_at_a_time(engine: Engine) -> Engine:
+    """Return the engine limited to one task at a time."""
+    return Engine(engine.executor, lambda: 1, engine.worker_died)
 
 
 def cores() -> int:
@@ -127,14 +127,14 @@ def cores() -> int:
 
 
 def provenance() -> dict[str, str]:
-    """Return what has to be the same in the driver and in every worker."""
-    packages = {name: found for name, found in versions().items() if name != "commit"}
+    """Return the versions that must be the same in the driver and in every worker."""
+    packages = {name: version for name, version in versions().items() if name != "commit"}
     return {**packages, "code": code_digest()}
 
 
 @contextlib.contextmanager
 def _local(workers: int) -> Iterator[str]:
-    """Start a scheduler in this process and workers beside it; yield its address."""
+    """Start a scheduler in this process with worker processes; yield its address."""
     import dask.config
     from distributed import LocalCluster
 
@@ -142,7 +142,7 @@ def _local(workers: int) -> Iterator[str]:
         "n_workers": workers,
         "threads_per_worker": 1,
         "processes": True,
-        "dashboard_address": "127.0.0.1:0",  # any free port: two sweeps may go on side by side
+        "dashboard_address": "127.0.0.1:0",  # any free port: two sweeps can run at a time
         "memory_limit": 0,
         "silence_logs": logging.CRITICAL,
         "preload": [f"{__package__}.worker"],
@@ -169,23 +169,23 @@ def _client(make: Callable[..., Any], address: str) -> Any:  # noqa: ANN401 - Da
 
 
 def _check(client: Any) -> None:  # noqa: ANN401
-    """Refuse a cluster without workers, or with workers that have other code."""
+    """Refuse a cluster without workers, or with workers whose code differs."""
     where = client.scheduler.address
     try:
         client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
-        answers = client.run(provenance)
+        provenances = client.run(provenance)
     except TimeoutError:
         raise SweepRefused(f"scheduler {where}: has no workers") from None
-    except Exception as error:  # what a worker without our code raises is up to it
+    except Exception as error:  # a worker without this code can raise anything
         reason = f"{type(error).__name__}: {error}".partition("\n")[0]
         raise SweepRefused(
             f"scheduler {where}: its workers do not have this version of the code: {reason}"
         ) from None
     here = provenance()
-    for worker, there in answers.items():
-        for name in sorted({*here, *there}):
-            if here.get(name) != there.get(name):
+    for worker, remote in provenances.items():
+        for name in sorted({*here, *remote}):
+            if here.get(name) != remote.get(name):
                 raise SweepRefused(
-                    f"worker {worker}: has {name} {there.get(name)}, the driver has "
+                    f"worker {worker}: has {name} {remote.get(name)}, the driver has "
                     f"{here.get(name)}; both must have the same"
                 )

@@ -1,8 +1,7 @@
-"""The breaking point of a controller: the value of one quantity from which on it fails.
+"""Envelope: the value of one quantity above or below which a controller fails.
 
-A scan over the whole range comes first, its ends included: it says whether there is a bracket at
-all, and whether failure sets in once or comes and goes. Between the last value that holds and the
-first that fails bisection goes on to the tolerance. Every value is driven under every seed.
+A scan over the whole range, ends included, finds a bracket and shows whether failure is monotone.
+Bisection then narrows the bracket down to the tolerance. Every value is driven under every seed.
 """
 
 from __future__ import annotations
@@ -22,19 +21,19 @@ from proving_ground.testbed.configuration.config_io import STRICT
 
 from ..errors import InvalidStudy, SweepStopped
 from .engine import Engine
-from .folder import Folder, Origin
-from .plan import Plan
+from .failure import ERROR, has_failed, is_unmeasured, mostly_fails, unmeasured_text
+from .folder import Origin, SweepFolder
+from .plan import SweepPlan
 from .row import Row
 from .study import ListAxis, Study
-from .sweep import driven, job
+from .sweep import imap_rows, sweep_job
 
-ERROR: Final = "tracking.all.trailer.cross_p95_m"
 _Count = Annotated[int, Field(ge=0)]
 
 
 @dataclass(frozen=True, config=STRICT)
 class Quantity:
-    """What may be made harder and harder, and over which range by default."""
+    """A quantity whose limit can be searched, with its default range."""
 
     keys: tuple[str, ...]
     unit: str
@@ -42,7 +41,7 @@ class Quantity:
     high: float
     spacing: Literal["linear", "log"] = "linear"
     names: tuple[str, ...] = ()  # in place of a range
-    step: float = 0.0  # of which all values are whole multiples; 0: any value can be
+    step: float = 0.0  # all values are whole multiples of it; 0: any value is allowed
 
 
 QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
@@ -52,7 +51,9 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
         "speed": Quantity(("path.speed_mps",), "m/s", 0.4, 1.35),
         "delay": Quantity(
             tuple(f"actuators.{name}.dead_time_s" for name in ("front", "trailer", "hydrostat")),
-            *("s", 0.0, 1.0),
+            unit="s",
+            low=0.0,
+            high=1.0,
             step=0.01,  # a dead time is a whole number of physics steps
         ),
         "roughness": Quantity(("terrain.iso_class",), "ISO 8608", 0.0, 5.0, names=tuple("ABCDEF")),
@@ -60,25 +61,20 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
 )
 
 
-def mostly(failed: int, runs: int) -> bool:
-    """Return whether at least half of the runs fail, which counts as failing at a value."""
-    return 2 * failed >= runs
-
-
 @dataclass(frozen=True, config=STRICT)
 class Question:
-    """What is asked of a controller."""
+    """Settings of the search: controller, scenario, quantity, range and criterion of failure."""
 
     scenario: str
     controller: str
     quantity: str  # one of `QUANTITIES`
     low: float
     high: float
-    tolerance: float  # between the values that hold and fail
-    limit_m: float | None  # on the trailer's 95 % cross-track error; None: only lost counts
+    tolerance: float  # between the value that holds and the value that fails
+    limit_m: float | None  # on the trailer's 95 % cross-track error; None: completed runs hold
     seeds: tuple[int, ...]
     scan: int = 5  # values over the range before bisection, ends included
-    settings: dict[str, Any] = Field(default_factory=dict)  # laid over the scenario
+    settings: dict[str, Any] = Field(default_factory=dict)  # override keys of the scenario
 
     def __post_init__(self) -> None:
         if self.quantity not in QUANTITIES:
@@ -86,11 +82,11 @@ class Question:
                 f"quantity must be one of {', '.join(QUANTITIES)}, got {self.quantity!r}"
             )
 
-    def first_look(self) -> list[float]:
-        """Return values over the whole range; those of a named quantity are its numbers.
+    def scan_values(self) -> list[float]:
+        """Return the values of the scan; those of a named quantity are the indices of its names.
 
         Raises:
-            InvalidStudy: the range or the tolerance cannot be.
+            InvalidStudy: the range or the tolerance is invalid.
         """
         quantity, low, high = QUANTITIES[self.quantity], self.low, self.high
         if quantity.names:
@@ -113,20 +109,20 @@ class Question:
         if quantity.spacing == "log" and low <= 0.0:
             raise InvalidStudy(f"{self.quantity}: low must be above 0, got {low:g}")
         space = np.geomspace if quantity.spacing == "log" else np.linspace
-        between = (self.snapped(place) for place in space(low, high, self.scan)[1:-1].tolist())
+        between = (self.snapped(number) for number in space(low, high, self.scan)[1:-1].tolist())
         return sorted({low, *between, high})
 
-    def snapped(self, place: float) -> float:
-        """Return the nearest value that the quantity may have."""
+    def snapped(self, number: float) -> float:
+        """Return the nearest allowed value of the quantity."""
         step = QUANTITIES[self.quantity].step
-        return round(round(place / step) * step, 12) if step else place
+        return round(round(number / step) * step, 12) if step else number
 
-    def value(self, place: float) -> float | str:
-        """Return what the scenario has for a value of `first_look`, or one between two."""
+    def value(self, number: float) -> float | str:
+        """Return the value that the scenario gets for a number of the scan or of the bisection."""
         names = QUANTITIES[self.quantity].names
-        return names[int(place)] if names else place
+        return names[int(number)] if names else number
 
-    def plan(self, values: Sequence[float | str]) -> Plan:
+    def plan(self, values: Sequence[float | str]) -> SweepPlan:
         """Return the plan of all seeds at these values.
 
         Raises:
@@ -142,137 +138,139 @@ class Question:
                 ListAxis(kind="list", key="controller", values=(self.controller,)),
             ),
         )
-        return Plan(f"envelope of {self.quantity}", study)
+        return SweepPlan(f"envelope of {self.quantity}", study)
 
     def check(self) -> None:
-        """Refuse what cannot be asked, before any run.
+        """Check the settings without any run.
 
         Raises:
-            InvalidStudy: the range, the tolerance or a value in the range cannot be.
+            InvalidStudy: the range, the tolerance or a value in the range is invalid.
         """
-        self.plan([self.value(place) for place in self.first_look()]).extent()
+        self.plan([self.value(number) for number in self.scan_values()]).extent()
 
 
 @dataclass(frozen=True, config=STRICT)
 class Probe:
-    """What happened at one value."""
+    """Outcome of the runs at one value."""
 
     value: float | str
     runs: Annotated[int, Field(ge=1)]
     failed: _Count
     lost: _Count
-    cross_p95_m: tuple[float | None, ...]
+    cross_p95_m: tuple[float | None, ...]  # of each run; None where it has no error figure
+    unmeasured: _Count = 0  # runs that completed without an error figure
 
     @property
     def fails(self) -> bool:
         """Return whether at least half of the runs fail."""
-        return mostly(self.failed, self.runs)
+        return mostly_fails(self.failed, self.runs)
 
 
 @dataclass(frozen=True, config=STRICT)
 class Envelope:
-    """The answer."""
+    """Result of the search."""
 
     question: Question
-    outcome: Literal["found", "holds", "fails"]  # throughout, the latter two
-    monotone: bool  # failure sets in once over the values that were tried
+    outcome: Literal["found", "holds", "fails"]  # the latter two: over the whole range
+    monotone: bool  # failure sets in once over the tested values
     holds_at: float | str | None
     fails_at: float | str | None
-    probes: Annotated[tuple[Probe, ...], Field(min_length=1)]  # in the order of the values
+    probes: Annotated[tuple[Probe, ...], Field(min_length=1)]  # by increasing value
 
     def __str__(self) -> str:
-        asked = self.question
-        quantity = QUANTITIES[asked.quantity]
-        what = f"{asked.controller} on {asked.scenario}, {asked.quantity} [{quantity.unit}]"
-        tried = f"from {_text(self.probes[0].value)} to {_text(self.probes[-1].value)}"
+        question = self.question
+        unit = QUANTITIES[question.quantity].unit
+        subject = f"{question.controller} on {question.scenario}, {question.quantity} [{unit}]"
+        tested = f"from {_text(self.probes[0].value)} to {_text(self.probes[-1].value)}"
         if self.outcome != "found":
             end = "hold" if self.outcome == "holds" else "fail"
-            return f"{what}: {self.outcome} {tried}: both ends {end}, there is nothing to bisect"
-        comes_and_goes = "" if self.monotone else f"; not monotone: failure comes and goes {tried}"
-        return (
-            f"{what}: holds at {_text(self.holds_at)}, fails at {_text(self.fails_at)}"
-            f"{comes_and_goes}"
-        )
+            result = f"{self.outcome} {tested}: both ends {end}, there is nothing to bisect"
+        else:
+            result = f"holds at {_text(self.holds_at)}, fails at {_text(self.fails_at)}"
+            if not self.monotone:
+                result += f"; not monotone: failure comes and goes {tested}"
+        unmeasured = sum(probe.unmeasured for probe in self.probes)
+        note = unmeasured_text(unmeasured, question.limit_m).rstrip(".")
+        return f"{subject}: {result}" + (f"; {note}" if note else "")
 
 
 @dataclass(frozen=True, config=STRICT)
 class EnvelopeFile:
-    """What `ttempc envelope` writes, as JSON."""
+    """Content of the JSON file of `ttempc envelope`."""
 
     versions: dict[str, str]
-    envelopes: tuple[Envelope, ...]  # of a controller each
+    envelopes: tuple[Envelope, ...]  # one per controller
 
 
 def envelope(
     question: Question, engine: Engine, on_probe: Callable[[Probe], object] = lambda probe: None
 ) -> Envelope:
-    """Find where a controller fails.
+    """Search the value from which on a controller fails.
 
     Args:
-        question: what is asked.
-        engine: carries the runs out.
-        on_probe: is told of every value as it is done.
+        question: settings of the search.
+        engine: executes the runs.
+        on_probe: called with the outcome at every value.
 
     Raises:
-        InvalidStudy: the question cannot be asked; no run is made.
-        SweepStopped: a run raised an error, which says nothing of the controller.
+        InvalidStudy: the settings are invalid; no run is made.
+        SweepStopped: a run raised an error, which is no failure of the controller.
     """
-    places = question.first_look()
     probes: dict[float, Probe] = {}
 
-    def probe(wanted: Sequence[float]) -> None:
-        for place, found in zip(wanted, probed(question, wanted, engine), strict=True):
-            probes[place] = found
-            on_probe(found)
+    def add(numbers: Sequence[float]) -> None:
+        for number, probe in zip(numbers, drive_probes(question, numbers, engine), strict=True):
+            probes[number] = probe
+            on_probe(probe)
 
-    probe(places)
+    add(question.scan_values())
     while (bracket := _bracket(probes)) and not _close(question, *bracket):
-        probe([_middle(question, *bracket)])
-    ordered = [probes[place] for place in sorted(probes)]
+        add([_middle(question, *bracket)])
+    ordered = [probes[number] for number in sorted(probes)]
     changes = sum(one.fails != other.fails for one, other in itertools.pairwise(ordered))
     if bracket is None:
         outcome = "fails" if ordered[0].fails else "holds"
         return Envelope(question, outcome, True, None, None, tuple(ordered))
-    holds, fails = sorted((probes[place] for place in bracket), key=lambda probe: probe.fails)
+    holds, fails = sorted((probes[number] for number in bracket), key=lambda probe: probe.fails)
     return Envelope(question, "found", changes == 1, holds.value, fails.value, tuple(ordered))
 
 
-def probed(question: Question, places: Sequence[float], engine: Engine) -> Iterator[Probe]:
-    """Drive all seeds of these values; return a probe each, in their order.
+def drive_probes(question: Question, numbers: Sequence[float], engine: Engine) -> Iterator[Probe]:
+    """Drive these values under all seeds; yield the outcome at each, in the given order.
 
     Raises:
-        InvalidStudy: a value cannot be.
+        InvalidStudy: a value is invalid.
         SweepStopped: a run raised an error.
     """
-    values = [question.value(place) for place in places]
+    values = [question.value(number) for number in numbers]
     plan = question.plan(values)
-    folder = Folder(Path(), Origin.here(plan.extent().digest, plan.size))
-    rows = driven(engine, (job(plan, folder, run) for run in range(plan.size)))
+    folder = SweepFolder(Path(), Origin.here(plan.extent().digest, plan.size))
+    rows = imap_rows(engine, (sweep_job(plan, folder, run) for run in plan.runs()))
     ordered = sorted(rows, key=lambda row: cast(int, row["run"]))
     repeats = len(question.seeds)
     for number, value in enumerate(values):
-        yield _judged(question, value, ordered[number * repeats : (number + 1) * repeats])
+        yield _probe(question, value, ordered[number * repeats : (number + 1) * repeats])
 
 
-def _judged(question: Question, value: float | str, rows: Sequence[Row]) -> Probe:
+def _probe(question: Question, value: float | str, rows: Sequence[Row]) -> Probe:
     for row in rows:
         if row["status"] in ("failed", "crashed"):
             raise SweepStopped(
                 f"{question.quantity} at {_text(value)}, {question.controller}, seed "
                 f"{row['seed']}: {row['failure']}"
             )
-    errors = tuple(cast("float | None", row[ERROR]) for row in rows)
-    lost = [row["status"] != "completed" for row in rows]
-    limit = math.inf if question.limit_m is None else question.limit_m
-    failed = [
-        gone or (limit < math.inf and (error is None or error > limit))
-        for gone, error in zip(lost, errors, strict=True)
-    ]
-    return Probe(value, len(rows), sum(failed), sum(lost), errors)
+    return Probe(
+        value,
+        runs=len(rows),
+        failed=sum(has_failed(row, question.limit_m) for row in rows),
+        lost=sum(row["status"] != "completed" for row in rows),
+        cross_p95_m=tuple(cast("float | None", row[ERROR]) for row in rows),
+        unmeasured=sum(map(is_unmeasured, rows)),
+    )
 
 
 def _bracket(probes: Mapping[float, Probe]) -> tuple[float, float] | None:
-    """Return the first two neighbours of which one holds and one fails."""
+    """Return the first pair of neighbouring values of which one holds and one fails."""
     ordered = sorted(probes)
     return next(
         (

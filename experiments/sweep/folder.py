@@ -1,4 +1,4 @@
-"""The folder of a sweep: whose it is, what it was begun with, and who is at work in it."""
+"""Folder of a sweep: its lock, its study and the versions that it was begun with."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from proving_ground.testbed.atomic_write import atomic_write, partial_path
 from proving_ground.testbed.recording.provenance import code_digest, versions
 
 from ..errors import SweepRefused, SweepStopped
-from .plan import Plan
+from .plan import SweepPlan
 
 _LOCK: Final = ".lock"
 _STUDY: Final = "study.toml"
@@ -25,28 +25,29 @@ _VERSIONS: Final = "versions.json"
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What the rows of a folder follow from, besides its study."""
+    """Provenance of the rows of a folder, besides its study."""
 
     plan: str  # digest of all scenarios and seeds
-    runs: int
+    runs: int  # numbers in the plan
     code: str  # digest of the source code
     versions: dict[str, str]
     machine: str
     cpus: int
+    refused: int = 0  # of the numbers, those of refused combinations
 
     @classmethod
-    def here(cls, plan: str, runs: int) -> Origin:
-        """Return the origin of rows that this process would make."""
+    def here(cls, plan: str, runs: int, refused: int = 0) -> Origin:
+        """Return the origin of rows that this process makes."""
         machine, cpus = platform.platform(), os.cpu_count() or 1
-        return cls(plan, runs, code_digest(), versions(), machine, cpus)
+        return cls(plan, runs, code_digest(), versions(), machine, cpus, refused)
 
 
 @dataclass(frozen=True, slots=True)
-class Folder:
-    """A sweep's folder that nobody else writes to while it is held."""
+class SweepFolder:
+    """Locked folder of a sweep; no other process writes to it."""
 
     path: Path
-    origin: Origin  # as the sweep was begun
+    origin: Origin  # of the first sweep in the folder
 
     @property
     def results(self) -> Path:
@@ -65,20 +66,20 @@ def is_begun(path: Path) -> bool:
 
 
 @contextmanager
-def held(path: Path, plan: Plan, digest: str) -> Iterator[Folder]:
-    """Hold a new folder, or the one of the same sweep, until the block is left or the process dies.
+def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
+    """Lock a new folder, or that of the same sweep, until the block or the process ends.
 
     Args:
         path: of the folder.
         plan: of the sweep.
-        digest: of the plan.
 
     Raises:
-        SweepRefused: the folder holds something else, another study or other versions, or another
-            process is at work in it; nothing is changed.
+        SweepRefused: the folder has other content, another study or other versions, or another
+            process has locked it; nothing is changed.
+        InvalidStudy: a scenario of the plan is invalid.
     """
     parts = {partial_path(path / name).name for name in (_VERSIONS, _STUDY)}
-    ours = {_LOCK, _VERSIONS, *parts}  # of one that died at once
+    ours = {_LOCK, _VERSIONS, *parts}  # of a sweep that died at its start
     try:
         if not is_begun(path) and path.exists() and {item.name for item in path.iterdir()} - ours:
             raise SweepRefused(f"output folder {path}: holds something else, give another")
@@ -87,20 +88,21 @@ def held(path: Path, plan: Plan, digest: str) -> Iterator[Folder]:
     except OSError as error:
         raise SweepRefused(f"output folder {path}: cannot be made: {error.strerror}") from None
     with lock:
-        _take(lock.fileno(), path)
+        _acquire(lock.fileno(), path)
         lock.truncate(0)
         lock.write(str(os.getpid()))
         lock.flush()
-        origin = Origin.here(digest, plan.size)
+        extent = plan.extent()
+        origin = Origin.here(extent.digest, plan.size, plan.size - plan.run_count)
         if is_begun(path):
-            yield Folder(path, _resumed(path, plan, origin))
+            yield SweepFolder(path, _resumed(path, plan, origin))
         else:
             _write(path / _VERSIONS, json.dumps(asdict(origin), indent=2) + "\n")
             _write(path / _STUDY, plan.study.dump())
-            yield Folder(path, origin)
+            yield SweepFolder(path, origin)
 
 
-def _take(lock: int, path: Path) -> None:
+def _acquire(lock: int, path: Path) -> None:
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -110,11 +112,11 @@ def _take(lock: int, path: Path) -> None:
         ) from None
 
 
-def _resumed(path: Path, plan: Plan, origin: Origin) -> Origin:
-    """Return the origin of a folder that was begun before, where it is this sweep's.
+def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
+    """Return the origin of a folder in which this sweep was begun before.
 
     Raises:
-        SweepRefused: it is not; the message says what differs.
+        SweepRefused: it belongs to another sweep; the message says what differs.
     """
     if (path / _STUDY).read_text(encoding="utf-8") != plan.study.dump():
         raise SweepRefused(
@@ -130,14 +132,12 @@ def _resumed(path: Path, plan: Plan, origin: Origin) -> Origin:
 
 
 def _difference(begun: Mapping[str, Any], now: Origin) -> str:
-    """Return what differs between two origins and would change rows, in words."""
+    """Return the first difference of two origins that can change rows, as text."""
     # The commit may differ: the digest says whether the code does.
-    was, found = ({**item, "commit": ""} for item in (begun["versions"], now.versions))
+    before, after = ({**item, "commit": ""} for item in (begun["versions"], now.versions))
     pairs = [("plan", begun["plan"], now.plan), ("code", begun["code"], now.code)]
-    pairs += [(name, was.get(name), found.get(name)) for name in sorted({*was, *found})]
-    return next(
-        (f"{what} ({before}, now {after})" for what, before, after in pairs if before != after), ""
-    )
+    pairs += [(name, before.get(name), after.get(name)) for name in sorted({*before, *after})]
+    return next((f"{name} ({old}, now {new})" for name, old, new in pairs if old != new), "")
 
 
 def _write(file: Path, text: str) -> None:

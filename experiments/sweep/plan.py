@@ -1,13 +1,14 @@
-"""The plan of a sweep: what run number so and so drives, worked out one run at a time.
+"""Plan of a sweep: scenario and seed of each run, computed from the run's number.
 
-Runs are numbered with the point outermost, then the seed, then the controller, so that those which
-are compared with each other end at about the same time. Nothing grows with the number of runs.
+The number counts controllers fastest, then seeds, then points, so that runs that are compared with
+each other end at about the same time. Memory does not grow with the number of runs.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -18,26 +19,27 @@ from ttempc.errors import TtempcError
 
 from ..errors import ExperimentError, InvalidStudy
 from ..run.assembly import CONTROL_PERIOD_S, check
+from ..run.user_code import user_sources
 from ..scenario.scenario import Scenario, ScenarioFile, dump, identity, merge_tables, read_scenario
 from .dimensions import Change, Dimension, dimensions
 from .row import Value
 from .study import Scalar, Study
 
-_REMEMBERED = 64  # scenarios: those of one point, for its seeds
+_CACHED = 64  # scenarios: those of one point, for all its seeds
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A scenario of the plan."""
+    """A scenario of the plan with the values of its axes."""
 
-    name: str  # of the scenario that it started from
+    name: str  # of the scenario file
     scenario: Scenario
     toml: str
-    axes: Mapping[str, Value]  # what is varied, with the values that came out
+    axes: Mapping[str, Value]  # varied keys with their resolved values
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
+class PlannedRun:
     """A run of the plan."""
 
     run: int
@@ -47,22 +49,23 @@ class Planned:
 
 
 @dataclass(frozen=True, slots=True)
-class Extent:
-    """What a plan amounts to."""
+class PlanExtent:
+    """Size of a plan."""
 
     runs: int
     points: int
     controllers: tuple[str, ...]
-    simulated_s: float  # of all runs, if none is lost
-    digest: str  # of everything that the runs follow from, but for the code
+    simulated_s: float  # of all runs, if none terminates early
+    digest: str  # of all scenarios and seeds
+    refused: tuple[str, ...]  # reasons of the combinations that are left out
 
 
-class Plan:
+class SweepPlan:
     """All runs of a study.
 
     Args:
         name: of the study.
-        study: as its file says.
+        study: content of its file.
 
     Raises:
         InvalidScenario: no such scenario.
@@ -70,82 +73,135 @@ class Plan:
 
     def __init__(self, name: str, study: Study) -> None:
         self.name, self.study = name, study
-        found = dimensions(study)
-        self._shared = [dimension for dimension in found if not dimension.drives]
-        self._drivers = next((d for d in found if d.drives), Dimension([{}]))
-        self._relative = frozenset(key for dimension in found for key in dimension.relative)
-        self._seeds = study.drawn_with
+        factors = dimensions(study)
+        self._shared = [factor for factor in factors if not factor.selects_controller]
+        self._controllers = next((f for f in factors if f.selects_controller), Dimension([{}]))
+        self._relative = frozenset(key for factor in factors for key in factor.relative)
+        self._seeds = study.point_seeds
         self._drafts: dict[str, ScenarioFile] = {}
-        for dimension in found:
+        for dimension in factors:
             for entry in dimension.entries:
                 self._draft(str(entry.get("scenario", study.scenario)))
         self.points = math.prod(len(dimension.entries) for dimension in self._shared)
-        self._setting = functools.lru_cache(_REMEMBERED)(self._made)
+        self._setting = functools.lru_cache(_CACHED)(self._make_setting)
 
     @property
     def size(self) -> int:
-        """Return the number of runs."""
-        return self.points * len(self._seeds) * self.drivers
+        """Return how many run numbers there are, those of refused combinations included."""
+        return self.points * len(self._seeds) * self.controller_count
 
     @property
-    def drivers(self) -> int:
-        """Return the number of controllers that are compared."""
-        return len(self._drivers.entries)
+    def controller_count(self) -> int:
+        """Return the number of compared controllers."""
+        return len(self._controllers.entries)
 
-    def __getitem__(self, run: int) -> Planned:
+    def __getitem__(self, run: int) -> PlannedRun:
         """Return a run by its number.
 
         Raises:
-            InvalidStudy: it cannot be; the message names the values of its axes.
+            InvalidStudy: its scenario is invalid; the message names the values of its axes.
         """
-        rest, driver = divmod(run, self.drivers)
+        rest, controller = divmod(run, self.controller_count)
         point, seed = divmod(rest, len(self._seeds))
-        return Planned(run, point, self._seeds[seed], self._setting(point, driver))
+        return PlannedRun(run, point, self._seeds[seed], self._setting(point, controller))
 
-    def settings(self) -> Iterator[Setting]:
-        """Yield every scenario of the plan once, not once a seed."""
-        for point in range(self.points):
-            for driver in range(self.drivers):
-                yield self._setting(point, driver)
+    def runs(self) -> Iterator[int]:
+        """Yield the numbers of the runs to drive: all but those of refused combinations."""
+        refused = self.refusals if self.study.skip_refused else {}
+        for run in range(self.size):
+            rest, controller = divmod(run, self.controller_count)
+            if (rest // len(self._seeds), controller) not in refused:
+                yield run
 
-    def changed(self, point: int, driver: int = 0) -> dict[str, Scalar]:
-        """Return what the axes say at a point, before it is laid over a scenario."""
+    @property
+    def run_count(self) -> int:
+        """Return the number of runs to drive."""
+        refused = len(self.refusals) if self.study.skip_refused else 0
+        return self.size - refused * len(self._seeds)
+
+    def changes(self, point: int, controller: int = 0) -> dict[str, Scalar]:
+        """Return the values of the axes at a point, relative ones as factors."""
         changes: dict[str, Scalar] = {}
         for dimension in reversed(self._shared):
             point, entry = divmod(point, len(dimension.entries))
             changes |= dimension.entries[entry]
-        changes |= self._drivers.entries[driver]
+        changes |= self._controllers.entries[controller]
         return {name: changes[name] for name in self.study.names}
 
-    def extent(self) -> Extent:
-        """Check all runs of the plan and return what they amount to.
+    def extent(self) -> PlanExtent:
+        """Check all runs of the plan and return its size.
 
         Raises:
-            InvalidStudy: a run cannot be; the message names the values of its axes.
+            InvalidStudy: a scenario is invalid, and the study does not skip it, or no scenario
+                accepts a controller; the message names the values of the axes.
         """
-        digest, simulated, controllers = hashlib.sha256(), 0.0, {}
-        for setting in self.settings():
+        return self._survey[0]
+
+    @property
+    def refusals(self) -> Mapping[tuple[int, int], InvalidStudy]:
+        """Return the refused pairs of point and controller with their reasons.
+
+        Raises:
+            InvalidStudy: as `extent`.
+        """
+        return self._survey[1]
+
+    @functools.cached_property
+    def _survey(self) -> tuple[PlanExtent, Mapping[tuple[int, int], InvalidStudy]]:
+        digest, simulated = hashlib.sha256(), 0.0
+        names: dict[str, None] = {}
+        accepted: set[int] = set()
+        refusals: dict[tuple[int, int], InvalidStudy] = {}
+        for point, controller in itertools.product(
+            range(self.points), range(self.controller_count)
+        ):
             try:
-                ticks = check(setting.scenario)
-            except (ExperimentError, TestbedError, TtempcError) as error:
-                raise self._refusal(setting.axes, error) from None
+                setting = self._setting(point, controller)
+                ticks = self._ticks(setting)
+            except InvalidStudy as error:
+                if not self.study.skip_refused:
+                    raise
+                refusals[point, controller] = error
+                continue
+            accepted.add(controller)
             digest.update(setting.toml.encode())
             simulated += CONTROL_PERIOD_S * ticks * len(self._seeds)
-            controllers[setting.scenario.controller.name] = True
+            names[setting.scenario.controller.name] = None
+        for (_, controller), error in refusals.items():
+            if controller not in accepted:
+                raise error
         digest.update(repr(self._seeds).encode())
-        return Extent(
-            self.size, self.points, tuple(controllers), simulated, digest.hexdigest()[:12]
+        extent = PlanExtent(
+            runs=self.size - len(refusals) * len(self._seeds),
+            points=self.points,
+            controllers=tuple(names),
+            simulated_s=simulated,
+            digest=digest.hexdigest()[:12],
+            refused=tuple(str(error) for error in refusals.values()),
         )
+        return extent, refusals
 
-    def identity(self, planned: Planned, versions: dict[str, str]) -> str:
-        """Return the `run_id` of a run under these versions."""
-        return identity(planned.setting.toml, planned.seed, versions)
-
-    def setting(self, changes: Change) -> Setting:
-        """Return the scenario that the values of axes lead to.
+    def _ticks(self, setting: Setting) -> int:
+        """Check a scenario and return its control ticks.
 
         Raises:
-            InvalidStudy: it cannot be.
+            InvalidStudy: it is refused.
+        """
+        try:
+            return check(setting.scenario)
+        except (ExperimentError, TestbedError, TtempcError) as error:
+            raise self._refusal(setting.axes, error) from None
+
+    def identity(self, planned: PlannedRun, versions: dict[str, str]) -> str:
+        """Return the `run_id` of a run under these versions."""
+        sources = user_sources(planned.setting.scenario)
+        return identity(planned.setting.toml, planned.seed, {**versions, **sources})
+
+    def setting(self, changes: Change) -> Setting:
+        """Return the scenario at these values of the axes.
+
+        Raises:
+            InvalidStudy: it is invalid.
         """
         draft = self._draft(str(changes.get("scenario", self.study.scenario)))
         tables: dict[str, Any] = {}
@@ -161,8 +217,8 @@ class Plan:
         axes = {key: _get(scenario, key, draft.name) for key in changes}
         return Setting(draft.name, scenario, dump(scenario), axes)
 
-    def _made(self, point: int, driver: int) -> Setting:
-        return self.setting(self.changed(point, driver))
+    def _make_setting(self, point: int, controller: int) -> Setting:
+        return self.setting(self.changes(point, controller))
 
     def _draft(self, name: str) -> ScenarioFile:
         if name not in self._drafts:
@@ -170,19 +226,19 @@ class Plan:
         return self._drafts[name]
 
     def _scaled(self, draft: ScenarioFile, key: str, factor: Scalar) -> float:
-        """Return the factor times what the scenario has at the key without any axis."""
+        """Return the factor times the value of the key in the scenario without any axis."""
         number = _get(draft.scenario(self.study.set), key, draft.name)
         if isinstance(number, (bool, str)) or number is None or isinstance(factor, (bool, str)):
             raise InvalidStudy(f"{key}: relative, but {draft.name} has no number there: {number!r}")
         return number * factor
 
     def _refusal(self, changes: Mapping[str, Value], error: Exception) -> InvalidStudy:
-        where = ", ".join(f"{key} = {value!r}" for key, value in changes.items())
-        return InvalidStudy(f"study {self.name}: {where or 'its one point'}: {error}")
+        values = ", ".join(f"{key} = {value!r}" for key, value in changes.items())
+        return InvalidStudy(f"study {self.name}: {values or 'its one point'}: {error}")
 
 
 def _set(tables: dict[str, Any], key: str, value: Scalar) -> None:
-    """Put the value of an axis into the tables of a scenario file."""
+    """Set the value of an axis in the tables of a scenario file."""
     if key == "scenario":
         return
     *path, last = ("controller", "name") if key == "controller" else key.split(".")
@@ -192,7 +248,7 @@ def _set(tables: dict[str, Any], key: str, value: Scalar) -> None:
 
 
 def _get(scenario: Scenario, key: str, name: str) -> Value:
-    """Return what a resolved scenario has at the key of an axis; always of the key's own type.
+    """Return the value of an axis's key in a resolved scenario, in the key's own type.
 
     Raises:
         InvalidStudy: the key is a table.

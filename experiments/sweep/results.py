@@ -1,7 +1,7 @@
-"""`results.jsonl`: rows appended and synced one by one, read back line by line.
+"""`results.jsonl`: rows appended and synced one by one, read line by line.
 
-A row is on the disk before the next one is asked for. What a killed driver leaves is a file of
-whole lines and perhaps a torn last one, which the next driver drops.
+A row is on the disk before the next run is awaited. A killed driver leaves whole lines and at most
+one incomplete last line, which the next driver removes.
 """
 
 from __future__ import annotations
@@ -17,18 +17,19 @@ from proving_ground.testbed.atomic_write import atomic_write
 from ..errors import SweepRefused, SweepStopped
 from .row import Row, line
 
-_SEEN: Final = 100  # rows from which polars.read_ndjson learns the types
+_INFERENCE_ROWS: Final = 100  # rows from which polars.read_ndjson infers the types
 
 
 class Results:
     """The open file of a sweep's rows; a context manager.
 
     Args:
-        file: to append to; made where it does not exist, rid of a torn last line where it does.
+        file: to append to; created if it does not exist, cut after its last complete line if it
+            does.
         runs: number of runs in the plan.
 
     Raises:
-        SweepRefused: a line in the file is no row of this plan.
+        SweepRefused: a line of the file is not a row of this plan.
         SweepStopped: the file cannot be opened.
     """
 
@@ -57,18 +58,18 @@ class Results:
         return sum(self._done)
 
     def has(self, run: int) -> bool:
-        """Return whether a run has its row."""
+        """Return whether a run has a row."""
         return bool(self._done[run])
 
     def append(self, row: Row) -> None:
-        """Write a row and see it on the disk.
+        """Write a row and sync it to the disk.
 
         Raises:
-            SweepStopped: the disk does not take it; the file ends with the row before.
+            SweepStopped: writing failed; the file ends with the row before.
         """
         stream, whole = self._stream, os.fstat(self._stream.fileno()).st_size
         try:
-            # past Python's buffer: what is left there after a failure would be written at the end
+            # Unbuffered: after a failure, the rest of a buffer would be written on closing.
             data = line(row).encode()
             while data:
                 data = data[os.write(stream.fileno(), data) :]
@@ -88,35 +89,35 @@ class Results:
 
 
 def rows(file: Path) -> Iterator[Row]:
-    """Yield the rows of a file of results, without a torn last line."""
+    """Yield the rows of a file, without an incomplete last line."""
     for text in _lines(file):
         if text.endswith(b"\n"):
             yield json.loads(text)
 
 
 def settle(file: Path, change: Callable[[Row], Row] = lambda row: row) -> None:
-    """Rewrite a file of results so that readers which guess types see each column's early.
+    """Rewrite a file of results so that readers can infer the type of each column.
 
-    Rows that have a figure which none of the first rows has are moved up; the file is replaced by
-    one that is whole, or not at all.
+    A row with the first number of a column is moved up if it stands below the rows from which
+    readers infer types. The file is replaced atomically.
 
     Args:
         file: of results, closed.
-        change: made to every row.
+        change: applied to every row.
 
     Raises:
-        SweepStopped: the disk does not take it; the file is as it was.
+        SweepStopped: writing failed; the file is unchanged.
     """
-    seen: set[str] = set()
+    typed: set[str] = set()
     moved: set[int] = set()
     changed = False
     for number, row in enumerate(rows(file)):
-        now = change(row)
-        changed |= now != row
-        found = {key for key, value in now.items() if value is not None} - seen
-        if found and number >= _SEEN:
+        new_row = change(row)
+        changed |= new_row != row
+        columns = {key for key, value in new_row.items() if value is not None} - typed
+        if columns and number >= _INFERENCE_ROWS:
             moved.add(number)
-        seen |= found
+        typed |= columns
     if not changed and not moved:
         return
     try:

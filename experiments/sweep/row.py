@@ -1,7 +1,7 @@
-"""A row of `results.jsonl`: one run as one flat JSON object, the same columns in every row.
+"""Rows of `results.jsonl`: one flat JSON object per run, with the same columns in every row.
 
-docs/sweeps.md describes the columns. They follow from `Summary`, so that a figure added there is a
-column here. Words are never null ("" where there is none), numbers are null where there are none.
+docs/sweeps.md describes the columns. They follow from `Summary`: a number added there becomes a
+column here. Text is "" where there is none, never null; numbers are null where there are none.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TRAILING: Final = ("wall_s", "attempts", "log", "code")
 
 
 def _figures(table: type, prefix: str = "") -> Iterator[str]:
-    """Yield the dotted names of all numbers in a dataclass of dataclasses, in their order."""
+    """Yield the dotted names of all numbers in a dataclass of dataclasses, in order."""
     hints = typing.get_type_hints(table)
     for field in fields(table):
         hint, name = hints[field.name], f"{prefix}{field.name}"
@@ -37,11 +37,11 @@ def _figures(table: type, prefix: str = "") -> Iterator[str]:
 
 
 FIGURES: Final = tuple(_figures(Summary))
-"""The columns that hold the numbers of a summary, from `duration_s` on."""
+"""The columns of the numbers of a summary, from `duration_s` on."""
 
 
 def columns(axes: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of all columns of a study that varies these keys, in their order."""
+    """Return the names of all columns of a study that varies these keys, in order."""
     own = [key for key in axes if key not in _LEADING]
     return (*_LEADING, *own, "status", "failure", *FIGURES, *_TRAILING)
 
@@ -53,7 +53,7 @@ def figures(summary: Summary) -> dict[str, float | None]:
 
 
 def no_figures() -> dict[str, float | None]:
-    """Return the same for a run that left none."""
+    """Return the columns of a run without a summary: every number is None."""
     return dict.fromkeys(FIGURES)
 
 

@@ -1,4 +1,4 @@
-"""The file of a study: what is varied, how often, and what is kept. docs/sweeps.md has the keys."""
+"""Study files: axes, seeds, samples and the logs to keep. docs/sweeps.md lists the keys."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ BY_NAME: Final = ("scenario", "controller")
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Keys:
-    """What every axis has: the key that it moves, or several."""
+class AxisKeys:
+    """The key that an axis varies, or several keys that it varies together."""
 
     key: str | None = None
     keys: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
-    relative: bool = False  # values are factors on what the scenario has
+    relative: bool = False  # values are factors on the value in the scenario
 
     def __post_init__(self) -> None:
         if (self.key is None) == (self.keys is None):
@@ -43,18 +43,18 @@ class Keys:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the keys that move together."""
+        """Return the keys of the axis."""
         return self.keys or (self.key or "",)
 
     @property
     def label(self) -> str:
-        """Return the axis as a message names it."""
+        """Return the name of the axis in messages."""
         return " and ".join(self.names)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class ListAxis(Keys):
-    """These values."""
+class ListAxis(AxisKeys):
+    """A list of values."""
 
     kind: Literal["list"]
     values: Annotated[tuple[Scalar | tuple[Scalar, ...], ...], Field(min_length=1)]
@@ -69,7 +69,7 @@ class ListAxis(Keys):
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class GridAxis(Keys):
+class GridAxis(AxisKeys):
     """Evenly spaced values."""
 
     kind: Literal["grid"]
@@ -84,8 +84,8 @@ class GridAxis(Keys):
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class DrawnAxis(Keys):
-    """Values drawn at random, alone or jointly with other axes so that they fill the space."""
+class DrawnAxis(AxisKeys):
+    """Random values: independent, or a Latin hypercube over all axes of that kind."""
 
     kind: Literal["random", "latin-hypercube"]
     low: float
@@ -109,16 +109,17 @@ Axis = Annotated[ListAxis | GridAxis | DrawnAxis, Field(discriminator="kind")]
 
 @dataclass(frozen=True, config=STRICT)
 class Study:
-    """Everything that a sweep's plan follows from."""
+    """The content of a study file; it determines the plan of a sweep."""
 
     description: str = ""
     scenario: str = "grass"
     seeds: Annotated[int, Field(ge=1)] | Annotated[tuple[Seed, ...], Field(min_length=1)] = 1
     samples: Annotated[int, Field(ge=1)] | None = None  # of all drawn axes together
-    draw: Seed = 1  # seed of the drawing
+    draw: Seed = 1  # seed of the drawn values
     keep: Literal["none", "all", "failed", "worst"] = "none"
     worst: Annotated[int, Field(ge=1)] = 5
     worst_by: str = "tracking.all.trailer.cross_p95_m"
+    skip_refused: bool = False  # leave out what a scenario or a controller refuses
     set: dict[str, Any] = Field(default_factory=dict)
     axis: tuple[Axis, ...] = ()
 
@@ -146,17 +147,17 @@ class Study:
             raise ValueError("seeds holds one twice")
 
     @property
-    def drawn_with(self) -> tuple[int, ...]:
-        """Return the seeds of each point."""
+    def point_seeds(self) -> tuple[int, ...]:
+        """Return the seeds under which every point is driven."""
         return self.seeds if isinstance(self.seeds, tuple) else tuple(range(1, self.seeds + 1))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return all keys that are varied, in the order of the file."""
+        """Return all varied keys in the order of the file."""
         return tuple(name for axis in self.axis for name in axis.names)
 
     def dump(self) -> str:
-        """Return the study as TOML, with every default written out."""
+        """Return the study as TOML, defaults included."""
         return tomli_w.dumps(without_none(asdict(self)))
 
 
@@ -166,13 +167,13 @@ def shipped_studies() -> list[str]:
 
 
 def load_study(name: str) -> tuple[str, Study]:
-    """Return name and content of a study; a scenario by path is made absolute.
+    """Return name and content of a study; paths of scenarios are made absolute.
 
     Args:
         name: a shipped study, or the path of a TOML file.
 
     Raises:
-        InvalidStudy: no such study, or one that says something impossible.
+        InvalidStudy: there is no such study, or its content is invalid.
     """
     file = _STUDIES.find(name)
     content = read_toml(file, InvalidStudy)

@@ -1,4 +1,4 @@
-"""What a worker does: one run of a plan, to its row."""
+"""Execution of one run in a worker."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from .row import Row, RowStatus, Value, figures, no_figures
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
-    """A run as it is sent to a worker."""
+class SweepJob:
+    """A run of a sweep, with everything that a worker needs."""
 
     run: int
     point: int
@@ -31,15 +31,15 @@ class Job:
     scenario: Scenario
     seed: int
     axes: Mapping[str, Value]
-    code: str  # digest of the code that shall drive
-    folder: Path  # of the sweep; for logs, so that it must be one folder for driver and workers
+    code: str  # digest of the driver's code; a worker with other code refuses
+    folder: Path  # of the sweep, shared by driver and workers; logs are written there
     keep: Literal["none", "all", "failed"]
 
     def row(
         self,
         status: RowStatus,
         failure: str | None,
-        found: Mapping[str, float | None],
+        numbers: Mapping[str, float | None],
         wall_s: float | None,
         log: str = "",
     ) -> Row:
@@ -54,7 +54,7 @@ class Job:
             **{key: self.axes[key] for key in self.axes if key not in ("scenario", "controller")},
             "status": status,
             "failure": failure or "",
-            **found,
+            **numbers,
             "wall_s": wall_s,
             "attempts": 1,
             "log": log,
@@ -62,12 +62,12 @@ class Job:
         }
 
     def crashed(self) -> Row:
-        """Return the row of the run when every process that drove it has died."""
+        """Return the row of the run after every process that drove it has died."""
         return self.row("crashed", "every process that drove it died", no_figures(), None)
 
 
-def work(job: Job) -> Row:
-    """Drive a run; whatever goes wrong in it is a row, too.
+def run_job(job: SweepJob) -> Row:
+    """Drive a run and return its row; an error in the run becomes a row, too.
 
     Raises:
         SweepStopped: this process has other code than the driver, or the log cannot be written.
@@ -76,7 +76,7 @@ def work(job: Job) -> Row:
         raise SweepStopped(f"a worker has other code than the driver: {code_digest()}, {job.code}")
     start = perf_counter()
     log = job.folder / "logs" / f"{job.run}.mcap"
-    # Hidden until it is whole: the run may be driven twice, when its first worker seems to be dead.
+    # Hidden until complete: the run is driven twice if its first worker seems to be dead.
     part = log.with_name(f".{job.run}-{uuid.uuid4().hex[:8]}.mcap")
     try:
         summary, _ = simulate(

@@ -1,4 +1,4 @@
-"""What a worker process on this machine is told as it starts; Dask's `--preload` takes it, too."""
+"""Preload module of Dask workers, on this machine or with `--preload`."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ from . import work  # noqa: F401 - loaded before the first run instead of in it
 
 
 def dask_setup(worker: object) -> None:
-    """Leave Ctrl-C to the driver, which ends the workers itself and says one line."""
+    """Ignore Ctrl-C: the driver handles it, stops the workers and prints one line."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,1 +1,1 @@
-"""What the rows of a sweep say: read, grouped, told as a page with pictures."""
+"""Sweep reports: rows aggregated and rendered as an HTML page, Markdown and pictures."""

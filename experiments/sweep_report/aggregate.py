@@ -1,4 +1,4 @@
-"""Runs that belong together, and what can be said of them."""
+"""Aggregation of runs: failure rate, error, tail and paired differences of groups."""
 
 from __future__ import annotations
 
@@ -11,29 +11,33 @@ from numpy.typing import NDArray
 from ttempc.types import FloatArray
 
 from ..results.statistics import (
-    Estimate,
+    IntervalEstimate,
+    Proportion,
     Statistic,
     bootstrap,
     cvar95,
     mean,
-    paired,
+    pair,
+    proportion,
     quantile95,
-    share,
 )
-from ..sweep.envelope import mostly
+from ..sweep.failure import mostly_fails
 from .axes import Scale
 from .runs import Runs
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """What the runs of one controller did; errors are those of the runs that completed [cm]."""
+    """Runs of one controller with their failure rate and error.
 
-    controller: int
-    runs: NDArray[np.intp]  # their numbers
-    failed: NDArray[np.intp]  # those of them that failed
-    failure_rate: Estimate
-    error_cm: Estimate | None  # mean; None where none completed
+    Errors are those of completed runs that have an error figure [cm].
+    """
+
+    controller: int  # index in `Runs.controllers`
+    runs: NDArray[np.intp]  # run numbers
+    failed: NDArray[np.intp]  # run numbers of those that failed
+    failure_rate: Proportion
+    error_cm: IntervalEstimate | None  # mean; None where no run has an error
 
     @property
     def count(self) -> int:
@@ -43,108 +47,113 @@ class Group:
     @property
     def fails(self) -> bool:
         """Return whether at least half of the runs fail."""
-        return mostly(len(self.failed), self.count)
+        return mostly_fails(len(self.failed), self.count)
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
     """The runs of one controller at one combination of values."""
 
-    places: tuple[int, ...]  # on each scale that the runs are grouped by
+    places: tuple[int, ...]  # index of the value on each scale that the runs are grouped by
     group: Group
 
 
 @dataclass(frozen=True, slots=True)
 class Tail:
-    """The worst that is to be expected of a controller [cm]."""
+    """Worst errors of a controller [cm] and the cost of its control step."""
 
-    quantile95_cm: Estimate | None
-    cvar95_cm: Estimate | None
-    step_us: Estimate | None  # median of a control step, mean over runs
+    quantile95_cm: IntervalEstimate | None
+    cvar95_cm: IntervalEstimate | None
+    step_us: IntervalEstimate | None  # mean over runs of the median step
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
-    """A controller against another one under the same points and seeds."""
+class PairedDifference:
+    """Difference of a controller to another one at the same points and seeds."""
 
-    controller: int
-    error_cm: Estimate | None  # over pairs of which both completed
-    pairs: int  # of these
-    alone_failed: NDArray[np.intp]  # runs that failed where the other's did not
-    other_failed: NDArray[np.intp]  # runs that did not where the other's failed
-    runs: NDArray[np.intp]  # all of which there is the other's
+    controller: int  # index in `Runs.controllers`
+    error_cm: IntervalEstimate | None  # mean over pairs in which both runs have an error
+    pairs: int  # number of these
+    alone_failed: NDArray[np.intp]  # numbers of failed runs whose counterpart did not fail
+    other_failed: NDArray[np.intp]  # numbers of runs that did not fail, their counterpart did
+    runs: NDArray[np.intp]  # numbers of all runs that have a counterpart
 
 
-def group(runs: Runs, chosen: NDArray[np.intp]) -> Group:
-    """Return what can be said of runs, all of one controller, by their places in `runs`."""
+def aggregate(runs: Runs, chosen: NDArray[np.intp]) -> Group:
+    """Return the group of runs of one controller.
+
+    Args:
+        runs: of the sweep.
+        chosen: indices in `runs`, (k,), k at least 1.
+    """
     error = runs.error_cm[chosen]
-    there = np.isfinite(error)
+    finite = np.isfinite(error)
     failed = runs.run[chosen[runs.failed[chosen]]]
     return Group(
-        int(runs.driver[chosen[0]]),
+        int(runs.controller_index[chosen[0]]),
         runs.run[chosen],
         failed,
-        share(len(failed), len(chosen)),
-        bootstrap(error[there], runs.unit[chosen][there]) if there.any() else None,
+        proportion(len(failed), len(chosen)),
+        bootstrap(error[finite], runs.unit[chosen][finite]) if finite.any() else None,
     )
 
 
-def whole(runs: Runs) -> list[Group]:
-    """Return a group a controller."""
+def controller_groups(runs: Runs) -> list[Group]:
+    """Return one group per controller."""
     return [cell.group for cell in cells(runs, ())]
 
 
 def cells(runs: Runs, by: Sequence[Scale]) -> list[Cell]:
     """Return the runs of each controller at each combination of values that has any."""
-    keys = np.column_stack([*(scale.place for scale in by), runs.driver])
+    keys = np.column_stack([*(scale.place for scale in by), runs.controller_index])
     return [
-        Cell(tuple(key[:-1]), group(runs, chosen))
-        for key, chosen in _chosen(keys.reshape(len(runs.rows), -1))
+        Cell(tuple(key[:-1]), aggregate(runs, chosen))
+        for key, chosen in _by_key(keys.reshape(len(runs.rows), -1))
     ]
 
 
-def tail(runs: Runs, controller: int) -> Tail:
-    """Return the worst of a controller, and what it costs."""
-    mine = runs.driver == controller
+def controller_tail(runs: Runs, controller: int) -> Tail:
+    """Return worst errors and cost of a controller."""
+    own = runs.controller_index == controller
 
-    def told(values: FloatArray, statistic: Statistic) -> Estimate | None:
-        there = mine & np.isfinite(values)
-        return bootstrap(values[there], runs.unit[there], statistic) if there.any() else None
+    def estimate(values: FloatArray, statistic: Statistic) -> IntervalEstimate | None:
+        finite = own & np.isfinite(values)
+        return bootstrap(values[finite], runs.unit[finite], statistic) if finite.any() else None
 
     error = runs.error_cm
-    return Tail(told(error, quantile95), told(error, cvar95), told(runs.step_us, mean))
+    return Tail(estimate(error, quantile95), estimate(error, cvar95), estimate(runs.step_us, mean))
 
 
-def differences(runs: Runs, against: int) -> list[Difference]:
-    """Return how every other controller differs from one, run by run of the same ground."""
-    theirs = np.flatnonzero(runs.driver == against)
-    found = []
+def paired_differences(runs: Runs, against: int) -> list[PairedDifference]:
+    """Return the differences of every other controller to one, paired by point and seed."""
+    reference_runs = np.flatnonzero(runs.controller_index == against)
+    result = []
     for controller in range(len(runs.controllers)):
         if controller == against:
             continue
-        mine = np.flatnonzero(runs.driver == controller)
-        here, there = paired(runs.pair[mine], runs.pair[theirs])
-        mine, others = mine[here], theirs[there]
-        error = runs.error_cm[mine] - runs.error_cm[others]
+        own = np.flatnonzero(runs.controller_index == controller)
+        own_places, reference_places = pair(runs.pair[own], runs.pair[reference_runs])
+        own, other = own[own_places], reference_runs[reference_places]
+        error = runs.error_cm[own] - runs.error_cm[other]
         both = np.isfinite(error)
-        failed, other = runs.failed[mine], runs.failed[others]
-        found.append(
-            Difference(
+        failed, other_failed = runs.failed[own], runs.failed[other]
+        result.append(
+            PairedDifference(
                 controller,
-                bootstrap(error[both], runs.unit[mine][both]) if both.any() else None,
+                bootstrap(error[both], runs.unit[own][both]) if both.any() else None,
                 int(both.sum()),
-                runs.run[mine[failed & ~other]],
-                runs.run[mine[~failed & other]],
-                runs.run[mine],
+                runs.run[own[failed & ~other_failed]],
+                runs.run[own[~failed & other_failed]],
+                runs.run[own],
             )
         )
-    return found
+    return result
 
 
-def _chosen(
+def _by_key(
     keys: NDArray[np.intp],
 ) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp]]]:
-    """Yield each distinct row of keys (n, m), in their order, and where it stands."""
+    """Yield each distinct row of keys (n, m), sorted, with the indices of its rows."""
     distinct, number = np.unique(keys, axis=0, return_inverse=True)
     order = np.argsort(number.ravel(), kind="stable")
     counts = np.bincount(number.ravel())

@@ -1,4 +1,4 @@
-"""The axes of a study as a report shows them: with words, units, and values to group by."""
+"""Axes of a study as a report shows them: labels, units and values to group by."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ttempc.types import FloatArray
 
 from ..sweep.row import Value
 from ..sweep.study import Axis, DrawnAxis, ListAxis
-from .format import value_text
+from .format import format_value
 from .runs import Runs
 
 _UNITS: Final = {
@@ -29,36 +29,36 @@ _UNITS: Final = {
 }
 _CAPITALS: Final = ("iso", "gnss", "imu")
 _BINS: Final = 6
-_MOST_VALUES: Final = 16  # beyond that they are binned
-_WIDE: Final = 12.0  # greatest over least value from which evenly spaced logarithms are meant
+_MOST_VALUES: Final = 16  # more are binned
+_WIDE: Final = 12.0  # largest over smallest value from which an axis is logarithmic
 
 
 @dataclass(frozen=True)
 class Scale:
-    """An axis of a study, with the place of every run on it."""
+    """An axis of a study, with the position of every run on it."""
 
     keys: tuple[str, ...]
     label: str
-    texts: tuple[str, ...]  # of its values, or ranges of values
-    positions: FloatArray  # where they are drawn, (k,)
-    place: NDArray[np.intp]  # of each run among them, (n,)
+    texts: tuple[str, ...]  # of its k values or bins
+    positions: FloatArray  # of the values on a chart, (k,)
+    place: NDArray[np.intp]  # index of each run's value, (n,)
     numeric: bool
     logarithmic: bool
     binned: bool
 
 
 def scales(runs: Runs) -> tuple[Scale, ...]:
-    """Return all axes of a study but the controller, in its order."""
+    """Return all axes of a study except the controller, in the order of the file."""
     axes = [axis for axis in runs.study.axis if "controller" not in axis.names]
-    names = [_words(axis.names) for axis in axes]
+    names = [_label(axis.names) for axis in axes]
     return tuple(
         _scale(runs, axis, name if names.count(name) == 1 else axis.label)
         for axis, name in zip(axes, names, strict=True)
     )
 
 
-def _words(keys: Sequence[str]) -> str:
-    """Return keys in words, with the unit: `soil.cone_index_kpa` is "cone index [kPa]"."""
+def _label(keys: Sequence[str]) -> str:
+    """Return the label of keys with the unit: `soil.cone_index_kpa` is "cone index [kPa]"."""
     stem, unit = keys[0].rpartition(".")[2], ""
     *words, last = stem.split("_")
     if words and last in _UNITS:
@@ -68,21 +68,21 @@ def _words(keys: Sequence[str]) -> str:
 
 
 def _scale(runs: Runs, axis: Axis, label: str) -> Scale:
-    """Return an axis with the values that the runs have on it."""
+    """Return an axis with the values of the runs on it."""
     columns = [[row[name] for row in runs.rows] for name in axis.names]
     values: list[Value] = [
-        entry[0] if len(set(entry)) == 1 else ", ".join(map(value_text, entry))
+        entry[0] if len(set(entry)) == 1 else ", ".join(map(format_value, entry))
         for entry in zip(*columns, strict=True)
     ]
     numeric = all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
     if not numeric:
-        known = axis.values if isinstance(axis, ListAxis) and not axis.relative else ()
-        order = {v: None for v in known if v in set(values)} | dict.fromkeys(values)
+        listed = axis.values if isinstance(axis, ListAxis) and not axis.relative else ()
+        order = {v: None for v in listed if v in set(values)} | dict.fromkeys(values)
         places = {value: number for number, value in enumerate(order)}
         return Scale(
             axis.names,
             label,
-            tuple(value_text(value) for value in order),
+            tuple(format_value(value) for value in order),
             np.arange(len(order), dtype=float),
             np.array([places[value] for value in values], dtype=np.intp),
             numeric=False,
@@ -110,7 +110,7 @@ def _short(number: float) -> str:
 
 
 def _wide(axis: Axis, distinct: FloatArray) -> bool:
-    """Return whether an axis is meant to be logarithmic."""
+    """Return whether an axis is logarithmic."""
     if not isinstance(axis, ListAxis):
         return "log" in (getattr(axis, "spacing", ""), getattr(axis, "distribution", "")[:3])
     return bool(distinct[-1] >= _WIDE * distinct[0])

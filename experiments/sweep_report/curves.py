@@ -1,4 +1,4 @@
-"""One axis of a sweep, its tails, and error against the cost of a control step."""
+"""Charts over one axis of a sweep, of tails, costs and paired differences."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from ttempc.types import FloatArray
 
 from ..figures.panel import Panel
 from ..figures.style import BLACK, GREY, dress, note, series
-from ..results.statistics import Estimate, survival
-from .aggregate import Cell, Difference, Group, Tail
+from ..results.statistics import IntervalEstimate, Proportion, survival
+from .aggregate import Cell, Group, PairedDifference, Tail
 from .axes import Scale
 from .runs import Runs
 
 ERROR_LABEL: Final = "trailer cross-track p95 [cm]"
-_ASIDE: Final = 0.5  # width of the bars at one word, of the way to the next
-_LONG: Final = 34  # letters of all labels of an axis that fit side by side
-_WIDE: Final = 6.0  # greatest over least value from which a logarithm shows more
+_ASIDE: Final = 0.5  # width of the bars at one text value, as a share of the spacing
+_LONG: Final = 34  # characters of all labels of an axis that fit side by side
+_WIDE: Final = 6.0  # largest over smallest value from which an axis is logarithmic
 
 
 def curve_panels(
     controllers: Sequence[str], scale: Scale, cells: Sequence[Cell]
 ) -> tuple[Panel, Panel]:
-    """Return failure rate and error over one axis, 95 % intervals as bands.
+    """Return failure rate and error over one axis with 95 % intervals as bands.
 
     Args:
-        controllers: all of the study.
+        controllers: of the study.
         scale: the axis.
         cells: grouped by it.
     """
@@ -41,15 +41,15 @@ def curve_panels(
         dress(axes, scale.label, "failed [%]")
         axes.set_ylim(-3.0, 103.0)
 
-    def errors(axes: Axes) -> None:
+    def error(axes: Axes) -> None:
         _curves(axes, controllers, scale, cells, lambda group: group.error_cm, 1.0)
         dress(axes, scale.label, ERROR_LABEL)
-        found = [cell.group.error_cm.value for cell in cells if cell.group.error_cm]
-        _logarithmic_where_wide(axes.yaxis, found)
+        errors = [cell.group.error_cm.value for cell in cells if cell.group.error_cm]
+        _logarithmic_where_wide(axes.yaxis, errors)
 
     return (
         Panel(f"Failed runs over {scale.label}", failures, tuple(controllers)),
-        Panel(f"Error of completed runs over {scale.label}", errors, tuple(controllers)),
+        Panel(f"Error of completed runs over {scale.label}", error, tuple(controllers)),
     )
 
 
@@ -58,29 +58,29 @@ def _curves(
     controllers: Sequence[str],
     scale: Scale,
     cells: Sequence[Cell],
-    told: Callable[[Group], Estimate | None],
+    select: Callable[[Group], IntervalEstimate | Proportion | None],
     factor: float,
 ) -> None:
     for number in range(len(controllers)):
-        mine = [
-            (scale.positions[cell.places[0]], found)
+        points = [
+            (scale.positions[cell.places[0]], estimate)
             for cell in cells
-            if cell.group.controller == number and (found := told(cell.group))
+            if cell.group.controller == number and (estimate := select(cell.group))
         ]
-        if not mine:
+        if not points:
             continue
-        x = np.array([place for place, _ in mine])
-        y, low, high = factor * np.array([(found.value, *found.ends) for _, found in mine]).T
+        x = np.array([position for position, _ in points])
+        y, low, high = factor * np.array([(item.value, *item.ends) for _, item in points]).T
         looks = series(number)
         if scale.numeric:
             axes.fill_between(x, low, high, color=looks["color"], alpha=0.15, linewidth=0.0)
             axes.plot(x, y, linewidth=1.3, markersize=3.8, **looks)
-        else:  # nothing lies between two words: no line, and bars beside each other
+        else:  # text values have nothing between them: no line, and bars side by side
             aside = _ASIDE * (number - 0.5 * (len(controllers) - 1)) / len(controllers)
-            points: dict[str, Any] = looks | {"linestyle": "none", "markersize": 3.8}
-            axes.errorbar(x + aside, y, yerr=[y - low, high - y], **points)
-    if not any(told(cell.group) for cell in cells):
-        _say_none(axes)
+            markers: dict[str, Any] = looks | {"linestyle": "none", "markersize": 3.8}
+            axes.errorbar(x + aside, y, yerr=[y - low, high - y], **markers)
+    if not any(select(cell.group) for cell in cells):
+        _note_none(axes)
     if scale.logarithmic:
         axes.set_xscale("log")
     ticks(axes, scale, "x", scale.positions.tolist())
@@ -88,37 +88,41 @@ def _curves(
 
 
 def _margins(scale: Scale) -> tuple[float, float]:
-    """Return the ends of an axis with some room beside its values."""
+    """Return the ends of an axis with a margin beside its values."""
     first, last = float(scale.positions[0]), float(scale.positions[-1])
     if scale.logarithmic:
-        room = (last / first) ** 0.05
-        return first / room, last * room
-    room = 0.05 * (last - first) if scale.numeric else 0.5
-    return first - room, last + room
+        factor = (last / first) ** 0.05
+        return first / factor, last * factor
+    margin = 0.05 * (last - first) if scale.numeric else 0.5
+    return first - margin, last + margin
 
 
-def _say_none(axes: Axes) -> None:
+def _note_none(axes: Axes) -> None:
     note(axes, 0.5, 0.5, "no run completed", ha="center", color=GREY)
 
 
 def tail_panel(runs: Runs) -> Panel:
-    """Return how large a share of the runs is worse than an error, failures worse than any."""
+    """Return the share of the runs with a larger error; a run not completed exceeds any."""
 
     def draw(axes: Axes) -> None:
-        found = runs.error_cm[np.isfinite(runs.error_cm)]
-        right = 1.1 * float(found.max()) if len(found) else 1.0
+        finite = np.isfinite(runs.error_cm)
+        errors = runs.error_cm[finite]
+        right = 1.1 * float(errors.max()) if len(errors) else 1.0
         for number in range(len(runs.controllers)):
-            mine = runs.error_cm[runs.driver == number]
-            there = mine[np.isfinite(mine)]
-            x, y = survival(there, len(mine) - len(there))
+            own = runs.controller_index == number
+            not_completed = int((own & ~runs.completed).sum())
+            own_errors = runs.error_cm[own & finite]
+            if not len(own_errors) + not_completed:
+                continue  # all its runs are too short for an error figure
+            x, y = survival(own_errors, not_completed)
             looks = series(number) | {"marker": "", "linewidth": 1.4}
-            lost = 1.0 - len(there) / len(mine)
+            lost = not_completed / (len(own_errors) + not_completed)
             x, y = np.append(x, right), np.append(y, lost)
             axes.step(x, 100.0 * np.where(y > 0.0, y, np.nan), where="post", **looks)
-        if not len(found):
-            _say_none(axes)
+        if not len(errors):
+            _note_none(axes)
         dress(axes, ERROR_LABEL, "runs that are worse [%]")
-        _logarithmic_where_wide(axes.xaxis, found)
+        _logarithmic_where_wide(axes.xaxis, errors)
         _make_logarithmic(axes.yaxis)
         axes.set_ylim(min(4.0, axes.get_ylim()[0]), 120.0)
         axes.axhline(5.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 3)))
@@ -127,7 +131,7 @@ def tail_panel(runs: Runs) -> Panel:
 
 
 def cost_panel(controllers: Sequence[str], groups: Sequence[Group], tails: Sequence[Tail]) -> Panel:
-    """Return error against the cost of a control step, a point with its interval a controller."""
+    """Return error over the cost of a control step: one point with intervals per controller."""
 
     def draw(axes: Axes) -> None:
         shown = [
@@ -145,7 +149,7 @@ def cost_panel(controllers: Sequence[str], groups: Sequence[Group], tails: Seque
             }
             axes.errorbar(cost.value, error.value, xerr=spans[0], yerr=spans[1], **looks)
         if not shown:
-            _say_none(axes)
+            _note_none(axes)
         dress(axes, "control step, median [us]", ERROR_LABEL)
         _logarithmic_where_wide(axes.xaxis, [cost.value for _, _, cost in shown])
         _logarithmic_where_wide(axes.yaxis, [error.value for _, error, _ in shown])
@@ -155,9 +159,9 @@ def cost_panel(controllers: Sequence[str], groups: Sequence[Group], tails: Seque
 
 
 def difference_panel(
-    controllers: Sequence[str], against: int, differences: Sequence[Difference]
+    controllers: Sequence[str], against: int, differences: Sequence[PairedDifference]
 ) -> Panel:
-    """Return how much every other controller errs more or less than one, run by run."""
+    """Return the paired difference of the error of every other controller to one."""
 
     def draw(axes: Axes) -> None:
         for place, item in enumerate(differences):
@@ -166,9 +170,9 @@ def difference_panel(
                 "linestyle": "none",
             }
             if item.error_cm is not None:
-                found, (low, high) = item.error_cm, item.error_cm.ends
-                span = [[found.value - low], [high - found.value]]
-                axes.errorbar(found.value, place, xerr=span, capsize=3.0, **looks)
+                value, (low, high) = item.error_cm.value, item.error_cm.ends
+                span = [[value - low], [high - value]]
+                axes.errorbar(value, place, xerr=span, capsize=3.0, **looks)
         if not any(item.error_cm for item in differences):
             note(axes, 0.5, 0.5, "no pair completed", ha="center", color=GREY)
         axes.axvline(0.0, color=BLACK, linewidth=0.9)
@@ -182,7 +186,7 @@ def difference_panel(
 
 
 def holds_panel(controllers: Sequence[str], scale: Scale, cells: Sequence[Cell]) -> Panel:
-    """Return one chart of where on an axis each controller holds and where it fails."""
+    """Return the values of one axis at which each controller holds or fails."""
 
     def draw(axes: Axes) -> None:
         for cell in cells:
@@ -201,7 +205,7 @@ def holds_panel(controllers: Sequence[str], scale: Scale, cells: Sequence[Cell])
 def ticks(
     axes: Axes, scale: Scale, direction: Literal["x", "y"], positions: Sequence[float] | None = None
 ) -> None:
-    """Label an axis with the values of a scale, turned where they do not fit side by side."""
+    """Label an axis with the values of a scale; rotate long labels."""
     where = range(len(scale.texts)) if positions is None else positions
     axis = axes.xaxis if direction == "x" else axes.yaxis
     axis.set_major_locator(FixedLocator(list(where)))

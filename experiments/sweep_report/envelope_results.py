@@ -1,4 +1,4 @@
-"""What `ttempc envelope` found, to stand in the report of a sweep."""
+"""Results of `ttempc envelope` for the report of a sweep."""
 
 from __future__ import annotations
 
@@ -11,51 +11,51 @@ from proving_ground.testbed.configuration.config_io import validated
 
 from ..errors import InvalidRows
 from ..sweep.envelope import QUANTITIES, Envelope, EnvelopeFile, Question
-from .format import numbers_text
+from .format import format_numbers
 
 
 @dataclass(frozen=True, slots=True)
-class Breaking:
-    """The breaking points of controllers that were asked the same."""
+class EnvelopeResults:
+    """Envelopes of several controllers, searched with the same settings."""
 
     label: str  # the quantity with its unit
-    asked: str  # the rest of the question in words
+    settings: str  # scenario, seeds and criterion of failure as text
     logarithmic: bool
-    answers: tuple[Envelope, ...]  # of a controller each
-    files: tuple[str, ...]  # that they stand in
+    envelopes: tuple[Envelope, ...]  # one per controller
+    files: tuple[str, ...]  # names of their files
 
 
-def read_breaking(files: Sequence[Path]) -> tuple[Breaking, ...]:
-    """Return what files of `ttempc envelope` hold, answers to one question together.
+def read_envelopes(files: Sequence[Path]) -> tuple[EnvelopeResults, ...]:
+    """Return the content of files of `ttempc envelope`, grouped by equal settings.
 
     Raises:
-        InvalidRows: a file is none of these.
+        InvalidRows: a file is not one of these.
     """
-    found: dict[tuple[str, str], dict[str, tuple[Envelope, str]]] = {}
+    groups: dict[tuple[str, str], dict[str, tuple[Envelope, str]]] = {}
     for file in files:
-        for answer in _read(file).envelopes:
-            asked = answer.question
-            same = found.setdefault((asked.quantity, _rest(asked)), {})
-            same[asked.controller] = answer, file.name
+        for envelope in _read(file).envelopes:
+            question = envelope.question
+            group = groups.setdefault((question.quantity, _settings(question)), {})
+            group[question.controller] = envelope, file.name
     return tuple(
-        Breaking(
+        EnvelopeResults(
             f"{quantity.replace('-', ' ')} [{QUANTITIES[quantity].unit}]",
-            rest,
+            settings,
             QUANTITIES[quantity].spacing == "log",
-            tuple(answer for answer, _ in answers.values()),
-            tuple(dict.fromkeys(name for _, name in answers.values())),
+            tuple(envelope for envelope, _ in group.values()),
+            tuple(dict.fromkeys(name for _, name in group.values())),
         )
-        for (quantity, rest), answers in found.items()
+        for (quantity, settings), group in groups.items()
     )
 
 
-def _rest(asked: Question) -> str:
-    """Return all of a question but controller, quantity and where it was looked, in words."""
-    limit = asked.limit_m
+def _settings(question: Question) -> str:
+    """Return scenario, seeds and criterion of failure as text."""
+    limit = question.limit_m
     return (
-        f"{Path(asked.scenario).stem}"
-        + (f" with {json.dumps(asked.settings, sort_keys=True)}" if asked.settings else "")
-        + f", seeds {numbers_text(asked.seeds)}; a run fails where it is lost"
+        f"{Path(question.scenario).stem}"
+        + (f" with {json.dumps(question.settings, sort_keys=True)}" if question.settings else "")
+        + f", seeds {format_numbers(question.seeds)}; a run fails where it does not complete"
         + ("" if limit is None else f", or errs by more than {100 * limit:g} cm")
     )
 

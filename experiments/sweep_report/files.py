@@ -1,4 +1,4 @@
-"""A report on the disk: rendered as a whole, then each file put in place of the old one."""
+"""Files of a sweep report: rendered first, then each replaced atomically."""
 
 from __future__ import annotations
 
@@ -10,63 +10,63 @@ from typing import Final
 from ..errors import OutputExists
 from ..figures import png
 from ..figures.panel import together
-from .page import page
-from .report import Report
-from .summary import MARK, summary
+from .page import render_page
+from .report import SweepReport
+from .summary import MARK, render_summary
 
 PLACE: Final = "report"
-"""The folder of a report in the folder of its sweep."""
+"""Name of the report's folder in the folder of its sweep."""
 
 
-def write_report(report: Report, folder: Path) -> Path:
+def write_report(report: SweepReport, folder: Path) -> Path:
     """Write report.html, summary.md and the pictures; return the page's path.
 
-    What an earlier report left is replaced: all of it follows from the rows.
+    The files of an earlier report are replaced; all of them follow from the rows.
 
     Args:
-        report: what it tells.
+        report: its content.
         folder: of the sweep.
 
     Raises:
-        OutputExists: the folder cannot be written to; each file is the old one or the new one.
+        OutputExists: the folder cannot be written to; each file is the old or the new one.
     """
-    there = folder / PLACE
+    target = folder / PLACE
     pictures = _pictures(report)
     _replace(
-        there,
+        target,
         {
             **pictures,
-            "summary.md": summary(report).encode(),
-            "report.html": page(report, folder).encode(),
+            "summary.md": render_summary(report).encode(),
+            "report.html": render_page(report, folder).encode(),
         },
     )
-    optional = {*there.glob("maps*.png"), there / "curves.png", there / "envelope.png"}
-    for stale in optional - {there / name for name in pictures}:
+    optional = {*target.glob("maps*.png"), target / "curves.png", target / "envelope.png"}
+    for stale in optional - {target / name for name in pictures}:
         stale.unlink(missing_ok=True)
-    return there / "report.html"
+    return target / "report.html"
 
 
-def write_docs(report: Report, folder: Path) -> Path:
-    """Write the summary as a page NAME.md among others, pictures NAME-*.png; return its path.
+def write_docs(report: SweepReport, folder: Path) -> Path:
+    """Write the summary as NAME.md and the pictures as NAME-*.png; return the summary's path.
 
     Raises:
-        OutputExists: a page of this name was not written by this function, or cannot be written.
+        OutputExists: NAME.md was not written by this function, or cannot be written.
     """
     name = report.runs.name
     file = folder / f"{name}.md"
     if file.exists() and not file.read_text(encoding="utf-8").startswith(MARK):
         raise OutputExists(f"output {file}: was not written by `ttempc report`, remove it first")
     pictures = {f"{name}-{stem}": content for stem, content in _pictures(report).items()}
-    _replace(folder, {**pictures, file.name: summary(report, f"{name}-").encode()})
+    _replace(folder, {**pictures, file.name: render_summary(report, f"{name}-").encode()})
     return file
 
 
-def _pictures(report: Report) -> dict[str, bytes]:
+def _pictures(report: SweepReport) -> dict[str, bytes]:
     return {f"{section.name}.png": png(together(section.panels)) for section in report.sections}
 
 
 def _replace(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files so that each is whole, the old one or the new one, whatever happens."""
+    """Replace files atomically: after an error each is the old or the new one."""
     parts = []
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Figures, runs and commands as text."""
+"""Formatting of numbers, axis values and commands."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..results.statistics import Estimate
+from ..results.statistics import IntervalEstimate, Proportion
 from ..sweep.row import Row, Value
 from ..sweep.study import BY_NAME, Study
 
 
-def estimate_text(estimate: Estimate | None, decimals: int = 1, sign: str = "") -> str:
-    """Return a figure with its interval, a dash where there is none."""
+def format_estimate(estimate: IntervalEstimate | None, decimals: int = 1, sign: str = "") -> str:
+    """Return an estimate with its interval, a dash where there is none."""
     if estimate is None:
         return "–"
     form = f"{sign}.{decimals}f"
@@ -27,16 +27,16 @@ def estimate_text(estimate: Estimate | None, decimals: int = 1, sign: str = "") 
     return f"{value} ({estimate.low:{form}} to {estimate.high:{form}})"
 
 
-def percent_text(share: Estimate) -> str:
-    """Return a share with its interval in percent."""
-    low, high = share.ends
-    return f"{100 * share.value:.0f} ({100 * low:.0f} to {100 * high:.0f})"
+def format_percent(proportion: Proportion) -> str:
+    """Return a proportion with its interval in percent."""
+    low, high = proportion.ends
+    return f"{100 * proportion.value:.0f} ({100 * low:.0f} to {100 * high:.0f})"
 
 
-def numbers_text(numbers: Sequence[int] | NDArray[np.intp]) -> str:
-    """Return whole numbers in few words: 0, 3, 6, 9, 14 is "0-9/3, 14".
+def format_numbers(numbers: Sequence[int] | NDArray[np.intp]) -> str:
+    """Return whole numbers as ranges: 0, 3, 6, 9, 14 is "0-9/3, 14".
 
-    A part is a number, or first-last/step with a step of 1 left out; the page reads it again.
+    A part is a number, or first-last/step with a step of 1 left out; sweep.js parses it.
     """
     ordered = sorted(int(number) for number in numbers)
     parts, at = [], 0
@@ -44,7 +44,7 @@ def numbers_text(numbers: Sequence[int] | NDArray[np.intp]) -> str:
         end, step = at, ordered[at + 1] - ordered[at] if at + 1 < len(ordered) else 0
         while end + 1 < len(ordered) and ordered[end + 1] - ordered[end] == step:
             end += 1
-        if end - at < 2:  # a step between two says nothing
+        if end - at < 2:  # two numbers are no range
             end = at
         last = f"-{ordered[end]}" + (f"/{step}" if step > 1 else "") if end > at else ""
         parts.append(f"{ordered[at]}{last}")
@@ -52,15 +52,15 @@ def numbers_text(numbers: Sequence[int] | NDArray[np.intp]) -> str:
     return ", ".join(parts)
 
 
-def value_text(value: Value) -> str:
-    """Return the value of an axis for people; of a path the name of its file."""
+def format_value(value: Value) -> str:
+    """Return the value of an axis; of a path, the name of its file."""
     if isinstance(value, str):
         return re.sub(r".*/|\.toml$", "", value)
     return f"{value:.4g}" if isinstance(value, float) else str(value).lower()
 
 
-def command(study: Study, row: Row) -> str:
-    """Return the command that drives a run of a study once more, with its log."""
+def rerun_command(study: Study, row: Row) -> str:
+    """Return the command that repeats a run of a study and writes its log."""
     parts = ["ttempc", "run", str(row["scenario"]), "--seed", str(row["seed"])]
     parts += ["--controller", str(row["controller"])]
     axes = {name: row[name] for name in study.names if name not in BY_NAME}
@@ -81,7 +81,7 @@ def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             yield f"{prefix}{key}", value
 
 
-def _toml(value: Any) -> str:  # noqa: ANN401 - whatever a study's file may hold
+def _toml(value: Any) -> str:  # noqa: ANN401 - any value of a study file
     """Return a value as TOML on one line."""
     if isinstance(value, Mapping):
         inside = ", ".join(f"{json.dumps(key)} = {_toml(item)}" for key, item in value.items())

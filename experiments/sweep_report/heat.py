@@ -1,4 +1,4 @@
-"""Two axes of a sweep: maps of what each controller did, and where each one fails."""
+"""Maps of failure rate, error and failing points over two axes of a sweep."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from .curves import ERROR_LABEL, ticks
 
 _DARK_INK: Final = "#1b1f23"
 _LIGHT_INK: Final = "#fdfdfd"
-_LIGHT_LUMA: Final = 0.55  # of a colour on which dark ink is read better
-_TEXT_FITS: Final = 12  # columns of a map whose cells have room for a number
-_APART: Final = 0.055  # between outlines of two controllers, in cells
+_LIGHT_LUMA: Final = 0.55  # of a colour, below which the ink is light
+_TEXT_FITS: Final = 12  # columns up to which cells show their number
+_OUTLINE_GAP: Final = 0.055  # between outlines of two controllers, in cells
 
 
 def failure_maps(
     controllers: Sequence[str], across: Scale, up: Scale, cells: Sequence[Cell]
 ) -> list[Panel]:
-    """Return a map of the failure rate for each controller; cells are grouped by across and up."""
+    """Return the map of the failure rate of each controller; cells are grouped by across and up."""
     return _maps(controllers, across, up, cells, Normalize(0.0, 1.0), True)
 
 
 def error_maps(
     controllers: Sequence[str], across: Scale, up: Scale, cells: Sequence[Cell]
 ) -> list[Panel]:
-    """Return a map of the error for each controller; hatched where no run completed."""
+    """Return the map of the error of each controller; hatched where no run completed."""
     errors = [cell.group.error_cm.value for cell in cells if cell.group.error_cm]
     low = max(1e-2, min(errors, default=1.0))
     norm = LogNorm(low, max(1.001 * low, *errors, 0.0))
@@ -49,32 +49,32 @@ def _maps(
     norm: Normalize,
     failures: bool,
 ) -> list[Panel]:
-    def of(number: int, name: str) -> Panel:
-        mine = [cell for cell in cells if cell.group.controller == number]
+    def panel(number: int, name: str) -> Panel:
+        own = [cell for cell in cells if cell.group.controller == number]
         title = f"{name}: failed [%]" if failures else f"{name}: {ERROR_LABEL}"
 
         def draw(axes: Axes) -> None:
-            _map(axes, across, mine, norm, failures)
+            _map(axes, across, own, norm, failures)
             _frame(axes, across, up)
 
         return Panel(title, draw)
 
-    return [of(number, name) for number, name in enumerate(controllers)]
+    return [panel(number, name) for number, name in enumerate(controllers)]
 
 
 def _map(axes: Axes, across: Scale, cells: Sequence[Cell], norm: Normalize, failures: bool) -> None:
     palette = colormaps["YlOrBr" if failures else "YlGnBu"]
     for cell in cells:
         x, y = cell.places
-        found = cell.group.failure_rate if failures else cell.group.error_cm
-        if found is None:
+        estimate = cell.group.failure_rate if failures else cell.group.error_cm
+        if estimate is None:
             looks: dict[str, Any] = {"facecolor": "none", "edgecolor": GREY, "hatch": "/////"}
             axes.add_patch(Rectangle((x - 0.47, y - 0.47), 0.94, 0.94, linewidth=0.0, **looks))
             continue
-        colour = palette(float(norm(found.value)))
+        colour = palette(float(norm(estimate.value)))
         axes.add_patch(Rectangle((x - 0.48, y - 0.48), 0.96, 0.96, color=colour, linewidth=0.0))
         if len(across.texts) <= _TEXT_FITS:
-            text = f"{100 * found.value:.0f}" if failures else _short(found.value)
+            text = f"{100 * estimate.value:.0f}" if failures else _short(estimate.value)
             dark = np.dot(colour[:3], (0.299, 0.587, 0.114)) < _LIGHT_LUMA
             ink = _LIGHT_INK if dark else _DARK_INK
             axes.text(x, y, text, ha="center", va="center", fontsize=7.0, color=ink)
@@ -83,13 +83,13 @@ def _map(axes: Axes, across: Scale, cells: Sequence[Cell], norm: Normalize, fail
 def boundary_panel(
     controllers: Sequence[str], across: Scale, up: Scale, cells: Sequence[Cell]
 ) -> Panel:
-    """Return one chart of where each controller fails: in at least half of the runs of a cell."""
+    """Return the outlines of each controller's failing cells: at least half of the runs fail."""
 
     def draw(axes: Axes) -> None:
         for number in range(len(controllers)):
-            mine = [cell for cell in cells if cell.group.controller == number]
-            fails = {cell.places for cell in mine if cell.group.fails}
-            inset = _APART * (number - 0.5 * (len(controllers) - 1))
+            own = [cell for cell in cells if cell.group.controller == number]
+            fails = {cell.places for cell in own if cell.group.fails}
+            inset = _OUTLINE_GAP * (number - 0.5 * (len(controllers) - 1))
             looks = series(number) | {"marker": "", "linewidth": 1.5}
             colour = looks["color"]
             for x, y in fails:
@@ -106,7 +106,7 @@ def boundary_panel(
 
 
 def _outline(places: set[tuple[int, ...]]) -> list[np.ndarray]:
-    """Return the sides between the places and what does not belong to them, each (2, 2)."""
+    """Return the boundary of a set of cells as sides of cells, (2, 2) each."""
     sides = []
     for x, y in places:
         for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):

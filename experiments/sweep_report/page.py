@@ -1,4 +1,4 @@
-"""A sweep's report as one HTML page that needs nothing else to be read."""
+"""Sweep report as one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -9,46 +9,54 @@ from markupsafe import Markup
 
 from ..figures.panel import Panel, alone, svg
 from ..report.html import environment
+from ..sweep.failure import ERROR, unmeasured_text
 from ..sweep.row import Row
-from .format import command, estimate_text, numbers_text, percent_text, value_text
-from .report import Report
-from .runs import COST, ERROR
+from .format import (
+    format_estimate,
+    format_numbers,
+    format_percent,
+    format_value,
+    rerun_command,
+)
+from .report import SweepReport
+from .runs import COST
 
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A panel as the page holds it."""
+    """A panel as SVG."""
 
     name: str
     title: str
     svg: Markup
 
 
-def page(report: Report, folder: Path) -> str:
+def render_page(report: SweepReport, folder: Path) -> str:
     """Return the text of `report.html`.
 
     Args:
-        report: what it tells.
-        folder: of the sweep; the page lies in a folder of its own in it.
+        report: its content.
+        folder: of the sweep; the page lies in a subfolder of it.
     """
-    made = environment()
-    made.filters |= {
-        "estimate": estimate_text,
-        "percent": percent_text,
-        "numbers": numbers_text,
-        "value": value_text,
+    templates = environment()
+    templates.filters |= {
+        "estimate": format_estimate,
+        "percent": format_percent,
+        "numbers": format_numbers,
+        "value": format_value,
     }
     runs = report.runs
-    return made.get_template("sweep.html.j2").render(
+    return templates.get_template("sweep.html.j2").render(
         report=report,
         runs=runs,
+        unmeasured=unmeasured_text(runs.unmeasured, runs.limit_m),
         study_toml=runs.study.dump(),
         sections=[
             (section, [_chart(f"{section.name}-{n}", p) for n, p in enumerate(section.panels)])
             for section in report.sections
         ],
         axes=[name for name in runs.study.names if name != "controller"],
-        worst=[(row, command(runs.study, row)) for rows in report.worst for row in rows],
+        worst=[(row, rerun_command(runs.study, row)) for rows in report.worst for row in rows],
         links=lambda row: links(row, folder),
         ERROR=ERROR,
         COST=COST,
@@ -56,7 +64,7 @@ def page(report: Report, folder: Path) -> str:
 
 
 def links(row: Row, folder: Path) -> list[tuple[str, str]]:
-    """Return names and targets of a run's log, and of a film beside it, where they exist."""
+    """Return names and targets of the log of a run and of its film, if they exist."""
     if not row["log"]:
         return []
     log = folder / str(row["log"])

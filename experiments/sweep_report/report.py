@@ -1,4 +1,4 @@
-"""All that a report of a sweep tells, worked out once for page, summary and pictures."""
+"""Content of a sweep report: aggregates and charts, shared by page, summary and pictures."""
 
 from __future__ import annotations
 
@@ -12,11 +12,20 @@ import numpy as np
 from ..errors import BadOptions
 from ..figures.panel import Panel
 from ..sweep.row import Row
-from .aggregate import Cell, Difference, Group, Tail, cells, differences, tail, whole
+from .aggregate import (
+    Cell,
+    Group,
+    PairedDifference,
+    Tail,
+    cells,
+    controller_groups,
+    controller_tail,
+    paired_differences,
+)
 from .axes import Scale, scales
 from .curves import cost_panel, curve_panels, difference_panel, holds_panel, tail_panel
-from .envelope_figure import breaking_panel
-from .envelope_results import Breaking
+from .envelope_figure import envelope_panel
+from .envelope_results import EnvelopeResults
 from .heat import boundary_panel, error_maps, failure_maps
 from .runs import Runs
 
@@ -26,37 +35,39 @@ _WORST: Final = 4  # runs that are listed of each controller
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Charts that belong together."""
+    """A group of charts."""
 
-    name: str  # of its picture's file
+    name: str  # of the picture's file
     title: str
     caption: str
     panels: tuple[Panel, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """What a report tells."""
+class SweepReport:
+    """Content of a report."""
 
     runs: Runs
-    against: int  # the controller that the others are compared with
-    groups: tuple[Group, ...]  # a controller each
+    against: int  # index of the controller that the others are compared with
+    groups: tuple[Group, ...]  # one per controller
     tails: tuple[Tail, ...]
-    differences: tuple[Difference, ...]
+    differences: tuple[PairedDifference, ...]
     scales: tuple[Scale, ...]  # that the cells are grouped by
-    cells: tuple[Cell, ...]  # none where there is no such scale
+    cells: tuple[Cell, ...]  # empty without such a scale
     sections: tuple[Section, ...]
-    worst: tuple[tuple[Row, ...], ...]  # of each controller
-    breaking: tuple[Breaking, ...]  # what was found apart from the sweep
+    worst: tuple[tuple[Row, ...], ...]  # worst runs of each controller
+    envelopes: tuple[EnvelopeResults, ...]  # results of `ttempc envelope`
 
 
-def report(runs: Runs, against: str | None = None, breaking: Sequence[Breaking] = ()) -> Report:
-    """Work out a report.
+def make_report(
+    runs: Runs, against: str | None = None, envelopes: Sequence[EnvelopeResults] = ()
+) -> SweepReport:
+    """Compute the content of a report.
 
     Args:
         runs: of a sweep.
         against: the controller that the others are compared with; the first of the study if None.
-        breaking: breaking points that belong to it.
+        envelopes: results of `ttempc envelope` to include.
 
     Raises:
         BadOptions: the study has no such controller.
@@ -65,26 +76,26 @@ def report(runs: Runs, against: str | None = None, breaking: Sequence[Breaking] 
     if against is not None and against not in controllers:
         raise BadOptions(f"--against {against}: the study has {', '.join(controllers)}")
     reference = 0 if against is None else controllers.index(against)
-    found = scales(runs)
-    grid = tuple(scale for scale in found if not scale.binned)
-    groups = tuple(whole(runs))
-    tails = tuple(tail(runs, number) for number in range(len(controllers)))
-    over = [(scale, cells(runs, [scale])) for scale in found if len(scale.texts) > 1]
-    paired = tuple(differences(runs, reference))
-    return Report(
+    axes = scales(runs)
+    grid = tuple(scale for scale in axes if not scale.binned)
+    groups = tuple(controller_groups(runs))
+    tails = tuple(controller_tail(runs, number) for number in range(len(controllers)))
+    over = [(scale, cells(runs, [scale])) for scale in axes if len(scale.texts) > 1]
+    differences = tuple(paired_differences(runs, reference))
+    return SweepReport(
         runs,
         reference,
         groups,
         tails,
-        paired,
+        differences,
         grid,
         tuple(cells(runs, grid)) if grid else (),
         (
-            *_sections(runs, over, groups, tails, reference, paired),
-            *([_breaking(controllers, breaking)] if breaking else ()),
+            *_sections(runs, over, groups, tails, reference, differences),
+            *([_envelope_section(controllers, envelopes)] if envelopes else ()),
         ),
         tuple(_worst(runs, number) for number in range(len(controllers))),
-        tuple(breaking),
+        tuple(envelopes),
     )
 
 
@@ -94,21 +105,21 @@ def _sections(
     groups: Sequence[Group],
     tails: Sequence[Tail],
     against: int,
-    differences: Sequence[Difference],
+    differences: Sequence[PairedDifference],
 ) -> list[Section]:
     controllers = runs.controllers
     overview = [tail_panel(runs), cost_panel(controllers, groups, tails)]
     if differences:
         overview.append(difference_panel(controllers, against, differences))
-    grid = [(scale, found) for scale, found in over if not scale.binned]
+    grid = [(scale, grouped) for scale, grouped in over if not scale.binned]
     pairs = list(itertools.combinations([scale for scale, _ in grid], 2))
     maps = []
     for number, pair in enumerate(pairs[:_MOST_MAPS], 1):
-        # The longer axis goes to the right, where a page has more room for it.
+        # The axis with more values is horizontal, where a page is wider.
         up, across = sorted(pair, key=lambda scale: len(scale.texts))
-        found = cells(runs, [across, up])
+        grouped = cells(runs, [across, up])
         if number == 1:
-            overview.insert(0, boundary_panel(controllers, across, up, found))
+            overview.insert(0, boundary_panel(controllers, across, up, grouped))
         maps.append(
             Section(
                 "maps" if number == 1 else f"maps-{number}",
@@ -119,8 +130,8 @@ def _sections(
                 tuple(
                     itertools.chain.from_iterable(
                         zip(
-                            failure_maps(controllers, across, up, found),
-                            error_maps(controllers, across, up, found),
+                            failure_maps(controllers, across, up, grouped),
+                            error_maps(controllers, across, up, grouped),
                             strict=True,
                         )
                     )
@@ -132,10 +143,10 @@ def _sections(
     sections = [
         Section(
             "overview",
-            "Where it ends, how bad it gets, what it costs",
-            "Tails: the share of all runs that are worse than an error, failed runs worse than "
-            "any; dashed: the worst 5 %. Bars: 95 % intervals."
-            + (" What has no run yet counts as holding." if runs.missing else ""),
+            "Failure, tail of the error, and cost",
+            "Tails: share of all runs with a larger error; a run that did not complete counts as "
+            "larger than any. Dashed: the worst 5 %. Bars: 95 % intervals."
+            + (" Points without a run count as holding." if runs.missing or runs.refused else ""),
             tuple(overview),
         ),
         *maps,
@@ -145,34 +156,37 @@ def _sections(
             Section(
                 "curves",
                 "One axis at a time",
-                "Bands: 95 % intervals. Errors are those of the runs that completed: where "
-                "many fail, only the lucky ones are left."
+                "Bands: 95 % intervals. Errors are those of completed runs: where many fail, they "
+                "are a selection of the best runs."
                 + (" All other axes are pooled." if len(over) > 1 else ""),
                 tuple(
                     panel
-                    for scale, found in over
-                    for panel in curve_panels(controllers, scale, found)
+                    for scale, grouped in over
+                    for panel in curve_panels(controllers, scale, grouped)
                 ),
             )
         )
     return sections
 
 
-def _breaking(controllers: Sequence[str], breaking: Sequence[Breaking]) -> Section:
-    files = ", ".join(dict.fromkeys(name for item in breaking for name in item.files))
-    asked = "; ".join(f"{item.label}: {item.asked}" for item in breaking)
+def _envelope_section(controllers: Sequence[str], envelopes: Sequence[EnvelopeResults]) -> Section:
+    files = ", ".join(dict.fromkeys(name for item in envelopes for name in item.files))
+    settings = "; ".join(f"{item.label}: {item.settings}" for item in envelopes)
     return Section(
         "envelope",
         "Breaking points",
-        f"All values that were tried, bars between the last that holds and the first that fails. "
-        f"{asked}. From {files}.",
-        tuple(breaking_panel(controllers, item) for item in breaking),
+        f"All tested values; a bar spans the last value that holds and the first that fails. "
+        f"{settings}. From {files}.",
+        tuple(envelope_panel(controllers, item) for item in envelopes),
     )
 
 
 def _worst(runs: Runs, controller: int) -> tuple[Row, ...]:
-    """Return a controller's worst runs: what did not complete, with a log first, then by error."""
-    badness = np.where(np.isnan(runs.error_cm), np.inf, runs.error_cm)
-    silent = np.array([not row["log"] for row in runs.rows])
-    order = np.lexsort((runs.run, silent, -badness))
-    return tuple(runs.rows[place] for place in order[runs.driver[order] == controller][:_WORST])
+    """Return a controller's worst runs: first those not completed, with a log, then by error."""
+    without_error = np.where(runs.completed, -np.inf, np.inf)
+    severity = np.where(np.isnan(runs.error_cm), without_error, runs.error_cm)
+    without_log = np.array([not row["log"] for row in runs.rows])
+    order = np.lexsort((runs.run, without_log, -severity))
+    return tuple(
+        runs.rows[place] for place in order[runs.controller_index[order] == controller][:_WORST]
+    )

@@ -1,4 +1,4 @@
-"""A sweep's report in Markdown, with its pictures beside it."""
+"""Sweep report in Markdown with references to its pictures."""
 
 from __future__ import annotations
 
@@ -6,25 +6,26 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from ..results.table import centimetres
-from .format import command, estimate_text, numbers_text, percent_text
-from .report import Report
-from .runs import ERROR
+from ..sweep.failure import ERROR, unmeasured_text
+from .format import format_estimate, format_numbers, format_percent, rerun_command
+from .report import SweepReport
 
 MARK: Final = "<!-- written by ttempc report -->"
-"""The first line: what has it may be written over."""
+"""First line of a summary; a file that starts with it may be overwritten."""
 
-_MOST_CELLS: Final = 60  # rows of a table that still fits between the pictures
+_MOST_CELLS: Final = 60  # rows of a table that fits between the pictures
 
 
-def summary(report: Report, prefix: str = "") -> str:
+def render_summary(report: SweepReport, prefix: str = "") -> str:
     """Return the text of `summary.md`.
 
     Args:
-        report: what it tells.
-        prefix: of the pictures' files.
+        report: its content.
+        prefix: of the names of the picture files.
     """
     runs = report.runs
     limit = runs.limit_m
+    unmeasured = unmeasured_text(runs.unmeasured, limit)
     lines = [
         MARK,
         f"# {runs.name}",
@@ -33,14 +34,17 @@ def summary(report: Report, prefix: str = "") -> str:
         "",
         f"{len(runs.rows)} of {runs.planned} runs"
         + (f": **in progress, {runs.missing} missing**" if runs.missing else "")
-        + f"; seeds {numbers_text(runs.study.drawn_with)}, the same ground and noise for every "
+        + (f", {runs.refused} refused by a scenario or a controller" if runs.refused else "")
+        + f"; seeds {format_numbers(runs.study.point_seeds)}, the same ground and noise for every "
         "controller. A run fails where it does not complete"
         + (
             f", or where the trailer's 95 % cross-track error exceeds {centimetres(limit)} cm"
             if limit is not None
             else ""
         )
-        + ". Errors are the 95th percentile of the trailer's unsigned cross-track error in a run "
+        + ". "
+        + (f"{unmeasured} " if unmeasured else "")
+        + "Errors are the 95th percentile of the trailer's unsigned cross-track error in a run "
         "(ISO 12188-2), of runs that completed [cm]. In brackets 95 % intervals: failure rates by "
         "Clopper and Pearson, all others by bootstrap over whole "
         f"{'points' if runs.by_point else 'seeds'}. Simulation.",
@@ -67,11 +71,17 @@ def summary(report: Report, prefix: str = "") -> str:
     return "\n".join(lines) + "\n"
 
 
-def _controllers(report: Report) -> list[str]:
-    heads = (
-        *("controller", "runs", "failed", "failed [%]", "error, mean", "95 % of runs below"),
-        *("mean of worst 5 %", "control step [us]"),
-    )
+def _controllers(report: SweepReport) -> list[str]:
+    heads = [
+        "controller",
+        "runs",
+        "failed",
+        "failed [%]",
+        "error, mean",
+        "95 % of runs below",
+        "mean of worst 5 %",
+        "control step [us]",
+    ]
     rows = []
     for group in report.groups:
         tail = report.tails[group.controller]
@@ -80,28 +90,32 @@ def _controllers(report: Report) -> list[str]:
                 f"`{report.runs.controllers[group.controller]}`",
                 str(group.count),
                 str(len(group.failed)),
-                percent_text(group.failure_rate),
-                estimate_text(group.error_cm),
-                estimate_text(tail.quantile95_cm),
-                estimate_text(tail.cvar95_cm),
-                estimate_text(tail.step_us, 0),
+                format_percent(group.failure_rate),
+                format_estimate(group.error_cm),
+                format_estimate(tail.quantile95_cm),
+                format_estimate(tail.cvar95_cm),
+                format_estimate(tail.step_us, 0),
             )
         )
     return _table(heads, rows)
 
 
-def _differences(report: Report) -> list[str]:
+def _differences(report: SweepReport) -> list[str]:
     against = report.runs.controllers[report.against]
-    heads = (
-        *(f"against `{against}`", "paired runs", "both completed", "difference of errors"),
-        *("it alone failed", f"`{against}` alone failed"),
-    )
+    heads = [
+        f"against `{against}`",
+        "paired runs",
+        "both completed",
+        "difference of errors",
+        "it alone failed",
+        f"`{against}` alone failed",
+    ]
     rows = [
         (
             f"`{report.runs.controllers[item.controller]}`",
             str(len(item.runs)),
             str(item.pairs),
-            estimate_text(item.error_cm, sign="+"),
+            format_estimate(item.error_cm, sign="+"),
             str(len(item.alone_failed)),
             str(len(item.other_failed)),
         )
@@ -110,7 +124,7 @@ def _differences(report: Report) -> list[str]:
     return _table(heads, rows)
 
 
-def _cells(report: Report) -> list[str]:
+def _cells(report: SweepReport) -> list[str]:
     labels = [scale.label for scale in report.scales]
     heads = (*labels, "controller", "failed [%]", "error, mean", "runs")
     rows = []
@@ -120,16 +134,16 @@ def _cells(report: Report) -> list[str]:
         ]
         group = cell.group
         controller = f"`{report.runs.controllers[group.controller]}`"
-        found = percent_text(group.failure_rate), estimate_text(group.error_cm)
-        rows.append((*values, controller, *found, numbers_text(group.runs)))
+        failures, error = format_percent(group.failure_rate), format_estimate(group.error_cm)
+        rows.append((*values, controller, failures, error, format_numbers(group.runs)))
     return ["## Points", "", *_table(heads, rows)]
 
 
-def _worst(report: Report) -> list[str]:
+def _worst(report: SweepReport) -> list[str]:
     lines = [
         "## The worst run of each controller",
         "",
-        "Driven again, with its log, by the command below it.",
+        "The command below a run repeats it and writes its log.",
         "",
     ]
     for row, *_ in report.worst:
@@ -139,7 +153,7 @@ def _worst(report: Report) -> list[str]:
         lines += [
             f"- `{row['controller']}`, run {row['run']}, {row['status']}{why}{size}",
             "",
-            f"      {command(report.runs.study, row)}",
+            f"      {rerun_command(report.runs.study, row)}",
             "",
         ]
     return lines

@@ -22,8 +22,8 @@ from ttempc.tube.reference_tube import ReferenceTube, TubeDesign
 from ttempc.types import FloatArray, State
 
 from ..errors import InvalidFit, InvalidScenario
-from ..results.confidence import fewest_samples
 from ..results.containment import Containment
+from ..results.statistics import fewest_samples
 from ..run.assembly import CONTROL_PERIOD_S, model_vehicle
 from ..scenario.scenario import Scenario, load
 from ..scenario.tube_file import HoldOut, Provenance, TubeFile, residual_table, tube_file

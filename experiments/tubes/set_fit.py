@@ -10,7 +10,7 @@ from ttempc.tube.disturbance_set import DisturbanceSet, Shape
 from ttempc.types import FloatArray
 
 from ..errors import InvalidFit
-from ..results.confidence import share
+from ..results.statistics import proportion
 from ..scenario.tube_file import HoldOut
 
 
@@ -56,8 +56,8 @@ def fit_set(
 def hold_out(disturbance: DisturbanceSet, runs: Sequence[FloatArray], confidence: float) -> HoldOut:
     """Count the windows of held-out runs inside the set, in consecutive windows without overlap."""
     fills = np.concatenate([disturbance.fill(run)[:: disturbance.window] for run in runs])
-    inside = share(int((fills <= 1.0).sum()), len(fills), confidence)
-    return HoldOut(inside.total, inside.inside, inside.low, inside.high)
+    inside = proportion(int((fills <= 1.0).sum()), len(fills), confidence)
+    return HoldOut(inside.total, inside.count, inside.low, inside.high)
 
 
 def _axis_fill(axes: FloatArray, run: FloatArray, window: int) -> FloatArray:

@@ -1,6 +1,6 @@
-"""Studies for tests: a few metres of straight path, which take a fraction of a second a run."""
+"""Studies for tests: a few metres of straight path, a fraction of a second per run."""
 
-from proving_ground.experiments.sweep.plan import Plan
+from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.study import load_study
 
 SHORT = """
@@ -27,4 +27,4 @@ count = 3
 def plan_of(folder, *parts, name="tiny"):
     file = folder / f"{name}.toml"
     file.write_text("\n".join(parts))
-    return Plan(*load_study(str(file)))
+    return SweepPlan(*load_study(str(file)))

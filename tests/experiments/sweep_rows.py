@@ -1,10 +1,11 @@
-"""Sweeps of made-up runs, for tests of what is told of them."""
+"""Sweeps of synthetic rows, for tests of their reports."""
 
 from proving_ground.experiments.sweep.engine import engine
-from proving_ground.experiments.sweep.folder import held
+from proving_ground.experiments.sweep.failure import ERROR
+from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.row import no_figures
 from proving_ground.experiments.sweep.sweep import sweep
-from proving_ground.experiments.sweep_report.runs import COST, ERROR
+from proving_ground.experiments.sweep_report.runs import COST
 from proving_ground.testbed.randomness import generator
 from tests.experiments.study_files import plan_of
 
@@ -39,7 +40,7 @@ high = 1.2
 """
 
 
-def made_up(job):
+def synthetic_row(job):
     """Return a row without a run; harder ground is worse, and `feedforward` fails on class E."""
     controller, iso_class = job.scenario.controller.name, job.scenario.terrain.iso_class
     noise = generator(job.seed, "made up").normal(1.0, 0.1)
@@ -47,11 +48,11 @@ def made_up(job):
     error *= {"C": 2.0, "E": 3.0}.get(iso_class, 1.0)
     if controller == "feedforward" and iso_class == "E":
         return job.row("lost", "roll-over <at> the & fence", no_figures(), 0.1)
-    found = {**no_figures(), ERROR: error, COST: 100.0 * error}
-    return job.row("completed", None, found, 0.1)
+    numbers = {**no_figures(), ERROR: error, COST: 100.0 * error}
+    return job.row("completed", None, numbers, 0.1)
 
 
-def swept(folder, *parts, most=None, name="made-up", work=made_up):
+def swept(folder, *parts, most=None, name="made-up", work=synthetic_row):
     """Return the folder of a sweep, of its first runs alone if `most` is given."""
     path, plan = folder / f"sweep-{name}", plan_of(folder, *parts, name=name)
 
@@ -59,9 +60,9 @@ def swept(folder, *parts, most=None, name="made-up", work=made_up):
         if progress.done == most:
             raise KeyboardInterrupt
 
-    with engine(workers=0) as inside, held(path, plan, plan.extent().digest) as held_folder:
+    with engine(workers=0) as inside, lock_folder(path, plan) as locked:
         try:
-            sweep(plan, held_folder, inside, stop, work)
+            sweep(plan, locked, inside, stop, work)
         except KeyboardInterrupt:
             assert most is not None
     return path

@@ -1,4 +1,4 @@
-"""What is said of many runs holds as often as it claims, and depends on nothing but the runs."""
+"""Estimates over runs: coverage of their intervals, closed forms, invariance to order."""
 
 import numpy as np
 import pytest
@@ -7,10 +7,11 @@ from scipy.stats import beta
 from proving_ground.experiments.results.statistics import (
     bootstrap,
     cvar95,
+    fewest_samples,
     mean,
-    paired,
+    pair,
+    proportion,
     quantile95,
-    share,
     survival,
 )
 
@@ -91,7 +92,7 @@ def test_pairing_takes_out_what_runs_share():
     ground = generator.normal(20.0, 10.0, 12)
     keys, others = generator.permutation(12), generator.permutation(14)
     mine, theirs = ground[keys] + 1.0, np.append(ground, [0.0, 0.0])[others]
-    here, there = paired(keys, others)
+    here, there = pair(keys, others)
     difference = bootstrap(mine[here] - theirs[there])
     np.testing.assert_allclose([difference.value, difference.low, difference.high], 1.0)
     assert len(here) == 12
@@ -99,7 +100,7 @@ def test_pairing_takes_out_what_runs_share():
 
 @pytest.mark.parametrize("count", [1, 5, 14, 100])
 def test_no_failure_and_nothing_but_failures_have_clopper_and_pearsons_closed_forms(count):
-    none, all_ = share(0, count), share(count, count)
+    none, all_ = proportion(0, count), proportion(count, count)
     assert (none.low, all_.high) == (0.0, 1.0)
     assert none.high == pytest.approx(1.0 - 0.025 ** (1.0 / count))
     assert all_.low == pytest.approx(0.025 ** (1.0 / count))
@@ -108,9 +109,9 @@ def test_no_failure_and_nothing_but_failures_have_clopper_and_pearsons_closed_fo
 @pytest.mark.parametrize("probability", [0.05, 0.3, 0.5])
 def test_the_interval_of_a_share_covers_it_at_least_as_often_as_it_says(probability):
     hits = np.random.default_rng(7).binomial(20, probability, 1000)
-    known = {int(k): share(int(k), 20) for k in set(hits)}
+    known = {int(k): proportion(int(k), 20) for k in set(hits)}
     assert covered([known[int(k)] for k in hits], probability) >= 0.95
-    found = share(6, 20)
+    found = proportion(6, 20)
     assert found.low == pytest.approx(beta.ppf(0.025, 6, 15))
     assert found.high == pytest.approx(beta.ppf(0.975, 7, 14))
 
@@ -120,3 +121,18 @@ def test_survival_falls_to_the_share_of_those_that_failed():
     assert values.tolist() == [1.0, 2.0, 3.0]
     assert above.tolist() == [0.75, 0.5, 0.25]
     assert survival(np.array([1.0, 2.0]))[1][-1] == 0.0
+
+
+def test_proportions_have_the_published_intervals_and_refuse_more_than_all():
+    found = proportion(90, 100)  # tables of Clopper and Pearson
+    assert (round(found.low, 4), round(found.high, 4)) == (0.8238, 0.9510)
+    assert proportion(0, 0).ends == (0.0, 1.0)
+    with pytest.raises(ValueError, match="from 0 to 2, got 3"):
+        proportion(3, 2)
+
+
+def test_the_largest_of_the_fewest_samples_bounds_the_quantile():
+    assert fewest_samples(0.99, 0.95) == 299  # Wilks (1941)
+    for coverage in (0.5, 0.9, 0.999):
+        samples = fewest_samples(coverage)
+        assert coverage**samples <= 0.05 < coverage ** (samples - 1)

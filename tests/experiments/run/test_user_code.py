@@ -10,7 +10,7 @@ from proving_ground.experiments.errors import InvalidController
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.run.user_code import load_factory, user_controller
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.studies.batch import Job, summaries
+from proving_ground.experiments.studies.batch import StudyRun, simulate_runs
 from proving_ground.testbed.log.log_reader import read_log
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from ttempc.guidance.controllers import make_controller
@@ -88,7 +88,7 @@ def test_a_name_means_the_same_as_the_factory_itself_also_in_other_processes(pac
     mine = simulate(*load("grass", overrides), seed=3)[0]
     shipped = simulate(*load("grass", (*SHORT, 'controller.name="feedforward"')), seed=3)[0]
     assert mine.tracking == shipped.tracking
-    (_, afar), (_, again) = summaries([Job("grass", seed, overrides) for seed in (3, 3)])
+    afar, again = simulate_runs([StudyRun("grass", seed, overrides) for seed in (3, 3)])
     assert afar.tracking == again.tracking == mine.tracking
 
 

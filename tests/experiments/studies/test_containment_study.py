@@ -1,4 +1,4 @@
-"""What the containment study makes of its laps, and that it goes on where it was stopped."""
+"""Containment study: counting of laps, resumption and figures."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import json
 import numpy as np
 
 from proving_ground.experiments.results.containment import QUANTITIES
-from proving_ground.experiments.studies.containment import CASES, rows, table
-from proving_ground.experiments.studies.containment_figures import draw
+from proving_ground.experiments.studies.containment import CASES, read_laps, table
+from proving_ground.experiments.studies.containment_figures import draw_containment
 from tests.ttempc.tubes import DESIGN
 
 
@@ -34,7 +34,7 @@ def test_laps_are_counted_by_steps_and_as_wholes(tmp_path):
     laps = [lap(seed=1), lap(seed=2, outside=13), lap(seed=3, status="lost")]
     text = "".join(json.dumps(one) + "\n" for one in laps)
     (tmp_path / "laps.jsonl").write_text(text + '{"case": "grass-so')  # cut off
-    assert rows(tmp_path) == laps
+    assert read_laps(tmp_path) == laps
     (tmp_path / "wet-grass-soil-refused.txt").write_text("the tightened set is empty\n")
     lines = list(table(tmp_path))
     cells = [cell.strip() for cell in lines[2].split("|")[1:-1]]
@@ -62,7 +62,7 @@ def test_the_figures_are_drawn_from_what_is_in_the_folder(tmp_path):
             deviation=0.01 * np.random.default_rng(seed).standard_normal((600, 9)),
             half_width=np.full((600, 9), 0.2),
         )
-    draw(tmp_path, DESIGN, [lap(), lap("grass-200kpa")], "grass-soil")
+    draw_containment(tmp_path, DESIGN, [lap(), lap("grass-200kpa")], "grass-soil")
     for name in ("path", "tracks", "sections", "slip"):
         picture = (tmp_path / f"{name}.png").read_bytes()
         assert picture.startswith(b"\x89PNG")

@@ -12,13 +12,13 @@ from tests.cards import bench_of
 )
 @pytest.mark.parametrize("iso_class", ISO_8608)
 def test_random_driving_stays_valid(iso_class, seconds):
-    seen = endure(bench_of("grass"), iso_class, seconds)
-    assert not seen.invalid
-    assert seen.driven_s == pytest.approx(seconds, abs=1.0)
-    assert seen.top_speed < 1.6
+    result = endure(bench_of("grass"), iso_class, seconds)
+    assert not result.invalid
+    assert result.driven_s == pytest.approx(seconds, abs=1.0)
+    assert result.top_speed < 1.6
 
 
-def test_what_mujoco_does_wrong_is_counted(tmp_path, monkeypatch):
+def test_a_diverged_simulation_is_counted(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its own log beside the user
     bench = bench_of("grass")
     whole = type(bench).plant

@@ -1,4 +1,4 @@
-"""Runs on a real scheduler with workers of their own, as on a cluster; and what such may do."""
+"""Sweeps on a real Dask scheduler with its own workers, as on a cluster."""
 
 import json
 import os
@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.sweep.engine import Engine, InProcess, engine, flow
-from proving_ground.experiments.sweep.folder import held
+from proving_ground.experiments.sweep.engine import Engine, InProcess, engine, imap_bounded
+from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.results import rows
 from proving_ground.experiments.sweep.row import no_figures
 from proving_ground.experiments.sweep.sweep import sweep
@@ -78,23 +78,23 @@ def test_a_sweep_on_a_cluster_outlives_its_workers(dask, scheduler, tmp_path, ca
     options = ("--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1")
     stranger = dask("worker", scheduler, *options, "--no-nanny", code=other)
     assert main(["sweep", str(tmp_path / "tiny.toml"), "--dask", scheduler]) == 2
-    said = capsys.readouterr().err
-    assert "has code" in said
-    assert len(said.splitlines()) == 1
+    printed = capsys.readouterr().err
+    assert "has code" in printed
+    assert len(printed.splitlines()) == 1
     stranger.terminate()
     stranger.wait()
 
     dask("worker", scheduler, *options, "--nworkers", "2")
     with (
         engine(address=scheduler) as cluster,
-        held(tmp_path / "out", plan, plan.extent().digest) as folder,
+        lock_folder(tmp_path / "out", plan) as folder,
     ):
         sweep(plan, folder, cluster, work=deadly)
-    found = sorted(rows(tmp_path / "out" / "results.jsonl"), key=lambda row: row["run"])
-    assert [row["run"] for row in found] == list(range(8))
-    assert [row["run"] for row in found if row["status"] == "crashed"] == [POISON]
-    assert found[UNLUCKY]["status"] == "completed"
-    assert [*found[POISON]] == [*found[UNLUCKY]]
+    results = sorted(rows(tmp_path / "out" / "results.jsonl"), key=lambda row: row["run"])
+    assert [row["run"] for row in results] == list(range(8))
+    assert [row["run"] for row in results if row["status"] == "crashed"] == [POISON]
+    assert results[UNLUCKY]["status"] == "completed"
+    assert [*results[POISON]] == [*results[UNLUCKY]]
 
 
 @pytest.mark.parametrize("address", ["somewhere", "tcp://127.0.0.1:9"])
@@ -103,13 +103,13 @@ def test_an_unreachable_scheduler_is_refused_in_one_line(address, tmp_path, monk
     monkeypatch.setattr("proving_ground.experiments.sweep.engine._CONNECT_S", 0.5)
     plan_of(tmp_path, SHORT)
     assert main(["sweep", "tiny.toml", "--dask", address]) == 2
-    said = capsys.readouterr().err
-    assert "scheduler" in said
-    assert len(said.splitlines()) == 1
+    printed = capsys.readouterr().err
+    assert "scheduler" in printed
+    assert len(printed.splitlines()) == 1
     assert [item.name for item in tmp_path.iterdir()] == ["tiny.toml"]
 
 
-def test_no_more_tasks_are_taken_than_can_be_worked_on():
+def test_no_more_tasks_are_submitted_than_the_width_allows():
     taken = []
 
     def tasks():
@@ -117,19 +117,21 @@ def test_no_more_tasks_are_taken_than_can_be_worked_on():
             taken.append(task)
             yield task
 
-    for task, future in flow(Engine(InProcess(), lambda: 3), lambda task: 2 * task, tasks()):
+    for task, future in imap_bounded(
+        Engine(InProcess(), lambda: 3), lambda task: 2 * task, tasks()
+    ):
         assert future.result() == 2 * task
         assert len(taken) <= task + 6
     assert taken == list(range(20))
 
 
-def test_what_a_task_raises_is_in_its_future():
-    ((_, future),) = flow(Engine(InProcess(), lambda: 1), int, ["no number"])
+def test_an_error_of_a_task_is_in_its_future():
+    ((_, future),) = imap_bounded(Engine(InProcess(), lambda: 1), int, ["no number"])
     assert isinstance(future.exception(), ValueError)
 
 
-def test_workers_have_one_thread_each_and_two_sweeps_go_on_side_by_side():
+def test_workers_have_one_thread_each_and_two_sweeps_can_run_at_a_time():
     with engine(workers=1), engine(workers=1) as here:
-        asked = [here.executor.submit(os.environ.get, name) for name in ("OMP_NUM_THREADS",)]
-        assert [future.result() for future in asked] == ["1"]
+        futures = [here.executor.submit(os.environ.get, name) for name in ("OMP_NUM_THREADS",)]
+        assert [future.result() for future in futures] == ["1"]
         assert here.width() == 1

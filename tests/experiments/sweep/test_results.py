@@ -1,4 +1,4 @@
-"""The file of rows: whole lines or none, whatever dies; readable by those who guess types."""
+"""File of rows: whole lines after any failure; readable with inferred types."""
 
 import errno
 import json
@@ -20,7 +20,7 @@ def filled(file, count, **more):
     return file
 
 
-def test_what_is_appended_is_there_again(tmp_path):
+def test_appended_rows_are_read_again(tmp_path):
     file = filled(tmp_path / "r.jsonl", 5, status="lost")
     with Results(file, 7) as results:
         assert results.count == 5
@@ -29,7 +29,7 @@ def test_what_is_appended_is_there_again(tmp_path):
 
 
 @pytest.mark.parametrize("cut", [1, 5, 12])
-def test_a_torn_last_line_is_dropped_and_its_run_is_open_again(cut, tmp_path):
+def test_a_torn_last_line_is_removed_and_its_run_is_pending_again(cut, tmp_path):
     file = filled(tmp_path / "r.jsonl", 3, status="lost")
     whole = file.read_bytes()
     file.write_bytes(whole[:-cut])
@@ -41,7 +41,7 @@ def test_a_torn_last_line_is_dropped_and_its_run_is_open_again(cut, tmp_path):
 
 
 @pytest.mark.parametrize("text", ["{}\n", "no json\n", '{"run": 9}\n'])
-def test_a_line_that_is_no_row_of_the_plan_is_refused_with_its_number(text, tmp_path):
+def test_a_foreign_line_is_refused_with_its_number(text, tmp_path):
     file = filled(tmp_path / "r.jsonl", 2)
     file.write_text(file.read_text() + text)
     with pytest.raises(SweepRefused, match="line 3 is no row of this study"):

@@ -1,11 +1,11 @@
-"""From a study's file to its runs: what is crossed, drawn, paired, refused."""
+"""Study files and plans: combinations, draws, pairing, refusals."""
 
 import numpy as np
 import pytest
 
-from proving_ground.experiments.errors import ExperimentError
-from proving_ground.experiments.sweep.inert_axes import unread
-from proving_ground.experiments.sweep.plan import Plan
+from proving_ground.experiments.errors import ExperimentError, InvalidStudy
+from proving_ground.experiments.sweep.inert_axes import find_inert_axes
+from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.study import load_study, shipped_studies
 from tests.experiments.study_files import CONTROLLERS, SHORT, STRENGTHS, plan_of
 
@@ -19,14 +19,14 @@ def drawn(kind, *keys, more=""):
 def test_every_combination_of_listed_values_is_a_run_under_every_seed(tmp_path):
     plan = plan_of(tmp_path, "seeds = [3, 8]", SHORT, STRENGTHS, CONTROLLERS)
     runs = [plan[run] for run in range(plan.size)]
-    seen = {(*run.setting.axes.values(), run.seed) for run in runs}
+    combinations = {(*run.setting.axes.values(), run.seed) for run in runs}
     expected = {
         (strength, driver, seed)
         for strength in (200.0, 500.0, 800.0)
         for driver in ("paper", "feedforward")
         for seed in (3, 8)
     }
-    assert seen == expected
+    assert combinations == expected
     assert plan.size == len(expected)
 
 
@@ -43,7 +43,7 @@ def test_runs_of_one_point_and_seed_differ_in_the_controller_alone(tmp_path):
 def test_a_latin_hypercube_has_one_point_in_every_slice_of_every_axis(tmp_path):
     keys = ("sensors.gnss_sd_m", "sensors.angle_sd_deg")
     plan = plan_of(tmp_path, "samples = 20", SHORT, drawn("latin-hypercube", *keys))
-    points = np.array([[plan.changed(point)[key] for key in keys] for point in range(20)])
+    points = np.array([[plan.changes(point)[key] for key in keys] for point in range(20)])
     slices = np.floor((points - 1.0) / 8.0 * 20).astype(int)
     assert (np.sort(slices, axis=0) == np.arange(20)[:, None]).all()
 
@@ -56,8 +56,8 @@ def test_random_axes_have_draws_of_their_own_and_stay_in_range(tmp_path):
         SHORT,
         drawn("random", "sensors.angle_sd_deg", "sensors.gnss_sd_m", more=""),
     )
-    values = [one.changed(point)["sensors.gnss_sd_m"] for point in range(50)]
-    assert values == [two.changed(point)["sensors.gnss_sd_m"] for point in range(50)]
+    values = [one.changes(point)["sensors.gnss_sd_m"] for point in range(50)]
+    assert values == [two.changes(point)["sensors.gnss_sd_m"] for point in range(50)]
     assert len({*values}) == 50
     assert all(1.0 <= value <= 9.0 for value in values)
 
@@ -65,7 +65,7 @@ def test_random_axes_have_draws_of_their_own_and_stay_in_range(tmp_path):
 def test_a_normal_axis_has_its_low_and_high_at_95_percent(tmp_path):
     normal = drawn("latin-hypercube", "sensors.gnss_sd_m", more='distribution = "normal"')
     plan = plan_of(tmp_path, "samples = 400", normal)
-    values = np.array([plan.changed(point)["sensors.gnss_sd_m"] for point in range(400)])
+    values = np.array([plan.changes(point)["sensors.gnss_sd_m"] for point in range(400)])
     inside = np.mean((values >= 1.0) & (values <= 9.0))
     assert inside == pytest.approx(0.95, abs=2 / 400)
 
@@ -94,7 +94,7 @@ def test_a_dumped_study_is_the_study(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("colour = 3", "colour: unknown key; allowed here: description, scenario, seeds"),
         ("seeds = 0", "seeds"),
@@ -142,10 +142,10 @@ def test_a_dumped_study_is_the_study(tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line_before_any_run(text, said, tmp_path):
+def test_invalid_studies_are_refused_in_one_line_before_any_run(text, message, tmp_path):
     with pytest.raises(ExperimentError) as refused:
         plan_of(tmp_path, text).extent()
-    assert said in str(refused.value)
+    assert message in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
 
 
@@ -157,11 +157,38 @@ def test_an_axis_that_changes_nothing_is_found(tmp_path):
         '[[axis]]\nkind="list"\nkey="sensors.gnss_correlation_time_s"\nvalues=[1.0, 9.0]',
         CONTROLLERS,
     )
-    assert unread(plan) == ("sensors.gnss_correlation_time_s",)
+    assert find_inert_axes(plan) == ("sensors.gnss_correlation_time_s",)
 
 
 @pytest.mark.parametrize("name", shipped_studies())
-def test_shipped_studies_name_what_they_ask(name):
+def test_shipped_studies_have_a_description_and_valid_scenarios(name):
     study = load_study(name)[1]
     assert study.description
-    assert Plan(name, study)[0].setting.scenario
+    assert SweepPlan(name, study)[0].setting.scenario
+
+
+REFUSING = """
+[[axis]]
+kind = "list"
+key = "soil.cone_index_kpa"
+values = [300.0, -3.0, 600.0]
+"""
+
+
+def test_refused_combinations_are_left_out_where_the_study_says_so(tmp_path):
+    plan = plan_of(tmp_path, "seeds = 2\nskip_refused = true", SHORT, REFUSING, CONTROLLERS)
+    extent = plan.extent()
+    assert [*plan.runs()] == [0, 1, 2, 3, 8, 9, 10, 11]
+    assert extent.runs == plan.run_count == 8
+    assert len(extent.refused) == 2
+    assert all("soil.cone_index_kpa = -3.0" in reason for reason in extent.refused)
+    without = plan_of(tmp_path, "seeds = 2", SHORT, REFUSING, CONTROLLERS)
+    with pytest.raises(InvalidStudy, match=r"soil.cone_index_kpa = -3.0"):
+        without.extent()
+
+
+def test_a_controller_that_every_combination_refuses_is_an_error(tmp_path):
+    drivers = CONTROLLERS.replace('"feedforward"', '"feedforwards"')
+    plan = plan_of(tmp_path, "skip_refused = true", SHORT, REFUSING, drivers)
+    with pytest.raises(InvalidStudy, match="'feedforwards' does not exist"):
+        plan.extent()

@@ -1,4 +1,4 @@
-"""Nothing is lost: interrupted, repeated and failing sweeps end with the rows of a plain one."""
+"""Interrupted, resumed and failing sweeps have the rows of an uninterrupted one."""
 
 import fcntl
 import json
@@ -16,29 +16,29 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import SweepRefused, SweepStopped
 from proving_ground.experiments.sweep.engine import engine
-from proving_ground.experiments.sweep.folder import held
+from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.results import rows
 from proving_ground.experiments.sweep.row import columns, no_figures
 from proving_ground.experiments.sweep.sweep import sweep
-from proving_ground.experiments.sweep.work import work
+from proving_ground.experiments.sweep.work import run_job
 from tests.experiments.study_files import CONTROLLERS, SHORT, STRENGTHS, plan_of
 
 WORST = "tracking.all.trailer.cross_p95_m"
 
 
-def made(job):
-    """Make the row of a run up; every fifth is lost."""
+def synthetic_row(job):
+    """Return a row without a run; every fifth run is lost."""
     lost = job.run % 5 == 4
     log = ""
     if job.keep != "none":
         log = f"logs/{job.run}.mcap"
         (job.folder / log).touch()
-    found = {**no_figures(), WORST: None if lost else float(job.run % 7)}
-    return job.row("lost" if lost else "completed", "rolled" if lost else None, found, 0.1, log)
+    numbers = {**no_figures(), WORST: None if lost else float(job.run % 7)}
+    return job.row("lost" if lost else "completed", "rolled" if lost else None, numbers, 0.1, log)
 
 
-def swept(plan, path, work=made, on_row=lambda progress: None):
-    with engine(workers=0) as inside, held(path, plan, plan.extent().digest) as folder:
+def swept(plan, path, work=synthetic_row, on_row=lambda progress: None):
+    with engine(workers=0) as inside, lock_folder(path, plan) as folder:
         sweep(plan, folder, inside, on_row, work)
     return sorted(rows(path / "results.jsonl"), key=lambda row: row["run"])
 
@@ -56,14 +56,14 @@ def real(tmp_path_factory):
     """A plan of real runs, and its rows by one uninterrupted sweep."""
     folder = tmp_path_factory.mktemp("real")
     plan = plan_of(folder, "seeds = 2", SHORT, CONTROLLERS)
-    return plan, swept(plan, folder / "out", work), folder / "out"
+    return plan, swept(plan, folder / "out", run_job), folder / "out"
 
 
 def test_rows_have_the_documented_columns_and_open_as_they_are(real):
-    plan, found, folder = real
-    assert [row["status"] for row in found] == ["completed"] * 4
-    assert all(list(row) == [*columns(plan.study.names)] for row in found)
-    assert len({row["run_id"] for row in found}) == 4
+    plan, results, folder = real
+    assert [row["status"] for row in results] == ["completed"] * 4
+    assert all(list(row) == [*columns(plan.study.names)] for row in results)
+    assert len({row["run_id"] for row in results}) == 4
     file = folder / "results.jsonl"
     assert polars.read_ndjson(file).height == len(pandas.read_json(file, lines=True)) == 4
 
@@ -75,10 +75,10 @@ def test_an_interrupted_sweep_ends_with_the_same_rows(real, tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        swept(plan, tmp_path / "out", work, stop)
+        swept(plan, tmp_path / "out", run_job, stop)
     file = tmp_path / "out" / "results.jsonl"
     file.write_bytes(file.read_bytes() + b'{"run":1,"po')  # and the disk was cut off in a row
-    again = swept(plan, tmp_path / "out", work)
+    again = swept(plan, tmp_path / "out", run_job)
     assert [timeless(row) for row in again] == [timeless(row) for row in whole]
 
 
@@ -95,24 +95,24 @@ def test_a_run_that_raises_is_a_row_with_the_same_columns(tmp_path, monkeypatch)
         raise ZeroDivisionError("of the controller\nwith a second line")
 
     monkeypatch.setattr("proving_ground.experiments.sweep.work.simulate", simulate)
-    (row, _) = swept(plan, tmp_path / "out", work)
+    (row, _) = swept(plan, tmp_path / "out", run_job)
     assert (row["status"], row["failure"]) == ("failed", "ZeroDivisionError: of the controller")
     assert list(row) == [*columns(plan.study.names)]
 
 
 @pytest.mark.parametrize(("keep", "kept"), [("none", []), ("all", [0, 1])])
-def test_logs_are_kept_as_asked_and_named_in_the_rows(keep, kept, tmp_path):
+def test_logs_are_kept_and_named_in_the_rows(keep, kept, tmp_path):
     plan = plan_of(tmp_path, f'keep = "{keep}"', SHORT, CONTROLLERS)
-    found = swept(plan, tmp_path / "out", work)
-    there = sorted(file.name for file in (tmp_path / "out" / "logs").iterdir())
-    assert there == [f"{run}.mcap" for run in kept]
-    assert [row["log"] for row in found if row["log"]] == [f"logs/{run}.mcap" for run in kept]
+    results = swept(plan, tmp_path / "out", run_job)
+    names = sorted(file.name for file in (tmp_path / "out" / "logs").iterdir())
+    assert names == [f"{run}.mcap" for run in kept]
+    assert [row["log"] for row in results if row["log"]] == [f"logs/{run}.mcap" for run in kept]
 
 
 def test_the_worst_runs_are_those_that_were_lost_and_those_that_err_most(tmp_path):
     plan = plan_of(tmp_path, 'seeds = 10\nkeep = "worst"\nworst = 4', SHORT)
-    found = swept(plan, tmp_path / "out")
-    named = {row["run"] for row in found if row["log"]}
+    results = swept(plan, tmp_path / "out")
+    named = {row["run"] for row in results if row["log"]}
     assert named == {4, 9, 5, 6}  # two lost, and figures 5 and 6
     assert {file.name for file in (tmp_path / "out" / "logs").iterdir()} == {
         f"{run}.mcap" for run in named
@@ -154,7 +154,7 @@ def test_another_study_other_versions_and_foreign_folders_are_refused(tmp_path):
 def test_a_worker_with_other_code_ends_the_sweep(tmp_path):
     plan = plan_of(tmp_path, SHORT)
     with pytest.raises(SweepStopped, match="a worker has other code than the driver"):
-        swept(plan, tmp_path / "out", lambda job: work(replace(job, code="other")))
+        swept(plan, tmp_path / "out", lambda job: run_job(replace(job, code="other")))
 
 
 def test_a_killed_driver_loses_only_the_run_under_way(real, tmp_path):
@@ -176,15 +176,15 @@ def test_a_killed_driver_loses_only_the_run_under_way(real, tmp_path):
     driver.send_signal(signal.SIGKILL)
     driver.communicate()
     assert 0 < len(list(rows(file))) <= 4
-    again = swept(plan, file.parent, work)
+    again = swept(plan, file.parent, run_job)
     assert [timeless(row) for row in again] == [timeless(row) for row in whole]
 
 
-def test_a_dry_run_says_size_time_and_disk_and_writes_nothing(tmp_path, monkeypatch, capsys):
+def test_a_dry_run_prints_size_time_and_disk_and_writes_nothing(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     plan_of(tmp_path, "seeds = 3", SHORT, CONTROLLERS)
     assert main(["sweep", "tiny.toml", "--dry-run"]) == 0
-    said = capsys.readouterr().out
+    printed = capsys.readouterr().out
     for words in ("runs      6: 1 points, 3 seeds, 2 controllers", "time      about", "disk"):
-        assert words in said
+        assert words in printed
     assert [item.name for item in tmp_path.iterdir()] == ["tiny.toml"]

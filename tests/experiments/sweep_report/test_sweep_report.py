@@ -1,4 +1,4 @@
-"""The report of a sweep: one page that needs nothing else, in every state of a study."""
+"""Report of a sweep: a self-contained page, in every state of a study."""
 
 import html
 import json
@@ -14,16 +14,16 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.sweep.envelope import Envelope, Probe, Question
-from proving_ground.experiments.sweep_report.runs import read_runs
+from proving_ground.experiments.sweep_report.runs import read_sweep
 from proving_ground.experiments.sweep_report.summary import MARK
-from tests.experiments.sweep_rows import AXES, DRAWN, made_up, swept
+from tests.experiments.sweep_rows import AXES, DRAWN, swept, synthetic_row
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 VOID = {"meta", "br", "path", "use"}
 
 
 class Page(HTMLParser):
-    """Checks that tags are closed in order and names given once, and gathers what is pointed at."""
+    """Check that tags are closed in order; collect links and ids."""
 
     def __init__(self, text):
         super().__init__()
@@ -50,7 +50,7 @@ class Page(HTMLParser):
 
 def with_log(job):
     """Leave a log of run 2 alone, and a film beside it."""
-    row = made_up(job)
+    row = synthetic_row(job)
     if job.run != 2:
         return row
     for name in ("2.mcap", "2.mp4"):
@@ -58,7 +58,7 @@ def with_log(job):
     return {**row, "log": "logs/2.mcap"}
 
 
-def told(folder, *options):
+def report_page(folder, *options):
     assert main(["report", str(folder), *options]) == 0
     return (folder / "report" / "report.html").read_text()
 
@@ -70,10 +70,10 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def text(folder):
-    return told(folder)
+    return report_page(folder)
 
 
-def test_it_needs_nothing_from_elsewhere_and_every_link_leads_somewhere(folder, text):
+def test_the_page_is_self_contained_and_every_link_has_a_target(folder, text):
     assert not re.search(r"https?:|@import|url\((?!#)", text)
     page = Page(text)
     assert len(set(page.names)) == len(page.names)
@@ -87,14 +87,14 @@ def test_it_needs_nothing_from_elsewhere_and_every_link_leads_somewhere(folder, 
     assert {"../logs/2.mcap", "../logs/2.mp4", "../results.jsonl"} <= set(page.links)
 
 
-def test_every_run_has_its_row_with_what_tells_it_from_others(folder, text):
-    for row in read_runs(folder).rows:
+def test_every_run_has_a_row_that_identifies_it(folder, text):
+    for row in read_sweep(folder).rows:
         (line,) = re.findall(rf'<tr data-run="{row["run"]}">.*?</tr>', text, re.DOTALL)
         for word in (row["run_id"], row["controller"], row["status"], html.escape(row["failure"])):
             assert word in line
 
 
-def test_text_of_others_stays_text(text):
+def test_text_is_escaped(text):
     assert "<at>" not in text
     assert "roll-over &lt;at&gt; the &amp; fence" in text
 
@@ -113,11 +113,11 @@ def test_a_report_follows_from_the_rows_alone_whatever_their_order(folder, text,
     other = shutil.copytree(folder, tmp_path / folder.name)
     file = other / "results.jsonl"
     file.write_text("".join(reversed(file.read_text().splitlines(keepends=True))))
-    assert told(other) == text
+    assert report_page(other) == text
 
 
 @pytest.mark.parametrize(
-    ("parts", "most", "there", "not_there"),
+    ("parts", "most", "present", "absent"),
     [
         (("seeds = 3",), None, "Tails", "Differences to"),  # one controller, no axis
         (("seeds = 2", DRAWN), None, "over wheelbase [m]", "Points:"),
@@ -125,12 +125,12 @@ def test_a_report_follows_from_the_rows_alone_whatever_their_order(folder, text,
         (("seeds = 2", AXES.replace('"paper", "ttempc", ', "")), None, "hatched", "Differences to"),
     ],
 )
-def test_it_tells_of_any_study(parts, most, there, not_there, tmp_path):
+def test_any_study_can_be_reported(parts, most, present, absent, tmp_path):
     folder = swept(tmp_path, *parts, most=most)
-    text = told(folder)
+    text = report_page(folder)
     Page(text)
-    assert there in text
-    assert not_there not in text
+    assert present in text
+    assert absent not in text
 
 
 def test_an_old_report_is_replaced_and_what_is_not_its_own_is_left(tmp_path):
@@ -138,14 +138,14 @@ def test_an_old_report_is_replaced_and_what_is_not_its_own_is_left(tmp_path):
     (folder / "report").mkdir()
     for name in ("maps-2.png", "curves.png", "report.html", "notes.txt"):
         (folder / "report" / name).write_text("old")
-    told(folder)
+    report_page(folder)
     names = {file.name for file in (folder / "report").iterdir()}
     assert names == {"overview.png", "report.html", "summary.md", "notes.txt"}
 
 
 def test_a_report_that_cannot_be_written_leaves_the_old_one(tmp_path, capsys, monkeypatch):
     folder = swept(tmp_path, "seeds = 1", most=1)
-    text, write = told(folder), Path.write_bytes
+    text, write = report_page(folder), Path.write_bytes
 
     def full(path, content):
         if path.name.startswith(".summary"):
@@ -186,13 +186,16 @@ def test_breaking_points_stand_beside_the_sweep(tmp_path):
         answer("pid", "holds", None, None, [(0.0, 0), (0.4, 0)]),
     ]
     file.write_text(json.dumps({"versions": {}, "envelopes": answers}))
-    text = told(folder, "--envelope", str(file))
+    text = report_page(folder, "--envelope", str(file))
     Page(text)
     (table,) = re.findall(r'id="breaking".*?</table>', text, re.DOTALL)
     cells = [re.findall(r"<td>(.*?)</td>", row) for row in re.findall(r"<tr>.*?</tr>", table, re.S)]
     assert cells[1] == ["paper", "slope [rad]", "0.2", "0.25", "once", "4", "8"]
     assert cells[2] == ["pid", "slope [rad]", "throughout", "–", "–", "2", "4"]
-    assert "grass, seeds 1, 2; a run fails where it is lost, or errs by more than 60 cm" in text
+    assert (
+        "grass, seeds 1, 2; a run fails where it does not complete, or errs by more than 60 cm"
+        in text
+    )
     assert (folder / "report" / "envelope.png").exists()
 
 
@@ -206,7 +209,7 @@ def test_breaking_points_stand_beside_the_sweep(tmp_path):
         ('{"versions": {}, "envelopes": [{"question": {}}]}', "Field required"),
     ],
 )
-def test_a_file_that_is_no_envelope_is_refused(content, words, tmp_path, capsys):
+def test_a_file_without_an_envelope_is_refused(content, words, tmp_path, capsys):
     folder, file = swept(tmp_path, "seeds = 1", most=1), tmp_path / "slope.json"
     if content is not None:
         file.write_text(content)
@@ -225,22 +228,20 @@ def test_a_file_that_is_no_envelope_is_refused(content, words, tmp_path, capsys)
         (("probes", 0, "value"), float("nan"), "envelopes.0.probes.0.value"),
     ],
 )
-def test_an_envelope_that_cannot_be_is_refused_with_its_place(
-    place, value, words, tmp_path, capsys
-):
+def test_an_invalid_envelope_is_refused_with_its_key(place, value, words, tmp_path, capsys):
     folder, file = swept(tmp_path, "seeds = 1", most=1), tmp_path / "slope.json"
-    made = json.loads(json.dumps(answer("pid", "holds", None, None, [(0.0, 0), (0.4, 0)])))
+    content = json.loads(json.dumps(answer("pid", "holds", None, None, [(0.0, 0), (0.4, 0)])))
     *above, last = place
-    reduce(lambda part, key: part[key], above, made)[last] = value
-    file.write_text(json.dumps({"versions": {}, "envelopes": [made]}))
+    reduce(lambda part, key: part[key], above, content)[last] = value
+    file.write_text(json.dumps({"versions": {}, "envelopes": [content]}))
     refused(folder, file, words, capsys)
 
 
 def refused(folder, file, words, capsys):
     assert main(["report", str(folder), "--envelope", str(file)]) == 2
-    said = capsys.readouterr().err
-    assert re.fullmatch(r"ttempc: error: .*slope.json: [^\n]*\n", said)
-    assert words in said
+    printed = capsys.readouterr().err
+    assert re.fullmatch(r"ttempc: error: .*slope.json: [^\n]*\n", printed)
+    assert words in printed
     assert not (folder / "report").exists()
 
 

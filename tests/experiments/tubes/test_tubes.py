@@ -11,7 +11,6 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFit
 from proving_ground.experiments.figures.tube import tube_figure
-from proving_ground.experiments.results.confidence import fewest_samples, share
 from proving_ground.experiments.results.containment import QUANTITIES, containment
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
@@ -145,17 +144,6 @@ def test_a_zonotope_of_correlated_residuals_is_smaller_than_a_box():
     box, zonotope = (fit_set([run], 0.99, 1, shape) for shape in ("box", "zonotope"))
     across = np.array([[1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
     assert zonotope.support(across)[0] < 0.3 * box.support(across)[0]
-
-
-def test_the_interval_of_clopper_and_pearson_equals_published_values():
-    interval = share(90, 100)
-    assert (round(interval.low, 4), round(interval.high, 4)) == (0.8238, 0.9510)
-    assert share(0, 10).low == 0.0
-    assert share(10, 10).high == 1.0
-    assert share(10, 10).low == pytest.approx(0.025 ** (1 / 10))
-    assert fewest_samples(0.99, 0.95) == 299  # Wilks
-    with pytest.raises(ValueError, match="3 of 2"):
-        share(3, 2)
 
 
 def test_a_tube_is_fitted_written_and_read_back(monkeypatch, tmp_path):

@@ -1,4 +1,4 @@
-"""What a plan will take: time from a few seconds of each controller, disk from its size."""
+"""Estimate of a plan's cost: time from a few seconds of each controller, disk from its size."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from proving_ground.testbed.simulation.loop import drive
 from ..results.tracking_errors import START_UP_S
 from ..run.assembly import CONTROL_PERIOD_S, assemble
 from .engine import cores
-from .plan import Extent, Plan, Setting
+from .plan import PlanExtent, Setting, SweepPlan
 
 _TICKS: Final = round(START_UP_S / CONTROL_PERIOD_S)
 _ROW_BYTES: Final = 3500  # of one axis, measured
@@ -21,25 +21,26 @@ _SHOWN: Final = 12  # values of an axis
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
-    """What the runs of a plan take, if none is lost."""
+class SweepCost:
+    """Time and disk space that the runs of a plan take if none terminates early."""
 
     core_s: float
     rows_bytes: int
-    logs_bytes: int  # of all logs that may be there at a time
+    logs_bytes: int  # of all logs that can exist at a time
 
 
-def estimate(plan: Plan, extent: Extent) -> Estimate:
-    """Drive the first seconds of each controller's first run and extrapolate."""
+def estimate_cost(plan: SweepPlan, extent: PlanExtent) -> SweepCost:
+    """Drive the first seconds of one run of each controller and extrapolate."""
     settings: dict[str, Setting] = {}
-    for driver in range(plan.drivers):
-        setting = plan.setting(plan.changed(0, driver))
+    for controller in range(plan.controller_count):
+        accepted = (p for p in range(plan.points) if (p, controller) not in plan.refusals)
+        setting = plan.setting(plan.changes(next(accepted), controller))
         settings.setdefault(setting.scenario.controller.name, setting)
     costs = [_cost(setting) for setting in settings.values()]
     start_s, per_s = (sum(parts) / len(costs) for parts in zip(*costs, strict=True))
     log_bytes = _LOG_BYTES_PER_S * extent.simulated_s / extent.runs
     logs = {"none": 0, "worst": plan.study.worst}.get(plan.study.keep, extent.runs)
-    return Estimate(
+    return SweepCost(
         core_s=start_s * extent.runs + per_s * extent.simulated_s,
         rows_bytes=_ROW_BYTES * extent.runs,
         logs_bytes=round(log_bytes * logs),
@@ -47,45 +48,45 @@ def estimate(plan: Plan, extent: Extent) -> Estimate:
 
 
 def _cost(setting: Setting) -> tuple[float, float]:
-    """Return seconds until a run begins, and seconds a simulated second."""
-    assemble(setting.scenario, seed=1).setup(Recorder())  # what is loaded once a process
+    """Return the time until a run starts [s] and the time per simulated second [s/s]."""
+    assemble(setting.scenario, seed=1).setup(Recorder())  # loads what is loaded once per process
     begin = perf_counter()
     assembly = assemble(setting.scenario, seed=1)
     setup = assembly.setup(Recorder())
     ticks = min(_TICKS, assembly.ticks)
     start = perf_counter()
-    drive(setup, ticks)
+    drive(setup, ticks, assembly.stages)
     return start - begin, (perf_counter() - start) / (ticks * CONTROL_PERIOD_S)
 
 
-def described(plan: Plan, extent: Extent, estimate: Estimate, workers: int | None) -> str:
-    """Return plan, size and estimate as lines of text."""
+def format_plan(plan: SweepPlan, extent: PlanExtent, cost: SweepCost, workers: int | None) -> str:
+    """Return plan, size and cost as lines of text."""
     study = plan.study
     at_once = max(1, cores() if workers is None else workers)
     lines = [f"{plan.name}: {study.description}".rstrip(": "), f"scenario  {study.scenario}"]
     for axis in study.axis:
         lines.append(f"axis      {axis.label}: {', '.join(_shown(plan, axis.names))}")
     lines += [
-        f"seeds     {', '.join(map(str, study.drawn_with))}",
-        f"runs      {extent.runs}: {extent.points} points, {len(study.drawn_with)} seeds, "
-        f"{plan.drivers} controllers ({', '.join(extent.controllers)})",
-        f"time      about {_time(estimate.core_s / at_once)} on {at_once} cores of this machine, "
+        f"seeds     {', '.join(map(str, study.point_seeds))}",
+        f"runs      {extent.runs}: {extent.points} points, {len(study.point_seeds)} seeds, "
+        f"{plan.controller_count} controllers ({', '.join(extent.controllers)})",
+        f"time      about {_time(cost.core_s / at_once)} on {at_once} cores of this machine, "
         f"{_time(extent.simulated_s)} simulated",
-        f"disk      about {_size(estimate.rows_bytes)} rows, "
-        + (f"up to {_size(estimate.logs_bytes)} logs" if estimate.logs_bytes else "no logs"),
+        f"disk      about {_size(cost.rows_bytes)} rows, "
+        + (f"up to {_size(cost.logs_bytes)} logs" if cost.logs_bytes else "no logs"),
     ]
     return "\n".join(lines)
 
 
-def _shown(plan: Plan, names: tuple[str, ...]) -> list[str]:
-    """Return the values of an axis, the middle ones left out where they are many."""
-    seen: dict[str, None] = {}
+def _shown(plan: SweepPlan, names: tuple[str, ...]) -> list[str]:
+    """Return the values of an axis; of many, the first and the last."""
+    texts: dict[str, None] = {}
     for point in range(plan.points):
-        for driver in range(plan.drivers):
-            changes = plan.changed(point, driver)
+        for controller in range(plan.controller_count):
+            changes = plan.changes(point, controller)
             values = dict.fromkeys(_text(changes[name]) for name in names)
-            seen.setdefault(" & ".join(values))
-    shown = [*seen]
+            texts.setdefault(" & ".join(values))
+    shown = [*texts]
     if len(shown) <= _SHOWN:
         return shown
     few = _SHOWN // 4

@@ -1,4 +1,4 @@
-"""What is read from the rows of a sweep, how it is grouped, and what can be traced."""
+"""Rows of a sweep: reading, grouping, and the way from a number back to its runs."""
 
 import json
 import shlex
@@ -11,12 +11,18 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidRows
 from proving_ground.experiments.scenario.scenario import dump, load
-from proving_ground.experiments.sweep.plan import Plan
+from proving_ground.experiments.sweep.failure import ERROR
+from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.study import load_study
-from proving_ground.experiments.sweep_report.aggregate import cells, differences, tail, whole
+from proving_ground.experiments.sweep_report.aggregate import (
+    cells,
+    controller_groups,
+    controller_tail,
+    paired_differences,
+)
 from proving_ground.experiments.sweep_report.axes import scales
-from proving_ground.experiments.sweep_report.format import command, numbers_text
-from proving_ground.experiments.sweep_report.runs import ERROR, read_runs
+from proving_ground.experiments.sweep_report.format import format_numbers, rerun_command
+from proving_ground.experiments.sweep_report.runs import read_sweep
 from tests.experiments.sweep_rows import AXES, DRAWN, swept
 
 
@@ -38,26 +44,26 @@ def begun(three_rows, tmp_path):
 
 @pytest.fixture(scope="module")
 def runs(folder):
-    return read_runs(folder)
+    return read_sweep(folder)
 
 
 def numbers(text):
-    """Read again what `numbers_text` writes, as the page does."""
-    found = []
+    """Parse the text of `format_numbers`, as the page does."""
+    result = []
     for part in filter(None, text.split(", ")):
         span, _, step = part.partition("/")
         first, _, last = span.partition("-")
-        found += range(int(first), int(last or first) + 1, int(step or 1))
-    return found
+        result += range(int(first), int(last or first) + 1, int(step or 1))
+    return result
 
 
 def test_every_run_is_in_one_cell_and_every_number_leads_to_its_runs(runs):
-    found = cells(runs, scales(runs))
-    assert len(found) == 3 * 4 * 3
-    told = [run for cell in found for run in numbers(numbers_text(cell.group.runs))]
-    assert sorted(told) == list(range(180))
+    grouped = cells(runs, scales(runs))
+    assert len(grouped) == 3 * 4 * 3
+    numbered = [run for cell in grouped for run in numbers(format_numbers(cell.group.runs))]
+    assert sorted(numbered) == list(range(180))
     rows = {row["run"]: row for row in runs.rows}
-    for cell in found:
+    for cell in grouped:
         mine = [rows[run] for run in cell.group.runs]
         assert {row["controller"] for row in mine} == {runs.controllers[cell.group.controller]}
         assert {row["terrain.iso_class"] for row in mine} == {"ACE"[cell.places[0]]}
@@ -70,37 +76,37 @@ def test_every_run_is_in_one_cell_and_every_number_leads_to_its_runs(runs):
 
 
 @pytest.mark.parametrize("chance", [0.02, 0.3, 0.9, 1.0])
-def test_numbers_in_few_words_are_read_again(chance):
+def test_number_ranges_can_be_parsed(chance):
     chosen = np.flatnonzero(np.random.default_rng(1).random(500) < chance)
-    assert numbers(numbers_text(chosen)) == chosen.tolist()
-    assert numbers_text(np.arange(3, 2000, 3)) == "3-1998/3"
-    assert numbers_text([4]) == "4"
-    assert numbers_text([]) == ""
+    assert numbers(format_numbers(chosen)) == chosen.tolist()
+    assert format_numbers(np.arange(3, 2000, 3)) == "3-1998/3"
+    assert format_numbers([4]) == "4"
+    assert format_numbers([]) == ""
 
 
 def test_differences_are_those_of_the_same_ground(runs):
-    ours, feedforward = differences(runs, 0)
+    ttempc, feedforward = paired_differences(runs, 0)
     rows = {(row["controller"], row["point"], row["seed"]): row[ERROR] for row in runs.rows}
     pairs = [
         (error, rows["paper", *key]) for (name, *key), error in rows.items() if name == "ttempc"
     ]
     expected = 100 * np.mean([one - other for one, other in pairs])
-    assert ours.error_cm.value == pytest.approx(expected)
-    assert (ours.pairs, len(ours.alone_failed), len(ours.other_failed)) == (60, 0, 0)
+    assert ttempc.error_cm.value == pytest.approx(expected)
+    assert (ttempc.pairs, len(ttempc.alone_failed), len(ttempc.other_failed)) == (60, 0, 0)
     assert (feedforward.pairs, len(feedforward.alone_failed)) == (40, 20)
     # The ground is common: the difference is far surer than the two errors.
-    wide = whole(runs)[0].error_cm
-    assert ours.error_cm.high - ours.error_cm.low < wide.high - wide.low
-    back = differences(runs, 1)[0]
-    assert back.error_cm.value == pytest.approx(-ours.error_cm.value)
+    wide = controller_groups(runs)[0].error_cm
+    assert ttempc.error_cm.high - ttempc.error_cm.low < wide.high - wide.low
+    back = paired_differences(runs, 1)[0]
+    assert back.error_cm.value == pytest.approx(-ttempc.error_cm.value)
 
 
 def test_a_limit_makes_runs_fail_that_completed(folder, runs):
-    strict = read_runs(folder, 0.1)
+    strict = read_sweep(folder, 0.1)
     assert runs.failed.sum() == 20
     assert (strict.failed == (runs.failed | (runs.error_cm > 10.0))).all()
-    assert whole(strict)[0].fails
-    assert tail(strict, 0) == tail(runs, 0)
+    assert controller_groups(strict)[0].fails
+    assert controller_tail(strict, 0) == controller_tail(runs, 0)
 
 
 def test_axes_have_words_units_and_the_order_of_the_study(runs):
@@ -112,25 +118,25 @@ def test_axes_have_words_units_and_the_order_of_the_study(runs):
 
 
 def test_drawn_axes_are_binned_evenly_and_points_are_drawn_anew(tmp_path):
-    runs = read_runs(swept(tmp_path, "seeds = 2", DRAWN))
+    runs = read_sweep(swept(tmp_path, "seeds = 2", DRAWN))
     (scale,) = scales(runs)
     assert scale.binned
     assert sorted(np.bincount(scale.place)) == [6, 6, 6, 6, 8, 8]
     assert len(set(runs.unit)) == 20
 
 
-def test_a_sweep_at_work_is_told_as_far_as_it_is(tmp_path):
+def test_a_sweep_in_progress_can_be_reported(tmp_path):
     folder = swept(tmp_path, "seeds = 5", AXES, most=40)
     file = folder / "results.jsonl"
     file.write_bytes(file.read_bytes() + b'{"run":41,"po')
-    runs = read_runs(folder)
+    runs = read_sweep(folder)
     assert (len(runs.rows), runs.missing) == (40, 140)
     assert runs.controllers == ("paper", "ttempc", "feedforward")
 
 
 @pytest.mark.parametrize("study", ["terrain-slip", "mismatch", "delay", "paper-table"])
 def test_the_command_of_a_row_drives_the_same_scenario(study):
-    plan = Plan(*load_study(study))
+    plan = SweepPlan(*load_study(study))
     for run in (0, plan.size // 2, plan.size - 1):
         planned = plan[run]
         setting = planned.setting
@@ -140,7 +146,7 @@ def test_the_command_of_a_row_drives_the_same_scenario(study):
             "seed": planned.seed,
             **setting.axes,
         }
-        _, _, name, *options = shlex.split(command(plan.study, row))
+        _, _, name, *options = shlex.split(rerun_command(plan.study, row))
         given = {"seed": "", "controller": ""}
         overrides = []
         for option, value in zip(options[::2], options[1::2], strict=True):
@@ -165,7 +171,7 @@ def _without(lines):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (lambda lines: [], "holds no row yet"),
         (lambda lines: [lines[0][:50]], "holds no row yet"),
@@ -177,10 +183,10 @@ def _without(lines):
         (_without, "line 2 .* column tracking.all.trailer.cross_p95_m is missing"),
     ],
 )
-def test_rows_of_something_else_are_refused_in_one_line(change, said, begun, capsys):
+def test_foreign_rows_are_refused_in_one_line(change, message, begun, capsys):
     _changed(begun, change)
-    with pytest.raises(InvalidRows, match=said):
-        read_runs(begun)
+    with pytest.raises(InvalidRows, match=message):
+        read_sweep(begun)
     before = sorted(begun.iterdir())
     assert main(["report", str(begun)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
@@ -188,7 +194,7 @@ def test_rows_of_something_else_are_refused_in_one_line(change, said, begun, cap
 
 
 @pytest.mark.parametrize("missing", ["", "study.toml", "versions.json", "results.jsonl"])
-def test_a_folder_that_is_no_sweeps_is_refused(missing, begun, capsys):
+def test_a_folder_without_a_sweep_is_refused(missing, begun, capsys):
     if missing:
         (begun / missing).unlink()
     else:
@@ -198,13 +204,24 @@ def test_a_folder_that_is_no_sweeps_is_refused(missing, begun, capsys):
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "said"),
+    ("option", "value", "message"),
     [("--against", "pid", "the study has paper"), ("--limit", "0", "must be a length above 0")],
 )
-def test_options_that_make_no_sense_are_refused(option, value, said, begun, capsys):
+def test_invalid_options_are_refused(option, value, message, begun, capsys):
     with pytest.raises(SystemExit, match=r"^2$"):  # as the program itself leaves
         sys.exit(main(["report", str(begun), option, value]))
-    told = capsys.readouterr().err
-    assert said in told
-    assert told.count("\n") == 1
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert printed.count("\n") == 1
     assert not (begun / "report").exists()
+
+
+def test_runs_of_refused_combinations_are_not_missing(tmp_path, capsys):
+    refusing = AXES.replace("values = [", 'values = ["Z", ')  # no such class
+    parts = ("seeds = 1\nskip_refused = true", refusing.replace('["Z", "paper"', '["paper"'))
+    folder = swept(tmp_path, *parts)
+    runs = read_sweep(folder)
+    assert (runs.planned, runs.missing, runs.refused, len(runs.rows)) == (36, 0, 12, 36)
+    assert main(["report", str(folder)]) == 0
+    assert "12 refused" in (folder / "report" / "summary.md").read_text()
+    assert "12 refused" in (folder / "report" / "report.html").read_text()

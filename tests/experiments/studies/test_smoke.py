@@ -1,0 +1,177 @@
+"""Smoke tests: every study whose figures docs/ quotes runs, and prints a table of its form."""
+
+from functools import partial
+
+import pytest
+
+from proving_ground.experiments.results.published import COLUMNS
+from proving_ground.experiments.scenario.tube_file import read_tube, to_json
+from proving_ground.experiments.studies import (
+    ablation,
+    batch,
+    cards,
+    conditions,
+    containment,
+    endurance,
+    errata,
+    estimators,
+    invariance,
+    kayacan2016,
+    paper_table,
+    paper_tube,
+    recovery,
+)
+from proving_ground.experiments.sweep.engine import engine
+from proving_ground.testbed.inspection.inspect import EXPERIMENTS
+
+STRAIGHT = 'path={kind="straight",length_m=10.0}'
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch):
+    monkeypatch.setattr(batch, "engine", partial(engine, 0))
+
+
+def first(table, count):
+    return dict(list(table.items())[:count])
+
+
+def rows(capsys):
+    """Return the rows of the printed Markdown table, its head first, all of one width."""
+    lines = capsys.readouterr().out.splitlines()
+    table = [line.strip("|").split("|") for line in lines if line.startswith("|")]
+    assert len({len(row) for row in table}) == 1
+    head, rule, *body = [[cell.strip() for cell in row] for row in table]
+    assert set(rule) == {"---"}
+    return head, body
+
+
+def finite(cells):
+    """Return the cells as numbers; those of the curve are NaN on a straight path."""
+    numbers = [float(cell) for cell in cells]
+    assert all(number == number for number in numbers)
+    return numbers
+
+
+def test_ablation(capsys, monkeypatch):
+    monkeypatch.setattr(ablation, "VARIANTS", first(ablation.VARIANTS, 2))
+    ablation.main(1, ("grass",), STRAIGHT)
+    head, body = rows(capsys)
+    assert head[2:6] == list(COLUMNS)
+    assert [row[1] for row in body] == list(ablation.VARIANTS)
+    feedforward, mpc = (finite(row[2:4]) for row in body)
+    assert feedforward != mpc
+    assert [row[-1] for row in body] == ["0/1", "0/1"]
+
+
+def test_conditions(capsys, monkeypatch):
+    changes = {name: conditions.CHANGES[name] for name in ("`grass` as it is", "150 kPa")}
+    monkeypatch.setattr(conditions, "CHANGES", changes)
+    conditions.main(1, "pid", STRAIGHT)
+    head, body = rows(capsys)
+    assert head == ["pid", *COLUMNS, "lost"]
+    assert [row[0] for row in body] == [*changes]
+    assert finite(body[0][1:3]) != finite(body[1][1:3])
+
+
+def test_errata(capsys, monkeypatch):
+    monkeypatch.setattr(errata, "READINGS", first(errata.READINGS, 2))
+    errata.main((1,), STRAIGHT)
+    head, body = rows(capsys)
+    assert head == ["reading", *COLUMNS, "lost"]
+    assert [row[0] for row in body] == [*errata.READINGS]
+
+
+def test_estimators(capsys):
+    estimators.main(("grass",), (1,), STRAIGHT)
+    head, body = rows(capsys)
+    assert [row[1] for row in body] == ["`ekf`", "`nmhe`"]
+    cost = head.index("ms")
+    assert float(body[0][cost]) < float(body[1][cost])
+
+
+def test_kayacan2016(capsys, monkeypatch):
+    fields = kayacan2016.STAGES["fine"][:2]
+    monkeypatch.setattr(kayacan2016, "STAGES", {"fine": fields})
+    kayacan2016.main("fine", (1,), STRAIGHT)
+    head, body = rows(capsys)
+    assert head[3:7] == list(COLUMNS)
+    assert [row[:3] for row in body] == [[str(part) for part in field] for field in fields]
+
+
+def test_paper_table(capsys, monkeypatch):
+    monkeypatch.setattr(paper_table, "shipped", lambda: ["split"])
+    paper_table.main("feedforward", "1")
+    head, body = rows(capsys)
+    assert head == ["feedforward: scenario", *COLUMNS, "lost"]
+    assert [row[0] for row in body] == ["`split`"]
+
+
+def test_recovery(capsys, monkeypatch):
+    monkeypatch.setattr(recovery, "OFFSETS", ((0.3, 5.0),))
+    monkeypatch.setattr(recovery, "SCENARIOS", ("grass",))
+    monkeypatch.setattr(recovery, "SEEDS", (1,))
+    monkeypatch.setattr(recovery, "recover", partial(recovery.recover, ticks=50))
+    recovery.main("pid")
+    _, (row,) = rows(capsys)
+    assert row[0] == "`grass`"
+    assert row[-1] == "kept"
+
+
+def test_containment(tmp_path, capsys, monkeypatch):
+    own = containment.Case("grass", path=STRAIGHT)
+    borrowed = containment.Case("grass", tube_of="own", path=STRAIGHT)
+    monkeypatch.setattr(containment, "CASES", {"own": own, "borrowed": borrowed})
+    (tmp_path / "own.json").write_text(to_json(read_tube("grass")))
+    arguments = [str(tmp_path), "--laps", "1"]
+    for _ in range(2):  # the second time every lap is there
+        containment.main(arguments)
+        lines = capsys.readouterr().out.splitlines()
+        assert [line.split("|")[1].strip() for line in lines[2:4]] == ["`own`", "`borrowed`"]
+    assert len(containment.read_laps(tmp_path)) == 2
+
+
+def test_containment_reports_a_tube_that_cannot_be_fitted(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(containment, "CASES", {"own": containment.Case("grass", path=STRAIGHT)})
+    containment.main([str(tmp_path), "--laps", "1", "--fit-laps", "3"])
+    assert "`own`: " in capsys.readouterr().out
+
+
+def test_endurance(capsys):
+    endurance.main("0.001")
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines] == [f"class {name}" for name in "ABCDEF"]
+    assert all(line.endswith("invalid 0 times") for line in lines)
+
+
+def test_invariance(capsys, monkeypatch):
+    for name, count in (("RANDOM", 30), ("BATCH", 10), ("WORST", 20), ("STRIDE", 300)):
+        monkeypatch.setattr(invariance, name, count)
+    invariance.main("grass")
+    lines = capsys.readouterr().out.splitlines()
+    condition, *shares = (float(line.split()[-1]) for line in lines[1:])
+    assert condition <= 1.0 + 1e-6
+    assert len(shares) == 4
+    assert all(share <= 1.0 + 1e-6 for share in shares)
+
+
+def test_paper_tube(capsys, monkeypatch):
+    monkeypatch.setattr(paper_tube, "DRAWS", 20)
+    paper_tube.main()
+    printed = capsys.readouterr().out
+    assert printed.count("largest moduli") == 4
+    assert printed.count("without x_i") == 4
+
+
+def test_cards(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(cards, "shipped", lambda: [])
+    for name in set(EXPERIMENTS) - {"static loads", "free fall"}:
+        monkeypatch.setitem(EXPERIMENTS, name, lambda bench: [])
+    cards.main(tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "README.md",
+        "grass-contact.html",
+        "grass-contact.json",
+    }
+    assert "[grass-contact](grass-contact.html)" in (tmp_path / "README.md").read_text()
+    assert capsys.readouterr().out
