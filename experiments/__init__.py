@@ -1,1 +1,1 @@
-"""Where a controller meets a plant: scenarios, runs, metrics, figures, reports, command line."""
+"""Experiments with a controller and a plant: scenarios, runs, sweeps, reports, command line."""

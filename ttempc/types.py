@@ -38,12 +38,12 @@ class Input(IntEnum):
 
 
 class Disturbance(IntEnum):
-    """Index of each entry of a disturbance: what acts on the vehicle now, beside its inputs."""
+    """Index of each entry of a disturbance that acts on the vehicle beside its inputs."""
 
-    SLIP_T = 0  # [rad] side slip of the rear axle: its course is psi_t + slip
+    SLIP_T = 0  # [rad] side slip of the rear axle, which moves along psi_t + slip
     SLIP_I = 1  # [rad] side slip of the trailer axle
-    STEERING = 2  # [rad] front steering that acts beside the measured: bias, slip of the front axle
-    DRIVE = 3  # [m/s^2] acceleration beside the hydrostat's: soil drag, slope
+    STEERING = 2  # [rad] added to the measured front steering: bias, slip of the front axle
+    DRIVE = 3  # [m/s^2] added to the acceleration by the hydrostat: soil drag, slope
     WHEEL = 4  # wheel slip 1 - v / rim, rim: speed of the rims of the driven wheels
 
 
@@ -62,7 +62,7 @@ class MapDisturbance(IntEnum):
 
 
 class Sensor(StrEnum):
-    """The sensors of a vehicle, by the quantity that they deliver: the paper's, then others."""
+    """Sensors of a vehicle, each with the components of a sample."""
 
     GNSS_TRACTOR = "gnss_tractor"  # (x, y) [m] of the tractor point, map frame
     GNSS_TRAILER = "gnss_trailer"  # (x, y) [m] of the trailer point, map frame
@@ -85,7 +85,7 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """How far one sample lay from its prediction, in the filter's own standard deviations."""
+    """Difference of one sample from its prediction, normalised by its covariance."""
 
     sensor: Sensor
     normalised_squared: float  # nu' S^-1 nu, chi-square with `dimension` degrees of freedom
@@ -95,22 +95,22 @@ class Innovation:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What the controller may know of the vehicle at one control tick."""
+    """Estimated state of the vehicle at one control tick."""
 
-    time_s: float
+    time_s: float  # at which the state is estimated
     state: FloatArray  # (7,) see `State`
     covariance: FloatArray  # (7, 7) of `state`; zeros where the truth is handed through
     trailer_xy: FloatArray  # (2,) [m] trailer point, map frame
     hitch_angle: float  # [rad] beta = psi_t - psi_d
     disturbance: FloatArray = field(default_factory=lambda: np.zeros(len(Disturbance)))  # (5,)
     innovations: tuple[Innovation, ...] = ()  # of the samples that came in for this tick
-    # (4,) see `MapDisturbance`: the share of `disturbance` that turns as the vehicle does not.
+    # (4,) see `MapDisturbance`: the part of `disturbance` that stays with the field
     map_disturbance: FloatArray = field(default_factory=lambda: np.zeros(len(MapDisturbance)))
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What is sent to the vehicle for one control period; always inside the vehicle's limits."""
+    """Command to the vehicle for one control period."""
 
     delta_t: float  # [rad] front steering
     delta_i: float  # [rad] trailer steering at RJ2
@@ -118,12 +118,12 @@ class Command:
 
     def as_array(self) -> FloatArray:
         """Return the command as an (3,) array in the order of `Input`."""
-        return np.array([self.delta_t, self.delta_i, self.hp])
+        return np.array([self.delta_t, self.delta_i, self.hp], dtype=float)
 
 
 @dataclass(frozen=True, slots=True)
 class SolverReport:
-    """What the QP solver said of one solve."""
+    """Result of one QP solve, as reported by the solver."""
 
     status: str  # the solver's own word, "solved" where the result was accepted
     accepted: bool  # solved, finite and within its bounds
@@ -135,7 +135,7 @@ class SolverReport:
 
 @dataclass(frozen=True, slots=True)
 class TubeReport:
-    """Where a tube lies around the reference at one tick, and where in it the estimate is.
+    """Tube about the reference at one tick, and the estimate's containment in it.
 
     Errors are z_e = T (z_r - z) of the minimal state, in the order of `State`, then x and y of the
     trailer point; positions in the frames of the reference [m].
@@ -172,8 +172,8 @@ class Diagnostics:
     modelling_error: FloatArray | None = None  # (4,) z_m: x, y of tractor, of trailer [m]
     predicted_path: FloatArray | None = None  # (N, 4) predicted x_t, y_t, x_i, y_i [m], map frame
     solver: SolverReport | None = None  # None where the controller solves no QP
-    fallback: str = ""  # why another law than the stated one drove; empty where it did not
-    tube: TubeReport | None = None  # None where the controller keeps to no tube
+    fallback: str = ""  # reason why another law than the controller's own acted, else empty
+    tube: TubeReport | None = None  # None for a controller without a tube
 
     @property
     def total(self) -> FloatArray:

@@ -25,7 +25,7 @@ from ttempc.guidance.guidance import Guidance
 from ttempc.reference.path import Path
 from ttempc.reference.posture import check_drivable
 from ttempc.reference.reference import Reference, check_pace
-from ttempc.types import FloatArray
+from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
@@ -96,12 +96,20 @@ class Assembly:
         count = self.ticks * round(CONTROL_PERIOD_S * record_hz) + 1
         sample = self.reference.at(np.arange(count) / record_hz)
         x, y, psi_t, psi_i, delta_t, delta_i, v = sample.state.T
-        return np.column_stack(
-            [
-                *(x, y, psi_t, sample.trailer_xy, psi_i, v, sample.curvature),
-                *(sample.hitch_angle, delta_t, delta_i, sample.inputs[:, 2]),
-            ]
+        columns = (
+            x,
+            y,
+            psi_t,
+            sample.trailer_xy,
+            psi_i,
+            v,
+            sample.curvature,
+            sample.hitch_angle,
+            delta_t,
+            delta_i,
+            sample.inputs[:, Input.HP],
         )
+        return np.column_stack(columns)
 
 
 def assemble(

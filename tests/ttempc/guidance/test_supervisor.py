@@ -1,4 +1,4 @@
-"""What a vehicle does on bad estimates, stale positions, metres of error and wild references."""
+"""Supervisor: bad estimates, stale positions, metres of error, references beyond the limits."""
 
 from __future__ import annotations
 
