@@ -99,8 +99,11 @@ class SweepPlan:
         """Return a run by its number.
 
         Raises:
+            IndexError: the plan has no such run.
             InvalidStudy: its scenario is invalid; the message names the values of its axes.
         """
+        if not 0 <= run < self.size:
+            raise IndexError(f"run {run}: the plan has runs 0 to {self.size - 1}")
         rest, controller = divmod(run, self.controller_count)
         point, seed = divmod(rest, len(self._seeds))
         return PlannedRun(run, point, self._seeds[seed], self._setting(point, controller))
