@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
+
+from proving_ground.testbed.atomic_write import atomic_write
 
 from ..errors import OutputExists
 from ..figures import png
@@ -66,17 +68,11 @@ def _pictures(report: SweepReport) -> dict[str, bytes]:
 
 
 def _replace(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Replace files atomically: after an error each is the old or the new one."""
-    parts = []
+    """Replace files, all written before the first takes its place; each is the old or the new."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            part = folder / f".{name}.part"
-            parts.append(part)
-            part.write_bytes(content)
-        for name in files:
-            os.replace(folder / f".{name}.part", folder / name)
+        with ExitStack() as stack:
+            for name, content in files.items():
+                stack.enter_context(atomic_write(folder / name)).write(content)
     except OSError as error:
-        for part in parts:
-            part.unlink(missing_ok=True)
         raise OutputExists(f"output {folder}: cannot be written: {error.strerror}") from None
