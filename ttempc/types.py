@@ -76,7 +76,12 @@ class Sensor(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """One sample of one sensor."""
+    """One sample of one sensor.
+
+    Example:
+        >>> Measurement(time_s=1763775600.2, sensor=Sensor.GNSS_TRACTOR, value=(12.31, -4.02)).value
+        (12.31, -4.02)
+    """
 
     time_s: float  # time at which the sample was taken
     sensor: Sensor
@@ -110,7 +115,12 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command to the vehicle for one control period."""
+    """Command to the vehicle for one control period.
+
+    Example:
+        >>> Command(delta_t=0.1, delta_i=-0.05, hp=0.7).as_array()
+        array([ 0.1 , -0.05,  0.7 ])
+    """
 
     delta_t: float  # [rad] front steering
     delta_i: float  # [rad] trailer steering at RJ2

@@ -20,6 +20,11 @@ class Vehicle:
 
     Raises:
         InvalidVehicle: a value is not finite or out of its range.
+
+    Example:
+        >>> vehicle = Vehicle(wheelbase=1.6, trailer_length=2.0)  # [m]
+        >>> vehicle.input_max  # front steering [rad], trailer steering [rad], hydrostat
+        array([0.61086524, 0.43633231, 1.        ])
     """
 
     wheelbase: float = 1.4  # L^t, front axle to rear axle of the tractor [m]; paper, sec. II

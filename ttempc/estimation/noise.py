@@ -26,6 +26,10 @@ class SensorNoise:
 
     Raises:
         InvalidTuning: a value is not finite or not above 0.
+
+    Example:
+        >>> SensorNoise(gnss=0.015).of(Sensor.GNSS_TRACTOR)  # RTK of 1.5 cm
+        0.015
     """
 
     gnss: float = 0.03  # [m] each axis

@@ -159,6 +159,14 @@ def make_controller(
         UnknownController: with the names that exist.
         InvalidTuning: an option is unknown, of another type, or out of its range.
         InvalidTube: there is no design, or it does not fit vehicle and reference.
+
+    Example:
+        >>> from ttempc import ConstantSpeed, figure_eight
+        >>> vehicle = Vehicle()
+        >>> reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
+        >>> controller = make_controller("ttempc", vehicle, reference, 0.2, options={"horizon": 15})
+        >>> sorted(CONTROLLERS)[:3]
+        ['feedforward', 'lqr', 'nmpc']
     """
     entry = controller_entry(name)
     if entry.tube == "required" and design is None:

@@ -36,11 +36,12 @@ class Guidance:
 
     Every period of `period_s`, call `update` with the samples that arrived since, then `step`:
 
-        guidance = Guidance(vehicle, figure_eight())
-        guidance.warm_up()
-        while driving:
-            guidance.update(time_s, measurements)
-            command = guidance.step()
+        >>> from ttempc import Vehicle, figure_eight
+        >>> guidance = Guidance(Vehicle(), figure_eight())
+        >>> guidance.warm_up()
+        >>> estimate = guidance.update(1763775600.0, [])  # time [s], samples since the last call
+        >>> guidance.step().delta_t, guidance.diagnostics.fallback
+        (0.0, 'estimate not finite: command held')
 
     `update` runs the estimator. `step` checks the estimate against the reference, asks the
     controller, and limits its command. On a bad estimate or a controller far from the reference it

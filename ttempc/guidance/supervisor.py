@@ -39,6 +39,10 @@ class SafetyLimits:
 
     Raises:
         InvalidTuning: a value is not above 0.
+
+    Example:
+        >>> SafetyLimits(unseen_stop_s=6.0).unseen_stop_s
+        6.0
     """
 
     unseen_slow_s: float = 2.0  # without an accepted GNSS sample, or age of the estimate

@@ -53,6 +53,11 @@ class Path:
     Raises:
         InvalidPath: a length or curvature is not finite, the curvature jumps, or a closed path
             does not meet its own beginning.
+
+    Example:
+        >>> turn = Path((Segment(5.0, 0.0, 0.1), Segment(10.0, 0.1, 0.1)))  # clothoid, arc
+        >>> round(float(turn.pose(15.0)[2]), 3)  # heading [rad]: the integral of the curvature
+        1.25
     """
 
     segments: tuple[Segment, ...]
@@ -206,7 +211,12 @@ def _arc(heading: FloatArray, curvature: FloatArray, length: FloatArray) -> Floa
 
 
 def straight(length_m: float) -> Path:
-    """Return a straight line from the origin along the x axis."""
+    """Return a straight line from the origin along the x axis.
+
+    Example:
+        >>> float(straight(20.0).length_m)
+        20.0
+    """
     return Path((Segment(length_m, 0.0, 0.0),))
 
 
@@ -234,6 +244,13 @@ def figure_eight(
 
     Raises:
         InvalidPath: a length or `laps` is not positive, or the circles are too close together.
+
+    Example:
+        >>> path = figure_eight(radius_m=10.0, laps=1)
+        >>> round(float(path.length_m), 1)
+        136.7
+        >>> path.pose(0.0).shape  # x [m], y [m], heading [rad]
+        (3,)
     """
     lengths = {"radius_m": radius_m, "centre_distance_m": centre_distance_m, "blend_m": blend_m}
     for name, value in lengths.items():

@@ -52,6 +52,12 @@ def smooth(points: FloatArray, max_deviation_m: float) -> SmoothedPath:
         InvalidPath: fewer than two points, a point that is not finite or repeated, or a polygon
             that turns back on itself, with index, place and length along the polygon; or
             `max_deviation_m` is not above 0 or too small for the points.
+
+    Example:
+        >>> points = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 8.0]])
+        >>> smoothed = smooth(points, max_deviation_m=0.3)
+        >>> smoothed.deviation_m <= 0.3
+        True
     """
     if not (math.isfinite(max_deviation_m) and max_deviation_m > 0.0):
         raise InvalidPath(f"max_deviation_m: got {max_deviation_m}, must be finite and above 0")
