@@ -1,9 +1,11 @@
-"""The log of a run, with all that describes the run put into it."""
+"""Log of a run with its metadata and attachments."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 
 from proving_ground.testbed.ground.ground import GROUND_FILE
 from proving_ground.testbed.log.log import LogWriter
@@ -14,8 +16,22 @@ from ..scenario.scenario import Scenario, dump
 from .assembly import Assembly
 
 
-def describe(name: str, scenario: Scenario, seed: int, assembly: Assembly) -> dict[str, str]:
-    """Return what log and record say of a run as a whole."""
+def describe(
+    name: str,
+    scenario: Scenario,
+    seed: int,
+    assembly: Assembly,
+    sources: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, str]:
+    """Return the metadata of a run for log and record.
+
+    Args:
+        name: of the scenario.
+        scenario: resolved.
+        seed: of the run.
+        assembly: of the run.
+        sources: hashes of a user's code, see `user_sources`.
+    """
     return {
         "scenario": name,
         "controller": scenario.controller.name,
@@ -23,6 +39,7 @@ def describe(name: str, scenario: Scenario, seed: int, assembly: Assembly) -> di
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
         **versions(),
+        **sources,
     }
 
 
@@ -33,7 +50,7 @@ def open_log(
     scenery: Scenery,
     metadata: dict[str, str],
 ) -> LogWriter:
-    """Return the log, ready to be entered and written.
+    """Return the writer of a run's log; enter it to write.
 
     Raises:
         LogError: as `LogWriter`.

@@ -26,7 +26,7 @@ from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import ParameterMismatch
 from .assembly import RECORD_RATE_HZ, Assembly, assemble, record_steps
 from .log_file import describe, open_log
-from .user_code import name_of, source_digest, user_sources
+from .user_code import name_of, user_sources
 
 _PATH_STEP_M = 0.2  # between the points of the reference path in the log
 
@@ -72,7 +72,7 @@ def simulate(
     if log is None:
         outcome = drive_into(recorder, assembly)
     else:
-        metadata = describe(name, scenario, seed, assembly)
+        metadata = describe(name, scenario, seed, assembly, sources)
         with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
             outcome = drive_into(Tee(recorder, writer), assembly)
     _print_traceback(outcome)
@@ -124,7 +124,7 @@ def run(
         resolved = dump(scenario)
         files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
         files["scenario"].write_text(resolved, encoding="utf-8")
-        metadata = describe(name, scenario, seed, assembly)
+        metadata = describe(name, scenario, seed, assembly, sources)
         recorder = Recorder()
         log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
         what = f"{name}, {scenario.controller.name}, seed {seed}"
@@ -169,12 +169,10 @@ def _with_controller(
     Raises:
         InvalidController: a module named by the scenario cannot be imported.
     """
-    if factory is None:
-        return scenario, user_sources(scenario)
-    name = name_of(factory)
-    settings = replace(scenario.controller, name=name, options=dict(options or {}))
-    sources = {f"controller {name}": source_digest(factory)}
-    return replace(scenario, controller=settings), sources
+    if factory is not None:
+        settings = replace(scenario.controller, name=name_of(factory), options=dict(options or {}))
+        scenario = replace(scenario, controller=settings)
+    return scenario, user_sources(scenario, factory)
 
 
 def _print_traceback(outcome: Outcome) -> None:

@@ -164,20 +164,27 @@ def source_digest(factory: Callable[..., object]) -> str:
     return hashlib.sha256(content + bound.encode()).hexdigest()[:12]
 
 
-def user_sources(scenario: Scenario) -> dict[str, str]:
+def user_sources(
+    scenario: Scenario, factory: Callable[..., object] | None = None
+) -> dict[str, str]:
     """Return a hash of the source of controller, estimator and stages where they are a user's.
+
+    Args:
+        scenario: names them.
+        factory: of the controller, where it is not to be found by its name.
 
     Raises:
         InvalidController: as `load_factory`.
     """
     settings = scenario.controller
-    parts = [("controller", settings.name), ("estimator", settings.estimator)]
+    sources = {} if factory is None else {f"controller {settings.name}": source_digest(factory)}
+    parts = [] if factory else [("controller", settings.name)]
+    parts.append(("estimator", settings.estimator))
     parts += [("stage", stage.make) for stage in scenario.stages]
-    return {
-        f"{what} {name}": source_digest(load_factory(name, what))
-        for what, name in parts
-        if is_user_code(name)
-    }
+    for what, name in parts:
+        if is_user_code(name):
+            sources[f"{what} {name}"] = source_digest(load_factory(name, what))
+    return sources
 
 
 def _definition(factory: Callable[..., object]) -> tuple[Any, str]:

@@ -110,7 +110,9 @@ def test_an_exception_in_the_run_ends_it_and_keeps_log_and_summary(package, caps
     printed = capsys.readouterr()
     assert '"status": "invalid"' in printed.out
     assert 'raise RuntimeError("lost my way")' in printed.err
-    events = [event.text for event in read_log(package / "late" / "log.mcap").events]
+    log = read_log(package / "late" / "log.mcap")
+    assert "controller lawn.drivers:Late" in log.metadata
+    events = [event.text for event in log.events]
     assert any("Traceback" in text and "lawn/drivers.py" in text for text in events)
     assert (package / "late" / "log.mcap").exists()
     summary = (package / "late" / "summary.json").read_text()
