@@ -28,12 +28,20 @@ _HEADROOM: Final = 0.06  # of the range between the bounds
 
 
 def signals_figure(record: Record) -> Figure:
-    """Return feedforward, feedback, robust and total action of each input with its bounds."""
+    """Return feedforward, feedback, robust and total action of each input with its bounds.
+
+    A controller that returns commands without such parts has the command alone.
+    """
     table = record[CONTROL]
+    given = [
+        action
+        for action in _ACTIONS
+        if any(np.isfinite(table[f"{name}_{action[0]}"]).any() for name, _, _ in INPUTS)
+    ]
     figure = blank(6.2)
     rows = figure.subplots(3, 1, sharex=True)
     for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
-        for action, text, colour, width in _ACTIONS:
+        for action, text, colour, width in given:
             axes.plot(
                 table.time_s,
                 factor * table[f"{name}_{action}"],

@@ -118,6 +118,19 @@ def test_control_signals_show_every_action_of_every_input(run):
     ]
 
 
+def test_control_signals_without_actions_show_the_command_alone(run):
+    control = run[CONTROL]
+    hidden = ("_feedforward", "_feedback", "_robust", "_total")
+    columns = {
+        name: np.full(len(control), np.nan) if name.endswith(hidden) else control[name]
+        for name in control.channel.fields
+    }
+    tables = run.tables | {CONTROL.topic: table_of(CONTROL, control.time_s, columns)}
+    figure = FIGURES["signals"](replace(run, tables=tables))
+    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert labels == ["total, as sent", "bounds"]
+
+
 def test_the_tyre_figure_shows_means_over_a_second_of_each_wheel(run):
     slip, angle, load = FIGURES["tyres"](run).axes
     assert [len(axes.lines) for axes in (slip, angle, load)] == [2, 4, 6]
