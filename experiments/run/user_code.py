@@ -8,7 +8,7 @@ import inspect
 import os
 import sys
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -153,15 +153,26 @@ def source_digest(factory: Callable[..., object]) -> str:
     "unknown" where that does not exist either.
     """
     kind, bound = _definition(factory)
+    content = _source(kind)
+    if content is None:
+        return "unknown"
+    return hashlib.sha256(content + bound.encode()).hexdigest()[:12]
+
+
+@cache
+def _source(kind: Any) -> bytes | None:  # noqa: ANN401 - a function or a class
+    """Return the source of a definition as it was when first asked for: that of the loaded code.
+
+    A module that is edited while it is loaded keeps running as it was. A definition that is loaded
+    again is another object.
+    """
     try:
         file = inspect.getsourcefile(kind)
         if file and Path(file).is_file():
-            content = Path(file).read_bytes()
-        else:
-            content = inspect.getsource(kind).encode()
+            return Path(file).read_bytes()
+        return inspect.getsource(kind).encode()
     except (OSError, TypeError):
-        return "unknown"
-    return hashlib.sha256(content + bound.encode()).hexdigest()[:12]
+        return None
 
 
 def user_sources(

@@ -191,8 +191,11 @@ def test_runs_of_a_factory_are_filed_under_its_own_name_and_source(package):
     before, _ = simulate(*load("grass", named), seed=3)
     with open(package / "lawn" / "drivers.py", "a") as file:
         file.write("# changed\n")
+    still, _ = simulate(*load("grass", named), seed=3)
+    assert still.run_id == before.run_id  # the loaded code is that of before
+    del sys.modules["lawn.drivers"]
     after, _ = simulate(*load("grass", named), seed=3)
-    assert before.run_id != after.run_id
+    assert after.run_id != before.run_id
 
 
 class Wild:

@@ -37,7 +37,10 @@ def test_an_option_replaces_its_default_alone():
             "controller.options.horizn=12",
             r"controller.options.horizn: unknown, allowed .*moves",
         ),
-        ("controller.options.horizon=2.5", r"controller.options.horizon: got 2.5, must be a whole"),
+        (
+            "controller.options.horizon=2.5",
+            r"controller.options.horizon: got 2.5, must be an integer",
+        ),
         ("controller.options.horizon=0", r"controller.options.horizon: got 0"),
         ("controller.options.step_weight=[1.0]", r"controller.options.step_weight"),
         ("controller.options.robust='no'", r"controller.options.robust: got 'no', must be true"),

@@ -1,0 +1,41 @@
+"""Options of controllers from tables: types, names, ranges."""
+
+from dataclasses import asdict, fields
+
+import pytest
+
+from ttempc.errors import InvalidTuning
+from ttempc.guidance.controllers import CONTROLLERS
+from ttempc.guidance.options import parse_options
+
+KINDS = {entry.options for entry in CONTROLLERS.values() if entry.options is not None}
+OPTIONS = sorted(
+    ((kind, item.name) for kind in KINDS for item in fields(kind)),
+    key=lambda option: (option[0].__name__, option[1]),
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"), OPTIONS, ids=[f"{kind.__name__}.{name}" for kind, name in OPTIONS]
+)
+@pytest.mark.parametrize("wrong", [None, "wrong", [], ["wrong"], {}, float("nan")])
+def test_a_value_of_another_type_is_refused_with_its_name(kind, name, wrong):
+    with pytest.raises(InvalidTuning, match=rf"^controller\.options\.{name}"):
+        parse_options(kind, {name: wrong})
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS, key=lambda kind: kind.__name__))
+def test_defaults_written_as_a_file_has_them_give_the_defaults(kind):
+    table = {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in asdict(kind()).items()
+    }
+    assert parse_options(kind, table) == kind()
+
+
+def test_whole_numbers_become_floats_where_the_default_is_one():
+    options = CONTROLLERS["ttempc"].options
+    parsed = parse_options(options, {"step_weight": [1, 1, 1], "memory_s": 5, "horizon": 12})
+    assert [type(weight) for weight in parsed.step_weight] == [float, float, float]
+    assert type(parsed.memory_s) is float
+    assert type(parsed.horizon) is int
