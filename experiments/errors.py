@@ -59,3 +59,7 @@ class InvalidRows(ExperimentError):
 
 class InvalidFit(ExperimentError):
     """The data do not allow a tube to be fitted, or the tube file is invalid."""
+
+
+class InvalidReplay(ExperimentError):
+    """The log or the settings allow no replay of the estimator. The message names the reason."""

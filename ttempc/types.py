@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
@@ -96,6 +97,8 @@ class Innovation:
     normalised_squared: float  # nu' S^-1 nu, chi-square with `dimension` degrees of freedom
     dimension: int
     accepted: bool = True  # False where the gate kept the sample out of the estimate
+    whitened: tuple[float, ...] = ()  # L^-1 nu with S = L L'; empty where it is not known
+    log_determinant: float = math.nan  # log det S
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ _COMMANDS: Final = {
     "report": _Command("report", "report the results of a sweep"),
     "envelope": _Command("envelope", "find where controllers fail"),
     "compare": _Command("compare", "compare several runs on one reference"),
-    "log": _Command("log", "show, export, check or recover a log"),
+    "log": _Command("log", "show, export, check, recover or replay a log"),
     "video": _Command("video", "film a run from its log"),
     "frame": _Command("frame", "take one picture of a run from its log"),
     "card": _Command("card", "validate the plant of one scenario"),
@@ -50,7 +50,7 @@ field in MuJoCo, under the controller of your choice.
   ttempc sweep terrain-slip         thousands of runs on all cores
   ttempc report runs/sweep-terrain-slip    one page with tables and charts of a sweep
   ttempc card wet-slope             validation of the plant: is it my controller or the simulator?
-  ttempc log info runs/DIR/log.mcap  content of a log; export, check and recover it
+  ttempc log info runs/DIR/log.mcap  content of a log; export, check, recover, replay it
   ttempc video runs/.../log.mcap    a film of a run; `frame` takes one picture of it
 """
 

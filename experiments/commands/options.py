@@ -36,6 +36,11 @@ def add_scenario(parser: argparse.ArgumentParser, writes: bool = True) -> None:
             metavar="DIR",
             help="folder to make (default: a new one in runs/); an existing one is refused",
         )
+    add_overrides(parser)
+
+
+def add_overrides(parser: argparse.ArgumentParser) -> None:
+    """Add the changes of a scenario."""
     parser.add_argument(
         "--set",
         action="append",

@@ -21,11 +21,12 @@ from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stag
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.simulation.termination import TerminationLimits
 from ttempc.guidance.controllers import controller_options
+from ttempc.guidance.estimators import estimator_factory
 from ttempc.guidance.guidance import Guidance
 from ttempc.reference.path import Path
 from ttempc.reference.posture import check_drivable
 from ttempc.reference.reference import Reference, check_pace
-from ttempc.types import FloatArray, Input
+from ttempc.types import Estimator, FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
@@ -244,7 +245,6 @@ def _guidance(
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
-    noise = assumed_noise(scenario.sensors)
     controller, options, tube = settings.name, settings.options, None
     if factory is None and is_user_code(settings.name):
         factory = load_factory(settings.name, "controller")
@@ -255,12 +255,10 @@ def _guidance(
             settings.name, factory, vehicle, reference, CONTROL_PERIOD_S, options
         )
         options = None
-    estimator = settings.estimator
-    if estimator == TRUTH:
+    if settings.estimator == TRUTH:
         estimator = TruthEstimator(plant.truth)
-    elif is_user_code(estimator):
-        user_factory = load_factory(estimator, "estimator")
-        estimator = user_estimator(estimator, user_factory, vehicle, noise)
+    else:
+        estimator = scenario_estimator(scenario, vehicle)
     return Guidance(
         vehicle,
         reference,
@@ -268,9 +266,20 @@ def _guidance(
         controller,
         estimator,
         options=options,
-        sensor_noise=noise,
         tube=tube,
     )
+
+
+def scenario_estimator(scenario: Scenario, vehicle: Vehicle) -> Estimator:
+    """Return the estimator of a scenario for a vehicle model; not the truth estimator.
+
+    Raises:
+        InvalidController: the module of a user's estimator cannot be used.
+    """
+    name, noise = scenario.controller.estimator, assumed_noise(scenario.sensors)
+    if is_user_code(name):
+        return user_estimator(name, load_factory(name, "estimator"), vehicle, noise)
+    return estimator_factory(name)(vehicle, noise)
 
 
 def _stages(scenario: Scenario, seed: int) -> tuple[Stage, ...]:

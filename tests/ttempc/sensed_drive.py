@@ -79,9 +79,7 @@ class SensedDrive:
         measurements = []
         augmented, unused = augmented.copy(), np.empty((SIZE, SIZE))
         for j in range(1, SUBSTEPS + 1):
-            density = noise.density(
-                augmented[AugmentedState.PSI_T], augmented[AugmentedState.RIM], noise.roughness
-            )
+            density = noise.density(augmented, noise.scales, VEHICLE)
             advance_augmented_state(
                 augmented,
                 self._valves,

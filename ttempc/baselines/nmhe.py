@@ -15,7 +15,6 @@ from ..estimation.augmented_state import (
     SIZE,
     STATES,
     AugmentedState,
-    estimate_of,
 )
 from ..estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ..estimation.ekf import ExtendedKalmanFilter
@@ -58,7 +57,7 @@ class MovingHorizonEstimator:
 
     norms weighted by the inverse of their subscripts (Rao, Rawlings and Mayne 2003). An
     `ExtendedKalmanFilter` runs beside the estimator. It supplies the arrival cost x, P at the start
-    of the window, the roughness in Q, and the samples that its gate accepts, late ones included.
+    of the window, the factors in Q, and the samples that its gate accepts, late ones included.
     Gauss-Newton starts from the last estimate of each time and takes `iterations` steps a tick. Its
     block-tridiagonal system is solved directly, and by PIQP if that solution leaves the bounds.
 
@@ -109,9 +108,7 @@ class MovingHorizonEstimator:
         now = states[-1].copy()
         now.augmented[0], now.covariances[0] = trajectory.augmented[-1], trajectory.covariance
         self._filter.predict(now, time_s)
-        return estimate_of(
-            now.augmented[0], now.covariances[0], time_s, self._vehicle, filtered.innovations
-        )
+        return self._filter.estimate(now, filtered.innovations)
 
     def _step(
         self, states: list[FilterState], samples: list[Measurement], guess: FloatArray
@@ -150,7 +147,7 @@ class MovingHorizonEstimator:
         """Return the transition from `guess` (16,) at the time of `state` to `until_s`."""
         augmented, valves = guess.copy(), state.valves.copy()
         jacobian, noise = np.eye(SIZE), _LEAST_VARIANCE * np.eye(SIZE)
-        step_jacobian, roughness = np.empty((SIZE, SIZE)), float(state.roughness[0])
+        step_jacobian, scales = np.empty((SIZE, SIZE)), state.scales[0]
         fading_m = self._process_noise.fading_m()
         time_s = state.time_s
         for end_s, command in self._filter.commands(time_s, until_s):
@@ -161,13 +158,12 @@ class MovingHorizonEstimator:
             steps = steps_over(span_s)
             step_s = span_s / steps
             for _ in range(steps):
-                psi_t, rim = augmented[AugmentedState.PSI_T], augmented[AugmentedState.RIM]
+                middle = augmented.copy()
                 advance_augmented_state(
                     augmented, valves, command, self._parameters, fading_m, step_s, step_jacobian
                 )
-                middle_psi_t = 0.5 * (psi_t + augmented[AugmentedState.PSI_T])
-                middle_rim = 0.5 * (rim + augmented[AugmentedState.RIM])
-                density = self._process_noise.density(middle_psi_t, middle_rim, roughness)
+                middle[:STATES] = 0.5 * (middle[:STATES] + augmented[:STATES])
+                density = self._process_noise.density(middle, scales, self._vehicle)
                 half = 0.5 * step_s * density
                 noise = step_jacobian @ (noise + half) @ step_jacobian.T + half
                 jacobian = step_jacobian @ jacobian

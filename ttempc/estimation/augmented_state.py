@@ -50,10 +50,6 @@ DISTURBANCE_BOUND: Final[FloatArray] = np.array([0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 
 INITIAL_SD: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.01, 0.03, 0.03])
 """Standard deviation of each disturbance before the first sample, (9,); assumed."""
 
-LEAST_ROUGHNESS: Final = 1e-3
-MOST_ROUGHNESS: Final = 20.0
-"""Range of the roughness that a filter learns, see `noise.ProcessNoise`; assumed."""
-
 
 @dataclass(frozen=True, slots=True)
 class Slips:
@@ -116,10 +112,12 @@ def estimate_of(
     time_s: float,
     vehicle: Vehicle,
     innovations: tuple[Innovation, ...],
+    fast_speed_variance: float = 0.0,
 ) -> Estimate:
     """Return the estimate for a controller from an augmented state (16,).
 
-    `covariance` (16, 16) is carried to the state (7, 7) to first order. The drive disturbance of
+    `covariance` (16, 16) is carried to the state (7, 7) to first order; `fast_speed_variance`
+    [(m/s)^2], see `ProcessNoise`, is added to that of the speed. The drive disturbance of
     the estimate moves v as the rim speed, its disturbance and the wheel slip do together.
     """
     total = slips(augmented)
@@ -140,6 +138,7 @@ def estimate_of(
     jacobian[State.V, AugmentedState.CLIMB_X :] = -abs(rim) * cos, -abs(rim) * sin
     drive_v = drive - rim * (total.wheel / vehicle.speed_time_constant + slip_rate)
     state_covariance = jacobian @ covariance @ jacobian.T
+    state_covariance[State.V, State.V] += fast_speed_variance
     return Estimate(
         time_s=time_s,
         state=state,

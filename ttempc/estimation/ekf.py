@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InvalidTuning
 from ..types import Command, Estimate, FloatArray, Innovation, Measurement, Sensor
 from ..vehicle import Vehicle
-from .augmented_state import SIZE, estimate_of
+from .augmented_state import SIZE, AugmentedState, estimate_of
 from .kalman_filter import SAME_TIME_S, FilterState, KalmanFilter
 from .measurement_model import KERNEL_INDEX, LENGTH
 from .noise import ProcessNoise, SensorNoise
@@ -63,11 +63,9 @@ class ExtendedKalmanFilter:
             raise InvalidTuning(f"memory_s: got {memory_s}, must be finite and above 0")
         self._vehicle = vehicle
         self._memory_s = memory_s
+        self._process_noise = process_noise or ProcessNoise()
         self._filter = KalmanFilter(
-            vehicle,
-            sensor_noise or SensorNoise(),
-            process_noise or ProcessNoise(),
-            gate_probability,
+            vehicle, sensor_noise or SensorNoise(), self._process_noise, gate_probability
         )
         self._samples: list[Measurement] = []  # by time, then sensor
         self._accepted: dict[tuple[Sensor, float], bool] = {}  # by the gate, for each sample
@@ -111,9 +109,7 @@ class ExtendedKalmanFilter:
         state = self._states[-1].copy()
         self.predict(state, time_s)
         new = [innovations[_key(sample)] for sample in usable if innovations]
-        return estimate_of(
-            state.augmented[0], state.covariances[0], time_s, self._vehicle, (*refused, *new)
-        )
+        return self.estimate(state, (*refused, *new))
 
     def _usable(self, sample: Measurement, time_s: float) -> bool:
         """Return whether a sample is complete, finite, new and neither late nor early."""
@@ -157,6 +153,18 @@ class ExtendedKalmanFilter:
         if state.time_s > self._states[-1].time_s:
             self._states.append(state)
         return innovations
+
+    def estimate(self, state: FilterState, innovations: tuple[Innovation, ...]) -> Estimate:
+        """Return the estimate for a controller from a state of the filter."""
+        rim, scales = float(state.augmented[0, AugmentedState.RIM]), state.scales[0]
+        return estimate_of(
+            state.augmented[0],
+            state.covariances[0],
+            state.time_s,
+            self._vehicle,
+            innovations,
+            self._process_noise.fast_speed_variance(rim, scales),
+        )
 
     def predict(self, state: FilterState, time_s: float) -> None:
         """Advance `state` to `time_s` in place under the commands of the time in between."""

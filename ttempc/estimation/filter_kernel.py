@@ -1,6 +1,6 @@
 """Prediction and correction of the Kalman filter over the augmented state, compiled.
 
-Arrays (2, ...) hold a value and its derivative by the roughness r of the ground.
+Arrays (4, ...) named `levels` hold a value and its derivatives by the factors of `NoiseScale`.
 """
 
 from __future__ import annotations
@@ -12,48 +12,54 @@ import numpy as np
 
 from ..jit import cached_njit
 from ..types import FloatArray
-from .augmented_state import (
-    DISTURBANCE_BOUND,
-    LEAST_ROUGHNESS,
-    MOST_ROUGHNESS,
-    SIZE,
-    STATES,
-    AugmentedState,
+from .augmented_state import DISTURBANCE_BOUND, SIZE, STATES, AugmentedState
+from .augmented_state_kernel import (
+    SensorIndex,
+    VehicleParameter,
+    advance_augmented_state,
+    measure,
 )
-from .augmented_state_kernel import SensorIndex, advance_augmented_state, measure
+from .noise import SCALE_RANGE, SCALES
 
 _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
-_ROUGHNESS_WALK: Final = SIZE  # index of the roughness in `ProcessNoise.variances`
+_LEVELS: Final = 1 + SCALES
+
+_MOST_STEP: Final = 0.5  # of the logarithm of a factor at one sample; assumed
 
 
 @cached_njit
 def process_noise(
     middle: FloatArray,
-    roughness: float,
-    variances: FloatArray,
+    scales: FloatArray,
+    parameters: FloatArray,
+    rates: FloatArray,
     step_s: float,
-    covariances: FloatArray,
+    levels: FloatArray,
 ) -> None:
-    """Write the covariance that a step of `step_s` gathers, and its derivative, (2, 16, 16).
+    """Write the covariance that a step of `step_s` gathers into `levels` (4, 16, 16).
 
     The same as `ProcessNoise.density` times the step, at the augmented state `middle` (16,).
+    `scales` (2, 3), `parameters` (10,) and `rates` (2, 4, 16) are as in `predict`.
     """
     travel = abs(middle[AugmentedState.RIM]) * step_s
     psi_t = middle[AugmentedState.PSI_T]
     cos, sin = math.cos(psi_t), math.sin(psi_t)
-    forward = variances[AugmentedState.X] * travel
-    lateral = variances[AugmentedState.Y] * travel
-    covariances[:, :, :] = 0.0
-    derivative = covariances[1]
-    derivative[0, 0] = forward * cos * cos + lateral * sin * sin
-    derivative[1, 1] = forward * sin * sin + lateral * cos * cos
-    derivative[0, 1] = derivative[1, 0] = (forward - lateral) * cos * sin
-    for i in range(AugmentedState.PSI_T, AugmentedState.DELTA_T):
-        derivative[i, i] = variances[i] * travel
-    covariances[0] = roughness * derivative
-    for i in range(AugmentedState.DELTA_T, SIZE):
-        over_time = i <= AugmentedState.RIM or i == AugmentedState.DRIVE
-        covariances[0, i, i] = variances[i] * (step_s if over_time else travel)
+    drawbar = parameters[VehicleParameter.DRAWBAR_LENGTH] * math.cos(middle[AugmentedState.DELTA_I])
+    swing = -drawbar / (parameters[VehicleParameter.TRAILER_LENGTH] + drawbar)
+    levels[:, :, :] = 0.0
+    for level in range(_LEVELS):
+        for i in range(SIZE):
+            levels[level, i, i] = step_s * rates[0, level, i] + travel * rates[1, level, i]
+        forward, lateral = levels[level, 0, 0], levels[level, 1, 1]
+        levels[level, 0, 0] = forward * cos * cos + lateral * sin * sin
+        levels[level, 1, 1] = forward * sin * sin + lateral * cos * cos
+        levels[level, 0, 1] = levels[level, 1, 0] = (forward - lateral) * cos * sin
+        joint = levels[level, AugmentedState.DELTA_I, AugmentedState.DELTA_I]
+        levels[level, AugmentedState.PSI_I, AugmentedState.PSI_I] += swing * swing * joint
+        levels[level, AugmentedState.PSI_I, AugmentedState.DELTA_I] = swing * joint
+        levels[level, AugmentedState.DELTA_I, AugmentedState.PSI_I] = swing * joint
+    for n in range(SCALES):
+        levels[0] += scales[0, n] * levels[1 + n]
 
 
 @cached_njit
@@ -89,24 +95,26 @@ def _propagate(matrix: FloatArray, transition: FloatArray, half: FloatArray) -> 
 def predict(
     augmented: FloatArray,
     covariances: FloatArray,
-    roughness: FloatArray,
+    scales: FloatArray,
     valves: FloatArray,
     command: FloatArray,
     parameters: FloatArray,
-    variances: FloatArray,
+    rates: FloatArray,
     fading_m: FloatArray,
+    walk: float,
     span_s: float,
     steps: int,
 ) -> None:
     """Advance a filter by `span_s` in `steps` equal steps under the held `command` (3,), in place.
 
-    `augmented` (2, 16) and `covariances` (2, 16, 16) hold values and derivatives; `roughness` (2,)
-    is r and its precision, `valves` (2,) are set points [rad], `parameters` (10,) those of the
-    vehicle, `variances` (17,) and `fading_m` (9,) those of `ProcessNoise`. With Q the noise of a
-    step, P <- Phi (P + Q/2) Phi' + Q/2: half of Q acts before the step, half after it.
+    `augmented` (4, 16) and `covariances` (4, 16, 16) hold values and derivatives; `scales` (2, 3)
+    the factors of `NoiseScale` and the information on their logarithms; `valves` (2,) are set
+    points [rad], `parameters` (10,) those of the vehicle, `rates` (2, 4, 16) and `fading_m` (9,)
+    those of `ProcessNoise`, `walk` the variance that a metre adds to the logarithms. With Q the
+    noise of a step, P <- Phi (P + Q/2) Phi' + Q/2: half of Q acts before the step, half after it.
     """
     transition = np.empty((SIZE, SIZE))
-    gathered = np.empty((2, SIZE, SIZE))
+    gathered = np.empty((_LEVELS, SIZE, SIZE))
     middle, derivative = np.empty(SIZE), np.empty(SIZE)
     step_s = span_s / steps
     for _ in range(steps):
@@ -116,61 +124,67 @@ def predict(
         )
         for i in range(STATES):
             middle[i] = 0.5 * (middle[i] + augmented[0, i])
-        process_noise(middle, roughness[0], variances, step_s, gathered)
-        for level in range(2):
+        process_noise(middle, scales, parameters, rates, step_s, gathered)
+        for level in range(_LEVELS):
             for i in range(SIZE):
                 for j in range(SIZE):
                     gathered[level, i, j] *= 0.5
             _propagate(covariances[level], transition, gathered[level])
-        derivative[:] = augmented[1]
-        for i in range(SIZE):
-            total = 0.0
-            for j in range(SIZE):
-                total += transition[i, j] * derivative[j]
-            augmented[1, i] = total
-        walk = variances[_ROUGHNESS_WALK] * abs(middle[AugmentedState.RIM]) * step_s
-        roughness[1] = roughness[1] / (1.0 + roughness[1] * walk)
+        for level in range(1, _LEVELS):
+            derivative[:] = augmented[level]
+            for i in range(SIZE):
+                total = 0.0
+                for j in range(SIZE):
+                    total += transition[i, j] * derivative[j]
+                augmented[level, i] = total
+        gained = walk * abs(middle[AugmentedState.RIM]) * step_s
+        for n in range(SCALES):
+            scales[1, n] = scales[1, n] / (1.0 + scales[1, n] * gained)
 
 
 @cached_njit
 def correct(
     augmented: FloatArray,
     covariances: FloatArray,
-    roughness: FloatArray,
+    scales: FloatArray,
     sensor: int,
     value: tuple[float, float],
     variance: float,
     gate: float,
     forced: bool,
     parameters: FloatArray,
-) -> float:
-    """Correct a filter by one sample in place and return its normalised innovation squared.
+) -> tuple[float, float, float, float]:
+    """Correct a filter by one sample in place and return its innovation nu, normalised.
+
+    With S = L L' the covariance of nu, that is nu' S^-1 nu, log det S and the two entries of
+    L^-1 nu, of which a sample of one number has the first.
 
     `sensor` is a `SensorIndex` as a number, `value` the sample (the second entry unused where it
     has one), `variance` that of each entry. A sample beyond the `gate` (chi-square) changes nothing
     unless it is `forced`: then its noise is raised until it just passes. The update has Joseph's
     form, P <- (I - K H) P (I - K H)' + K R K'; disturbances are clipped to their bounds. The
-    likelihood of the sample updates the roughness, see `_update_roughness`.
+    likelihood of the sample updates the factors, see `_learn`.
     """
-    x, covariance = augmented[0], covariances[0]
+    x = augmented[0]
     reading, jacobian = np.zeros(2), np.empty((2, SIZE))
     m = measure(sensor, x, parameters, reading, jacobian)
-    innovation = np.zeros(2)
+    nu = np.zeros((_LEVELS, 2))  # innovation and its derivatives
     for r in range(m):
-        innovation[r] = value[r] - reading[r]
+        nu[0, r] = value[r] - reading[r]
     if (
         sensor == SensorIndex.STEERING_TRACTOR
         or sensor == SensorIndex.STEERING_TRAILER
         or sensor == SensorIndex.HITCH
     ):
-        innovation[0] -= 2.0 * math.pi * round(innovation[0] / (2.0 * math.pi))
-    cross = np.zeros((2, SIZE, 2))  # P H' and its derivative
-    spread = np.zeros((2, 2, 2))  # S = H P H' + R and its derivative
-    for level in range(2):
+        nu[0, 0] -= 2.0 * math.pi * round(nu[0, 0] / (2.0 * math.pi))
+    cross = np.zeros((_LEVELS, SIZE, 2))  # P H' and its derivatives
+    spread = np.zeros((_LEVELS, 2, 2))  # S = H P H' + R and its derivatives
+    for level in range(_LEVELS):
         for r in range(m):
-            for i in range(SIZE):
-                for k in range(STATES):  # sensors read the state alone
-                    cross[level, i, r] += covariances[level, i, k] * jacobian[r, k]
+            for k in range(STATES):  # sensors read the state alone
+                if jacobian[r, k] != 0.0:
+                    for i in range(SIZE):
+                        cross[level, i, r] += covariances[level, k, i] * jacobian[r, k]
         for r in range(m):
             for c in range(m):
                 for k in range(STATES):
@@ -178,73 +192,83 @@ def correct(
     for r in range(m):
         spread[0, r, r] += variance
     precision = np.zeros((2, 2))
+    root = math.sqrt(spread[0, 0, 0])
+    first, second, determinant = nu[0, 0] / root, 0.0, spread[0, 0, 0]
     if m == 1:
-        precision[0, 0] = 1.0 / spread[0, 0, 0]
+        precision[0, 0] = 1.0 / determinant
     else:
         determinant = spread[0, 0, 0] * spread[0, 1, 1] - spread[0, 0, 1] * spread[0, 1, 0]
         precision[0, 0] = spread[0, 1, 1] / determinant
         precision[1, 1] = spread[0, 0, 0] / determinant
         precision[0, 1] = precision[1, 0] = -spread[0, 0, 1] / determinant
+        second = (nu[0, 1] - spread[0, 1, 0] / root * first) * root / math.sqrt(determinant)
     weighted = np.zeros(2)  # S^-1 nu
     normalised = 0.0
     for r in range(m):
         for c in range(m):
-            weighted[r] += precision[r, c] * innovation[c]
-        normalised += weighted[r] * innovation[r]
+            weighted[r] += precision[r, c] * nu[0, c]
+        normalised += weighted[r] * nu[0, r]
+    result = normalised, math.log(determinant), first, second
     factor = 1.0  # by which S is raised, all of it through the noise
     if not normalised <= gate:
         if not forced:
-            return normalised
+            return result
         factor = normalised / gate
-    innovation_derivative = np.zeros(2)  # d nu / d r
-    for r in range(m):
-        for k in range(STATES):
-            innovation_derivative[r] -= jacobian[r, k] * augmented[1, k]
+    for level in range(1, _LEVELS):
+        for r in range(m):
+            for k in range(STATES):
+                nu[level, r] -= jacobian[r, k] * augmented[level, k]
     if factor == 1.0:
-        _update_roughness(roughness, precision, spread[1], weighted, innovation_derivative, m)
+        for n in range(SCALES):
+            _learn(scales[:, n], SCALE_RANGE[n], precision, spread[1 + n], weighted, nu[1 + n], m)
     gain, gain_derivative = np.zeros((SIZE, 2)), np.zeros((SIZE, 2))
     for i in range(SIZE):
         for r in range(m):
             for c in range(m):
                 gain[i, r] += cross[0, i, c] * precision[c, r] / factor
-        for r in range(m):
-            for c in range(m):
-                rest = cross[1, i, c]
-                for q in range(m):
-                    rest -= gain[i, q] * spread[1, q, c]
-                gain_derivative[i, r] += rest * precision[c, r] / factor
-    for i in range(SIZE):
-        for r in range(m):
-            x[i] += gain[i, r] * innovation[r]
-            augmented[1, i] += (
-                gain[i, r] * innovation_derivative[r] + gain_derivative[i, r] * innovation[r]
-            )
+            x[i] += gain[i, r] * nu[0, r]
         if i >= STATES:
             x[i] = min(max(x[i], -_BOUND[i - STATES]), _BOUND[i - STATES])
+    for level in range(1, _LEVELS):
+        for i in range(SIZE):
+            for r in range(m):
+                gain_derivative[i, r] = 0.0
+            for c in range(m):
+                rest = cross[level, i, c]
+                for q in range(m):
+                    rest -= gain[i, q] * spread[level, q, c]
+                for r in range(m):
+                    gain_derivative[i, r] += rest * precision[c, r] / factor
+            for r in range(m):
+                augmented[level, i] += gain[i, r] * nu[level, r] + gain_derivative[i, r] * nu[0, r]
+        _reduce(covariances[level], gain, cross[level], spread[level], m)
     noise = np.zeros((2, 2))
     for r in range(m):
         for c in range(m):
             noise[r, c] = (factor - 1.0) * spread[0, r, c] + (variance if r == c else 0.0)
-    _joseph(covariance, gain, cross[0], jacobian, noise, m)
-    _joseph(covariances[1], gain, cross[1], jacobian, np.zeros((2, 2)), m)
-    return normalised
+    _joseph(covariances[0], gain, cross[0], jacobian, noise, m)
+    return result
 
 
 @cached_njit
-def _update_roughness(
-    roughness: FloatArray,
+def _learn(
+    scale: FloatArray,
+    allowed: tuple[float, float],
     precision: FloatArray,
     spread_derivative: FloatArray,
     weighted: FloatArray,
     innovation_derivative: FloatArray,
     m: int,
 ) -> None:
-    """Update the roughness r by a sample's score over the Fisher information gathered, in place.
+    """Update a factor s and the information I on its logarithm, `scale` (2,), by a sample.
 
-    For nu ~ N(0, S) with derivatives dS and dnu by r (Astrom 1980),
+    For nu ~ N(0, S) with derivatives dS and dnu by s (Astrom 1980),
 
         score = (nu' S^-1 dS S^-1 nu - tr S^-1 dS) / 2 - nu' S^-1 dnu
-        information = tr (S^-1 dS)^2 / 2 + dnu' S^-1 dnu.
+        information = tr (S^-1 dS)^2 / 2 + dnu' S^-1 dnu,
+
+    s^2 times this information is gathered in I, and s <- s (1 + s score / I), within the range
+    `allowed`.
     """
     score, information = 0.0, 0.0
     relative = np.zeros((2, 2))  # S^-1 dS
@@ -259,9 +283,9 @@ def _update_roughness(
         score -= 0.5 * relative[r, r]
         for c in range(m):
             information += 0.5 * relative[r, c] * relative[c, r]
-    roughness[1] += information
-    roughness[0] += score / roughness[1]
-    roughness[0] = min(max(roughness[0], LEAST_ROUGHNESS), MOST_ROUGHNESS)
+    scale[1] += scale[0] * scale[0] * information
+    step = min(max(scale[0] * score / scale[1], -_MOST_STEP), _MOST_STEP)
+    scale[0] = min(max(scale[0] * (1.0 + step), allowed[0]), allowed[1])
 
 
 @cached_njit
@@ -299,3 +323,25 @@ def _joseph(
             for r in range(m):
                 total += row[r] * gain[j, r]
             matrix[i, j] = matrix[j, i] = total
+
+
+@cached_njit
+def _reduce(
+    matrix: FloatArray, gain: FloatArray, cross: FloatArray, spread: FloatArray, m: int
+) -> None:
+    """Replace M (16, 16) by (I - K H) M (I - K H)', written as M + K W' + W K'.
+
+    `gain` K (16, 2), `cross` C = M H' (16, 2), `spread` H C (2, 2), and W = K (H C) / 2 - C. Of the
+    two measurements the first `m` are used. M is a derivative and need not stay positive.
+    """
+    half = np.empty((SIZE, 2))  # W
+    for i in range(SIZE):
+        for r in range(m):
+            total = -cross[i, r]
+            for c in range(m):
+                total += 0.5 * gain[i, c] * spread[c, r]
+            half[i, r] = total
+    for i in range(SIZE):
+        for r in range(m):
+            for j in range(SIZE):
+                matrix[i, j] += gain[i, r] * half[j, r] + half[i, r] * gain[j, r]

@@ -17,7 +17,7 @@ from . import filter_kernel
 from .augmented_state import INITIAL_SD, SIZE, STATES, AugmentedState
 from .augmented_state_kernel import vehicle_parameters
 from .measurement_model import KERNEL_INDEX, LENGTH, first_state
-from .noise import ProcessNoise, SensorNoise
+from .noise import SCALES, ProcessNoise, SensorNoise
 
 SAME_TIME_S: Final = 1e-6
 """Times that differ by less are one: four times the resolution of a double at Unix time [s]."""
@@ -36,9 +36,9 @@ class FilterState:
     """All that a filter carries from one time to the next; `KalmanFilter` changes it in place."""
 
     time_s: float
-    augmented: FloatArray  # (2, 16) augmented state, and its derivative by the roughness
-    covariances: FloatArray  # (2, 16, 16) likewise
-    roughness: FloatArray  # (2,) value and precision (Fisher information)
+    augmented: FloatArray  # (4, 16) augmented state, and its derivatives by the factors
+    covariances: FloatArray  # (4, 16, 16) likewise
+    scales: FloatArray  # (2, 3) factors of `NoiseScale`, information on their logarithms
     valves: FloatArray  # (2,) set points of the steering valves [rad]
     rejected_since: dict[Sensor, float]  # sensor -> time of the first rejection without a break [s]
 
@@ -48,7 +48,7 @@ class FilterState:
             self.time_s,
             self.augmented.copy(),
             self.covariances.copy(),
-            self.roughness.copy(),
+            self.scales.copy(),
             self.valves.copy(),
             self.rejected_since.copy(),
         )
@@ -74,14 +74,15 @@ class KalmanFilter:
         self._sensor_noise = sensor_noise
         self._process_noise = process_noise
         self._parameters = vehicle_parameters(vehicle)
-        self._variances, self._fading_m = process_noise.variances(), process_noise.fading_m()
+        self._rates, self._fading_m = process_noise.rates(), process_noise.fading_m()
         self._sensor_variance = {s: float(sensor_noise.of(s)) ** 2 for s in LENGTH}
         self._gate = {m: float(chdtri(m, gate_probability)) for m in (1, 2)}
 
     def start(self, readings: Mapping[Sensor, Measurement]) -> FilterState:
         """Return the state that follows from one reading of every sensor, at the newest of them."""
         state, covariance = first_state(readings, self._vehicle, self._sensor_noise)
-        augmented, covariances = np.zeros((2, SIZE)), np.zeros((2, SIZE, SIZE))
+        levels = 1 + SCALES
+        augmented, covariances = np.zeros((levels, SIZE)), np.zeros((levels, SIZE, SIZE))
         augmented[0, :STATES] = state
         covariances[0] = np.diag([*np.zeros(STATES), *INITIAL_SD**2])
         covariances[0, :STATES, :STATES] = covariance
@@ -90,7 +91,7 @@ class KalmanFilter:
             time_s=max(reading.time_s for reading in readings.values()),
             augmented=augmented,
             covariances=covariances,
-            roughness=np.array([noise.roughness, noise.roughness_sd**-2]),
+            scales=np.array([noise.scales, np.full(SCALES, noise.scale_sd**-2)]),
             valves=state[AugmentedState.DELTA_T : AugmentedState.RIM].copy(),
             rejected_since={},
         )
@@ -109,12 +110,13 @@ class KalmanFilter:
         filter_kernel.predict(
             state.augmented,
             state.covariances,
-            state.roughness,
+            state.scales,
             state.valves,
             command,
             self._parameters,
-            self._variances,
+            self._rates,
             self._fading_m,
+            self._process_noise.scale_walk**2,
             span,
             steps_over(span),
         )
@@ -126,10 +128,10 @@ class KalmanFilter:
         m = LENGTH[sensor]
         rejected_for = sample.time_s - state.rejected_since.get(sensor, math.inf)
         forced = bool(rejected_for >= _GATE_PATIENCE_S - SAME_TIME_S)
-        normalised = filter_kernel.correct(
+        normalised, log_determinant, *whitened = filter_kernel.correct(
             state.augmented,
             state.covariances,
-            state.roughness,
+            state.scales,
             KERNEL_INDEX[sensor],
             (float(sample.value[0]), float(sample.value[1]) if m == 2 else 0.0),
             self._sensor_variance[sensor],
@@ -142,4 +144,6 @@ class KalmanFilter:
             state.rejected_since.pop(sensor, None)
         else:
             state.rejected_since.setdefault(sensor, sample.time_s)
-        return Innovation(sensor, normalised, m, inside or forced)
+        return Innovation(
+            sensor, normalised, m, inside or forced, tuple(whitened[:m]), log_determinant
+        )

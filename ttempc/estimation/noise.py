@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import Final
 
 import numpy as np
 
 from ..errors import InvalidTuning, UnknownSensor
 from ..types import FloatArray, Sensor
+from ..vehicle import Vehicle
 from .augmented_state import SIZE, AugmentedState
 
 
@@ -59,6 +62,23 @@ class SensorNoise:
                 raise UnknownSensor(f"{sensor}: its noise is not known, only the paper's sensors'")
 
 
+class NoiseScale(IntEnum):
+    """Index of each factor of process variances that the filter learns."""
+
+    GROUND = 0  # roughness: bumps and soil, felt by both bodies and the steering linkages
+    WHEEL = 1  # change of the persistent wheel slip along the way
+    VALVES = 2  # deviation of both steering valves from their model
+
+
+SCALES: Final = len(NoiseScale)
+
+SCALE_RANGE: Final = ((1e-3, 20.0), (1e-3, 2.0), (1e-1, 1e4))
+"""Least and largest value of each factor that a filter learns; assumed."""
+
+_VEHICLE: Final = slice(AugmentedState.X, AugmentedState.DELTA_T)
+_STEERING: Final = slice(AugmentedState.DELTA_T, AugmentedState.RIM)
+
+
 @dataclass(frozen=True, slots=True)
 class ProcessNoise:
     """White noise of the model of `augmented_state`, in physical terms.
@@ -66,80 +86,105 @@ class ProcessNoise:
     The effect of slip and bumps grows with the square root of the distance travelled; a vehicle at
     rest gathers none. Valves and drive act at any time. Persistent disturbances - a slope, soft
     soil, a biased sensor - are entries of the augmented state, which perform a random walk and fade
-    over a distance. All else is noise on the state itself. Its size depends on the ground, which is
-    not known beforehand: it is close to zero on pavement, and on a ploughed field twice that of
-    grass. The first four values hold for a ground of roughness 1. Their variances are proportional
-    to the roughness, which the filter learns from the likelihood of its innovations.
+    over a distance. All else is noise on the state itself.
 
-    All values but the last block maximise the likelihood of the innovations of one recorded run
-    each on `pavement`, `grass`, `wet-grass`, `side-slope`, `wet-slope` and `patchy`. The exception
-    is `slip_walk`, whose likelihood was largest at 0, because those fields do not change along the
-    way.
+    The size of three groups depends on the ground and on the age of the vehicle, which are not
+    known beforehand. The filter learns a factor of the variances of each group (`NoiseScale`) from
+    the likelihood of its innovations; the values given here hold for a factor of 1.
+
+    Values are maximum-likelihood estimates from the innovations of one recorded run each on
+    `pavement`, `grass`, `wet-grass`, `side-slope`, `wet-slope` and `patchy`, but for those marked
+    as assumed. The likelihood of `slip_walk` was largest at 0, because those fields do not change
+    along the way.
 
     Raises:
         InvalidTuning: a value is not finite or not above 0.
     """
 
+    # Variances that are proportional to the factor GROUND
     slip_forward: float = 0.0057  # wheel slip, bumps: position along the tractor [m/sqrt(m)]
     slip_lateral: float = 0.0048  # rear axle side slip: position across the tractor [m/sqrt(m)]
     yaw_t: float = 0.014  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
     yaw_i: float = 0.0048  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
-
+    bump_steering: float = 0.0011  # forces on both steering linkages [rad/sqrt(m)]
+    # To the factor WHEEL
+    wheel_walk: float = 0.0057  # random walk of the persistent wheel slip [1/sqrt(m)]
+    climb_walk: float = 0.0014  # random walk of the wheel slip on a slope [1/sqrt(m)]
+    # To the factor VALVES
     steering: float = 0.0018  # lag and play of both steering valves [rad/sqrt(s)]
+    # Fixed
     drive: float = 0.0034  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
     slip_walk: float = 0.0003  # random walk of the persistent side slips [rad/sqrt(m)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
     drive_walk: float = 0.00065  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
-    wheel_walk: float = 0.0057  # random walk of the persistent wheel slip [1/sqrt(m)]
     side_walk: float = 0.00013  # random walk of the side slip on a slope [rad/sqrt(m)]
-    climb_walk: float = 0.0014  # random walk of the wheel slip on a slope [1/sqrt(m)]
-    body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
 
+    body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
+    bump_m: float = 0.1  # correlation length of the wheel slip on bumps [m]; from recorded speeds
     map_fading_m: float = 500.0  # the same of map-fixed disturbances [m]; assumed
-    roughness: float = 0.5  # initial value; assumed, as are the next two
-    roughness_sd: float = 1.0  # standard deviation of the initial value
-    roughness_walk: float = 0.05  # random walk of the roughness [1/sqrt(m)]
+    # Initial factors, the standard deviation of their logarithm, and its random walk [1/sqrt(m)]
+    roughness: float = 0.5
+    wheel: float = 0.3
+    valves: float = 1.0
+    scale_sd: float = 1.0
+    scale_walk: float = 0.05
 
     def __post_init__(self) -> None:
         _require_positive(self)
 
-    def variances(self) -> FloatArray:
-        """Return the variances in the order of `AugmentedState`, then of the roughness, (17,)."""
-        deviations = [
-            self.slip_forward,
-            self.slip_lateral,
-            self.yaw_t,
-            self.yaw_i,
-            self.steering,
-            self.steering,
-            self.drive,
-            self.slip_walk,
-            self.slip_walk,
-            self.steering_walk,
-            self.drive_walk,
-            self.wheel_walk,
-            self.side_walk,
-            self.side_walk,
-            self.climb_walk,
-            self.climb_walk,
-            self.roughness_walk,
-        ]
+    @property
+    def scales(self) -> FloatArray:
+        """Initial factors in the order of `NoiseScale`, (3,)."""
+        return np.array([self.roughness, self.wheel, self.valves])
+
+    def rates(self) -> FloatArray:
+        """Return the variances of each entry that a second and a metre add, (2, 4, 16).
+
+        The first index is 0 for a second and 1 for a metre; of the second index, 0 is fixed
+        and 1 + n belongs to a factor 1 of the n-th `NoiseScale`. Positions are along and across
+        the tractor.
+        """
+        deviations = np.zeros((2, 1 + SCALES, SIZE))
+        (per_second, per_metre), state = deviations, AugmentedState
+        per_second[0, [state.RIM, state.DRIVE]] = self.drive, self.drive_walk
+        per_second[1 + NoiseScale.VALVES, _STEERING] = self.steering
+        per_metre[0, [state.SLIP_T, state.SLIP_I]] = self.slip_walk
+        per_metre[0, state.STEERING] = self.steering_walk
+        per_metre[0, [state.SIDE_X, state.SIDE_Y]] = self.side_walk
+        ground, wheel = per_metre[1 + NoiseScale.GROUND], per_metre[1 + NoiseScale.WHEEL]
+        ground[_VEHICLE] = self.slip_forward, self.slip_lateral, self.yaw_t, self.yaw_i
+        ground[_STEERING] = self.bump_steering
+        wheel[state.WHEEL] = self.wheel_walk
+        wheel[[state.CLIMB_X, state.CLIMB_Y]] = self.climb_walk
         return np.square(deviations)
 
     def fading_m(self) -> FloatArray:
         """Return the distance over which each disturbance fades by a factor 1/e, (9,) [m]."""
         return np.array([self.body_fading_m] * 5 + [self.map_fading_m] * 4)
 
-    def density(self, psi_t: float, speed: float, roughness: float) -> FloatArray:
-        """Return the covariance that an augmented state gathers per second, (16, 16).
+    def density(self, augmented: FloatArray, scales: FloatArray, vehicle: Vehicle) -> FloatArray:
+        """Return the covariance that an augmented state (16,) gathers per second, (16, 16).
 
-        At the heading `psi_t` [rad] and the rim speed `speed` [m/s].
+        At the factors `scales` (3,). A joint RJ2 that turns by w beside its model turns the trailer
+        by -w d cos(delta_i) / (L_i + d cos(delta_i)), as in `ttempc.models.kinematics.articulated`.
         """
-        rates = np.full(SIZE, abs(speed))  # distance or time per second
-        over_time = AugmentedState.DELTA_T, AugmentedState.DELTA_I, AugmentedState.RIM
-        rates[[*over_time, AugmentedState.DRIVE]] = 1.0
-        rates[: AugmentedState.DELTA_T] *= roughness
-        density = np.diag(self.variances()[:-1] * rates)
-        turn = np.array([[math.cos(psi_t), -math.sin(psi_t)], [math.sin(psi_t), math.cos(psi_t)]])
-        density[:2, :2] = turn @ density[:2, :2] @ turn.T
-        return density
+        psi_t, delta_i = augmented[AugmentedState.PSI_T], augmented[AugmentedState.DELTA_I]
+        per_second, per_metre = self.rates()
+        speed = abs(augmented[AugmentedState.RIM])
+        density = np.diag(np.array([1.0, *scales]) @ (per_second + speed * per_metre))
+        acts_on = np.eye(SIZE)
+        acts_on[:2, :2] = [[np.cos(psi_t), -np.sin(psi_t)], [np.sin(psi_t), np.cos(psi_t)]]
+        drawbar = vehicle.drawbar_length * math.cos(delta_i)
+        acts_on[AugmentedState.PSI_I, AugmentedState.DELTA_I] = -drawbar / (
+            vehicle.trailer_length + drawbar
+        )
+        return acts_on @ density @ acts_on.T
+
+    def fast_speed_variance(self, rim: float, scales: FloatArray) -> float:
+        """Return the variance of the vehicle's speed that no state follows [(m/s)^2].
+
+        The wheel slip behind `slip_forward` is white in the model and correlated over `bump_m` in
+        truth. A process of variance s^2 with the autocorrelation exp(-|x| / l) has the density
+        2 l s^2 at low frequency (Gelb 1974, sec. 3.6).
+        """
+        return float(scales[NoiseScale.GROUND]) * (self.slip_forward * rim) ** 2 / (2 * self.bump_m)

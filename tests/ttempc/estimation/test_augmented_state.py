@@ -26,7 +26,7 @@ from ttempc.estimation.augmented_state_kernel import (
 )
 from ttempc.estimation.kalman_filter import KalmanFilter
 from ttempc.estimation.measurement_model import LENGTH, predicted_measurement
-from ttempc.estimation.noise import ProcessNoise, SensorNoise
+from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ttempc.models.kinematics import articulated
 from ttempc.types import Disturbance, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
@@ -181,7 +181,7 @@ def samples(augmented, generator, time_s):
 def test_the_filter_is_that_of_the_textbook():
     """Prediction by `expm` and correction without Joseph's form, from the same start."""
     generator = np.random.default_rng(76)
-    noise = ProcessNoise(roughness_walk=1e-12, roughness_sd=1e-9)
+    noise = ProcessNoise(scale_walk=1e-12, scale_sd=1e-9)
     kalman = KalmanFilter(VEHICLE, SensorNoise(), noise, 1e-9)
     augmented = random_augmented(generator)
     augmented[7:] = 0.0
@@ -201,9 +201,7 @@ def test_the_filter_is_that_of_the_textbook():
         plain[7:] *= np.exp(step * fading)
         jacobian = central_differences(lambda x: augmented_rate(x, command, VEHICLE), middle)
         transition = expm(step * (jacobian + np.diag([*np.zeros(7), *fading])))
-        added = step * noise.density(
-            middle[AugmentedState.PSI_T], middle[AugmentedState.RIM], noise.roughness
-        )
+        added = step * noise.density(middle, noise.scales, VEHICLE)
         covariance = transition @ (covariance + added / 2) @ transition.T + added / 2
         np.testing.assert_allclose(now.augmented[0], plain, atol=1e-6)
         np.testing.assert_allclose(now.covariances[0], covariance, rtol=1e-4, atol=1e-9)
@@ -216,6 +214,10 @@ def test_the_filter_is_that_of_the_textbook():
                 difference[0] = math.remainder(difference[0], math.tau)
             spread = by @ covariance @ by.T + SensorNoise().of(sample.sensor) ** 2 * np.eye(len(by))
             gain = covariance @ by.T @ np.linalg.inv(spread)
+            whitened = np.linalg.solve(np.linalg.cholesky(spread), difference)
+            np.testing.assert_allclose(innovation.whitened, whitened, rtol=1e-3, atol=1e-4)
+            log_determinant = np.linalg.slogdet(spread).logabsdet
+            assert innovation.log_determinant == pytest.approx(log_determinant, abs=1e-3)
             assert innovation.normalised_squared == pytest.approx(
                 difference @ np.linalg.solve(spread, difference), rel=1e-3, abs=1e-4
             )
@@ -225,18 +227,26 @@ def test_the_filter_is_that_of_the_textbook():
     np.testing.assert_allclose(now.augmented[0], plain, atol=1e-5)
 
 
-def test_the_roughness_follows_the_gradient_of_the_likelihood():
-    """Derivatives by r, and the score, are central differences of filters with other r.
+@pytest.mark.parametrize(
+    ("scale", "name", "value"),
+    [
+        (NoiseScale.GROUND, "roughness", 1.0),
+        (NoiseScale.WHEEL, "wheel", 1.0),
+        (NoiseScale.VALVES, "valves", 100.0),
+    ],
+)
+def test_a_factor_follows_the_gradient_of_the_likelihood(scale, name, value):
+    """Derivatives by a factor, and the score, are central differences of filters with others.
 
     The filter neglects that its Jacobians depend on the state: 2 to 5 %.
     """
-    small = 1e-4
+    small = 1e-4 * value
 
-    def run(roughness):
+    def run(factor):
         generator = np.random.default_rng(77)
         augmented = random_augmented(generator)
         augmented[7:] = 0.0
-        noise = ProcessNoise(roughness=roughness, roughness_sd=1e-4, roughness_walk=1e-12)
+        noise = ProcessNoise(**{name: factor}, scale_sd=1e-4, scale_walk=1e-12)
         kalman = KalmanFilter(VEHICLE, SensorNoise(), noise, 1e-12)
         now = kalman.start({m.sensor: m for m in samples(augmented, generator, 0.0)})
         command, likelihood = near(augmented, generator), 0.0
@@ -250,18 +260,19 @@ def test_the_roughness_follows_the_gradient_of_the_likelihood():
                 spread = by @ now.covariances[0] @ by.T + variance * np.eye(len(by))
                 innovation = kalman.correct(now, sample)
                 likelihood -= 0.5 * (innovation.normalised_squared + np.log(np.linalg.det(spread)))
-        score = (now.roughness[0] - roughness) * now.roughness[1]  # over a fixed precision
-        return now, likelihood, score
+        learnt, information = now.scales[:, scale]  # the information stays that of the start
+        return now, likelihood, (learnt - factor) * information / factor**2
 
-    one, (less, lower, _), (more, upper, _) = run(1.0), run(1.0 - small), run(1.0 + small)
+    one, (less, lower, _), (more, upper, _) = (run(value + by) for by in (0.0, -small, small))
+    level = 1 + scale
     np.testing.assert_allclose(
-        one[0].covariances[1],
+        one[0].covariances[level],
         (more.covariances[0] - less.covariances[0]) / (2.0 * small),
-        atol=0.02 * np.abs(one[0].covariances[1]).max(),
+        atol=0.02 * np.abs(one[0].covariances[level]).max(),
     )
     np.testing.assert_allclose(
-        one[0].augmented[1],
+        one[0].augmented[level],
         (more.augmented[0] - less.augmented[0]) / (2.0 * small),
-        atol=0.05 * np.abs(one[0].augmented[1]).max(),
+        atol=0.05 * np.abs(one[0].augmented[level]).max(),
     )
     assert one[2] == pytest.approx((upper - lower) / (2.0 * small), rel=0.05)

@@ -157,7 +157,14 @@ def test_sensor_that_is_rejected_for_a_second_is_accepted():
 
 def test_the_filter_stays_stable_under_threefold_noise():
     """Sensors three times as noisy as in the model, and process noise three times as large."""
-    rough = ProcessNoise(0.017, 0.0144, 0.042, 0.0144, 0.0054, 0.0102)
+    rough = ProcessNoise(
+        slip_forward=0.017,
+        slip_lateral=0.0144,
+        yaw_t=0.042,
+        yaw_i=0.0144,
+        steering=0.0054,
+        drive=0.0102,
+    )
     for drive in (
         SensedDrive(9, sensor_scale=3.0).run(200),
         SensedDrive(9, process_noise=rough).run(200),
@@ -201,12 +208,13 @@ def test_outage_is_predicted_and_the_covariance_grows():
     assert np.hypot(*drive.errors()[34, :2]) < 0.15
 
 
-@pytest.mark.parametrize("roughness", [0.02, 4.0])
-def test_roughness_of_the_ground_is_learnt(roughness):
-    """From the same start, innovations have their predicted size after 20 s on any ground."""
-    noise = ProcessNoise(roughness=roughness)
-    drives = [SensedDrive(seed, noise).run(200) for seed in (21, 22)]
-    late = [i for drive in drives for e in drive.estimates[100:] for i in e.innovations]
+@pytest.mark.parametrize(
+    "true", [{"roughness": 0.02}, {"roughness": 4.0}, {"wheel": 3.0}, {"valves": 300.0}]
+)
+def test_factors_of_the_noise_are_learnt(true):
+    """From the same start, innovations have their predicted size after 40 s on any ground."""
+    drives = [SensedDrive(seed, ProcessNoise(**true)).run(300) for seed in (21, 22)]
+    late = [i for drive in drives for e in drive.estimates[200:] for i in e.innovations]
     squares, freedom = sum(i.normalised_squared for i in late), sum(i.dimension for i in late)
     low, high = chi2.ppf([0.001, 0.999], freedom) / freedom
     assert low < squares / freedom < high

@@ -11,8 +11,8 @@ from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning, UnknownSensor
 from ttempc.estimation.augmented_state import SIZE, STATES, AugmentedState
 from ttempc.estimation.measurement_model import LENGTH, first_state, predicted_measurement
-from ttempc.estimation.noise import ProcessNoise, SensorNoise
-from ttempc.models.kinematics import hitch_angle, trailer_point
+from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
+from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
 from ttempc.types import Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -94,19 +94,66 @@ def test_first_covariance_is_that_of_the_readings():
     assert np.mean(squares) / 7.0 == pytest.approx(1.0, abs=0.05)
 
 
+def moving(psi_t=0.0, rim=1.0, delta_i=0.0):
+    augmented = np.zeros(SIZE)
+    augmented[[AugmentedState.PSI_T, AugmentedState.RIM, AugmentedState.DELTA_I]] = (
+        psi_t,
+        rim,
+        delta_i,
+    )
+    return augmented
+
+
 def test_process_noise_turns_with_the_vehicle_and_is_zero_at_rest():
-    noise = ProcessNoise()
-    ahead, aside = noise.density(0.0, 1.0, 1.0), noise.density(math.pi / 2, 1.0, 1.0)
+    noise = ProcessNoise(valves=1e-9)  # a valve moves the trailer at rest, too
+    ahead, aside, oblique, at_rest = (
+        noise.density(moving(*pose), noise.scales, VEHICLE)
+        for pose in ((0.0, 1.0), (math.pi / 2, 1.0), (0.6, -2.0), (0.6, 0.0))
+    )
     assert aside[0, 0] == pytest.approx(ahead[1, 1])
-    assert np.linalg.eigvalsh(noise.density(0.6, -2.0, 0.3)).min() >= 0.0
-    assert not noise.density(0.6, 0.0, 1.0)[:4, :4].any()
+    assert np.linalg.eigvalsh(oblique).min() >= 0.0
+    assert np.abs(at_rest[:4, :4]).max() < 1e-12
 
 
-def test_roughness_scales_the_variances_that_the_ground_causes_alone():
+@pytest.mark.parametrize("scale", NoiseScale)
+def test_the_density_is_linear_in_each_factor(scale):
     noise = ProcessNoise()
-    smooth, rough = (noise.density(0.6, 1.0, r) for r in (0.5, 2.0))
-    np.testing.assert_allclose(rough[:4, :4], 4.0 * smooth[:4, :4])
-    np.testing.assert_array_equal(rough[4:, 4:], smooth[4:, 4:])
+    less, more, most = (noise.scales for _ in range(3))
+    more[scale], most[scale] = more[scale] + 1.0, most[scale] + 3.0
+    at = moving(0.6, 1.0, 0.3)
+    low, middle, high = (noise.density(at, s, VEHICLE) for s in (less, more, most))
+    np.testing.assert_allclose(high - low, 3.0 * (middle - low), atol=1e-15)
+    assert (middle - low).any()
+    drive = [AugmentedState.RIM, AugmentedState.DRIVE]  # scaled by none
+    np.testing.assert_array_equal(middle[drive], low[drive])
+
+
+@pytest.mark.parametrize("delta_i", [-0.4, 0.3])
+def test_noise_of_the_joint_turns_the_trailer_as_the_model_does(delta_i):
+    """A joint that turns by w beside its model changes psi_i by d psi_i' / d delta_i' w."""
+    noise = ProcessNoise(valves=1e4)
+    density = noise.density(moving(delta_i=delta_i), noise.scales, VEHICLE)
+    state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, delta_i, 0.0])
+    lag, step = VEHICLE.steering_lag_i, 1e-3
+    yaw_rates = [
+        articulated(state, np.array([0.0, delta_i + lag * rate, 0.0]), VEHICLE)[State.PSI_I]
+        for rate in (0.0, step)
+    ]
+    gain = density[AugmentedState.PSI_I, AugmentedState.DELTA_I]
+    gain /= density[AugmentedState.DELTA_I, AugmentedState.DELTA_I]
+    assert gain == pytest.approx((yaw_rates[1] - yaw_rates[0]) / step, rel=1e-6)
+
+
+def test_fast_speed_has_the_density_of_the_slip_at_low_frequency():
+    """A sequence with autocorrelation exp(-|x| / l) and this variance, summed over a distance.
+
+    Its sum grows as the random walk `slip_forward` does.
+    """
+    noise = ProcessNoise()
+    variance = noise.fast_speed_variance(1.0, np.array([2.0, 1.0, 1.0]))
+    lags = 0.001 * np.arange(-2000, 2001)  # [m]
+    density = 0.001 * np.sum(variance * np.exp(-np.abs(lags) / noise.bump_m))
+    assert density == pytest.approx(2.0 * noise.slip_forward**2, rel=1e-3)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])

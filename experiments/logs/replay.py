@@ -1,0 +1,129 @@
+"""Replay of recorded samples and commands through an estimator, without physics."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from proving_ground.testbed.log.log_content import read_content
+from proving_ground.testbed.log.log_reader import record_of
+from proving_ground.testbed.recording import record_rows as rows
+from proving_ground.testbed.recording.channels import (
+    CONTROL,
+    ESTIMATE,
+    MEASUREMENT,
+    MEASUREMENT_COLUMNS,
+    STATE,
+)
+from proving_ground.testbed.recording.record import Record
+from ttempc.types import Command, Estimate, Estimator, Measurement, Sensor
+
+from ..errors import InvalidReplay
+from ..run.assembly import model_vehicle, scenario_estimator
+from ..scenario.controller import TRUTH
+from ..scenario.scenario import Scenario, ScenarioFile, parse_overrides
+
+_CHANNELS: Final = (STATE, MEASUREMENT, ESTIMATE, CONTROL)
+_COMMAND: Final = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
+_SAME_TIME_S: Final = 1e-6
+_SCENARIO: Final = "scenario.toml"
+# Of samples that come at one moment, those of the IMUs come first, as from `SensorSuite`.
+_ORDER: Final = sorted(MEASUREMENT_COLUMNS, key=lambda sensor: not sensor.startswith("imu"))
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """What an estimator received at one control tick."""
+
+    time_s: float
+    samples: tuple[Measurement, ...]  # in the order of arrival
+    command: Command | None  # of the period before; None at the first tick
+
+
+def read_run(log: Path, overrides: Sequence[str] = ()) -> tuple[Record, Scenario]:
+    """Return the record of a logged run, and its scenario with changes `key.key=value`.
+
+    Raises:
+        LogError: no such file, not a log of this project, or of another version of it.
+        InvalidReplay: the log does not contain its scenario.
+        InvalidScenario: a change is not allowed, or a file of the scenario is missing.
+    """
+    topics = {channel.topic for channel in _CHANNELS}
+    content = read_content(log, topics.__contains__)
+    text = content.attachments.get(_SCENARIO)
+    if text is None:
+        raise InvalidReplay(f"{log}: has no {_SCENARIO}, as a log that was cut before its settings")
+    source = ScenarioFile(log, tomllib.loads(text.decode()))
+    return record_of(content, _CHANNELS), source.scenario(parse_overrides(overrides))
+
+
+def estimator_of(scenario: Scenario) -> Estimator:
+    """Return the estimator of a scenario as a run makes it.
+
+    Raises:
+        InvalidReplay: the estimator is the truth, which needs a plant.
+        InvalidController, InvalidVehicle, InvalidPlant: as in a run.
+    """
+    if scenario.controller.estimator == TRUTH:
+        raise InvalidReplay(
+            f"controller.estimator: {TRUTH} needs the plant and cannot be replayed; choose another"
+        )
+    vehicle = model_vehicle(scenario.path.mission(), scenario, scenario.vehicles())
+    return scenario_estimator(scenario, vehicle)
+
+
+def ticks(record: Record) -> Iterator[Tick]:
+    """Yield what the estimator received at every tick of a recorded run.
+
+    Samples are those that the sensors delivered; changes that a stage of a user made to them
+    afterwards are not in a record.
+
+    Raises:
+        InvalidReplay: the record has no estimates or a tick without a command.
+    """
+    times, samples = record[ESTIMATE].time_s, record[MEASUREMENT]
+    commands = record[CONTROL].columns(*_COMMAND)
+    if not len(times) or len(commands) < len(times) - 1:
+        raise InvalidReplay(
+            f"record: has {len(times)} estimates and {len(commands)} commands; a replay needs an "
+            "estimate and a command at every tick"
+        )
+    begin = 0
+    for k, time_s in enumerate(times.tolist()):
+        end = int(np.searchsorted(samples.time_s, time_s + _SAME_TIME_S))
+        arrived = [
+            Measurement(float(samples.time_s[row]), sensor, tuple(value.tolist()))
+            for row in range(begin, end)
+            for sensor, value in _values(samples.values[row])
+        ]
+        yield Tick(time_s, tuple(arrived), Command(*commands[k - 1].tolist()) if k else None)
+        begin = end
+
+
+def replay(record: Record, estimator: Estimator) -> list[Estimate]:
+    """Return the estimates of `estimator` at every tick of a recorded run.
+
+    With the estimator of the run they are those of the run, bit for bit.
+
+    Raises:
+        InvalidReplay: as `ticks`.
+    """
+    return [estimator.update(tick.time_s, tick.samples, tick.command) for tick in ticks(record)]
+
+
+def same_as_recorded(estimates: Sequence[Estimate], record: Record) -> bool:
+    """Return whether estimates are those of the record, bit for bit."""
+    again = np.array([rows.estimate_row(estimate) for estimate in estimates])
+    return np.array_equal(again, record[ESTIMATE].values, equal_nan=True)
+
+
+def _values(row: np.ndarray) -> Iterator[tuple[Sensor, np.ndarray]]:
+    for sensor in _ORDER:
+        value = row[MEASUREMENT_COLUMNS[sensor]]
+        if not np.isnan(value).all():
+            yield sensor, value

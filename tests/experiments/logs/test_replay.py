@@ -1,0 +1,120 @@
+"""Replay of a log through an estimator, and its figures."""
+
+import math
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import InvalidReplay
+from proving_ground.experiments.logs.replay import (
+    estimator_of,
+    read_run,
+    replay,
+    same_as_recorded,
+    ticks,
+)
+from proving_ground.experiments.results.consistency import consistency
+from proving_ground.testbed.recording.channels import ESTIMATE, MEASUREMENT, STATE
+from proving_ground.testbed.recording.record import Record, Table
+from ttempc.types import Estimate, Innovation, Sensor
+
+
+@pytest.fixture(scope="module")
+def log(short_runs):
+    return short_runs / "nominal" / "log.mcap"
+
+
+@pytest.fixture(scope="module")
+def run(log):
+    return read_run(log)
+
+
+def test_a_replay_returns_the_estimates_of_the_run_bit_for_bit(run):
+    record, scenario = run
+    estimates = replay(record, estimator_of(scenario))
+    assert len(estimates) == len(record[ESTIMATE]) > 50
+    assert same_as_recorded(estimates, record)
+
+
+def test_another_assumed_noise_gives_other_estimates_of_the_same_samples(run, log):
+    record, scenario = read_run(log, ["sensors.gnss_sd_m=0.06"])
+    assert list(ticks(record)) == list(ticks(run[0]))
+    other = replay(record, estimator_of(scenario))
+    assert not same_as_recorded(other, record)
+    nis = {item.name: item.nis for item in consistency(other, record).sensors}
+    assert nis[Sensor.GNSS_TRACTOR] < 0.6  # of four where GNSS alone is uncertain, so near 1/4
+
+
+def test_every_sample_of_the_log_reaches_the_estimator_once(run):
+    record, _ = run
+    rows = np.isfinite(record[MEASUREMENT].values)
+    rows = rows[record[MEASUREMENT].time_s <= record[ESTIMATE].time_s[-1] + 1e-9]
+    assert sum(len(sample.value) for tick in ticks(record) for sample in tick.samples) == rows.sum()
+
+
+def test_figures_of_estimates_with_known_errors():
+    """Errors of two claimed standard deviations: NEES 4; alternating innovations: -1."""
+    time_s = 0.2 * np.arange(100)
+    names = STATE.fields
+    values = np.zeros((100, len(names)))
+    values[:, names.index("v_mps")] = 1.0
+    record = Record({STATE.topic: Table(STATE, time_s, values)})
+    sd = np.array([0.01, 0.02, 0.003, 0.004, 0.005, 0.006, 0.07])
+    estimates = [
+        Estimate(
+            time_s=t,
+            state=np.array([0, 0, 2 * math.pi, 0, 0, 0, 1.0]) + 2.0 * sd,  # a whole turn counts not
+            covariance=np.diag(sd**2),
+            trailer_xy=np.array([0.3, 0.4]),
+            hitch_angle=0.0,
+            innovations=(
+                Innovation(Sensor.HITCH, 4.0, 1, k % 2 == 0, (2.0 * (-1) ** k,), math.log(0.25)),
+            ),
+        )
+        for k, t in enumerate(time_s)
+    ]
+    figures = consistency(estimates, record)
+    for item, claimed in zip(figures.states, sd, strict=True):
+        assert item.nees == pytest.approx(4.0)
+        assert item.claimed == pytest.approx(claimed)
+        assert [item.rms, item.bias] == pytest.approx([2.0 * claimed] * 2)
+    assert figures.trailer_m == pytest.approx(0.5)
+    assert figures.tractor_m == pytest.approx(2.0 * math.hypot(0.01, 0.02))
+    (hitch,) = figures.sensors
+    assert (hitch.samples, hitch.rejected) == (60, 30)  # from 8 s on
+    assert hitch.nis == pytest.approx(4.0)
+    assert hitch.autocorrelation == pytest.approx(-59 / 60)
+    normal = -0.5 * (4.0 + math.log(0.25) + math.log(2.0 * math.pi))
+    assert figures.log_likelihood == pytest.approx(60 * normal)
+
+
+def test_the_command_prints_states_and_sensors(log, capsys):
+    assert main(["log", "replay", str(log)]) == 0
+    printed = capsys.readouterr().out
+    assert "grass, seed 3, estimator ekf: the estimates of the run" in printed
+    for word in ("delta_i", "NEES", "gnss_trailer", "log-likelihood"):
+        assert word in printed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--estimator", "truth"], "truth needs the plant"),
+        (["--estimator", "kf"], "controller.estimator"),
+        (["--set", "sensors.gnss_sd=1"], "gnss_sd"),
+    ],
+)
+def test_what_cannot_be_replayed_is_refused_in_one_line(log, capsys, arguments, reason):
+    assert main(["log", "replay", str(log), *arguments]) == 2
+    error = capsys.readouterr().err
+    assert reason in error
+    assert len(error.splitlines()) == 1
+
+
+def test_a_record_without_estimates_is_refused(run):
+    record, _ = run
+    tables = dict(record.tables)
+    tables[ESTIMATE.topic] = Table(ESTIMATE, np.empty(0), np.empty((0, len(ESTIMATE.fields))))
+    with pytest.raises(InvalidReplay, match="0 estimates"):
+        list(ticks(Record(tables)))
