@@ -113,7 +113,7 @@ class ProcessNoise:
     # To the factor VALVES
     steering: float = 0.0018  # lag and play of both steering valves [rad/sqrt(s)]
     # Fixed
-    drive: float = 0.0034  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
+    drive: float = 0.0017  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
     slip_walk: float = 0.0003  # random walk of the persistent side slips [rad/sqrt(m)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
     drive_walk: float = 0.00065  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
@@ -124,7 +124,7 @@ class ProcessNoise:
     map_fading_m: float = 500.0  # the same of map-fixed disturbances [m]; assumed
     # Initial factors, the standard deviation of their logarithm, and its random walk [1/sqrt(m)]
     roughness: float = 0.5
-    wheel: float = 0.3
+    wheel: float = 0.2
     valves: float = 1.0
     scale_sd: float = 1.0
     scale_walk: float = 0.05
