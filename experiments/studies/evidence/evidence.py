@@ -1,0 +1,91 @@
+"""A published figure beside that of the plant, and the table of many."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from proving_ground.testbed.inspection.check import Check, number
+
+Verdict = Literal["in band", "below", "above", "no figure", "not judged"]
+
+ASSUMED_SHARE: Final = 0.25  # of a value whose source states no spread; assumed
+ASSUMED_RULE: Final = f"the source states no spread: ± {100 * ASSUMED_SHARE:.0f} %, assumed"
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """A figure of the plant, the band of the published one, and the reason where it is outside.
+
+    `check.source` is the publication. The plant is not tuned for any of these figures.
+    """
+
+    check: Check  # our figure, the band and the source of the published figure
+    published: str  # the figure as the source states it
+    rule: str  # where the band comes from
+    method: str  # what was driven: scenario, settings, seeds
+    below: str = "unknown"  # reason, shown where our figure is below the band
+    above: str = "unknown"  # reason, shown where our figure is above the band
+
+    @property
+    def verdict(self) -> Verdict:
+        """Place of our figure against the band."""
+        figure, low, high = self.check.figure, self.check.low, self.check.high
+        if figure is None or math.isnan(figure):
+            return "no figure"
+        if math.isinf(low) and math.isinf(high):
+            return "not judged"
+        if figure < low:
+            return "below"
+        return "above" if figure > high else "in band"
+
+    @property
+    def reason(self) -> str:
+        """Physical reason of a figure outside the band, "unknown" where we have none, else ""."""
+        reasons = {"below": self.below, "above": self.above, "no figure": self.check.note}
+        return reasons.get(self.verdict, "")
+
+
+def around(value: float, share: float = ASSUMED_SHARE) -> tuple[float, float]:
+    """Return the band of +- a share about a value.
+
+    >>> around(8.0, 0.5)
+    (4.0, 12.0)
+    """
+    return value - share * abs(value), value + share * abs(value)
+
+
+def verdict_line(items: Sequence[Evidence]) -> str:
+    """Return how many figures are inside their bands, as a sentence."""
+    judged = [item for item in items if item.verdict != "not judged"]
+    held = sum(item.verdict == "in band" for item in judged)
+    sources = len({item.check.source for item in judged})
+    return f"{held} of {len(judged)} figures from {sources} sources are inside their bands."
+
+
+def table(items: Sequence[Evidence]) -> str:
+    """Return the figures as a Markdown table, and below it how each was made."""
+    head = "| | figure | published | band | ours | verdict |\n|---|---|---|---|---|---|\n"
+    rows = "".join(f"| {k} | {_cells(item)} |\n" for k, item in enumerate(items, 1))
+    notes = "".join(f"{k}. {_note(item)}\n" for k, item in enumerate(items, 1))
+    return f"{head}{rows}\n{notes}"
+
+
+def _cells(item: Evidence) -> str:
+    check, unit = item.check, item.check.unit
+    figure = "–" if check.figure is None or math.isnan(check.figure) else number(check.figure)
+    band = "–" if item.verdict == "not judged" else f"{check.expectation} {unit}".rstrip()
+    word = item.verdict if item.verdict in ("in band", "not judged") else f"**{item.verdict}**"
+    return f"{check.name} | {item.published} | {band} | {figure} {unit} | {word}"
+
+
+def _note(item: Evidence) -> str:
+    parts = [f"{item.check.source}.", f"Band: {item.rule}.", f"Ours: {item.method}"]
+    if item.check.note and item.verdict != "no figure":
+        parts[-1] += f"; {item.check.note}"
+    parts[-1] += "."
+    if item.reason:
+        parts.append(f"**Outside: {item.reason}.**")
+    return " ".join(parts)

@@ -1,0 +1,45 @@
+"""docs/evidence.md: all published figures beside those of the plant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from ..batch import run_tasks
+from .evidence import Evidence, table, verdict_line
+from .handling import yaw_response
+from .passes import implement_steering, nearest_points, revisit, row_repeatability
+
+Experiment = Callable[[], list[Evidence]]
+
+EXPERIMENTS: Final[tuple[Experiment, ...]] = (
+    yaw_response,
+    implement_steering,
+    row_repeatability,
+    nearest_points,
+    revisit,
+)
+
+_HEAD: Final = """\
+# Published figures beside ours
+
+Figures of real machines, and what the plant gives without tuning for any of them. The verdict is
+computed; a figure outside its band is published like any other. Written by
+`python -m experiments.studies.evidence docs/evidence.md`.
+
+"""
+
+
+def evidence(experiments: Sequence[Experiment] = EXPERIMENTS) -> list[Evidence]:
+    """Return the figures of all experiments, made on all cores, in the order of the page."""
+    return [item for items in run_tasks(_perform, experiments) for item in items]
+
+
+def evidence_page(experiments: Sequence[Experiment] = EXPERIMENTS) -> str:
+    """Return the content of docs/evidence.md."""
+    items = evidence(experiments)
+    return f"{_HEAD}{verdict_line(items)}\n\n{table(items)}"
+
+
+def _perform(experiment: Experiment) -> list[Evidence]:
+    return experiment()
