@@ -11,18 +11,23 @@ import numpy as np
 
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.inspection.bench import FIRM_KPA, Bench, steps
+from proving_ground.testbed.inspection.bench import FIRM_KPA, Bench, drive, steps
 from proving_ground.testbed.inspection.check import between
 from proving_ground.testbed.vehicle.vehicle import PlantVehicle
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from proving_ground.testbed.wheels.soil_law import SoilLaw
+from ttempc.types import FloatArray
 
-from .evidence import Evidence
+from .evidence import ASSUMED_RULE, Evidence, around
 
 _UMEDA: Final = "Umeda and Honami 1975, J. Jpn. Soc. Agric. Mach. 37(3)"
 _FREQUENCY_HZ: Final = 0.2
 _AMPLITUDE: Final = math.radians(4.0)
 _SPEEDS: Final = (0.7, 1.4, 2.8)  # [m/s]
 _MASSES: Final = (0.75, 1.0, 1.25)  # times the mass of the tractor
+_STEP: Final = math.radians(3.0)
+_STEP_SPEED: Final = 4.5  # [m/s] of the source
+_RESPONSE_S: Final = 6.0
 _SAME: Final = 0.05  # spread of responses that count as the same; assumed
 _RULE: Final = f'"independent" taken as a spread of at most {100 * _SAME:.0f} %, assumed'
 
@@ -94,3 +99,63 @@ def yaw_response(
             )
         )
     return items
+
+
+def sensitivity(
+    changes: Sequence[float] = (0.1, 0.5), seconds: float = _RESPONSE_S
+) -> list[Evidence]:
+    """Return how far cornering stiffness changes the responses to a step of the steering."""
+    nominal = _step_response(1.0, seconds)
+    items = []
+    for change in changes:
+        share = max(
+            float(np.linalg.norm(response - nominal, axis=0)[k] / np.linalg.norm(nominal[:, k]))
+            for response in (_step_response(1.0 + sign * change, seconds) for sign in (-1, 1))
+            for k in range(nominal.shape[1])
+        )
+        small = change <= 0.1
+        low, high = around(2.0) if small else (0.0, 20.0)
+        check = between(
+            f"change of responses by ± {100.0 * change:.0f} % of all cornering stiffnesses",
+            figure=100.0 * share,
+            low=low,
+            high=high,
+            unit="%",
+            source="Karkee and Steward 2010, J. Terramechanics 47(6), tractor with grain cart",
+        )
+        items.append(
+            Evidence(
+                check,
+                "2 %" if small else "at most 20 %",
+                ASSUMED_RULE if small else "the source's limit",
+                f"largest relative RMS change of the yaw rates of tractor and trailer over "
+                f"{seconds:g} s after a step of {math.degrees(_STEP):g} deg at {_STEP_SPEED:g} "
+                f"m/s, farm machine at 900 kPa, no seed",
+                below="yaw rates alone are compared, of a machine that is lighter than the "
+                "source's; slip angles follow the stiffness more than they do",
+                above="unknown",
+            )
+        )
+    return items
+
+
+def _step_response(stiffness: float, seconds: float) -> FloatArray:
+    """Return yaw rates of tractor and trailer after a step of the steering, (n, 2) [rad/s].
+
+    Args:
+        stiffness: times the cornering stiffness of every tyre.
+        seconds: after the step.
+    """
+    law = SoilLaw()
+    keys = (
+        "side_stiffness_per_rad",
+        "side_stiffness_mobility_per_rad",
+        "side_stiffness_most_per_rad",
+    )
+    law = replace(law, **{key: stiffness * getattr(law, key) for key in keys})
+    bench = replace(farm(speed_gain=5.0), wheel_law=law)
+    plant = bench.plant(bench.terrain, 900.0)
+    plant.reset(-140.0, 0.0, 0.0, _STEP_SPEED)
+    plant.advance(bench.command(_STEP_SPEED), steps(plant, 1.0))
+    truths = drive(plant, bench.command(_STEP_SPEED, delta_t=_STEP), seconds, 0.02)
+    return np.array([(truth.yaw_rate_t, truth.yaw_rate_i) for truth in truths])

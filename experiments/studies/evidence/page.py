@@ -7,13 +7,18 @@ from typing import Final
 
 from ..batch import run_tasks
 from .evidence import Evidence, table, verdict_line
-from .handling import yaw_response
+from .handling import sensitivity, yaw_response
 from .passes import implement_steering, nearest_points, revisit, row_repeatability
+from .wheel import best_slip, combined_slip, second_pass
 
 Experiment = Callable[[], list[Evidence]]
 
 EXPERIMENTS: Final[tuple[Experiment, ...]] = (
+    combined_slip,
+    best_slip,
+    second_pass,
     yaw_response,
+    sensitivity,
     implement_steering,
     row_repeatability,
     nearest_points,
