@@ -13,6 +13,7 @@ from proving_ground.testbed.discretisation import whole_steps
 from proving_ground.testbed.ground.grid import Grid
 from proving_ground.testbed.ground.soil_layers import StrengthMap
 from proving_ground.testbed.ground.terrain import Terrain
+from proving_ground.testbed.implement.mounted import check_pull
 from proving_ground.testbed.randomness import generator
 from proving_ground.testbed.recording.sink import Sink
 from proving_ground.testbed.sensing.sensors import SensorSuite
@@ -135,6 +136,7 @@ def assemble(
     timestep = scenario.plant.timestep_s
     record_steps(timestep, RECORD_RATE_HZ)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
+    _check_pull(scenario, vehicles, mission, soil.background)
     plant = Plant(
         vehicles.plant,
         terrain,
@@ -142,6 +144,7 @@ def assemble(
         wheels=scenario.plant.wheels,
         timestep_s=timestep,
         actuators=scenario.actuators,
+        implement=scenario.implement,
     )
     sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
     return Assembly(
@@ -178,7 +181,8 @@ def check(scenario: Scenario) -> int:
         load_factory(stage.make, "stage")
     timestep_s = scenario.plant.timestep_s
     record_steps(timestep_s, RECORD_RATE_HZ)
-    scenario.soil.soil(0, level, mission.path, strength_map)
+    soil = scenario.soil.soil(0, level, mission.path, strength_map)
+    _check_pull(scenario, vehicles, mission, soil.background)
     front_stop = math.radians(vehicles.plant.front_steering.limit_deg)
     trailer_stop = math.radians(vehicles.plant.trailer_steering.limit_deg)
     Actuators(scenario.actuators, timestep_s, (front_stop, trailer_stop))
@@ -210,6 +214,13 @@ def _way(
     if strength_map:
         _check_covered(path, strength_map, "soil map", "soil.map")
     return Reference(path, vehicle, mission.speed), strength_map
+
+
+def _check_pull(
+    scenario: Scenario, vehicles: Vehicles, mission: Mission, cone_index: float
+) -> None:
+    if scenario.implement:
+        check_pull(scenario.implement, vehicles.plant, cone_index, mission.speed.top_speed)
 
 
 def _ticks(reference: Reference) -> int:

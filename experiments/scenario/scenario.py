@@ -16,6 +16,7 @@ from proving_ground.testbed.actuation.actuators import ActuatorSpecification
 from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
 from proving_ground.testbed.configuration.resources import ShippedFiles
 from proving_ground.testbed.errors import InvalidPlant
+from proving_ground.testbed.implement.implement import Implement
 from proving_ground.testbed.recording.provenance import run_id
 from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from ttempc.errors import InvalidTuning
@@ -48,6 +49,8 @@ class Scenario:
     """Strength of the ground."""
     plant: PlantSettings = PlantSettings()
     """Simulated vehicle."""
+    implement: Implement | None = None
+    """Soil-working implement on the trailer; absent: none."""
     actuators: ActuatorSpecification = ActuatorSpecification()
     """Command path from controller to servos."""
     sensors: SensorSpecification = SensorSpecification()

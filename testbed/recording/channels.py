@@ -174,6 +174,24 @@ TYRES: Final = Channel(
     "load, slip, forces and ground of every wheel",
     tuple(f"{wheel}_{quantity}" for wheel in WHEELS for quantity in _WHEEL_QUANTITIES),
 )
+TOOL: Final = Channel(
+    "/tool",
+    "implement on the trailer: its tool point and the reference of that point, depth (mean, "
+    "outermost points), forces on the trailer, lift (1 lowered, 0 raised), distance driven",
+    (
+        "x_m",
+        "y_m",
+        "x_reference_m",
+        "y_reference_m",
+        "depth_m",
+        "depth_left_m",
+        "depth_right_m",
+        "draft_n",
+        "side_n",
+        "lowered",
+        "distance_m",
+    ),
+)
 
 CHANNELS: Final = (
     STATE,
@@ -186,4 +204,5 @@ CHANNELS: Final = (
     SOLVER,
     TIMING,
     TYRES,
+    TOOL,
 )
