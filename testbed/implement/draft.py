@@ -67,24 +67,24 @@ IMPLEMENTS: Final[Mapping[str, DraftEquation]] = MappingProxyType(
 """Implements by name; "second" is secondary tillage, the others primary tillage."""
 
 
-def draft_equation(kind: str) -> DraftEquation:
+def draft_equation(name: str) -> DraftEquation:
     """Return the draft parameters of an implement.
 
     Raises:
         InvalidPlant: there is no implement of that name.
     """
-    if kind not in IMPLEMENTS:
+    if name not in IMPLEMENTS:
         allowed = ", ".join(IMPLEMENTS)
-        raise InvalidPlant(f"implement.kind: got {kind!r}, must be one of {allowed}")
-    return IMPLEMENTS[kind]
+        raise InvalidPlant(f"implement.type: got {name!r}, must be one of {allowed}")
+    return IMPLEMENTS[name]
 
 
-def _known(kind: str) -> str:
-    draft_equation(kind)
-    return kind
+def _known(name: str) -> str:
+    draft_equation(name)
+    return name
 
 
-ImplementKind = Annotated[
+ImplementType = Annotated[
     str, AfterValidator(_known), Field(json_schema_extra={"enum": list(IMPLEMENTS)})
 ]
 """Type of a setting: the name of an implement; another name raises `InvalidPlant`."""

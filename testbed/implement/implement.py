@@ -12,7 +12,7 @@ from pydantic.dataclasses import dataclass
 from ttempc.types import FloatArray
 
 from ..configuration.config_io import STRICT, NotNegative, Positive
-from .draft import ImplementKind, Texture, draft_equation
+from .draft import ImplementType, Texture, draft_equation
 
 POINTS: Final = 5  # across the width, each with its own depth and forces
 
@@ -26,7 +26,7 @@ class Implement:
     changes their depth, and so does the tilt of the trailer under the draft (a few millimetres).
     """
 
-    kind: ImplementKind = "field-cultivator-second"
+    type: ImplementType = "field-cultivator-second"
     """Implement in ASABE D497, see `testbed.implement.draft`."""
     width_m: Annotated[float, Field(gt=0, le=20)] = 1.2
     """Working width, symmetrical about the trailer."""
@@ -35,7 +35,7 @@ class Implement:
     texture: Texture = "medium"
     """Texture of the soil: fine (clay), medium (loam) or coarse (sand)."""
     spacing_m: Positive | None = None
-    """Distance between tools; absent: that of the kind. A disk harrow has none."""
+    """Distance between tools; absent: that of the type. A disk harrow has none."""
     behind_m: Annotated[float, Field(ge=0, le=10)] = 0.6
     """Distance of the tools behind the trailer's axle; assumed."""
     clearance_m: Positive = 0.15
@@ -54,11 +54,11 @@ class Implement:
     """Exponent of (local cone index / background) in all forces; 0: the texture alone counts."""
 
     def __post_init__(self) -> None:
-        usual = draft_equation(self.kind).spacing_m
+        usual = draft_equation(self.type).spacing_m
         if self.spacing_m is None:
             object.__setattr__(self, "spacing_m", usual)
         elif usual is None:
-            raise ValueError(f"got spacing_m {self.spacing_m:g}, a {self.kind} has no such key")
+            raise ValueError(f"got spacing_m {self.spacing_m:g}, a {self.type} has no such key")
         ends = [end for interval in self.work_m for end in interval]
         if any(after <= before for before, after in pairwise(ends)):
             raise ValueError(
@@ -77,13 +77,13 @@ class Implement:
 
     def draft(self, speed_mps: float) -> float:
         """Return the draft [N] at the set depth on level ground (ASABE D497)."""
-        a, b, c = draft_equation(self.kind).coefficients(self.texture)
+        a, b, c = draft_equation(self.type).coefficients(self.texture)
         return (a + b * speed_mps + c * speed_mps**2) * self.size * self.depth_m
 
     def notes(self) -> list[str]:
         """Return one line on the implement for the log."""
         return [
-            f"implement: {self.kind}, {self.width_m:g} m wide, {100.0 * self.depth_m:g} cm deep in "
+            f"implement: {self.type}, {self.width_m:g} m wide, {100.0 * self.depth_m:g} cm deep in "
             f"{self.texture} soil, {self.behind_m:g} m behind the trailer's axle; draft "
             f"{self.draft(1.0):.0f} N at 1 m/s on level ground"
         ]

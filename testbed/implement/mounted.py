@@ -140,6 +140,6 @@ def check_pull(
         reached = f"by {100.0 * slip:.0f} %" if slip < 1.0 else "without end"
         raise InvalidPlant(
             f"implement: got {implement.width_m:g} m x {100.0 * implement.depth_m:g} cm, a draft "
-            f"of {draft:.0f} N at {speed:g} m/s, under which the tractor's wheels slip {reached} on "
+            f"of {draft:.0f} N at {speed:g} m/s, under which the driven wheels slip {reached} on "
             f"{cone_index:g} kPa; must be at most {100.0 * _MOST_SLIP:.0f} %"
         )

@@ -58,7 +58,7 @@ class ToolLaw:
             background: cone index of the field without its layers [kPa].
         """
         share = implement.size / POINTS
-        equation = draft_equation(implement.kind).coefficients(implement.texture)
+        equation = draft_equation(implement.type).coefficients(implement.texture)
         a, b, c = (share * coefficient for coefficient in equation)
         stiffness = implement.side_stiffness_n_per_deg_m2 * math.degrees(1.0)
         return cls(

@@ -118,7 +118,7 @@ def test_a_refusal_names_key_value_and_allowed_values_in_one_line(override, mess
 
 @pytest.mark.parametrize("name", ["gras", "nowhere.toml"])
 def test_a_missing_scenario_is_refused_with_the_shipped_names(name):
-    with pytest.raises(InvalidScenario, match="shipped are farm, furrows, grass"):
+    with pytest.raises(InvalidScenario, match="shipped are cultivate, farm, furrows, grass"):
         load(name)
 
 
