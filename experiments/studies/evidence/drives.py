@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Literal
 
-import numpy as np
-
-from proving_ground.testbed.recording.channels import REFERENCE, Channel
+from proving_ground.testbed.recording.channels import ESTIMATE, REFERENCE
 from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
 from ...results.summary import Summary
-from ...results.tracking_errors import START_UP_S, rows_at_same_time
+from ...results.tracking_errors import START_UP_S, rows_at_same_time, tracking_errors
 from ...run.simulate import simulate
 from ...scenario.scenario import load
 
-FIRST_SEED: Final = 201  # seeds below are those of tuning
+FIRST_SEED: Final = 201  # smaller ones are for tuning
 FIELD_SENSORS: Final = (
     'sensors.gnss_error="correlated"',
     'sensors.gnss_antenna="corrected"',
@@ -24,12 +22,26 @@ FIELD_SENSORS: Final = (
     "sensors.gnss_latency_s=0.2",
 )
 FARM: Final = ('plant.vehicle.file="farm4500"', "soil.cone_index_kpa=900.0")  # as in `farm`
+# As wide as the machine, at a usual depth.
+FARM_TOOL: Final = (*FARM, 'implement={kind="field-cultivator",width_m=2.0,depth_m=0.10}')
+CULTIVATOR: Final = "farm machine with a field cultivator of 2.0 m x 10 cm on its trailer"
 LONGEST_M: Final = 190.0  # straight line from the middle of the largest field
+
+Point = Literal["tractor", "trailer", "tool"]
 
 
 def seeds(count: int) -> range:
     """Return the seeds of `count` runs."""
     return range(FIRST_SEED, FIRST_SEED + count)
+
+
+def seed_text(count: int) -> str:
+    """Return the seeds of `count` runs as text.
+
+    >>> seed_text(3)
+    'seeds 201-203'
+    """
+    return f"seeds {FIRST_SEED}-{FIRST_SEED + count - 1}" if count > 1 else f"seed {FIRST_SEED}"
 
 
 def gear(speed: float) -> tuple[str, ...]:
@@ -42,17 +54,14 @@ def gear(speed: float) -> tuple[str, ...]:
 
 
 def straight_pass(
-    speed: float,
-    seed: int,
-    changes: Sequence[str] = (*FARM, *FIELD_SENSORS),
-    length_m: float = LONGEST_M,
+    speed: float, seed: int, changes: Sequence[str], length_m: float = LONGEST_M
 ) -> tuple[Summary, Record]:
     """Drive a straight line on `grass` with changes, and return its numbers.
 
     Args:
         speed: along the line [m/s].
         seed: of the run.
-        changes: overrides of the scenario; by default the farm machine with field sensors.
+        changes: overrides of the scenario.
         length_m: of the line, which goes east from the middle of the field.
     """
     path = f'path={{kind="straight",length_m={length_m},speed_mps={speed}}}'
@@ -60,21 +69,14 @@ def straight_pass(
     return simulate(*load("grass", (path, *field, *gear(speed), *changes)), seed)
 
 
-def cross_error(record: Record, channel: Channel, behind_m: float | None = None) -> FloatArray:
-    """Return cross-track errors after the start-up on a straight line to the east, (n,) [m].
-
-    Args:
-        record: of `straight_pass`.
-        channel: `STATE` for true positions, `ESTIMATE` for those that the guidance itself sees.
-        behind_m: point this far behind the trailer axle; None: the tractor point.
-    """
-    _, rows, line = rows_at_same_time(record, channel, REFERENCE)
-    counted = record[channel].time_s[rows] >= START_UP_S
-    if behind_m is None:
-        offset = record[channel]["y_t_m"][rows] - record[REFERENCE]["y_t_m"][line]
-    else:
-        offset = record[channel]["y_i_m"][rows] - record[REFERENCE]["y_i_m"][line]
-        offset = offset - behind_m * np.sin(record[channel]["psi_i_rad"][rows])
-    return offset[counted]
+def cross_error(record: Record, point: Point) -> FloatArray:
+    """Return the true cross-track errors of a point after the start-up, (n,) [m]."""
+    errors = tracking_errors(record)
+    return errors.by_point[point].cross_m[errors.time_s >= START_UP_S]
 
 
+def seen_cross_error(record: Record) -> FloatArray:
+    """Return the trailer's cross-track errors by the estimate, on a line to the east, (n,) [m]."""
+    time_s, rows, line = rows_at_same_time(record, ESTIMATE, REFERENCE)
+    offset = record[ESTIMATE]["y_i_m"][rows] - record[REFERENCE]["y_i_m"][line]
+    return offset[time_s >= START_UP_S]

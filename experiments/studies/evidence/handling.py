@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from proving_ground.testbed.wheels.soil_law import SoilLaw
 
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
@@ -15,7 +16,6 @@ from proving_ground.testbed.inspection.bench import FIRM_KPA, Bench, drive, step
 from proving_ground.testbed.inspection.check import between
 from proving_ground.testbed.vehicle.vehicle import PlantVehicle
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
-from proving_ground.testbed.wheels.soil_law import SoilLaw
 from ttempc.types import FloatArray
 
 from .evidence import ASSUMED_RULE, Evidence, around
@@ -45,7 +45,9 @@ def farm(mass: float = 1.0, speed_gain: float | None = None) -> Bench:
     if speed_gain is not None:
         hydrostat = replace(hydrostat, speed_gain_mps=speed_gain)
     return Bench(
-        replace(vehicle, tractor=tractor, hydrostat=hydrostat), flat((300.0, 60.0)), SoilMap(FIRM_KPA)
+        replace(vehicle, tractor=tractor, hydrostat=hydrostat),
+        flat((300.0, 60.0)),
+        SoilMap(FIRM_KPA),
     )
 
 

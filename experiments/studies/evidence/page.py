@@ -8,7 +8,14 @@ from typing import Final
 from ..batch import run_tasks
 from .evidence import Evidence, table, verdict_line
 from .handling import sensitivity, yaw_response
-from .passes import implement_steering, nearest_points, revisit, row_repeatability
+from .passes import (
+    implement_steering,
+    nearest_points,
+    receivers,
+    revisit,
+    steered_joint,
+)
+from .tillage import tool_forces, transport_slip, unsteered_tool, working_slip
 from .wheel import best_slip, combined_slip, second_pass
 
 Experiment = Callable[[], list[Evidence]]
@@ -17,10 +24,15 @@ EXPERIMENTS: Final[tuple[Experiment, ...]] = (
     combined_slip,
     best_slip,
     second_pass,
+    working_slip,
+    transport_slip,
+    tool_forces,
+    unsteered_tool,
     yaw_response,
     sensitivity,
     implement_steering,
-    row_repeatability,
+    steered_joint,
+    receivers,
     nearest_points,
     revisit,
 )

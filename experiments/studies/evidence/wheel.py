@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from proving_ground.testbed.wheels.soil_law import SoilLaw
 
 from proving_ground.testbed.ground.terrain import flat
 from proving_ground.testbed.inspection.bench import DRIVEN, Bench
@@ -15,7 +16,6 @@ from proving_ground.testbed.inspection.traction import efficiency
 from proving_ground.testbed.truth import WHEELS
 from proving_ground.testbed.vehicle.servos import tyres_of
 from proving_ground.testbed.wheels import tyre
-from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.tyre import WheelMotion
 
 from .evidence import ASSUMED_RULE, Evidence, around
@@ -68,8 +68,7 @@ def combined_slip() -> list[Evidence]:
     items = []
     for degrees, slip, remaining in _SAND:
         free, loaded = (
-            side_ratio(math.radians(degrees), each, SOILS["soft or sandy"])
-            for each in (0.0, slip)
+            side_ratio(math.radians(degrees), each, SOILS["soft or sandy"]) for each in (0.0, slip)
         )
         loss = 100.0 * (1.0 - remaining)
         check = between(
@@ -78,8 +77,7 @@ def combined_slip() -> list[Evidence]:
             low=loss - _SAND_POINTS,
             high=loss + _SAND_POINTS,
             unit="%",
-            source="wheel with grousers on sand, github.com/qishuny/3D-RFT-wheel, "
-            "3 trials a point",
+            source="wheel with grousers on sand, github.com/qishuny/3D-RFT-wheel, 3 trials a point",
             note=f"side force over load {abs(free):.2f} without slip, {abs(loaded):.2f} with it",
         )
         items.append(
@@ -89,10 +87,8 @@ def combined_slip() -> list[Evidence]:
                 f"± {_SAND_POINTS:g} points, assumed",
                 "rear tyre of the farm machine at its rated load, Bn = 20, no seed. A small rigid "
                 "wheel tells the shape of the law, not its size",
-                below="the law adds both slips as one vector; the sand in front of the rigid wheel "
-                "is also dug away",
-                above="a pneumatic tyre reaches its traction at less slip than a rigid wheel on "
-                "sand, so that the same slip takes more of the side force",
+                above="the law adds both slips as one vector and refers the sideways speed to that "
+                "of the rim, which grows with slip; sand goes on pushing the side of a sunk wheel",
             )
         )
     return items
@@ -139,6 +135,8 @@ def second_pass() -> list[Evidence]:
             "rear wheels of the farm machine in the ruts of its front wheels, option "
             "`second_pass`, tilled soil (Bn = 40), no seed. The option's coefficients are the "
             "source's means of traction and resistance; the efficiency is not put in",
+            below="at best efficiency motion resistance is a small share of gross traction, so "
+            "that 11 % of it is worth little; the slip at which the source compares is not known",
         )
     ]
 
