@@ -11,19 +11,15 @@ from ttempc.types import FloatArray
 
 from ...results.summary import Summary
 from ...results.tracking_errors import START_UP_S, rows_at_same_time, tracking_errors
+from ...run.assembly import EDGE_M
 from ...run.simulate import simulate
 from ...scenario.scenario import load
 
 FIRST_SEED: Final = 201  # smaller ones are for tuning
-FIELD_SENSORS: Final = (
-    'sensors.gnss_error="correlated"',
-    'sensors.gnss_antenna="corrected"',
-    "sensors.imu.on=true",
-    "sensors.gnss_latency_s=0.2",
-)
+FIELD_SENSORS: Final = ('sensors.preset="field"',)
 FARM: Final = ('plant.vehicle.file="farm4500"', "soil.cone_index_kpa=900.0")  # as in `farm`
 # As wide as the machine, at a usual depth.
-FARM_TOOL: Final = (*FARM, 'implement={kind="field-cultivator",width_m=2.0,depth_m=0.10}')
+FARM_TOOL: Final = (*FARM, 'implement={type="field-cultivator",width_m=2.0,depth_m=0.10}')
 CULTIVATOR: Final = "farm machine with a field cultivator of 2.0 m x 10 cm on its trailer"
 LONGEST_M: Final = 190.0  # straight line from the middle of the largest field
 
@@ -65,7 +61,7 @@ def straight_pass(
         length_m: of the line, which goes east from the middle of the field.
     """
     path = f'path={{kind="straight",length_m={length_m},speed_mps={speed}}}'
-    field = ("terrain.size_x_m=400.0", "terrain.size_y_m=20.0")
+    field = (f"terrain.size_x_m={2.0 * (length_m + EDGE_M)}", "terrain.size_y_m=20.0")
     return simulate(*load("grass", (path, *field, *gear(speed), *changes)), seed)
 
 

@@ -183,7 +183,7 @@ def unsteered_tool(runs: int = 3) -> list[Evidence]:
     )
     method = (
         f"{CULTIVATOR}, `pid`, trailer steering locked, {_SPEED:g} m/s along a side slope of "
-        f"{_SLOPE:g} rad, field sensors, {seed_text(runs)}, median of the unsigned error"
+        f"{_SLOPE:g} rad, `field` sensors, {seed_text(runs)}, median of the unsigned error"
     )
     return [
         Evidence(
