@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Final
 
@@ -115,6 +115,27 @@ def frame_height(vehicle: PlantVehicle, behind: float) -> float:
     pin = rear + (rear - front) * vehicle.hitch.offset_m / vehicle.tractor.wheelbase_m
     nose_down = (pin - trailer) / (vehicle.drawbar.length_m + vehicle.trailer.length_m)
     return vehicle.trailer_wheel.radius_m - trailer + nose_down * behind
+
+
+def draw_implement(spec: mujoco.MjSpec, implement: Implement, height: float) -> None:
+    """Add a beam with a shank for each point to the trailer, for pictures; drawn lowered.
+
+    Args:
+        spec: model of the vehicle, changed in place.
+        implement: settings.
+        height: of the trailer's frame above the ground [m].
+    """
+
+    def capsule(start: Sequence[float], end: Sequence[float], radius: float) -> None:
+        geom = spec.body("trailer").add_geom(spec.find_default("shape"), material="steel")
+        geom.type, geom.fromto = mujoco.mjtGeom.mjGEOM_CAPSULE, [*start, *end]
+        geom.size = [radius, 0.0, 0.0]
+
+    x, half = -implement.behind_m, 0.5 * implement.width_m
+    capsule((x, -half, 0.0), (x, half, 0.0), 0.04)
+    capsule((x, 0.0, 0.0), (0.0, 0.0, 0.0), 0.04)
+    for y in implement.offsets.tolist():
+        capsule((x, y, 0.0), (x, y, -height - implement.depth_m), 0.02)
 
 
 def check_pull(

@@ -22,7 +22,7 @@ from ..ground.ground import Ground
 from ..ground.soil import SoilMap
 from ..ground.terrain import Terrain
 from ..implement.implement import Implement
-from ..implement.mounted import MountedImplement
+from ..implement.mounted import MountedImplement, draw_implement, frame_height
 from ..messages.scenery import Scenery, shapes_of
 from ..truth import WHEELS, Truth
 from ..vehicle.appearance import paint_ground
@@ -79,6 +79,8 @@ class Plant:
     ) -> None:
         self.vehicle, self.terrain, self.soil = vehicle, terrain, soil
         self._spec = build_spec(vehicle, terrain, wheels, timestep_s)
+        if implement:
+            draw_implement(self._spec, implement, frame_height(vehicle, implement.behind_m))
         self.model = physics_model(self._spec)
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
