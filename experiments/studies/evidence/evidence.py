@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Final, Literal
 
 from proving_ground.testbed.inspection.check import Check, number
@@ -66,26 +67,32 @@ def verdict_line(items: Sequence[Evidence]) -> str:
 
 
 def table(items: Sequence[Evidence]) -> str:
-    """Return the figures as a Markdown table, and below it how each was made."""
+    """Return the figures as a Markdown table, and below it how they were made."""
     head = "| | figure | published | band | ours | verdict |\n|---|---|---|---|---|---|\n"
-    rows = "".join(f"| {k} | {_cells(item)} |\n" for k, item in enumerate(items, 1))
-    notes = "".join(f"{k}. {_note(item)}\n" for k, item in enumerate(items, 1))
-    return f"{head}{rows}\n{notes}"
+    numbered = list(enumerate(items, 1))
+    rows = "".join(f"| {k} | {_cells(item)} |\n" for k, item in numbered)
+    groups = groupby(numbered, lambda pair: (pair[1].check.source, pair[1].rule, pair[1].method))
+    return f"{head}{rows}\n" + "".join(_note(list(group)) for _, group in groups)
 
 
 def _cells(item: Evidence) -> str:
-    check, unit = item.check, item.check.unit
-    figure = "–" if check.figure is None or math.isnan(check.figure) else number(check.figure)
-    band = "–" if item.verdict == "not judged" else f"{check.expectation} {unit}".rstrip()
-    word = item.verdict if item.verdict in ("in band", "not judged") else f"**{item.verdict}**"
-    return f"{check.name} | {item.published} | {band} | {figure} {unit} | {word}"
+    check, unit, verdict = item.check, item.check.unit, item.verdict
+    figure = "–" if verdict == "no figure" else f"{number(check.figure or 0.0)} {unit}".rstrip()
+    band = "–" if verdict == "not judged" else f"{check.expectation} {unit}".rstrip()
+    word = verdict if verdict in ("in band", "not judged") else f"**{verdict}**"
+    return f"{check.name} | {item.published} | {band} | {figure} | {word}"
 
 
-def _note(item: Evidence) -> str:
-    parts = [f"{item.check.source}.", f"Band: {item.rule}.", f"Ours: {item.method}"]
-    if item.check.note and item.verdict != "no figure":
-        parts[-1] += f"; {item.check.note}"
-    parts[-1] += "."
-    if item.reason:
-        parts.append(f"**Outside: {item.reason}.**")
-    return " ".join(parts)
+def _note(group: list[tuple[int, Evidence]]) -> str:
+    """Return how a run of figures with one source, band rule and method was made."""
+    (first, item), (last, _) = group[0], group[-1]
+    name = f"{first}" if first == last else f"{first} to {last}"
+    text = f"**{name}.** {item.check.source}. Band: {item.rule}. Ours: {item.method}.\n"
+    for k, each in group:
+        if each.check.note and each.verdict != "no figure":
+            text += f"- {k}: {each.check.note}.\n"
+    for reason, members in groupby(group, lambda pair: pair[1].reason):
+        if reason:
+            numbers = ", ".join(str(k) for k, _ in members)
+            text += f"- {numbers} outside: {reason}.\n"
+    return text + "\n"

@@ -70,7 +70,14 @@ def working_slip(runs: int = 6) -> list[Evidence]:
         source=_SLIP_SOURCE,
     )
     items = [
-        Evidence(median, "7.8 %", "quartiles of the source", method),
+        Evidence(
+            median,
+            "7.8 %",
+            "quartiles of the source",
+            method,
+            below="the source does not state the draft; the width of our tool is that of the "
+            "machine, not one that loads the tractor as the source's was",
+        ),
         Evidence(spread, "3.9 points", ASSUMED_RULE, method, below=uniform),
     ]
     for lag, published in _MEMORY:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from proving_ground.testbed.wheels.soil_law import SoilLaw
 
 from proving_ground.testbed.ground.terrain import flat
 from proving_ground.testbed.inspection.bench import DRIVEN, Bench
@@ -16,6 +15,7 @@ from proving_ground.testbed.inspection.traction import efficiency
 from proving_ground.testbed.truth import WHEELS
 from proving_ground.testbed.vehicle.servos import tyres_of
 from proving_ground.testbed.wheels import tyre
+from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.tyre import WheelMotion
 
 from .evidence import ASSUMED_RULE, Evidence, around
@@ -70,7 +70,7 @@ def combined_slip() -> list[Evidence]:
         free, loaded = (
             side_ratio(math.radians(degrees), each, SOILS["soft or sandy"]) for each in (0.0, slip)
         )
-        loss = 100.0 * (1.0 - remaining)
+        loss = round(100.0 * (1.0 - remaining))
         check = between(
             f"loss of side force at {degrees:g} deg by a slip of {100.0 * slip:g} %",
             figure=100.0 * (1.0 - loaded / free),
@@ -83,7 +83,7 @@ def combined_slip() -> list[Evidence]:
         items.append(
             Evidence(
                 check,
-                f"{loss:.0f} %",
+                f"{loss} %",
                 f"± {_SAND_POINTS:g} points, assumed",
                 "rear tyre of the farm machine at its rated load, Bn = 20, no seed. A small rigid "
                 "wheel tells the shape of the law, not its size",

@@ -11,6 +11,7 @@ from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.implement.draft import IMPLEMENTS
 from proving_ground.testbed.implement.implement import Implement
 from proving_ground.testbed.implement.mounted import check_pull
+from proving_ground.testbed.wheels.soil_law import SoilLaw
 from tests.testbed.plants import SMALL
 
 
@@ -41,10 +42,10 @@ def test_draft_is_proportional_to_width_and_depth_and_falls_with_coarse_soil(kin
 
 
 def test_the_default_implement_is_one_that_the_small_tractor_pulls():
-    check_pull(Implement(), SMALL, 600.0, 1.0)
+    check_pull(SoilLaw(), Implement(), SMALL, 600.0, 1.0)
     for depth in (0.15, 0.8):
         with pytest.raises(InvalidPlant, match=r"wheels slip .* must be at most 30 %"):
-            check_pull(Implement(depth_m=depth), SMALL, 600.0, 1.0)
+            check_pull(SoilLaw(), Implement(depth_m=depth), SMALL, 600.0, 1.0)
 
 
 def test_a_scenario_is_checked_before_it_is_built():
