@@ -41,12 +41,12 @@ _HEAD: Final = """\
 # Published figures beside ours
 
 Figures of real machines, and what the plant gives without tuning for any of them. The verdict is
-computed; a figure outside its band is published like any other, with the reason where we know one. Written by
-`python -m experiments.studies.evidence docs/evidence.md`.
+computed. A figure outside its band is published like any other, with the reason where we know one.
+Written by `python -m experiments.studies.evidence docs/evidence.md`.
 
-The farm machine is `mjcf/vehicles/farm4500.toml`, all of whose values are assumed. Not compared: the
-displacement of a 10 m wide implement by unequal depth of its wings, because this machine cannot
-pull one, and trajectories of machines whose masses and tyres are not published.
+The farm machine is `mjcf/vehicles/farm4500.toml`, all of whose values are assumed. Not compared:
+the displacement of a 10 m wide implement by unequal depth of its wings, because this machine
+cannot pull one, and trajectories of machines whose masses and tyres are not published.
 
 """
 

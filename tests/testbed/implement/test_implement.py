@@ -43,7 +43,7 @@ def test_draft_is_proportional_to_width_and_depth_and_falls_with_coarse_soil(kin
 
 def test_the_default_implement_is_one_that_the_small_tractor_pulls():
     check_pull(SoilLaw(), Implement(), SMALL, 600.0, 1.0)
-    for depth in (0.15, 0.8):
+    for depth in (0.2, 0.8):
         with pytest.raises(InvalidPlant, match=r"wheels slip .* must be at most 30 %"):
             check_pull(SoilLaw(), Implement(depth_m=depth), SMALL, 600.0, 1.0)
 
