@@ -30,7 +30,6 @@ from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
-from ..scenario.assumed_noise import assumed_noise
 from ..scenario.controller import TRUTH, ControllerSettings
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
@@ -155,7 +154,7 @@ def assemble(
         terrain=terrain,
         reference=reference,
         ticks=_ticks(reference),
-        mismatch=vehicles.mismatch,
+        mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=mission.notes,
         stages=_stages(scenario, seed),
     )
@@ -257,7 +256,7 @@ def _guidance(
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
-    noise = assumed_noise(scenario.sensors)
+    noise = settings.noise.sensor_noise(scenario.sensors)
     controller, options, tube = settings.name, settings.options, None
     if factory is None and is_user_code(settings.name):
         factory = load_factory(settings.name, "controller")

@@ -37,12 +37,15 @@ _SPEEDS: Final = (
 )
 
 
+_SAMPLES: Final = {sensor: (*parts, "time_s") for sensor, parts in COMPONENTS.items()}
+
+
 def _sensor_columns() -> dict[Sensor, slice]:
-    """Return the columns of each sensor in `MEASUREMENT`, in the order of `COMPONENTS`."""
+    """Return the columns of each sensor in `MEASUREMENT`: its components, then the sample time."""
     columns, first = {}, 0
-    for sensor, components in COMPONENTS.items():
-        columns[sensor] = slice(first, first + len(components))
-        first += len(components)
+    for sensor, parts in _SAMPLES.items():
+        columns[sensor] = slice(first, first + len(parts))
+        first += len(parts)
     return columns
 
 
@@ -67,9 +70,9 @@ REFERENCE: Final = Channel(
 )
 MEASUREMENT: Final = Channel(
     "/measurement",
-    "samples that the sensors delivered at this time, taken earlier by their latency; NaN where a "
-    "sensor delivered none",
-    tuple(f"{sensor}_{part}" for sensor, parts in COMPONENTS.items() for part in parts),
+    "samples that the sensors delivered at this time, each with the time at which it was taken; "
+    "NaN where a sensor delivered none",
+    tuple(f"{sensor}_{part}" for sensor, parts in _SAMPLES.items() for part in parts),
 )
 MEASUREMENT_COLUMNS: Final = _sensor_columns()
 ESTIMATE: Final = Channel(

@@ -93,10 +93,10 @@ def tool_row(tool: Tool, reference: Sequence[float]) -> list[float]:
 
 
 def measurement_row(samples: Sequence[Measurement]) -> list[float]:
-    """Return the row of `channels.MEASUREMENT` for samples of one moment."""
+    """Return the row of `channels.MEASUREMENT` for samples that are delivered at one moment."""
     row = [NAN] * len(MEASUREMENT.fields)
     for sample in samples:
-        row[MEASUREMENT_COLUMNS[sample.sensor]] = sample.value
+        row[MEASUREMENT_COLUMNS[sample.sensor]] = (*sample.value, sample.time_s)
     return row
 
 
