@@ -160,9 +160,9 @@ def check_pull(
     except InvalidPlant:
         slip = 1.0
     if slip > _MOST_SLIP:
-        reached = f"by {100.0 * slip:.0f} %" if slip < 1.0 else "without end"
+        needed = f"slip by {100.0 * slip:.0f} %" if slip < 1.0 else "cannot pull it"
         raise InvalidPlant(
             f"implement: got {implement.width_m:g} m x {100.0 * implement.depth_m:g} cm, a draft "
-            f"of {draft:.0f} N at {speed:g} m/s, under which the driven wheels slip {reached} on "
-            f"{cone_index:g} kPa; must be at most {100.0 * _MOST_SLIP:.0f} %"
+            f"of {draft:.0f} N at {speed:g} m/s; on {cone_index:g} kPa the driven wheels must pull "
+            f"it with at most {100.0 * _MOST_SLIP:.0f} % slip, but {needed}"
         )

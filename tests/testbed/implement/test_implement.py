@@ -43,9 +43,21 @@ def test_draft_is_proportional_to_width_and_depth_and_falls_with_coarse_soil(kin
 
 def test_the_default_implement_is_one_that_the_small_tractor_pulls():
     check_pull(SoilLaw(), Implement(), SMALL, 600.0, 1.0)
-    for depth in (0.2, 0.8):
-        with pytest.raises(InvalidPlant, match=r"wheels slip .* must be at most 30 %"):
-            check_pull(SoilLaw(), Implement(depth_m=depth), SMALL, 600.0, 1.0)
+    with pytest.raises(InvalidPlant, match="at most 30 % slip, but cannot pull it"):
+        check_pull(SoilLaw(), Implement(depth_m=0.8), SMALL, 600.0, 1.0)
+
+
+def test_what_is_pulled_on_weak_soil_is_pulled_on_firm_soil():
+    def deepest(cone_index):
+        for depth in range(1, 41):
+            try:
+                check_pull(SoilLaw(), Implement(depth_m=0.01 * depth), SMALL, cone_index, 1.0)
+            except InvalidPlant:
+                return depth - 1
+        raise AssertionError("every depth is accepted")
+
+    weak, moist, firm = map(deepest, (300.0, 600.0, 2000.0))
+    assert 0 < weak < moist < firm
 
 
 def test_a_scenario_is_checked_before_it_is_built():
