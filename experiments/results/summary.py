@@ -40,7 +40,7 @@ class ErrorStatistics:
     along_sd_m: float | None
     cross_mean_m: float | None
     cross_sd_m: float | None
-    cross_p95_m: float | None  # of the absolute cross-track error, as in ISO 12188-2
+    cross_p95_m: float | None  # of the absolute cross-track error
 
 
 @dataclass(frozen=True, slots=True)

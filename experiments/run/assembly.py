@@ -220,7 +220,8 @@ def _check_pull(
     scenario: Scenario, vehicles: Vehicles, mission: Mission, cone_index: float
 ) -> None:
     if scenario.implement:
-        check_pull(scenario.implement, vehicles.plant, cone_index, mission.speed.top_speed)
+        law, speed = scenario.plant.wheel_law, mission.speed.top_speed
+        check_pull(law, scenario.implement, vehicles.plant, cone_index, speed)
 
 
 def _ticks(reference: Reference) -> int:

@@ -19,6 +19,7 @@ from ..ground.terrain import flat
 from ..truth import WHEELS, Tool
 from ..vehicle.servos import equilibrium_slip, tyres_of, wheel_loads
 from ..vehicle.vehicle import PlantVehicle
+from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import WheelMotion, contact
 from .implement import POINTS, Implement
 from .soil_force import ToolLaw
@@ -139,11 +140,12 @@ def draw_implement(spec: mujoco.MjSpec, implement: Implement, height: float) -> 
 
 
 def check_pull(
-    implement: Implement, vehicle: PlantVehicle, cone_index: float, speed: float
+    law: SoilLaw, implement: Implement, vehicle: PlantVehicle, cone_index: float, speed: float
 ) -> None:
     """Refuse an implement that the tractor cannot pull on level ground.
 
     Args:
+        law: of the wheels on soil.
         implement: settings.
         vehicle: that pulls it.
         cone_index: of the soil [kPa].
@@ -154,7 +156,7 @@ def check_pull(
     """
     draft = implement.draft(speed)
     try:
-        slip = equilibrium_slip(tyres_of(vehicle), wheel_loads(vehicle), cone_index, draft)
+        slip = equilibrium_slip(law, tyres_of(vehicle), wheel_loads(vehicle), cone_index, draft)
     except InvalidPlant:
         slip = 1.0
     if slip > _MOST_SLIP:

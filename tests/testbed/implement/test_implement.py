@@ -11,6 +11,7 @@ from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.implement.draft import IMPLEMENTS
 from proving_ground.testbed.implement.implement import Implement
 from proving_ground.testbed.implement.mounted import check_pull
+from proving_ground.testbed.wheels.soil_law import SoilLaw
 from tests.testbed.plants import SMALL
 
 
@@ -41,16 +42,16 @@ def test_draft_is_proportional_to_width_and_depth_and_falls_with_coarse_soil(kin
 
 
 def test_the_default_implement_is_one_that_the_small_tractor_pulls():
-    check_pull(Implement(), SMALL, 600.0, 1.0)
+    check_pull(SoilLaw(), Implement(), SMALL, 600.0, 1.0)
     with pytest.raises(InvalidPlant, match="at most 30 % slip, but cannot pull it"):
-        check_pull(Implement(depth_m=0.8), SMALL, 600.0, 1.0)
+        check_pull(SoilLaw(), Implement(depth_m=0.8), SMALL, 600.0, 1.0)
 
 
 def test_what_is_pulled_on_weak_soil_is_pulled_on_firm_soil():
     def deepest(cone_index):
         for depth in range(1, 41):
             try:
-                check_pull(Implement(depth_m=0.01 * depth), SMALL, cone_index, 1.0)
+                check_pull(SoilLaw(), Implement(depth_m=0.01 * depth), SMALL, cone_index, 1.0)
             except InvalidPlant:
                 return depth - 1
         raise AssertionError("every depth is accepted")
