@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from proving_ground.testbed.recording.channels import (
     STATE,
 )
 from proving_ground.testbed.recording.record import Record
-from ttempc.types import Command, Estimate, Estimator, Measurement, Sensor
+from ttempc.types import Command, Estimate, Estimator, Measurement
 
 from ..errors import InvalidReplay
 from ..run.assembly import model_vehicle, scenario_estimator
@@ -96,11 +97,7 @@ def ticks(record: Record) -> Iterator[Tick]:
     begin = 0
     for k, time_s in enumerate(times.tolist()):
         end = int(np.searchsorted(samples.time_s, time_s + _SAME_TIME_S))
-        arrived = [
-            Measurement(float(samples.time_s[row]), sensor, tuple(value.tolist()))
-            for row in range(begin, end)
-            for sensor, value in _values(samples.values[row])
-        ]
+        arrived = [sample for row in samples.values[begin:end].tolist() for sample in _samples(row)]
         yield Tick(time_s, tuple(arrived), Command(*commands[k - 1].tolist()) if k else None)
         begin = end
 
@@ -122,8 +119,9 @@ def same_as_recorded(estimates: Sequence[Estimate], record: Record) -> bool:
     return np.array_equal(again, record[ESTIMATE].values, equal_nan=True)
 
 
-def _values(row: np.ndarray) -> Iterator[tuple[Sensor, np.ndarray]]:
+def _samples(row: list[float]) -> Iterator[Measurement]:
+    """Yield the samples of a row of `MEASUREMENT`; the last column of each is its time."""
     for sensor in _ORDER:
-        value = row[MEASUREMENT_COLUMNS[sensor]]
-        if not np.isnan(value).all():
-            yield sensor, value
+        *value, time_s = row[MEASUREMENT_COLUMNS[sensor]]
+        if not math.isnan(time_s):
+            yield Measurement(time_s, sensor, tuple(value))

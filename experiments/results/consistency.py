@@ -37,6 +37,7 @@ class SensorConsistency:
 
     name: str
     samples: int
+    entries: int  # of all samples together
     rejected: int  # by the gate
     nis: float  # mean normalised innovation squared per entry
     autocorrelation: float  # of the whitened innovations, from one sample to the next
@@ -51,6 +52,12 @@ class Consistency:
     sensors: tuple[SensorConsistency, ...]
     tractor_m: float  # mean distance of the estimated points from the true ones
     trailer_m: float
+
+    @property
+    def nis(self) -> float:
+        """Mean normalised innovation squared per entry of all samples."""
+        entries = sum(sensor.entries for sensor in self.sensors)
+        return sum(item.entries * item.nis for item in self.sensors) / entries
 
     @property
     def log_likelihood(self) -> float:
@@ -114,7 +121,7 @@ def format_consistency(figures: Consistency) -> list[str]:
     ]
     return [
         *lines,
-        f"{'all':<18}{figures.log_likelihood:>52.1f}",
+        f"{'all':<35}{figures.nis:>8.3f}{figures.log_likelihood:>27.1f}",
         "",
         f"mean distance of the estimated points from the true ones: tractor "
         f"{100.0 * figures.tractor_m:.2f} cm, trailer {100.0 * figures.trailer_m:.2f} cm",
@@ -139,6 +146,7 @@ def _sensor(name: str, items: Sequence[Innovation]) -> SensorConsistency:
     return SensorConsistency(
         name=name,
         samples=len(items),
+        entries=whitened.size,
         rejected=sum(not item.accepted for item in items),
         nis=power / whitened.size,
         autocorrelation=float(np.sum(whitened[1:] * whitened[:-1])) / power,
