@@ -14,7 +14,7 @@ ABOUT = """\
   ttempc log check LOG.mcap                    is it whole, complete, of this version?
   ttempc log check TORN.part --recover NEW.mcap
   ttempc log replay LOG.mcap                   errors and consistency of the estimator
-  ttempc log replay LOG.mcap --estimator nmhe --set sensors.gnss_sd_m=0.05
+  ttempc log replay LOG.mcap --estimator nmhe --set controller.noise.gnss_sd_m=0.05
 
 A log is log.mcap of a run's folder, or log.mcap.part of a run that was killed. The
 readable part of a torn log is shown and exported, with a note.

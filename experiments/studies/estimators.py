@@ -1,25 +1,35 @@
-"""Comparison of estimators: the filter and the moving horizon.
+"""Comparison of estimators, and consistency of the default one.
 
     python -m experiments.studies.estimators [SCENARIO ...]
+    python -m experiments.studies.estimators consistency [FIRST_SEED [SEEDS]]
 
-Prints the Markdown table of docs/estimators.md: `ttempc-nominal` with `ekf` and with `nmhe`, one
-lap with the same seeds. The normalised innovations of `nmhe` are those of its internal filter. The
-cost of an update is measured on all cores at a time.
+Prints the Markdown tables of docs/estimators.md. The first compares `ttempc-nominal` with `ekf` and
+with `nmhe`, one lap with the same seeds. The normalised innovations of `nmhe` are those of its
+internal filter. The cost of an update is measured on all cores at a time.
+
+The second drives one lap of every shipped scenario. For each state it gives the mean normalised
+estimation error squared (NEES) over all seeds; then normalised innovation squared (NIS),
+autocorrelation of the innovations of GNSS, and the mean error of both points.
 """
 
 from __future__ import annotations
 
 import itertools
 import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from proving_ground.testbed.recording.channels import ESTIMATE
+from ttempc.types import State
 
+from ..logs.replay import estimator_of, replay
+from ..results.consistency import Consistency, consistency
 from ..results.published import COLUMNS
 from ..run.simulate import simulate
-from ..scenario.scenario import load
+from ..scenario.path import FigureEight
+from ..scenario.scenario import load, shipped
 from .batch import StudyRun, mean_errors_cm, run_tasks
 
 SCENARIOS = ("pavement", "grass", "wet-grass", "side-slope", "wet-slope", "patchy")
@@ -81,5 +91,47 @@ def main(
             print(f"| `{scenario}` | `{estimator}` | {' | '.join(cells)} |", flush=True)
 
 
+def run_consistency(run: StudyRun) -> Consistency:
+    """Drive one lap and return the figures of its estimator, replayed from its record."""
+    name, scenario = load(run.scenario, run.overrides)
+    if isinstance(scenario.path, FigureEight):
+        scenario = replace(scenario, path=replace(scenario.path, laps=1))
+    _, record = simulate(name, scenario, run.seed)
+    return consistency(replay(record, estimator_of(scenario)), record)
+
+
+def print_consistency(
+    seeds: Sequence[int] = (1, 2), scenarios: Sequence[str] = (), overrides: tuple[str, ...] = ()
+) -> None:
+    """Drive all scenarios, by default all that ship, and print the table."""
+    names = list(scenarios or shipped())
+    runs = [StudyRun(name, seed, overrides) for name in names for seed in seeds]
+    figures = run_tasks(run_consistency, runs)
+    states = [state.name.lower() for state in State]
+    heads = (*states, "NIS", "autocorrelation", "estimated tractor", "estimated trailer, cm")
+    print(f"| scenario | {' | '.join(heads)} |")
+    print("|---" * (len(heads) + 1) + "|")
+    for name in names:
+        cells = np.mean([_cells(next(figures)) for _ in seeds], axis=0)
+        print(f"| `{name}` | {' | '.join(f'{cell:.2f}' for cell in cells)} |", flush=True)
+
+
+def _cells(figures: Consistency) -> list[float]:
+    """Return the numbers of a row for one run."""
+    gnss = [item.autocorrelation for item in figures.sensors if item.name.startswith("gnss")]
+    return [
+        *(item.nees for item in figures.states),
+        figures.nis,
+        float(np.mean(gnss)),
+        100.0 * figures.tractor_m,
+        100.0 * figures.trailer_m,
+    ]
+
+
 if __name__ == "__main__":
-    main(tuple(sys.argv[1:]) or SCENARIOS)
+    if sys.argv[1:2] == ["consistency"]:
+        given = [int(text) for text in sys.argv[2:]]
+        first, count = (*given, *(1, 2)[len(given) :])
+        print_consistency(range(first, first + count))
+    else:
+        main(tuple(sys.argv[1:]) or SCENARIOS)

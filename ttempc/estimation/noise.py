@@ -72,7 +72,7 @@ class NoiseScale(IntEnum):
 
 SCALES: Final = len(NoiseScale)
 
-SCALE_RANGE: Final = ((1e-3, 20.0), (1e-3, 2.0), (1e-1, 1e4))
+SCALE_RANGE: Final = ((1e-3, 100.0), (1e-3, 2.0), (1e-1, 1e4))
 """Least and largest value of each factor that a filter learns; assumed."""
 
 _VEHICLE: Final = slice(AugmentedState.X, AugmentedState.DELTA_T)

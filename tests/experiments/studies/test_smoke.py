@@ -13,7 +13,6 @@ from proving_ground.experiments.studies import (
     batch,
     cards,
     conditions,
-    consistency,
     containment,
     endurance,
     errata,
@@ -78,8 +77,8 @@ def test_conditions(capsys, monkeypatch):
     assert finite(body[0][1:3]) != finite(body[1][1:3])
 
 
-def test_consistency(capsys):
-    consistency.main((1,), ("grass",), (STRAIGHT,))
+def test_consistency_of_the_estimator(capsys):
+    estimators.print_consistency((1,), ("grass",), (STRAIGHT,))
     head, (row,) = rows(capsys)
     assert head[1:8] == ["x", "y", "psi_t", "psi_i", "delta_t", "delta_i", "v"]
     assert row[0] == "`grass`"
