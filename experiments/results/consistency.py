@@ -75,7 +75,7 @@ def consistency(estimates: Sequence[Estimate], record: Record) -> Consistency:
     row = np.searchsorted(table.time_s, time_s - _SAME_TIME_S)
     kept = [
         k
-        for k in np.flatnonzero((time_s >= START_UP_S) & (row < len(table)))
+        for k in np.flatnonzero((time_s >= START_UP_S) & (row < len(table))).tolist()
         if abs(table.time_s[row[k]] - time_s[k]) <= _SAME_TIME_S
         and np.isfinite(estimates[k].state).all()
     ]

@@ -1,7 +1,7 @@
 """`[controller.noise]`: measurement noise that the estimator assumes.
 
-An estimator assumes that every error is white and that every GNSS sample is one of the axle point,
-also where the sensors differ from that.
+An estimator assumes that every GNSS sample is one of the axle point, and that every other error is
+white, also where the sensors differ from that.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT
+from proving_ground.testbed.configuration.config_io import STRICT, Positive
 from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from ttempc.estimation.noise import SensorNoise
 
@@ -21,6 +21,7 @@ from .vehicle import ParameterMismatch
 
 # Without measurement noise the covariance of the innovation would be singular.
 _MIN_SD: Final = 1e-3  # [m], [rad], [m/s]
+_MIN_SHARE: Final = 1e-2
 
 AssumedSd = Annotated[float, Field(ge=_MIN_SD)]
 
@@ -38,6 +39,10 @@ class NoiseSettings:
     """Both steering angles and the hitch angle."""
     encoder_sd_mps: AssumedSd | None = None
     """Speed of the encoder."""
+    gnss_white_share: Annotated[float, Field(gt=0, le=1)] | None = None
+    """White share of the variance of a position; the rest is correlated over time."""
+    gnss_correlation_time_s: Positive | None = None
+    """Correlation time of that rest."""
 
     def filled(self, sensors: SensorSpecification) -> NoiseSettings:
         """Return the table with the absent keys filled in, each at least 0.001 in its SI unit.
@@ -60,6 +65,8 @@ class NoiseSettings:
             steering=angle,
             hitch=angle,
             encoder=values["encoder_sd_mps"],
+            gnss_white_share=values["gnss_white_share"],
+            gnss_correlation_s=values["gnss_correlation_time_s"],
         )
 
     def mismatch(self, sensors: SensorSpecification) -> tuple[ParameterMismatch, ...]:
@@ -67,21 +74,22 @@ class NoiseSettings:
         assumed = self._values(sensors)
         return tuple(
             ParameterMismatch(f"controller.noise.{key}", true, assumed[key])
-            for key, true in _standard_deviations(sensors).items()
+            for key, true in _of_sensors(sensors).items()
             if assumed[key] != true
         )
 
     def _values(self, sensors: SensorSpecification) -> dict[str, float]:
-        values = _standard_deviations(
-            sensors if self.assumed == "sensors" else SensorSpecification()
-        )
+        values = _of_sensors(sensors if self.assumed == "sensors" else SensorSpecification())
         given = {key: getattr(self, key) for key in values}
         return values | {key: value for key, value in given.items() if value is not None}
 
 
-def _standard_deviations(sensors: SensorSpecification) -> dict[str, float]:
+def _of_sensors(sensors: SensorSpecification) -> dict[str, float]:
+    correlated = sensors.gnss_error == "correlated"
     return {
         "gnss_sd_m": max(sensors.gnss_sd_m, _MIN_SD),
         "angle_sd_deg": max(sensors.angle_sd_deg, math.degrees(_MIN_SD)),
         "encoder_sd_mps": max(sensors.encoder_sd_mps, _MIN_SD),
+        "gnss_white_share": max(sensors.gnss_white_share, _MIN_SHARE) if correlated else 1.0,
+        "gnss_correlation_time_s": sensors.gnss_correlation_time_s,
     }

@@ -79,17 +79,17 @@ class SensedDrive:
         measurements = []
         augmented, unused = augmented.copy(), np.empty((SIZE, SIZE))
         for j in range(1, SUBSTEPS + 1):
-            density = noise.density(augmented, noise.scales, VEHICLE)
+            density = noise.density(augmented, noise.scales, VEHICLE, SensorNoise())
             advance_augmented_state(
                 augmented,
                 self._valves,
                 command.as_array(),
                 vehicle_parameters(VEHICLE),
-                noise.fading_m(),
+                noise.fading(SensorNoise()),
                 step_s,
                 unused,
             )
-            root = np.linalg.cholesky(density * step_s)
+            root = np.linalg.cholesky(density * step_s + 1e-24 * np.eye(SIZE))
             augmented += root @ self._generator.standard_normal(SIZE)
             sensors = FAST if j % FAST_EVERY == 0 else ()
             sensors = (*sensors, *GNSS) if j == SUBSTEPS else sensors

@@ -33,17 +33,17 @@ _LEAST_VARIANCE = 1e-12  # of each entry over a step: a vehicle at rest gathers 
 class Transition:
     """The model from one time of the window to the next, linearised about a guess."""
 
-    end: FloatArray  # (16,) augmented state at the end
-    jacobian: FloatArray  # (16, 16) d end / d start
-    noise: FloatArray  # (16, 16) covariance gathered in between
+    end: FloatArray  # (18,) augmented state at the end
+    jacobian: FloatArray  # (18, 18) d end / d start
+    noise: FloatArray  # (18, 18) covariance gathered in between
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
     """Augmented states over a window, and the covariance of the last of them."""
 
-    augmented: FloatArray  # (n, 16)
-    covariance: FloatArray  # (16, 16) of the last
+    augmented: FloatArray  # (n, 18)
+    covariance: FloatArray  # (18, 18) of the last
     bounded: bool  # whether a bound on a disturbance was active
 
 
@@ -100,7 +100,7 @@ class MovingHorizonEstimator:
         states, samples = self._filter.memory()
         if len(states) < 2:
             return filtered
-        guess = np.array([self._last.get(s.time_s, s.augmented[0]) for s in states])  # (n, 16)
+        guess = np.array([self._last.get(s.time_s, s.augmented[0]) for s in states])  # (n, 18)
         trajectory = self._step(states, samples, guess)
         for _ in range(self._iterations - 1):
             trajectory = self._step(states, samples, trajectory.augmented)
@@ -113,7 +113,7 @@ class MovingHorizonEstimator:
     def _step(
         self, states: list[FilterState], samples: list[Measurement], guess: FloatArray
     ) -> Trajectory:
-        """Return the minimiser of the problem linearised about `guess` (n, 16)."""
+        """Return the minimiser of the problem linearised about `guess` (n, 18)."""
         count = len(states)
         diagonal = np.zeros((count, SIZE, SIZE))
         above = np.zeros((count - 1, SIZE, SIZE))
@@ -124,7 +124,7 @@ class MovingHorizonEstimator:
         for k in range(count - 1):
             step = self._transition(states[k], guess[k], states[k + 1].time_s)
             weight = np.linalg.inv(step.noise)
-            weighted = step.jacobian.T @ weight  # (16, 16)
+            weighted = step.jacobian.T @ weight  # (18, 18)
             defect = step.end - guess[k + 1]
             diagonal[k] += weighted @ step.jacobian
             diagonal[k + 1] += weight
@@ -144,11 +144,11 @@ class MovingHorizonEstimator:
         return _minimum(diagonal, above, right, guess)
 
     def _transition(self, state: FilterState, guess: FloatArray, until_s: float) -> Transition:
-        """Return the transition from `guess` (16,) at the time of `state` to `until_s`."""
+        """Return the transition from `guess` (18,) at the time of `state` to `until_s`."""
         augmented, valves = guess.copy(), state.valves.copy()
         jacobian, noise = np.eye(SIZE), _LEAST_VARIANCE * np.eye(SIZE)
         step_jacobian, scales = np.empty((SIZE, SIZE)), state.scales[0]
-        fading_m = self._process_noise.fading_m()
+        fading = self._process_noise.fading(self._sensor_noise)
         time_s = state.time_s
         for end_s, command in self._filter.commands(time_s, until_s):
             if command is None:  # as `KalmanFilter.predict`
@@ -160,10 +160,12 @@ class MovingHorizonEstimator:
             for _ in range(steps):
                 middle = augmented.copy()
                 advance_augmented_state(
-                    augmented, valves, command, self._parameters, fading_m, step_s, step_jacobian
+                    augmented, valves, command, self._parameters, fading, step_s, step_jacobian
                 )
                 middle[:STATES] = 0.5 * (middle[:STATES] + augmented[:STATES])
-                density = self._process_noise.density(middle, scales, self._vehicle)
+                density = self._process_noise.density(
+                    middle, scales, self._vehicle, self._sensor_noise
+                )
                 half = 0.5 * step_s * density
                 noise = step_jacobian @ (noise + half) @ step_jacobian.T + half
                 jacobian = step_jacobian @ jacobian
@@ -176,8 +178,8 @@ def _minimum(
 ) -> Trajectory:
     """Return guess + d with d minimising d'Hd / 2 - right'd, disturbances within their bounds.
 
-    H is block-tridiagonal with the blocks `diagonal` (n, 16, 16) and `above` (n - 1, 16, 16);
-    `right` and `guess` are (n, 16). Elimination from the first block on leaves the information
+    H is block-tridiagonal with the blocks `diagonal` (n, 18, 18) and `above` (n - 1, 18, 18);
+    `right` and `guess` are (n, 18). Elimination from the first block on leaves the information
     matrix of the last augmented state in the last block.
     """
     last = len(guess) - 1
@@ -200,7 +202,7 @@ def _minimum(
 def _bounded_step(
     diagonal: FloatArray, above: FloatArray, right: FloatArray, guess: FloatArray
 ) -> FloatArray:
-    """Return d (n, 16) of `_minimum` by PIQP.
+    """Return d (n, 18) of `_minimum` by PIQP.
 
     If PIQP fails, d takes the guess to its nearest point within the bounds.
     """

@@ -39,16 +39,21 @@ class AugmentedState(IntEnum):
     SIDE_Y = 13  # [rad] north
     CLIMB_X = 14  # wheel slip on the way east
     CLIMB_Y = 15  # wheel slip on the way north
+    GNSS_X = 16  # [m] half the slow error of the trailer's receiver less the tractor's: east
+    GNSS_Y = 17  # [m] north
 
 
 STATES: Final = len(State)
 SIZE: Final = len(AugmentedState)
 
-DISTURBANCE_BOUND: Final[FloatArray] = np.array([0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3])
-"""Largest magnitude of each disturbance, (9,): twice that of a vehicle that can be steered."""
+DISTURBANCE_BOUND: Final[FloatArray] = np.array(
+    [0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0]
+)
+"""Largest magnitude of each disturbance, (11,): twice that of a vehicle that can be steered; of
+GNSS, more than any that RTK has."""
 
 INITIAL_SD: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.01, 0.03, 0.03])
-"""Standard deviation of each disturbance before the first sample, (9,); assumed."""
+"""Standard deviation of each disturbance of the vehicle before the first sample, (9,); assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +66,14 @@ class Slips:
 
 
 def slips(augmented: FloatArray) -> Slips:
-    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (16,).
+    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (18,).
 
     e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`. Both
     map-fixed terms change their sign in reverse, where the vehicle climbs with its back and still
     drifts downhill.
     """
-    _, _, psi_t, psi_i, _, _, rim, slip_t, slip_i, _, _, wheel, gx, gy, cx, cy = augmented.tolist()
+    _, _, psi_t, psi_i, _, _, rim, slip_t, slip_i, _, _, wheel, *of_map = augmented.tolist()
+    gx, gy, cx, cy = of_map[: len(MapDisturbance)]
     cos_t, sin_t, gear = math.cos(psi_t), math.sin(psi_t), math.copysign(1.0, rim)
     return Slips(
         tractor=slip_t + gear * (gy * cos_t - gx * sin_t),
@@ -112,18 +118,19 @@ def estimate_of(
     time_s: float,
     vehicle: Vehicle,
     innovations: tuple[Innovation, ...],
-    fast_speed_variance: float = 0.0,
+    unfollowed: FloatArray | None = None,
 ) -> Estimate:
-    """Return the estimate for a controller from an augmented state (16,).
+    """Return the estimate for a controller from an augmented state (18,).
 
-    `covariance` (16, 16) is carried to the state (7, 7) to first order; `fast_speed_variance`
-    [(m/s)^2], see `ProcessNoise`, is added to that of the speed. The drive disturbance of
+    `covariance` (18, 18) is carried to the state (7, 7) to first order; the
+    variances `unfollowed` (7,) of what no state follows are added. The drive disturbance of
     the estimate moves v as the rim speed, its disturbance and the wheel slip do together.
     """
     total = slips(augmented)
     state = augmented[:STATES].copy()
     psi_t, delta_t = (float(augmented[i]) for i in (AugmentedState.PSI_T, AugmentedState.DELTA_T))
-    _, _, bias, drive, _, _, _, climb_x, climb_y = augmented[STATES:].tolist()
+    _, _, bias, drive, _, *of_map = augmented[STATES : AugmentedState.GNSS_X].tolist()
+    _, _, climb_x, climb_y = of_map
     rim = float(augmented[AugmentedState.RIM])
     cos, sin = math.cos(psi_t), math.sin(psi_t)
     v = rim * (1.0 - total.wheel)
@@ -131,14 +138,18 @@ def estimate_of(
     gear = math.copysign(1.0, rim)
     slip_by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
     slip_rate = slip_by_heading * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
-    jacobian = np.eye(STATES, SIZE)  # d state / d augmented, (7, 16)
+    jacobian = np.eye(STATES, SIZE)  # d state / d augmented, (7, 18)
     jacobian[State.V, AugmentedState.PSI_T] = -rim * slip_by_heading
     jacobian[State.V, AugmentedState.RIM] = 1.0 - total.wheel
     jacobian[State.V, AugmentedState.WHEEL] = -rim
-    jacobian[State.V, AugmentedState.CLIMB_X :] = -abs(rim) * cos, -abs(rim) * sin
+    jacobian[State.V, AugmentedState.CLIMB_X : AugmentedState.GNSS_X] = (
+        -abs(rim) * cos,
+        -abs(rim) * sin,
+    )
     drive_v = drive - rim * (total.wheel / vehicle.speed_time_constant + slip_rate)
     state_covariance = jacobian @ covariance @ jacobian.T
-    state_covariance[State.V, State.V] += fast_speed_variance
+    if unfollowed is not None:
+        state_covariance[range(STATES), range(STATES)] += unfollowed
     return Estimate(
         time_s=time_s,
         state=state,
@@ -147,5 +158,5 @@ def estimate_of(
         hitch_angle=hitch_angle(state),
         disturbance=np.array([total.tractor, total.trailer, bias, drive_v, total.wheel]),
         innovations=innovations,
-        map_disturbance=augmented[AugmentedState.SIDE_X :].copy(),
+        map_disturbance=np.array(of_map),
     )

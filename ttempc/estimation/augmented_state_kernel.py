@@ -1,6 +1,6 @@
 """Model and measurements of the augmented state, compiled, with their Jacobians.
 
-Arrays named `x` are augmented states (16,) in the order of `AugmentedState`, those named
+Arrays named `x` are augmented states (18,) in the order of `AugmentedState`, those named
 `parameters` are (10,) in the order of `VehicleParameter`.
 """
 
@@ -111,7 +111,7 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
 def state_rate_jacobian(
     x: FloatArray, inputs: FloatArray, parameters: FloatArray, jacobian: FloatArray
 ) -> None:
-    """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 16)."""
+    """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 18)."""
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
     delta_t, delta_i = x[AugmentedState.DELTA_T], x[AugmentedState.DELTA_I]
     rim = x[AugmentedState.RIM]
@@ -195,15 +195,16 @@ def advance_augmented_state(
     valves: FloatArray,
     command: FloatArray,
     parameters: FloatArray,
-    fading_m: FloatArray,
+    fading: FloatArray,
     step_s: float,
     transition: FloatArray,
 ) -> None:
-    """Advance `x` (16,) and `valves` (2,) by `step_s` in place; write d after / d before.
+    """Advance `x` (18,) and `valves` (2,) by `step_s` in place; write d after / d before.
 
     The set points of the steering valves `valves` [rad] run to the `command` (3,) at their rate
     limit, and their mean over the step acts. The state takes one classical Runge-Kutta step.
-    Disturbances fade by exp(-travel / fading_m), `fading_m` (9,) [m]. `transition` (16, 16) is the
+    Disturbances fade by exp(-a step_s - b travel) with the rows a [1/s], b [1/m] of `fading`
+    (2, 11). `transition` (18, 18) is the
     exponential of the Jacobian in the middle of the step.
     """
     inputs = np.empty(3)
@@ -226,9 +227,10 @@ def advance_augmented_state(
         change = step_s / 6.0 * (rates[0, i] + 2.0 * (rates[1, i] + rates[2, i]) + rates[3, i])
         middle[i] = x[i] + 0.5 * change
         x[i] += change
-    fading = np.empty(SIZE - STATES)  # logarithm of the factor by which each disturbance fades
+    travel = abs(middle[AugmentedState.RIM]) * step_s
+    faded = np.empty(SIZE - STATES)  # logarithm of the factor by which each disturbance fades
     for j in range(SIZE - STATES):
-        fading[j] = -abs(middle[AugmentedState.RIM]) * step_s / fading_m[j]
+        faded[j] = -fading[0, j] * step_s - fading[1, j] * travel
     jacobian = np.empty((STATES, SIZE))
     state_rate_jacobian(middle, inputs, parameters, jacobian)
 
@@ -251,23 +253,25 @@ def advance_augmented_state(
         for i in range(STATES):
             transition[i, i] += 1.0
         for j in range(STATES, SIZE):
-            transition[j, j] = 1.0 + fading[j - STATES] * transition[j, j] / term
+            transition[j, j] = 1.0 + faded[j - STATES] * transition[j, j] / term
     for j in range(SIZE - STATES):
-        x[STATES + j] *= math.exp(fading[j])
+        x[STATES + j] *= math.exp(faded[j])
 
 
 @cached_njit
 def measure(
     sensor: int, x: FloatArray, parameters: FloatArray, reading: FloatArray, jacobian: FloatArray
 ) -> int:
-    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 16).
+    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 18).
 
     Returns the number of entries of the reading, 1 or 2. `sensor` is a `SensorIndex` as a number.
     """
     jacobian[:, :] = 0.0
+    error_x, error_y = x[AugmentedState.GNSS_X], x[AugmentedState.GNSS_Y]
     if sensor == SensorIndex.GNSS_TRACTOR:
-        reading[0], reading[1] = x[AugmentedState.X], x[AugmentedState.Y]
+        reading[0], reading[1] = x[AugmentedState.X] - error_x, x[AugmentedState.Y] - error_y
         jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
+        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = -1.0
         return 2
     if sensor == SensorIndex.GNSS_TRAILER:
         psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
@@ -278,8 +282,9 @@ def measure(
         drawbar_x, drawbar_y = d * math.sin(psi_d), -d * math.cos(psi_d)
         trailer_x, trailer_y = length_i * math.sin(psi_i), -length_i * math.cos(psi_i)
         tractor_x, tractor_y = a * math.sin(psi_t), -a * math.cos(psi_t)
-        reading[0] = x[AugmentedState.X] + tractor_y + drawbar_y + trailer_y
-        reading[1] = x[AugmentedState.Y] - tractor_x - drawbar_x - trailer_x
+        reading[0] = x[AugmentedState.X] + tractor_y + drawbar_y + trailer_y + error_x
+        reading[1] = x[AugmentedState.Y] - tractor_x - drawbar_x - trailer_x + error_y
+        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = 1.0
         jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
         jacobian[0, AugmentedState.PSI_T] = tractor_x
         jacobian[1, AugmentedState.PSI_T] = tractor_y

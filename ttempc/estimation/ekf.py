@@ -9,9 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import InvalidTuning
-from ..types import Command, Estimate, FloatArray, Innovation, Measurement, Sensor
+from ..types import Command, Estimate, FloatArray, Innovation, Measurement, Sensor, State
 from ..vehicle import Vehicle
-from .augmented_state import SIZE, AugmentedState, estimate_of
+from .augmented_state import SIZE, STATES, AugmentedState, estimate_of
 from .kalman_filter import SAME_TIME_S, FilterState, KalmanFilter
 from .measurement_model import KERNEL_INDEX, LENGTH
 from .noise import ProcessNoise, SensorNoise
@@ -63,9 +63,10 @@ class ExtendedKalmanFilter:
             raise InvalidTuning(f"memory_s: got {memory_s}, must be finite and above 0")
         self._vehicle = vehicle
         self._memory_s = memory_s
+        self._sensor_noise = sensor_noise or SensorNoise()
         self._process_noise = process_noise or ProcessNoise()
         self._filter = KalmanFilter(
-            vehicle, sensor_noise or SensorNoise(), self._process_noise, gate_probability
+            vehicle, self._sensor_noise, self._process_noise, gate_probability
         )
         self._samples: list[Measurement] = []  # by time, then sensor
         self._accepted: dict[tuple[Sensor, float], bool] = {}  # by the gate, for each sample
@@ -157,13 +158,16 @@ class ExtendedKalmanFilter:
     def estimate(self, state: FilterState, innovations: tuple[Innovation, ...]) -> Estimate:
         """Return the estimate for a controller from a state of the filter."""
         rim, scales = float(state.augmented[0, AugmentedState.RIM]), state.scales[0]
+        unfollowed = np.zeros(STATES)
+        unfollowed[[State.X, State.Y]] = self._sensor_noise.slow_variance
+        unfollowed[State.V] = self._process_noise.fast_speed_variance(rim, scales)
         return estimate_of(
             state.augmented[0],
             state.covariances[0],
             state.time_s,
             self._vehicle,
             innovations,
-            self._process_noise.fast_speed_variance(rim, scales),
+            unfollowed,
         )
 
     def predict(self, state: FilterState, time_s: float) -> None:

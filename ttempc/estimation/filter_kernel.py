@@ -36,10 +36,10 @@ def process_noise(
     step_s: float,
     levels: FloatArray,
 ) -> None:
-    """Write the covariance that a step of `step_s` gathers into `levels` (4, 16, 16).
+    """Write the covariance that a step of `step_s` gathers into `levels` (4, 18, 18).
 
-    The same as `ProcessNoise.density` times the step, at the augmented state `middle` (16,).
-    `scales` (2, 3), `parameters` (10,) and `rates` (2, 4, 16) are as in `predict`.
+    The same as `ProcessNoise.density` times the step, at the augmented state `middle` (18,).
+    `scales` (2, 3), `parameters` (10,) and `rates` (2, 4, 18) are as in `predict`.
     """
     travel = abs(middle[AugmentedState.RIM]) * step_s
     psi_t = middle[AugmentedState.PSI_T]
@@ -64,9 +64,12 @@ def process_noise(
 
 @cached_njit
 def _propagate(matrix: FloatArray, transition: FloatArray, half: FloatArray) -> None:
-    """Replace M by Phi (M + N) Phi' + N; `matrix` M, `transition` Phi, `half` N are (16, 16)."""
-    product = np.zeros((SIZE, SIZE))  # Phi (M + N); the lower rows of Phi are diagonal
-    columns = np.empty((SIZE, STATES))  # Phi' but for its diagonal part
+    """Replace M by Phi (M + N) Phi' + N; `matrix` M, `transition` Phi, `half` N are (18, 18).
+
+    The lower rows of Phi are diagonal, those of N too.
+    """
+    product = np.zeros((STATES, SIZE))  # upper rows of Phi (M + N)
+    columns = np.empty((SIZE, STATES))  # of the upper rows of Phi
     for i in range(SIZE):
         for j in range(SIZE):
             matrix[i, j] += half[i, j]
@@ -76,19 +79,21 @@ def _propagate(matrix: FloatArray, transition: FloatArray, half: FloatArray) -> 
         for k in range(SIZE):  # innermost along rows, so that it becomes vector instructions
             for j in range(SIZE):
                 product[i, j] += transition[i, k] * matrix[k, j]
-    for i in range(STATES, SIZE):
-        for j in range(SIZE):
-            product[i, j] = transition[i, i] * matrix[i, j]
-    row = np.empty(SIZE)
-    for i in range(SIZE):
-        row[:] = half[i]
+    row = np.empty(STATES)
+    for i in range(STATES):
+        for j in range(STATES):
+            row[j] = half[i, j]
         for k in range(SIZE):
             for j in range(STATES):
                 row[j] += product[i, k] * columns[k, j]
-        for j in range(STATES, SIZE):
-            row[j] += product[i, j] * transition[j, j]
         for j in range(i + 1):
             matrix[i, j] = matrix[j, i] = row[j]
+        for j in range(STATES, SIZE):
+            matrix[i, j] = matrix[j, i] = product[i, j] * transition[j, j]
+    for i in range(STATES, SIZE):
+        for j in range(STATES, SIZE):
+            matrix[i, j] *= transition[i, i] * transition[j, j]
+        matrix[i, i] += half[i, i]
 
 
 @cached_njit
@@ -100,16 +105,16 @@ def predict(
     command: FloatArray,
     parameters: FloatArray,
     rates: FloatArray,
-    fading_m: FloatArray,
+    fading: FloatArray,
     walk: float,
     span_s: float,
     steps: int,
 ) -> None:
     """Advance a filter by `span_s` in `steps` equal steps under the held `command` (3,), in place.
 
-    `augmented` (4, 16) and `covariances` (4, 16, 16) hold values and derivatives; `scales` (2, 3)
+    `augmented` (4, 18) and `covariances` (4, 18, 18) hold values and derivatives; `scales` (2, 3)
     the factors of `NoiseScale` and the information on their logarithms; `valves` (2,) are set
-    points [rad], `parameters` (10,) those of the vehicle, `rates` (2, 4, 16) and `fading_m` (9,)
+    points [rad], `parameters` (10,) those of the vehicle, `rates` (2, 4, 18) and `fading` (2, 11)
     those of `ProcessNoise`, `walk` the variance that a metre adds to the logarithms. With Q the
     noise of a step, P <- Phi (P + Q/2) Phi' + Q/2: half of Q acts before the step, half after it.
     """
@@ -120,7 +125,7 @@ def predict(
     for _ in range(steps):
         middle[:] = augmented[0]
         advance_augmented_state(
-            augmented[0], valves, command, parameters, fading_m, step_s, transition
+            augmented[0], valves, command, parameters, fading, step_s, transition
         )
         for i in range(STATES):
             middle[i] = 0.5 * (middle[i] + augmented[0, i])
@@ -162,8 +167,8 @@ def correct(
     `sensor` is a `SensorIndex` as a number, `value` the sample (the second entry unused where it
     has one), `variance` that of each entry. A sample beyond the `gate` (chi-square) changes nothing
     unless it is `forced`: then its noise is raised until it just passes. The update has Joseph's
-    form, P <- (I - K H) P (I - K H)' + K R K'; disturbances are clipped to their bounds. The
-    likelihood of the sample updates the factors, see `_learn`.
+    form, see `_reduce`; disturbances are clipped to their bounds. The likelihood of the sample
+    updates the factors, see `_learn`.
     """
     x = augmented[0]
     reading, jacobian = np.zeros(2), np.empty((2, SIZE))
@@ -181,13 +186,13 @@ def correct(
     spread = np.zeros((_LEVELS, 2, 2))  # S = H P H' + R and its derivatives
     for level in range(_LEVELS):
         for r in range(m):
-            for k in range(STATES):  # sensors read the state alone
+            for k in range(SIZE):
                 if jacobian[r, k] != 0.0:
                     for i in range(SIZE):
                         cross[level, i, r] += covariances[level, k, i] * jacobian[r, k]
         for r in range(m):
             for c in range(m):
-                for k in range(STATES):
+                for k in range(SIZE):
                     spread[level, r, c] += jacobian[r, k] * cross[level, k, c]
     for r in range(m):
         spread[0, r, r] += variance
@@ -216,7 +221,7 @@ def correct(
         factor = normalised / gate
     for level in range(1, _LEVELS):
         for r in range(m):
-            for k in range(STATES):
+            for k in range(SIZE):
                 nu[level, r] -= jacobian[r, k] * augmented[level, k]
     if factor == 1.0:
         for n in range(SCALES):
@@ -242,11 +247,10 @@ def correct(
             for r in range(m):
                 augmented[level, i] += gain[i, r] * nu[level, r] + gain_derivative[i, r] * nu[0, r]
         _reduce(covariances[level], gain, cross[level], spread[level], m)
-    noise = np.zeros((2, 2))
     for r in range(m):
         for c in range(m):
-            noise[r, c] = (factor - 1.0) * spread[0, r, c] + (variance if r == c else 0.0)
-    _joseph(covariances[0], gain, cross[0], jacobian, noise, m)
+            spread[0, r, c] *= factor
+    _reduce(covariances[0], gain, cross[0], spread[0], m)
     return result
 
 
@@ -289,50 +293,13 @@ def _learn(
 
 
 @cached_njit
-def _joseph(
-    matrix: FloatArray,
-    gain: FloatArray,
-    cross: FloatArray,
-    jacobian: FloatArray,
-    noise: FloatArray,
-    m: int,
-) -> None:
-    """Replace M (16, 16) by (I - K H) M (I - K H)' + K R K'.
-
-    `gain` K (16, 2), `cross` M H' (16, 2), `jacobian` H (2, 16), `noise` R (2, 2). Of the
-    two measurements the first `m` are used.
-    """
-    reduced = np.empty((SIZE, SIZE))  # (I - K H) M
-    for i in range(SIZE):
-        for j in range(SIZE):
-            total = matrix[i, j]
-            for r in range(m):
-                total -= gain[i, r] * cross[j, r]
-            reduced[i, j] = total
-    row = np.empty(2)  # K R - (I - K H) M H', a row
-    for i in range(SIZE):
-        for r in range(m):
-            total = 0.0
-            for c in range(m):
-                total += gain[i, c] * noise[c, r]
-            for k in range(STATES):
-                total -= reduced[i, k] * jacobian[r, k]
-            row[r] = total
-        for j in range(i + 1):
-            total = reduced[i, j]
-            for r in range(m):
-                total += row[r] * gain[j, r]
-            matrix[i, j] = matrix[j, i] = total
-
-
-@cached_njit
 def _reduce(
     matrix: FloatArray, gain: FloatArray, cross: FloatArray, spread: FloatArray, m: int
 ) -> None:
-    """Replace M (16, 16) by (I - K H) M (I - K H)', written as M + K W' + W K'.
+    """Replace M (18, 18) by (I - K H) M (I - K H)' + K R K', written as M + K W' + W K'.
 
-    `gain` K (16, 2), `cross` C = M H' (16, 2), `spread` H C (2, 2), and W = K (H C) / 2 - C. Of the
-    two measurements the first `m` are used. M is a derivative and need not stay positive.
+    `gain` K (18, 2), `cross` C = M H' (18, 2), `spread` S = H M H' + R (2, 2), W = K S / 2 - C. The
+    sum is symmetric, and right for any K. Of the two measurements the first `m` are used.
     """
     half = np.empty((SIZE, 2))  # W
     for i in range(SIZE):

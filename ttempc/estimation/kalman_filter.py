@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -24,6 +24,7 @@ SAME_TIME_S: Final = 1e-6
 
 _LONGEST_STEP_S = 0.05  # a third of the front steering's lag
 _GATE_PATIENCE_S = 1.0
+_LEAST_VARIANCE = 1e-12  # of an entry without uncertainty, so that covariances are invertible
 
 
 def steps_over(span_s: float) -> int:
@@ -36,8 +37,8 @@ class FilterState:
     """All that a filter carries from one time to the next; `KalmanFilter` changes it in place."""
 
     time_s: float
-    augmented: FloatArray  # (4, 16) augmented state, and its derivatives by the factors
-    covariances: FloatArray  # (4, 16, 16) likewise
+    augmented: FloatArray  # (4, 18) augmented state, and its derivatives by the factors
+    covariances: FloatArray  # (4, 18, 18) likewise
     scales: FloatArray  # (2, 3) factors of `NoiseScale`, information on their logarithms
     valves: FloatArray  # (2,) set points of the steering valves [rad]
     rejected_since: dict[Sensor, float]  # sensor -> time of the first rejection without a break [s]
@@ -74,17 +75,20 @@ class KalmanFilter:
         self._sensor_noise = sensor_noise
         self._process_noise = process_noise
         self._parameters = vehicle_parameters(vehicle)
-        self._rates, self._fading_m = process_noise.rates(), process_noise.fading_m()
+        self._rates = process_noise.rates(sensor_noise)
+        self._fading = process_noise.fading(sensor_noise)
         self._sensor_variance = {s: float(sensor_noise.of(s)) ** 2 for s in LENGTH}
         self._gate = {m: float(chdtri(m, gate_probability)) for m in (1, 2)}
 
     def start(self, readings: Mapping[Sensor, Measurement]) -> FilterState:
         """Return the state that follows from one reading of every sensor, at the newest of them."""
-        state, covariance = first_state(readings, self._vehicle, self._sensor_noise)
+        whole_error = replace(self._sensor_noise, gnss_white_share=1.0)
+        state, covariance = first_state(readings, self._vehicle, whole_error)
         levels = 1 + SCALES
+        slow = max(self._sensor_noise.slow_variance, _LEAST_VARIANCE)
         augmented, covariances = np.zeros((levels, SIZE)), np.zeros((levels, SIZE, SIZE))
         augmented[0, :STATES] = state
-        covariances[0] = np.diag([*np.zeros(STATES), *INITIAL_SD**2])
+        covariances[0] = np.diag([*np.zeros(STATES), *INITIAL_SD**2, slow, slow])
         covariances[0, :STATES, :STATES] = covariance
         noise = self._process_noise
         return FilterState(
@@ -115,7 +119,7 @@ class KalmanFilter:
             command,
             self._parameters,
             self._rates,
-            self._fading_m,
+            self._fading,
             self._process_noise.scale_walk**2,
             span,
             steps_over(span),

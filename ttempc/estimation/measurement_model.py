@@ -36,9 +36,9 @@ ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sen
 def predicted_measurement(
     sensor: Sensor, augmented: FloatArray, vehicle: Vehicle
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 16).
+    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 18).
 
-    Both at an augmented state (16,). The encoder reads the rim speed, the others geometry.
+    Both at an augmented state (18,). The encoder reads the rim speed, the others geometry.
 
     Raises:
         UnknownSensor: the sensor has no model.

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import InvalidTuning, UnknownSensor
 from ..types import FloatArray, Sensor
 from ..vehicle import Vehicle
-from .augmented_state import SIZE, AugmentedState
+from .augmented_state import SIZE, STATES, AugmentedState
 
 
 def _require_positive(owner: SensorNoise | ProcessNoise) -> None:
@@ -35,23 +35,34 @@ class SensorNoise:
         0.015
     """
 
-    gnss: float = 0.03  # [m] each axis
+    gnss: float = 0.03  # [m] each axis, white and slow part together
+    gnss_white_share: float = 1.0  # of the variance; the rest is slow, alike for both receivers
+    gnss_correlation_s: float = 60.0  # of the slow part [s]; assumed
     steering: float = math.radians(1.0)  # both steering angles [rad]
     hitch: float = math.radians(1.0)  # [rad]; not printed, assumed as for the steering angles
     encoder: float = 0.1  # [m/s]
 
     def __post_init__(self) -> None:
         _require_positive(self)
+        if self.gnss_white_share > 1.0:
+            raise InvalidTuning(
+                f"SensorNoise.gnss_white_share: got {self.gnss_white_share}, must be at most 1"
+            )
+
+    @property
+    def slow_variance(self) -> float:
+        """Variance of half the sum, and of half the difference, of both receivers' slow errors."""
+        return 0.5 * (1.0 - self.gnss_white_share) * self.gnss**2
 
     def of(self, sensor: Sensor) -> float:
-        """Return the standard deviation of each entry of one sample of `sensor`.
+        """Return the standard deviation of each entry of one sample of `sensor`, the white part.
 
         Raises:
             UnknownSensor: the sensor is none of the paper's.
         """
         match sensor:
             case Sensor.GNSS_TRACTOR | Sensor.GNSS_TRAILER:
-                return self.gnss
+                return self.gnss * math.sqrt(self.gnss_white_share)
             case Sensor.STEERING_TRACTOR | Sensor.STEERING_TRAILER:
                 return self.steering
             case Sensor.HITCH:
@@ -137,12 +148,13 @@ class ProcessNoise:
         """Initial factors in the order of `NoiseScale`, (3,)."""
         return np.array([self.roughness, self.wheel, self.valves])
 
-    def rates(self) -> FloatArray:
-        """Return the variances of each entry that a second and a metre add, (2, 4, 16).
+    def rates(self, sensors: SensorNoise) -> FloatArray:
+        """Return the variances of each entry that a second and a metre add, (2, 4, 18).
 
         The first index is 0 for a second and 1 for a metre; of the second index, 0 is fixed
         and 1 + n belongs to a factor 1 of the n-th `NoiseScale`. Positions are along and across
-        the tractor.
+        the tractor. They are those that GNSS reports: the common slow error of both receivers moves
+        the vehicle.
         """
         deviations = np.zeros((2, 1 + SCALES, SIZE))
         (per_second, per_metre), state = deviations, AugmentedState
@@ -156,20 +168,28 @@ class ProcessNoise:
         ground[_STEERING] = self.bump_steering
         wheel[state.WHEEL] = self.wheel_walk
         wheel[[state.CLIMB_X, state.CLIMB_Y]] = self.climb_walk
+        slow = 2.0 * sensors.slow_variance / sensors.gnss_correlation_s  # Gelb 1974, sec. 3.6
+        per_second[0, [state.X, state.Y, state.GNSS_X, state.GNSS_Y]] = math.sqrt(slow)
         return np.square(deviations)
 
-    def fading_m(self) -> FloatArray:
-        """Return the distance over which each disturbance fades by a factor 1/e, (9,) [m]."""
-        return np.array([self.body_fading_m] * 5 + [self.map_fading_m] * 4)
+    def fading(self, sensors: SensorNoise) -> FloatArray:
+        """Return the rates at which each disturbance fades, (2, 11): in a second, in a metre."""
+        fading = np.zeros((2, SIZE - STATES))
+        of_gnss = AugmentedState.GNSS_X - STATES
+        fading[0, of_gnss:] = 1.0 / sensors.gnss_correlation_s
+        fading[1, :of_gnss] = [1.0 / self.body_fading_m] * 5 + [1.0 / self.map_fading_m] * 4
+        return fading
 
-    def density(self, augmented: FloatArray, scales: FloatArray, vehicle: Vehicle) -> FloatArray:
-        """Return the covariance that an augmented state (16,) gathers per second, (16, 16).
+    def density(
+        self, augmented: FloatArray, scales: FloatArray, vehicle: Vehicle, sensors: SensorNoise
+    ) -> FloatArray:
+        """Return the covariance that an augmented state (18,) gathers per second, (18, 18).
 
         At the factors `scales` (3,). A joint RJ2 that turns by w beside its model turns the trailer
         by -w d cos(delta_i) / (L_i + d cos(delta_i)), as in `ttempc.models.kinematics.articulated`.
         """
         psi_t, delta_i = augmented[AugmentedState.PSI_T], augmented[AugmentedState.DELTA_I]
-        per_second, per_metre = self.rates()
+        per_second, per_metre = self.rates(sensors)
         speed = abs(augmented[AugmentedState.RIM])
         density = np.diag(np.array([1.0, *scales]) @ (per_second + speed * per_metre))
         acts_on = np.eye(SIZE)

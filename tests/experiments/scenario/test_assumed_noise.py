@@ -19,7 +19,15 @@ def noise(*overrides, name="grass"):
 
 
 def test_the_filter_assumes_the_specification_of_the_sensors():
-    assert noise(*NOISY) == NoiseSettings(gnss_sd_m=0.1, angle_sd_deg=4.0, encoder_sd_mps=0.3)
+    slow = ("sensors.gnss_error='correlated'", "sensors.gnss_white_share=0.3")
+    for more, share in (((), 1.0), (slow, 0.3)):
+        assert noise(*NOISY, *more) == NoiseSettings(
+            gnss_sd_m=0.1,
+            angle_sd_deg=4.0,
+            encoder_sd_mps=0.3,
+            gnss_white_share=share,
+            gnss_correlation_time_s=60.0,
+        )
 
 
 def test_the_noise_of_the_paper_does_not_depend_on_the_sensors():
@@ -30,7 +38,12 @@ def test_the_noise_of_the_paper_does_not_depend_on_the_sensors():
 
 def test_values_replace_those_of_the_selection_alone():
     assert noise(*NOISY, PAPER, "controller.noise.angle_sd_deg=2.0") == NoiseSettings(
-        assumed="paper", gnss_sd_m=0.03, angle_sd_deg=2.0, encoder_sd_mps=0.1
+        assumed="paper",
+        gnss_sd_m=0.03,
+        angle_sd_deg=2.0,
+        encoder_sd_mps=0.1,
+        gnss_white_share=1.0,
+        gnss_correlation_time_s=60.0,
     )
 
 

@@ -11,7 +11,7 @@ from ttempc.vehicle import Vehicle
 
 
 def augmented_rate(augmented: FloatArray, inputs: FloatArray, vehicle: Vehicle) -> FloatArray:
-    """Return the time derivative (16,) of an augmented state (16,) under `inputs` (3,).
+    """Return the time derivative (18,) of an augmented state (18,) under `inputs` (3,).
 
     `articulated` with the total slips, v = rim (1 - s) and rim' = (K hp - rim) / tau + w;
     disturbances are constant.

@@ -36,7 +36,7 @@ PARAMETERS = vehicle_parameters(VEHICLE)
 
 
 def random_augmented(generator):
-    augmented = generator.normal(size=SIZE) * [5, 5, 3, 0.3, 0.1, 0.1, 0.2, *[0.05] * 9]
+    augmented = generator.normal(size=SIZE) * [5, 5, 3, 0.3, 0.1, 0.1, 0.2, *[0.05] * 11]
     augmented[AugmentedState.PSI_I] += augmented[AugmentedState.PSI_T]
     augmented[AugmentedState.RIM] += generator.choice([1.0, -1.0])
     return augmented
@@ -138,7 +138,7 @@ def test_covariance_of_the_estimate_is_that_of_the_augmented_state_to_first_orde
 
 def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative():
     generator = np.random.default_rng(75)
-    fading_m, step = np.full(9, 50.0), 0.04
+    rates, step = np.array([np.full(11, 0.01), np.full(11, 0.02)]), 0.04  # [1/s], [1/m]
     for _ in range(5):
         augmented, command = random_augmented(generator), np.array([0.1, -0.1, 0.8])
         valves = (
@@ -148,7 +148,7 @@ def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative(
         def after(x, valves=valves, command=command, transition=None):
             x, v = x.copy(), valves.copy()
             unused = np.empty((SIZE, SIZE)) if transition is None else transition
-            advance_augmented_state(x, v, command, PARAMETERS, fading_m, step, unused)
+            advance_augmented_state(x, v, command, PARAMETERS, rates, step, unused)
             return np.concatenate([x, v])
 
         transition = np.empty((SIZE, SIZE))
@@ -162,7 +162,7 @@ def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative(
             )
             fine += step / 400 * rate
         np.testing.assert_allclose(stepped[:7], fine[:7], atol=1e-7)
-        fading = np.exp(-step * abs(augmented[AugmentedState.RIM]) / fading_m)
+        fading = np.exp(-step * (rates[0] + abs(augmented[AugmentedState.RIM]) * rates[1]))
         np.testing.assert_allclose(stepped[7:SIZE], fading * augmented[7:], rtol=1e-3)
         numeric = central_differences(lambda x, run=after: run(x)[:SIZE], augmented)
         # The transition neglects that fading depends on the rim speed: 1e-5 of a disturbance.
@@ -179,14 +179,19 @@ def samples(augmented, generator, time_s):
 
 
 def test_the_filter_is_that_of_the_textbook():
-    """Prediction by `expm` and correction without Joseph's form, from the same start."""
+    """Prediction by `expm` and correction without Joseph's form, from the same start.
+
+    Half of the variance of GNSS is slow.
+    """
     generator = np.random.default_rng(76)
     noise = ProcessNoise(scale_walk=1e-12, scale_sd=1e-9)
-    kalman = KalmanFilter(VEHICLE, SensorNoise(), noise, 1e-9)
+    sensors = SensorNoise(gnss_white_share=0.5)
+    kalman = KalmanFilter(VEHICLE, sensors, noise, 1e-9)
     augmented = random_augmented(generator)
     augmented[7:] = 0.0
     now = kalman.start({m.sensor: m for m in samples(augmented, generator, 0.0)})
-    np.testing.assert_array_equal(np.diag(now.covariances[0])[7:], INITIAL_SD**2)
+    np.testing.assert_array_equal(np.diag(now.covariances[0])[7:-2], INITIAL_SD**2)
+    np.testing.assert_allclose(np.diag(now.covariances[0])[-2:], 0.25 * sensors.gnss**2)
     plain, covariance = now.augmented[0].copy(), now.covariances[0].copy()
     command = np.array([*now.valves, now.augmented[0, AugmentedState.RIM] / VEHICLE.speed_gain])
     step = 0.02
@@ -197,11 +202,12 @@ def test_the_filter_is_that_of_the_textbook():
             middle = plain + step / 200 * augmented_rate(plain, command, VEHICLE)
             plain = plain + step / 100 * augmented_rate(middle, command, VEHICLE)
         middle = 0.5 * (before + plain)
-        fading = -abs(middle[AugmentedState.RIM]) / noise.fading_m()
+        per_second, per_metre = noise.fading(sensors)
+        fading = -per_second - abs(middle[AugmentedState.RIM]) * per_metre
         plain[7:] *= np.exp(step * fading)
         jacobian = central_differences(lambda x: augmented_rate(x, command, VEHICLE), middle)
         transition = expm(step * (jacobian + np.diag([*np.zeros(7), *fading])))
-        added = step * noise.density(middle, noise.scales, VEHICLE)
+        added = step * noise.density(middle, noise.scales, VEHICLE, sensors)
         covariance = transition @ (covariance + added / 2) @ transition.T + added / 2
         np.testing.assert_allclose(now.augmented[0], plain, atol=1e-6)
         np.testing.assert_allclose(now.covariances[0], covariance, rtol=1e-4, atol=1e-9)
@@ -212,7 +218,7 @@ def test_the_filter_is_that_of_the_textbook():
             difference = np.array(sample.value) - reading
             if len(difference) == 1 and sample.sensor is not Sensor.ENCODER:
                 difference[0] = math.remainder(difference[0], math.tau)
-            spread = by @ covariance @ by.T + SensorNoise().of(sample.sensor) ** 2 * np.eye(len(by))
+            spread = by @ covariance @ by.T + sensors.of(sample.sensor) ** 2 * np.eye(len(by))
             gain = covariance @ by.T @ np.linalg.inv(spread)
             whitened = np.linalg.solve(np.linalg.cholesky(spread), difference)
             np.testing.assert_allclose(innovation.whitened, whitened, rtol=1e-3, atol=1e-4)

@@ -14,7 +14,7 @@ from ttempc.errors import InvalidTuning
 from ttempc.estimation.augmented_state import SIZE, STATES
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.measurement_model import LENGTH, predicted_measurement
-from ttempc.estimation.noise import ProcessNoise
+from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.models.kinematics import trailer_point
 from ttempc.types import Command, Measurement, Sensor, State
 
@@ -220,6 +220,29 @@ def test_factors_of_the_noise_are_learnt(true):
     assert low < squares / freedom < high
 
 
+def test_slow_errors_of_two_receivers_are_in_the_covariance():
+    """Receivers that are 4 cm off to opposite sides: a filter that takes errors as white is sure
+    of a wrong heading."""
+
+    def corrupt(measurements):
+        shift = {Sensor.GNSS_TRACTOR: -0.03, Sensor.GNSS_TRAILER: 0.03}
+        return [
+            replace(m, value=(m.value[0], m.value[1] + shift[m.sensor])) if m.sensor in GNSS else m
+            for m in measurements
+        ]
+
+    nees = {}
+    for share in (1.0, 0.1):
+        noise = SensorNoise(gnss=0.04, gnss_white_share=share)
+        estimator = ExtendedKalmanFilter(VEHICLE, noise)
+        drive = SensedDrive(12, corrupt=corrupt, estimator=estimator).run(200)
+        variances = np.array([np.diag(e.covariance) for e in drive.estimates])
+        nees[share] = np.mean((drive.errors() ** 2 / variances)[50:], axis=0)
+    affected = [State.Y, State.PSI_T, State.PSI_I]
+    assert nees[1.0][affected].min() > 2.0
+    assert (nees[0.1][affected] < 0.6 * nees[1.0][affected]).all()
+
+
 @pytest.fixture(scope="module")
 def sensed():
     return SensedDrive(11).run(60)
@@ -319,7 +342,7 @@ def test_stamps_may_be_rounded_to_either_side_at_unix_time(sensed):
         rounded = np.nextafter(stamps, generator.choice([-np.inf, np.inf], len(stamps)))
         shifted = [replace(m, time_s=t) for m, t in zip(samples, rounded.tolist(), strict=True)]
         estimates.append(estimator.update(UNIX_TIME_S + k * PERIOD_S, shifted, command))
-    assert deviation(estimates[1:], sensed.estimates[1:]) < 0.02
+    assert deviation(estimates[1:], sensed.estimates[1:]) < 0.05  # samples change their order
     assert all(i.accepted for e in estimates[1:] for i in e.innovations)
 
 

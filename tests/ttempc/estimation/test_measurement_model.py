@@ -43,7 +43,9 @@ def readings(state, noise=None, generator=None):
 def test_jacobians(sensor):
     generator = np.random.default_rng(61)
     for _ in range(20):
-        augmented = np.concatenate([random_state(generator), 0.1 * generator.normal(size=9)])
+        augmented = np.concatenate(
+            [random_state(generator), 0.1 * generator.normal(size=SIZE - STATES)]
+        )
         numeric = central_differences(
             lambda x: predicted_measurement(sensor, x, VEHICLE)[0], augmented
         )
@@ -53,11 +55,14 @@ def test_jacobians(sensor):
 
 
 def test_sensors_read_the_quantities_of_their_names():
-    augmented = np.concatenate([random_state(np.random.default_rng(64)), np.full(9, 0.1)])
+    augmented = np.concatenate(
+        [random_state(np.random.default_rng(64)), np.full(SIZE - STATES, 0.1)]
+    )
+    slow = augmented[[AugmentedState.GNSS_X, AugmentedState.GNSS_Y]]
     read = {sensor: predicted_measurement(sensor, augmented, VEHICLE)[0] for sensor in LENGTH}
-    np.testing.assert_array_equal(read[Sensor.GNSS_TRACTOR], augmented[:2])
+    np.testing.assert_array_equal(read[Sensor.GNSS_TRACTOR], augmented[:2] - slow)
     np.testing.assert_allclose(
-        read[Sensor.GNSS_TRAILER], trailer_point(augmented[:7], VEHICLE), atol=1e-12
+        read[Sensor.GNSS_TRAILER], trailer_point(augmented[:7], VEHICLE) + slow, atol=1e-12
     )
     np.testing.assert_array_equal(
         read[Sensor.STEERING_TRACTOR], augmented[[AugmentedState.DELTA_T]]
@@ -107,7 +112,7 @@ def moving(psi_t=0.0, rim=1.0, delta_i=0.0):
 def test_process_noise_turns_with_the_vehicle_and_is_zero_at_rest():
     noise = ProcessNoise(valves=1e-9)  # a valve moves the trailer at rest, too
     ahead, aside, oblique, at_rest = (
-        noise.density(moving(*pose), noise.scales, VEHICLE)
+        noise.density(moving(*pose), noise.scales, VEHICLE, SensorNoise())
         for pose in ((0.0, 1.0), (math.pi / 2, 1.0), (0.6, -2.0), (0.6, 0.0))
     )
     assert aside[0, 0] == pytest.approx(ahead[1, 1])
@@ -121,7 +126,7 @@ def test_the_density_is_linear_in_each_factor(scale):
     less, more, most = (noise.scales for _ in range(3))
     more[scale], most[scale] = more[scale] + 1.0, most[scale] + 3.0
     at = moving(0.6, 1.0, 0.3)
-    low, middle, high = (noise.density(at, s, VEHICLE) for s in (less, more, most))
+    low, middle, high = (noise.density(at, s, VEHICLE, SensorNoise()) for s in (less, more, most))
     np.testing.assert_allclose(high - low, 3.0 * (middle - low), atol=1e-15)
     assert (middle - low).any()
     drive = [AugmentedState.RIM, AugmentedState.DRIVE]  # scaled by none
@@ -132,7 +137,7 @@ def test_the_density_is_linear_in_each_factor(scale):
 def test_noise_of_the_joint_turns_the_trailer_as_the_model_does(delta_i):
     """A joint that turns by w beside its model changes psi_i by d psi_i' / d delta_i' w."""
     noise = ProcessNoise(valves=1e4)
-    density = noise.density(moving(delta_i=delta_i), noise.scales, VEHICLE)
+    density = noise.density(moving(delta_i=delta_i), noise.scales, VEHICLE, SensorNoise())
     state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, delta_i, 0.0])
     lag, step = VEHICLE.steering_lag_i, 1e-3
     yaw_rates = [
@@ -154,6 +159,26 @@ def test_fast_speed_has_the_density_of_the_slip_at_low_frequency():
     lags = 0.001 * np.arange(-2000, 2001)  # [m]
     density = 0.001 * np.sum(variance * np.exp(-np.abs(lags) / noise.bump_m))
     assert density == pytest.approx(2.0 * noise.slip_forward**2, rel=1e-3)
+
+
+def test_slow_errors_of_gnss_are_stationary():
+    """What a second adds to half the difference of both errors is what fades in it."""
+    sensors = SensorNoise(gnss=0.04, gnss_white_share=0.2, gnss_correlation_s=30.0)
+    noise = ProcessNoise()
+    slow = sensors.slow_variance
+    assert 2.0 * slow + sensors.of(Sensor.GNSS_TRACTOR) ** 2 == pytest.approx(sensors.gnss**2)
+    gathered = noise.density(moving(), noise.scales, VEHICLE, sensors)
+    of_gnss = AugmentedState.GNSS_X
+    assert gathered[of_gnss, of_gnss] == pytest.approx(
+        2.0 * noise.fading(sensors)[0, of_gnss - STATES] * slow
+    )
+    white = noise.density(moving(), noise.scales, VEHICLE, SensorNoise())
+    assert not white[of_gnss:, of_gnss:].any()
+
+
+def test_the_white_share_of_gnss_is_at_most_one():
+    with pytest.raises(InvalidTuning, match="gnss_white_share"):
+        SensorNoise(gnss_white_share=1.1)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])
