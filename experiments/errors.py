@@ -59,3 +59,7 @@ class InvalidRows(ExperimentError):
 
 class InvalidFit(ExperimentError):
     """The data do not allow a tube to be fitted, or the tube file is invalid."""
+
+
+class InvalidPage(ExperimentError):
+    """A page of the documentation has no place for a table, or its record cannot be read."""

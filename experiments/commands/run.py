@@ -76,7 +76,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(finished.summary.to_json())
     else:
-        print(format_run(finished.summary))
+        print(format_run(finished.summary, finished.comparison))
         if finished.mismatch:
             print(f"Parameter mismatch: {', '.join(map(str, finished.mismatch))}")
         for note in finished.notes:

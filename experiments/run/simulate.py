@@ -20,6 +20,7 @@ from proving_ground.testbed.viewers.live import LiveView
 
 from ..output import make_folder, refuse_existing
 from ..results.metrics import summarise
+from ..results.published import PublishedError, applies_to, compare
 from ..results.summary import RunFacts, Summary
 from ..scenario.controller import OptionValue
 from ..scenario.scenario import Scenario, dump, identity
@@ -40,6 +41,7 @@ class Finished:
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     notes: tuple[str, ...] = ()  # on the path
+    comparison: tuple[PublishedError, ...] = ()  # published errors, where they apply
 
 
 def simulate(
@@ -142,9 +144,12 @@ def run(
         files[figure] = folder / f"{figure}.png"
         files[figure].write_bytes(content)
     files["report"] = folder / "report.html"
-    page = render_run_report(summary, record.events, resolved, pictures, assembly.mismatch)
+    comparison = compare(summary) if applies_to(scenario) else ()
+    page = render_run_report(
+        summary, record.events, resolved, pictures, assembly.mismatch, comparison
+    )
     files["report"].write_text(page, encoding="utf-8")
-    return Finished(summary, record, files, assembly.mismatch, assembly.notes)
+    return Finished(summary, record, files, assembly.mismatch, assembly.notes, comparison)
 
 
 def drive_into(

@@ -20,11 +20,12 @@ from proving_ground.testbed.recording.channels import ESTIMATE
 from ..results.published import COLUMNS
 from ..run.simulate import simulate
 from ..scenario.scenario import load
+from ..seeds import report_seeds
 from .batch import StudyRun, mean_errors_cm, run_tasks
 
 SCENARIOS = ("pavement", "grass", "wet-grass", "side-slope", "wet-slope", "patchy")
 ESTIMATORS = ("ekf", "nmhe")
-SEEDS = (1, 2)
+SEEDS = report_seeds(2)
 
 
 @dataclass(frozen=True, slots=True)
