@@ -32,7 +32,7 @@ def coverage(count: int, draws: int, skewed: bool) -> float:
         normal = random.normal(0.0, 1.0, count)
         low, high = mean(np.exp(_SKEW * normal) if skewed else normal).ends
         covered += low <= (np.exp(0.5 * _SKEW**2) if skewed else 0.0) <= high
-    return covered / draws
+    return float(covered / draws)
 
 
 def quantile_coverage(count: int, draws: int) -> float:
@@ -44,7 +44,7 @@ def quantile_coverage(count: int, draws: int) -> float:
         values = shared + random.normal(0.0, np.sqrt(0.5), len(units))
         low, high = bootstrap(values, units, quantile95).ends
         covered += low <= truth <= high
-    return covered / draws
+    return float(covered / draws)
 
 
 def main(draws: str = "2000") -> None:

@@ -24,6 +24,7 @@ FAMILY: Final = ("ttempc", "ttempc-nominal", "ttempc-tube")
 """Variants of one controller; the others are its rivals."""
 
 LEVEL: Final = 0.05  # of the tests, after Holm's correction
+_ENDED_EARLY: Final = {"lost", "invalid", "failed", "crashed"}  # `RowStatus`
 _POINTS: Final = tuple(f"tracking.all.{body}.mean_euclidean_m" for body in ("tractor", "trailer"))
 
 
@@ -77,13 +78,14 @@ class Comparison:
         shape = (len(self.fields), len(self.controllers), len(self.seeds))
         values = np.full(shape, np.nan)
         for place in np.ndindex(shape):
-            row = self.row(*place)
+            row = self.row(place)
             if row is not None and row["status"] == "completed":
                 values[place] = row[name]  # None becomes NaN
         return values
 
-    def row(self, field: int, controller: int, seed: int) -> Row | None:
-        """Return a row by its indices; None if the run was refused."""
+    def row(self, place: tuple[int, ...]) -> Row | None:
+        """Return a row by indices of field, controller and seed; None if the run was refused."""
+        field, controller, seed = place
         key = (self.fields[field], self.controllers[controller], self.seeds[seed])
         return self.by_key.get(key)
 
@@ -95,21 +97,18 @@ class Comparison:
     @cached_property
     def driven(self) -> NDArray[np.intp]:
         """Return the number of runs, (fields, controllers)."""
-        return self._count(lambda row: True)
+        return self._count({"completed", *_ENDED_EARLY})
 
     @cached_property
     def lost(self) -> NDArray[np.intp]:
         """Return the number of runs that did not complete, (fields, controllers)."""
-        return self._count(lambda row: row["status"] != "completed")
+        return self._count(_ENDED_EARLY)
 
-    def _count(self, counts) -> NDArray[np.intp]:  # noqa: ANN001
-        shape = (len(self.fields), len(self.controllers))
-        every = range(len(self.seeds))
-        numbers = np.zeros(shape, dtype=np.intp)
-        for place in np.ndindex(shape):
-            numbers[place] = sum(
-                row is not None and counts(row) for row in (self.row(*place, s) for s in every)
-            )
+    def _count(self, statuses: set[str]) -> NDArray[np.intp]:
+        numbers = np.zeros((len(self.fields), len(self.controllers)), dtype=np.intp)
+        for (field, controller, _), row in self.by_key.items():
+            place = self.fields.index(field), self.controllers.index(controller)
+            numbers[place] += row["status"] in statuses
         return numbers
 
     @cached_property

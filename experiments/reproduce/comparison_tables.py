@@ -139,7 +139,7 @@ def controllers(driver: Driver) -> Product:
 def errors(driver: Driver) -> Product:
     """Return errors on straights and curves, by field, with their range over seeds."""
     comparison = _rows(driver)
-    places = [tuple(reversed(label.split())) for label in COLUMNS]  # (where, body)
+    places = [*PUBLISHED_M]
     columns = [
         100.0 * comparison.column(f"tracking.{where}.{body}.mean_euclidean_m")
         for where, body in places

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from proving_ground.testbed.recording.provenance import code_digest
+from proving_ground.testbed.recording.provenance import code_digest, versions
 
 from ..errors import InvalidRows
 from ..seeds import report_seeds
@@ -23,6 +23,11 @@ from ..sweep.study import load_study
 from ..sweep.sweep import sweep
 from ..sweep_report.runs import Runs, read_sweep
 from .probes import Fingerprint, Probe, digest_of, fingerprint, study_probes
+
+
+def current_versions() -> dict[str, str]:
+    """Return the versions of all software, and a digest of the code."""
+    return {**versions(), "code": code_digest()}
 
 
 class Driver:
@@ -44,7 +49,7 @@ class Driver:
         self.folder, self._workers, self._seeds = folder, workers, seeds
         self._fingerprints: dict[str, Fingerprint] = {}
         self._swept: dict[str, Path] = {}
-        self.versions: dict[str, str] = {}  # of the rows that were read last
+        self.versions = current_versions()  # of the rows that were read last
 
     def seeds(self, seeds: tuple[int, ...]) -> tuple[int, ...]:
         """Return the seeds of a table, or those of the rehearsal."""
@@ -77,7 +82,7 @@ class Driver:
     def sweep(self, name: str) -> Runs:
         """Return the runs of a shipped study."""
         runs = read_sweep(self.rows(name))
-        self.versions = dict(runs.origin["versions"])
+        self.versions = {**runs.origin["versions"], "code": runs.origin["code"]}
         return runs
 
     def printed(self, main: Callable[..., object], *arguments: object) -> str:

@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
 
-from proving_ground.testbed.recording.provenance import versions
-
 from ..errors import BadOptions
 from ..sweep_report.format import format_numbers
-from .driver import Driver
+from .driver import Driver, current_versions
 from .entry import Entry
 from .ledger import Ledger, Making, read_ledger, source_digest
 from .pages import ROOT, check_block, read_page, with_block, write_file
 from .probes import OUTCOMES, Fingerprint, Outcome, digest_of
 
-_SHOWN: Final = ("commit", "ttempc", "mujoco", "numpy", "piqp")
+_SHOWN: Final = ("commit", "code", "ttempc", "mujoco", "numpy", "piqp")
 
 State = Literal["not made", "other probes"] | Outcome
 
@@ -66,7 +64,7 @@ def reproduce(entries: Sequence[Entry], driver: Driver, out: Path = ROOT) -> Ite
     driver.fingerprints([item for entry in entries for item in entry.all_probes()])
     for entry in entries:
         probes = driver.fingerprints(entry.all_probes())
-        driver.versions = versions()
+        driver.versions = current_versions()
         product = entry.make(driver)
         making = Making(driver.versions, source_digest(), probes)
         seeds = entry.all_seeds()
@@ -89,7 +87,8 @@ def provenance(entry: Entry, making: Making, seeds: Sequence[int]) -> str:
     parts.append(", ".join(known))
     if making.probes:
         digest = digest_of([*making.probes.values()])
-        parts.append(f"{len(making.probes)} probes {digest}")
+        count = len(making.probes)
+        parts.append(f"{count} probe{'s' if count > 1 else ''} {digest}")
     return f"<sub>{'; '.join(parts)}</sub>"
 
 

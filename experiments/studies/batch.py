@@ -115,6 +115,7 @@ def _key(function: Callable[..., Any], task: object) -> str:
 def _read(file: Path) -> dict[str, Any]:
     """Return the kept results, without a torn last one."""
     results: dict[str, Any] = {}
+    whole = 0
     if not file.exists():
         return results
     with file.open("rb") as stream, contextlib.suppress(EOFError, pickle.UnpicklingError):

@@ -104,4 +104,4 @@ def main(controller: str = "ttempc", seeds: tuple[int, ...] = SEEDS) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main((sys.argv[1:] or ["ttempc"])[0])

@@ -8,6 +8,7 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidPage
+from proving_ground.experiments.reproduce import driver as driver_module
 from proving_ground.experiments.reproduce import listing, probes
 from proving_ground.experiments.reproduce import reproduce as module
 from proving_ground.experiments.reproduce.driver import Driver
@@ -18,7 +19,8 @@ from proving_ground.experiments.reproduce.pages import ROOT, blocks, with_block
 from proving_ground.experiments.reproduce.probes import Fingerprint, Probe, fingerprint, probe
 from proving_ground.experiments.scenario.scenario import shipped
 from proving_ground.experiments.seeds import FITTING, TUNING, design_seeds
-from proving_ground.experiments.sweep.study import load_study, shipped_studies
+from proving_ground.experiments.sweep.study import ListAxis, load_study, shipped_studies
+from tests.experiments.study_files import CONTROLLERS, SHORT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SHORT_S = 1.0
@@ -81,6 +83,7 @@ def test_the_shipped_tubes_were_fitted_with_declared_seeds():
 
 def test_the_comparison_drives_every_shipped_scenario():
     axis = load_study("compare")[1].axis[0]
+    assert isinstance(axis, ListAxis)
     assert set(axis.values) == set(shipped())
 
 
@@ -138,6 +141,28 @@ def test_a_changed_plant_makes_its_table_stale(out, short):
     assert (other.state, other.holds) == ("other probes", False)
     (new,) = module.check([made_up(name="new")], driver, out)
     assert (new.state, new.holds) == ("not made", False)
+
+
+def test_finished_rows_are_taken_again_and_those_of_another_plant_are_not(
+    tmp_path, short, monkeypatch
+):
+    file = tmp_path / "tiny.toml"
+    file.write_text(f"""seeds = [201]\n{SHORT}\n{CONTROLLERS}""".replace("feedforward", "ttempc"))
+    tiny = load_study(str(file))
+    for place in (driver_module, probes):
+        monkeypatch.setattr(place, "load_study", lambda name: tiny)
+    first = Driver(tmp_path / "rows", workers=0).rows("tiny")
+    content = (first / "results.jsonl").read_bytes()
+    assert content.count(b"\n") == 2
+    assert Driver(tmp_path / "rows", workers=0).rows("tiny") == first
+    assert (first / "results.jsonl").read_bytes() == content
+    probe_of = probes.fingerprint
+    monkeypatch.setattr(
+        driver_module, "fingerprint", lambda item: replace(probe_of(item), sha256="another plant")
+    )
+    assert Driver(tmp_path / "rows", workers=0).rows("tiny") != first
+    rehearsal = Driver(tmp_path / "rows", workers=0, seeds=(7, 8)).sweep("tiny")
+    assert {row["seed"] for row in rehearsal.rows} == {7, 8}
 
 
 def test_nothing_is_driven_for_a_page_without_markers(out):
