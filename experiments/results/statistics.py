@@ -126,10 +126,15 @@ def holm(p_values: Sequence[float]) -> FloatArray:
     return adjusted
 
 
-def caveat(units: int, what: str = "seeds") -> str:
+def caveat(units: int, what: str = "seeds", tails: bool = False) -> str:
     """Return what a page must say of intervals over few units, "" where there are many.
 
     `python -m experiments.benchmarks.intervals` measures the coverage.
+
+    Args:
+        units: their number.
+        what: their name, in the plural.
+        tails: whether the page has quantiles and means of the worst runs, too.
     """
     sentences = []
     if units < _ENOUGH_FOR_MEANS:
@@ -137,7 +142,7 @@ def caveat(units: int, what: str = "seeds") -> str:
             f"With {units} {what} the interval of a mean is a 95 % interval only if the errors are "
             "normal."
         )
-    if units < _ENOUGH_FOR_TAILS:
+    if tails and units < _ENOUGH_FOR_TAILS:
         sentences.append(
             f"With {units} {what} the intervals of the two tail figures cover less than 95 %: "
             "three quarters with 5, nine tenths with 14."

@@ -50,7 +50,7 @@ def render_page(report: SweepReport, folder: Path) -> str:
     return templates.get_template("sweep.html.j2").render(
         report=report,
         runs=runs,
-        caveat=caveat(runs.unit_count, runs.units),
+        caveat=caveat(runs.unit_count, runs.units, tails=True),
         unmeasured=unmeasured_text(runs.unmeasured, runs.limit_m),
         study_toml=runs.study.dump(),
         sections=[

@@ -24,6 +24,7 @@ def render_summary(report: SweepReport, prefix: str = "") -> str:
     runs = report.runs
     limit = runs.limit_m
     unmeasured = unmeasured_text(runs.unmeasured, limit)
+    warning = caveat(runs.unit_count, runs.units, tails=True)
     lines = [
         f"# {runs.name}",
         "",
@@ -44,8 +45,7 @@ def render_summary(report: SweepReport, prefix: str = "") -> str:
         + "Errors are the 95th percentile of the trailer's unsigned cross-track error in a run "
         "(ISO 12188-2), of runs that completed [cm]. In brackets 95 % intervals: failure rates by "
         f"Clopper and Pearson, means and differences by Student's t over whole {runs.units}, the "
-        f"other two by bootstrap over them. {caveat(runs.unit_count, runs.units)}".rstrip()
-        + " Simulation.",
+        "other two by bootstrap over them. " + (f"{warning} " if warning else "") + "Simulation.",
         "",
         *_controllers(report),
         *(_differences(report) if report.differences else ()),
