@@ -27,8 +27,8 @@ from proving_ground.testbed.vehicle.vehicle import PlantVehicle
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
 from ttempc.types import Command
 
-STEPS: Final = 200  # of a block, shorter than a time slice of the machine
-REPEATS: Final = 400
+STEPS: Final = 500  # of a block
+REPEATS: Final = 200
 QUANTILE: Final = 0.05
 LARGEST_RATIO: Final = 1.45
 
