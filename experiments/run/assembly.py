@@ -20,6 +20,7 @@ from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.simulation.termination import TerminationLimits
+from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.controllers import controller_options
 from ttempc.guidance.guidance import Guidance
 from ttempc.reference.path import Path
@@ -53,13 +54,22 @@ class Assembly:
     reference: Reference
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
-    notes: tuple[str, ...] = ()  # on the path, for the log
+    notes: tuple[str, ...] = ()  # on path and tyres, for the log
     stages: tuple[Stage, ...] = STAGES
 
     @property
     def vehicle(self) -> Vehicle:
         """Model parameters of the guidance."""
         return self.guidance.vehicle
+
+    def start(self) -> None:
+        """Put the plant to the start of the reference, rolling.
+
+        Raises:
+            InvalidPlant: the vehicle does not stand there.
+        """
+        x, y, yaw, *_, speed = self.reference.at(0.0).state.tolist()
+        self.plant.reset(x, y, yaw, speed)
 
     def setup(self, sink: Sink, record_hz: float = RECORD_RATE_HZ) -> SimulationSetup:
         """Return the run with the sink in its place, the plant at its start and rolling.
@@ -68,9 +78,7 @@ class Assembly:
             sink: is told everything.
             record_hz: how often it is told the truth [Hz]; see `record_steps`.
         """
-        start = self.reference.at(0.0)
-        x, y, yaw = start.state[:3]
-        self.plant.reset(float(x), float(y), float(yaw), float(start.state[6]))
+        self.start()
         timestep = self.plant.timestep_s
         return SimulationSetup(
             plant=self.plant,
@@ -144,7 +152,7 @@ def assemble(
         actuators=scenario.actuators,
     )
     sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
-    return Assembly(
+    assembly = Assembly(
         plant=plant,
         sensors=sensors,
         guidance=_guidance(scenario, reference, plant, factory),
@@ -152,9 +160,11 @@ def assemble(
         reference=reference,
         ticks=_ticks(reference),
         mismatch=vehicles.mismatch,
-        notes=mission.notes,
+        notes=(*mission.notes, *overload_notes(vehicles.plant)),
         stages=_stages(scenario, seed),
     )
+    assembly.start()  # refused here, before anything is written
+    return assembly
 
 
 def check(scenario: Scenario) -> int:

@@ -39,7 +39,7 @@ class Finished:
     record: Record
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
-    notes: tuple[str, ...] = ()  # on the path
+    notes: tuple[str, ...] = ()  # on path and tyres
 
 
 def simulate(
