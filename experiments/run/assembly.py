@@ -40,6 +40,7 @@ from .user_code import is_user_code, load_factory, user_controller, user_estimat
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
 RECORD_RATE_HZ = 25.0  # of the paper's fastest sensors
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
+_BLOCK = 4096  # rows of the reference at a time: a sample takes twice the memory of a row
 EDGE_M = 4.0  # from path to edge of the field: vehicle, antenna and a metre of error
 
 
@@ -101,8 +102,12 @@ class Assembly:
 
     def _reference_rows(self, record_hz: float) -> FloatArray:
         """Return rows of `channels.REFERENCE`, one for each of the truth."""
-        count = self.ticks * round(CONTROL_PERIOD_S * record_hz) + 1
-        sample = self.reference.at(np.arange(count) / record_hz)
+        times = np.arange(self.ticks * round(CONTROL_PERIOD_S * record_hz) + 1) / record_hz
+        parts = (times[k : k + _BLOCK] for k in range(0, len(times), _BLOCK))
+        return np.concatenate([self._reference_columns(part) for part in parts])
+
+    def _reference_columns(self, times: FloatArray) -> FloatArray:
+        sample = self.reference.at(times)
         x, y, psi_t, psi_i, delta_t, delta_i, v = sample.state.T
         columns = (
             x,
