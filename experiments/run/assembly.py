@@ -13,6 +13,7 @@ from proving_ground.testbed.discretisation import whole_steps
 from proving_ground.testbed.ground.grid import Grid
 from proving_ground.testbed.ground.soil_layers import StrengthMap
 from proving_ground.testbed.ground.terrain import Terrain
+from proving_ground.testbed.implement.mounted import check_pull
 from proving_ground.testbed.randomness import generator
 from proving_ground.testbed.recording.sink import Sink
 from proving_ground.testbed.sensing.sensors import SensorSuite
@@ -30,7 +31,6 @@ from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
-from ..scenario.assumed_noise import assumed_noise
 from ..scenario.controller import TRUTH, ControllerSettings
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
@@ -148,13 +148,16 @@ def assemble(
     timestep = scenario.plant.timestep_s
     record_steps(timestep, RECORD_RATE_HZ)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
+    _check_pull(scenario, vehicles, mission, soil.background)
     plant = Plant(
         vehicles.plant,
         terrain,
         soil,
         wheels=scenario.plant.wheels,
+        wheel_law=scenario.plant.wheel_law,
         timestep_s=timestep,
         actuators=scenario.actuators,
+        implement=scenario.implement,
     )
     sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
     assembly = Assembly(
@@ -164,7 +167,7 @@ def assemble(
         terrain=terrain,
         reference=reference,
         ticks=_ticks(reference),
-        mismatch=vehicles.mismatch,
+        mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=(*mission.notes, *overload_notes(vehicles.plant)),
         stages=_stages(scenario, seed),
     )
@@ -193,7 +196,8 @@ def check(scenario: Scenario) -> int:
         load_factory(stage.make, "stage")
     timestep_s = scenario.plant.timestep_s
     record_steps(timestep_s, RECORD_RATE_HZ)
-    scenario.soil.soil(0, level, mission.path, strength_map)
+    soil = scenario.soil.soil(0, level, mission.path, strength_map)
+    _check_pull(scenario, vehicles, mission, soil.background)
     front_stop = math.radians(vehicles.plant.front_steering.limit_deg)
     trailer_stop = math.radians(vehicles.plant.trailer_steering.limit_deg)
     Actuators(scenario.actuators, timestep_s, (front_stop, trailer_stop))
@@ -225,6 +229,14 @@ def _way(
     if strength_map:
         _check_covered(path, strength_map, "soil map", "soil.map")
     return Reference(path, vehicle, mission.speed), strength_map
+
+
+def _check_pull(
+    scenario: Scenario, vehicles: Vehicles, mission: Mission, cone_index: float
+) -> None:
+    if scenario.implement:
+        law, speed = scenario.plant.wheel_law, mission.speed.top_speed
+        check_pull(law, scenario.implement, vehicles.plant, cone_index, speed)
 
 
 def _ticks(reference: Reference) -> int:
@@ -259,7 +271,7 @@ def _guidance(
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
-    noise = assumed_noise(scenario.sensors)
+    noise = settings.noise.sensor_noise(scenario.sensors)
     controller, options, tube = settings.name, settings.options, None
     if factory is None and is_user_code(settings.name):
         factory = load_factory(settings.name, "controller")

@@ -36,7 +36,7 @@ _DRIVEN_PERIOD_S: Final = 5.0  # between driven paths, at least
 # fixed period their sum would grow with the square of the time.
 _DRIVEN_SHARE: Final = 0.01
 _DRIVEN_STEP_M: Final = 1.0  # between its points
-_GNSS: Final = (  # topic, frame, columns of x and y in `MEASUREMENT`
+_GNSS: Final = (  # topic, frame, columns of x, y and sample time in `MEASUREMENT`
     (topics.GNSS_TOPIC, "tractor", MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR]),
     (topics.GNSS_TRAILER_TOPIC, "trailer", MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER]),
 )
@@ -176,12 +176,13 @@ class Publisher(ABC):
             self._send_each(names, times_ns, encode_paths(times_ns, lines))
 
     def _publish_fixes(self, times_ns: Sequence[int], measured: Sequence[Sequence[float]]) -> None:
-        """Send the GNSS samples of measurement rows as fixes."""
+        """Send the GNSS samples of measurement rows as fixes, stamped with their own time."""
         for topic, frame, columns in _GNSS:
             for time_ns, values in zip(times_ns, measured, strict=True):
-                x, y = values[columns]
+                x, y, sampled_s = values[columns]
                 if not math.isnan(x):
-                    self._send(topic, time_ns, encode_fix(time_ns, frame, x, y))
+                    fix = encode_fix(nanoseconds(sampled_s), frame, x, y)
+                    self._send(topic, time_ns, fix)
 
     def _send_each(
         self, names: Sequence[str], times_ns: Sequence[int], messages: Sequence[bytes]

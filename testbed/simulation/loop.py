@@ -81,8 +81,13 @@ class Outcome:
 
 
 def log_settings(setup: SimulationSetup, tick: TickContext) -> None:
-    """Log notes on path and tyres and each actuator or sensor setting unlike the paper's."""
-    specifications = setup.plant.actuators.specification, setup.sensors.specification
+    """Log notes, implement, and actuator and sensor settings unlike the paper's."""
+    implement = setup.plant.implement
+    specifications = (
+        *([implement.settings] if implement else []),
+        setup.plant.actuators.specification,
+        setup.sensors.specification,
+    )
     notes = (note for specification in specifications for note in specification.notes())
     for text in (*setup.notes, *notes):
         setup.sink.event(Event(tick.now.time_s, "info", text))
@@ -160,6 +165,9 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
             setup.sink.row(channels.STATE, truth.time_s, rows.state_row(truth))
             setup.sink.row(channels.REFERENCE, truth.time_s, reference)
             setup.sink.row(channels.TYRES, truth.time_s, rows.tyres_row(truth))
+            if truth.tool is not None:
+                row = rows.tool_row(truth.tool, reference)
+                setup.sink.row(channels.TOOL, truth.time_s, row)
             setup.sink.scene(truth)
 
 

@@ -41,4 +41,4 @@ def test_the_driven_path_is_complete_and_its_messages_grow_with_the_time():
     assert late < 1.3 * early  # a fixed period would make it 3.7 times as much
     x = [pose.position.x for pose in PosesInFrame.FromString(listener.last).poses]
     assert x[-1] == pytest.approx(SPEED * times[-1], abs=2.0)
-    assert np.diff(x) == pytest.approx(SPEED, abs=1e-9)
+    assert np.diff(x) == pytest.approx(SPEED, abs=1e-3)
