@@ -19,12 +19,13 @@ from ..studies import (
     invariance,
     kayacan2016,
     paper_tube,
+    ranking,
     recovery,
 )
 from . import comparison_tables, study_tables
 from .comparison_tables import STUDY
 from .entry import Entry
-from .study_tables import CONTAINMENT_LAPS, SWEEPS, printed
+from .study_tables import CONTAINMENT_LAPS, RANKING_DRAWS, SWEEPS, printed
 
 
 def _study(
@@ -174,6 +175,22 @@ ENTRIES: Final = (
             (name, "ttempc-tube") for name in ("grass", "pavement", "wet-grass", "side-slope")
         ),
         minutes=9.0,
+    ),
+    Entry(
+        name="ranking",
+        page="docs/ranking.md",
+        make=study_tables.ranked,
+        seeds=report_seeds(RANKING_DRAWS),
+        probes=tuple((name, "ttempc") for name in ranking.FIELDS)
+        + tuple(("grass", name) for name in ranking.CONTROLLERS[1:]),
+        minutes=10.0,
+    ),
+    Entry(
+        name="evidence",
+        page="docs/evidence.md",
+        make=study_tables.evidence,
+        probes=(("farm", "ttempc"), ("cultivate", "ttempc"), ("grass", "ttempc")),
+        minutes=5.0,
     ),
     Entry(
         name="card",

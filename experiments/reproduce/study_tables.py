@@ -9,7 +9,8 @@ from pathlib import Path
 
 from proving_ground.testbed.recording.provenance import code_digest
 
-from ..studies import cards, containment
+from ..studies import cards, containment, ranking
+from ..studies.evidence.page import evidence_page
 from ..sweep_report.aggregate import controller_groups, paired_differences
 from ..sweep_report.files import docs_page
 from ..sweep_report.format import format_estimate
@@ -23,6 +24,9 @@ SWEEPS = ("terrain-slip", "delay", "noise", "speed-radius", "mismatch")
 
 CONTAINMENT_LAPS = 20
 """Fresh laps in each case of the containment study."""
+
+RANKING_DRAWS = 20
+"""Drawn plants of the ranking, each with a seed of its own."""
 
 
 def sweep_page(study: str) -> Callable[[Driver], Product]:
@@ -90,6 +94,20 @@ def plant_validation(driver: Driver) -> Product:
         text = driver.printed(cards.main, Path(folder))
         files = {file.name: file.read_bytes() for file in Path(folder).iterdir()}
     return Product(text, files)
+
+
+def ranked(driver: Driver) -> Product:
+    """Return whether the order of the controllers survives changes of assumed values."""
+    return Product(driver.printed(ranking.main, len(driver.report_seeds(RANKING_DRAWS))).strip())
+
+
+def evidence(driver: Driver) -> Product:
+    """Return the page of published figures beside those of the plant."""
+    return Product(driver.printed(_print_evidence).strip())
+
+
+def _print_evidence() -> None:
+    print(evidence_page())
 
 
 def contained(driver: Driver) -> Product:

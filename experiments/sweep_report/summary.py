@@ -42,8 +42,8 @@ def render_summary(report: SweepReport, prefix: str = "") -> str:
         )
         + ". "
         + (f"{unmeasured} " if unmeasured else "")
-        + "Errors are the 95th percentile of the trailer's unsigned cross-track error in a run "
-        "(ISO 12188-2), of runs that completed [cm]. In brackets 95 % intervals: failure rates by "
+        + "Errors are the 95th percentile of the trailer's unsigned cross-track error in a run, of "
+        "runs that completed [cm]. In brackets 95 % intervals: failure rates by "
         f"Clopper and Pearson, means and differences by Student's t over whole {runs.units}, the "
         "other two by bootstrap over them. " + (f"{warning} " if warning else "") + "Simulation.",
         "",

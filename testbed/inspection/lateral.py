@@ -1,4 +1,4 @@
-"""Side force: slip angles of the axles on side slopes, drift along a contour."""
+"""Side force: mobility numbers, slip angles of the axles on side slopes, drift on a contour."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from ttempc.types import FloatArray
 
 from ..ground.terrain import flat
 from ..truth import WHEELS
+from ..vehicle.servos import tyres_of, wheel_loads
 from ..wheels import tyre
+from ..wheels.wheel_models import wheel_model
 from .bench import DRIVEN, SPEED, TRAILER, Bench, drive, steps
-from .check import Chart, Check, Line, between, near
+from .check import Chart, Check, Line, between, near, not_applicable
 from .steady_motion import Planar, steady_motion
 
 _SLOPES: Final = np.radians([2.0, 4.0, 6.0, 8.0, 10.0])
@@ -23,12 +25,46 @@ _MEAN_S: Final = 1.0
 _DRIFT_S: Final = 8.0
 
 
+def mobility_numbers(bench: Bench) -> list[Check]:
+    """Check that the mobility number of each axle at rest is one at which no assumed limit acts.
+
+    Outside, side stiffness or side force are at the limit of the law, which no source gives.
+    """
+    law, vehicle = bench.wheel_law, bench.vehicle
+    load, strength = wheel_loads(vehicle), np.full(len(WHEELS), bench.cone_index)
+    bn, numbers = tyre.mobility(law, tyres_of(vehicle), load, strength)
+    low = law.side_mobility / (law.side_most - law.side) if law.side_most > law.side else math.inf
+    growth = law.side_stiffness_mobility_per_rad
+    spare = law.side_stiffness_most_per_rad - law.side_stiffness_per_rad
+    high = spare / growth if growth > 0.0 else math.inf
+    checks = []
+    for axle, wheel in (("front", 0), ("rear", 2), ("trailer", 4)):
+        m = numbers[wheel : wheel + 1]
+        name = f"mobility number M at {bench.cone_index:.0f} kPa, {axle} axle"
+        note = (
+            f"Bn = {bn[wheel]:.1f}, M = {m[0]:.1f}, side stiffness "
+            f"{law.side_stiffness(m)[0]:.2f} per rad, side force at most "
+            f"{law.largest_side_ratio(m)[0]:.2f} of the load"
+        )
+        if not wheel_model(bench.wheels).follows_soil_law:
+            checks.append(not_applicable(name, "Coulomb friction has no mobility number"))
+        elif not low <= m[0] <= high:
+            limit = "the cap of side stiffness" if m[0] > high else "the limit of side force"
+            checks.append(not_applicable(name, f"at {limit}, which is assumed: {note}"))
+        else:
+            source = "side force law without its assumed limits; the range of its data is unknown"
+            checks.append(
+                between(name, figure=m[0], low=low, high=high, unit="", source=source, note=note)
+            )
+    return checks
+
+
 def side_force(bench: Bench) -> list[Check]:
     """Check side force over load at the slip angle of rear and trailer axle on side slopes.
 
     Slip angles follow from the motion of the axle points, not from the report of the wheels.
     """
-    angles, ratios, law = [], [], []
+    law, angles, ratios, expectations = bench.wheel_law, [], [], []
     for slope in _SLOPES:
         plant = bench.plant(
             flat((40.0, 20.0)).tilted(float(slope), 0.5 * math.pi), bench.cone_index
@@ -38,7 +74,8 @@ def side_force(bench: Bench) -> list[Check]:
         truths = drive(plant, bench.roll, _MEAN_S, 0.05)
         load = np.mean([t.wheels.load for t in truths], axis=0)
         side = np.mean([t.wheels.force_lat for t in truths], axis=0)
-        _, bn1 = tyre.mobility(plant.tyres, load, np.full(len(WHEELS), bench.cone_index))
+        mobility = tyre.mobility(law, plant.tyres, load, np.full(len(WHEELS), bench.cone_index))
+        slip = np.mean([t.wheels.slip for t in truths], axis=0)
         # the lateral slip of the law refers to the larger of rim and ground speed
         rear = np.mean([math.atan2(t.lateral_speed, max(t.speed, t.rim_speed)) for t in truths])
         span = truths[-1].time_s - truths[0].time_s
@@ -53,11 +90,12 @@ def side_force(bench: Bench) -> list[Check]:
         for axle, angle in ((DRIVEN, float(rear)), (TRAILER, trailer)):
             angles.append(angle)
             ratios.append(float(side[axle].sum() / load[axle].sum()))
-            both = tyre.lateral_ratio(bn1[axle], np.full(2, angle))
-            law.append(float(load[axle] @ both / load[axle].sum()))
+            bn, m = (number[axle] for number in mobility)
+            _, both = law.combined_ratios(bn, m, slip[axle], np.full(2, angle))
+            expectations.append(float(load[axle] @ both / load[axle].sum()))
     order = np.argsort(angles)
     degrees = np.degrees(np.array(angles)[order])
-    measured, expected = np.array(ratios)[order], np.array(law)[order]
+    measured, expected = np.array(ratios)[order], np.array(expectations)[order]
     chart = Chart(
         f"Side force, {bench.cone_index:.0f} kPa",
         "slip angle [deg]",
@@ -71,7 +109,7 @@ def side_force(bench: Bench) -> list[Check]:
             low=0.0,
             high=0.01,
             unit="",
-            source="MAVS lateral law, mu_max (1 - exp(-B |alpha|))",
+            source="lateral law, mu (1 - exp(-C/mu |alpha|)) by similarity with slip",
             note=f"slip angles {degrees.min():.2f} to {degrees.max():.2f} deg",
             chart=chart,
         )

@@ -14,6 +14,7 @@ import mujoco
 from ..configuration.resources import resource
 from ..errors import InvalidPlant
 from ..ground.terrain import Terrain
+from ..wheels.soil_law import SoilLaw
 from ..wheels.wheel_models import wheel_model
 from .appearance import put_tyres
 from .inertials import set_inertials
@@ -23,13 +24,13 @@ from .servos import SteeringServo, drive_servo, steering_servos
 from .vehicle import PlantVehicle
 
 _MJCF: Final = "tractor_trailer.xml"
-_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the height of the drawn load
+_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the thickness of the load
 _LOAD_SPREAD: Final = (0.67, 0.83)  # length and width of the load over those of the box; assumed
 _GROUND_BASE_M: Final = 1.0  # thickness of the ground below its lowest point
 
 
 def build_spec(
-    vehicle: PlantVehicle, terrain: Terrain, wheels: str, timestep_s: float
+    vehicle: PlantVehicle, terrain: Terrain, wheels: str, law: SoilLaw, timestep_s: float
 ) -> mujoco.MjSpec:
     """Return the model of the vehicle on this ground, ready to be compiled.
 
@@ -37,6 +38,7 @@ def build_spec(
         vehicle: the true vehicle.
         terrain: shape of the ground.
         wheels: name of the wheel model.
+        law: of the wheels on soil, by which the drive is calibrated.
         timestep_s: of the physics.
 
     Raises:
@@ -51,7 +53,7 @@ def build_spec(
     scale_to_vehicle(spec, vehicle)
     set_inertials(spec, vehicle)
     _put_stops(spec, vehicle)
-    _put_actuators(spec, vehicle)
+    _put_actuators(spec, vehicle, law)
     _put_load(spec, vehicle)
     _put_ground(spec, terrain)
     put_tyres(spec, vehicle)
@@ -98,7 +100,7 @@ def _put_stops(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
         spec.joint(joint).range = [-limit_deg, limit_deg]  # the MJCF's angles are degrees
 
 
-def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> None:
     front, trailer = steering_servos(vehicle)
     _put_steering(spec.actuator("steer"), front)
     _put_steering(spec.actuator("rj2"), trailer)
@@ -108,7 +110,7 @@ def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
     for side, y in (("left", kingpin), ("right", -kingpin)):
         quartic = linkage_polynomial(limit, vehicle.tractor.wheelbase_m, y)
         spec.equality(f"ackermann_{side}").data[:5] = quartic
-    drive, hydrostat = drive_servo(vehicle), spec.actuator("hydrostat")
+    drive, hydrostat = drive_servo(vehicle, law), spec.actuator("hydrostat")
     hydrostat.dynprm[0] = drive.lag
     hydrostat.gainprm[0] = drive.damping * drive.wheel_speed
     hydrostat.biasprm[2] = -drive.damping
@@ -124,15 +126,21 @@ def _put_steering(actuator: mujoco.MjsActuator, servo: SteeringServo) -> None:
 
 
 def _put_load(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-    """Put the load into the box as a separate body: the trailer's inertial does not change."""
+    """Put the load into the box as a separate body: the trailer's inertial does not change.
+
+    It is as thick as grain, but its underside does not reach through the floor: the load is
+    denser where its centre is too low for that. It touches nothing.
+    """
     load, box = vehicle.load, vehicle.box
     if load.mass_kg == 0.0:
         return
     half_x, half_y = 0.5 * _LOAD_SPREAD[0] * box.length_m, 0.5 * _LOAD_SPREAD[1] * box.width_m
     half_z = load.mass_kg / _LOAD_DENSITY / (8.0 * half_x * half_y)
-    body = spec.body("trailer").add_body(name="load", pos=[load.forward_m, 0.0, load.height_m])
+    half_z = min(half_z, load.height_m - box.floor_m)
+    above_axle = load.height_m - vehicle.trailer_wheel.radius_m
+    body = spec.body("trailer").add_body(name="load", pos=[load.forward_m, 0.0, above_axle])
     body.add_geom(
-        spec.find_default("body"),
+        spec.find_default("shape"),
         name="load",
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[half_x, half_y, half_z],

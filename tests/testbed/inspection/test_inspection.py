@@ -12,7 +12,6 @@ from proving_ground.testbed.inspection.inspect import EXPERIMENTS, inspect
 from proving_ground.testbed.inspection.kinematics import hitch_kinematics
 from proving_ground.testbed.inspection.turning import off_tracking
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.wheels import tyre
 from tests.cards import bench_of
 
 GRASS = bench_of("grass")
@@ -82,8 +81,12 @@ def test_a_slow_valve_fails_rate_and_nothing_else_of_the_steering(monkeypatch):
 
 
 def test_doubled_motion_resistance_fails_the_coast_down(monkeypatch):
-    law = tyre.motion_resistance_ratio
-    monkeypatch.setattr(tyre, "motion_resistance_ratio", lambda *a: 0.5 * law(*a))
+    def halved(plant):
+        law = plant.wheel_law
+        resistance = {"resistance_bn": 0.5 * law.resistance_bn, "resistance_tyre": 0.02}
+        plant.wheel_law = dataclasses.replace(law, **resistance)
+
+    mutate(monkeypatch, halved)  # the law that the checks expect, not that of the wheels
     assert failed("coast-down") == ["coast-down at 600 kPa"]
     assert failed("slip")
 
@@ -152,6 +155,21 @@ def test_a_diverged_plant_fails_its_experiment_and_the_others_still_run(tmp_path
     (check,) = inspect(GRASS, ("creep",))
     assert check.passed is False
     assert "MuJoCo" in check.note or "finite" in check.note or "time" in check.note
+
+
+def test_the_card_says_where_the_side_force_is_at_an_assumed_limit():
+    def notes(**changes):
+        return [check.note for check in EXPERIMENTS["mobility numbers"](replace(**changes))]
+
+    def replace(**changes):
+        return dataclasses.replace(GRASS, **changes)
+
+    assert not any("at the" in note for note in notes())
+    assert all("M = " in note and "per rad" in note for note in notes())
+    assert "at the cap of side stiffness" in notes(soil=SoilMap(2000.0))[1]
+    assert all("at the limit of side force" in note for note in notes(soil=SoilMap(50.0)))
+    stiffer = dataclasses.replace(GRASS.wheel_law, side_stiffness_most_per_rad=3.0)
+    assert all("at the cap" in note for note in notes(wheel_law=stiffer))
 
 
 def test_off_tracking_grows_as_the_radius_shrinks():
