@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
