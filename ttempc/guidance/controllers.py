@@ -16,6 +16,7 @@ from ..baselines.nmpc import (
     nmpc_distributed_controller,
     nmpc_rti_controller,
 )
+from ..baselines.nmpc_printed import PrintedNmpcOptions, printed_nmpc_controller
 from ..baselines.pid import PidOptions, pid_controller
 from ..errors import InvalidTube, InvalidTuning, UnknownController
 from ..laws.articulated_mpc import articulated_controller, nominal_controller
@@ -105,6 +106,11 @@ CONTROLLERS: Final = MappingProxyType(
             "the same, plans exchanged once a period",
             nmpc_distributed_controller,
             NmpcOptions,
+        ),
+        "kayacan-nmpc": ControllerEntry(
+            "NMPC on the printed model with slip factors and a space-based reference, as published",
+            printed_nmpc_controller,
+            PrintedNmpcOptions,
         ),
         "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback", feedforward_controller
