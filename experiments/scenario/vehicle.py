@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, field, replace
 from dataclasses import dataclass as stdlib_dataclass
 from types import MappingProxyType
 from typing import Final, TypeVar
@@ -21,6 +21,7 @@ from proving_ground.testbed.configuration.config_io import (
     NameOrFile,
     NotNegative,
     Positive,
+    validated,
 )
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.vehicle.vehicle import PlantVehicle
@@ -72,6 +73,8 @@ class PlantVehicleSettings:
     """Steady speed at hydrostat position 1, K."""
     speed_time_constant_s: Positive | None = None
     """Time constant of the speed, tau."""
+    parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Other numbers of the plant that differ from the vehicle file, by its tables and keys."""
 
     def nominal_vehicle(self) -> PlantVehicle:
         """Return the vehicle of the file.
@@ -85,17 +88,26 @@ class PlantVehicleSettings:
         """Return the vehicle of the plant, given that of the file.
 
         Raises:
-            InvalidPlant: the parts with the changed parameters do not fit together.
+            InvalidPlant: `parts` has an unknown table or key or one that `[plant.vehicle]` has
+                itself, a value is not allowed, or the parts do not fit together.
         """
-        changes: dict[str, dict[str, float]] = {}
+        content = asdict(nominal)
         for key, value in _given(self).items():
             table, name = _VEHICLE_FILE_KEYS[key]
-            changes.setdefault(table, {})[name] = value
+            content[table][name] = value
+        own_keys = {place: key for key, place in _VEHICLE_FILE_KEYS.items() if hasattr(self, key)}
+        for table, keys in self.parts.items():
+            for name, value in keys.items():
+                if (table, name) in own_keys:
+                    raise InvalidPlant(
+                        f"plant.vehicle.parts.{table}.{name}: give it as "
+                        f"plant.vehicle.{own_keys[table, name]}"
+                    )
+                if not isinstance(content.setdefault(table, {}), dict):
+                    raise InvalidPlant(f"plant.vehicle.parts.{table}: not a table of numbers")
+                content[table][name] = value
         try:
-            return replace(
-                nominal,
-                **{name: replace(getattr(nominal, name), **keys) for name, keys in changes.items()},
-            )
+            return validated(PlantVehicle, content, InvalidPlant)
         except InvalidPlant as error:
             raise InvalidPlant(f"plant.vehicle over {self.file}: {error}") from None
 

@@ -1,6 +1,7 @@
 """Vehicle parameters of plant and model: one file, deliberate differences, and their report."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -84,6 +85,16 @@ def test_a_vehicle_file_lies_beside_its_scenario_and_is_found_from_a_copy_elsewh
     assert load(str(elsewhere))[1] == scenario
 
 
+def test_any_number_of_the_vehicle_file_can_be_changed_in_the_plant():
+    scenario = load("grass", ["plant.vehicle.parts.trailer.mass_kg=600.0"])[1]
+    shipped_trailer = read_vehicle().trailer
+    assert scenario.vehicles().plant.trailer == replace(shipped_trailer, mass_kg=600.0)
+    assert scenario.vehicles().model == load("grass")[1].vehicles().model
+    assert differences("plant.vehicle.parts.front_steering.lag_s=0.3") == {
+        "front_lag_s": (0.3, read_vehicle().front_steering.lag_s)
+    }
+
+
 @pytest.mark.parametrize(
     ("override", "message"),
     [
@@ -92,6 +103,10 @@ def test_a_vehicle_file_lies_beside_its_scenario_and_is_found_from_a_copy_elsewh
         ("plant.vehicle.drawbar_m=-1.0", "plant.vehicle.drawbar_m: Input should be greater than 0"),
         ("plant.vehicle.hitch_offset_m=0.1", "plant.vehicle over kayacan2016: hitch.yaw_limit_deg"),
         ("plant.vehicle.width_m=1.0", "plant.vehicle.width_m: unknown key; allowed here: file"),
+        ("plant.vehicle.parts.wagon.mass_kg=1.0", "kayacan2016: wagon: unknown key"),
+        ("plant.vehicle.parts.tractor.mass=1.0", "kayacan2016: tractor.mass: unknown key"),
+        ("plant.vehicle.parts.tractor.mass_kg=-1.0", "tractor.mass_kg: Input should be greater"),
+        ("plant.vehicle.parts.hitch.offset_m=0.2", "give it as plant.vehicle.hitch_offset_m"),
         ("controller.vehicle.front_limit_deg=95.0", "front_limit_deg: Input should be less than"),
         ("controller.vehicle.file='farm4500'", "controller.vehicle.file: unknown key"),
     ],
