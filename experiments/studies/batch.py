@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
@@ -15,7 +16,7 @@ from ..results.published import compare
 from ..results.summary import Summary
 from ..run.simulate import simulate
 from ..scenario.scenario import load
-from ..sweep.engine import engine, imap_bounded
+from ..sweep.engine import Engine, engine, imap_bounded
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -32,7 +33,10 @@ class StudyRun:
 
 
 def run_tasks(
-    function: Callable[[Task], Result], tasks: Sequence[Task], label: str = ""
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    label: str = "",
+    started: Engine | None = None,
 ) -> Iterator[Result]:
     """Yield the result of every task in the order of the tasks, computed on all cores.
 
@@ -40,10 +44,12 @@ def run_tasks(
         function: executed in a worker process; what it raises is raised here.
         tasks: its arguments, picklable.
         label: of the progress bar.
+        started: the workers, if they run already.
     """
     waiting: dict[int, Result] = {}
     due = 0
-    with engine() as workers, tqdm(total=len(tasks), desc=label or None) as bar:
+    of_call = nullcontext(started) if started else engine()
+    with of_call as workers, tqdm(total=len(tasks), desc=label or None) as bar:
         numbered = enumerate(tasks)
         for (number, _), future in imap_bounded(workers, partial(_apply, function), numbered):
             waiting[number] = future.result()
@@ -55,7 +61,7 @@ def run_tasks(
 
 def simulate_runs(runs: Sequence[StudyRun]) -> list[Summary]:
     """Return the summaries of runs in the order of the runs, computed on all cores."""
-    return list(run_tasks(_simulate, runs))
+    return list(run_tasks(simulate_run, runs))
 
 
 def mean_errors_cm(summary: Summary) -> list[float]:
@@ -73,5 +79,6 @@ def _apply(function: Callable[[Task], Result], numbered: tuple[int, Task]) -> Re
     return function(numbered[1])
 
 
-def _simulate(run: StudyRun) -> Summary:
+def simulate_run(run: StudyRun) -> Summary:
+    """Return the summary of a run."""
     return simulate(*load(run.scenario, run.overrides), run.seed, run.factory)[0]

@@ -17,7 +17,7 @@ from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
-from ..errors import InvalidReference, InvalidTuning
+from ..errors import InvalidReference
 from ..laws.tracking_controller import Actions, TrackingController
 from ..limits import CommandLimits
 from ..mpc.prediction import rotation
@@ -25,7 +25,7 @@ from ..mpc.qp import FirstInputs, HorizonTuning, StageBounds
 from ..reference.projection import Projection
 from ..reference.reference import Reference
 from ..types import Estimate, FloatArray, Input
-from ..validation import check_choice, check_count
+from ..validation import check_choice, check_count, check_positive
 from ..vehicle import Vehicle
 from .nmpc_printed_model import PRINTED, PrintedExpressions
 from .nmpc_solver import GaussNewton, Task
@@ -65,10 +65,7 @@ class PrintedNmpcOptions(HorizonTuning):
 
     def __post_init__(self) -> None:
         HorizonTuning.__post_init__(self)
-        if not (math.isfinite(self.look_ahead_m) and self.look_ahead_m >= 0.0):
-            raise InvalidTuning(
-                f"look_ahead_m: got {self.look_ahead_m!r}, must be finite and 0 or more"
-            )
+        check_positive("look_ahead_m", self.look_ahead_m, zero=True)
         check_choice("target", self.target, get_args(Target))
         check_choice("trailer_input", self.trailer_input, ("lambda", "delta_i"))
         check_choice("hitch_sign", self.hitch_sign, (1, -1))
@@ -190,7 +187,7 @@ def printed_nmpc_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    options: PrintedNmpcOptions = PrintedNmpcOptions(),  # noqa: B008 - frozen
+    options: PrintedNmpcOptions = PrintedNmpcOptions(),
 ) -> TrackingController:
     """Compose the NMPC on the printed model: `kayacan-nmpc`.
 

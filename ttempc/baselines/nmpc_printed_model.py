@@ -8,8 +8,8 @@ With slip factors mu (driven wheels), kappa (front steering) and eta (trailer st
     v' = (K hp - v) / tau.
 
 With factors of 1 and s = +1 this is eq. (kinematicmodel) of Kayacan, Ramon and Saeys (2016), with
-lambda = beta + delta_i; s is `PaperEquations.hitch_sign`. That the NMPC of the same vehicle adds slip
-factors as parameters is said there; their places are from memory of Kayacan, Kayacan, Ramon and
+lambda = beta + delta_i; s is `PaperEquations.hitch_sign`. That the NMPC of this vehicle has slip
+factors as parameters is in that paper; their places are from memory of Kayacan, Kayacan, Ramon and
 Saeys (2015), "Learning in centralized nonlinear model predictive control: application to an
 autonomous tractor-trailer system", IEEE Transactions on Control Systems Technology 23(1).
 """
@@ -114,11 +114,14 @@ class WindowModel:
         self._run = ca.Function("window", [first, inputs], [states, ca.jacobian(states, first)])
 
     def along(self, first: FloatArray, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the unknowns (10,) at the ends of the periods, (n, 10), and d / d first (n, 10, 10).
+        """Return the unknowns at the ends of the periods, (n, 10), and their derivatives.
 
         Args:
             first: state and slip factors at the start, (10,).
             inputs: (n, 5) delta_t, delta_i, hp, beta, length of the period [s].
+
+        Returns:
+            The unknowns, and their derivatives by the first, (n, 10, 10).
         """
         states, jacobian = self._run(first, inputs.T)
         size = STATES + FACTORS
