@@ -145,6 +145,7 @@ def assemble(
         terrain,
         soil,
         wheels=scenario.plant.wheels,
+        wheel_law=scenario.plant.wheel_law,
         timestep_s=timestep,
         actuators=scenario.actuators,
     )

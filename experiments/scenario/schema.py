@@ -25,6 +25,7 @@ _UNITS: Final[Mapping[str, str]] = MappingProxyType(
         "mps2": "m/s^2",
         "degps": "deg/s",
         "per_s": "1/s",
+        "per_rad": "1/rad",
     }
 )
 

@@ -75,6 +75,7 @@ def bench(scenario: Scenario) -> Bench:
         iso_class=ground.iso_class,
         slope_rad=ground.slope_rad,
         wheels=scenario.plant.wheels,
+        wheel_law=plant.wheel_law,
         timestep_s=plant.timestep_s,
     )
 

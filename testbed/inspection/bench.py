@@ -18,6 +18,7 @@ from ..ground.terrain import Terrain, flat
 from ..simulation.plant import Plant
 from ..truth import WHEELS, Truth
 from ..vehicle.vehicle import PlantVehicle
+from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import WheelMotion
 from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL
 
@@ -39,6 +40,7 @@ class Bench:
     iso_class: str = ""  # of `rough`
     slope_rad: float = 0.0
     wheels: str = DEFAULT_WHEEL_MODEL
+    wheel_law: SoilLaw = SoilLaw()  # noqa: RUF009 - frozen
     timestep_s: float = 0.002
 
     @cached_property
@@ -74,6 +76,7 @@ class Bench:
             ground or flat((60.0, 40.0)),
             cone_index if isinstance(cone_index, SoilMap) else SoilMap(cone_index),
             wheels=wheels or self.wheels,
+            wheel_law=self.wheel_law,
             timestep_s=timestep_s or self.timestep_s,
         )
 

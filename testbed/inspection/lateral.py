@@ -28,7 +28,7 @@ def side_force(bench: Bench) -> list[Check]:
 
     Slip angles follow from the motion of the axle points, not from the report of the wheels.
     """
-    angles, ratios, law = [], [], []
+    law, angles, ratios, expectations = bench.wheel_law, [], [], []
     for slope in _SLOPES:
         plant = bench.plant(
             flat((40.0, 20.0)).tilted(float(slope), 0.5 * math.pi), bench.cone_index
@@ -38,7 +38,8 @@ def side_force(bench: Bench) -> list[Check]:
         truths = drive(plant, bench.roll, _MEAN_S, 0.05)
         load = np.mean([t.wheels.load for t in truths], axis=0)
         side = np.mean([t.wheels.force_lat for t in truths], axis=0)
-        _, bn1 = tyre.mobility(plant.tyres, load, np.full(len(WHEELS), bench.cone_index))
+        mobility = tyre.mobility(law, plant.tyres, load, np.full(len(WHEELS), bench.cone_index))
+        slip = np.mean([t.wheels.slip for t in truths], axis=0)
         # the lateral slip of the law refers to the larger of rim and ground speed
         rear = np.mean([math.atan2(t.lateral_speed, max(t.speed, t.rim_speed)) for t in truths])
         span = truths[-1].time_s - truths[0].time_s
@@ -53,11 +54,12 @@ def side_force(bench: Bench) -> list[Check]:
         for axle, angle in ((DRIVEN, float(rear)), (TRAILER, trailer)):
             angles.append(angle)
             ratios.append(float(side[axle].sum() / load[axle].sum()))
-            both = tyre.lateral_ratio(bn1[axle], np.full(2, angle))
-            law.append(float(load[axle] @ both / load[axle].sum()))
+            bn, m = (number[axle] for number in mobility)
+            _, both = law.combined_ratios(bn, m, slip[axle], np.full(2, angle))
+            expectations.append(float(load[axle] @ both / load[axle].sum()))
     order = np.argsort(angles)
     degrees = np.degrees(np.array(angles)[order])
-    measured, expected = np.array(ratios)[order], np.array(law)[order]
+    measured, expected = np.array(ratios)[order], np.array(expectations)[order]
     chart = Chart(
         f"Side force, {bench.cone_index:.0f} kPa",
         "slip angle [deg]",
@@ -71,7 +73,7 @@ def side_force(bench: Bench) -> list[Check]:
             low=0.0,
             high=0.01,
             unit="",
-            source="MAVS lateral law, mu_max (1 - exp(-B |alpha|))",
+            source="lateral law, mu (1 - exp(-C/mu |alpha|)) by similarity with slip",
             note=f"slip angles {degrees.min():.2f} to {degrees.max():.2f} deg",
             chart=chart,
         )

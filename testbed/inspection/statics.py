@@ -76,14 +76,15 @@ def static_loads(bench: Bench) -> list[Check]:
 def load_transfer(bench: Bench) -> list[Check]:
     """Check the shift of the centre of the wheel loads on a slope.
 
-    h is the height of the centre of mass. With soil wheels motion resistance acts on the hub
-    (`testbed.wheels.tyre`), all other forces along the slope act in the plane of the ground.
-    Moments about the ground give
+    h is the height of the centre of mass. With soil wheels motion resistance counts at the hub
+    (`testbed.wheels.soil_law`: that of the tyre is a torque on the wheel, which is a force at the
+    hub and its opposite, a part of gross traction, at the rim), all other forces along the slope
+    act in the plane of the ground. Moments about the ground give
 
         shift = h tan(slope) + lever,   lever = (sum R_i h_i - T (h_rear - r)) / sum N_i
 
     down the slope from the foot of the centre of mass; the lever is that of motion resistance R_i
-    at the heights h_i of the hubs and of traction T at the rim. It is zero across the slope.
+    at the heights h_i of the hubs and of gross traction T at the rim. It is zero across the slope.
     """
     ground = flat((30.0, 20.0)).tilted(_SLOPE, 0.5 * math.pi)
     across = bench.plant(ground)
@@ -130,8 +131,9 @@ def _transfer(
 
 
 def _resistance_lever(plant: Plant, load: FloatArray) -> float:
-    bn, _ = tyre.mobility(plant.tyres, load, np.full(len(WHEELS), FIRM_KPA))
-    resistance = load * tyre.motion_resistance_ratio(bn, np.zeros(len(WHEELS)))  # (6,)
+    law = plant.wheel_law
+    bn, _ = tyre.mobility(law, plant.tyres, load, np.full(len(WHEELS), FIRM_KPA))
+    resistance = load * law.motion_resistance_ratio(bn, np.zeros(len(WHEELS)))  # (6,)
     normal = np.array([0.0, -math.sin(_SLOPE), math.cos(_SLOPE)])
     heights = wheel_places(plant) @ normal  # the plane runs through the origin
     traction = weight(plant) * math.sin(_SLOPE) + float(resistance.sum())

@@ -1,8 +1,9 @@
 """Steady motion of the vehicle from the planar balance of forces, without a simulation.
 
-Tractor and trailer move in the plane on six wheels with the law of `tyre`. The balances of force
-and moment give yaw rate, lateral speed, hitch angle and traction. Linkage, servos, integration and
-the third dimension, which the plant adds, must not change the result. The trailer is not steered.
+Tractor and trailer move in the plane on six wheels with the law of `soil_law`. The balances of
+force and moment give yaw rate, lateral speed, hitch angle, traction and the slip of each wheel.
+Linkage, servos, integration and the third dimension, which the plant adds, must not change the
+result. The trailer is not steered.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from ttempc.vehicle import Vehicle
 
 from ..simulation.plant import Plant
 from ..truth import WHEELS
-from ..wheels import tyre
-from ..wheels.tyre import Tyres
+from ..wheels.soil_law import SoilLaw
+from ..wheels.tyre import Tyres, mobility
 from .bench import DRIVEN, TRAILER, bodies, centre_of_mass, wheel_places
 
 _FRONT = ~(DRIVEN | TRAILER)
@@ -30,6 +31,7 @@ class Planar:
     """A planar vehicle in line: x ahead of the tractor point, y to its left."""
 
     lengths: Vehicle
+    law: SoilLaw
     tyres: Tyres
     place: FloatArray  # (6, 2) [m] of the wheels
     kingpin_y: float  # [m] of the left one
@@ -45,6 +47,7 @@ class Planar:
         mass_towed, centre_towed = centre_of_mass(plant, towed)
         return cls(
             lengths,
+            plant.wheel_law,
             plant.tyres,
             wheel_places(plant)[:, :2],
             float(plant.model.body("knuckle_left").pos[1]),
@@ -88,13 +91,14 @@ def steady_motion(
         lengths.wheelbase * tangent,
         lengths.wheelbase - sides[_FRONT] * vehicle.kingpin_y * tangent,
     )
-    bn, bn1 = tyre.mobility(vehicle.tyres, load, np.full(len(WHEELS), cone_index))
-    grip = tyre.largest_traction(bn, load)  # (6,) [N]
+    law = vehicle.law
+    bn, m = mobility(law, vehicle.tyres, load, np.full(len(WHEELS), cone_index))
     pin = np.array([-lengths.hitch_offset, 0.0])
     half = 0.5 * load[DRIVEN].sum()
 
     def imbalance(unknown: FloatArray) -> FloatArray:
-        yaw_rate, lateral, beta, drive = unknown
+        yaw_rate, lateral, beta, drive = unknown[:4]
+        slip = np.clip(unknown[4:], -0.99, 0.99)  # (6,)
         cosine, sine = math.cos(beta), math.sin(beta)
         turn = np.array([[cosine, sine], [-sine, cosine]])  # trailer's axes to the tractor's
         place = vehicle.place.copy()
@@ -113,10 +117,11 @@ def steady_motion(
         moving = velocity(place)
         along, across = (moving * ahead).sum(axis=1), (moving * left).sum(axis=1)
         gross = np.where(DRIVEN, drive * half, 0.0)  # open differential: one torque for both
-        slip = tyre.slip_at_traction(np.minimum(np.abs(gross) / grip, 0.999))
-        rolling = along / (1.0 - slip)
-        side = load * tyre.lateral_ratio(bn1, np.arctan(across / rolling))
-        pull = gross - load * tyre.motion_resistance_ratio(bn, slip)
+        rolling = along / (1.0 - np.maximum(slip, 0.0))  # the larger of rim and ground speed
+        traction, side = law.combined_ratios(bn, m, slip, np.arctan(across / rolling))
+        torque = load * (traction + law.resistance_tyre) - gross
+        side = load * side
+        pull = load * (traction - law.soil_resistance_ratio(bn, slip))
         force = pull[:, None] * ahead + side[:, None] * left  # (6, 2)
         # a body that circles steadily accelerates by yaw rate x velocity
         circling = velocity(centres)
@@ -128,12 +133,14 @@ def steady_motion(
         about_pin = _moment(place[TRAILER] - pin, force[TRAILER]) - _moment(
             centres[1:] - pin, inertia[1:]
         )
-        return np.array([*total, moment, about_pin]) / half
+        return np.array([*total, moment, about_pin, *torque]) / half
 
     circle = speed * tangent / lengths.wheelbase
     behind = lengths.hitch_offset + lengths.drawbar_length + lengths.trailer_length
     solution, _, status, _ = fsolve(
-        imbalance, [circle, 0.0, circle * behind / speed, 0.1], full_output=True
+        imbalance,
+        [circle, 0.0, circle * behind / speed, 0.1, *np.where(DRIVEN, 0.02, law.towed_slip(bn))],
+        full_output=True,
     )
     if status != 1:
         return SteadyMotion(math.nan, math.nan, math.nan)

@@ -14,6 +14,7 @@ from ..ground.terrain import flat
 from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..wheels import tyre
+from ..wheels.soil_law import SoilLaw
 from ..wheels.wheel_models import wheel_model
 from .bench import DRIVEN, FIRM_KPA, Bench, drive, steps
 from .check import Chart, Check, Line, between, not_applicable
@@ -56,10 +57,10 @@ def slip_for(plant: Plant, load: FloatArray, cone_index: float, pull: float) -> 
 
 
 def _surplus(plant: Plant, load: FloatArray, cone_index: float, slip: float) -> float:
-    bn, _ = tyre.mobility(plant.tyres, load, np.full(len(WHEELS), cone_index))
-    slips = slip * DRIVEN
-    net = tyre.gross_traction_ratio(bn, slips) - tyre.motion_resistance_ratio(bn, slips)
-    return float(load @ net)
+    law = plant.wheel_law
+    bn, _ = tyre.mobility(law, plant.tyres, load, np.full(len(WHEELS), cone_index))
+    slips = np.where(DRIVEN, slip, law.towed_slip(bn))
+    return float(load @ law.net_traction_ratio(bn, slips))
 
 
 def _pull(bench: Bench, plant: Plant, cone_index: float, slip: float) -> tuple[Pull, float]:
@@ -129,13 +130,18 @@ def efficiency(bench: Bench) -> list[Check]:
     measured = np.array([pull.efficiency for pull in pulls])
     # at the mean load, because a pull shifts load to the driven wheels
     law = np.array(
-        [_efficiency(_mobility(plant, pull.load, cone_index), pull.slip) for pull in pulls]
+        [
+            _efficiency(plant.wheel_law, _mobility(plant, pull.load, cone_index), pull.slip)
+            for pull in pulls
+        ]
     )
     bn_driven = _mobility(plant, load, cone_index)
     best = _best(slips, measured)
     surface, _, (low, high) = min(_BANDS, key=lambda band: abs(math.log(band[1] / bn_driven)))
     edge = min(max(best, low), high)
-    lost = _efficiency(bn_driven, best) - _efficiency(bn_driven, edge)
+    lost = _efficiency(plant.wheel_law, bn_driven, best) - _efficiency(
+        plant.wheel_law, bn_driven, edge
+    )
     chart = Chart(
         f"Tractive efficiency, {cone_index:.0f} kPa",
         "slip",
@@ -179,13 +185,12 @@ def _best(slips: FloatArray, efficiency: FloatArray) -> float:
 
 def _mobility(plant: Plant, load: FloatArray, cone_index: float) -> float:
     """Return the mobility number Bn of the driven wheels."""
-    bn, _ = tyre.mobility(plant.tyres, load, np.full(len(WHEELS), cone_index))
+    bn, _ = tyre.mobility(plant.wheel_law, plant.tyres, load, np.full(len(WHEELS), cone_index))
     return float(bn[DRIVEN].mean())
 
 
-def _efficiency(bn: float, slip: float) -> float:
+def _efficiency(law: SoilLaw, bn: float, slip: float) -> float:
     """Return the tractive efficiency of one wheel by the law."""
     number, slips = np.array([bn]), np.array([slip])
-    gross = tyre.gross_traction_ratio(number, slips)
-    resistance = tyre.motion_resistance_ratio(number, slips)
-    return float((1.0 - resistance[0] / gross[0]) * (1.0 - slip))
+    net, gross = law.net_traction_ratio(number, slips), law.gross_traction_ratio(number, slips)
+    return float(net[0] / gross[0] * (1.0 - slip))

@@ -131,7 +131,7 @@ def softening(bench: Bench) -> list[Check]:
         "yaw rate / Ackermann",
         (Line("plant", strengths, ratios), Line("balance of forces", strengths, predicted, False)),
     )
-    source = "planar balance of the lateral law (MAVS): slip angles grow as soil softens"
+    source = "planar balance of the lateral law: slip angles grow as soil softens"
     return [
         near(
             f"loss of yaw rate from {strengths[0]:.0f} to {strengths[-1]:.0f} kPa at R = 10 m",

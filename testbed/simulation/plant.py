@@ -27,10 +27,12 @@ from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
 from ..vehicle.vehicle_model import build_spec, level_mjcf, level_model, physics_model
+from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre_kernel import Output
 from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, wheel_model
 from .truth_reader import TruthReader
 
+_DEFAULT_LAW: Final = SoilLaw()
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _SETTLE_CHUNK_S: Final = 0.1  # between comparisons of the wheel loads
 _SETTLE_CHUNKS: Final = 30  # largest number of comparisons
@@ -55,6 +57,7 @@ class Plant:
         terrain: shape of the ground.
         soil: strength of the ground.
         wheels: name of the wheel model, see `wheel_models`.
+        wheel_law: coefficients of traction, motion resistance and side force.
         timestep_s: of the physics.
         actuators: imperfections between a command and the servos; none by default.
 
@@ -69,18 +72,20 @@ class Plant:
         soil: SoilMap,
         *,
         wheels: str = DEFAULT_WHEEL_MODEL,
+        wheel_law: SoilLaw = _DEFAULT_LAW,
         timestep_s: float = 0.002,
         actuators: ActuatorSpecification | None = None,
     ) -> None:
         self.vehicle, self.terrain, self.soil = vehicle, terrain, soil
-        self._spec = build_spec(vehicle, terrain, wheels, timestep_s)
+        self.wheel_law = wheel_law
+        self._spec = build_spec(vehicle, terrain, wheels, wheel_law, timestep_s)
         self.model = physics_model(self._spec)
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
         self.tyres = tyres_of(vehicle)
         self.ground = Ground(terrain, soil.rasterised(terrain))
-        self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground)
+        self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, wheel_law)
         self._reader = TruthReader(
             model, data, self.wheels.output, self.tyres.radius[WHEELS.index("rear_left")]
         )

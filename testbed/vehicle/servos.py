@@ -17,14 +17,8 @@ from ttempc.types import FloatArray
 from ..errors import InvalidPlant
 from ..ground.soil import SoilMap
 from ..truth import WHEELS
-from ..wheels.tyre import (
-    LAW,
-    Tyres,
-    gross_traction_ratio,
-    largest_traction,
-    mobility,
-    motion_resistance_ratio,
-)
+from ..wheels.soil_law import SoilLaw
+from ..wheels.tyre import Tyres, mobility
 from .axle_loads import GRAVITY, AxleLoads
 from .vehicle import PlantVehicle
 from .vehicle_parts import Steering
@@ -84,7 +78,7 @@ def steering_servos(vehicle: PlantVehicle) -> tuple[SteeringServo, SteeringServo
     )
 
 
-def drive_servo(vehicle: PlantVehicle) -> DriveServo:
+def drive_servo(vehicle: PlantVehicle, law: SoilLaw) -> DriveServo:
     """Return the drive for which a step test on soil "hard" identifies the vehicle's K and tau.
 
     K: at steady speed the driven wheels slip by s and the servo droops by T / damping, so that
@@ -101,14 +95,14 @@ def drive_servo(vehicle: PlantVehicle) -> DriveServo:
     empty, tyres = _empty(vehicle), tyres_of(vehicle)
     load = wheel_loads(empty)  # (6,)
     radius, gain = vehicle.rear_wheel.radius_m, vehicle.hydrostat.speed_gain_mps
-    bn, _ = mobility(tyres, load, np.full(len(WHEELS), _FIRM_KPA))
-    grip = largest_traction(bn, load)[_DRIVEN].sum()  # [N]
-    torque = _DRIVE_TORQUE * LAW.traction * load[_DRIVEN].sum() * radius
+    bn, _ = mobility(law, tyres, load, np.full(len(WHEELS), _FIRM_KPA))
+    grip = (load * law.largest_traction_ratio(bn))[_DRIVEN].sum()  # [N]
+    torque = _DRIVE_TORQUE * law.traction * load[_DRIVEN].sum() * radius
     damping = torque / (_DRIVE_DROOP * gain / radius)
-    slip = equilibrium_slip(tyres, load, _FIRM_KPA, pull=0.0)
-    wheel_torque = radius * (load * gross_traction_ratio(bn, slip * _DRIVEN))[_DRIVEN].sum()
+    slip = equilibrium_slip(law, tyres, load, _FIRM_KPA, pull=0.0)
+    wheel_torque = radius * (load * law.gross_traction_ratio(bn, slip * _DRIVEN))[_DRIVEN].sum()
     mass = load.sum() / GRAVITY
-    wheel_lag = mass * 0.5 * gain / (LAW.traction_slip * grip) + mass * radius**2 / damping  # [s]
+    wheel_lag = mass * 0.5 * gain / (law.traction_slip * grip) + mass * radius**2 / damping  # [s]
     tau = vehicle.hydrostat.time_constant_s
     if tau <= wheel_lag:
         raise InvalidPlant(
@@ -119,10 +113,13 @@ def drive_servo(vehicle: PlantVehicle) -> DriveServo:
     return DriveServo(float(tau - wheel_lag), float(wheel_speed), float(damping), float(torque))
 
 
-def equilibrium_slip(tyres: Tyres, load: FloatArray, cone_index: float, pull: float) -> float:
+def equilibrium_slip(
+    law: SoilLaw, tyres: Tyres, load: FloatArray, cone_index: float, pull: float
+) -> float:
     """Return the slip of the driven wheels at which traction less motion resistance is `pull`.
 
     Args:
+        law: of the wheels on soil.
         tyres: of all six wheels.
         load: on each wheel [N], (6,).
         cone_index: of the soil under all of them [kPa].
@@ -131,15 +128,13 @@ def equilibrium_slip(tyres: Tyres, load: FloatArray, cone_index: float, pull: fl
     Raises:
         InvalidPlant: traction is below motion resistance at every slip.
     """
-    bn, _ = mobility(tyres, load, np.full(len(WHEELS), cone_index))
+    bn, _ = mobility(law, tyres, load, np.full(len(WHEELS), cone_index))
 
     def surplus(slip: float) -> float:
-        slips = slip * _DRIVEN
-        return float(
-            load @ (gross_traction_ratio(bn, slips) - motion_resistance_ratio(bn, slips)) - pull
-        )
+        slips = np.where(_DRIVEN, slip, law.towed_slip(bn))
+        return float(load @ law.net_traction_ratio(bn, slips)) - pull
 
-    largest = 0.9
+    largest = max(np.linspace(0.0, 0.9, 91), key=surplus)  # resistance grows with slip, too
     if surplus(largest) <= 0.0:
         raise InvalidPlant(f"the vehicle cannot move itself on soil of {cone_index:g} kPa")
     return float(brentq(surplus, 0.0, largest))  # pyright: ignore[reportArgumentType]

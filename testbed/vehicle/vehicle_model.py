@@ -14,6 +14,7 @@ import mujoco
 from ..configuration.resources import resource
 from ..errors import InvalidPlant
 from ..ground.terrain import Terrain
+from ..wheels.soil_law import SoilLaw
 from ..wheels.wheel_models import wheel_model
 from .appearance import put_tyres
 from .inertials import set_inertials
@@ -29,7 +30,7 @@ _GROUND_BASE_M: Final = 1.0  # thickness of the ground below its lowest point
 
 
 def build_spec(
-    vehicle: PlantVehicle, terrain: Terrain, wheels: str, timestep_s: float
+    vehicle: PlantVehicle, terrain: Terrain, wheels: str, law: SoilLaw, timestep_s: float
 ) -> mujoco.MjSpec:
     """Return the model of the vehicle on this ground, ready to be compiled.
 
@@ -37,6 +38,7 @@ def build_spec(
         vehicle: the true vehicle.
         terrain: shape of the ground.
         wheels: name of the wheel model.
+        law: of the wheels on soil, by which the drive is calibrated.
         timestep_s: of the physics.
 
     Raises:
@@ -51,7 +53,7 @@ def build_spec(
     scale_to_vehicle(spec, vehicle)
     set_inertials(spec, vehicle)
     _put_stops(spec, vehicle)
-    _put_actuators(spec, vehicle)
+    _put_actuators(spec, vehicle, law)
     _put_load(spec, vehicle)
     _put_ground(spec, terrain)
     put_tyres(spec, vehicle)
@@ -98,7 +100,7 @@ def _put_stops(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
         spec.joint(joint).range = [-limit_deg, limit_deg]  # the MJCF's angles are degrees
 
 
-def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> None:
     front, trailer = steering_servos(vehicle)
     _put_steering(spec.actuator("steer"), front)
     _put_steering(spec.actuator("rj2"), trailer)
@@ -108,7 +110,7 @@ def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
     for side, y in (("left", kingpin), ("right", -kingpin)):
         quartic = linkage_polynomial(limit, vehicle.tractor.wheelbase_m, y)
         spec.equality(f"ackermann_{side}").data[:5] = quartic
-    drive, hydrostat = drive_servo(vehicle), spec.actuator("hydrostat")
+    drive, hydrostat = drive_servo(vehicle, law), spec.actuator("hydrostat")
     hydrostat.dynprm[0] = drive.lag
     hydrostat.gainprm[0] = drive.damping * drive.wheel_speed
     hydrostat.biasprm[2] = -drive.damping

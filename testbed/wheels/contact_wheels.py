@@ -1,8 +1,8 @@
 """Contact wheels: MuJoCo's own contact of ellipsoid wheels, to compare with the soil wheels.
 
-The contact has Coulomb friction. Its coefficient is the largest gross traction ratio of the soil
-under the wheel (Brixius, see `tyre`); the motion resistance without slip acts as dry friction at
-the wheel's bearing. Both follow the cone index under the wheel and the load of the last report, and
+The contact has Coulomb friction. Its coefficient is the largest traction ratio of the soil under
+the wheel (Brixius, see `soil_law`); the motion resistance without slip acts as dry friction at the
+wheel's bearing. Both follow the cone index under the wheel and the load of the last report, and
 are set once per `prepare`. Slip and slip angle are not reported (NaN).
 """
 
@@ -20,7 +20,8 @@ from ttempc.types import FloatArray
 
 from ..ground.ground import Ground
 from ..truth import WHEELS
-from .tyre import Tyres, largest_traction, mobility, motion_resistance_ratio
+from .soil_law import SoilLaw
+from .tyre import Tyres, mobility
 from .tyre_kernel import Output
 
 
@@ -33,11 +34,17 @@ class ContactWheels:
     follows_soil_law: ClassVar[bool] = False
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        tyres: Tyres,
+        ground: Ground,
+        law: SoilLaw,
     ) -> None:
         self.state: Final = np.zeros(0)
         self.output: Final = np.zeros((len(WHEELS), len(Output)))
         self._model, self._data, self._tyres, self._ground = model, data, tyres, ground
+        self._law = law
         self._bodies = np.array([model.body(wheel).id for wheel in WHEELS])
         self._geoms = np.array([model.geom(f"{wheel}_contact").id for wheel in WHEELS])
         self._dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
@@ -55,9 +62,9 @@ class ContactWheels:
         MuJoCo's contacts are computed again: the present ones have the previous friction.
         """
         load = self.output[:, Output.LOAD]
-        bn, _ = mobility(self._tyres, load, self._cone_index())
-        self._model.geom_friction[self._geoms, 0] = largest_traction(bn)
-        resistance = load * motion_resistance_ratio(bn, np.zeros_like(bn))  # (6,) [N]
+        bn, _ = mobility(self._law, self._tyres, load, self._cone_index())
+        self._model.geom_friction[self._geoms, 0] = self._law.largest_traction_ratio(bn)
+        resistance = load * self._law.motion_resistance_ratio(bn, np.zeros_like(bn))  # (6,) [N]
         self._model.dof_frictionloss[self._dofs] = resistance * self._tyres.radius
         mujoco.mj_step1(self._model, self._data)
 

@@ -14,30 +14,37 @@ import numpy as np
 
 from ..ground.ground import Ground
 from ..truth import WHEELS
-from .tyre import LAW, Tyres
+from .soil_law import SoilLaw
+from .tyre import Tyres
 from .tyre_kernel import Output, wheel_step
 
 
 class SoilWheels:
     """Writes the forces of `tyre` on every wheel into `xfrc_applied`; a `WheelModel`.
 
-    The state holds the tread deflections (6, 3) [m]. A restored run without them is 29 mm away
-    after 10 s.
+    The state holds the tread deflections [m]: a restored run without them is 29 mm away after
+    10 s. With a second pass it also holds the tracks of the run, see `wheel_step`.
     """
 
     follows_soil_law: ClassVar[bool] = True
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        tyres: Tyres,
+        ground: Ground,
+        law: SoilLaw,
     ) -> None:
-        self.state: Final = np.zeros((len(WHEELS), 3))
+        tracks = 1 + ground.cone_index.size if law.second_pass else 0
+        self.state: Final = np.zeros(3 * len(WHEELS) + tracks)
         self.output: Final = np.zeros((len(WHEELS), len(Output)))
-        self.tyre_table: Final = tyres.table()
+        self.tyre_table: Final = tyres.table(law)
         terrain = ground.terrain
         # views of MuJoCo's arrays, bound once: they outlive a reset of the data
         self.step: Final[Callable[[], object]] = partial(
             wheel_step,
-            LAW.table(),
+            law.table(),
             self.tyre_table,
             terrain.heights,
             ground.cone_index,

@@ -1,17 +1,16 @@
 """Law of a wheel on soil, in numpy: the reference of the compiled law.
 
 A wheel is a disc above a Winkler bed: height look-ups under the disc give the normal force, and the
-cone index gives traction, motion resistance and side force. All functions take n wheels along the
-first axis and map state and motion to the new state and forces.
+cone index gives traction, motion resistance and side force after `soil_law`. All functions take n
+wheels along the first axis and map state and motion to the new state and forces.
 
-Sources: [B] W. W. Brixius, "Traction prediction equations for bias ply tires", ASAE paper
-87-1622, 1987, in the form of the public MAVS simulator, whose lateral law is used as well;
-[P] H. B. Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012, ch. 7 (single-contact-point model).
+Source: [P] H. B. Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012, ch. 7 (single-contact-point
+model).
 """
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,44 +18,7 @@ import numpy as np
 from ttempc.types import FloatArray
 
 from ..ground.terrain import Terrain
-
-
-@dataclass(frozen=True, slots=True)
-class SoilLaw:
-    """Coefficients of the law: mobility and traction after [B], bias-ply; side force after MAVS.
-
-    With width b, diameter d, section height h, deflection delta, load W, cone index CI, slip s and
-    slip angle alpha:
-
-        Cn = CI b d / W
-        Bn = Cn (1 + mobility_deflection delta / h) / (1 + mobility_width b / d)
-        Bn1 = Cn sqrt(d / h) / (1 + mobility_area b d)
-        gross traction ratio     traction (1 - e^(-traction_bn Bn)) (1 - e^(-traction_slip s))
-        motion resistance ratio  resistance_bn / Bn + resistance + resistance_slip s / sqrt(Bn)
-        side force ratio         mu (1 - e^(-B |alpha|)),  mu = side + side_bn1 / Bn1,
-                                 B mu = side_slope + side_slope_bn1 Bn1
-    """
-
-    mobility_deflection: float = 5.0  # weight of the relative deflection in Bn
-    mobility_width: float = 3.0  # weight of width over diameter in Bn
-    mobility_area: float = 0.5  # [1/m^2] weight of width times diameter in Bn1
-    traction: float = 0.88  # limit of the gross traction ratio at full slip on firm soil
-    traction_bn: float = 0.1
-    traction_slip: float = 7.5
-    resistance: float = 0.04  # limit of the motion resistance ratio without slip on firm soil
-    resistance_bn: float = 1.0
-    resistance_slip: float = 0.5
-    side: float = 0.61  # limit of mu on firm soil
-    side_bn1: float = 0.69
-    side_slope: float = 2.34  # [1/rad] slope of the side force ratio at Bn1 = 0
-    side_slope_bn1: float = 0.088  # [1/rad] its growth with Bn1
-
-    def table(self) -> FloatArray:
-        """Return the coefficients in the order of the fields, for the compiled law, (13,)."""
-        return np.array(astuple(self))
-
-
-LAW: Final = SoilLaw()
+from .soil_law import SoilLaw
 
 # The fan of look-ups: angles from straight down, denser in the contact area at rated deflection;
 # each weight is the arc of its look-up. Columns across the section width.
@@ -64,16 +26,6 @@ FAN_ANGLES: Final = np.radians([-36.0, -18.0, -8.0, 0.0, 8.0, 18.0, 36.0])  # (7
 FAN_ARCS: Final = np.array([9.0, 14.0, 9.0, 8.0, 9.0, 14.0, 9.0]) / 72.0  # (7,) sum 1
 FAN_COLUMNS: Final = np.array([-1.0, 0.0, 1.0]) / 3.0  # (3,) of the section width
 
-RELAXATION_LONG: Final = 0.15  # [m] sigma_x; assumed
-RELAXATION_LAT: Final = 0.30  # [m] sigma_y; assumed
-RELAXATION_ROLL: Final = 0.05  # [m] rolling distance over which motion resistance builds; assumed
-TREAD_DAMPING_LONG: Final = 0.01  # [s] damps the bristles of a standing wheel; assumed
-TREAD_DAMPING_LAT: Final = 0.02  # [s]
-
-# Largest side force per load and slip angle [1/rad]. The soil term of the lateral law grows without
-# bound with the cone index; on firm ground the carcass limits it. 6 per rad is about 0.1 per degree
-# (assumed, the order of published tractor tyres on concrete).
-LATERAL_STIFFNESS_LIMIT: Final = 6.0
 SMALLEST_LOAD: Final = 50.0  # [N] floor of the load in divisions
 SMALL_SPEED: Final = 0.05  # [m/s] floor in the reported slips (the forces need none)
 LEAST_UPRIGHT: Final = 0.3  # cosine of disc to vertical below which a wheel lies on its side
@@ -98,17 +50,22 @@ class Tyres:
         depth = np.maximum(0.0, deflection[:, None] - rise) @ FAN_ARCS  # (n,)
         return self.rated_load / depth
 
-    def table(self) -> FloatArray:
-        """Return the parameters for the compiled law, (n, 6)."""
+    def mobility_areas(self, law: SoilLaw) -> FloatArray:
+        """Return the mobility numbers Bn and M for a cone index equal to the load [m^2], (n, 2)."""
+        area, slenderness = 2.0 * self.radius * self.width, 0.5 * self.width / self.radius
+        bn = area * (1.0 + law.mobility_deflection * self.relative_deflection)
+        m = area * np.sqrt(self.relative_deflection)
         return np.column_stack(
             [
-                self.radius,
-                self.width,
-                self.section_height,
-                self.relative_deflection,
-                self.stiffness,
-                self.damping,
+                bn / (1.0 + law.mobility_width * slenderness),
+                m / (1.0 + law.mobility_side_width * slenderness),
             ]
+        )
+
+    def table(self, law: SoilLaw) -> FloatArray:
+        """Return the parameters for the compiled law, (n, 6)."""
+        return np.column_stack(
+            [self.radius, self.width, self.mobility_areas(law), self.stiffness, self.damping]
         )
 
 
@@ -147,68 +104,15 @@ class WheelForces:
 
 
 def mobility(
-    tyres: Tyres, load: FloatArray, cone_index: FloatArray
+    law: SoilLaw, tyres: Tyres, load: FloatArray, cone_index: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the mobility numbers Bn [B] and Bn1 (MAVS), both (n,).
+    """Return the mobility numbers Bn (traction) and M (side force), both (n,).
 
-    `SoilLaw` has the equations.
+    `SoilLaw` has the equations. `load` is in N, `cone_index` in kPa.
     """
-    b, d = tyres.width, 2.0 * tyres.radius
-    cn = cone_index * b * d / (1e-3 * np.maximum(load, SMALLEST_LOAD))  # kPa m^2 / kN
-    deflection = 1.0 + LAW.mobility_deflection * tyres.relative_deflection
-    bn = cn * deflection / (1.0 + LAW.mobility_width * b / d)
-    bn1 = cn * np.sqrt(d / tyres.section_height) / (1.0 + LAW.mobility_area * b * d)
-    return bn, bn1
-
-
-def largest_traction(bn: FloatArray, load: FloatArray | float = 1.0) -> FloatArray:
-    """Return the gross traction at full slip under `load` [N], (n,) [N]. [B], bias-ply.
-
-    The default load of 1 gives the ratio of traction to load.
-    """
-    return load * LAW.traction * (1.0 - np.exp(-LAW.traction_bn * bn))
-
-
-def gross_traction_ratio(bn: FloatArray, slip: FloatArray) -> FloatArray:
-    """Return driving force at the rim over load; odd in the slip. [B], bias-ply.
-
-    `SoilLaw` has the equation.
-    """
-    developed = 1.0 - np.exp(-LAW.traction_slip * np.abs(slip))
-    return np.sign(slip) * largest_traction(bn) * developed
-
-
-def slip_at_traction(share: FloatArray) -> FloatArray:
-    """Return the slip at which a wheel transmits this share of `largest_traction`, 0 <= share < 1.
-
-    It inverts `gross_traction_ratio`.
-    """
-    return -np.log(1.0 - share) / LAW.traction_slip
-
-
-def motion_resistance_ratio(bn: FloatArray, slip: FloatArray) -> FloatArray:
-    """Return motion resistance over load. [B], bias-ply.
-
-    `SoilLaw` has the equation.
-    """
-    by_slip = LAW.resistance_slip * np.abs(slip) / np.sqrt(bn)
-    return LAW.resistance_bn / bn + LAW.resistance + by_slip
-
-
-def largest_side_ratio(bn1: FloatArray) -> FloatArray:
-    """Return mu of `SoilLaw`, the limit of side force over load at large slip angles. MAVS."""
-    return LAW.side + LAW.side_bn1 / bn1
-
-
-def lateral_ratio(bn1: FloatArray, slip_angle: FloatArray) -> FloatArray:
-    """Return side force over load, against the slip angle [rad]. MAVS.
-
-    `SoilLaw` has the equation; its initial slope is limited to `LATERAL_STIFFNESS_LIMIT`.
-    """
-    largest = largest_side_ratio(bn1)
-    slope = np.minimum(LAW.side_slope + LAW.side_slope_bn1 * bn1, LATERAL_STIFFNESS_LIMIT)
-    grip = largest * (1.0 - np.exp(-slope / largest * np.abs(slip_angle)))
-    return -np.sign(slip_angle) * grip
+    pressure = 1e3 * cone_index / np.maximum(load, SMALLEST_LOAD)  # [1/m^2]
+    bn, m = tyres.mobility_areas(law).T
+    return pressure * bn, pressure * m
 
 
 def contact(tyres: Tyres, terrain: Terrain, motion: WheelMotion) -> Contact:
@@ -247,12 +151,14 @@ def contact(tyres: Tyres, terrain: Terrain, motion: WheelMotion) -> Contact:
 
 
 def step(
+    law: SoilLaw,
     tyres: Tyres,
     terrain: Terrain,
     cone_index: FloatArray,
     motion: WheelMotion,
     deflection: FloatArray,
     dt: float,
+    in_track: FloatArray | bool = False,
 ) -> tuple[FloatArray, WheelForces]:
     """Return the tread deflections after `dt` [s] and the forces of the ground, for n wheels.
 
@@ -262,7 +168,12 @@ def step(
         du/dt = w - |V| / sigma u.
 
     u / sigma is the slip in steady rolling. At V = 0 it is a spring, so that a standing wheel holds
-    on a slope. The law is the same in reverse. `cone_index` is (n,) [kPa] below each wheel.
+    on a slope. The law is the same in reverse. The third one follows the wheel's speed; over its
+    short length it is the sign of the speed, with which motion resistance acts. Its damping is
+    near the critical one of a vehicle at rest, so that a stop does not swing back.
+
+    `cone_index` is (n,) [kPa] below each wheel; `in_track` (n,) tells which wheels are on a second
+    pass.
     """
     ground = terrain.height(motion.centre[:, 0], motion.centre[:, 1])
     touch = contact(tyres, terrain, motion)
@@ -277,31 +188,36 @@ def step(
     rim = tyres.radius * np.einsum("nk,nk->n", motion.rotation, motion.axle)
     rolling = np.maximum(np.abs(rim), np.abs(v_long))
 
-    speeds = np.stack([rim - v_long, v_lat, 0.5 * (rim + v_long)], axis=1)  # (n, 3) w
-    carried = np.stack([rolling, rolling, np.abs(speeds[:, 2])], axis=1)  # (n, 3) |V|
-    lengths = np.array([RELAXATION_LONG, RELAXATION_LAT, RELAXATION_ROLL])
-    damping = np.array([TREAD_DAMPING_LONG, TREAD_DAMPING_LAT, TREAD_DAMPING_LONG])
+    speeds = np.stack([rim - v_long, v_lat, v_long], axis=1)  # (n, 3) w
+    carried = np.stack([rolling, rolling, np.abs(v_long)], axis=1)  # (n, 3) |V|
+    lengths = np.array([law.relaxation_long_m, law.relaxation_lat_m, law.relaxation_roll_m])
+    damping = np.array([law.damping_long_s, law.damping_lat_s, law.damping_roll_s])
     after = (deflection + dt * speeds) / (1.0 + dt * carried / lengths)  # implicit Euler
     after = np.clip(after, -lengths, lengths)
     rate = (after - deflection) / dt
     slips = np.clip((after + damping * rate) / lengths, -1.0, 1.0)  # (n, 3)
     after = after * (load > 0.0)[:, None]
 
-    bn, bn1 = mobility(tyres, load, cone_index)
-    traction = load * gross_traction_ratio(bn, slips[:, 0])
-    side = load * lateral_ratio(bn1, np.arctan(slips[:, 1]))
-    # friction ellipse: traction and side force together stay within what the soil transmits
-    used = np.hypot(traction / largest_traction(bn), side / largest_side_ratio(bn1))
-    used = used / np.maximum(load, SMALLEST_LOAD)
-    share = 1.0 / np.maximum(1.0, used)
-    traction, side = share * traction, share * side
-    pull = traction - load * motion_resistance_ratio(bn, slips[:, 0]) * slips[:, 2]
+    bn, m = mobility(law, tyres, load, cone_index)
+    firmer = np.where(in_track, law.second_pass_traction, 1.0)
+    freer = np.where(in_track, law.second_pass_resistance, 1.0)
+    traction, side = law.combined_ratios(bn, m, slips[:, 0], np.arctan(slips[:, 1]))
+    traction = firmer * traction
+    torque = traction + freer * law.resistance_tyre * slips[:, 2]
+    driving = slips[:, 0] * slips[:, 2]  # slip in the direction of travel
+    pull = traction - freer * law.soil_resistance_ratio(bn, driving) * slips[:, 2]
+    # friction ellipse: the resistance of the soil is one of its forces, also under a braked wheel
+    used = np.hypot(
+        pull / (firmer * law.largest_traction_ratio(bn)), side / law.largest_side_ratio(m)
+    )
+    share = load / np.maximum(1.0, used)
+    pull, side = share * pull, share * side
 
     force = load[:, None] * normal + pull[:, None] * ahead + side[:, None] * left
     moment = np.cross(arm, force)
-    # the moment about the axle is that of gross traction; motion resistance acts on the hub
+    # the moment about the axle is that of traction and tyre; the soil's resistance acts on the hub
     about_axle = np.einsum("nk,nk->n", moment, motion.axle)
-    moment = moment - (tyres.radius * traction + about_axle)[:, None] * motion.axle
+    moment = moment - (tyres.radius * load * torque + about_axle)[:, None] * motion.axle
     return after, WheelForces(
         force=force,
         moment=moment,

@@ -4,7 +4,7 @@ Equations and their order are those of `tyre`; a test compares the two. In addit
 MuJoCo's quantities to the motion of a wheel, and forces to `xfrc_applied`.
 
 numba compiles the constants below into its cache on disk and does not notice when they change in
-`tyre`: delete `__pycache__` after such a change. The coefficients of the law are an argument.
+`tyre`: delete `__pycache__` after such a change. The law itself is an argument.
 """
 
 from __future__ import annotations
@@ -38,15 +38,11 @@ _SIN: Final = tuple(np.sin(tyre.FAN_ANGLES).tolist())
 _COS: Final = tuple(np.cos(tyre.FAN_ANGLES).tolist())
 _ARCS: Final = tuple((tyre.FAN_ARCS / tyre.FAN_COLUMNS.size).tolist())
 _COLUMNS: Final = tuple(tyre.FAN_COLUMNS.tolist())
-_SIGMA_X: Final = tyre.RELAXATION_LONG
-_SIGMA_Y: Final = tyre.RELAXATION_LAT
-_SIGMA_R: Final = tyre.RELAXATION_ROLL
-_TAU_X: Final = tyre.TREAD_DAMPING_LONG
-_TAU_Y: Final = tyre.TREAD_DAMPING_LAT
-_STIFFNESS_LIMIT: Final = tyre.LATERAL_STIFFNESS_LIMIT
 _SMALLEST_LOAD: Final = tyre.SMALLEST_LOAD
 _SMALL_SPEED: Final = tyre.SMALL_SPEED
 _LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
+# contact length over radius; a track begins this far of travel behind the wheel that made it
+_CONTACT: Final = float(2.0 * np.sin(tyre.FAN_ANGLES[-1]))
 
 
 @numba.njit(cache=True, inline="always")
@@ -74,14 +70,14 @@ def wheel_step(
     xmat: FloatArray,
     cvel: FloatArray,
     com: FloatArray,
-    deflection: FloatArray,
+    state: FloatArray,
     output: FloatArray,
     xfrc: FloatArray,
 ) -> None:
     """Advance the tread deflections of all wheels and write the forces of the ground.
 
     Args:
-        law: (13,) `SoilLaw.table`.
+        law: (23,) `SoilLaw.table`.
         tyres: (n, 6) `Tyres.table`.
         heights: (ny, nx) [m] of the ground.
         cone_indices: (ny, nx) [kPa] on the same grid.
@@ -91,18 +87,26 @@ def wheel_step(
         xmat: (nbody, 9) body axes, row major; the axle is the second column.
         cvel: (nbody, 6) rotation and velocity at `com`.
         com: (nbody, 3) [m] subtree centres of mass; row 1 is the vehicle's.
-        deflection: (n, 3) [m] state, changed in place.
+        state: (3 n,) [m] tread deflections, wheel by wheel, changed in place. With a second pass
+            also the distance [m] driven, and for each point of the grid, row by row, 1 plus the
+            distance at which a wheel first ran over it, or 0: (3 n + 1 + ny nx,).
         output: (n, 7) see `Output`, written.
         xfrc: (nbody, 6) force and moment on each body, rows of wheels written.
     """
-    mobility_deflection, mobility_width, mobility_area = law[0], law[1], law[2]
+    # the first three are in the table of the tyres
     traction_most, traction_bn, traction_slip = law[3], law[4], law[5]
-    resistance_firm, resistance_bn, resistance_slip = law[6], law[7], law[8]
-    side_most, side_bn1, side_slope, side_slope_bn1 = law[9], law[10], law[11], law[12]
+    resistance_tyre, resistance_bn, resistance_slip = law[6], law[7], law[8]
+    side_firm, side_mobility, side_most = law[9], law[10], law[11]
+    stiffness_soft, stiffness_mobility, stiffness_most = law[12], law[13], law[14]
+    sigma_x, sigma_y, sigma_r = law[15], law[16], law[17]
+    tau_x, tau_y, tau_r = law[18], law[19], law[20]
+    count = bodies.size
+    tracks = state.size > 3 * count
+    driven = 0.0
     ny, nx = heights.shape
     x0, y0, dt = grid[0], grid[1], grid[3]
     per_metre = 1.0 / grid[2]  # cells
-    for wheel in range(bodies.size):
+    for wheel in range(count):
         body = bodies[wheel]
         radius, width = tyres[wheel, 0], tyres[wheel, 1]
         cx, cy, cz = xpos[body, 0], xpos[body, 1], xpos[body, 2]
@@ -152,7 +156,8 @@ def wheel_step(
         j, q = _cell((cy - y0) * per_metre, ny - 1)
         south = heights[j, i] + p * (heights[j, i + 1] - heights[j, i])
         north = heights[j + 1, i] + p * (heights[j + 1, i + 1] - heights[j + 1, i])
-        cone_index = cone_indices[j + (q >= 0.5), i + (p >= 0.5)]
+        row, column = j + (q >= 0.5), i + (p >= 0.5)
+        cone_index = cone_indices[row, column]
         output[wheel, 5] = cone_index
         output[wheel, 6] = south + q * (north - south)
 
@@ -184,49 +189,65 @@ def wheel_step(
         output[wheel, 2] = math.atan2(v_lat, max(abs(v_long), _SMALL_SPEED))
 
         # tread deflections
-        u, w, r = deflection[wheel, 0], deflection[wheel, 1], deflection[wheel, 2]
-        mean = 0.5 * (rim + v_long)
-        u1 = _clip((u + dt * (rim - v_long)) / (1.0 + dt * rolling / _SIGMA_X), _SIGMA_X)
-        w1 = _clip((w + dt * v_lat) / (1.0 + dt * rolling / _SIGMA_Y), _SIGMA_Y)
-        r1 = _clip((r + dt * mean) / (1.0 + dt * abs(mean) / _SIGMA_R), _SIGMA_R)
-        slip = _clip((u1 + _TAU_X * (u1 - u) / dt) / _SIGMA_X, 1.0)
-        slip_lat = _clip((w1 + _TAU_Y * (w1 - w) / dt) / _SIGMA_Y, 1.0)
-        share_roll = _clip((r1 + _TAU_X * (r1 - r) / dt) / _SIGMA_R, 1.0)
+        first = 3 * wheel
+        u, w, r = state[first], state[first + 1], state[first + 2]
+        u1 = _clip((u + dt * (rim - v_long)) / (1.0 + dt * rolling / sigma_x), sigma_x)
+        w1 = _clip((w + dt * v_lat) / (1.0 + dt * rolling / sigma_y), sigma_y)
+        r1 = _clip((r + dt * v_long) / (1.0 + dt * abs(v_long) / sigma_r), sigma_r)
+        slip = _clip((u1 + tau_x * (u1 - u) / dt) / sigma_x, 1.0)
+        slip_lat = _clip((w1 + tau_y * (w1 - w) / dt) / sigma_y, 1.0)
+        share_roll = _clip((r1 + tau_r * (r1 - r) / dt) / sigma_r, 1.0)
 
         if load == 0.0:
-            deflection[wheel, 0] = deflection[wheel, 1] = deflection[wheel, 2] = 0.0
+            state[first] = state[first + 1] = state[first + 2] = 0.0
             output[wheel, 0] = output[wheel, 3] = output[wheel, 4] = 0.0
             xfrc[body, :] = 0.0
             continue
-        deflection[wheel, 0], deflection[wheel, 1], deflection[wheel, 2] = u1, w1, r1
+        state[first], state[first + 1], state[first + 2] = u1, w1, r1
 
         # forces from cone index
-        diameter, section = 2.0 * radius, tyres[wheel, 2]
-        cn = cone_index * width * diameter / (1e-3 * max(load, _SMALLEST_LOAD))
-        deflected = 1.0 + mobility_deflection * tyres[wheel, 3]
-        bn = cn * deflected / (1.0 + mobility_width * width / diameter)
-        bn1 = cn * math.sqrt(diameter / section) / (1.0 + mobility_area * width * diameter)
+        pressure = 1e3 * cone_index / max(load, _SMALLEST_LOAD)
+        bn, m = pressure * tyres[wheel, 2], pressure * tyres[wheel, 3]
         grip_long = traction_most * (1.0 - math.exp(-traction_bn * bn))
-        developed = 1.0 - math.exp(-traction_slip * abs(slip))
-        traction = math.copysign(load * grip_long * developed, slip)
-        grip_lat = side_most + side_bn1 / bn1
-        slope = min(side_slope + side_slope_bn1 * bn1, _STIFFNESS_LIMIT)
-        side = load * grip_lat * (1.0 - math.exp(-slope / grip_lat * abs(math.atan(slip_lat))))
-        side = -math.copysign(side, slip_lat)
-        used = math.hypot(traction / grip_long, side / grip_lat) / max(load, _SMALLEST_LOAD)
-        share = 1.0 / max(1.0, used)
-        traction, side = share * traction, share * side
-        by_slip = resistance_slip * abs(slip) / math.sqrt(bn)
-        resistance = load * (resistance_bn / bn + resistance_firm + by_slip)
+        freer = 1.0
+        if tracks:
+            place = state[3 * count + 1 + row * nx + column]
+            if place > 0.0 and state[3 * count] + 1.0 - place > _CONTACT * radius:
+                grip_long *= law[21]
+                freer = law[22]
+            driven += abs(v_long) * dt / count
+            for c in range(3):
+                offset = width * _COLUMNS[c]
+                i, p = _cell((cx + offset * ax - x0) * per_metre, nx - 1)
+                j, q = _cell((cy + offset * ay - y0) * per_metre, ny - 1)
+                cell = 3 * count + 1 + (j + (q >= 0.5)) * nx + i + (p >= 0.5)
+                if state[cell] == 0.0:
+                    state[cell] = state[3 * count] + 1.0
+        grip_lat = min(side_firm + side_mobility / m, side_most)
+        stiffness = min(stiffness_soft + stiffness_mobility * m, stiffness_most)
+        x = traction_slip * slip
+        y = stiffness / grip_lat * math.atan(slip_lat)
+        rho = math.sqrt(x * x + y * y)
+        share = -math.expm1(-rho) / rho if rho > 0.0 else 1.0
+        traction = grip_long * share * x
+        side = -grip_lat * share * y
+        torque = traction + freer * resistance_tyre * share_roll
+        driving = max(0.0, slip * share_roll)
+        resistance = freer * (resistance_bn / bn + resistance_slip * driving / math.sqrt(bn))
         pull = traction - resistance * share_roll
+        used = (pull / grip_long) ** 2 + (side / grip_lat) ** 2
+        share = load / math.sqrt(used) if used > 1.0 else load
+        pull, side = share * pull, share * side
 
         tx = load * nx_ + pull * hx + side * sx
         ty = load * ny_ + pull * hy + side * sy
         tz = load * nz_ + pull * hz + side * sz
         mx, my, mz = gy * tz - gz * ty, gz * tx - gx * tz, gx * ty - gy * tx
-        excess = radius * traction + mx * ax + my * ay + mz * az
+        excess = radius * load * torque + mx * ax + my * ay + mz * az
         xfrc[body, 0], xfrc[body, 1], xfrc[body, 2] = tx, ty, tz
         xfrc[body, 3] = mx - excess * ax
         xfrc[body, 4] = my - excess * ay
         xfrc[body, 5] = mz - excess * az
         output[wheel, 0], output[wheel, 3], output[wheel, 4] = load, pull, side
+    if tracks:
+        state[3 * count] += driven

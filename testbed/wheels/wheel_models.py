@@ -19,6 +19,7 @@ from ttempc.types import FloatArray
 from ..errors import InvalidPlant
 from ..ground.ground import Ground
 from .contact_wheels import ContactWheels
+from .soil_law import SoilLaw
 from .soil_wheels import SoilWheels
 from .tyre import Tyres
 
@@ -31,7 +32,7 @@ class WheelModel(Protocol):
     accelerations of the last one. A reset sets `state` and `output` to zero.
     """
 
-    follows_soil_law: ClassVar[bool]  # slip, side force and motion resistance are those of `tyre`
+    follows_soil_law: ClassVar[bool]  # its forces are those of `soil_law`
 
     @property
     def state(self) -> FloatArray:
@@ -49,7 +50,12 @@ class WheelModel(Protocol):
         ...
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        tyres: Tyres,
+        ground: Ground,
+        law: SoilLaw,
     ) -> None: ...
 
     @staticmethod

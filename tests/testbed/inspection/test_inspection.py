@@ -12,7 +12,6 @@ from proving_ground.testbed.inspection.inspect import EXPERIMENTS, inspect
 from proving_ground.testbed.inspection.kinematics import hitch_kinematics
 from proving_ground.testbed.inspection.turning import off_tracking
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.wheels import tyre
 from tests.cards import bench_of
 
 GRASS = bench_of("grass")
@@ -82,8 +81,12 @@ def test_a_slow_valve_fails_rate_and_nothing_else_of_the_steering(monkeypatch):
 
 
 def test_doubled_motion_resistance_fails_the_coast_down(monkeypatch):
-    law = tyre.motion_resistance_ratio
-    monkeypatch.setattr(tyre, "motion_resistance_ratio", lambda *a: 0.5 * law(*a))
+    def halved(plant):
+        law = plant.wheel_law
+        resistance = {"resistance_bn": 0.5 * law.resistance_bn, "resistance_tyre": 0.02}
+        plant.wheel_law = dataclasses.replace(law, **resistance)
+
+    mutate(monkeypatch, halved)  # the law that the checks expect, not that of the wheels
     assert failed("coast-down") == ["coast-down at 600 kPa"]
     assert failed("slip")
 

@@ -13,6 +13,7 @@ from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.inspection.bench import nominal
 from proving_ground.testbed.inspection.steady_motion import Planar, steady_motion
 from proving_ground.testbed.vehicle.servos import equilibrium_slip, wheel_loads
+from proving_ground.testbed.wheels.tyre import mobility
 from tests.testbed.plants import (
     DRIVEN,
     ROLL,
@@ -151,9 +152,11 @@ def test_slip_under_drawbar_pull_is_that_of_the_traction_equation(vehicle, cone_
     load = np.mean([w.load for w in wheels], axis=0)
     slip = np.mean([w.slip for w in wheels], axis=0)
     assert slip[DRIVEN].mean() == pytest.approx(
-        equilibrium_slip(plant.tyres, load, soil.background, pull), abs=0.005
+        equilibrium_slip(plant.wheel_law, plant.tyres, load, soil.background, pull), abs=0.005
     )
-    assert np.abs(slip[TOWED]).max() < 0.005
+    bn, _ = mobility(plant.wheel_law, plant.tyres, load, np.full(6, soil.background))
+    # a towed wheel turns by its skid
+    np.testing.assert_allclose(slip[TOWED], plant.wheel_law.towed_slip(bn)[TOWED], atol=0.001)
 
 
 def test_wheels_spin_on_soil_too_weak_to_carry_it():
@@ -194,7 +197,7 @@ def test_cornering_is_the_planar_force_balance_and_the_yaw_rate_falls_with_stren
         assert truth.yaw_rate_t == pytest.approx(balance.yaw_rate, abs=0.02 * ackermann)
         ratios.append(truth.yaw_rate_t / ackermann)
     assert all(firm > soft for firm, soft in itertools.pairwise(ratios))
-    assert ratios[-1] > 0.8
+    assert ratios[-1] > 0.7
 
 
 @pytest.mark.parametrize("iso_class", ["D", "F"])

@@ -167,3 +167,15 @@ def test_truth_is_a_copy():
     plant.advance(Command(0.3, 0.0, 0.7), 200)
     np.testing.assert_array_equal(before.body_xyz, kept[0])
     np.testing.assert_array_equal(before.wheels.load, kept[1])
+
+
+@pytest.mark.parametrize(("cone_index", "timestep_s"), [(200.0, 0.004), (2000.0, 0.002)])
+def test_a_coasting_vehicle_stops_without_rolling_back_or_rocking(cone_index, timestep_s):
+    plant = plant_on(soil=SoilMap(cone_index), timestep_s=timestep_s)
+    plant.reset(0.0, 0.0, 0.0, 0.5)
+    plant.model.actuator("hydrostat").forcerange[:] = 0.0
+    steps = round(0.02 / timestep_s)
+    truths = [plant.advance(Command(0.0, 0.0, 0.0), steps) for _ in range(150)]
+    x = np.array([(truth.tractor.x, truth.trailer.x) for truth in truths])
+    assert (x.max(axis=0) - x[-1]).max() < 0.0015
+    assert np.abs([truth.speed for truth in truths[-50:]]).max() < 1e-4

@@ -14,11 +14,13 @@ from proving_ground.testbed.truth import Wheels
 from proving_ground.testbed.vehicle.servos import tyres_of
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
 from proving_ground.testbed.wheels import tyre
+from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.tyre import Tyres, WheelMotion
 from proving_ground.testbed.wheels.tyre_kernel import Output, wheel_step
 
 DT = 0.002
 FLAT = terrain.flat((20.0, 20.0))
+LAW = SoilLaw()
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def steady(tyres, cone_index, velocity, spin, axle=(0.0, 1.0, 0.0), load=2500.0)
     wheel = motion([0, 0, height_at(tyres, load)], axle, velocity, np.asarray(axle) * spin)
     state = np.zeros((1, 3))
     for _ in range(400):
-        state, forces = tyre.step(tyres, FLAT, np.array([cone_index]), wheel, state, 0.02)
+        state, forces = tyre.step(LAW, tyres, FLAT, np.array([cone_index]), wheel, state, 0.02)
     return forces
 
 
@@ -73,12 +75,12 @@ def random_case(rng, tyres):
     velocity = rng.normal(size=(n, 3)) * rng.choice([0.0, 1e-3, 1.5], (n, 1))
     rotation = axle * rng.normal(size=(n, 1)) * rng.choice([0.0, 4.0], (n, 1))
     rotation += rng.normal(size=(n, 3)) * 0.3
-    deflection = rng.uniform(-1.0, 1.0, (n, 3)) * np.array([0.15, 0.3, 0.05])
+    deflection = rng.uniform(-1.0, 1.0, (n, 3)) * np.array([0.15, 0.3, 0.001])
     soil = SoilMap(float(rng.choice([60.0, 300.0, 2000.0])))
     return ground, soil, WheelMotion(centre, axle, velocity, rotation), deflection
 
 
-def run_kernel(tyres, ground, soil, wheels, deflection):
+def run_kernel(law, tyres, ground, soil, wheels, deflection):
     """Hand the same wheels to the compiled law, as six bodies of a MuJoCo-like state."""
     n = 6
     xpos = np.vstack([np.zeros((2, 3)), wheels.centre])
@@ -88,10 +90,14 @@ def run_kernel(tyres, ground, soil, wheels, deflection):
     cvel = np.zeros((n + 2, 6))
     cvel[2:, :3] = wheels.rotation
     cvel[2:, 3:] = wheels.velocity - np.cross(wheels.rotation, wheels.centre - com[2:])
-    state, output, xfrc = deflection.copy(), np.zeros((n, len(Output))), np.zeros((n + 2, 6))
+    state, output, xfrc = (
+        deflection.ravel().copy(),
+        np.zeros((n, len(Output))),
+        np.zeros((n + 2, 6)),
+    )
     wheel_step(
-        tyre.LAW.table(),
-        tyres.table(),
+        law.table(),
+        tyres.table(law),
         ground.heights,
         soil.rasterised(ground),
         np.array([*ground.origin, ground.spacing_m, DT]),
@@ -104,22 +110,35 @@ def run_kernel(tyres, ground, soil, wheels, deflection):
         output,
         xfrc,
     )
-    return state, output, xfrc[2:]
+    return state.reshape(n, 3), output, xfrc[2:]
 
 
 def test_the_columns_of_the_report_are_the_fields_of_wheels():
     assert [column.name.lower() for column in Output] == [item.name for item in fields(Wheels)]
 
 
-def test_compiled_law_is_the_reference_law(tyres):
+def other_law():
+    """A law whose coefficients all differ from the default ones, each by its own factor."""
+    factors = np.linspace(0.8, 1.2, len(fields(SoilLaw)))
+    return SoilLaw(
+        **{
+            field.name: float(factor * field.default)
+            for field, factor in zip(fields(SoilLaw), factors, strict=True)
+            if isinstance(field.default, float)
+        }
+    )
+
+
+@pytest.mark.parametrize("law", [LAW, SoilLaw(tyre="radial"), other_law()])
+def test_compiled_law_is_the_reference_law(tyres, law):
     rng = np.random.default_rng(20161)
     full_scale = 2e4  # [N], [N m]: the largest forces of these cases
     touching = 0
-    for _ in range(300):
+    for _ in range(100):
         ground, soil, wheels, deflection = random_case(rng, tyres)
         cone_index = np.full(6, soil.background)
-        state, forces = tyre.step(tyres, ground, cone_index, wheels, deflection, DT)
-        state_c, output, xfrc = run_kernel(tyres, ground, soil, wheels, deflection)
+        state, forces = tyre.step(law, tyres, ground, cone_index, wheels, deflection, DT)
+        state_c, output, xfrc = run_kernel(law, tyres, ground, soil, wheels, deflection)
         touching += np.count_nonzero(forces.load)
         np.testing.assert_allclose(state_c, state, atol=1e-9 * 0.3, rtol=0)
         np.testing.assert_allclose(xfrc[:, :3], forces.force, atol=1e-9 * full_scale, rtol=0)
@@ -128,20 +147,20 @@ def test_compiled_law_is_the_reference_law(tyres):
             expected = getattr(forces, column.name.lower())
             scale = max(1.0, np.abs(expected).max())
             np.testing.assert_allclose(output[:, column], expected, atol=1e-9 * scale, rtol=0)
-    assert touching > 500
+    assert touching > 150
 
 
 def test_compiled_law_reads_the_soil_below_each_wheel(tyres):
     cone = np.arange(201 * 201, dtype=float).reshape(201, 201) + 100.0
-    state, output, xfrc = np.zeros((6, 3)), np.zeros((6, len(Output))), np.zeros((8, 6))
+    state, output, xfrc = np.zeros(18), np.zeros((6, len(Output))), np.zeros((8, 6))
     xpos = np.zeros((8, 3))
     xpos[2:, 0] = np.linspace(-8.0, 8.0, 6)
     xpos[2:, 1] = np.linspace(5.0, -6.0, 6)
     xmat = np.tile(np.eye(3).ravel(), (8, 1))
     grid = np.array([*FLAT.origin, FLAT.spacing_m, DT])
     arguments = (
-        tyre.LAW.table(),
-        tyres.table(),
+        LAW.table(),
+        tyres.table(LAW),
         FLAT.heights,
         cone,
         grid,
@@ -214,20 +233,34 @@ def test_elastic_contact_makes_no_energy(tyres):
 @pytest.mark.parametrize("cone_index", [150.0, 600.0, 2000.0])
 @pytest.mark.parametrize("slip", [-0.3, -0.05, 0.02, 0.1, 0.5])
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_steady_pull_is_the_traction_equation_forwards_and_backwards(
+def test_steady_pull_and_torque_are_the_traction_equations_forwards_and_backwards(
     tyres, cone_index, slip, direction
 ):
     single = one(tyres)
     v = direction * 1.0
     spin = v / single.radius[0] * (1.0 / (1.0 - slip) if slip > 0 else 1.0 + slip)
     forces = steady(single, cone_index, [v, 0, 0], spin)
-    bn, _ = tyre.mobility(single, forces.load, np.array([cone_index]))
+    bn, _ = tyre.mobility(LAW, single, forces.load, np.array([cone_index]))
     # in travel direction, slip positive when driving
-    expected = tyre.gross_traction_ratio(bn, np.array([slip])) - tyre.motion_resistance_ratio(
-        bn, np.array([slip])
-    )
-    assert direction * forces.force_long[0] / forces.load[0] == pytest.approx(expected[0], abs=1e-6)
+    slips = np.array([slip])
+    net, gross = LAW.net_traction_ratio(bn, slips), LAW.gross_traction_ratio(bn, slips)
+    net = np.maximum(net, -LAW.largest_traction_ratio(bn))  # the ellipse
+    torque = -forces.moment[0, 1] / single.radius / forces.load
+    assert direction * forces.force_long[0] / forces.load[0] == pytest.approx(net[0], abs=1e-6)
+    assert direction * torque[0] == pytest.approx(gross[0], abs=1e-6)
     assert direction * forces.slip[0] == pytest.approx(slip, abs=1e-9)
+
+
+@pytest.mark.parametrize("cone_index", [120.0, 600.0, 2000.0])
+def test_a_wheel_without_torque_has_the_whole_motion_resistance(tyres, cone_index):
+    """1 / Bn + 0.04 at the hub, none of it from nothing: the torque about the axle is zero."""
+    single = one(tyres)
+    load = np.array([2500.0])
+    bn, _ = tyre.mobility(LAW, single, load, np.array([cone_index]))
+    skid = LAW.towed_slip(bn)[0]
+    forces = steady(single, cone_index, [1.0, 0, 0], (1.0 + skid) / single.radius[0])
+    assert forces.moment[0, 1] / single.radius[0] == pytest.approx(0.0, abs=1e-4 * load[0])
+    assert -forces.force_long[0] / load[0] == pytest.approx(1.0 / bn[0] + 0.04, abs=1e-5)
 
 
 @pytest.mark.parametrize("angle_deg", [-20.0, -2.0, 0.5, 5.0])
@@ -235,36 +268,84 @@ def test_steady_side_force_is_the_lateral_equation_and_opposes_the_drift(tyres, 
     single, angle = one(tyres), math.radians(angle_deg)
     v = np.array([math.cos(angle), math.sin(angle), 0.0])
     forces = steady(single, 600.0, v, v[0] / single.radius[0])
-    _, bn1 = tyre.mobility(single, forces.load, np.array([600.0]))
-    expected = tyre.lateral_ratio(bn1, np.array([angle]))[0]
+    _, m = tyre.mobility(LAW, single, forces.load, np.array([600.0]))
+    expected = LAW.side_ratio(m, np.array([angle]))[0]
     assert forces.force_lat[0] / forces.load[0] == pytest.approx(expected, rel=1e-3)
     assert forces.slip_angle[0] == pytest.approx(angle)
     assert forces.force_lat[0] * angle < 0.0
 
 
-def test_lateral_stiffness_stays_finite_on_ground_that_does_not_yield(tyres):
-    alpha = np.array([1e-4])
-    slopes = [
-        -tyre.lateral_ratio(tyre.mobility(one(tyres), np.array([2500.0]), np.array([ci]))[1], alpha)
-        / alpha
-        for ci in (100.0, 2000.0, 1e7)
-    ]
-    assert slopes[0] < 0.8 * tyre.LATERAL_STIFFNESS_LIMIT
-    np.testing.assert_allclose(slopes[1:], tyre.LATERAL_STIFFNESS_LIMIT, rtol=1e-3)
+def alike(tyres, n) -> Tyres:
+    """The rear left tyre n times."""
+    return Tyres(
+        **{name: np.repeat(getattr(tyres, name)[2], n) for name in Tyres.__dataclass_fields__}
+    )
 
 
-def test_forces_stay_inside_the_friction_ellipse(tyres):
-    rng = np.random.default_rng(5)
-    single = one(tyres)
-    for _ in range(15):
-        angle, spin = rng.uniform(-1.0, 1.0), rng.uniform(0.0, 10.0)
-        forces = steady(single, 300.0, [math.cos(angle), math.sin(angle), 0], spin)
-        bn, bn1 = tyre.mobility(single, forces.load, np.array([300.0]))
-        largest_long = tyre.largest_traction(bn, forces.load)
-        largest_lat = forces.load * tyre.largest_side_ratio(bn1)
-        # gross traction: the moment about the axle over the radius
-        gross = -forces.moment[0, 1] / single.radius
-        assert np.hypot(gross / largest_long, forces.force_lat / largest_lat) <= 1.0 + 1e-9
+def any_motions(rng, tyres, n):
+    """Wheels on level ground that roll, slide, spin, are locked, or are close to rest."""
+    scale = rng.choice([1e-3, 0.05, 1.0], (n, 1))
+    velocity = scale * rng.normal(size=(n, 3)) * [1.0, 1.0, 0.0]
+    velocity[:, 1:2] *= rng.choice([0.0, 0.2, 1.0], (n, 1))
+    spin = scale * rng.choice([0.0, 1.0, 2.5], (n, 1)) * rng.normal(size=(n, 1)) / 0.4
+    velocity[0], spin[0] = (1.0, 0.0, 0.0), 0.0  # locked
+    centre = np.tile([0.0, 0.0, height_at(one(tyres), 2500.0)], (n, 1))
+    axle = np.tile([0.0, 1.0, 0.0], (n, 1))
+    return WheelMotion(centre, axle, velocity, axle * spin)
+
+
+def power(wheels, forces):
+    """Power of the ground on each wheel, (n,)."""
+    return (forces.force * wheels.velocity + forces.moment * wheels.rotation).sum(axis=1)
+
+
+@pytest.mark.parametrize("cone_index", [40.0, 120.0, 300.0, 600.0, 2000.0])
+def test_forces_stay_inside_the_ellipse_and_only_take_energy(tyres, cone_index):
+    """The resistance of the soil is inside the ellipse, too, also under a locked wheel."""
+    many = alike(tyres, 200)
+    wheels = any_motions(np.random.default_rng(5), tyres, 200)
+    state, strength = np.zeros((200, 3)), np.full(200, cone_index)
+    for _ in range(400):
+        state, forces = tyre.step(LAW, many, FLAT, strength, wheels, state, 0.02)
+    bn, m = tyre.mobility(LAW, many, forces.load, strength)
+    grip_long = LAW.largest_traction_ratio(bn) * forces.load
+    grip_lat = LAW.largest_side_ratio(m) * forces.load
+    used = np.hypot(forces.force_long / grip_long, forces.force_lat / grip_lat)
+    assert used.max() <= 1.0 + 1e-9
+    assert used[0] > 0.99
+    assert power(wheels, forces).max() <= 1e-9 * forces.load[0]
+
+
+def test_over_cycles_of_speed_and_spin_a_wheel_only_takes_energy(tyres):
+    """Deflections give back no more than they took: speeds and spin swing through zero."""
+    rng, many, n = np.random.default_rng(7), alike(tyres, 20), 20
+    size, phase = rng.uniform(0.01, 0.3, (3, n, 1)), rng.uniform(0.0, 6.3, (3, n, 1))
+    still = any_motions(rng, tyres, n)
+    state, work = np.zeros((n, 3)), np.zeros(n)
+    for k in range(1000):  # two periods, the first one starts without deflection
+        ahead, aside, spin = size * np.sin(2.0 * math.pi * k / 500 + phase)
+        velocity = np.hstack([ahead, aside, 0.0 * ahead])
+        wheels = WheelMotion(still.centre, still.axle, velocity, still.axle * spin / 0.4)
+        state, forces = tyre.step(LAW, many, FLAT, np.full(n, 300.0), wheels, state, 0.004)
+        work += (k >= 500) * power(wheels, forces) * 0.004
+    assert work.max() < 0.0
+
+
+def test_side_force_falls_with_slip_as_of_a_wheel_on_sand():
+    """3D-RFT-wheel data, a rigid wheel on sand, side force over that without slip.
+
+    At 15 deg 0.81 and 0.58 at slips of 0.23 and 0.5; at 30 deg 0.91 and 0.66. The form has no
+    coefficient to fit it with; the wheel is small, so only the shape is comparable.
+    """
+    bn, m = np.full(4, 50.0), np.full(4, 15.0)
+    slip, angle = np.array([0.23, 0.5, 0.23, 0.5]), np.radians([15.0, 15.0, 30.0, 30.0])
+    kept = LAW.combined_ratios(bn, m, slip, angle)[1] / LAW.side_ratio(m, angle)
+    np.testing.assert_allclose(kept, [0.81, 0.58, 0.91, 0.66], atol=0.13)
+    assert (
+        LAW.combined_ratios(bn[:1], m[:1], 0.2, np.radians([5.0]))[1]
+        / LAW.side_ratio(m[:1], np.radians([5.0]))
+        < 0.8
+    )
 
 
 def test_spinning_wheel_loses_side_force(tyres):
@@ -283,10 +364,10 @@ def test_side_force_builds_up_over_the_relaxation_length(tyres):
     single, v = one(tyres), np.array([1.0, 0.002, 0.0])
     wheel = motion([0, 0, height_at(single, 2500.0)], [0, 1, 0], v, [0, 1.0 / single.radius[0], 0])
     state, dt = np.zeros((1, 3)), 1e-3
-    for _ in range(round(tyre.RELAXATION_LAT / dt)):
-        state, forces = tyre.step(single, FLAT, np.array([600.0]), wheel, state, dt)
+    for _ in range(round(LAW.relaxation_lat_m / dt)):
+        state, forces = tyre.step(LAW, single, FLAT, np.array([600.0]), wheel, state, dt)
     final = steady(single, 600.0, v, 1.0 / single.radius[0])
-    lead = tyre.TREAD_DAMPING_LAT / tyre.RELAXATION_LAT
+    lead = LAW.damping_lat_s / LAW.relaxation_lat_m
     assert forces.force_lat[0] / final.force_lat[0] == pytest.approx(
         1.0 - (1.0 - lead) * math.exp(-1.0), abs=0.003
     )
@@ -296,10 +377,10 @@ def test_standing_wheel_holds_like_a_spring_in_every_direction(tyres):
     single = one(tyres)
     stand = motion([0, 0, height_at(single, 2500.0)], [0, 1, 0], [0, 0, 0], [0, 0, 0])
     state = np.array([[0.004, 0.004, 0.0]])
-    first = tyre.step(single, FLAT, np.array([600.0]), stand, state, DT)
+    first = tyre.step(LAW, single, FLAT, np.array([600.0]), stand, state, DT)
     later = first
-    for _ in range(5000):
-        later = tyre.step(single, FLAT, np.array([600.0]), stand, later[0], DT)
+    for _ in range(500):
+        later = tyre.step(LAW, single, FLAT, np.array([600.0]), stand, later[0], DT)
     np.testing.assert_array_equal(later[0], first[0])
     assert later[1].force_lat[0] < -50.0
 
@@ -310,16 +391,7 @@ def test_no_load_in_the_air_and_never_a_pull(tyres):
     leaving = motion([0, 0, z], [0, 1, 0], [0, 0, 50.0], [0, 0, 0])
     assert tyre.contact(single, FLAT, leaving).load[0] == 0.0
     air = motion([0, 0, 2.0], [0, 1, 0], [1, 0, 0], [0, 2.5, 0])
-    state, forces = tyre.step(single, FLAT, np.array([600.0]), air, np.full((1, 3), 0.01), DT)
+    state, forces = tyre.step(LAW, single, FLAT, np.array([600.0]), air, np.full((1, 3), 0.01), DT)
     assert not forces.force.any()
     assert not forces.moment.any()
     assert not state.any()
-
-
-def test_motion_resistance_brakes_the_hub_but_not_the_axle(tyres):
-    single = one(tyres)
-    forces = steady(single, 600.0, [1.0, 0, 0], 1.0 / single.radius[0])
-    bn, _ = tyre.mobility(single, forces.load, np.array([600.0]))
-    resistance = tyre.motion_resistance_ratio(bn, np.zeros(1)) * forces.load
-    assert forces.force_long[0] == pytest.approx(-resistance[0], rel=1e-6)
-    assert forces.moment[0, 1] == pytest.approx(0.0, abs=1e-6)

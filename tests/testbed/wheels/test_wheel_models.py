@@ -15,11 +15,11 @@ from tests.testbed.plants import ROLL, plant_on, rough_run, state_hash
 class Ice(SoilWheels):
     """Soil wheels whose law has no traction, no motion resistance and no side force."""
 
-    def __init__(self, model, data, tyres, ground):
-        super().__init__(model, data, tyres, ground)
+    def __init__(self, model, data, tyres, ground, law):
+        super().__init__(model, data, tyres, ground, law)
         self.calls = []
-        law = self.step.args[0]
-        law[[3, 6, 7, 8, 9, 10]] = 1e-9
+        table = self.step.args[0]
+        table[[3, 6, 7, 8, 9, 10]] = 1e-9
 
     def prepare(self):
         self.calls.append("prepare")

@@ -1,0 +1,220 @@
+"""Traction, motion resistance and side force of a wheel on soil: equations and coefficients.
+
+Sources: [B] W. W. Brixius, "Traction prediction equations for bias ply tires", ASAE paper 87-1622,
+1987, also in ASABE D497; [G] D. Gee-Clough and M. S. Sommer, "Steering forces on undriven, angled
+wheels", J. Terramechanics 18, 1981, with the mobility number of the US Army's Waterways Experiment
+Station. [B] is quoted from secondary sources, [G] from memory: neither primary source was read. The
+coefficients of [G], and those for radial tyres, are also in the public MAVS simulator
+(`vti/brixius.cpp`), whose mobility number for side force has a dimension and is not used. [P]
+H. B. Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012, sec. 4.2: similarity of slips.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from types import MappingProxyType
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+from pydantic.dataclasses import dataclass
+from pydantic_core import ArgsKwargs
+
+from ttempc.types import FloatArray
+
+from ..configuration.config_io import STRICT, NotNegative, Positive
+
+# Explicit in the speed, so that a short length with a long time would be unstable at 4 ms.
+_Length = Annotated[float, Field(ge=0.0005, le=10.0)]
+_Damping = Annotated[float, Field(ge=0.0, le=0.1)]
+
+# Coefficients of radial tyres that differ from those of bias-ply tyres (MAVS).
+_RADIAL: Final = MappingProxyType(
+    {
+        "traction_slip": 10.5,
+        "resistance_tyre": 0.0325,
+        "resistance_bn": 0.9,
+        "side": 0.8,
+        "side_mobility": 0.0,
+        "side_stiffness_per_rad": 2.79,
+        "side_stiffness_mobility_per_rad": 0.16,
+    }
+)
+
+
+@dataclass(frozen=True, kw_only=True, config=STRICT)
+class SoilLaw:
+    """Coefficients of the law; the default values are those of bias-ply tyres.
+
+    With width b, diameter d, section height h, deflection delta at the rated load, load W, cone
+    index CI, slip s and slip angle alpha, all but the lengths and times without a dimension:
+
+        Cn = CI b d / W
+        Bn = Cn (1 + mobility_deflection delta / h) / (1 + mobility_width b / d)            [B]
+        M = Cn sqrt(delta / h) / (1 + mobility_side_width b / d)                            [G]
+        traction ratio        traction (1 - e^(-traction_bn Bn)) (1 - e^(-traction_slip s)) [B]
+        resistance of soil    resistance_bn / Bn + resistance_slip s / sqrt(Bn)             [B]
+        resistance of tyre    resistance_tyre                                               [B]
+        side force ratio      mu (1 - e^(-C / mu |alpha|)),                                 [G]
+                              mu = min(side + side_mobility / M, side_most)
+                              C = min(side_stiffness + side_stiffness_mobility M,
+                                      side_stiffness_most)
+
+    The resistance of the soil acts on the hub, that of the tyre is a torque on the wheel against
+    its rolling. A driven wheel then has the torque and the net pull of [B], in which the 0.04 of
+    the gross traction ratio cancels that of the motion resistance ratio. A wheel without torque
+    skids until its traction is minus the resistance of the tyre; its hub is held back by the whole
+    motion resistance ratio of [B]. The tyre's torque only takes energy: the law is passive.
+
+    [G] measured undriven wheels; over which M is not known here. `side_most` and
+    `side_stiffness_most` limit the law outside its range: mu would otherwise grow without bound
+    on soft soil (above 1 at M < 1.8), as soil that flows in front of the tyre's side cannot; the
+    stiffness would grow without bound on firm ground, where the carcass limits it.
+    """
+
+    tyre: Literal["bias", "radial"] = "bias"
+    """Kind of tyre whose coefficients the absent keys of this table take."""
+    mobility_deflection: NotNegative = 5.0
+    """Weight of the relative deflection in Bn."""
+    mobility_width: NotNegative = 3.0
+    """Weight of width over diameter in Bn."""
+    mobility_side_width: NotNegative = 0.5
+    """Weight of width over diameter in M."""
+    traction: Positive = 0.88
+    """Limit of the traction ratio at full slip on firm soil."""
+    traction_bn: Positive = 0.1
+    """Growth of the traction ratio with Bn."""
+    traction_slip: Positive = 7.5
+    """Growth of the traction ratio with slip."""
+    resistance_tyre: NotNegative = 0.04
+    """Motion resistance of the tyre over the load, on any ground."""
+    resistance_bn: NotNegative = 1.0
+    """Motion resistance of the soil over the load, times Bn."""
+    resistance_slip: NotNegative = 0.5
+    """Growth of the motion resistance with slip, times the root of Bn."""
+    side: Positive = 0.61
+    """Limit of the side force ratio on firm soil."""
+    side_mobility: NotNegative = 0.69
+    """Growth of that limit with 1 / M."""
+    side_most: Positive = 0.88
+    """Largest limit of the side force ratio; that of traction on firm soil (assumed)."""
+    side_stiffness_per_rad: Positive = 2.34
+    """Initial slope of the side force ratio at M = 0."""
+    side_stiffness_mobility_per_rad: NotNegative = 0.088
+    """Growth of that slope with M."""
+    side_stiffness_most_per_rad: Positive = 6.0
+    """Largest slope; 0.1 per degree, the order of tractor tyres on concrete (assumed)."""
+    relaxation_long_m: _Length = 0.15
+    """Relaxation length of slip; assumed."""
+    relaxation_lat_m: _Length = 0.30
+    """Relaxation length of side slip; assumed."""
+    relaxation_roll_m: _Length = 0.001
+    """Distance over which motion resistance changes its sign; assumed."""
+    damping_long_s: _Damping = 0.01
+    """Damping over stiffness of the tread along the wheel; assumed."""
+    damping_lat_s: _Damping = 0.02
+    """Damping over stiffness of the tread across the wheel; assumed."""
+    damping_roll_s: _Damping = 0.06
+    """Damping over stiffness of motion resistance at rest: a vehicle stops without swing; assumed.
+    """
+    second_pass: bool = False
+    """Whether tracks that wheels leave in a run change the soil for the wheels that follow."""
+    second_pass_traction: Positive = 1.07
+    """Traction in a track over that beside it: mean of 19 fields, 13.6-38 tyre (NIAE)."""
+    second_pass_resistance: Positive = 0.89
+    """Motion resistance in a track over that beside it (NIAE)."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_in(cls, data: Any) -> Any:  # noqa: ANN401 - whatever stands in the file
+        """Add the coefficients of the kind of tyre where the data do not give them."""
+        given = data.kwargs or {} if isinstance(data, ArgsKwargs) else data
+        if not isinstance(given, dict) or given.get("tyre") != "radial":
+            return data
+        return {**_RADIAL, **given}
+
+    def table(self) -> FloatArray:
+        """Return all numbers in the order of the fields, for the compiled law, (23,)."""
+        values = (getattr(self, field.name) for field in fields(self))
+        return np.array([value for value in values if isinstance(value, float)])
+
+    def largest_traction_ratio(self, bn: FloatArray) -> FloatArray:
+        """Return the traction ratio at full slip, (n,)."""
+        return self.traction * (1.0 - np.exp(-self.traction_bn * bn))
+
+    def traction_ratio(self, bn: FloatArray, slip: FloatArray) -> FloatArray:
+        """Return the force of the soil at the rim over load, odd in the slip, (n,)."""
+        developed = 1.0 - np.exp(-self.traction_slip * np.abs(slip))
+        return np.sign(slip) * self.largest_traction_ratio(bn) * developed
+
+    def slip_at_traction(self, bn: FloatArray, ratio: FloatArray | float) -> FloatArray:
+        """Return the slip of a traction ratio; inverts `traction_ratio`.
+
+        A ratio beyond the largest one counts as 0.999 of it.
+        """
+        share = np.clip(ratio / self.largest_traction_ratio(bn), -0.999, 0.999)
+        return -np.sign(share) * np.log(1.0 - np.abs(share)) / self.traction_slip
+
+    def towed_slip(self, bn: FloatArray) -> FloatArray:
+        """Return the slip of a wheel that rolls forward without torque; below 0, (n,)."""
+        return self.slip_at_traction(bn, -self.resistance_tyre)
+
+    def gross_traction_ratio(self, bn: FloatArray, slip: FloatArray) -> FloatArray:
+        """Return the torque of a wheel that rolls forward, over load and radius, (n,). [B]"""
+        return self.traction_ratio(bn, slip) + self.resistance_tyre
+
+    def soil_resistance_ratio(self, bn: FloatArray, slip: FloatArray) -> FloatArray:
+        """Return the resistance of the soil over load, (n,); the slip is that of a driven wheel.
+
+        [B] has the growth with slip for driven wheels. A wheel that skids, slip below 0, has none.
+        """
+        growth = self.resistance_slip * np.maximum(slip, 0.0) / np.sqrt(bn)
+        return self.resistance_bn / bn + growth
+
+    def motion_resistance_ratio(self, bn: FloatArray, slip: FloatArray) -> FloatArray:
+        """Return the resistance of soil and tyre over load, (n,). [B]"""
+        return self.soil_resistance_ratio(bn, slip) + self.resistance_tyre
+
+    def net_traction_ratio(self, bn: FloatArray, slip: FloatArray) -> FloatArray:
+        """Return gross traction less motion resistance: the pull of the hub over load, (n,). [B]"""
+        return self.traction_ratio(bn, slip) - self.soil_resistance_ratio(bn, slip)
+
+    def largest_side_ratio(self, mobility: FloatArray) -> FloatArray:
+        """Return mu, the limit of side force over load at large slip angles, (n,)."""
+        return np.minimum(self.side + self.side_mobility / mobility, self.side_most)
+
+    def side_stiffness(self, mobility: FloatArray) -> FloatArray:
+        """Return C, the initial slope of side force over load [1/rad], (n,)."""
+        growth = self.side_stiffness_mobility_per_rad * mobility
+        return np.minimum(self.side_stiffness_per_rad + growth, self.side_stiffness_most_per_rad)
+
+    def side_ratio(self, mobility: FloatArray, slip_angle: FloatArray) -> FloatArray:
+        """Return side force over load of a wheel without slip; against the slip angle [rad]."""
+        return self.combined_ratios(np.ones_like(mobility), mobility, 0.0, slip_angle)[1]
+
+    def combined_ratios(
+        self,
+        bn: FloatArray,
+        mobility: FloatArray,
+        slip: FloatArray | float,
+        slip_angle: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return traction and side force over load, both (n,), at slip and slip angle [rad].
+
+        Similarity after [P]: slip and slip angle, each over the value at which its initial slope
+        reaches its limit, are one vector,
+
+            x = traction_slip s,   y = C / mu alpha,   rho = |(x, y)|.
+
+        Both pure curves are 1 - e^-rho of their limit; the force has this size along the vector:
+
+            traction = largest (1 - e^-rho) x / rho,   side = -mu (1 - e^-rho) y / rho.
+
+        Pure slip gives the pure laws; the force never leaves the ellipse of both limits.
+        """
+        largest = self.largest_side_ratio(mobility)
+        x = self.traction_slip * np.asarray(slip)
+        y = self.side_stiffness(mobility) / largest * slip_angle
+        rho = np.hypot(x, y)
+        share = np.where(rho > 0.0, -np.expm1(-rho) / np.where(rho > 0.0, rho, 1.0), 1.0)
+        return self.largest_traction_ratio(bn) * share * x, -largest * share * y
