@@ -45,6 +45,14 @@ class Parameter:
             exact = self.low + share * (self.high - self.low)
         return float(f"{exact:.3g}")
 
+    def share(self, value: float | str) -> float:
+        """Return a share that `value` turns into `value`, to three digits."""
+        if self.choices:
+            return (self.choices.index(str(value)) + 0.5) / len(self.choices)
+        if self.scale == "log":
+            return math.log(float(value) / self.low) / math.log(self.high / self.low)
+        return (float(value) - self.low) / (self.high - self.low)
+
     @property
     def bounds(self) -> str:
         """Bounds or choices as text."""
@@ -92,6 +100,7 @@ FIELD: Final = (
 
 MACHINE: Final = (
     *FIELD,
+    Parameter("distance of the circles' centres [m]", 24.0, 44.0, _key("path.centre_distance_m")),
     Parameter("white share of the GNSS error", 0.0, 1.0, _key("sensors.gnss_white_share")),
     Parameter.choice("GNSS antenna", _key("sensors.gnss_antenna"), "point", "raw"),
     Parameter("dead time of both valves [s]", 0.01, 0.4, _dead_time, "log"),
@@ -105,7 +114,10 @@ MACHINE: Final = (
         ),
     ),
 )
-"""Ground, sensors, actuators and vehicle: all that both controllers share."""
+"""Ground, path, sensors, actuators and vehicle: all that both controllers share.
+
+Of the path the radius alone is printed; the length of its straights follows from the distance.
+"""
 
 CORRELATED: Final = ('sensors.gnss_error="correlated"',)
 """Kind of GNSS error of all sets; a white share of 1 makes it white."""
@@ -129,8 +141,13 @@ def _speed_weight(value: float | str) -> tuple[str, ...]:
     return (f"controller.options.output_weight=[1.0, 1.0, 1.0, 1.0, {value}]",)
 
 
-_FRONT = Parameter("bound of the front steering of the NMPC [deg]", 8.0, 35.0, lambda value: ())
-_TRAILER = Parameter("bound of the trailer steering of the NMPC [deg]", 3.0, 25.0, lambda value: ())
+# Both are one option: `overrides` writes it.
+_FRONT = Parameter(
+    "bound of the front steering of the NMPC [deg]", 8.0, 35.0, lambda value: (), "log"
+)
+_TRAILER = Parameter(
+    "bound of the trailer steering of the NMPC [deg]", 3.0, 25.0, lambda value: (), "log"
+)
 
 NMPC_OPTIONS: Final = (
     _FRONT,
@@ -144,6 +161,30 @@ NMPC_OPTIONS: Final = (
 """Options of `kayacan-nmpc` that are not known."""
 
 ALL: Final = (*MACHINE, *LMPC_OPTIONS, *NMPC_OPTIONS)
+
+BY_HAND: Final[dict[str, float | str]] = {
+    "ISO 8608 class": "E",
+    "cone index [kPa]": 160.0,
+    "slope [rad]": 0.02,
+    "distance of the circles' centres [m]": 44.0,
+    "white share of the GNSS error": 1.0,
+    "GNSS antenna": "point",
+    "dead time of both valves [s]": 0.01,
+    "rear axle to RJ1 [m]": 0.3,
+    "stop of the trailer steering [deg]": 25.0,
+    "nominal state of the LMPC": "one-step",
+    "bound of the front steering of the NMPC [deg]": 10.0,
+    "bound of the trailer steering of the NMPC [deg]": 6.0,
+    "look-ahead of the NMPC [m]": 1.6,
+    "target of the NMPC": "fixed",
+    "step weight of both steerings of the NMPC": 1.0,
+    "speed weight of the NMPC": 1.0,
+    "trailer input of the NMPC": "lambda",
+}
+"""First point of the search: the defaults, with three values found by hand on one seed.
+
+These are the bounds of both steerings of the NMPC and the distance of the centres.
+"""
 
 
 def overrides(parameters: Sequence[Parameter], shares: FloatArray) -> tuple[str, ...]:

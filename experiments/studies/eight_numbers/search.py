@@ -31,6 +31,7 @@ def search(
     scores: Callable[[Sequence[FloatArray]], Sequence[float]],
     dimension: int,
     budget: int,
+    known: FloatArray | None = None,
     seed: int = 0,
 ) -> list[Trial]:
     """Return `budget` trials in the order in which they were made.
@@ -42,9 +43,12 @@ def search(
         scores: of a batch of points; finite numbers.
         dimension: of the cube.
         budget: number of points.
+        known: the first point (n,), in the place of that of the sequence.
         seed: of the sequence and of the mutations.
     """
     first = qmc.Sobol(dimension, rng=np.random.default_rng(seed)).random(START)
+    if known is not None:
+        first[0] = known
     trials: list[Trial] = []
     while len(trials) < budget:
         count = min(BATCH, budget - len(trials))

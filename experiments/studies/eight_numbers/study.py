@@ -15,6 +15,7 @@ from ...results.published import COLUMNS, PUBLISHED_LMPC_M, PUBLISHED_NMPC_M
 from ..batch import StudyRun
 from .parameters import (
     ALL,
+    BY_HAND,
     CORRELATED,
     FIELD,
     LMPC,
@@ -60,6 +61,7 @@ class Problem:
     parameters: tuple[Parameter, ...]
     controllers: tuple[tuple[tuple[str, ...], slice | list[int]], ...]
     published_cm: FloatArray  # (4 times the number of controllers,)
+    known: FloatArray | None = None  # the first point of the search
 
     def runs(self, point: FloatArray, seed: int, path: tuple[str, ...]) -> list[StudyRun]:
         """Return the run of every controller at a point of the unit cube."""
@@ -91,6 +93,7 @@ BOTH: Final = Problem(
         ((*CORRELATED, *NMPC), [*range(_SHARED), *range(_LAST, _LAST + len(NMPC_OPTIONS))]),
     ),
     PUBLISHED_CM,
+    known=np.array([item.share(BY_HAND[item.name]) for item in ALL]),
 )
 
 
@@ -119,7 +122,7 @@ def find(problem: Problem, store: RunStore, budget: int, path: tuple[str, ...] =
         errors = problem.errors_cm(store, points, first, path)
         return distance(errors[:, 0], problem.published_cm).tolist()
 
-    trials = search(scores, len(problem.parameters), budget)
+    trials = search(scores, len(problem.parameters), budget, problem.known)
     evaluated = partial(problem.errors_cm, store, path=path)
     trial_errors = evaluated([trial.point for trial in trials], first)[:, 0]
     candidates = [trial.point for trial in best(trials, CANDIDATES)]
