@@ -8,7 +8,14 @@ import numpy as np
 
 from ttempc.types import FloatArray
 
-from ..ground.terrain import ISO_8608, REFERENCE_FREQUENCY, Terrain, flat
+from ..ground.terrain import (
+    HIGHEST_FREQUENCY,
+    ISO_8608,
+    LOWEST_FREQUENCY,
+    REFERENCE_FREQUENCY,
+    Terrain,
+    flat,
+)
 from .bench import Bench, wheel_places
 from .check import Chart, Check, Line, between, not_applicable
 
@@ -50,6 +57,8 @@ def roughness(bench: Bench) -> list[Check]:
             high=2.0,
             unit="",
             source="ISO 8608:2016, table C.1: class limits are half and double the mean",
+            note=f"the ground has waves of {LOWEST_FREQUENCY:g} to {HIGHEST_FREQUENCY:g} cycle/m; "
+            "ISO 8608 covers 0.01 to 10",
             chart=chart if side == "left" else None,
         )
         for side, ratio in ratios

@@ -14,7 +14,7 @@ from .conservation import free_fall, frictionless
 from .drive import coast_down, hydrostat_step
 from .ground import roughness
 from .kinematics import hitch_kinematics
-from .lateral import contour, side_force
+from .lateral import contour, mobility_numbers, side_force
 from .numerics import convergence, same_bits, wheel_models
 from .statics import creep, load_transfer, static_loads
 from .traction import efficiency, slip_against_pull
@@ -34,6 +34,7 @@ EXPERIMENTS: Final[dict[str, Experiment]] = {
     "turning on soft soil": softening,
     "slip": slip_against_pull,
     "tractive efficiency": efficiency,
+    "mobility numbers": mobility_numbers,
     "side force": side_force,
     "contour": contour,
     "kinematics": hitch_kinematics,

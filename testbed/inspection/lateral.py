@@ -1,4 +1,4 @@
-"""Side force: slip angles of the axles on side slopes, drift along a contour."""
+"""Side force: mobility numbers, slip angles of the axles on side slopes, drift on a contour."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from ttempc.types import FloatArray
 
 from ..ground.terrain import flat
 from ..truth import WHEELS
+from ..vehicle.servos import tyres_of, wheel_loads
 from ..wheels import tyre
+from ..wheels.wheel_models import wheel_model
 from .bench import DRIVEN, SPEED, TRAILER, Bench, drive, steps
-from .check import Chart, Check, Line, between, near
+from .check import Chart, Check, Line, between, near, not_applicable
 from .steady_motion import Planar, steady_motion
 
 _SLOPES: Final = np.radians([2.0, 4.0, 6.0, 8.0, 10.0])
@@ -21,6 +23,40 @@ _CONTOUR: Final = 0.10  # [rad] slope where the scenario is level
 _SETTLE_S: Final = 2.0
 _MEAN_S: Final = 1.0
 _DRIFT_S: Final = 8.0
+
+
+def mobility_numbers(bench: Bench) -> list[Check]:
+    """Check that the mobility number of each axle at rest is one at which no assumed limit acts.
+
+    Outside, side stiffness or side force are at the limit of the law, which no source gives.
+    """
+    law, vehicle = bench.wheel_law, bench.vehicle
+    load, strength = wheel_loads(vehicle), np.full(len(WHEELS), bench.cone_index)
+    bn, numbers = tyre.mobility(law, tyres_of(vehicle), load, strength)
+    low = law.side_mobility / (law.side_most - law.side) if law.side_most > law.side else math.inf
+    growth = law.side_stiffness_mobility_per_rad
+    spare = law.side_stiffness_most_per_rad - law.side_stiffness_per_rad
+    high = spare / growth if growth > 0.0 else math.inf
+    checks = []
+    for axle, wheel in (("front", 0), ("rear", 2), ("trailer", 4)):
+        m = numbers[wheel : wheel + 1]
+        name = f"mobility number M at {bench.cone_index:.0f} kPa, {axle} axle"
+        note = (
+            f"Bn = {bn[wheel]:.1f}, M = {m[0]:.1f}, side stiffness "
+            f"{law.side_stiffness(m)[0]:.2f} per rad, side force at most "
+            f"{law.largest_side_ratio(m)[0]:.2f} of the load"
+        )
+        if not wheel_model(bench.wheels).follows_soil_law:
+            checks.append(not_applicable(name, "Coulomb friction has no mobility number"))
+        elif not low <= m[0] <= high:
+            limit = "the cap of side stiffness" if m[0] > high else "the limit of side force"
+            checks.append(not_applicable(name, f"at {limit}, which is assumed: {note}"))
+        else:
+            source = "side force law without its assumed limits; the range of its data is unknown"
+            checks.append(
+                between(name, figure=m[0], low=low, high=high, unit="", source=source, note=note)
+            )
+    return checks
 
 
 def side_force(bench: Bench) -> list[Check]:

@@ -157,6 +157,21 @@ def test_a_diverged_plant_fails_its_experiment_and_the_others_still_run(tmp_path
     assert "MuJoCo" in check.note or "finite" in check.note or "time" in check.note
 
 
+def test_the_card_says_where_the_side_force_is_at_an_assumed_limit():
+    def notes(**changes):
+        return [check.note for check in EXPERIMENTS["mobility numbers"](replace(**changes))]
+
+    def replace(**changes):
+        return dataclasses.replace(GRASS, **changes)
+
+    assert not any("at the" in note for note in notes())
+    assert all("M = " in note and "per rad" in note for note in notes())
+    assert "at the cap of side stiffness" in notes(soil=SoilMap(2000.0))[1]
+    assert all("at the limit of side force" in note for note in notes(soil=SoilMap(50.0)))
+    stiffer = dataclasses.replace(GRASS.wheel_law, side_stiffness_most_per_rad=3.0)
+    assert all("at the cap" in note for note in notes(wheel_law=stiffer))
+
+
 def test_off_tracking_grows_as_the_radius_shrinks():
     assert off_tracking(GRASS, 10.0) > off_tracking(GRASS, 20.0) > 0.0
 
