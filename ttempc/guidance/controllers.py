@@ -172,7 +172,7 @@ def make_controller(
         >>> reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
         >>> controller = make_controller("ttempc", vehicle, reference, 0.2, options={"horizon": 15})
         >>> sorted(CONTROLLERS)[:3]
-        ['feedforward', 'lqr', 'nmpc']
+        ['feedforward', 'kayacan-nmpc', 'lqr']
     """
     entry = controller_entry(name)
     if entry.tube == "required" and design is None:

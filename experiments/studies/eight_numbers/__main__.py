@@ -21,7 +21,7 @@ from .tables import fit_table, search_table
 
 STAGES = ("fit", "search", "all")
 FOLDER = Path("runs/eight-numbers")
-BUDGET, FIT_BUDGET = 144, 48
+BUDGET, FIT_BUDGET = 80, 32
 
 
 def markdown(

@@ -11,12 +11,12 @@ from scipy.stats import qmc
 
 from ttempc.types import FloatArray
 
-START: Final = 64  # points of the Sobol sequence
+START: Final = 32  # points of the Sobol sequence
 BATCH: Final = 8  # points evaluated at a time
 _PARENTS: Final = 6  # best points from which mutations start
 _CROSSING: Final = 0.3  # probability that an entry comes from a second parent
 _REDRAWN: Final = 0.1  # probability that an entry is drawn anew, which a choice may need
-_SPREAD: Final = (0.2, 0.985, 0.02)  # standard deviation at first, its factor a point, its least
+_SPREAD: Final = (0.2, 0.97, 0.02)  # standard deviation at first, its factor a point, its least
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,6 +31,8 @@ from .search import Trial, best, search
 
 TUNING_SEEDS: Final = (1, 2, 3, 4, 5)
 REPORT_SEEDS: Final = (201, 202, 203, 204, 205)  # never tuned on
+RACE_SEEDS: Final = (2, 3)  # driven too where the first tuning seed has a distance below
+RACED: Final = 0.6
 CANDIDATES: Final = 3  # of the search, driven again on all tuning seeds
 WITHIN: Final = 0.25  # relative difference of a number that counts as found
 WORST: Final = 3.0  # largest relative difference that counts, also that of a run that is lost
@@ -115,12 +117,22 @@ class Found:
 
 
 def find(problem: Problem, store: RunStore, budget: int, path: tuple[str, ...] = ONE_LAP) -> Found:
-    """Search a problem on the first tuning seed; choose on all of them; drive the report seeds."""
+    """Search a problem on the first tuning seeds; choose on all of them; drive the report seeds.
+
+    The score of a set is its distance on the first seed. Where that is below `RACED`, it is the
+    mean distance over the first seed and `RACE_SEEDS`, so that one lucky run wins nothing.
+    """
     first = TUNING_SEEDS[:1]
 
     def scores(points: Sequence[FloatArray]) -> list[float]:
         errors = problem.errors_cm(store, points, first, path)
-        return distance(errors[:, 0], problem.published_cm).tolist()
+        score = distance(errors[:, 0], problem.published_cm)
+        raced = np.flatnonzero(score < RACED)
+        if raced.size:
+            more = problem.errors_cm(store, [points[i] for i in raced], RACE_SEEDS, path)
+            total = score[raced] + distance(more, problem.published_cm).sum(axis=1)
+            score[raced] = total / (1 + len(RACE_SEEDS))
+        return score.tolist()
 
     trials = search(scores, len(problem.parameters), budget, problem.known)
     evaluated = partial(problem.errors_cm, store, path=path)
