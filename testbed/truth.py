@@ -43,6 +43,21 @@ class Wheels:
 
 
 @dataclass(frozen=True, slots=True)
+class Tool:
+    """State of an implement; arrays are (n,), its points from right to left."""
+
+    x: float  # [m] tool point: in the middle of the points, at the height of the trailer's axle
+    y: float  # [m]
+    z: float  # [m]
+    behind: float  # [m] distance of the tool point behind the trailer point
+    lowered: float  # 1 in working position, 0 raised
+    distance: float  # [m] driven by the trailer point
+    depth: FloatArray  # [m] below the ground
+    draft: FloatArray  # [N] backward on the trailer
+    side: FloatArray  # [N] on the trailer, to its left
+
+
+@dataclass(frozen=True, slots=True)
 class Truth:
     """State of the plant at one moment. Points are axle centres; angles: docs/architecture.md."""
 
@@ -64,3 +79,4 @@ class Truth:
     wheels: Wheels
     body_xyz: FloatArray  # (n, 3) [m] of every body, order of `Plant.body_names`
     body_quat: FloatArray  # (n, 4) w, x, y, z
+    tool: Tool | None = None  # None without an implement

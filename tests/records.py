@@ -11,6 +11,7 @@ from proving_ground.testbed.recording.channels import (
     REFERENCE,
     STATE,
     TIMING,
+    TOOL,
     TUBE,
     TYRES,
 )
@@ -53,11 +54,13 @@ def record(
     turned=0.0,
     moved=(0.0, 0.0),
     mirrored=False,
+    tool=None,
     events=(),
 ) -> Record:
     """Return a run at 1 m/s whose tractor and trailer keep constant errors (tractor, trailer).
 
-    The map may be turned, then moved; `mirrored` reflects everything at the x axis.
+    The map may be turned, then moved; `mirrored` reflects everything at the x axis. With `tool`
+    (along, cross) there is an implement, lowered in the first half.
     """
     rng = np.random.default_rng(1)
     t = PERIOD_S * np.arange(round(duration_s / PERIOD_S) + 1)
@@ -96,6 +99,7 @@ def record(
         ),
         TYRES: (t, _tyres(t, rng)),
         TUBE: (t[:0], {}),  # kept to by few controllers
+        TOOL: _tool(t, reference, tool) if tool else (t[:0], {}),
     }
     return Record(
         {
@@ -139,6 +143,24 @@ def _control(t, curvature, rng):
             f"{name}_limited": (np.clip(total, low, high) != total).astype(float),
         }
     return columns
+
+
+def _tool(t, reference, error):
+    """Return rows of a tool half a metre behind the trailer point, with a constant error."""
+    cos, sin = np.cos(reference["psi_i_rad"]), np.sin(reference["psi_i_rad"])
+    x, y = reference["x_i_m"] - 0.5 * cos, reference["y_i_m"] - 0.5 * sin
+    lowered = t < 0.5 * t[-1]
+    along, cross = (np.where(lowered, each, 9.0) for each in error)
+    return t, {
+        "x_m": x + along * cos - cross * sin,
+        "y_m": y + along * sin + cross * cos,
+        "x_reference_m": x,
+        "y_reference_m": y,
+        "depth_m": np.where(lowered, 0.05, 0.0),
+        "draft_n": np.where(lowered, 900.0 + t, 0.0),
+        "side_n": np.where(lowered, -50.0, 0.0),
+        "lowered": lowered.astype(float),
+    }
 
 
 def _tyres(t, rng):

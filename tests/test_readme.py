@@ -66,6 +66,12 @@ def test_the_path_example_is_accepted(tmp_path):
     assert mission.path.length_m == pytest.approx(40.0)
 
 
+def test_the_implement_example_is_accepted(tmp_path):
+    file = tmp_path / "tilled.toml"
+    file.write_text(blocks("toml")[2])
+    assert load(str(file))[1].implement.work_m == ((3.0, 130.0),)
+
+
 @pytest.mark.parametrize("target", ["run", "test", "lint"])
 def test_the_make_targets_exist(target):
     done = subprocess.run(

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE
 
 from ..results.run_comparison import ComparedRun
-from ..results.tracking_errors import BODIES, BodyError, position_fields
+from ..results.tracking_errors import BODIES, position_fields
 from .signals import INPUTS
 from .style import (
     BLACK,
@@ -52,16 +52,18 @@ def paths_figure(runs: Sequence[ComparedRun]) -> Figure:
 
 
 def errors_figure(runs: Sequence[ComparedRun]) -> Figure:
-    """Return the errors of both axle points over the common time, curves shaded."""
-    figure = blank(4.6)
-    rows = figure.subplots(2, 1, sharex=True, sharey=True)
-    for axes, body in zip(rows, BODIES, strict=True):
+    """Return the errors of all points over the common time, curves shaded."""
+    points = max((run.errors.by_point for run in runs), key=len)
+    figure = blank(2.3 * len(points))
+    rows = figure.subplots(len(points), 1, sharex=True, sharey=True)
+    for axes, point in zip(rows, points, strict=True):
         shade(axes, runs[0].errors.time_s, runs[0].errors.curved)
         for run, colour in zip(runs, _COLOURS, strict=False):
-            error: BodyError = getattr(run.errors, body)
+            if (error := run.errors.by_point.get(point)) is None:
+                continue
             centimetres = 100 * error.euclidean_m
             axes.plot(run.errors.time_s, centimetres, color=colour, linewidth=0.9, label=run.label)
-        dress(axes, "", f"{body} error [cm]")
+        dress(axes, "", f"{point} error [cm]")
         axes.margins(x=0.0)
         axes.set_ylim(bottom=0.0)
     _legend(figure, len(runs))

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from proving_ground.testbed.recording.channels import REFERENCE, STATE
+from proving_ground.testbed.recording.channels import REFERENCE, STATE, TOOL
 from proving_ground.testbed.recording.record import Record
 
 from ..results.tracking_errors import (
@@ -38,7 +38,7 @@ def path_figure(record: Record) -> Figure:
     _draw_paths(whole, record)
     dress(whole, "x east [m]", "y north [m]")
     whole.set_aspect("equal", adjustable="datalim")
-    legend(whole, 3)
+    legend(whole, 4)
     errors = tracking_errors(record)
     for axes, where, rows in zip(
         zooms, ("straight", "curve"), (~errors.curved, errors.curved), strict=True
@@ -58,6 +58,10 @@ def _draw_paths(axes: Axes, record: Record) -> None:
     for body in BODIES:
         driven = record[STATE].columns(*position_fields(body))
         axes.plot(*driven.T, color=BODY_COLOURS[body], linewidth=1.0, label=body)
+    tool = record[TOOL]
+    if len(tool):
+        driven = np.where(tool["lowered"] == 1.0, tool.columns("x_m", "y_m").T, np.nan)
+        axes.plot(*driven, color=BODY_COLOURS["tool"], linewidth=1.0, label="tool, lowered")
 
 
 def _zoom(

@@ -28,7 +28,7 @@ PALE: Final = "#C4C4C4"
 _SERIES_COLOURS: Final = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
 _SERIES_MARKERS: Final = "osD^vP"
 
-BODY_COLOURS: Final = {"tractor": BLUE, "trailer": RED}
+BODY_COLOURS: Final = {"tractor": BLUE, "trailer": RED, "tool": GREEN}
 CURVE_SHADE: Final = "#EDEDE6"
 HATCH: Final = "#CFCFCF"
 GRID: Final = "#DDDDDD"

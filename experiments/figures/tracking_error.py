@@ -1,4 +1,4 @@
-"""Figure of the Euclidean errors of tractor and trailer over time, as in the paper."""
+"""Figure of the Euclidean errors of tractor, trailer and tool over time, as in the paper."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from matplotlib.figure import Figure
 
 from proving_ground.testbed.recording.record import Record
 
-from ..results.tracking_errors import BODIES, START_UP_S, BodyError, TrackingErrors, tracking_errors
+from ..results.tracking_errors import START_UP_S, BodyError, TrackingErrors, tracking_errors
 from .style import BODY_COLOURS, GREY, blank, dress, note, shade
 
 
 def error_figure(record: Record) -> Figure:
-    """Return the errors of both bodies, curves shaded, with their means."""
+    """Return the errors of all points, curves shaded, with their means."""
     errors = tracking_errors(record)
-    figure = blank(4.2)
-    rows = figure.subplots(2, 1, sharex=True, sharey=True)
-    for axes, body in zip(rows, BODIES, strict=True):
-        error: BodyError = getattr(errors, body)
+    points = errors.by_point
+    figure = blank(2.1 * len(points))
+    rows = figure.subplots(len(points), 1, sharex=True, sharey=True)
+    for axes, (body, error) in zip(rows, points.items(), strict=True):
         shade(axes, errors.time_s, errors.curved)
         shade(axes, errors.time_s, errors.time_s < START_UP_S, hatch="////")
         axes.plot(errors.time_s, 100 * error.euclidean_m, color=BODY_COLOURS[body], linewidth=1.0)
@@ -33,7 +33,7 @@ def error_figure(record: Record) -> Figure:
 
 def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
     """Draw the mean errors on straights and on curves as lines, with their values as text."""
-    counted = errors.time_s >= START_UP_S
+    counted = (errors.time_s >= START_UP_S) & np.isfinite(error.along_m)
     parts = []
     for name, rows in (
         ("straights", counted & ~errors.curved),

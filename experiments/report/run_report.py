@@ -10,7 +10,7 @@ from proving_ground.testbed.recording.record import Event
 
 from ..figures import CAPTIONS
 from ..results.published import CAVEAT, compare
-from ..results.summary import InputStatistics, Spread, Summary
+from ..results.summary import ImplementStatistics, InputStatistics, Spread, Summary
 from ..results.table import centimetres
 from ..results.tracking_errors import START_UP_S
 from ..scenario.vehicle import ParameterMismatch
@@ -60,15 +60,15 @@ def render_run_report(
 
 def _errors(summary: Summary) -> list[tuple[str, tuple[float | None, ...]]]:
     return [
-        (f"{body}, {where}", astuple(getattr(getattr(summary.tracking, where), body)))
+        (f"{point}, {where}", astuple(error))
         for where in ("straight", "curve", "all")
-        for body in ("tractor", "trailer")
+        for point, error in getattr(summary.tracking, where).by_point.items()
     ]
 
 
 def _facts(summary: Summary) -> list[tuple[str, str]]:
     timing, inputs, slip = summary.timing, summary.inputs, summary.slip
-    estimation = summary.estimation
+    estimation, implement = summary.estimation, summary.implement
     return [
         ("run", summary.run_id),
         ("versions", ", ".join(f"{name} {text}" for name, text in summary.versions.items())),
@@ -91,12 +91,22 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
             f"{_number(slip.rear_p95, '{:.1%}')} (p95); trailer slip angle "
             f"{_number(slip.trailer_slip_angle_p95_rad, '{:.3f}')} rad (p95)",
         ),
+        *([("implement", _implement(implement))] if implement else []),
     ]
 
 
 def _spread(cost_us: Spread) -> str:
     parts = (("median", cost_us.median), ("p99", cost_us.p99), ("max", cost_us.max))
     return ", ".join(f"{name} {_number(value, '{:.0f}')} us" for name, value in parts)
+
+
+def _implement(statistics: ImplementStatistics) -> str:
+    return (
+        f"draft {_number(statistics.draft_mean_n, '{:.0f}')} N (mean), "
+        f"{_number(statistics.draft_p95_n, '{:.0f}')} N (p95); side force "
+        f"{_number(statistics.side_p95_n, '{:.0f}')} N (p95); depth "
+        f"{centimetres(statistics.depth_mean_m)} cm (mean)"
+    )
 
 
 def _input(statistics: InputStatistics, unit: str) -> str:

@@ -7,7 +7,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING, TUBE, TYRES
+from proving_ground.testbed.recording.channels import (
+    CONTROL,
+    ESTIMATE,
+    STATE,
+    TIMING,
+    TOOL,
+    TUBE,
+    TYRES,
+)
 from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
@@ -16,6 +24,7 @@ from .summary import (
     BodyStatistics,
     ErrorStatistics,
     EstimationStatistics,
+    ImplementStatistics,
     InputsStatistics,
     InputStatistics,
     MeanError,
@@ -64,6 +73,7 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
         inputs=_inputs(record),
         tube=_tube(record),
         slip=_slip(record),
+        implement=_implement(record),
         log=facts.log,
     )
 
@@ -73,8 +83,11 @@ def tracking_statistics(errors: TrackingErrors) -> TrackingStatistics:
     counted = errors.time_s >= START_UP_S
 
     def over(rows: NDArray[np.bool_]) -> BodyStatistics:
+        tool = errors.tool
         return BodyStatistics(
-            _error_statistics(errors.tractor.at(rows)), _error_statistics(errors.trailer.at(rows))
+            _error_statistics(errors.tractor.at(rows)),
+            _error_statistics(errors.trailer.at(rows)),
+            tool and _error_statistics(tool.at(rows & np.isfinite(tool.along_m))),
         )
 
     return TrackingStatistics(
@@ -168,6 +181,20 @@ def _slip(record: Record) -> SlipStatistics:
         rear_mean=_mean(rear),
         rear_p95=_percentile(rear, 95.0),
         trailer_slip_angle_p95_rad=_percentile(angle, 95.0),
+    )
+
+
+def _implement(record: Record) -> ImplementStatistics | None:
+    table = record[TOOL]
+    if not len(table):
+        return None
+    works = (table.time_s >= START_UP_S) & (table["lowered"] == 1.0)
+    draft = table["draft_n"][works]
+    return ImplementStatistics(
+        depth_mean_m=_mean(table["depth_m"][works]),
+        draft_mean_n=_mean(draft),
+        draft_p95_n=_percentile(draft, 95.0),
+        side_p95_n=_percentile(np.abs(table["side_n"][works]), 95.0),
     )
 
 

@@ -6,7 +6,7 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import astuple, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -85,10 +85,12 @@ def format_comparison(runs: Sequence[ComparedRun]) -> str:
     """Return the tracking errors of all runs as text, in centimetres."""
     width = max(len(run.label) for run in runs) + 2
     blocks = [f"Tracking error [cm], 8 to {runs[0].end_s:.1f} s"]
-    for body in BODIES:
-        blocks += ["", body.ljust(width) + "".join(head.rjust(10) for head in _COLUMNS)]
-        for run in runs:
-            error: ErrorStatistics = getattr(run.statistics.all, body)
+    points = [run.statistics.all.by_point for run in runs]
+    for point in max(points, key=len):
+        blocks += ["", point.ljust(width) + "".join(head.rjust(10) for head in _COLUMNS)]
+        for run, errors in zip(runs, points, strict=True):
+            if (error := errors.get(point)) is None:  # a run without an implement
+                continue
             cells = (centimetres(getattr(error, name)) for name in _COLUMNS.values())
             blocks.append(run.label.ljust(width) + "".join(cell.rjust(10) for cell in cells))
     return "\n".join(blocks)
@@ -97,17 +99,16 @@ def format_comparison(runs: Sequence[ComparedRun]) -> str:
 def comparison_csv(runs: Sequence[ComparedRun]) -> str:
     """Return all tracking statistics of all runs as CSV in SI units.
 
-    Each line holds one body of one run on straights, on curves or on all of the path.
+    Each line holds one point of one run on straights, on curves or on all of the path.
     """
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     fields = list(ErrorStatistics.__dataclass_fields__)
     writer.writerow(["run", "end_s", "where", "body", *fields])
     for run in runs:
-        for where, bodies in asdict(run.statistics).items():
-            for body, statistics in bodies.items():
-                numbers = (statistics[field] for field in fields)
-                writer.writerow([run.label, f"{run.end_s:.3f}", where, body, *numbers])
+        for where in ("straight", "curve", "all"):
+            for point, error in getattr(run.statistics, where).by_point.items():
+                writer.writerow([run.label, f"{run.end_s:.3f}", where, point, *astuple(error)])
     return stream.getvalue()
 
 

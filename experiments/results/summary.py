@@ -30,7 +30,7 @@ class RunFacts:
 
 @dataclass(frozen=True, slots=True)
 class ErrorStatistics:
-    """Tracking error of one axle point."""
+    """Tracking error of one point."""
 
     mean_euclidean_m: float | None
     rms_m: float | None  # rms, p95 and max of the Euclidean error
@@ -40,15 +40,22 @@ class ErrorStatistics:
     along_sd_m: float | None
     cross_mean_m: float | None
     cross_sd_m: float | None
-    cross_p95_m: float | None  # of the absolute cross-track error, as in ISO 12188-2
+    cross_p95_m: float | None  # of the absolute cross-track error
 
 
 @dataclass(frozen=True, slots=True)
 class BodyStatistics:
-    """Tracking errors of both axle points."""
+    """Tracking errors of both axle points, and of the tool point while it is lowered."""
 
     tractor: ErrorStatistics
     trailer: ErrorStatistics
+    tool: ErrorStatistics | None = None  # None if the run has no implement
+
+    @property
+    def by_point(self) -> dict[str, ErrorStatistics]:
+        """Return the statistics by the name of their point: tractor, trailer, tool if any."""
+        points = {"tractor": self.tractor, "trailer": self.trailer}
+        return points if self.tool is None else {**points, "tool": self.tool}
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +129,16 @@ class SlipStatistics:
 
 
 @dataclass(frozen=True, slots=True)
+class ImplementStatistics:
+    """Depth and forces of a lowered implement after start-up."""
+
+    depth_mean_m: float | None
+    draft_mean_n: float | None
+    draft_p95_n: float | None
+    side_p95_n: float | None  # of the absolute side force
+
+
+@dataclass(frozen=True, slots=True)
 class TubeStatistics:
     """Containment of both true axle points in the controller's tube after start-up.
 
@@ -151,6 +168,7 @@ class Summary:
     inputs: InputsStatistics
     tube: TubeStatistics | None  # None if the run has no tube
     slip: SlipStatistics
+    implement: ImplementStatistics | None  # None if the run has no implement
     log: str | None
 
     def to_json(self) -> str:

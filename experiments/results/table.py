@@ -25,7 +25,7 @@ def format_run(summary: Summary) -> str:
     ]
     for where in ("straight", "curve", "all"):
         bodies: BodyStatistics = getattr(summary.tracking, where)
-        for body, error in (("tractor", bodies.tractor), ("trailer", bodies.trailer)):
+        for body, error in bodies.by_point.items():
             cells = _cells(error, published.get((where, body)))
             lines.append(f"{where:<10}{body}".ljust(_BODY_WIDTH) + _row(cells))
     lines += [
@@ -68,6 +68,12 @@ def _other_numbers(summary: Summary) -> list[str]:
     lines = []
     if step.median is not None and step.p99 is not None:
         lines.append(f"Control step {step.median:.0f} us (median), {step.p99:.0f} us (p99)")
+    slip, implement = summary.slip.rear_mean, summary.implement
+    if implement is not None and implement.draft_mean_n is not None and slip is not None:
+        lines.append(
+            f"Draft {implement.draft_mean_n:.0f} N (mean), {implement.draft_p95_n:.0f} N (p95); "
+            f"slip of the rear wheels {100.0 * slip:.1f} % (mean)"
+        )
     tube = summary.tube
     if tube is not None and tube.contained_fraction is not None and tube.margin_min is not None:
         lines.append(

@@ -1,4 +1,4 @@
-"""Tracking errors of tractor and trailer against their time-based references."""
+"""Tracking errors of tractor, trailer and tool against their time-based references."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from proving_ground.testbed.recording.channels import REFERENCE, STATE, Channel
+from proving_ground.testbed.recording.channels import REFERENCE, STATE, TOOL, Channel
 from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
@@ -47,19 +47,28 @@ class TrackingErrors:
     curved: NDArray[np.bool_]  # (n,) by the reference's curvature at the tractor point
     tractor: BodyError
     trailer: BodyError
+    tool: BodyError | None = None  # of an implement's tool point, NaN while it is not lowered
+
+    @property
+    def by_point(self) -> dict[str, BodyError]:
+        """Return the errors by the name of their point: tractor, trailer, tool if any."""
+        points = {"tractor": self.tractor, "trailer": self.trailer}
+        return points if self.tool is None else {**points, "tool": self.tool}
 
     def until(self, end_s: float) -> TrackingErrors:
         """Return the errors up to a time."""
         rows = self.time_s <= end_s
         tractor, trailer = self.tractor.at(rows), self.trailer.at(rows)
-        return TrackingErrors(self.time_s[rows], self.curved[rows], tractor, trailer)
+        tool = self.tool and self.tool.at(rows)
+        return TrackingErrors(self.time_s[rows], self.curved[rows], tractor, trailer, tool)
 
 
 def tracking_errors(record: Record) -> TrackingErrors:
-    """Return the errors of both axle points against their time-based references."""
+    """Return the errors of all points against their time-based references."""
     time_s, state, reference = rows_at_same_time(record, STATE, REFERENCE)
     errors = {body: body_error(record, state, reference, body) for body in BODIES}
-    return TrackingErrors(time_s, is_curved(record)[reference], **errors)
+    tool = _tool_error(record, time_s, reference)
+    return TrackingErrors(time_s, is_curved(record)[reference], **errors, tool=tool)
 
 
 def is_curved(record: Record) -> NDArray[np.bool_]:
@@ -101,7 +110,31 @@ def body_error(
     """
     fields = position_fields(body)
     position = record[STATE].columns(*fields)[state]
-    dx, dy = (position - record[REFERENCE].columns(*fields)[reference]).T
-    heading = record[REFERENCE][f"psi_{BODIES[body]}_rad"][reference]
+    error = position - record[REFERENCE].columns(*fields)[reference]
+    return _in_frame(error, record[REFERENCE][f"psi_{BODIES[body]}_rad"][reference])
+
+
+def _tool_error(
+    record: Record, time_s: FloatArray, reference: NDArray[np.intp]
+) -> BodyError | None:
+    """Return the error of the tool point, None without an implement.
+
+    Args:
+        record: of the run; its rows of the implement are as many as those of the state, or none.
+        time_s: times of the errors, (n,).
+        reference: rows of the reference channel at these times, (n,).
+    """
+    table = record.tables.get(TOOL.topic)
+    if table is None or not len(table):
+        return None
+    rows = np.searchsorted(table.time_s, time_s)
+    error = table.columns("x_m", "y_m") - table.columns("x_reference_m", "y_reference_m")
+    error[table["lowered"] < 1.0] = np.nan
+    return _in_frame(error[rows], record[REFERENCE]["psi_i_rad"][reference])
+
+
+def _in_frame(error: FloatArray, heading: FloatArray) -> BodyError:
+    """Return errors (n, 2) [m] in the frames of references with these headings [rad], (n,)."""
+    dx, dy = error.T
     cos, sin = np.cos(heading), np.sin(heading)
     return BodyError(cos * dx + sin * dy, cos * dy - sin * dx)

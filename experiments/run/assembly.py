@@ -13,6 +13,7 @@ from proving_ground.testbed.discretisation import whole_steps
 from proving_ground.testbed.ground.grid import Grid
 from proving_ground.testbed.ground.soil_layers import StrengthMap
 from proving_ground.testbed.ground.terrain import Terrain
+from proving_ground.testbed.implement.mounted import check_pull
 from proving_ground.testbed.randomness import generator
 from proving_ground.testbed.recording.sink import Sink
 from proving_ground.testbed.sensing.sensors import SensorSuite
@@ -20,6 +21,7 @@ from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.simulation.termination import TerminationLimits
+from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.controllers import controller_options
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import run_on
@@ -31,7 +33,6 @@ from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
-from ..scenario.assumed_noise import assumed_noise
 from ..scenario.controller import TRUTH, ControllerSettings
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
@@ -41,6 +42,7 @@ from .user_code import is_user_code, load_factory, user_controller, user_estimat
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
 RECORD_RATE_HZ = 25.0  # of the paper's fastest sensors
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
+_BLOCK = 4096  # rows of the reference at a time: a sample takes twice the memory of a row
 EDGE_M = 4.0  # from path to edge of the field: vehicle, antenna and a metre of error
 
 
@@ -55,13 +57,22 @@ class Assembly:
     reference: Reference
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
-    notes: tuple[str, ...] = ()  # on the path, for the log
+    notes: tuple[str, ...] = ()  # on path and tyres, for the log
     stages: tuple[Stage, ...] = STAGES
 
     @property
     def vehicle(self) -> Vehicle:
         """Model parameters of the guidance."""
         return self.guidance.vehicle
+
+    def start(self) -> None:
+        """Put the plant to the start of the reference, rolling.
+
+        Raises:
+            InvalidPlant: the vehicle does not stand there.
+        """
+        x, y, yaw, *_, speed = self.reference.at(0.0).state.tolist()
+        self.plant.reset(x, y, yaw, speed)
 
     def setup(self, sink: Sink, record_hz: float = RECORD_RATE_HZ) -> SimulationSetup:
         """Return the run with the sink in its place, the plant at its start and rolling.
@@ -70,9 +81,7 @@ class Assembly:
             sink: is told everything.
             record_hz: how often it is told the truth [Hz]; see `record_steps`.
         """
-        start = self.reference.at(0.0)
-        x, y, yaw = start.state[:3]
-        self.plant.reset(float(x), float(y), float(yaw), float(start.state[6]))
+        self.start()
         timestep = self.plant.timestep_s
         rows = self._reference_rows(record_hz)
         return SimulationSetup(
@@ -99,7 +108,12 @@ class Assembly:
         """Return rows of `channels.REFERENCE`, one for each of the truth."""
         beyond = run_on(self.ticks) if self.guidance.space_based else 0
         count = (self.ticks + beyond) * round(CONTROL_PERIOD_S * record_hz) + 1
-        sample = self.reference.at(np.arange(count) / record_hz)
+        times = np.arange(count) / record_hz
+        parts = (times[k : k + _BLOCK] for k in range(0, len(times), _BLOCK))
+        return np.concatenate([self._reference_columns(part) for part in parts])
+
+    def _reference_columns(self, times: FloatArray) -> FloatArray:
+        sample = self.reference.at(times)
         x, y, psi_t, psi_i, delta_t, delta_i, v = sample.state.T
         columns = (
             x,
@@ -140,6 +154,7 @@ def assemble(
     timestep = scenario.plant.timestep_s
     record_steps(timestep, RECORD_RATE_HZ)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
+    _check_pull(scenario, vehicles, mission, soil.background)
     plant = Plant(
         vehicles.plant,
         terrain,
@@ -148,19 +163,22 @@ def assemble(
         wheel_law=scenario.plant.wheel_law,
         timestep_s=timestep,
         actuators=scenario.actuators,
+        implement=scenario.implement,
     )
     sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
-    return Assembly(
+    assembly = Assembly(
         plant=plant,
         sensors=sensors,
         guidance=_guidance(scenario, reference, plant, factory),
         terrain=terrain,
         reference=reference,
         ticks=_ticks(reference),
-        mismatch=vehicles.mismatch,
-        notes=mission.notes,
+        mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
+        notes=(*mission.notes, *overload_notes(vehicles.plant)),
         stages=_stages(scenario, seed),
     )
+    assembly.start()  # refused here, before anything is written
+    return assembly
 
 
 def check(scenario: Scenario) -> int:
@@ -184,7 +202,8 @@ def check(scenario: Scenario) -> int:
         load_factory(stage.make, "stage")
     timestep_s = scenario.plant.timestep_s
     record_steps(timestep_s, RECORD_RATE_HZ)
-    scenario.soil.soil(0, level, mission.path, strength_map)
+    soil = scenario.soil.soil(0, level, mission.path, strength_map)
+    _check_pull(scenario, vehicles, mission, soil.background)
     front_stop = math.radians(vehicles.plant.front_steering.limit_deg)
     trailer_stop = math.radians(vehicles.plant.trailer_steering.limit_deg)
     Actuators(scenario.actuators, timestep_s, (front_stop, trailer_stop))
@@ -216,6 +235,14 @@ def _way(
     if strength_map:
         _check_covered(path, strength_map, "soil map", "soil.map")
     return Reference(path, vehicle, mission.speed), strength_map
+
+
+def _check_pull(
+    scenario: Scenario, vehicles: Vehicles, mission: Mission, cone_index: float
+) -> None:
+    if scenario.implement:
+        law, speed = scenario.plant.wheel_law, mission.speed.top_speed
+        check_pull(law, scenario.implement, vehicles.plant, cone_index, speed)
 
 
 def _ticks(reference: Reference) -> int:
@@ -250,7 +277,7 @@ def _guidance(
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
-    noise = assumed_noise(scenario.sensors)
+    noise = settings.noise.sensor_noise(scenario.sensors)
     controller, options, tube = settings.name, settings.options, None
     if factory is None and is_user_code(settings.name):
         factory = load_factory(settings.name, "controller")

@@ -1,25 +1,87 @@
-"""Measurement noise that an estimator assumes."""
+"""`[controller.noise]`: measurement noise that the estimator assumes.
+
+An estimator assumes that every error is white and that every GNSS sample is one of the axle point,
+also where the sensors differ from that.
+"""
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from dataclasses import replace
+from typing import Annotated, Final, Literal
 
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from proving_ground.testbed.configuration.config_io import STRICT
 from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from ttempc.estimation.noise import SensorNoise
+
+from .vehicle import ParameterMismatch
 
 # Without measurement noise the covariance of the innovation would be singular.
 _MIN_SD: Final = 1e-3  # [m], [rad], [m/s]
 
+AssumedSd = Annotated[float, Field(ge=_MIN_SD)]
 
-def assumed_noise(sensors: SensorSpecification) -> SensorNoise:
-    """Return the standard deviations of the sensors, each at least 0.001 in its SI unit.
 
-    The estimator assumes that every error is white and that every GNSS sample is one of the axle
-    point, also where the sensors differ from that.
-    """
-    return SensorNoise(
-        gnss=max(sensors.gnss_sd_m, _MIN_SD),
-        steering=max(sensors.angle_sd, _MIN_SD),
-        hitch=max(sensors.angle_sd, _MIN_SD),
-        encoder=max(sensors.encoder_sd_mps, _MIN_SD),
-    )
+@dataclass(frozen=True, config=STRICT)
+class NoiseSettings:
+    """Standard deviations that the estimator assumes; absent: those of `assumed`."""
+
+    assumed: Literal["sensors", "paper"] = "sensors"
+    """Origin of the absent keys: the table `[sensors]`, as from a data sheet, or the paper's
+    sensors. A change drops the file's other keys."""
+    gnss_sd_m: AssumedSd | None = None
+    """Position of both receivers, each axis."""
+    angle_sd_deg: AssumedSd | None = None
+    """Both steering angles and the hitch angle."""
+    encoder_sd_mps: AssumedSd | None = None
+    """Speed of the encoder."""
+
+    def filled(self, sensors: SensorSpecification) -> NoiseSettings:
+        """Return the table with the absent keys filled in, each at least 0.001 in its SI unit.
+
+        Args:
+            sensors: of the vehicle.
+        """
+        return replace(self, **self._values(sensors))
+
+    def sensor_noise(self, sensors: SensorSpecification) -> SensorNoise:
+        """Return the noise that the estimator assumes.
+
+        Args:
+            sensors: of the vehicle; they give the absent keys.
+        """
+        values = self._values(sensors)
+        angle = math.radians(values["angle_sd_deg"])
+        return SensorNoise(
+            gnss=values["gnss_sd_m"],
+            steering=angle,
+            hitch=angle,
+            encoder=values["encoder_sd_mps"],
+        )
+
+    def mismatch(self, sensors: SensorSpecification) -> tuple[ParameterMismatch, ...]:
+        """Return the values that differ from those that the sensors' specification gives."""
+        assumed = self._values(sensors)
+        return tuple(
+            ParameterMismatch(f"controller.noise.{key}", true, assumed[key])
+            for key, true in _standard_deviations(sensors).items()
+            if assumed[key] != true
+        )
+
+    def _values(self, sensors: SensorSpecification) -> dict[str, float]:
+        values = _standard_deviations(
+            sensors if self.assumed == "sensors" else SensorSpecification()
+        )
+        given = {key: getattr(self, key) for key in values}
+        return values | {key: value for key, value in given.items() if value is not None}
+
+
+def _standard_deviations(sensors: SensorSpecification) -> dict[str, float]:
+    return {
+        "gnss_sd_m": max(sensors.gnss_sd_m, _MIN_SD),
+        "angle_sd_deg": max(sensors.angle_sd_deg, math.degrees(_MIN_SD)),
+        "encoder_sd_mps": max(sensors.encoder_sd_mps, _MIN_SD),
+    }

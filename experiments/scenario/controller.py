@@ -15,6 +15,7 @@ from ttempc.tube.reference_tube import TubeDesign
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
+from .assumed_noise import NoiseSettings
 from .tube_file import read_tube
 from .vehicle import ModelVehicleSettings
 
@@ -43,6 +44,8 @@ class ControllerSettings:
     """Options of the controller, such as `horizon`; keyword arguments of a user's factory."""
     vehicle: ModelVehicleSettings = ModelVehicleSettings()
     """Parameters of the model of controller and estimator."""
+    noise: NoiseSettings = NoiseSettings()
+    """Noise of the sensors that the estimator assumes."""
 
     def __post_init__(self) -> None:
         if ":" not in self.estimator and self.estimator not in (*ESTIMATORS, TRUTH):

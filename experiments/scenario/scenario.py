@@ -16,11 +16,14 @@ from proving_ground.testbed.actuation.actuators import ActuatorSpecification
 from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
 from proving_ground.testbed.configuration.resources import ShippedFiles
 from proving_ground.testbed.errors import InvalidPlant
+from proving_ground.testbed.implement.implement import Implement
 from proving_ground.testbed.recording.provenance import run_id
+from proving_ground.testbed.sensing.sensor_presets import with_preset
 from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from ttempc.errors import InvalidTuning
 
 from ..errors import InvalidScenario
+from .assumed_noise import NoiseSettings
 from .controller import ControllerSettings
 from .path import AnyPath, FigureEight
 from .plant import PlantSettings
@@ -48,6 +51,8 @@ class Scenario:
     """Strength of the ground."""
     plant: PlantSettings = PlantSettings()
     """Simulated vehicle."""
+    implement: Implement | None = None
+    """Soil-working implement on the trailer; absent: none."""
     actuators: ActuatorSpecification = ActuatorSpecification()
     """Command path from controller to servos."""
     sensors: SensorSpecification = SensorSpecification()
@@ -95,8 +100,10 @@ class ScenarioFile:
             InvalidScenario: a key or a value is not allowed, or the vehicle is not possible.
         """
         content = copy.deepcopy(self.content)
-        _drop_other_options(content, changes or {})
+        _drop_unselected(content, changes or {})
         merge_tables(content, changes or {})
+        if isinstance(content.get("sensors"), dict):
+            content["sensors"] = with_preset(content["sensors"])
         if isinstance(content.get("path"), dict):
             content["path"].setdefault("kind", FigureEight.kind)
         try:
@@ -109,7 +116,11 @@ class ScenarioFile:
         return replace(
             scenario,
             plant=replace(plant, vehicle=plant_vehicle),
-            controller=replace(controller, vehicle=model_vehicle),
+            controller=replace(
+                controller,
+                vehicle=model_vehicle,
+                noise=controller.noise.filled(scenario.sensors),
+            ),
         )
 
 
@@ -192,11 +203,32 @@ def without_none(value: Any) -> Any:  # noqa: ANN401 - any TOML value
     return [without_none(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
-def _drop_other_options(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Drop the file's options of a controller where the changes name another one."""
-    controller, other = content.get("controller"), changes.get("controller")
-    if not isinstance(controller, dict) or not isinstance(other, Mapping):
-        return
-    default = ControllerSettings().name
-    if other.get("name", controller.get("name", default)) != controller.get("name", default):
-        controller.pop("options", None)
+# Tables with a key that selects the values of other keys: the table, that key with its default, and
+# the other keys, None for all.
+_SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | None]]] = (
+    (("controller",), "name", ControllerSettings().name, ("options",)),
+    (("controller", "noise"), "assumed", NoiseSettings().assumed, None),
+    (("sensors",), "preset", SensorSpecification().preset, None),
+)
+
+
+def _drop_unselected(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Drop the file's values that belong to another selection than that of the changes.
+
+    They are the options of another controller and the values of another preset.
+    """
+    for tables, key, default, dependent in _SELECTIONS:
+        below, above = _table(content, tables), _table(changes, tables)
+        if below is None or above is None:
+            continue
+        selected = below.get(key, default)
+        if above.get(key, selected) != selected:
+            for name in dependent or tuple(below):
+                below.pop(name, None)
+
+
+def _table(content: Any, names: Sequence[str]) -> Any:  # noqa: ANN401 - any TOML value
+    """Return a table inside tables, None where there is none."""
+    for name in names:
+        content = content.get(name) if isinstance(content, Mapping) else None
+    return content if isinstance(content, Mapping) else None

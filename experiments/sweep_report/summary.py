@@ -44,8 +44,8 @@ def render_summary(report: SweepReport, prefix: str = "") -> str:
         )
         + ". "
         + (f"{unmeasured} " if unmeasured else "")
-        + "Errors are the 95th percentile of the trailer's unsigned cross-track error in a run "
-        "(ISO 12188-2), of runs that completed [cm]. In brackets 95 % intervals: failure rates by "
+        + "Errors are the 95th percentile of the trailer's unsigned cross-track error in a run, of "
+        "runs that completed [cm]. In brackets 95 % intervals: failure rates by "
         "Clopper and Pearson, all others by bootstrap over whole "
         f"{'points' if runs.by_point else 'seeds'}. Simulation.",
         "",

@@ -37,12 +37,15 @@ _SPEEDS: Final = (
 )
 
 
+_SAMPLES: Final = {sensor: (*parts, "time_s") for sensor, parts in COMPONENTS.items()}
+
+
 def _sensor_columns() -> dict[Sensor, slice]:
-    """Return the columns of each sensor in `MEASUREMENT`, in the order of `COMPONENTS`."""
+    """Return the columns of each sensor in `MEASUREMENT`: its components, then the sample time."""
     columns, first = {}, 0
-    for sensor, components in COMPONENTS.items():
-        columns[sensor] = slice(first, first + len(components))
-        first += len(components)
+    for sensor, parts in _SAMPLES.items():
+        columns[sensor] = slice(first, first + len(parts))
+        first += len(parts)
     return columns
 
 
@@ -67,9 +70,9 @@ REFERENCE: Final = Channel(
 )
 MEASUREMENT: Final = Channel(
     "/measurement",
-    "samples that the sensors delivered at this time, taken earlier by their latency; NaN where a "
-    "sensor delivered none",
-    tuple(f"{sensor}_{part}" for sensor, parts in COMPONENTS.items() for part in parts),
+    "samples that the sensors delivered at this time, each with the time at which it was taken; "
+    "NaN where a sensor delivered none",
+    tuple(f"{sensor}_{part}" for sensor, parts in _SAMPLES.items() for part in parts),
 )
 MEASUREMENT_COLUMNS: Final = _sensor_columns()
 ESTIMATE: Final = Channel(
@@ -174,6 +177,24 @@ TYRES: Final = Channel(
     "load, slip, forces and ground of every wheel",
     tuple(f"{wheel}_{quantity}" for wheel in WHEELS for quantity in _WHEEL_QUANTITIES),
 )
+TOOL: Final = Channel(
+    "/tool",
+    "implement on the trailer: its tool point and the reference of that point, depth (mean, "
+    "outermost points), forces on the trailer, lift (1 lowered, 0 raised), distance driven",
+    (
+        "x_m",
+        "y_m",
+        "x_reference_m",
+        "y_reference_m",
+        "depth_m",
+        "depth_left_m",
+        "depth_right_m",
+        "draft_n",
+        "side_n",
+        "lowered",
+        "distance_m",
+    ),
+)
 
 CHANNELS: Final = (
     STATE,
@@ -186,4 +207,5 @@ CHANNELS: Final = (
     SOLVER,
     TIMING,
     TYRES,
+    TOOL,
 )

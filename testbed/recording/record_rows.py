@@ -19,10 +19,14 @@ from ttempc.types import (
 )
 from ttempc.vehicle import Vehicle
 
-from ..truth import Truth
-from .channels import MEASUREMENT, MEASUREMENT_COLUMNS
+from ..truth import Tool, Truth
+from .channels import MEASUREMENT, MEASUREMENT_COLUMNS, REFERENCE
 
 NAN: Final = float("nan")
+
+_TRAILER_REFERENCE: Final = [
+    REFERENCE.fields.index(name) for name in ("x_i_m", "y_i_m", "psi_i_rad")
+]
 
 
 def state_row(truth: Truth) -> list[float]:
@@ -62,11 +66,37 @@ def tyres_row(truth: Truth) -> list[float]:
     return np.array(quantities).T.ravel().tolist()
 
 
+def tool_row(tool: Tool, reference: Sequence[float]) -> list[float]:
+    """Return the row of `channels.TOOL`.
+
+    Its reference lies as far behind the trailer's as the tool point behind the trailer point.
+
+    Args:
+        tool: of the truth.
+        reference: row of `channels.REFERENCE` at this time.
+    """
+    x, y, yaw = (reference[index] for index in _TRAILER_REFERENCE)
+    right, left = tool.depth[0], tool.depth[-1]
+    return [
+        tool.x,
+        tool.y,
+        x - tool.behind * math.cos(yaw),
+        y - tool.behind * math.sin(yaw),
+        float(tool.depth.mean()),
+        float(left),
+        float(right),
+        float(tool.draft.sum()),
+        float(tool.side.sum()),
+        tool.lowered,
+        tool.distance,
+    ]
+
+
 def measurement_row(samples: Sequence[Measurement]) -> list[float]:
-    """Return the row of `channels.MEASUREMENT` for samples of one moment."""
+    """Return the row of `channels.MEASUREMENT` for samples that are delivered at one moment."""
     row = [NAN] * len(MEASUREMENT.fields)
     for sample in samples:
-        row[MEASUREMENT_COLUMNS[sample.sensor]] = sample.value
+        row[MEASUREMENT_COLUMNS[sample.sensor]] = (*sample.value, sample.time_s)
     return row
 
 

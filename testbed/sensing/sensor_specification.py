@@ -9,6 +9,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from ..configuration.config_io import STRICT, Fraction, NotNegative, Positive
+from .sensor_presets import SensorPreset
 
 GnssError = Literal["white", "correlated", "non-gaussian"]
 GnssAntenna = Literal["point", "raw", "corrected"]
@@ -69,6 +70,10 @@ class SensorSpecification:
     controller runs at 5 Hz.
     """
 
+    preset: SensorPreset = "paper"
+    """Preset that gives the absent keys of a file: "paper", white noise at the axle points, or
+    "field", GNSS with correlated errors, antennas on masts, an IMU and latency
+    (`testbed/sensing/sensor_presets.py`). A change of preset drops the file's other keys."""
     gnss_rate_hz: Positive = 5.0
     """Sampling rate of both RTK receivers."""
     gnss_sd_m: NotNegative = 0.03

@@ -23,7 +23,7 @@ from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPI
 from ..sensing.sensors import SensorSuite
 from ..truth import Truth
 from .plant import Plant
-from .termination import TerminationLimits, check_termination
+from .termination import MeanSlip, TerminationLimits, check_termination
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class SimulationSetup:
     record_steps: int  # physics steps from one row of the truth to the next
     terrain: Terrain  # the vehicle must stay on it
     termination: TerminationLimits = field(default_factory=TerminationLimits)
-    notes: tuple[str, ...] = ()  # on the reference, for the log
+    notes: tuple[str, ...] = ()  # on path and tyres, for the log
     # Place of a point [m] among the rows of `reference`, with its fraction, where the reference is
     # followed by place; None where it is followed by time.
     place: Callable[[float, float], float] | None = None
@@ -66,6 +66,7 @@ class TickContext:
     control: ControlStep | None = None
     command: Command | None = None  # as it reaches the actuators; until then the previous one
     fallback: str = ""
+    slip: MeanSlip = field(default_factory=MeanSlip)
     lost: str | None = None
     estimator_ns: int = 0
     control_ns: int = 0
@@ -92,8 +93,13 @@ class Outcome:
 
 
 def log_settings(setup: SimulationSetup, tick: TickContext) -> None:
-    """Log the origin of the path and each actuator or sensor setting unlike the paper's."""
-    specifications = setup.plant.actuators.specification, setup.sensors.specification
+    """Log notes, implement, and actuator and sensor settings unlike the paper's."""
+    implement = setup.plant.implement
+    specifications = (
+        *([implement.settings] if implement else []),
+        setup.plant.actuators.specification,
+        setup.sensors.specification,
+    )
     notes = (note for specification in specifications for note in specification.notes())
     for text in (*setup.notes, *notes):
         setup.sink.event(Event(tick.now.time_s, "info", text))
@@ -171,6 +177,9 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
             setup.sink.row(channels.STATE, truth.time_s, rows.state_row(truth))
             setup.sink.row(channels.REFERENCE, truth.time_s, reference)
             setup.sink.row(channels.TYRES, truth.time_s, rows.tyres_row(truth))
+            if truth.tool is not None:
+                row = rows.tool_row(truth.tool, reference)
+                setup.sink.row(channels.TOOL, truth.time_s, row)
             setup.sink.scene(truth)
 
 
@@ -188,7 +197,9 @@ def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
     step, truth = tick.truths[-1]
     x, y = setup.reference_row(step, truth)[:2]
-    tick.lost = check_termination(truth, (float(x), float(y)), setup.terrain, setup.termination)
+    limits = setup.termination
+    slip = tick.slip.update(truth, limits.stuck_time)
+    tick.lost = check_termination(truth, (float(x), float(y)), setup.terrain, limits, slip)
 
 
 STAGES: Final[tuple[Stage, ...]] = (

@@ -21,6 +21,8 @@ from ..errors import InvalidPlant, PlantDiverged
 from ..ground.ground import Ground
 from ..ground.soil import SoilMap
 from ..ground.terrain import Terrain
+from ..implement.implement import Implement
+from ..implement.mounted import MountedImplement, draw_implement, frame_height
 from ..messages.scenery import Scenery, shapes_of
 from ..truth import WHEELS, Truth
 from ..vehicle.appearance import paint_ground
@@ -30,6 +32,7 @@ from ..vehicle.vehicle_model import build_spec, level_mjcf, level_model, physics
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre_kernel import Output
 from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, wheel_model
+from .standing import check_standing
 from .truth_reader import TruthReader
 
 _DEFAULT_LAW: Final = SoilLaw()
@@ -46,11 +49,12 @@ class Snapshot:
     physics: FloatArray  # MuJoCo's integration state
     wheel_state: FloatArray  # `WheelModel.state`
     output: FloatArray  # (6, 7) last report of the wheels
+    implement: FloatArray  # `MountedImplement.state`, empty without an implement
     valves: ActuatorState  # commands that are still in the command path
 
 
 class Plant:
-    """A tractor with a trailer on a field; one step is wheel forces, then MuJoCo.
+    """A tractor with a trailer on a field; one step is forces of the ground, then MuJoCo.
 
     Args:
         vehicle: the true vehicle.
@@ -60,6 +64,7 @@ class Plant:
         wheel_law: coefficients of traction, motion resistance and side force.
         timestep_s: of the physics.
         actuators: imperfections between a command and the servos; none by default.
+        implement: on the trailer; none by default.
 
     Raises:
         InvalidPlant: a setting is impossible.
@@ -75,10 +80,13 @@ class Plant:
         wheel_law: SoilLaw = _DEFAULT_LAW,
         timestep_s: float = 0.002,
         actuators: ActuatorSpecification | None = None,
+        implement: Implement | None = None,
     ) -> None:
         self.vehicle, self.terrain, self.soil = vehicle, terrain, soil
         self.wheel_law = wheel_law
         self._spec = build_spec(vehicle, terrain, wheels, wheel_law, timestep_s)
+        if implement:
+            draw_implement(self._spec, implement, frame_height(vehicle, implement.behind_m))
         self.model = physics_model(self._spec)
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
@@ -86,9 +94,11 @@ class Plant:
         self.tyres = tyres_of(vehicle)
         self.ground = Ground(terrain, soil.rasterised(terrain))
         self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, wheel_law)
-        self._reader = TruthReader(
-            model, data, self.wheels.output, self.tyres.radius[WHEELS.index("rear_left")]
+        self.implement = implement and MountedImplement(
+            implement, model, data, vehicle, self.ground, soil.background
         )
+        rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
+        self._reader = TruthReader(model, data, self.wheels.output, rear_radius, self.implement)
         # views of MuJoCo's arrays, bound once
         self._warnings, self._qpos, self._qvel = data.warning.number, data.qpos, data.qvel
         self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
@@ -114,13 +124,16 @@ class Plant:
             speed: forward speed at the start [m/s].
 
         Raises:
-            InvalidPlant: a value is not finite, or the vehicle would not stand on the field.
+            InvalidPlant: a value is not finite, the place is outside the field, or the vehicle does
+                not stand there on its wheels, see `check_standing`.
         """
         if not all(map(math.isfinite, (x, y, yaw, speed))):
             raise InvalidPlant(f"reset: got {(x, y, yaw, speed)}, every value must be finite")
         mujoco.mj_resetData(self.model, self.data)
         self.wheels.state[:] = 0.0
         self.wheels.output[:] = 0.0
+        if self.implement:
+            self.implement.state[:] = 0.0
         self._place(x, y, yaw)
         if not self.terrain.contains(*self._wheel_places(), margin=0.5):
             raise InvalidPlant(
@@ -128,6 +141,7 @@ class Plant:
                 f"{self.terrain.origin} over {self.terrain.size_m} m"
             )
         self._settle(x, y)
+        check_standing(self.model, self.data, self.tyres, self.wheels.output)
         self._roll(speed)
         self.data.time = 0.0
         mujoco.mj_step1(self.model, self.data)
@@ -187,13 +201,17 @@ class Plant:
         """Return the present state for `restore`."""
         physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, physics, _STATE)
-        return Snapshot(physics, self.wheels.state.copy(), self.wheels.output.copy(), self._valves)
+        implement = self.implement.state.copy() if self.implement else np.empty(0)
+        wheels = self.wheels
+        return Snapshot(physics, wheels.state.copy(), wheels.output.copy(), implement, self._valves)
 
     def restore(self, snapshot: Snapshot) -> Truth:
         """Return to a state; the same commands then give the same truths, bit for bit."""
         mujoco.mj_setState(self.model, self.data, snapshot.physics, _STATE)
         self.wheels.state[:] = snapshot.wheel_state
         self.wheels.output[:] = snapshot.output
+        if self.implement:
+            self.implement.state[:] = snapshot.implement
         self._valves = snapshot.valves
         mujoco.mj_step1(self.model, self.data)
         return self.truth()
@@ -217,15 +235,18 @@ class Plant:
         """Step the physics; positions and velocities are up to date before and after.
 
         A step is forces of the ground, accelerations and integration (mj_step2), positions and
-        velocities (mj_step1): the same as mj_step with the wheels in its middle.
+        velocities (mj_step1): the same as mj_step with these forces in its middle.
         """
         model, data, last = self.model, self.data, steps - 1
         apply_forces, step1, step2 = self.wheels.step, mujoco.mj_step1, mujoco.mj_step2
+        work_soil = self.implement and self.implement.step
         self.wheels.prepare()
         for step in range(steps):
             if before_step:
                 before_step()
             apply_forces()
+            if work_soil:
+                work_soil()
             step2(model, data)
             if step == last:  # while contacts and their forces are of one step
                 self.wheels.report()
@@ -279,6 +300,8 @@ class Plant:
         def brake() -> None:
             data.qvel[:] *= fade
             data.qvel[self._wheel_dofs] = 0.0
+            if self.implement:
+                self.implement.state[:] = 0.0  # raised
 
         weight = -self.model.opt.gravity[2] * self.model.body_mass.sum()
         steps = round(_SETTLE_CHUNK_S / self.model.opt.timestep)

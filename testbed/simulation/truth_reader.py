@@ -12,6 +12,7 @@ import numpy as np
 
 from ttempc.types import FloatArray
 
+from ..implement.mounted import MountedImplement
 from ..truth import Pose, Truth, Wheels
 
 
@@ -23,6 +24,7 @@ class TruthReader:
         data: of the plant; it is not changed.
         output: (6, 7) report of the wheels, in the order of `WHEELS` and `Output`.
         rear_radius: of the driven wheels [m].
+        implement: on the trailer, None without one.
     """
 
     def __init__(
@@ -31,8 +33,10 @@ class TruthReader:
         data: mujoco.MjData,
         output: FloatArray,
         rear_radius: float,
+        implement: MountedImplement | None = None,
     ) -> None:
         self._data, self._output, self._rear_radius = data, output, rear_radius
+        self._implement = implement
         # views of MuJoCo's arrays, bound once: an attribute of `data` is a new array every time
         self._xpos, self._xmat, self._xquat = data.xpos, data.xmat, data.xquat
         self._cvel, self._sites = data.cvel, data.site_xpos
@@ -76,6 +80,7 @@ class TruthReader:
             wheels=Wheels(*self._output.T.copy()),  # `Output` has the order of its fields
             body_xyz=self._xpos.copy(),
             body_quat=self._xquat.copy(),
+            tool=self._implement and self._implement.tool(),
         )
 
     def _velocity(self, body: int) -> tuple[float, float, float]:

@@ -4,10 +4,11 @@ import numpy as np
 
 from proving_ground.testbed.log.log import LogWriter
 from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.channels import CHANNELS, MEASUREMENT
+from proving_ground.testbed.recording.channels import CHANNELS, MEASUREMENT, MEASUREMENT_COLUMNS
 from proving_ground.testbed.recording.record import Event
 from proving_ground.testbed.recording.topics import PREDICTED_PATH_TOPIC, REFERENCE_PATH_TOPIC
 from tests.testbed.truths import truth
+from ttempc.types import Sensor
 
 PERIOD_S = 0.04
 METADATA = {"scenario": "made up", "seed": "7", "ttempc": "0.1.0"}
@@ -29,7 +30,10 @@ def feed(sink, duration_s=22.0) -> None:
     for k in range(round(duration_s / PERIOD_S)):
         for channel in CHANNELS:
             values = rng.normal(size=len(channel.fields))
-            first = 4 if channel is MEASUREMENT else 0  # a fix must be a finite position
+            first = 0
+            if channel is MEASUREMENT:  # a fix must be a finite position at a time of the run
+                first = MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER].stop
+                values[[columns.stop - 1 for columns in MEASUREMENT_COLUMNS.values()]] = 0.5 * now
             values[first : first + 4] = (np.nan, -0.0, np.inf, 5e-324)
             sink.row(channel, now, values.tolist())
         bodies = {"body_xyz": rng.normal(size=(2, 3)), "body_quat": rng.normal(size=(2, 4))}

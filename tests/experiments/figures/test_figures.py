@@ -16,6 +16,7 @@ from proving_ground.testbed.recording.channels import (
     REFERENCE,
     STATE,
     TIMING,
+    TOOL,
     TUBE,
     TYRES,
 )
@@ -229,3 +230,20 @@ def test_svg_figures_of_one_page_share_no_id():
 
     assert ids("first")
     assert not ids("first") & ids("second")
+
+
+def test_the_tool_is_drawn_where_it_works():
+    run = record(tool=(0.03, 0.04))
+    figure = FIGURES["error"](run)
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "tractor error [cm]",
+        "trailer error [cm]",
+        "tool error [cm]",
+    ]
+    drawn = figure.axes[2].lines[0].get_ydata()
+    works = run[TOOL]["lowered"] == 1.0
+    assert np.array_equal(np.isfinite(drawn), works)
+    np.testing.assert_allclose(drawn[works], 5.0)
+    driven = line(FIGURES["path"](run).axes[0], "tool, lowered")
+    assert np.array_equal(driven[works], run[TOOL].columns("x_m", "y_m")[works])
+    assert len(FIGURES["error"](record()).axes) == 2

@@ -117,3 +117,13 @@ def test_a_run_without_log_failure_events_or_numbers_has_a_report():
     empty = record(duration_s=0.0)
     page = Page(render_run_report(summarise(empty, facts), (), "", {}))
     assert page.links == ["summary.json", "scenario.toml"]
+
+
+def test_the_report_of_a_run_with_an_implement_has_its_tool_and_draft():
+    summary = summarise(record(tool=(0.03, 0.04)), FACTS)
+    text = render_run_report(summary, (), SCENARIO, {})
+    for words in ("tool, straight", "tool, curve", "tool, all", "draft 919 N (mean)"):
+        assert words in text
+    without = render_run_report(summarise(record(), FACTS), (), SCENARIO, {})
+    assert "tool, " not in without
+    assert "draft" not in without

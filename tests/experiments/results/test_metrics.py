@@ -169,11 +169,13 @@ def test_summary_has_exactly_the_keys_of_the_interface():
         "inputs",
         "tube",
         "slip",
+        "implement",
         "log",
     }
     assert set(summary["tracking"]) == {"straight", "curve", "all"}
     for bodies in summary["tracking"].values():
-        assert set(bodies) == {"tractor", "trailer"}
+        assert set(bodies) == {"tractor", "trailer", "tool"}
+        assert bodies.pop("tool") is None
         for error in bodies.values():
             assert set(error) == ERROR_KEYS
     for body in ("tractor", "trailer"):
@@ -193,6 +195,26 @@ def test_summary_has_exactly_the_keys_of_the_interface():
         assert set(use) == {"saturated_fraction", "rms_rate"}
     assert summary["tube"] is None
     assert set(summary["slip"]) == {"rear_mean", "rear_p95", "trailer_slip_angle_p95_rad"}
+    assert summary["implement"] is None
+
+
+def test_a_tool_counts_while_it_is_lowered():
+    """A minute, lowered in its first half, with draft 900 N and 1 N more every second."""
+    summary = summarise(record(tool=(0.05, -0.12), turned=0.7), FACTS)
+    for error in (summary.tracking.straight.tool, summary.tracking.all.tool):
+        assert error is not None
+        assert error.mean_euclidean_m == pytest.approx(0.13, abs=1e-9)
+        assert error.along_mean_m == pytest.approx(0.05, abs=1e-9)
+        assert error.cross_p95_m == pytest.approx(0.12, abs=1e-9)
+    statistics = summary.implement
+    assert statistics is not None
+    assert statistics.depth_mean_m == pytest.approx(0.05)
+    assert statistics.side_p95_n == pytest.approx(50.0)
+    assert statistics.draft_mean_n == pytest.approx(0.5 * (908.0 + 930.0), abs=0.1)
+    assert statistics.draft_p95_n == pytest.approx(908.0 + 0.95 * 22.0, abs=0.1)
+    table = format_run(summary)
+    assert table.count(" tool ") == 3
+    assert "Draft 919 N (mean)" in table
 
 
 @pytest.mark.parametrize("duration_s", [0.0, 3.0])

@@ -22,9 +22,10 @@ def plain():
     return run()
 
 
-@pytest.mark.parametrize("name", ["old-valves", "raw-gnss"])
+@pytest.mark.parametrize("name", ["old-valves", "raw-gnss", "grass-field"])
 def test_effects_that_are_on_are_logged_at_the_start(name):
-    message = [event.text for event in run(name=name).events if event.time_s == 0.0]
+    first = [event for event in run(name=name).events if event.time_s == 0.0]
+    message = [event.text for event in first if event.level == "info"]
     assert message
     assert all(text.startswith(("actuators: ", "sensors: ")) for text in message)
 
@@ -67,6 +68,19 @@ def test_late_gnss_samples_are_taken_in_and_named_in_the_log(plain):
         return np.hypot(*away[5:].T).mean()
 
     assert error(record) < 2.0 * error(plain)
+
+
+def test_late_samples_are_logged_with_the_time_and_the_value_of_their_sampling():
+    measured = run("sensors.gnss_latency_s=0.2", "sensors.gnss_sd_m=0.0")
+    table, state = measured[MEASUREMENT], measured[STATE]
+    late = np.isfinite(table["gnss_tractor_x_m"])
+    assert np.array_equal(late, np.isfinite(table["gnss_tractor_time_s"]))
+    taken = table["gnss_tractor_time_s"][late]
+    np.testing.assert_allclose(table.time_s[late] - taken, 0.2, atol=1e-9)
+    rows = np.abs(state.time_s[:, None] - taken).argmin(axis=0)
+    np.testing.assert_array_equal(state["x_t_m"][rows], table["gnss_tractor_x_m"][late])
+    prompt = np.isfinite(table["encoder_mps"])
+    np.testing.assert_array_equal(table["encoder_time_s"][prompt], table.time_s[prompt])
 
 
 @pytest.mark.parametrize(

@@ -93,6 +93,11 @@ def test_a_path_of_another_kind_replaces_the_figure_eight():
         ("sensors.gnss_resolution_m=-1", "sensors.gnss_resolution_m: Input should be greater"),
         ("sensors.gnss_correlation_time_s=0", "sensors.gnss_correlation_time_s: Input should be g"),
         ("sensors.gnss_error='pink'", "sensors.gnss_error: Input should be 'white', 'correlated'"),
+        ("sensors.preset='lab'", "sensors.preset: Input should be 'paper' or 'field', got 'lab'"),
+        ("sensors.preset=[1]", "sensors.preset: Input should be 'paper' or 'field', got [1]"),
+        ("controller.noise.gnss_sd_m=0", "controller.noise.gnss_sd_m: Input should be greater"),
+        ("controller.noise.assumed='true'", "controller.noise.assumed: Input should be 'sensors'"),
+        ("controller.noise.hitch=1", "controller.noise.hitch: unknown key; allowed here: assumed"),
         ("sensors.imu.on=1", "sensors.imu.on: Input should be a valid boolean, got 1"),
         (
             "sensors.gnss_antenna='corrected'",
@@ -118,7 +123,7 @@ def test_a_refusal_names_key_value_and_allowed_values_in_one_line(override, mess
 
 @pytest.mark.parametrize("name", ["gras", "nowhere.toml"])
 def test_a_missing_scenario_is_refused_with_the_shipped_names(name):
-    with pytest.raises(InvalidScenario, match="shipped are farm, furrows, grass"):
+    with pytest.raises(InvalidScenario, match="shipped are cultivate, farm, furrows, grass"):
         load(name)
 
 

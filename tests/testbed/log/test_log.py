@@ -13,7 +13,13 @@ from proving_ground.testbed.errors import LogError
 from proving_ground.testbed.log.log import FORMAT_KEY
 from proving_ground.testbed.log.log_reader import read_log
 from proving_ground.testbed.messages.schemas import RowEncoder, message_class, message_name
-from proving_ground.testbed.recording.channels import CHANNELS, CONTROL, SOLVER, Channel
+from proving_ground.testbed.recording.channels import (
+    CHANNELS,
+    CONTROL,
+    MEASUREMENT,
+    SOLVER,
+    Channel,
+)
 from proving_ground.testbed.recording.record import Event, Record, Recorder
 from tests.testbed.logs import ATTACHMENTS, BODIES, METADATA, feed, writer
 
@@ -27,6 +33,10 @@ def same(one: Record, other: Record) -> bool:
         and table.values.tobytes() == other.tables[topic].values.tobytes()
         for topic, table in one.tables.items()
     )
+
+
+def nanoseconds(*columns):
+    return zip(*(np.rint(1e9 * column).astype(int).tolist() for column in columns), strict=True)
 
 
 def test_what_is_written_is_read_back_to_the_bit(logged):
@@ -54,10 +64,12 @@ def test_a_reader_that_is_not_ours_finds_everything(logged):
         attachments = {file.name: file.data.decode() for file in reader.iter_attachments()}
         assert attachments == ATTACHMENTS
         rows = dict.fromkeys(record.tables, 0)
-        first_messages = {}
+        first_messages, fixes = {}, []
         for schema, channel, message, decoded in reader.iter_decoded_messages():
             assert message.log_time == message.publish_time
             first_messages.setdefault(channel.topic, (schema.name, decoded))
+            if channel.topic.startswith("/gnss/"):
+                fixes.append((channel.topic, message.log_time, decoded.timestamp.ToNanoseconds()))
             if channel.topic in rows:
                 table, row = record.tables[channel.topic], rows[channel.topic]
                 assert message.log_time == round(1e9 * table.time_s[row])
@@ -80,6 +92,11 @@ def test_a_reader_that_is_not_ours_finds_everything(logged):
         "/mpc/predicted_path": "foxglove.PosesInFrame",
         "/log": "foxglove.Log",
     }
+    for body in ("tractor", "trailer"):  # a fix is published on delivery, stamped with its sample
+        taken = record[MEASUREMENT][f"gnss_{body}_time_s"]
+        delivered = record[MEASUREMENT].time_s
+        expected = [(f"/gnss/{body}", *pair) for pair in nanoseconds(delivered, taken)]
+        assert [fix for fix in fixes if fix[0] == f"/gnss/{body}"] == expected
     transforms = first_messages["/tf"][1].transforms
     assert [item.child_frame_id for item in transforms] == list(BODIES)
     assert {item.parent_frame_id for item in transforms} == {"map"}

@@ -48,12 +48,11 @@ def test_every_sensor_has_components_and_columns_of_its_own():
 
 
 @pytest.mark.parametrize("sensor", Sensor)
-def test_a_sample_stands_under_the_names_of_its_components(sensor):
+def test_a_sample_stands_under_the_names_of_its_components_beside_its_time(sensor):
     value = tuple(10.0 + k for k in range(len(COMPONENTS[sensor])))
-    row = named(MEASUREMENT, measurement_row([Measurement(0.0, sensor, value)]))
-    expected = {
-        f"{sensor}_{part}": number for part, number in zip(COMPONENTS[sensor], value, strict=True)
-    }
+    row = named(MEASUREMENT, measurement_row([Measurement(0.7, sensor, value)]))
+    parts = zip((*COMPONENTS[sensor], "time_s"), (*value, 0.7), strict=True)
+    expected = {f"{sensor}_{part}": number for part, number in parts}
     assert {name: number for name, number in row.items() if not math.isnan(number)} == expected
 
 

@@ -1,0 +1,1 @@
+"""Published figures of real machines beside those of this plant."""

@@ -1,0 +1,1 @@
+"""Soil-working implement on the trailer: draft, side force, depth, lift."""

@@ -1,0 +1,168 @@
+"""Mounted implement: the law of `soil_force` on the trailer of a plant, compiled."""
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Final
+
+import mujoco
+import numpy as np
+from scipy.optimize import brentq
+
+from ..errors import InvalidPlant
+from ..ground.ground import Ground
+from ..ground.terrain import flat
+from ..truth import WHEELS, Tool
+from ..vehicle.servos import equilibrium_slip, tyres_of, wheel_loads
+from ..vehicle.vehicle import PlantVehicle
+from ..wheels.soil_law import SoilLaw
+from ..wheels.tyre import WheelMotion, contact
+from .implement import POINTS, Implement
+from .soil_force import ToolLaw
+from .tool_kernel import tool_step
+
+_MOST_SLIP: Final = 0.3  # of the driven wheels, above which a tractor is not used; assumed
+_LIFT: Final = 2  # numbers of the lift in the state
+
+
+class MountedImplement:
+    """Writes the forces of the soil on the trailer into its row of `xfrc_applied`.
+
+    `state` is everything that the future depends on besides MuJoCo's state, and the last report:
+    lowered share, distance driven [m], then depth, draft and side force of each point.
+
+    Args:
+        implement: settings.
+        model: of the plant.
+        data: of the plant; only the row of the trailer in `xfrc_applied` is written.
+        vehicle: that carries the implement.
+        ground: shape and strength.
+        background: cone index of the field without its layers [kPa].
+    """
+
+    def __init__(
+        self,
+        implement: Implement,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        vehicle: PlantVehicle,
+        ground: Ground,
+        background: float,
+    ) -> None:
+        self.settings: Final = implement
+        self.law: Final = ToolLaw.of(
+            implement, frame_height(vehicle, implement.behind_m), background
+        )
+        self.state: Final = np.zeros(_LIFT + 3 * POINTS)
+        self._lift = self.state[:_LIFT]
+        self._output = self.state[_LIFT:].reshape(POINTS, 3)
+        self._body = int(model.body("trailer").id)
+        self._xpos, self._xmat = data.xpos, data.xmat
+        terrain = ground.terrain
+        self.step: Final[Callable[[], object]] = partial(
+            tool_step,
+            self.law.table(),
+            implement.offsets,
+            np.array(implement.work_m).reshape(-1, 2),
+            terrain.heights,
+            ground.cone_index,
+            np.array([*terrain.origin, terrain.spacing_m, model.opt.timestep]),
+            self._body,
+            data.xpos,
+            data.xmat,
+            data.xipos,
+            data.cvel,
+            data.subtree_com,
+            self._lift,
+            self._output,
+            data.xfrc_applied,
+        )
+
+    def tool(self) -> Tool:
+        """Return the present state of the implement; forces are those of the last step."""
+        ahead = self._xmat[self._body, ::3]
+        x, y, z = (self._xpos[self._body] - self.settings.behind_m * ahead).tolist()
+        depth, draft, side = self._output.T.copy()
+        lowered, distance = self._lift.tolist()
+        return Tool(x, y, z, self.settings.behind_m, lowered, distance, depth, draft, side)
+
+
+def frame_height(vehicle: PlantVehicle, behind: float) -> float:
+    """Return the height of the trailer's frame, `behind` its axle, at rest on level ground [m].
+
+    Heights of the axles from the static loads on the tyres; drawbar and trailer are one beam from
+    the pin to the trailer axle.
+    """
+    tyres, level, count = tyres_of(vehicle), flat((4.0, 4.0)), len(WHEELS)
+    zeros, left = np.zeros((count, 3)), np.tile([0.0, 1.0, 0.0], (count, 1))
+    loads = wheel_loads(vehicle)
+
+    def surplus(sunk: float, wheel: int) -> float:
+        centre = np.zeros((count, 3))
+        centre[:, 2] = tyres.radius - sunk
+        load = contact(tyres, level, WheelMotion(centre, left, zeros, zeros)).load
+        return float((load - loads)[wheel])
+
+    def sinkage(wheel: str) -> float:
+        index = WHEELS.index(wheel)
+        root = brentq(surplus, 0.0, 0.5 * float(tyres.radius[index]), args=(index,))
+        return float(root)  # pyright: ignore[reportArgumentType]
+
+    front, rear, trailer = map(sinkage, ("front_left", "rear_left", "trailer_left"))
+    pin = rear + (rear - front) * vehicle.hitch.offset_m / vehicle.tractor.wheelbase_m
+    nose_down = (pin - trailer) / (vehicle.drawbar.length_m + vehicle.trailer.length_m)
+    return vehicle.trailer_wheel.radius_m - trailer + nose_down * behind
+
+
+def draw_implement(spec: mujoco.MjSpec, implement: Implement, height: float) -> None:
+    """Add a beam with a shank for each point to the trailer, for pictures; drawn lowered.
+
+    Args:
+        spec: model of the vehicle, changed in place.
+        implement: settings.
+        height: of the trailer's frame above the ground [m].
+    """
+
+    def capsule(start: Sequence[float], end: Sequence[float], radius: float) -> None:
+        geom = spec.body("trailer").add_geom(spec.find_default("shape"), material="steel")
+        geom.type, geom.fromto = mujoco.mjtGeom.mjGEOM_CAPSULE, [*start, *end]
+        geom.size = [radius, 0.0, 0.0]
+
+    x, half = -implement.behind_m, 0.5 * implement.width_m
+    capsule((x, -half, 0.0), (x, half, 0.0), 0.04)
+    capsule((x, 0.0, 0.0), (0.0, 0.0, 0.0), 0.04)
+    for y in implement.offsets.tolist():
+        capsule((x, y, 0.0), (x, y, -height - implement.depth_m), 0.02)
+
+
+def check_pull(
+    law: SoilLaw, implement: Implement, vehicle: PlantVehicle, cone_index: float, speed: float
+) -> None:
+    """Refuse an implement that the tractor cannot pull on level ground.
+
+    Args:
+        law: of the wheels on soil.
+        implement: settings.
+        vehicle: that pulls it.
+        cone_index: of the soil [kPa].
+        speed: of the mission [m/s].
+
+    Raises:
+        InvalidPlant: at this draft the driven wheels slip by more than 30 %.
+    """
+    draft = implement.draft(speed)
+    try:
+        slip = equilibrium_slip(law, tyres_of(vehicle), wheel_loads(vehicle), cone_index, draft)
+    except InvalidPlant:
+        slip = 1.0
+    if slip > _MOST_SLIP:
+        needed = f"slip by {100.0 * slip:.0f} %" if slip < 1.0 else "cannot pull it"
+        raise InvalidPlant(
+            f"implement: got {implement.width_m:g} m x {100.0 * implement.depth_m:g} cm, a draft "
+            f"of {draft:.0f} N at {speed:g} m/s; on {cone_index:g} kPa the driven wheels must pull "
+            f"it with at most {100.0 * _MOST_SLIP:.0f} % slip, but {needed}"
+        )

@@ -1,0 +1,124 @@
+"""Compiled law of `soil_force`: all points of an implement in one call, on MuJoCo's arrays.
+
+Equations and their order are those of `soil_force`; a test compares the two. In addition it keeps
+the distance driven and the lift, converts MuJoCo's quantities to the motion of the trailer, and
+writes the sum of the forces into `xfrc_applied`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numba
+
+from ttempc.types import FloatArray
+
+from . import soil_force
+
+# numba compiles module globals as constants
+_DRAFT_SPEED: Final = soil_force.DRAFT_SPEED
+_SIDE_SPEED: Final = soil_force.SIDE_SPEED
+
+
+@numba.njit(cache=True, error_model="numpy", boundscheck=False)
+def tool_step(
+    law: FloatArray,
+    offsets: FloatArray,
+    work: FloatArray,
+    heights: FloatArray,
+    cone_indices: FloatArray,
+    grid: FloatArray,
+    body: int,
+    xpos: FloatArray,
+    xmat: FloatArray,
+    xipos: FloatArray,
+    cvel: FloatArray,
+    com: FloatArray,
+    lift: FloatArray,
+    output: FloatArray,
+    xfrc: FloatArray,
+) -> None:
+    """Advance distance and lift by a physics step and write the forces of the soil.
+
+    Args:
+        law: (12,) `ToolLaw.table`.
+        offsets: (n,) [m] of the points to the left.
+        work: (k, 2) [m] intervals of the distance driven.
+        heights: (ny, nx) [m] of the ground.
+        cone_indices: (ny, nx) [kPa] on the same grid.
+        grid: (4,) x and y [m] of the first grid point, spacing [m], time step [s].
+        body: the trailer.
+        xpos: (nbody, 3) [m] MuJoCo's body positions.
+        xmat: (nbody, 9) body axes, row major.
+        xipos: (nbody, 3) [m] centres of mass, to which `xfrc` refers.
+        cvel: (nbody, 6) rotation and velocity at `com`.
+        com: (nbody, 3) [m] subtree centres of mass; row 1 is the vehicle's.
+        lift: (2,) state, changed in place: lowered share, distance driven [m].
+        output: (n, 3) depth [m], draft [N], side force [N], written.
+        xfrc: (nbody, 6) force and moment on each body, row of the trailer written.
+    """
+    behind, frame, depth, clearance, lift_rate = law[0], law[1], law[2], law[3], law[4]
+    draft0, draft1, draft2, stiffness, limit = law[5], law[6], law[7], law[8], law[9]
+    exponent, background = law[10], law[11]
+    ny, nx = heights.shape
+    x0, y0, per_metre, dt = grid[0], grid[1], 1.0 / grid[2], grid[3]
+    ax, ay, az = xpos[body, 0], xpos[body, 1], xpos[body, 2]
+    fx, lx, ux = xmat[body, 0], xmat[body, 1], xmat[body, 2]
+    fy, ly, uy = xmat[body, 3], xmat[body, 4], xmat[body, 5]
+    fz, lz, uz = xmat[body, 6], xmat[body, 7], xmat[body, 8]
+    wx, wy, wz = cvel[body, 0], cvel[body, 1], cvel[body, 2]
+    rx, ry, rz = ax - com[1, 0], ay - com[1, 1], az - com[1, 2]
+    vx = cvel[body, 3] + wy * rz - wz * ry
+    vy = cvel[body, 4] + wz * rx - wx * rz
+    vz = cvel[body, 5] + wx * ry - wy * rx
+
+    distance = lift[1] + dt * abs(vx * fx + vy * fy + vz * fz)
+    works = work.shape[0] == 0
+    for k in range(work.shape[0]):
+        works = works or work[k, 0] <= distance < work[k, 1]
+    step = lift_rate * dt
+    lowered = min(1.0, lift[0] + step) if works else max(0.0, lift[0] - step)
+    lift[0], lift[1] = lowered, distance
+
+    drop = frame + lowered * depth - (1.0 - lowered) * clearance
+    tx, ty, tz, mx, my, mz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for point in range(offsets.size):
+        offset = offsets[point]
+        rx = -behind * fx + offset * lx - drop * ux
+        ry = -behind * fy + offset * ly - drop * uy
+        rz = -behind * fz + offset * lz - drop * uz
+        px, py, pz = ax + rx, ay + ry, az + rz
+        u = min(nx - 1.0, max(0.0, (px - x0) * per_metre))
+        v = min(ny - 1.0, max(0.0, (py - y0) * per_metre))
+        i, j = max(0, min(int(u), nx - 2)), max(0, min(int(v), ny - 2))
+        p, q = u - i, v - j
+        south = heights[j, i] + p * (heights[j, i + 1] - heights[j, i])
+        north = heights[j + 1, i] + p * (heights[j + 1, i + 1] - heights[j + 1, i])
+        deep = max(0.0, south + q * (north - south) - pz) * uz
+        output[point, 0] = deep
+        if deep <= 0.0:
+            output[point, 1] = output[point, 2] = 0.0
+            continue
+        if exponent > 0.0:
+            strength = (cone_indices[j + (q >= 0.5), i + (p >= 0.5)] / background) ** exponent
+        else:
+            strength = 1.0
+        sx, sy, sz = vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx
+        along = sx * fx + sy * fy + sz * fz
+        across = sx * lx + sy * ly + sz * lz
+        speed = abs(along)
+        bulk = deep * strength
+        draft = bulk * (draft0 + (draft1 + draft2 * speed) * speed)
+        draft *= math.tanh(along / _DRAFT_SPEED)
+        angle = math.atan(across / max(speed, _SIDE_SPEED))
+        side = -bulk * limit * math.tanh(stiffness / limit * angle)
+        output[point, 1], output[point, 2] = draft, side
+        gx, gy, gz = side * lx - draft * fx, side * ly - draft * fy, side * lz - draft * fz
+        tx, ty, tz = tx + gx, ty + gy, tz + gz
+        rx, ry, rz = px - xipos[body, 0], py - xipos[body, 1], pz - xipos[body, 2]
+        mx += ry * gz - rz * gy
+        my += rz * gx - rx * gz
+        mz += rx * gy - ry * gx
+    xfrc[body, 0], xfrc[body, 1], xfrc[body, 2] = tx, ty, tz
+    xfrc[body, 3], xfrc[body, 4], xfrc[body, 5] = mx, my, mz
