@@ -129,7 +129,7 @@ def find(problem: Problem, store: RunStore, budget: int, path: tuple[str, ...] =
         score = distance(errors[:, 0], problem.published_cm)
         raced = np.flatnonzero(score < RACED)
         if raced.size:
-            more = problem.errors_cm(store, [points[i] for i in raced], RACE_SEEDS, path)
+            more = problem.errors_cm(store, [points[i] for i in raced.tolist()], RACE_SEEDS, path)
             total = score[raced] + distance(more, problem.published_cm).sum(axis=1)
             score[raced] = total / (1 + len(RACE_SEEDS))
         return score.tolist()
