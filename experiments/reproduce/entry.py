@@ -32,7 +32,6 @@ class Entry:
     seeds: tuple[int, ...] = ()  # of runs of its own
     probes: tuple[tuple[str, ...], ...] = ()  # scenario, controller, changes; those of sweeps apart
     minutes: float = 0.0  # of runs of its own, on two cores; measured or estimated
-    search: bool = False  # it shows a search or a fit, and thus its design seeds
 
     def all_seeds(self) -> tuple[int, ...]:
         """Return the seeds of all runs behind the table."""

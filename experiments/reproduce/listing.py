@@ -17,11 +17,12 @@ from ..studies import (
     errata,
     estimators,
     invariance,
-    kayacan2016,
     paper_tube,
     ranking,
     recovery,
 )
+from ..studies.eight_numbers import tables as eight_numbers
+from ..studies.eight_numbers.study import REPORT_SEEDS
 from . import comparison_tables, study_tables
 from .comparison_tables import STUDY
 from .entry import Entry
@@ -37,7 +38,6 @@ def _study(
     probes: tuple[tuple[str, ...], ...] = (),
     minutes: float = 0.0,
     fenced: bool = False,
-    search: bool = False,
 ) -> Entry:
     """Return the entry of a study in Python whose `main` prints the table."""
     return Entry(
@@ -47,7 +47,6 @@ def _study(
         seeds=seeds,
         probes=probes,
         minutes=minutes,
-        search=search,
     )
 
 
@@ -124,17 +123,18 @@ ENTRIES: Final = (
         minutes=1.0,
     ),
     *(
-        _study(
-            f"kayacan2016-{stage}",
-            "docs/errata.md",
-            kayacan2016.main,
-            stage,
-            seeds=kayacan2016.SEEDS,
-            probes=(("grass", "paper"), ("kayacan2016", "paper")),
+        Entry(
+            name=name,
+            page="docs/errata.md",
+            make=printed(eight_numbers.print_tables, (stage,), (), fenced=False),
+            seeds=REPORT_SEEDS,
+            probes=(*(("kayacan2016", name) for name in ("paper", "kayacan-nmpc")), *probes),
             minutes=minutes,
-            search=True,
         )
-        for stage, minutes in (("fine", 1.0), ("coarse", 3.0))
+        for name, stage, probes, minutes in (
+            ("eight-numbers-fit", "fit", (("grass", "paper"),), 5.0),
+            ("eight-numbers", "search", (), 16.0),
+        )
     ),
     _study(
         "estimators",

@@ -24,8 +24,10 @@ from proving_ground.testbed.simulation.termination import TerminationLimits
 from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.controllers import controller_options
 from ttempc.guidance.guidance import Guidance
+from ttempc.guidance.supervisor import run_on
 from ttempc.reference.path import Path
 from ttempc.reference.posture import check_drivable
+from ttempc.reference.projection import Projection
 from ttempc.reference.reference import Reference, check_pace
 from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
@@ -81,18 +83,20 @@ class Assembly:
         """
         self.start()
         timestep = self.plant.timestep_s
+        rows = self._reference_rows(record_hz)
         return SimulationSetup(
             plant=self.plant,
             sensors=self.sensors,
             guidance=self.guidance,
             vehicle=self.guidance.vehicle,
             sink=sink,
-            reference=self._reference_rows(record_hz),
+            reference=rows,
             control_steps=whole_steps(CONTROL_PERIOD_S, timestep, "control period"),
             record_steps=record_steps(timestep, record_hz),
             terrain=self.terrain,
             termination=TerminationLimits.of(self.plant.vehicle),
             notes=self.notes,
+            place=Projection(rows[:, :2]).place if self.guidance.space_based else None,
         )
 
     def reference_path(self, step_m: float) -> FloatArray:
@@ -102,7 +106,9 @@ class Assembly:
 
     def _reference_rows(self, record_hz: float) -> FloatArray:
         """Return rows of `channels.REFERENCE`, one for each of the truth."""
-        times = np.arange(self.ticks * round(CONTROL_PERIOD_S * record_hz) + 1) / record_hz
+        beyond = run_on(self.ticks) if self.guidance.space_based else 0
+        count = (self.ticks + beyond) * round(CONTROL_PERIOD_S * record_hz) + 1
+        times = np.arange(count) / record_hz
         parts = (times[k : k + _BLOCK] for k in range(0, len(times), _BLOCK))
         return np.concatenate([self._reference_columns(part) for part in parts])
 

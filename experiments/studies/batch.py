@@ -20,7 +20,7 @@ from ..results.published import compare
 from ..results.summary import Summary
 from ..run.simulate import simulate
 from ..scenario.scenario import load
-from ..sweep.engine import engine, imap_bounded
+from ..sweep.engine import Engine, engine, imap_bounded
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -47,6 +47,13 @@ def batch_settings(settings: BatchSettings) -> Iterator[None]:
         _SETTINGS.reset(token)
 
 
+@contextlib.contextmanager
+def started_workers() -> Iterator[Engine]:
+    """Start workers for several batches, as the settings of the block say."""
+    with engine((_SETTINGS.get() or BatchSettings()).workers) as workers:
+        yield workers
+
+
 @dataclass(frozen=True, slots=True)
 class StudyRun:
     """A run of a study."""
@@ -58,7 +65,10 @@ class StudyRun:
 
 
 def run_tasks(
-    function: Callable[[Task], Result], tasks: Sequence[Task], label: str = ""
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    label: str = "",
+    started: Engine | None = None,
 ) -> Iterator[Result]:
     """Yield the result of every task in the order of the tasks, computed on all cores.
 
@@ -66,6 +76,7 @@ def run_tasks(
         function: executed in a worker process; what it raises is raised here.
         tasks: its arguments, picklable.
         label: of the progress bar.
+        started: the workers, if they run already.
     """
     settings = _SETTINGS.get() or BatchSettings()
     keys = [_key(function, task) for task in tasks] if settings.results else []
@@ -77,7 +88,7 @@ def run_tasks(
         bar = stack.enter_context(tqdm(total=len(tasks), initial=len(waiting), desc=label or None))
         finished = iter(())
         if missing:
-            workers = stack.enter_context(engine(settings.workers))
+            workers = started or stack.enter_context(engine(settings.workers))
             finished = imap_bounded(workers, partial(_apply, function), missing)
         while due < len(tasks):
             if due in waiting:
@@ -93,7 +104,7 @@ def run_tasks(
 
 def simulate_runs(runs: Sequence[StudyRun]) -> list[Summary]:
     """Return the summaries of runs in the order of the runs, computed on all cores."""
-    return list(run_tasks(_simulate, runs))
+    return list(run_tasks(simulate_run, runs))
 
 
 def mean_errors_cm(summary: Summary) -> list[float]:
@@ -137,5 +148,6 @@ def _apply(function: Callable[[Task], Result], numbered: tuple[int, Task]) -> Re
     return function(numbered[1])
 
 
-def _simulate(run: StudyRun) -> Summary:
+def simulate_run(run: StudyRun) -> Summary:
+    """Return the summary of a run."""
     return simulate(*load(run.scenario, run.overrides), run.seed, run.factory)[0]

@@ -41,6 +41,18 @@ class SimulationSetup:
     terrain: Terrain  # the vehicle must stay on it
     termination: TerminationLimits = field(default_factory=TerminationLimits)
     notes: tuple[str, ...] = ()  # on path and tyres, for the log
+    # Place of a point [m] among the rows of `reference`, with its fraction, where the reference is
+    # followed by place; None where it is followed by time.
+    place: Callable[[float, float], float] | None = None
+
+    def reference_row(self, step: int, truth: Truth) -> FloatArray:
+        """Return the row of the reference that belongs to the truth at a physics step."""
+        if self.place is None:
+            return self.reference[step // self.record_steps]
+        place = self.place(truth.tractor.x, truth.tractor.y)
+        row = min(int(place), len(self.reference) - 2)
+        share = place - row
+        return (1.0 - share) * self.reference[row] + share * self.reference[row + 1]
 
 
 @dataclass(slots=True)
@@ -161,7 +173,7 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the truth beside its reference."""
     for step, truth in tick.truths:
         if step % setup.record_steps == 0:
-            reference = setup.reference[step // setup.record_steps].tolist()
+            reference = setup.reference_row(step, truth).tolist()
             setup.sink.row(channels.STATE, truth.time_s, rows.state_row(truth))
             setup.sink.row(channels.REFERENCE, truth.time_s, reference)
             setup.sink.row(channels.TYRES, truth.time_s, rows.tyres_row(truth))
@@ -184,7 +196,7 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
 def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
     step, truth = tick.truths[-1]
-    x, y = setup.reference[step // setup.record_steps, :2]
+    x, y = setup.reference_row(step, truth)[:2]
     limits = setup.termination
     slip = tick.slip.update(truth, limits.stuck_time)
     tick.lost = check_termination(truth, (float(x), float(y)), setup.terrain, limits, slip)

@@ -19,7 +19,6 @@ from proving_ground.experiments.studies import (
     errata,
     estimators,
     invariance,
-    kayacan2016,
     paper_tube,
     ranking,
     recovery,
@@ -91,15 +90,6 @@ def test_estimators(capsys):
     assert [row[1] for row in body] == ["`ekf`", "`nmhe`"]
     cost = head.index("ms")
     assert float(body[0][cost]) < float(body[1][cost])
-
-
-def test_kayacan2016(capsys, monkeypatch):
-    fields = kayacan2016.STAGES["fine"][:2]
-    monkeypatch.setattr(kayacan2016, "STAGES", {"fine": fields})
-    kayacan2016.main("fine", (1,), STRAIGHT)
-    head, body = rows(capsys)
-    assert head[3:7] == list(COLUMNS)
-    assert [row[:3] for row in body] == [[str(part) for part in field] for field in fields]
 
 
 def test_breaking_points(capsys, monkeypatch):
