@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from proving_ground.testbed.inspection.check import between
 from proving_ground.testbed.recording.channels import MEASUREMENT, STATE
@@ -69,7 +70,7 @@ def implement_steering(runs: int = 3) -> list[Evidence]:
                 f"< {limit_cm} cm",
                 "the source's limit",
                 f"{CULTIVATOR}, trailer point by the guidance's own position, as in the records, "
-                f"{speed_kmh:g} km/h, class D, `field` sensors, {seed_text(runs)}",
+                f"middle of each range of speeds, class D, `field` sensors, {seed_text(runs)}",
             )
         )
     return items
@@ -103,7 +104,7 @@ def steered_joint(runs: int = 3) -> list[Evidence]:
                 check,
                 "at most 10 cm",
                 "the source's limit; its path is not known to us",
-                f"trailer point of the farm machine, true position, {path}, class D, field "
+                f"trailer point of the farm machine, true position, {path}, class D, `field` "
                 f"sensors, {seed_text(runs)}",
             )
         )
@@ -277,7 +278,7 @@ def revisit(laps: int = 3) -> list[Evidence]:
 
 
 def relative_error(
-    time_s: FloatArray, cross_m: FloatArray, straight: FloatArray, lap_s: float
+    time_s: FloatArray, cross_m: FloatArray, straight: NDArray[np.bool_], lap_s: float
 ) -> FloatArray:
     """Return by how much later laps deviate from the lap before, on straight parts, (n,) [m]."""
     later = straight & (time_s >= START_UP_S + lap_s)

@@ -38,14 +38,14 @@ def test_verdict_follows_from_figure_and_band(figure, verdict, reason):
     assert evidence.verdict == verdict
     assert evidence.reason == reason
     text = table([evidence])
-    assert ("outside: " in text) == bool(reason)
+    assert ("- Outside, 1: " in text) == bool(reason)
     assert f"{verdict}" in text
 
 
 def test_notes_of_one_method_and_reasons_stand_together():
     text = table([item(0.0), item(0.5), item(1.5)])
     assert "**1 to 3.** a source." in text
-    assert "- 1, 2 outside: unknown." in text
+    assert "- Outside, 1, 2: unknown." in text
 
 
 def test_a_figure_without_a_band_is_not_judged_and_not_counted():
