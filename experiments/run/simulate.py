@@ -39,7 +39,7 @@ class Finished:
     record: Record
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
-    notes: tuple[str, ...] = ()  # on the path
+    notes: tuple[str, ...] = ()  # on path and tyres
 
 
 def simulate(
@@ -131,6 +131,8 @@ def run(
         bar = stack.enter_context(_progress(assembly.ticks, what))
         sink = Tee(recorder, log, *views)
         outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
+    mismatch, notes = assembly.mismatch, assembly.notes
+    del assembly  # plant and horizons: record and figures of a long run take their memory
     _print_traceback(outcome)
     record = recorder.record(metadata)
     facts = _facts(name, scenario, seed, outcome, files["log"].name, sources)
@@ -142,9 +144,9 @@ def run(
         files[figure] = folder / f"{figure}.png"
         files[figure].write_bytes(content)
     files["report"] = folder / "report.html"
-    page = render_run_report(summary, record.events, resolved, pictures, assembly.mismatch)
+    page = render_run_report(summary, record.events, resolved, pictures, mismatch)
     files["report"].write_text(page, encoding="utf-8")
-    return Finished(summary, record, files, assembly.mismatch, assembly.notes)
+    return Finished(summary, record, files, mismatch, notes)
 
 
 def drive_into(

@@ -23,7 +23,7 @@ from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPI
 from ..sensing.sensors import SensorSuite
 from ..truth import Truth
 from .plant import Plant
-from .termination import TerminationLimits, check_termination
+from .termination import MeanSlip, TerminationLimits, check_termination
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class SimulationSetup:
     record_steps: int  # physics steps from one row of the truth to the next
     terrain: Terrain  # the vehicle must stay on it
     termination: TerminationLimits = field(default_factory=TerminationLimits)
-    notes: tuple[str, ...] = ()  # on the reference, for the log
+    notes: tuple[str, ...] = ()  # on path and tyres, for the log
 
 
 @dataclass(slots=True)
@@ -54,6 +54,7 @@ class TickContext:
     control: ControlStep | None = None
     command: Command | None = None  # as it reaches the actuators; until then the previous one
     fallback: str = ""
+    slip: MeanSlip = field(default_factory=MeanSlip)
     lost: str | None = None
     estimator_ns: int = 0
     control_ns: int = 0
@@ -80,7 +81,7 @@ class Outcome:
 
 
 def log_settings(setup: SimulationSetup, tick: TickContext) -> None:
-    """Log origin of the path, implement, and actuator and sensor settings unlike the paper's."""
+    """Log notes, implement, and actuator and sensor settings unlike the paper's."""
     implement = setup.plant.implement
     specifications = (
         *([implement.settings] if implement else []),
@@ -184,7 +185,9 @@ def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
     step, truth = tick.truths[-1]
     x, y = setup.reference[step // setup.record_steps, :2]
-    tick.lost = check_termination(truth, (float(x), float(y)), setup.terrain, setup.termination)
+    limits = setup.termination
+    slip = tick.slip.update(truth, limits.stuck_time)
+    tick.lost = check_termination(truth, (float(x), float(y)), setup.terrain, limits, slip)
 
 
 STAGES: Final[tuple[Stage, ...]] = (

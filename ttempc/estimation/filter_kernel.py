@@ -26,7 +26,7 @@ _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
 _ROUGHNESS_WALK: Final = SIZE  # index of the roughness in `ProcessNoise.variances`
 
 
-@cached_njit
+@cached_njit()
 def process_noise(
     middle: FloatArray,
     roughness: float,
@@ -56,7 +56,7 @@ def process_noise(
         covariances[0, i, i] = variances[i] * (step_s if over_time else travel)
 
 
-@cached_njit
+@cached_njit()
 def _propagate(matrix: FloatArray, transition: FloatArray, half: FloatArray) -> None:
     """Replace M by Phi (M + N) Phi' + N; `matrix` M, `transition` Phi, `half` N are (16, 16)."""
     product = np.zeros((SIZE, SIZE))  # Phi (M + N); the lower rows of Phi are diagonal
@@ -85,7 +85,7 @@ def _propagate(matrix: FloatArray, transition: FloatArray, half: FloatArray) -> 
             matrix[i, j] = matrix[j, i] = row[j]
 
 
-@cached_njit
+@cached_njit()
 def predict(
     augmented: FloatArray,
     covariances: FloatArray,
@@ -132,7 +132,7 @@ def predict(
         roughness[1] = roughness[1] / (1.0 + roughness[1] * walk)
 
 
-@cached_njit
+@cached_njit()
 def correct(
     augmented: FloatArray,
     covariances: FloatArray,
@@ -230,7 +230,7 @@ def correct(
     return normalised
 
 
-@cached_njit
+@cached_njit()
 def _update_roughness(
     roughness: FloatArray,
     precision: FloatArray,
@@ -264,7 +264,7 @@ def _update_roughness(
     roughness[0] = min(max(roughness[0], LEAST_ROUGHNESS), MOST_ROUGHNESS)
 
 
-@cached_njit
+@cached_njit()
 def _joseph(
     matrix: FloatArray,
     gain: FloatArray,

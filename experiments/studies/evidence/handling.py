@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from proving_ground.testbed.wheels.soil_law import SoilLaw
 
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
@@ -16,6 +15,7 @@ from proving_ground.testbed.inspection.bench import FIRM_KPA, Bench, drive, step
 from proving_ground.testbed.inspection.check import between
 from proving_ground.testbed.vehicle.vehicle import PlantVehicle
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from proving_ground.testbed.wheels.soil_law import SoilLaw
 from ttempc.types import FloatArray
 
 from .evidence import ASSUMED_RULE, Evidence, around

@@ -2,9 +2,11 @@
 
 from functools import partial
 
+import numpy as np
 import pytest
 
 from proving_ground.experiments.results.published import COLUMNS
+from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, to_json
 from proving_ground.experiments.studies import (
     ablation,
@@ -19,6 +21,7 @@ from proving_ground.experiments.studies import (
     kayacan2016,
     paper_table,
     paper_tube,
+    ranking,
     recovery,
 )
 from proving_ground.experiments.sweep.engine import engine
@@ -175,3 +178,24 @@ def test_cards(tmp_path, capsys, monkeypatch):
     }
     assert "[grass-contact](grass-contact.html)" in (tmp_path / "README.md").read_text()
     assert capsys.readouterr().out
+
+
+def test_ranking(capsys, monkeypatch):
+    monkeypatch.setattr(ranking, "CONTROLLERS", ("ttempc", "pid"))
+    for line in ranking.table(2, ("grass",), STRAIGHT):
+        print(line)
+    _, body = rows(capsys)
+    (field, rival, _, ahead, _, _) = body[0]
+    assert (field, rival) == ("`grass`", "`pid`")
+    assert "/2 " in ahead
+
+
+def test_a_draw_of_the_ranking_stays_within_half_of_the_values_that_ship():
+    count = len(ranking.VEHICLE) + len(ranking.LAW) + 1
+    shipped = load("grass")[1]
+    for corner, factor in ((0.0, 0.5), (0.5, 1.0), (1.0, 1.5)):
+        scenario = load("grass", ranking.changes(np.full(count, corner)))[1]
+        law, vehicle = scenario.plant.wheel_law, scenario.vehicles()
+        assert law.relaxation_lat_m == factor * shipped.plant.wheel_law.relaxation_lat_m
+        assert vehicle.plant.tractor.mass_kg == factor * shipped.vehicles().plant.tractor.mass_kg
+        assert vehicle.mismatch == ()
