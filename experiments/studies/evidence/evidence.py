@@ -28,7 +28,7 @@ class Evidence:
     rule: str  # where the band comes from
     method: str  # what was driven: scenario, settings, seeds
     below: str = "unknown"  # reason, shown where our figure is below the band
-    above: str = "unknown"  # reason, shown where our figure is above the band
+    above: str = "unknown"  # reason, shown where it is above, or without a figure
 
     @property
     def verdict(self) -> Verdict:
@@ -45,7 +45,7 @@ class Evidence:
     @property
     def reason(self) -> str:
         """Physical reason of a figure outside the band, "unknown" where we have none, else ""."""
-        reasons = {"below": self.below, "above": self.above, "no figure": self.check.note}
+        reasons = {"below": self.below, "above": self.above, "no figure": self.above}
         return reasons.get(self.verdict, "")
 
 
@@ -77,9 +77,8 @@ def table(items: Sequence[Evidence]) -> str:
 
 def _cells(item: Evidence) -> str:
     check, unit, verdict = item.check, item.check.unit, item.verdict
-    figure = (
-        "–" if verdict == "no figure" else f"{number(float(f'{check.figure:.3g}'))} {unit}".rstrip()
-    )
+    rounded = number(float(f"{check.figure:.3g}"))
+    figure = "–" if verdict == "no figure" else f"{rounded} {unit}".rstrip()
     band = "–" if verdict == "not judged" else f"{check.expectation} {unit}".rstrip()
     word = verdict if verdict in ("in band", "not judged") else f"**{verdict}**"
     return f"{check.name} | {item.published} | {band} | {figure} | {word}"
@@ -93,7 +92,7 @@ def _note(group: list[tuple[int, Evidence]]) -> str:
     for rule, members in groupby(group, lambda pair: pair[1].rule):
         text += f"- Band of {_numbers(members)}: {rule}.\n"
     for k, each in group:
-        if each.check.note and each.verdict != "no figure":
+        if each.check.note:
             text += f"- Of {k}: {each.check.note}.\n"
     for reason, members in groupby(group, lambda pair: pair[1].reason):
         if reason:

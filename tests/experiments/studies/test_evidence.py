@@ -30,7 +30,7 @@ def item(figure, low=1.0, high=2.0, **about):
         (2.0, "in band", ""),
         (0.99, "below", "too little"),
         (2.01, "above", "unknown"),
-        (math.nan, "no figure", ""),
+        (math.nan, "no figure", "unknown"),
     ],
 )
 def test_verdict_follows_from_figure_and_band(figure, verdict, reason):
