@@ -40,7 +40,7 @@ _CNH_SPEEDS: Final = (  # [km/h] range, middle of it, published limit of the sta
 )
 _NO_MAST: Final = (*FIELD_SENSORS, 'sensors.gnss_antenna="point"')
 _WEAVES: Final = (
-    "steering and drawbar weave in curves at this speed, for which no controller is tuned; the "
+    "steering and drawbar weave in curves at this speed, for which `ttempc` is not tuned; the "
     "cause was not examined"
 )
 _ROUNSAVILLE: Final = "Rounsaville, Dvorak and Stombaugh 2016, Trans. ASABE 59(6)"
@@ -59,7 +59,7 @@ def implement_steering(runs: int = 3) -> list[Evidence]:
         items.append(
             Evidence(
                 between(
-                    f"cross-track sd of a steered implement at {speeds} km/h, median of passes",
+                    f"cross-track sd of a steered implement by its own position, {speeds} km/h",
                     figure=100.0 * float(seen),
                     low=0.0,
                     high=limit_cm,
@@ -69,7 +69,8 @@ def implement_steering(runs: int = 3) -> list[Evidence]:
                 ),
                 f"< {limit_cm} cm",
                 "the source's limit",
-                f"{CULTIVATOR}, trailer point by the guidance's own position, as in the records, "
+                f"{CULTIVATOR}, median of passes of the trailer point by the guidance's own position, as "
+                "the records have it, "
                 f"middle of each range of speeds, class D, `field` sensors, {seed_text(runs)}",
             )
         )
@@ -106,7 +107,7 @@ def steered_joint(runs: int = 3) -> list[Evidence]:
                 "the source's limit; its path is not known to us",
                 f"trailer point of the farm machine, true position, {path}, class D, `field` "
                 f"sensors, {seed_text(runs)}",
-                above=_WEAVES,
+                above=_WEAVES if "`ttempc`" in place else "unknown",
             )
         )
     return items
