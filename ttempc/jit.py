@@ -18,7 +18,9 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def cached_njit(**options: object) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def cached_njit(
+    **options: Any,  # noqa: ANN401 - of numba
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return a decorator that compiles a function in nopython mode and keeps the result on disk.
 
     The cache of `numba.njit(cache=True)` looks at the file and the byte code of the function alone:

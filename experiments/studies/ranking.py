@@ -124,7 +124,7 @@ def table(
         fields: names of scenarios with the paper's vehicle.
         path: override of their path.
     """
-    sample = qmc.LatinHypercube(len(VEHICLE) + len(LAW) + 1, seed=1).random(draws)  # (draws, n)
+    sample = qmc.LatinHypercube(len(VEHICLE) + len(LAW) + 1, rng=1).random(draws)  # (draws, n)
     plants = [changes(factors) for factors in sample]
     cases = [(field, controller) for field in fields for controller in CONTROLLERS]
     runs = [
