@@ -69,8 +69,8 @@ def implement_steering(runs: int = 3) -> list[Evidence]:
                 ),
                 f"< {limit_cm} cm",
                 "the source's limit",
-                f"{CULTIVATOR}, median of passes of the trailer point by the guidance's own position, as "
-                "the records have it, "
+                f"{CULTIVATOR}, median of passes of the trailer point by the guidance's own "
+                "position, as the records have it, "
                 f"middle of each range of speeds, class D, `field` sensors, {seed_text(runs)}",
             )
         )
