@@ -63,3 +63,7 @@ class InvalidFit(ExperimentError):
 
 class InvalidReplay(ExperimentError):
     """The log or the settings allow no replay of the estimator. The message names the reason."""
+
+
+class InvalidPage(ExperimentError):
+    """A page of the documentation has no place for a table, or its record cannot be read."""

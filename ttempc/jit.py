@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import logging
 from collections.abc import Callable
 from enum import EnumType
 from types import FunctionType, ModuleType
@@ -16,21 +18,60 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-def cached_njit(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile `function` in nopython mode and keep the result on disk.
+def cached_njit(
+    **options: Any,  # noqa: ANN401 - of numba
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Return a decorator that compiles a function in nopython mode and keeps the result on disk.
 
     The cache of `numba.njit(cache=True)` looks at the file and the byte code of the function alone:
     it still loads the old machine code when a kernel or a constant that the function imports from
     another module has changed. The key of this cache includes the `fingerprint` of the function.
+    Where numba finds no folder that it can write to, kernels are compiled anew in every process,
+    and a line of the logger `ttempc` says so.
+
+    Args:
+        options: keyword options of `numba.njit` but for `cache`.
     """
-    compiled: Any = numba.njit(function)
-    if compiled is not function:  # it is under NUMBA_DISABLE_JIT
-        compiled._cache = _FingerprintCache(function)  # as numba's Dispatcher.enable_caching
+
+    def compiled(function: Callable[P, R]) -> Callable[P, R]:
+        kernel: Any = numba.njit(**options)(function)
+        if kernel is not function:  # it is under NUMBA_DISABLE_JIT
+            try:
+                # as numba's Dispatcher.enable_caching
+                kernel._cache = _FingerprintCache(function)
+            except (RuntimeError, OSError):  # no folder can be written to
+                _warn_of_no_cache()
+        return kernel
+
     return compiled
 
 
+@functools.cache
+def _warn_of_no_cache() -> None:
+    """Log, once a process, that kernels are not kept on disk."""
+    logging.getLogger("ttempc").warning(
+        "no folder for compiled kernels can be written to: this process compiles its own, in some "
+        "20 s; set NUMBA_CACHE_DIR to a folder that can"
+    )
+
+
 class _FingerprintCache(FunctionCache):
-    """numba's disk cache of a function, its key extended by the function's fingerprint."""
+    """numba's disk cache of a function, its key extended by the function's fingerprint.
+
+    A file that cannot be read or written, as on a full disk, is as good as none.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401 - of numba
+        try:
+            return super().load_overload(sig, target_context)
+        except OSError:
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:  # noqa: ANN401 - of numba
+        try:
+            super().save_overload(sig, data)
+        except OSError:
+            _warn_of_no_cache()
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:  # noqa: ANN401 - of numba
         return (*super()._index_key(sig, codegen), fingerprint(self._py_func))

@@ -114,6 +114,9 @@ class Estimate:
     innovations: tuple[Innovation, ...] = ()  # of the samples that came in for this tick
     # (4,) see `MapDisturbance`: the part of `disturbance` that stays with the field
     map_disturbance: FloatArray = field(default_factory=lambda: np.zeros(len(MapDisturbance)))
+    # (3,) mu, kappa, eta of the printed model (`ttempc.baselines.nmpc_printed_model`); None where
+    # the estimator has none
+    slip_factors: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,6 +229,17 @@ class Preparing(Protocol):
     def prepare(self, k: int) -> None:
         """Get ready for tick `k`."""
         ...
+
+
+@runtime_checkable
+class SpaceBased(Protocol):
+    """A controller that may follow a reference by place: the one nearest to the tractor point.
+
+    Supervision, log and statistics then compare the vehicle with that place, not with the
+    reference of the present time.
+    """
+
+    space_based: bool
 
 
 class Estimator(Protocol):

@@ -34,10 +34,11 @@ def check_count(name: str, value: object, most: int | None = None) -> None:
         raise InvalidTuning(f"{name}: got {value!r}, must be an integer {allowed}")
 
 
-def check_positive(name: str, value: object) -> None:
-    """Refuse anything but a finite number above 0."""
-    if not (_is_finite(value) and value > 0.0):
-        raise InvalidTuning(f"{name}: got {value!r}, must be finite and above 0")
+def check_positive(name: str, value: object, *, zero: bool = False) -> None:
+    """Refuse anything but a finite number above 0, or of 0 or more where `zero`."""
+    if not (_is_finite(value) and (value > 0.0 or (zero and value == 0.0))):
+        allowed = "0 or more" if zero else "above 0"
+        raise InvalidTuning(f"{name}: got {value!r}, must be finite and {allowed}")
 
 
 def check_vector(name: str, values: object, length: int, *, zero: bool = False) -> None:

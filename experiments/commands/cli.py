@@ -36,6 +36,7 @@ _COMMANDS: Final = {
     "video": _Command("video", "film a run from its log"),
     "frame": _Command("frame", "take one picture of a run from its log"),
     "card": _Command("card", "validate the plant of one scenario"),
+    "reproduce": _Command("reproduce", "make or check the tables of the documentation"),
     "fit-tube": _Command("fit_tube", "fit a tube to the logs of runs"),
 }
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import film_options, options
+from . import options
 
 if TYPE_CHECKING:
     from ..film.composition import FilmSetup
@@ -37,8 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder to make (default: a new one in runs/); an existing one is refused",
     )
     parser.add_argument("--video", action="store_true", help="also film the runs side by side")
-    film_options.add_camera(parser)
-    film_options.add_span(parser)
+    options.add_camera(parser)
+    options.add_span(parser)
     parser.set_defaults(command=_compare)
 
 
@@ -62,7 +62,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     files["figures"].write_text(comparison_csv(runs), encoding="utf-8")
     if setup is not None:
         files["film"] = folder / "comparison.mp4"
-        film_options.write_with_progress(setup, files["film"], arguments.workers)
+        options.write_with_progress(setup, files["film"], arguments.workers)
     for name, file in files.items():
         print(f"{name:<10}{file}")
     return 0

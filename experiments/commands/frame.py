@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from . import film_options, options
+from . import options
 
 ABOUT = """\
 Takes one picture of a run from its log alone, like one frame of `ttempc video`.
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="picture to write, .png or .jpg (default: beside the log); an existing one is refused",
     )
-    film_options.add_camera(parser)
+    options.add_camera(parser)
     parser.set_defaults(command=_frame)
 
 
@@ -40,7 +40,7 @@ def _frame(arguments: argparse.Namespace) -> int:
     from ..film.shot import Shot, check_within
 
     name = f"{arguments.camera}-{arguments.at_s:g}.png"
-    file = arguments.out or film_options.path_beside(arguments.log, name)
+    file = arguments.out or options.path_beside(arguments.log, name)
     replay = read_replay(arguments.log)
     check_within("--at", arguments.at_s, replay.begin_s, replay.end_s)
     shot = Shot(arguments.camera, replay.begin_s, replay.end_s, 1.0, arguments.size)

@@ -43,12 +43,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="also show the results of `ttempc envelope`; may be repeated",
     )
-    parser.add_argument(
-        "--docs",
-        type=Path,
-        metavar="FOLDER",
-        help="write summary and pictures to this folder only, as STUDY.md and STUDY-*.png",
-    )
     parser.set_defaults(command=_report)
 
 
@@ -62,15 +56,12 @@ def _limit(text: str) -> float:
 def _report(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load matplotlib.
     from ..sweep_report.envelope_results import read_envelopes
-    from ..sweep_report.files import write_docs, write_report
+    from ..sweep_report.files import write_report
     from ..sweep_report.report import make_report
     from ..sweep_report.runs import read_sweep
 
     runs = read_sweep(arguments.folder, arguments.limit)
     content = make_report(runs, arguments.against, read_envelopes(arguments.envelope))
-    if arguments.docs is not None:
-        print(f"page      {write_docs(content, arguments.docs)}")
-        return 0
     file = write_report(content, arguments.folder)
     if runs.missing:
         print(f"in progress: {runs.missing} of {runs.planned} runs are missing")

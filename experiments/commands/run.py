@@ -25,7 +25,7 @@ Drives one scenario to its end and writes into DIR:
 
 Exit code 0 if the run ended as planned, 2 for bad input (one line names the key
 and the allowed values; nothing is written), 3 if the run terminated early
-(roll-over, jack-knife, off the field, diverged) or the simulation became invalid;
+(roll-over, jack-knife, off the field, stuck, diverged) or the simulation became invalid;
 log and summary are written in this case, too.
 """
 
@@ -76,7 +76,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(finished.summary.to_json())
     else:
-        print(format_run(finished.summary))
+        print(format_run(finished.summary, finished.comparison))
         if finished.mismatch:
             print(f"Parameter mismatch: {', '.join(map(str, finished.mismatch))}")
         for note in finished.notes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from . import film_options
+from . import options
 
 ABOUT = """\
 Films a run from its log alone; nothing is simulated again. Renders in software
@@ -32,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="film to write, .mp4 (default: beside the log); an existing one is refused",
     )
-    film_options.add_camera(parser)
-    film_options.add_span(parser)
+    options.add_camera(parser)
+    options.add_span(parser)
     parser.set_defaults(command=_video)
 
 
@@ -43,7 +43,7 @@ def _video(arguments: argparse.Namespace) -> int:
     from ..film.replay import read_replay
     from ..film.shot import FRAME_RATE, make_shot
 
-    file = arguments.out or film_options.path_beside(arguments.log, f"{arguments.camera}.mp4")
+    file = arguments.out or options.path_beside(arguments.log, f"{arguments.camera}.mp4")
     replay = read_replay(arguments.log)
     shot = make_shot(
         arguments.camera,
@@ -52,7 +52,7 @@ def _video(arguments: argparse.Namespace) -> int:
         speed=arguments.speed,
         size=arguments.size,
     )
-    film_options.write_with_progress(FilmSetup((replay,), shot), file, arguments.workers)
+    options.write_with_progress(FilmSetup((replay,), shot), file, arguments.workers)
     count = len(shot.times)
     print(f"film      {file} ({count} frames, {count / FRAME_RATE:.1f} s)")
     return 0

@@ -9,7 +9,7 @@ from typing import Final
 from proving_ground.testbed.recording.record import Event
 
 from ..figures import CAPTIONS
-from ..results.published import CAVEAT, compare
+from ..results.published import CAVEAT, PublishedError
 from ..results.summary import ImplementStatistics, InputStatistics, Spread, Summary
 from ..results.table import centimetres
 from ..results.tracking_errors import START_UP_S
@@ -26,6 +26,7 @@ def render_run_report(
     scenario_toml: str,
     pictures: Mapping[str, bytes],
     mismatch: Sequence[ParameterMismatch] = (),
+    comparison: Sequence[PublishedError] = (),
 ) -> str:
     """Return the text of `report.html`.
 
@@ -35,11 +36,12 @@ def render_run_report(
         scenario_toml: the resolved scenario.
         pictures: contents of PNG files, by the figure's name.
         mismatch: parameters that differ between plant and model.
+        comparison: the published errors, where they apply to the run.
     """
     template = environment().get_template("report.html.j2")
     return template.render(
         summary=summary,
-        comparison=compare(summary),
+        comparison=comparison,
         caveat=CAVEAT,
         start_up_s=START_UP_S,
         errors=_errors(summary),

@@ -9,6 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from proving_ground.testbed.vehicle.vehicle_file import DEFAULT_VEHICLE, read_vehicle
+
+from ..scenario.path import FigureEight
+from ..scenario.scenario import Scenario
 from .summary import Summary
 
 CAVEAT: Final = "published: field experiment; here: simulation"
@@ -24,15 +28,34 @@ class PublishedError:
     published_m: float
 
 
-_PUBLISHED_M: Final = {
+PUBLISHED_M: Final = {
     ("straight", "tractor"): 0.2349,
     ("straight", "trailer"): 0.2121,
     ("curve", "tractor"): 0.3982,
     ("curve", "trailer"): 0.3621,
 }
+"""Published errors by part of the path and body."""
 
-COLUMNS: Final = tuple(f"{body} {where}" for where, body in _PUBLISHED_M)
+PUBLISHED_LMPC_M: Final = tuple(PUBLISHED_M.values())
+"""Mean Euclidean errors of the linear MPC [m], in the order of `COLUMNS`."""
+
+PUBLISHED_NMPC_M: Final = (0.0644, 0.0361, 0.4978, 0.4152)
+"""The same of a space-based nonlinear MPC of the same vehicle, quoted there in section V from
+Kayacan, Kayacan, Ramon, Saeys (2015), IEEE Transactions on Control Systems Technology 23(1)."""
+
+COLUMNS: Final = tuple(f"{body} {where}" for where, body in PUBLISHED_M)
 """Labels of the entries of `compare`, in their order."""
+
+
+def applies_to(scenario: Scenario) -> bool:
+    """Return whether a scenario has the paper's vehicle and path, so that the figures compare.
+
+    The path is the figure eight of 10 m radius at 1 m/s, the vehicle that of the file
+    `kayacan2016`, unchanged.
+    """
+    path = scenario.path
+    same_path = isinstance(path, FigureEight) and path == FigureEight(laps=path.laps)
+    return same_path and scenario.vehicles().plant == read_vehicle(DEFAULT_VEHICLE)
 
 
 def compare(summary: Summary) -> tuple[PublishedError, ...]:
@@ -44,5 +67,5 @@ def compare(summary: Summary) -> tuple[PublishedError, ...]:
             getattr(getattr(summary.tracking, where), body).mean_euclidean_m,
             published_m,
         )
-        for (where, body), published_m in _PUBLISHED_M.items()
+        for (where, body), published_m in PUBLISHED_M.items()
     )

@@ -1,14 +1,15 @@
 """Estimates over many runs with their 95 % confidence intervals.
 
 Runs with the same seed share ground and noise, whatever the point and the controller. They are not
-independent samples: the bootstrap resamples whole units, seeds or drawn points.
+independent samples: intervals are those over whole units, seeds or drawn points. Means have the
+interval of Student's t, quantiles and tail means that of a bootstrap.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -21,6 +22,8 @@ from ttempc.types import FloatArray
 
 CONFIDENCE: Final = 0.95
 TAIL: Final = 0.05  # share of the runs over which CVaR averages
+_ENOUGH_FOR_MEANS: Final = 5
+_ENOUGH_FOR_TAILS: Final = 30
 
 _RESAMPLES: Final = 10_000
 _RESAMPLES_OF_MANY: Final = 2_000  # of more than `_FEW` units
@@ -69,9 +72,82 @@ class Proportion:
         return f"{self.value:.4f} ({self.low:.4f} to {self.high:.4f})"
 
 
-def mean(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the weighted mean."""
-    return weights @ values / weights.sum(axis=1)
+def mean(values: FloatArray, units: NDArray[Any] | None = None) -> IntervalEstimate:
+    """Return a mean with the interval of Student's t over whole units.
+
+    The mean is that over samples, a ratio of sums over units; its variance is linearised (Cochran
+    1977, "Sampling techniques", 3rd ed., section 6.4). For units of equal size this is the interval
+    of the mean over units, exact for normal ones, however few. BCa intervals need tens of units.
+
+    Args:
+        values: samples, (n,), n at least 1, finite.
+        units: the unit of each sample, such as its seed, (n,); default: each sample is a unit.
+    """
+    units = np.arange(len(values)) if units is None else units
+    # Sorted, so that no rounding depends on the order in which the runs ended.
+    order = np.lexsort((values, units))
+    values, (_, unit) = values[order], np.unique(units[order], return_inverse=True)
+    sizes, value = np.bincount(unit), float(values.mean())
+    count = len(sizes)
+    if count < 2:
+        return IntervalEstimate(value, None, None)
+    residual = np.bincount(unit, values - value) / sizes.mean()
+    half = t.ppf(0.5 + 0.5 * CONFIDENCE, count - 1) * residual.std(ddof=1) / math.sqrt(count)
+    return IntervalEstimate(value, value - float(half), value + float(half))
+
+
+def paired_p(differences: FloatArray) -> float:
+    """Return the two-sided p-value of Student's paired t-test.
+
+    Args:
+        differences: of independent pairs, (n,). NaN for a single one; of equal ones 0, or 1 if they
+            are 0.
+    """
+    count = len(differences)
+    if count < 2:
+        return math.nan
+    centre, spread = float(differences.mean()), float(differences.std(ddof=1))
+    if not spread:
+        return float(centre == 0.0)
+    return float(2.0 * t.sf(abs(centre) / spread * math.sqrt(count), count - 1))
+
+
+def holm(p_values: Sequence[float]) -> FloatArray:
+    """Return p-values adjusted for their number, (n,): Holm (1979), Scand. J. Statist. 6.
+
+    Rejecting where the adjusted value is below a level keeps the probability of any false rejection
+    in the family below that level, whatever the dependence.
+    """
+    p = np.asarray(p_values, dtype=float)
+    order = np.argsort(p)
+    steps = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    adjusted = np.empty_like(p)
+    adjusted[order] = np.minimum(steps, 1.0)
+    return adjusted
+
+
+def caveat(units: int, what: str = "seeds", tails: bool = False) -> str:
+    """Return what a page must say of intervals over few units, "" where there are many.
+
+    `python -m experiments.benchmarks.intervals` measures the coverage.
+
+    Args:
+        units: their number.
+        what: their name, in the plural.
+        tails: whether the page has quantiles and means of the worst runs, too.
+    """
+    sentences = []
+    if units < _ENOUGH_FOR_MEANS:
+        sentences.append(
+            f"With {units} {what} the interval of a mean is a 95 % interval only if the errors are "
+            "normal."
+        )
+    if tails and units < _ENOUGH_FOR_TAILS:
+        sentences.append(
+            f"With {units} {what} the intervals of the two tail figures cover less than 95 %: "
+            "three quarters with 5, nine tenths with 14."
+        )
+    return " ".join(sentences)
 
 
 def quantile95(values: FloatArray, weights: FloatArray) -> FloatArray:
@@ -98,18 +174,18 @@ def cvar95(values: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def bootstrap(
-    values: FloatArray, units: NDArray[Any] | None = None, statistic: Statistic = mean
+    values: FloatArray, units: NDArray[Any] | None, statistic: Statistic
 ) -> IntervalEstimate:
     """Return a statistic with its bootstrap interval; equal values give an equal interval.
 
     The interval is the percentile interval of a cluster bootstrap, expanded for few units:
     Hesterberg (2015), "What teachers should know about the bootstrap", The American Statistician
-    69(4). Without the expansion, the interval of a mean of 5 seeds is a third too narrow.
+    69(4).
 
     Args:
         values: samples, (n,), n at least 1, finite.
-        units: the unit of each sample that is resampled as a whole, such as its seed, (n,);
-            default: each sample is a unit.
+        units: the unit of each sample that is resampled as a whole, such as its seed, (n,); None:
+            each sample is a unit.
         statistic: of the samples.
     """
     units = np.arange(len(values)) if units is None else units
@@ -131,7 +207,7 @@ def bootstrap(
     )
     tail = norm.cdf(np.sqrt(count / (count - 1)) * t.ppf(0.5 - 0.5 * CONFIDENCE, count - 1))
     low, high = np.quantile(resampled, (tail, 1.0 - tail))
-    # Rounding of resampled means must not exclude the estimate from its own interval.
+    # Rounding of resamples must not exclude the estimate from its own interval.
     return IntervalEstimate(value, min(float(low), value), max(float(high), value))
 
 

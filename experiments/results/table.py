@@ -3,35 +3,44 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Mapping, Sequence
 from typing import Final
 
-from .published import CAVEAT, compare
+from .published import CAVEAT, PublishedError
 from .summary import BodyStatistics, ErrorStatistics, Summary
 
 WIDTH: Final = 80
 
-_HEADS: Final = ("mean", "published", "rms", "p95", "max", "cross mean", "sd")
+_PUBLISHED: Final = "published"
+_HEADS: Final = ("mean", _PUBLISHED, "rms", "p95", "max", "cross mean", "sd")
 _BODY_WIDTH: Final = 18
 
 
-def format_run(summary: Summary) -> str:
-    """Return the tracking errors of a run and the published ones as text, in centimetres."""
-    published = {(item.where, item.body): item.published_m for item in compare(summary)}
+def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> str:
+    """Return the tracking errors of a run as text, in centimetres.
+
+    Args:
+        summary: of the run.
+        comparison: the published errors, where they apply to the run.
+    """
+    published = {(item.where, item.body): item.published_m for item in comparison}
+    heads = _HEADS if published else tuple(head for head in _HEADS if head != _PUBLISHED)
     lines = [
         f"{summary.scenario} · {summary.controller} · seed {summary.seed}: {summary.status} "
         f"after {summary.duration_s:.1f} s",
         "",
-        "Tracking error [cm]".ljust(_BODY_WIDTH) + _row(_HEADS),
+        "Tracking error [cm]".ljust(_BODY_WIDTH) + _row({head: head for head in heads}),
     ]
     for where in ("straight", "curve", "all"):
         bodies: BodyStatistics = getattr(summary.tracking, where)
         for body, error in bodies.by_point.items():
             cells = _cells(error, published.get((where, body)))
-            lines.append(f"{where:<10}{body}".ljust(_BODY_WIDTH) + _row(cells))
+            shown = {head: cells[head] for head in heads}
+            lines.append(f"{where:<10}{body}".ljust(_BODY_WIDTH) + _row(shown))
     lines += [
         "",
         *_other_numbers(summary),
-        CAVEAT[0].upper() + CAVEAT[1:] + ". The first 8 s do not count.",
+        (f"{CAVEAT.capitalize()}. " if published else "") + "The first 8 s do not count.",
     ]
     if summary.failure:
         lines += ["", *textwrap.wrap(f"{summary.status}: {summary.failure}", WIDTH)]
@@ -43,8 +52,8 @@ def centimetres(metres: float | None, decimals: int = 1) -> str:
     return "–" if metres is None else f"{100.0 * metres:.{decimals}f}"
 
 
-def _cells(error: ErrorStatistics, published_m: float | None) -> tuple[str, ...]:
-    """Return the cells of one line in the order of `_HEADS`."""
+def _cells(error: ErrorStatistics, published_m: float | None) -> dict[str, str]:
+    """Return the cells of one line by their head."""
     numbers = (
         error.mean_euclidean_m,
         published_m,
@@ -54,12 +63,13 @@ def _cells(error: ErrorStatistics, published_m: float | None) -> tuple[str, ...]
         error.cross_mean_m,
         error.cross_sd_m,
     )
-    return tuple(centimetres(number) for number in numbers)
+    cells = (centimetres(number) for number in numbers)
+    return dict(zip(_HEADS, cells, strict=True))
 
 
-def _row(cells: tuple[str, ...]) -> str:
-    widths = [max(len(head), 5) + 2 for head in _HEADS]
-    return "".join(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))
+def _row(cells: Mapping[str, str]) -> str:
+    """Return cells, by their head, side by side."""
+    return "".join(cell.rjust(max(len(head), 5) + 2) for head, cell in cells.items())
 
 
 def _other_numbers(summary: Summary) -> list[str]:

@@ -21,11 +21,14 @@ from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.simulation.termination import TerminationLimits
+from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.controllers import controller_options
 from ttempc.guidance.estimators import estimator_factory
 from ttempc.guidance.guidance import Guidance
+from ttempc.guidance.supervisor import run_on
 from ttempc.reference.path import Path
 from ttempc.reference.posture import check_drivable
+from ttempc.reference.projection import Projection
 from ttempc.reference.reference import Reference, check_pace
 from ttempc.types import Estimator, FloatArray, Input
 from ttempc.vehicle import Vehicle
@@ -40,6 +43,7 @@ from .user_code import is_user_code, load_factory, user_controller, user_estimat
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
 RECORD_RATE_HZ = 25.0  # of the paper's fastest sensors
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
+_BLOCK = 4096  # rows of the reference at a time: a sample takes twice the memory of a row
 EDGE_M = 4.0  # from path to edge of the field: vehicle, antenna and a metre of error
 
 
@@ -54,13 +58,22 @@ class Assembly:
     reference: Reference
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
-    notes: tuple[str, ...] = ()  # on the path, for the log
+    notes: tuple[str, ...] = ()  # on path and tyres, for the log
     stages: tuple[Stage, ...] = STAGES
 
     @property
     def vehicle(self) -> Vehicle:
         """Model parameters of the guidance."""
         return self.guidance.vehicle
+
+    def start(self) -> None:
+        """Put the plant to the start of the reference, rolling.
+
+        Raises:
+            InvalidPlant: the vehicle does not stand there.
+        """
+        x, y, yaw, *_, speed = self.reference.at(0.0).state.tolist()
+        self.plant.reset(x, y, yaw, speed)
 
     def setup(self, sink: Sink, record_hz: float = RECORD_RATE_HZ) -> SimulationSetup:
         """Return the run with the sink in its place, the plant at its start and rolling.
@@ -69,22 +82,22 @@ class Assembly:
             sink: is told everything.
             record_hz: how often it is told the truth [Hz]; see `record_steps`.
         """
-        start = self.reference.at(0.0)
-        x, y, yaw = start.state[:3]
-        self.plant.reset(float(x), float(y), float(yaw), float(start.state[6]))
+        self.start()
         timestep = self.plant.timestep_s
+        rows = self._reference_rows(record_hz)
         return SimulationSetup(
             plant=self.plant,
             sensors=self.sensors,
             guidance=self.guidance,
             vehicle=self.guidance.vehicle,
             sink=sink,
-            reference=self._reference_rows(record_hz),
+            reference=rows,
             control_steps=whole_steps(CONTROL_PERIOD_S, timestep, "control period"),
             record_steps=record_steps(timestep, record_hz),
             terrain=self.terrain,
             termination=TerminationLimits.of(self.plant.vehicle),
             notes=self.notes,
+            place=Projection(rows[:, :2]).place if self.guidance.space_based else None,
         )
 
     def reference_path(self, step_m: float) -> FloatArray:
@@ -94,8 +107,14 @@ class Assembly:
 
     def _reference_rows(self, record_hz: float) -> FloatArray:
         """Return rows of `channels.REFERENCE`, one for each of the truth."""
-        count = self.ticks * round(CONTROL_PERIOD_S * record_hz) + 1
-        sample = self.reference.at(np.arange(count) / record_hz)
+        beyond = run_on(self.ticks) if self.guidance.space_based else 0
+        count = (self.ticks + beyond) * round(CONTROL_PERIOD_S * record_hz) + 1
+        times = np.arange(count) / record_hz
+        parts = (times[k : k + _BLOCK] for k in range(0, len(times), _BLOCK))
+        return np.concatenate([self._reference_columns(part) for part in parts])
+
+    def _reference_columns(self, times: FloatArray) -> FloatArray:
+        sample = self.reference.at(times)
         x, y, psi_t, psi_i, delta_t, delta_i, v = sample.state.T
         columns = (
             x,
@@ -148,7 +167,7 @@ def assemble(
         implement=scenario.implement,
     )
     sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
-    return Assembly(
+    assembly = Assembly(
         plant=plant,
         sensors=sensors,
         guidance=_guidance(scenario, reference, plant, factory),
@@ -156,9 +175,11 @@ def assemble(
         reference=reference,
         ticks=_ticks(reference),
         mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
-        notes=mission.notes,
+        notes=(*mission.notes, *overload_notes(vehicles.plant)),
         stages=_stages(scenario, seed),
     )
+    assembly.start()  # refused here, before anything is written
+    return assembly
 
 
 def check(scenario: Scenario) -> int:

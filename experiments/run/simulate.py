@@ -20,6 +20,7 @@ from proving_ground.testbed.viewers.live import LiveView
 
 from ..output import make_folder, refuse_existing
 from ..results.metrics import summarise
+from ..results.published import PublishedError, applies_to, compare
 from ..results.summary import RunFacts, Summary
 from ..scenario.controller import OptionValue
 from ..scenario.scenario import Scenario, dump, identity
@@ -39,7 +40,8 @@ class Finished:
     record: Record
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
-    notes: tuple[str, ...] = ()  # on the path
+    notes: tuple[str, ...] = ()  # on path and tyres
+    comparison: tuple[PublishedError, ...] = ()  # published errors, where they apply
 
 
 def simulate(
@@ -131,6 +133,8 @@ def run(
         bar = stack.enter_context(_progress(assembly.ticks, what))
         sink = Tee(recorder, log, *views)
         outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
+    mismatch, notes = assembly.mismatch, assembly.notes
+    del assembly  # plant and horizons: record and figures of a long run take their memory
     _print_traceback(outcome)
     record = recorder.record(metadata)
     facts = _facts(name, scenario, seed, outcome, files["log"].name, sources)
@@ -142,9 +146,10 @@ def run(
         files[figure] = folder / f"{figure}.png"
         files[figure].write_bytes(content)
     files["report"] = folder / "report.html"
-    page = render_run_report(summary, record.events, resolved, pictures, assembly.mismatch)
+    comparison = compare(summary) if applies_to(scenario) else ()
+    page = render_run_report(summary, record.events, resolved, pictures, mismatch, comparison)
     files["report"].write_text(page, encoding="utf-8")
-    return Finished(summary, record, files, assembly.mismatch, assembly.notes)
+    return Finished(summary, record, files, mismatch, notes, comparison)
 
 
 def drive_into(

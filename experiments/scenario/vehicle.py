@@ -66,7 +66,7 @@ class PlantVehicleSettings:
     load_kg: NotNegative | None = None
     """Load of the trailer, without the mass of the trailer."""
     load_height_m: Positive | None = None
-    """Centre of the load above the trailer axle."""
+    """Centre of the load above the ground."""
     load_forward_m: float | None = None
     """Centre of the load ahead of the trailer axle."""
     speed_gain_mps: Positive | None = None

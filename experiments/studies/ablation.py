@@ -2,7 +2,7 @@
 
     python -m experiments.studies.ablation [SEEDS [SCENARIO ...]]
 
-SEEDS is the number of paired seeds, from 1 (default 2). The default scenarios are those on which
+SEEDS is the number of paired seeds (default 2). The default scenarios are those on which
 the parts differ most. Every run is one lap. Prints the Markdown table of docs/ablation.md: mean
 Euclidean errors [cm], and the root mean square of the front steering's command rate.
 """
@@ -24,6 +24,7 @@ from ttempc.laws.articulated_options import ArticulatedOptions
 
 from ..results.published import COLUMNS
 from ..results.summary import Summary
+from ..seeds import report_seeds
 from .batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 
 SCENARIOS: Final = ("grass", "wet-slope", "patchy", "old-valves")
@@ -49,24 +50,28 @@ VARIANTS: Final[dict[str, ControllerFactory]] = {
 }
 
 
-def main(seeds: int = 2, scenarios: tuple[str, ...] = SCENARIOS, path: str = "path.laps=1") -> None:
+def main(
+    seeds: tuple[int, ...] = report_seeds(2),
+    scenarios: tuple[str, ...] = SCENARIOS,
+    path: str = "path.laps=1",
+) -> None:
     """Drive all variants and print the table; `path` overrides the path of the scenarios."""
     runs = [
         StudyRun(scenario, seed, (path,), factory)
         for scenario in scenarios
         for factory in VARIANTS.values()
-        for seed in range(1, seeds + 1)
+        for seed in seeds
     ]
     summaries = iter(simulate_runs(runs))
     print(f"| scenario | parts | {' | '.join(COLUMNS)} | steering rate, deg/s | lost |")
     print("|---" * (len(COLUMNS) + 4) + "|")
     for scenario in scenarios:
         for parts in VARIANTS:
-            variant = list(itertools.islice(summaries, seeds))
+            variant = list(itertools.islice(summaries, len(seeds)))
             errors = np.mean([mean_errors_cm(run) for run in variant], axis=0)
             cells = " | ".join(f"{error:.2f}" for error in errors)
             rate = np.mean([_steering_rate(run) for run in variant])
-            lost = f"{lost_count(variant)}/{seeds}"
+            lost = f"{lost_count(variant)}/{len(seeds)}"
             print(f"| `{scenario}` | {parts} | {cells} | {rate:.1f} | {lost} |")
 
 
@@ -77,4 +82,4 @@ def _steering_rate(run: Summary) -> float:
 
 
 if __name__ == "__main__":
-    main(int((sys.argv[1:] or ["2"])[0]), tuple(sys.argv[2:]) or SCENARIOS)
+    main(report_seeds(int((sys.argv[1:] or ["2"])[0])), tuple(sys.argv[2:]) or SCENARIOS)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import pickle
 from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, Final, TypeVar
 
 from tqdm import tqdm
 
@@ -15,10 +20,38 @@ from ..results.published import compare
 from ..results.summary import Summary
 from ..run.simulate import simulate
 from ..scenario.scenario import load
-from ..sweep.engine import engine, imap_bounded
+from ..sweep.engine import Engine, engine, imap_bounded
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class BatchSettings:
+    """Where tasks are computed and kept."""
+
+    workers: int | None = None  # processes; None: one per core, 0: this process
+    results: Path | None = None  # file of finished tasks, which are not computed again
+
+
+_SETTINGS: Final[ContextVar[BatchSettings | None]] = ContextVar("batch settings", default=None)
+
+
+@contextlib.contextmanager
+def batch_settings(settings: BatchSettings) -> Iterator[None]:
+    """Compute and keep the tasks of this block as the settings say."""
+    token = _SETTINGS.set(settings)
+    try:
+        yield
+    finally:
+        _SETTINGS.reset(token)
+
+
+@contextlib.contextmanager
+def started_workers() -> Iterator[Engine]:
+    """Start workers for several batches, as the settings of the block say."""
+    with engine((_SETTINGS.get() or BatchSettings()).workers) as workers:
+        yield workers
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +65,10 @@ class StudyRun:
 
 
 def run_tasks(
-    function: Callable[[Task], Result], tasks: Sequence[Task], label: str = ""
+    function: Callable[[Task], Result],
+    tasks: Sequence[Task],
+    label: str = "",
+    started: Engine | None = None,
 ) -> Iterator[Result]:
     """Yield the result of every task in the order of the tasks, computed on all cores.
 
@@ -40,22 +76,35 @@ def run_tasks(
         function: executed in a worker process; what it raises is raised here.
         tasks: its arguments, picklable.
         label: of the progress bar.
+        started: the workers, if they run already.
     """
-    waiting: dict[int, Result] = {}
+    settings = _SETTINGS.get() or BatchSettings()
+    keys = [_key(function, task) for task in tasks] if settings.results else []
+    kept = _read(settings.results) if settings.results else {}
+    waiting: dict[int, Result] = {n: kept[key] for n, key in enumerate(keys) if key in kept}
+    missing = [(n, task) for n, task in enumerate(tasks) if n not in waiting]
     due = 0
-    with engine() as workers, tqdm(total=len(tasks), desc=label or None) as bar:
-        numbered = enumerate(tasks)
-        for (number, _), future in imap_bounded(workers, partial(_apply, function), numbered):
-            waiting[number] = future.result()
-            bar.update()
-            while due in waiting:
+    with contextlib.ExitStack() as stack:
+        bar = stack.enter_context(tqdm(total=len(tasks), initial=len(waiting), desc=label or None))
+        finished = iter(())
+        if missing:
+            workers = started or stack.enter_context(engine(settings.workers))
+            finished = imap_bounded(workers, partial(_apply, function), missing)
+        while due < len(tasks):
+            if due in waiting:
                 yield waiting.pop(due)
                 due += 1
+                continue
+            (number, _), future = next(finished)
+            waiting[number] = future.result()
+            if settings.results:
+                _append(settings.results, keys[number], waiting[number])
+            bar.update()
 
 
 def simulate_runs(runs: Sequence[StudyRun]) -> list[Summary]:
     """Return the summaries of runs in the order of the runs, computed on all cores."""
-    return list(run_tasks(_simulate, runs))
+    return list(run_tasks(simulate_run, runs))
 
 
 def mean_errors_cm(summary: Summary) -> list[float]:
@@ -69,9 +118,36 @@ def lost_count(runs: Sequence[Summary]) -> int:
     return sum(run.status != "completed" for run in runs)
 
 
+def _key(function: Callable[..., Any], task: object) -> str:
+    """Return a name of a task that is the same in every process."""
+    return hashlib.sha256(pickle.dumps((function, task))).hexdigest()
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """Return the kept results, without a torn last one."""
+    results: dict[str, Any] = {}
+    whole = 0
+    if not file.exists():
+        return results
+    with file.open("rb") as stream, contextlib.suppress(EOFError, pickle.UnpicklingError):
+        while True:
+            whole = stream.tell()
+            key, result = pickle.load(stream)
+            results[key] = result
+    with file.open("rb+") as stream:
+        stream.truncate(whole)
+    return results
+
+
+def _append(file: Path, key: str, result: object) -> None:
+    with file.open("ab") as stream:
+        stream.write(pickle.dumps((key, result)))
+
+
 def _apply(function: Callable[[Task], Result], numbered: tuple[int, Task]) -> Result:
     return function(numbered[1])
 
 
-def _simulate(run: StudyRun) -> Summary:
+def simulate_run(run: StudyRun) -> Summary:
+    """Return the summary of a run."""
     return simulate(*load(run.scenario, run.overrides), run.seed, run.factory)[0]

@@ -2,7 +2,7 @@
 
     python -m experiments.studies.cards DIR
 
-Writes DIR/NAME.html, DIR/NAME.json and DIR/README.md, which lists the failed checks. `grass` is
+Writes DIR/NAME.html and DIR/NAME.json, and prints a table with the failed checks. `grass` is
 validated with contact wheels, too.
 """
 
@@ -11,28 +11,16 @@ from __future__ import annotations
 import sys
 import tempfile
 from pathlib import Path
-from typing import Final
 
 from ..scenario.scenario import load, shipped
-from ..validation.plant_validation import PlantValidation, figure_text, summary_line
+from ..validation.plant_validation import PlantValidation, figure_text
 from ..validation.validation_report import write_plant_validation
-
-_HEAD: Final = """\
-# Plant validation of the shipped scenarios
-
-The plant of each scenario on the test bench, written by
-`python -m experiments.studies.cards docs/card`; `ttempc card NAME` validates one. Failed checks are
-listed: they show the limits of the plant or of its laws.
-
-| scenario | checks that hold | failed checks |
-|---|---|---|
-"""
 
 
 def main(folder: Path) -> None:
     """Validate all plants and write the pages; a failed check is no error."""
     folder.mkdir(parents=True, exist_ok=True)
-    rows = []
+    print("| scenario | checks that hold | failed checks |\n|---|---|---|")
     for name, wheels in [*((name, "soil") for name in shipped()), ("grass", "contact")]:
         scenario = load(name, [f'plant.wheels="{wheels}"'])[1]
         with tempfile.TemporaryDirectory() as parent:
@@ -42,9 +30,7 @@ def main(folder: Path) -> None:
             for suffix in ("html", "json"):
                 content = (output / f"card.{suffix}").read_bytes()
                 (folder / f"{stem}.{suffix}").write_bytes(content)
-        rows.append(_row(stem, card))
-        print(summary_line(card), flush=True)
-    (folder / "README.md").write_text(_HEAD + "".join(rows), encoding="utf-8")
+        print(_row(stem, card), flush=True)
 
 
 def _row(stem: str, card: PlantValidation) -> str:
@@ -55,7 +41,7 @@ def _row(stem: str, card: PlantValidation) -> str:
         if not check.passed
     )
     held = sum(bool(check.passed) for check in judged)
-    return f"| [{stem}]({stem}.html) | {held} of {len(judged)} | {failed or 'nothing'} |\n"
+    return f"| [{stem}]({stem}.html) | {held} of {len(judged)} | {failed or 'nothing'} |"
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
     python -m experiments.studies.conditions [SEEDS [CONTROLLER]]      (default: 2 ttempc)
 
-Changes one setting of `grass` at a time and drives one lap with SEEDS paired seeds, from 1. Prints
+Changes one setting of `grass` at a time and drives one lap with SEEDS paired seeds. Prints
 the Markdown table of docs/ablation.md: mean Euclidean errors [cm].
 """
 
@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from ..results.published import COLUMNS
+from ..seeds import report_seeds
 from .batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 
 CHANGES: Final[dict[str, tuple[str, ...]]] = {
@@ -32,23 +33,25 @@ CHANGES: Final[dict[str, tuple[str, ...]]] = {
 }
 
 
-def main(seeds: int = 2, controller: str = "ttempc", path: str = "path.laps=1") -> None:
+def main(
+    seeds: tuple[int, ...] = report_seeds(2),
+    controller: str = "ttempc",
+    path: str = "path.laps=1",
+) -> None:
     """Drive all conditions and print the table; `path` overrides the path of `grass`."""
     fixed = (f'controller.name="{controller}"', path)
     runs = [
-        StudyRun("grass", seed, (*change, *fixed))
-        for change in CHANGES.values()
-        for seed in range(1, seeds + 1)
+        StudyRun("grass", seed, (*change, *fixed)) for change in CHANGES.values() for seed in seeds
     ]
     summaries = simulate_runs(runs)
     print(f"| {controller} | {' | '.join(COLUMNS)} | lost |")
     print("|---" * (len(COLUMNS) + 2) + "|")
     for index, name in enumerate(CHANGES):
-        condition = summaries[index * seeds : (index + 1) * seeds]
+        condition = summaries[index * len(seeds) : (index + 1) * len(seeds)]
         errors = np.mean([mean_errors_cm(run) for run in condition], axis=0)
         cells = " | ".join(f"{error:.1f}" for error in errors)
-        print(f"| {name} | {cells} | {lost_count(condition)}/{seeds} |")
+        print(f"| {name} | {cells} | {lost_count(condition)}/{len(seeds)} |")
 
 
 if __name__ == "__main__":
-    main(int((sys.argv[1:] or ["2"])[0]), (sys.argv[2:] or ["ttempc"])[0])
+    main(report_seeds(int((sys.argv[1:] or ["2"])[0])), (sys.argv[2:] or ["ttempc"])[0])

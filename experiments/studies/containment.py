@@ -32,13 +32,14 @@ from ..results.tracking_errors import START_UP_S
 from ..run.simulate import simulate
 from ..scenario.scenario import load
 from ..scenario.tube_file import read_tube, to_json
+from ..seeds import FIRST, FITTING
 from ..tubes.fit import FitRun, fit_run, fit_tube, format_fit
 from .batch import run_tasks
 from .containment_figures import draw_containment
 
 DRIVER: Final = "ttempc-tube"  # of the laps that a tube is fitted to
-FIRST_FIT_SEED: Final = 1001
-FIRST_SEED: Final = 2001  # of the fresh laps
+FIRST_FIT_SEED: Final = FITTING.start
+FIRST_SEED: Final = FIRST  # of the fresh laps
 TRACKS: Final = 30  # laps whose deviations are kept for the figures
 
 

@@ -18,9 +18,10 @@ from ttempc.paper.composition import paper_controller
 from ttempc.paper.options import PaperOptions
 
 from ..results.published import COLUMNS
+from ..seeds import report_seeds
 from .batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 
-SEEDS = (1, 2, 3)
+SEEDS = report_seeds(3)
 
 
 def _reading(**changes: Any) -> ControllerFactory:  # noqa: ANN401 - any field of PaperOptions

@@ -1,7 +1,7 @@
 """Comparison of estimators, and consistency of the default one.
 
     python -m experiments.studies.estimators [SCENARIO ...]
-    python -m experiments.studies.estimators consistency [FIRST_SEED [SEEDS]]
+    python -m experiments.studies.estimators consistency [SEEDS]
 
 Prints the Markdown tables of docs/estimators.md. The first compares `ttempc-nominal` with `ekf` and
 with `nmhe`, one lap with the same seeds. The normalised innovations of `nmhe` are those of its
@@ -30,11 +30,12 @@ from ..results.published import COLUMNS
 from ..run.simulate import simulate
 from ..scenario.path import FigureEight
 from ..scenario.scenario import load, shipped
+from ..seeds import report_seeds
 from .batch import StudyRun, mean_errors_cm, run_tasks
 
 SCENARIOS = ("pavement", "grass", "wet-grass", "side-slope", "wet-slope", "patchy")
 ESTIMATORS = ("ekf", "nmhe")
-SEEDS = (1, 2)
+SEEDS = report_seeds(2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +102,7 @@ def run_consistency(run: StudyRun) -> Consistency:
 
 
 def print_consistency(
-    seeds: Sequence[int] = (1, 2), scenarios: Sequence[str] = (), overrides: tuple[str, ...] = ()
+    seeds: Sequence[int] = SEEDS, scenarios: Sequence[str] = (), overrides: tuple[str, ...] = ()
 ) -> None:
     """Drive all scenarios, by default all that ship, and print the table."""
     names = list(scenarios or shipped())
@@ -130,8 +131,6 @@ def _cells(figures: Consistency) -> list[float]:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["consistency"]:
-        given = [int(text) for text in sys.argv[2:]]
-        first, count = (*given, *(1, 2)[len(given) :])
-        print_consistency(range(first, first + count))
+        print_consistency(report_seeds(int(*sys.argv[2:3]) or len(SEEDS)))
     else:
         main(tuple(sys.argv[1:]) or SCENARIOS)

@@ -24,6 +24,7 @@ class Dimension:
 
     entries: Sequence[Change]
     relative: frozenset[str] = frozenset()  # keys whose values are factors
+    optional: frozenset[str] = frozenset()  # keys that a scenario may lack
     selects_controller: bool = False  # all its entries meet the same terrain and noise
 
 
@@ -38,6 +39,7 @@ def dimensions(study: Study) -> tuple[Dimension, ...]:
             Dimension(
                 [_change(axis.names, value) for value in values],
                 frozenset(axis.names if axis.relative else ()),
+                frozenset(axis.names if axis.optional else ()),
                 selects_controller="controller" in axis.names,
             )
         )
@@ -50,7 +52,8 @@ def dimensions(study: Study) -> tuple[Dimension, ...]:
             for point in points.tolist()
         ]
         relative = frozenset(name for axis in drawn if axis.relative for name in axis.names)
-        result.append(Dimension(changes, relative))
+        optional = frozenset(name for axis in drawn if axis.optional for name in axis.names)
+        result.append(Dimension(changes, relative, optional))
     return tuple(result)
 
 

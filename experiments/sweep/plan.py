@@ -77,6 +77,7 @@ class SweepPlan:
         self._shared = [factor for factor in factors if not factor.selects_controller]
         self._controllers = next((f for f in factors if f.selects_controller), Dimension([{}]))
         self._relative = frozenset(key for factor in factors for key in factor.relative)
+        self._optional = frozenset(key for factor in factors for key in factor.optional)
         self._seeds = study.point_seeds
         self._drafts: dict[str, ScenarioFile] = {}
         for dimension in factors:
@@ -211,6 +212,8 @@ class SweepPlan:
         merge_tables(tables, self.study.set)
         try:
             for key, value in changes.items():
+                if key in self._optional and self._lacks(draft, key):
+                    continue
                 if key in self._relative:
                     value = self._scaled(draft, key, value)
                 _set(tables, key, value)
@@ -227,6 +230,10 @@ class SweepPlan:
         if name not in self._drafts:
             self._drafts[name] = read_scenario(name)
         return self._drafts[name]
+
+    def _lacks(self, draft: ScenarioFile, key: str) -> bool:
+        """Return whether the scenario has no such key without any axis."""
+        return _get(draft.scenario(self.study.set), key, draft.name) is None
 
     def _scaled(self, draft: ScenarioFile, key: str, factor: Scalar) -> float:
         """Return the factor times the value of the key in the scenario without any axis."""

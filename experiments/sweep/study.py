@@ -36,10 +36,13 @@ class AxisKeys:
     key: str | None = None
     keys: Annotated[tuple[str, ...], Field(min_length=1)] | None = None
     relative: bool = False  # values are factors on the value in the scenario
+    optional: bool = False  # a scenario that has no such key is driven as it is
 
     def __post_init__(self) -> None:
         if (self.key is None) == (self.keys is None):
             raise ValueError("give key, or keys for several that move together, not both")
+        if self.relative and self.optional:
+            raise ValueError(f"axis {self.label}: relative and optional exclude each other")
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ttempc.types import FloatArray
-
 from ..results.statistics import (
     IntervalEstimate,
     Proportion,
@@ -94,7 +92,7 @@ def aggregate(runs: Runs, chosen: NDArray[np.intp]) -> Group:
         runs.run[chosen],
         failed,
         proportion(len(failed), len(chosen)),
-        bootstrap(error[finite], runs.unit[chosen][finite]) if finite.any() else None,
+        mean(error[finite], runs.unit[chosen][finite]) if finite.any() else None,
     )
 
 
@@ -116,12 +114,17 @@ def controller_tail(runs: Runs, controller: int) -> Tail:
     """Return worst errors and cost of a controller."""
     own = runs.controller_index == controller
 
-    def estimate(values: FloatArray, statistic: Statistic) -> IntervalEstimate | None:
-        finite = own & np.isfinite(values)
-        return bootstrap(values[finite], runs.unit[finite], statistic) if finite.any() else None
+    errors, costs = own & np.isfinite(runs.error_cm), own & np.isfinite(runs.step_us)
 
-    error = runs.error_cm
-    return Tail(estimate(error, quantile95), estimate(error, cvar95), estimate(runs.step_us, mean))
+    def tail(statistic: Statistic) -> IntervalEstimate | None:
+        values, units = runs.error_cm[errors], runs.unit[errors]
+        return bootstrap(values, units, statistic) if errors.any() else None
+
+    return Tail(
+        tail(quantile95),
+        tail(cvar95),
+        mean(runs.step_us[costs], runs.unit[costs]) if costs.any() else None,
+    )
 
 
 def paired_differences(runs: Runs, against: int) -> list[PairedDifference]:
@@ -140,7 +143,7 @@ def paired_differences(runs: Runs, against: int) -> list[PairedDifference]:
         result.append(
             PairedDifference(
                 controller,
-                bootstrap(error[both], runs.unit[own][both]) if both.any() else None,
+                mean(error[both], runs.unit[own][both]) if both.any() else None,
                 int(both.sum()),
                 runs.run[own[failed & ~other_failed]],
                 runs.run[own[~failed & other_failed]],

@@ -49,12 +49,16 @@ class Scale:
 
 def scales(runs: Runs) -> tuple[Scale, ...]:
     """Return all axes of a study except the controller, in the order of the file."""
-    axes = [axis for axis in runs.study.axis if "controller" not in axis.names]
+    axes = [axis for axis in runs.study.axis if "controller" not in axis.names and _varies(axis)]
     names = [_label(axis.names) for axis in axes]
     return tuple(
         _scale(runs, axis, name if names.count(name) == 1 else axis.label)
         for axis, name in zip(axes, names, strict=True)
     )
+
+
+def _varies(axis: Axis) -> bool:
+    return not isinstance(axis, ListAxis) or len(axis.values) > 1
 
 
 def _label(keys: Sequence[str]) -> str:

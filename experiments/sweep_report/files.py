@@ -14,7 +14,7 @@ from ..figures import png
 from ..figures.panel import together
 from .page import render_page
 from .report import SweepReport
-from .summary import MARK, render_summary
+from .summary import render_summary
 
 PLACE: Final = "report"
 """Name of the report's folder in the folder of its sweep."""
@@ -48,19 +48,11 @@ def write_report(report: SweepReport, folder: Path) -> Path:
     return target / "report.html"
 
 
-def write_docs(report: SweepReport, folder: Path) -> Path:
-    """Write the summary as NAME.md and the pictures as NAME-*.png; return the summary's path.
-
-    Raises:
-        OutputExists: NAME.md was not written by this function, or cannot be written.
-    """
-    name = report.runs.name
-    file = folder / f"{name}.md"
-    if file.exists() and not file.read_text(encoding="utf-8").startswith(MARK):
-        raise OutputExists(f"output {file}: was not written by `ttempc report`, remove it first")
-    pictures = {f"{name}-{stem}": content for stem, content in _pictures(report).items()}
-    _replace(folder, {**pictures, file.name: render_summary(report, f"{name}-").encode()})
-    return file
+def docs_page(report: SweepReport) -> tuple[str, dict[str, bytes]]:
+    """Return the summary for docs/, and its pictures by file name; their names start with NAME-."""
+    prefix = f"{report.runs.name}-"
+    pictures = {f"{prefix}{file}": content for file, content in _pictures(report).items()}
+    return render_summary(report, prefix), pictures
 
 
 def _pictures(report: SweepReport) -> dict[str, bytes]:

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from ..figures.panel import Panel, alone, svg
 from ..report.html import environment
+from ..results.statistics import caveat
 from ..sweep.failure import ERROR, unmeasured_text
 from ..sweep.row import Row
 from .format import (
@@ -49,6 +50,7 @@ def render_page(report: SweepReport, folder: Path) -> str:
     return templates.get_template("sweep.html.j2").render(
         report=report,
         runs=runs,
+        caveat=caveat(runs.unit_count, runs.units, tails=True),
         unmeasured=unmeasured_text(runs.unmeasured, runs.limit_m),
         study_toml=runs.study.dump(),
         sections=[

@@ -86,12 +86,22 @@ class Runs:
 
     @property
     def by_point(self) -> bool:
-        """Return whether points were drawn at random; the bootstrap then resamples points."""
+        """Return whether points were drawn at random; they are then the independent units."""
         return any(isinstance(axis, DrawnAxis) for axis in self.study.axis)
+
+    @property
+    def units(self) -> str:
+        """Return what the independent units are called."""
+        return "points" if self.by_point else "seeds"
+
+    @property
+    def unit_count(self) -> int:
+        """Return the number of independent units."""
+        return len(set(self.unit.tolist()))
 
     @cached_property
     def unit(self) -> NDArray[np.intp]:
-        """Return the unit that the bootstrap resamples, (n,): the drawn point, or else the seed."""
+        """Return the independent unit of each run, (n,): the drawn point, or else the seed."""
         name = "point" if self.by_point else "seed"
         return np.array([row[name] for row in self.rows], dtype=np.intp)
 

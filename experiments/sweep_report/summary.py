@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from ..results.statistics import caveat
 from ..results.table import centimetres
 from ..sweep.failure import ERROR, unmeasured_text
 from .format import format_estimate, format_numbers, format_percent, rerun_command
 from .report import SweepReport
-
-MARK: Final = "<!-- written by ttempc report -->"
-"""First line of a summary; a file that starts with it may be overwritten."""
 
 _MOST_CELLS: Final = 60  # rows of a table that fits between the pictures
 
@@ -26,8 +24,8 @@ def render_summary(report: SweepReport, prefix: str = "") -> str:
     runs = report.runs
     limit = runs.limit_m
     unmeasured = unmeasured_text(runs.unmeasured, limit)
+    warning = caveat(runs.unit_count, runs.units, tails=True)
     lines = [
-        MARK,
         f"# {runs.name}",
         "",
         runs.study.description,
@@ -46,8 +44,8 @@ def render_summary(report: SweepReport, prefix: str = "") -> str:
         + (f"{unmeasured} " if unmeasured else "")
         + "Errors are the 95th percentile of the trailer's unsigned cross-track error in a run, of "
         "runs that completed [cm]. In brackets 95 % intervals: failure rates by "
-        "Clopper and Pearson, all others by bootstrap over whole "
-        f"{'points' if runs.by_point else 'seeds'}. Simulation.",
+        f"Clopper and Pearson, means and differences by Student's t over whole {runs.units}, the "
+        "other two by bootstrap over them. " + (f"{warning} " if warning else "") + "Simulation.",
         "",
         *_controllers(report),
         *(_differences(report) if report.differences else ()),

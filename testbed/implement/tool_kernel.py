@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import numba
-
+from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
 from . import soil_force
@@ -21,7 +20,7 @@ _DRAFT_SPEED: Final = soil_force.DRAFT_SPEED
 _SIDE_SPEED: Final = soil_force.SIDE_SPEED
 
 
-@numba.njit(cache=True, error_model="numpy", boundscheck=False)
+@cached_njit(error_model="numpy", boundscheck=False)
 def tool_step(
     law: FloatArray,
     offsets: FloatArray,

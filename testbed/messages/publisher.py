@@ -31,7 +31,10 @@ from .schemas import RowEncoder, descriptor_set, message_name
 from .viewer_messages import MAP_FRAME, encode_event, encode_fix, encode_paths, encode_poses
 
 _POSE_PERIOD_S: Final = 0.1 - 1e-6  # between poses: enough for trails; /tf has all
-_DRIVEN_PERIOD_S: Final = 5.0  # between driven paths
+_DRIVEN_PERIOD_S: Final = 5.0  # between driven paths, at least
+# ... and at least this share of the time driven: every message repeats the whole path, and with a
+# fixed period their sum would grow with the square of the time.
+_DRIVEN_SHARE: Final = 0.01
 _DRIVEN_STEP_M: Final = 1.0  # between its points
 _GNSS: Final = (  # topic, frame, columns of x, y and sample time in `MEASUREMENT`
     (topics.GNSS_TOPIC, "tractor", MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR]),
@@ -130,7 +133,8 @@ class Publisher(ABC):
         if math.hypot(tractor.x - x, tractor.y - y) > _DRIVEN_STEP_M:
             self._driven.append((tractor.x, tractor.y, trailer.x, trailer.y))
         if truth.time_s >= self._next_driven_s:
-            self._next_driven_s = truth.time_s + _DRIVEN_PERIOD_S
+            pause = max(_DRIVEN_PERIOD_S, _DRIVEN_SHARE * truth.time_s)
+            self._next_driven_s = truth.time_s + pause
             driven = np.array(self._driven)
             self.path(topics.DRIVEN_TOPIC, truth.time_s, driven[:, :2])
             self.path(topics.DRIVEN_TRAILER_TOPIC, truth.time_s, driven[:, 2:])

@@ -69,6 +69,11 @@ class Recorder:
         self._channels = {channel.topic: channel for channel in channels}
         self._times = {topic: array("d") for topic in self._channels}
         self._values = {topic: array("d") for topic in self._channels}
+        # of the last `record`, which share its memory
+        self._tables = {
+            topic: Table(channel, np.empty(0), np.empty((0, len(channel.fields))))
+            for topic, channel in self._channels.items()
+        }
         self._events: list[Event] = []
 
     def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
@@ -96,12 +101,10 @@ class Recorder:
 
     def record(self, metadata: Mapping[str, str] | None = None) -> Record:
         """Return the record of the data collected so far."""
-        tables = {
-            topic: Table(
-                channel,
-                np.array(self._times[topic]),
-                np.array(self._values[topic]).reshape(-1, len(channel.fields)),
-            )
-            for topic, channel in self._channels.items()
-        }
-        return Record(tables, tuple(self._events), dict(metadata or {}))
+        for topic, table in self._tables.items():
+            times = np.concatenate([table.time_s, self._times.pop(topic)])
+            rows = np.reshape(self._values.pop(topic), (-1, len(table.channel.fields)))
+            values = np.concatenate([table.values, rows])
+            self._tables[topic] = Table(table.channel, times, values)
+            self._times[topic], self._values[topic] = array("d"), array("d")
+        return Record(dict(self._tables), tuple(self._events), dict(metadata or {}))

@@ -8,7 +8,7 @@ from typing import Final
 TRANSFORMS_TOPIC: Final = "/tf"
 TRACTOR_TOPIC: Final = "/tractor/pose"
 TRAILER_TOPIC: Final = "/trailer/pose"
-DRIVEN_TOPIC: Final = "/tractor/path"  # so far, every few seconds
+DRIVEN_TOPIC: Final = "/tractor/path"  # so far, every few seconds, later less often
 DRIVEN_TRAILER_TOPIC: Final = "/trailer/path"
 REFERENCE_PATH_TOPIC: Final = "/reference/path"  # once, at the start of the run
 PREDICTED_PATH_TOPIC: Final = "/mpc/predicted_path"  # of the tractor point, every control tick

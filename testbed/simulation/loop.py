@@ -23,7 +23,7 @@ from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPI
 from ..sensing.sensors import SensorSuite
 from ..truth import Truth
 from .plant import Plant
-from .termination import TerminationLimits, check_termination
+from .termination import MeanSlip, TerminationLimits, check_termination
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,19 @@ class SimulationSetup:
     record_steps: int  # physics steps from one row of the truth to the next
     terrain: Terrain  # the vehicle must stay on it
     termination: TerminationLimits = field(default_factory=TerminationLimits)
-    notes: tuple[str, ...] = ()  # on the reference, for the log
+    notes: tuple[str, ...] = ()  # on path and tyres, for the log
+    # Place of a point [m] among the rows of `reference`, with its fraction, where the reference is
+    # followed by place; None where it is followed by time.
+    place: Callable[[float, float], float] | None = None
+
+    def reference_row(self, step: int, truth: Truth) -> FloatArray:
+        """Return the row of the reference that belongs to the truth at a physics step."""
+        if self.place is None:
+            return self.reference[step // self.record_steps]
+        place = self.place(truth.tractor.x, truth.tractor.y)
+        row = min(int(place), len(self.reference) - 2)
+        share = place - row
+        return (1.0 - share) * self.reference[row] + share * self.reference[row + 1]
 
 
 @dataclass(slots=True)
@@ -54,6 +66,7 @@ class TickContext:
     control: ControlStep | None = None
     command: Command | None = None  # as it reaches the actuators; until then the previous one
     fallback: str = ""
+    slip: MeanSlip = field(default_factory=MeanSlip)
     lost: str | None = None
     estimator_ns: int = 0
     control_ns: int = 0
@@ -80,7 +93,7 @@ class Outcome:
 
 
 def log_settings(setup: SimulationSetup, tick: TickContext) -> None:
-    """Log origin of the path, implement, and actuator and sensor settings unlike the paper's."""
+    """Log notes, implement, and actuator and sensor settings unlike the paper's."""
     implement = setup.plant.implement
     specifications = (
         *([implement.settings] if implement else []),
@@ -160,7 +173,7 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the truth beside its reference."""
     for step, truth in tick.truths:
         if step % setup.record_steps == 0:
-            reference = setup.reference[step // setup.record_steps].tolist()
+            reference = setup.reference_row(step, truth).tolist()
             setup.sink.row(channels.STATE, truth.time_s, rows.state_row(truth))
             setup.sink.row(channels.REFERENCE, truth.time_s, reference)
             setup.sink.row(channels.TYRES, truth.time_s, rows.tyres_row(truth))
@@ -183,8 +196,10 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
 def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
     step, truth = tick.truths[-1]
-    x, y = setup.reference[step // setup.record_steps, :2]
-    tick.lost = check_termination(truth, (float(x), float(y)), setup.terrain, setup.termination)
+    x, y = setup.reference_row(step, truth)[:2]
+    limits = setup.termination
+    slip = tick.slip.update(truth, limits.stuck_time)
+    tick.lost = check_termination(truth, (float(x), float(y)), setup.terrain, limits, slip)
 
 
 STAGES: Final[tuple[Stage, ...]] = (

@@ -32,6 +32,7 @@ from ..vehicle.vehicle_model import build_spec, level_mjcf, level_model, physics
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre_kernel import Output
 from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, wheel_model
+from .standing import check_standing
 from .truth_reader import TruthReader
 
 _DEFAULT_LAW: Final = SoilLaw()
@@ -123,7 +124,8 @@ class Plant:
             speed: forward speed at the start [m/s].
 
         Raises:
-            InvalidPlant: a value is not finite, or the vehicle would not stand on the field.
+            InvalidPlant: a value is not finite, the place is outside the field, or the vehicle does
+                not stand there on its wheels, see `check_standing`.
         """
         if not all(map(math.isfinite, (x, y, yaw, speed))):
             raise InvalidPlant(f"reset: got {(x, y, yaw, speed)}, every value must be finite")
@@ -139,6 +141,7 @@ class Plant:
                 f"{self.terrain.origin} over {self.terrain.size_m} m"
             )
         self._settle(x, y)
+        check_standing(self.model, self.data, self.tyres, self.wheels.output)
         self._roll(speed)
         self.data.time = 0.0
         mujoco.mj_step1(self.model, self.data)

@@ -8,6 +8,7 @@ from typing import Final
 from .vehicle_parts import VehicleParts
 
 GRAVITY: Final = 9.81  # [m/s^2] as in MuJoCo
+_OVERLOAD: Final = 1.5  # static load over rated load from which a run says so; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,3 +38,22 @@ class AxleLoads:
         ) / tractor.wheelbase_m
         towed = GRAVITY * (trailer.mass_kg + drawbar.mass_kg + load.mass_kg)
         return cls(front, GRAVITY * tractor.mass_kg + pin - front, towed - pin, pin)
+
+
+def overload_notes(vehicle: VehicleParts) -> tuple[str, ...]:
+    """Return a line for each axle whose tyres carry far more than their rated load.
+
+    They are not refused: the law is linear in the load up to the rim on the ground, at which
+    `Plant.reset` refuses. Its range is exceeded all the same, for a real tyre would be harmed.
+    """
+    loads = AxleLoads.of(vehicle)
+    shares = {
+        axle: 0.5 * getattr(loads, axle) / wheel.rated_load_n
+        for axle, wheel in vehicle.wheels.items()
+    }
+    return tuple(
+        f"{axle} tyres overloaded: each carries {share:.1f} times its rated load of "
+        f"{vehicle.wheels[axle].rated_load_n:g} N"
+        for axle, share in shares.items()
+        if share > _OVERLOAD
+    )

@@ -24,7 +24,7 @@ from .servos import SteeringServo, drive_servo, steering_servos
 from .vehicle import PlantVehicle
 
 _MJCF: Final = "tractor_trailer.xml"
-_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the height of the drawn load
+_LOAD_DENSITY: Final = 700.0  # [kg/m^3] grain, assumed; sets the thickness of the load
 _LOAD_SPREAD: Final = (0.67, 0.83)  # length and width of the load over those of the box; assumed
 _GROUND_BASE_M: Final = 1.0  # thickness of the ground below its lowest point
 
@@ -126,15 +126,21 @@ def _put_steering(actuator: mujoco.MjsActuator, servo: SteeringServo) -> None:
 
 
 def _put_load(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
-    """Put the load into the box as a separate body: the trailer's inertial does not change."""
+    """Put the load into the box as a separate body: the trailer's inertial does not change.
+
+    It is as thick as grain, but its underside does not reach through the floor: the load is
+    denser where its centre is too low for that. It touches nothing.
+    """
     load, box = vehicle.load, vehicle.box
     if load.mass_kg == 0.0:
         return
     half_x, half_y = 0.5 * _LOAD_SPREAD[0] * box.length_m, 0.5 * _LOAD_SPREAD[1] * box.width_m
     half_z = load.mass_kg / _LOAD_DENSITY / (8.0 * half_x * half_y)
-    body = spec.body("trailer").add_body(name="load", pos=[load.forward_m, 0.0, load.height_m])
+    half_z = min(half_z, load.height_m - box.floor_m)
+    above_axle = load.height_m - vehicle.trailer_wheel.radius_m
+    body = spec.body("trailer").add_body(name="load", pos=[load.forward_m, 0.0, above_axle])
     body.add_geom(
-        spec.find_default("body"),
+        spec.find_default("shape"),
         name="load",
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=[half_x, half_y, half_z],

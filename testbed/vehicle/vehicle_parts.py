@@ -100,7 +100,7 @@ class Load:
     """Load in the box, in addition to the trailer's mass."""
 
     mass_kg: NotNegative
-    height_m: Positive  # centre above the trailer axle
+    height_m: Positive  # of the centre
     forward_m: float  # centre ahead of the trailer axle
 
 

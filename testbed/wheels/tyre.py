@@ -158,7 +158,7 @@ def step(
     motion: WheelMotion,
     deflection: FloatArray,
     dt: float,
-    in_track: FloatArray | bool = False,
+    in_track: np.ndarray | bool = False,
 ) -> tuple[FloatArray, WheelForces]:
     """Return the tread deflections after `dt` [s] and the forces of the ground, for n wheels.
 

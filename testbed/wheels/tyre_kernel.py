@@ -1,10 +1,8 @@
 """Compiled law of `tyre`: all wheels of a vehicle in one call, on MuJoCo's arrays.
 
 Equations and their order are those of `tyre`; a test compares the two. In addition it converts
-MuJoCo's quantities to the motion of a wheel, and forces to `xfrc_applied`.
-
-numba compiles the constants below into its cache on disk and does not notice when they change in
-`tyre`: delete `__pycache__` after such a change. The law itself is an argument.
+MuJoCo's quantities to the motion of a wheel, and forces to `xfrc_applied`. The law itself is an
+argument.
 """
 
 from __future__ import annotations
@@ -13,9 +11,9 @@ import math
 from enum import IntEnum
 from typing import Final
 
-import numba
 import numpy as np
 
+from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
 from . import tyre
@@ -45,12 +43,12 @@ _LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
 _CONTACT: Final = float(2.0 * np.sin(tyre.FAN_ANGLES[-1]))
 
 
-@numba.njit(cache=True, inline="always")
+@cached_njit(inline="always")
 def _clip(value: float, limit: float) -> float:
     return min(limit, max(-limit, value))
 
 
-@numba.njit(cache=True, inline="always")
+@cached_njit(inline="always")
 def _cell(coordinate: float, last: int) -> tuple[int, float]:
     """Return the grid cell and the place in it; the integer clamp also holds for NaN."""
     coordinate = min(last, max(0.0, coordinate))
@@ -58,7 +56,7 @@ def _cell(coordinate: float, last: int) -> tuple[int, float]:
     return index, coordinate - index
 
 
-@numba.njit(cache=True, error_model="numpy", boundscheck=False)
+@cached_njit(error_model="numpy", boundscheck=False)
 def wheel_step(
     law: FloatArray,
     tyres: FloatArray,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import os
+import resource
 import subprocess
 import sys
 from enum import IntEnum
+from pathlib import Path
 
 import pytest
 
@@ -22,7 +24,7 @@ SCALE = 1.0
 CALLEE = """
 from constants import SCALE, Entry
 from ttempc.jit import cached_njit
-@cached_njit
+@cached_njit()
 def callee(x):
     return SCALE * x[Entry.FIRST]
 """
@@ -30,7 +32,7 @@ CALLER = """
 import numpy as np
 from callee import callee
 from ttempc.jit import cached_njit
-@cached_njit
+@cached_njit()
 def caller(x):
     return callee(x) + 100.0
 if __name__ == "__main__":
@@ -38,32 +40,71 @@ if __name__ == "__main__":
 """
 
 
-def test_a_change_in_another_module_reaches_compiled_code(tmp_path):
-    """Result and cache hits of a kernel whose callee, constant or enumeration changes."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+def run_caller(folder, *, full=False, **variables):
+    """Return result, cache hits and lines on stderr of a process that calls the kernel."""
+
+    def fill_disk():
+        if full:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+    environment = {**os.environ, **{name: str(value) for name, value in variables.items()}}
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+    command = [sys.executable, "-B", str(folder / "caller.py")]
+    process = subprocess.run(
+        command, env=environment, check=True, capture_output=True, text=True, preexec_fn=fill_disk
+    )
+    result, hits = process.stdout.split()
+    return float(result), int(hits), process.stderr.splitlines()
+
+
+@pytest.fixture
+def sources(tmp_path):
+    for name, source in {"constants": CONSTANTS, "callee": CALLEE, "caller": CALLER}.items():
+        (tmp_path / f"{name}.py").write_text(source)
+    return tmp_path
+
+
+def test_a_change_in_another_module_reaches_compiled_code(sources):
+    """Result and cache hits of a kernel whose callee, constant or enumeration changes."""
 
     def run():
-        command = [sys.executable, str(tmp_path / "caller.py")]
-        output = subprocess.run(
-            command, env=environment, check=True, capture_output=True, text=True
-        ).stdout
-        result, hits = output.split()
-        return float(result), int(hits)
+        return run_caller(sources, NUMBA_CACHE_DIR=sources / "cache")
 
-    sources = {"constants": CONSTANTS, "callee": CALLEE, "caller": CALLER}
-    for name, source in sources.items():
-        (tmp_path / f"{name}.py").write_text(source)
-    assert run() == (101.0, 0)
-    assert run() == (101.0, 1)
-    (tmp_path / "callee.py").write_text(CALLEE.replace("return SCALE", "return 2.0 * SCALE"))
-    assert run() == (102.0, 0)
-    (tmp_path / "constants.py").write_text(CONSTANTS.replace("SCALE = 1.0", "SCALE = 4.0"))
-    assert run() == (108.0, 0)
+    assert run() == (101.0, 0, [])
+    assert run() == (101.0, 1, [])
+    (sources / "callee.py").write_text(CALLEE.replace("return SCALE", "return 2.0 * SCALE"))
+    assert run() == (102.0, 0, [])
+    (sources / "constants.py").write_text(CONSTANTS.replace("SCALE = 1.0", "SCALE = 4.0"))
+    assert run() == (108.0, 0, [])
     swapped = CONSTANTS.replace("SCALE = 1.0", "SCALE = 4.0")
     swapped = swapped.replace("FIRST = 0", "FIRST = 1").replace("SECOND = 1", "SECOND = 0")
-    (tmp_path / "constants.py").write_text(swapped)
-    assert run() == (116.0, 0)
+    (sources / "constants.py").write_text(swapped)
+    assert run() == (116.0, 0, [])
+
+
+@pytest.mark.parametrize("given", ["/dev/null/x", ""], ids=["NUMBA_CACHE_DIR", "read-only package"])
+def test_without_a_writable_folder_kernels_run_uncached(sources, given):
+    """A path below a file can be made by no user, root included."""
+    (sources / "__pycache__").touch()  # a file in the place of the package's own cache
+    homes = dict.fromkeys(("HOME", "XDG_CACHE_HOME"), "/dev/null/x")
+    result, hits, (line,) = run_caller(sources, NUMBA_CACHE_DIR=given, **homes)
+    assert (result, hits) == (101.0, 0)
+    assert "NUMBA_CACHE_DIR" in line
+
+
+def test_on_a_full_disk_kernels_run_uncached(sources):
+    """Files can be made, and nothing can be written to them."""
+    result, hits, (line,) = run_caller(sources, full=True, NUMBA_CACHE_DIR=sources / "cache")
+    assert (result, hits) == (101.0, 0)
+    assert "NUMBA_CACHE_DIR" in line
+
+
+def test_all_kernels_share_one_cache():
+    """A second way to compile would miss the fingerprint and the fallback."""
+    root = Path(__file__).parents[2]
+    files = [file for name in ("ttempc", "testbed") for file in (root / name).rglob("*.py")]
+    using = {file.relative_to(root) for file in files if "import numba" in file.read_text()}
+    assert using == {Path("ttempc/jit.py")}
 
 
 class Entry(IntEnum):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from ..types import Disturbance, FloatArray, Input, State
 from ..vehicle import Vehicle
 
 _N, _M, _D = len(State), len(Input), len(Disturbance)
-_POSE = 6  # x, y, psi of tractor and of trailer
 
 # Longest classical Runge-Kutta step over the shortest lag: over a horizon of four seconds both axle
 # points then stay within a millimetre of much finer steps, which a test checks.
@@ -55,8 +54,24 @@ TRACTOR = Subsystem((Input.DELTA_T, Input.HP), (0, 1), _TRACTOR_STATES, _TRACTOR
 TRAILER = Subsystem((Input.DELTA_I,), (2, 3), (State.PSI_I, State.DELTA_I), tuple(State))
 
 
+class Expressions(Protocol):
+    """A model of 7 states, 3 inputs and 5 disturbances on CasADi's symbols."""
+
+    targets: ClassVar[int]  # entries of `poses`
+
+    def after(self, state: Any, inputs: Any, disturbance: Any, period_s: float) -> Any:  # noqa: ANN401
+        """Return the state after a period of constant inputs, (7,)."""
+        ...
+
+    def position_errors(self, state: Any, poses: Any) -> Any:  # noqa: ANN401 - CasADi
+        """Return the outputs that are minimised, (p,), for the targets `poses`."""
+        ...
+
+
 class ArticulatedExpressions:
     """Equations of `ttempc.models.kinematics` on CasADi's symbols."""
+
+    targets: ClassVar[int] = 6  # x, y, psi of tractor and of trailer
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._ca = load_casadi()
@@ -129,12 +144,12 @@ class HorizonModel:
     """
 
     def __init__(
-        self, vehicle: Vehicle, subsystem: Subsystem, horizon: int, period_s: float
+        self, expressions: Expressions, subsystem: Subsystem, horizon: int, period_s: float
     ) -> None:
         ca = load_casadi()
-        expressions = ArticulatedExpressions(vehicle)
-        state, given = ca.SX.sym("state", _N), ca.SX.sym("given", _M + _D + _POSE)
-        inputs, disturbance, poses = ca.vertsplit(given, [0, _M, _M + _D, _M + _D + _POSE])
+        size = _M + _D + expressions.targets
+        state, given = ca.SX.sym("state", _N), ca.SX.sym("given", size)
+        inputs, disturbance, poses = ca.vertsplit(given, [0, _M, _M + _D, size])
         after = expressions.after(state, inputs, disturbance, period_s)
         after = ca.vertcat(*(after[i] if i in subsystem.simulated else state[i] for i in State))
         own, states = list(subsystem.inputs), list(subsystem.states)
@@ -159,7 +174,7 @@ class HorizonModel:
         # CasADi stores column by column: the same memory, read row by row, is the transpose.
         n, m, p = len(states), len(own), len(outputs)
         self._start = np.zeros(_N)
-        self._given = np.zeros((horizon, _M + _D + _POSE))
+        self._given = np.zeros((horizon, size))
         self.states = np.zeros((horizon, _N))
         a, b = np.zeros((horizon, n, n)), np.zeros((horizon, m, n))
         self.errors = np.zeros((horizon, p))
@@ -174,7 +189,7 @@ class HorizonModel:
             self._buffer.set_res(place, array.data)
 
     def start(self, state: FloatArray, disturbance: FloatArray, poses: FloatArray) -> None:
-        """Set the first state (7,), the disturbances (Np, 5) and the reference's poses (Np, 6)."""
+        """Set the first state (7,), the disturbances (Np, 5) and the targets (Np, 6 or 7)."""
         self._start[:] = state
         self._given[:, _M : _M + _D] = disturbance
         self._given[:, _M + _D :] = poses

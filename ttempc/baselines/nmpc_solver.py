@@ -12,7 +12,7 @@ from ..mpc.qp import QP, HorizonTuning, StageBounds
 from ..mpc.solver import PersistentSolver
 from ..reference.reference import Reference
 from ..types import FloatArray, SolverReport
-from .nmpc_model import HorizonModel, Subsystem
+from .nmpc_model import ArticulatedExpressions, Expressions, HorizonModel, Subsystem
 
 # A plan is converged where the last iteration changed no input of it by more than this, in rad or
 # hydrostat position. Changes shrink tenfold or more near the solution: the rest is below a tenth.
@@ -28,7 +28,7 @@ class Task:
 
     state: FloatArray  # (7,) the estimate
     disturbance: FloatArray  # (Np, 5) predicted as by the linear MPC
-    poses: FloatArray  # (Np, 6) reference at the ends of the periods, for `HorizonModel`
+    poses: FloatArray  # (Np, 6 or 7) targets at the ends of the periods, for `HorizonModel`
     feedforward: FloatArray  # (Np, 3) u_r
     inputs_e: FloatArray  # (Np, 3) u_e; only the subsystem's own columns are decided
     previous: FloatArray  # (m,) own u_e(k-1)
@@ -81,6 +81,7 @@ class GaussNewton:
         tuning: horizon, weights and bounds.
         period_s: control period [s].
         iterations: at most, in one call.
+        expressions: the model, by default the articulated one of the reference's vehicle.
 
     Raises:
         MissingPackage: CasADi is not installed.
@@ -93,8 +94,10 @@ class GaussNewton:
         tuning: HorizonTuning,
         period_s: float,
         iterations: int = ITERATIONS,
+        expressions: Expressions | None = None,
     ) -> None:
-        self._model = HorizonModel(reference.vehicle, subsystem, tuning.horizon, period_s)
+        expressions = expressions or ArticulatedExpressions(reference.vehicle)
+        self._model = HorizonModel(expressions, subsystem, tuning.horizon, period_s)
         self._qp = PersistentSolver()
         self._iterations = iterations
         self._last: tuple[Task, FloatArray] | None = None

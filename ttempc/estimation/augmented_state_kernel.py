@@ -51,7 +51,7 @@ def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
     return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
 
 
-@cached_njit
+@cached_njit()
 def _steering(command: float, angle: float, lag: float, limit: float) -> tuple[float, float]:
     """Return the rate of a steering angle [rad/s] and its derivative by the command [1/s]."""
     rate = (command - angle) / lag
@@ -60,7 +60,7 @@ def _steering(command: float, angle: float, lag: float, limit: float) -> tuple[f
     return rate, 1.0 / lag
 
 
-@cached_njit
+@cached_njit()
 def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: FloatArray) -> None:
     """Write dx/dt of the first seven entries under `inputs` (3,) into `rate` (7,).
 
@@ -107,7 +107,7 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
     rate[AugmentedState.RIM] = (steady_rim - rim) / tau + x[AugmentedState.DRIVE]
 
 
-@cached_njit
+@cached_njit()
 def state_rate_jacobian(
     x: FloatArray, inputs: FloatArray, parameters: FloatArray, jacobian: FloatArray
 ) -> None:
@@ -189,7 +189,7 @@ def state_rate_jacobian(
     jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_Y] += gear * by_slip_i * cos_p
 
 
-@cached_njit
+@cached_njit()
 def advance_augmented_state(
     x: FloatArray,
     valves: FloatArray,
@@ -258,7 +258,7 @@ def advance_augmented_state(
         x[STATES + j] *= math.exp(faded[j])
 
 
-@cached_njit
+@cached_njit()
 def measure(
     sensor: int, x: FloatArray, parameters: FloatArray, reading: FloatArray, jacobian: FloatArray
 ) -> int:

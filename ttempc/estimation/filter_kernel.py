@@ -27,7 +27,7 @@ _LEVELS: Final = 1 + SCALES
 _MOST_STEP: Final = 0.5  # of the logarithm of a factor at one sample; assumed
 
 
-@cached_njit
+@cached_njit()
 def process_noise(
     middle: FloatArray,
     scales: FloatArray,
@@ -62,7 +62,7 @@ def process_noise(
         levels[0] += scales[0, n] * levels[1 + n]
 
 
-@cached_njit
+@cached_njit()
 def _propagate(matrix: FloatArray, transition: FloatArray, half: FloatArray) -> None:
     """Replace M by Phi (M + N) Phi' + N; `matrix` M, `transition` Phi, `half` N are (18, 18).
 
@@ -96,7 +96,7 @@ def _propagate(matrix: FloatArray, transition: FloatArray, half: FloatArray) -> 
         matrix[i, i] += half[i, i]
 
 
-@cached_njit
+@cached_njit()
 def predict(
     augmented: FloatArray,
     covariances: FloatArray,
@@ -147,7 +147,7 @@ def predict(
             scales[1, n] = scales[1, n] / (1.0 + scales[1, n] * gained)
 
 
-@cached_njit
+@cached_njit()
 def correct(
     augmented: FloatArray,
     covariances: FloatArray,
@@ -254,7 +254,7 @@ def correct(
     return result
 
 
-@cached_njit
+@cached_njit()
 def _learn(
     scale: FloatArray,
     allowed: tuple[float, float],
@@ -292,7 +292,7 @@ def _learn(
     scale[0] = min(max(scale[0] * (1.0 + step), allowed[0]), allowed[1])
 
 
-@cached_njit
+@cached_njit()
 def _reduce(
     matrix: FloatArray, gain: FloatArray, cross: FloatArray, spread: FloatArray, m: int
 ) -> None:

@@ -16,6 +16,7 @@ from ..baselines.nmpc import (
     nmpc_distributed_controller,
     nmpc_rti_controller,
 )
+from ..baselines.nmpc_printed import PrintedNmpcOptions, printed_nmpc_controller
 from ..baselines.pid import PidOptions, pid_controller
 from ..errors import InvalidTube, InvalidTuning, UnknownController
 from ..laws.articulated_mpc import articulated_controller, nominal_controller
@@ -106,6 +107,11 @@ CONTROLLERS: Final = MappingProxyType(
             nmpc_distributed_controller,
             NmpcOptions,
         ),
+        "kayacan-nmpc": ControllerEntry(
+            "NMPC on the printed model with slip factors and a space-based reference, as published",
+            printed_nmpc_controller,
+            PrintedNmpcOptions,
+        ),
         "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback", feedforward_controller
         ),
@@ -166,7 +172,7 @@ def make_controller(
         >>> reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
         >>> controller = make_controller("ttempc", vehicle, reference, 0.2, options={"horizon": 15})
         >>> sorted(CONTROLLERS)[:3]
-        ['feedforward', 'lqr', 'nmpc']
+        ['feedforward', 'kayacan-nmpc', 'lqr']
     """
     entry = controller_entry(name)
     if entry.tube == "required" and design is None:

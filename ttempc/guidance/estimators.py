@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Final
 
 from ..baselines.nmhe import MovingHorizonEstimator
+from ..baselines.nmhe_printed import PrintedEstimator
 from ..errors import UnknownEstimator
 from ..estimation.ekf import ExtendedKalmanFilter
 from ..estimation.noise import SensorNoise
@@ -20,6 +21,7 @@ ESTIMATORS: Final = MappingProxyType[str, EstimatorFactory](
     {
         "ekf": ExtendedKalmanFilter,
         "nmhe": MovingHorizonEstimator,
+        "kayacan-nmhe": PrintedEstimator,
     }
 )
 

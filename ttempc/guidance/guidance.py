@@ -118,6 +118,11 @@ class Guidance:
         return self._reference
 
     @property
+    def space_based(self) -> bool:
+        """Whether the controller follows the reference by place and not by time."""
+        return self._supervisor.space_based
+
+    @property
     def period_s(self) -> float:
         """Control period [s]."""
         return self._period_s

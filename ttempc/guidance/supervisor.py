@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..errors import InvalidTuning
 from ..limits import CommandLimits
 from ..models.tracking_error import Error, estimated_error
+from ..reference.projection import Projection
 from ..reference.reference import Reference, ReferenceSample
 from ..types import (
     Command,
@@ -22,6 +23,7 @@ from ..types import (
     Input,
     Preparing,
     Sensor,
+    SpaceBased,
     State,
 )
 from .command_guard import CommandGuard
@@ -62,6 +64,14 @@ class SafetyLimits:
                 raise InvalidTuning(f"{item.name}: got {value}, must be above 0")
 
 
+def run_on(ticks: int) -> int:
+    """Return the ticks by which the reference of a space-based controller is continued.
+
+    They are for a vehicle that is ahead of its time at the end; a quarter, assumed.
+    """
+    return math.ceil(0.25 * ticks)
+
+
 class Supervisor:
     """Runs a controller as long as estimate and reference allow it.
 
@@ -74,6 +84,8 @@ class Supervisor:
       innovation of GNSS is judged by its time stamps and its covariance alone.
     - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
       hold there, and the time-based reference goes on.
+    - Errors are those to the reference of the tick, of a `SpaceBased` controller those to the
+      nearest tick of the reference.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the
       limits.
 
@@ -93,7 +105,12 @@ class Supervisor:
         self._preparing = controller if isinstance(controller, Preparing) else None
         self._period_s = period_s
         self._safety = safety or SafetyLimits()
-        self._grid = reference.on_grid(period_s)
+        self.space_based = isinstance(controller, SpaceBased) and controller.space_based
+        grid = reference.on_grid(period_s)
+        if self.space_based:
+            grid = reference.on_grid(period_s, beyond=run_on(len(grid.time_s)))
+            self._projection = Projection(grid.state[:, :2])
+        self._grid = grid
         self._speed = float(np.abs(self._grid.state[:, State.V]).max())
         self._hp = self._grid.inputs[:, Input.HP]
         self._beyond_limits = _beyond_limits(self._grid, self._limits)
@@ -132,6 +149,9 @@ class Supervisor:
             return self._stop(f"estimate not finite for more than {safety.blind_s:g} s")
         self._finite_s = time_s
         sample = min(k, len(self._hp) - 1)
+        if self.space_based:
+            x, y = estimate.state[: State.PSI_T].tolist()
+            sample = round(self._projection.place(x, y))
         error = estimated_error(estimate, self._grid, sample)
         jump = self._jump(error)
         self._error = error

@@ -65,7 +65,7 @@ class ArticulatedFeedback:
         self._disturbance_scale = 1.0 if disturbances else 0.0
         self._state = grid.state
         self._vehicle = reference.vehicle
-        self._path = PredictedPath(grid, horizon.prediction)
+        self._path, self._horizon = PredictedPath(grid), horizon
 
     def fresh(self) -> ArticulatedFeedback:
         """Return the law before its first tick, see `FeedbackLaw`."""
@@ -96,7 +96,7 @@ class ArticulatedFeedback:
             feedback=-feedback.input,
             robust=robust.input if robust else np.zeros(_M),
             modelling_error=robust.modelling_error if robust else None,
-            predicted_path=self._path.of(k, feedback.plan),
+            predicted_path=self._path.of(k, self._horizon.prediction(k), feedback.plan),
             solver=feedback.report,
             fallback=feedback.fallback or (robust.fallback if robust else ""),
             tube=tube,

@@ -98,6 +98,7 @@ class TrackingController:
         feedback: the law.
         limits: of the command.
         measured_hitch: which hitch angle turns lambda into delta_i.
+        space_based: whether the law follows the place of the vehicle, see `SpaceBased`.
     """
 
     def __init__(
@@ -108,7 +109,9 @@ class TrackingController:
         limits: CommandLimits,
         *,
         measured_hitch: bool,
+        space_based: bool = False,
     ) -> None:
+        self.space_based = space_based
         self._grid = grid
         self._feedforward = feedforward
         self._feedback = feedback

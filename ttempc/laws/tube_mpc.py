@@ -59,7 +59,7 @@ class TubeFeedback:
         tube = along.tube
         self._mpc = LinearMpc(horizon)
         self._state, self._vehicle = grid.state, along.vehicle
-        self._path = PredictedPath(grid, horizon.prediction)
+        self._path, self._horizon = PredictedPath(grid), horizon
         self._model = np.concatenate([along.a, along.b], axis=2)[:, :_N]  # (T, 7, 19) of (z, s, u)
         self._gains = tube.system.gains  # (T, 3, 7)
         self._rows = report_rows(tube.system.c)  # (T, 9, 7)
@@ -108,7 +108,7 @@ class TubeFeedback:
         return Actions(
             feedback=-feedback.input,
             robust=-ancillary,
-            predicted_path=self._path.of(k, feedback.plan),
+            predicted_path=self._path.of(k, self._horizon.prediction(k), feedback.plan),
             solver=feedback.report,
             fallback=feedback.fallback or ("" if inside else _OUTSIDE),
             tube=report,

@@ -56,7 +56,8 @@ def error_dynamics(
     turn = np.tile(np.eye(_SIZE), (ticks + 1, 1, 1))  # map frame -> reference frame
     turn[:, :2, :2] = rotation(-grid.state[:, State.PSI_T])
     back = turn.transpose(0, 2, 1)
-    a, b = turn[1:] @ a @ back[:-1], turn[1:] @ b
+    for k in range(ticks):  # in place: of a long reference these are the largest matrices
+        a[k], b[k] = turn[k + 1] @ a[k] @ back[k], turn[k + 1] @ b[k]
 
     c = np.zeros((ticks + 1, 4, _SIZE))
     c[:, 0, State.X] = c[:, 1, State.Y] = 1.0

@@ -19,20 +19,24 @@ class PredictedPath:
 
     Args:
         grid: the reference at every tick.
-        errors: (ticks, Np, 4, p) matrices from the plan of a tick to the position errors of
-            tractor (x, y) and trailer (x, y) in the frames of the reference.
     """
 
-    def __init__(self, grid: ReferenceSample, errors: FloatArray) -> None:
-        ticks, horizon = errors.shape[:2]
-        ahead = 1 + np.arange(ticks)[:, None] + np.arange(horizon)  # (ticks, Np)
-        to_map = np.zeros((*ahead.shape, 4, 4))
-        to_map[..., :2, :2] = rotation(grid.state[:, State.PSI_T])[ahead]
-        to_map[..., 2:, 2:] = rotation(grid.state[:, State.PSI_I])[ahead]
-        self._by_plan = (-to_map @ errors).reshape(ticks, 4 * horizon, -1)
-        self._reference = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)[ahead]
+    def __init__(self, grid: ReferenceSample) -> None:
+        self._to_map = np.zeros((len(grid.state), 4, 4))
+        self._to_map[:, :2, :2] = rotation(grid.state[:, State.PSI_T])
+        self._to_map[:, 2:, 2:] = rotation(grid.state[:, State.PSI_I])
+        self._reference = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)
 
-    def of(self, k: int, plan: FloatArray) -> FloatArray:
-        """Return x_t, y_t, x_i, y_i [m], map frame, under the `plan` (p,) of tick k, (Np, 4)."""
-        path = self._reference[k]
-        return path + (self._by_plan[k] @ plan).reshape(path.shape)
+    def of(self, k: int, errors: FloatArray, plan: FloatArray) -> FloatArray:
+        """Return x_t, y_t, x_i, y_i [m], map frame, under the plan of tick `k`, (Np, 4).
+
+        Args:
+            k: the tick.
+            errors: (Np, 4, p) matrices from the plan to the position errors of tractor (x, y) and
+                trailer (x, y) in the frames of the reference.
+            plan: (p,)
+        """
+        ahead = slice(k + 1, k + 1 + len(errors))
+        path = self._reference[ahead]
+        by_plan = (-self._to_map[ahead] @ errors).reshape(path.size, -1)
+        return path + (by_plan @ plan).reshape(path.shape)

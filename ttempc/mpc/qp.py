@@ -17,6 +17,7 @@ from ..types import FloatArray, Input
 from ..validation import check_count, check_vector
 from .ordered_product import ordered_product
 
+_BLOCK = 32  # ticks whose matrices are computed together: 2 ms, 1 MB with the defaults
 _ACTIVE = 1e-7  # slack below which a bound counts as active in `QP.residuals`
 
 
@@ -139,6 +140,15 @@ class FirstInputs:
         return np.minimum(np.maximum(previous, lower), upper)
 
 
+@dataclass(frozen=True, slots=True)
+class _Matrices:
+    """Matrices of some ticks in a row; w, Z_j and C of `CondensedHorizon`."""
+
+    prediction: FloatArray  # C Z_1 ... C Z_Np (ticks, Np, p, n + m + m Nc)
+    gradient: FloatArray  # over (z_k, u_{k-1}), (ticks, m Nc, n + m)
+    hessian: FloatArray  # (ticks, m Nc, m Nc)
+
+
 class CondensedHorizon:
     """QPs of all ticks along a reference; only the state and the previous input are left open.
 
@@ -150,6 +160,9 @@ class CondensedHorizon:
     where U_j picks u_{k+j} = u_{k-1} + sum of the steps up to min(j, Nc - 1). The cost of
     eq. (costfunction), sum y'Qy + sum Delta u' R Delta u with y_k = C_k z_k, is then quadratic in
     w. Bounds hold for the stages with a free step.
+
+    All ticks are checked at once, and their matrices are then computed anew, a block of ticks at a
+    time: those of all ticks take 30 KB a tick.
 
     Args:
         a: A (N, n, n).
@@ -182,43 +195,25 @@ class CondensedHorizon:
                 f"{len(a)} stages of {p} outputs and {m} inputs do not fit a horizon of {horizon}, "
                 f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
             )
-        given = n + m  # entries of z_k and u_{k-1} in w
-        state = np.zeros((self.ticks, n, given + m * moves))  # Z_0
-        state[:, :, :n] = np.eye(n)
-        stages = np.empty((self.ticks, horizon + 1, p, given + m * moves))  # C Z_0 ... C Z_Np
-        stages[:, 0] = c[: self.ticks] @ state
-        for j in range(horizon):
-            steps = np.arange(moves) <= j
-            pick = np.hstack([np.zeros((m, n)), np.eye(m), np.kron(steps, np.eye(m))])  # U_j
-            window = slice(j, j + self.ticks)
-            state = a[window] @ state + b[window] @ pick
-            stages[:, j + 1] = c[j + 1 : j + 1 + self.ticks] @ state
-        weighted = np.asarray(tuning.output_weight)[:, None] * stages
-        flat = (self.ticks, (horizon + 1) * p, -1)
-        transposed = stages[..., given:].reshape(flat).transpose(0, 2, 1)
-        cost = 2.0 * transposed @ weighted.reshape(flat)
-        cost[:, :, given:] += 2.0 * np.diag(np.tile(tuning.step_weight, moves))
-
-        self.prediction = stages[:, 1:]  # C Z_1 ... C Z_Np (ticks, Np, p, n + m + m Nc)
-        # Gradient over (z_k, u_{k-1}), (ticks, m Nc, n + m).
-        self._gradient = np.ascontiguousarray(cost[:, :, :given])
-        hessian = cost[:, :, given:]
-        self._hessian = 0.5 * (hessian + hessian.transpose(0, 2, 1))  # (ticks, m Nc, m Nc)
+        self._a, self._b, self._c, self._tuning = a, b, c, tuning
         self._moves = moves
         sums = np.tril(np.ones((moves, moves)))
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
         self._bounds = move_bounds(tuning, period_s, len(a), bounds)
         self.first = FirstInputs.of(self._bounds.at(slice(None), slice(m)))
-        self._require_convex()
+        self._first_tick = 0  # of the present block
+        self._block = self._matrices(0)
+        for start in range(0, self.ticks, _BLOCK):
+            self._require_convex(self._matrices(start))
 
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
         """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
-        bounds = self._bounds
+        bounds, (matrices, tick) = self._bounds, self._at(k)
         shift = np.concatenate([previous_input] * self._moves)  # (m Nc,)
         given = np.concatenate([state, previous_input])
         return QP(
-            hessian=self._hessian[k],
-            gradient=ordered_product(self._gradient[k], given),
+            hessian=matrices.hessian[tick],
+            gradient=ordered_product(matrices.gradient[tick], given),
             matrix=self._matrix,
             lower=bounds.lower[k] - shift,
             upper=bounds.upper[k] - shift,
@@ -226,8 +221,49 @@ class CondensedHorizon:
             step_upper=bounds.step_upper[k],
         )
 
-    def _require_convex(self) -> None:
-        if not (is_convex(self._hessian) and np.isfinite(self._gradient).all()):
+    def prediction(self, k: int) -> FloatArray:
+        """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""
+        matrices, tick = self._at(k)
+        return matrices.prediction[tick]
+
+    def _at(self, k: int) -> tuple[_Matrices, int]:
+        """Return the block that holds tick `k`, and the place of the tick in it."""
+        tick = k % _BLOCK
+        if k - tick != self._first_tick:
+            self._first_tick, self._block = k - tick, self._matrices(k - tick)
+        return self._block, tick
+
+    def _matrices(self, start: int) -> _Matrices:
+        """Return the matrices of the ticks from `start` on."""
+        tuning, (n, m) = self._tuning, self._b.shape[1:]
+        horizon, moves, p = tuning.horizon, tuning.moves, self._c.shape[1]
+        ticks = min(_BLOCK, self.ticks - start)
+        given = n + m  # entries of z_k and u_{k-1} in w
+        state = np.zeros((ticks, n, given + m * moves))  # Z_0
+        state[:, :, :n] = np.eye(n)
+        stages = np.empty((ticks, horizon + 1, p, given + m * moves))  # C Z_0 ... C Z_Np
+        stages[:, 0] = self._c[start : start + ticks] @ state
+        for j in range(horizon):
+            steps = np.arange(moves) <= j
+            pick = np.hstack([np.zeros((m, n)), np.eye(m), np.kron(steps, np.eye(m))])  # U_j
+            window = slice(start + j, start + j + ticks)
+            state = self._a[window] @ state + self._b[window] @ pick
+            stages[:, j + 1] = self._c[start + j + 1 : start + j + 1 + ticks] @ state
+        weighted = np.asarray(tuning.output_weight)[:, None] * stages
+        flat = (ticks, (horizon + 1) * p, -1)
+        transposed = stages[..., given:].reshape(flat).transpose(0, 2, 1)
+        cost = 2.0 * transposed @ weighted.reshape(flat)
+        cost[:, :, given:] += 2.0 * np.diag(np.tile(tuning.step_weight, moves))
+        hessian = cost[:, :, given:]
+        return _Matrices(
+            prediction=stages[:, 1:],
+            gradient=np.ascontiguousarray(cost[:, :, :given]),
+            hessian=0.5 * (hessian + hessian.transpose(0, 2, 1)),
+        )
+
+    @staticmethod
+    def _require_convex(matrices: _Matrices) -> None:
+        if not (is_convex(matrices.hessian) and np.isfinite(matrices.gradient).all()):
             raise InvalidTuning("the cost is not finite and convex all along the reference")
 
 

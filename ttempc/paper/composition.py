@@ -51,7 +51,7 @@ class PaperFeedback:
         if options.robust:
             self._robust = RobustLaw(options, options.robust_sign, period_s)
         self._to_vehicle = np.array([1.0, 1.0, 1.0 / options.hp_full_scale])
-        self._path = PredictedPath(grid, horizon.prediction[:, :, POSITIONS])
+        self._path, self._horizon = PredictedPath(grid), horizon
 
     def fresh(self) -> PaperFeedback:
         """Return the law before its first tick, see `FeedbackLaw`."""
@@ -70,6 +70,7 @@ class PaperFeedback:
         feedback = self._mpc.step(k, mpc_state, self._previous)
         self._previous = feedback.input
         self._nominal.advance(k, mpc_state, feedback.input)
+        errors = self._horizon.prediction(k)[:, POSITIONS]
         u_m, z_m = np.zeros(_M), None
         if self._robust:
             u_m, z_m = self._robust.step(k, nominal, error)
@@ -77,7 +78,7 @@ class PaperFeedback:
             feedback=-feedback.input * self._to_vehicle,
             robust=u_m * self._to_vehicle,
             modelling_error=z_m,
-            predicted_path=self._path.of(k, feedback.plan),
+            predicted_path=self._path.of(k, errors, feedback.plan),
             solver=feedback.report,
             fallback=feedback.fallback,
         )

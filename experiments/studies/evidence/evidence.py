@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Final, Literal
@@ -28,7 +28,7 @@ class Evidence:
     rule: str  # where the band comes from
     method: str  # what was driven: scenario, settings, seeds
     below: str = "unknown"  # reason, shown where our figure is below the band
-    above: str = "unknown"  # reason, shown where our figure is above the band
+    above: str = "unknown"  # reason, shown where it is above, or without a figure
 
     @property
     def verdict(self) -> Verdict:
@@ -45,7 +45,7 @@ class Evidence:
     @property
     def reason(self) -> str:
         """Physical reason of a figure outside the band, "unknown" where we have none, else ""."""
-        reasons = {"below": self.below, "above": self.above, "no figure": self.check.note}
+        reasons = {"below": self.below, "above": self.above, "no figure": self.above}
         return reasons.get(self.verdict, "")
 
 
@@ -71,13 +71,14 @@ def table(items: Sequence[Evidence]) -> str:
     head = "| | figure | published | band | ours | verdict |\n|---|---|---|---|---|---|\n"
     numbered = list(enumerate(items, 1))
     rows = "".join(f"| {k} | {_cells(item)} |\n" for k, item in numbered)
-    groups = groupby(numbered, lambda pair: (pair[1].check.source, pair[1].rule, pair[1].method))
+    groups = groupby(numbered, lambda pair: (pair[1].check.source, pair[1].method))
     return f"{head}{rows}\n" + "".join(_note(list(group)) for _, group in groups)
 
 
 def _cells(item: Evidence) -> str:
     check, unit, verdict = item.check, item.check.unit, item.verdict
-    figure = "–" if verdict == "no figure" else f"{number(check.figure or 0.0)} {unit}".rstrip()
+    rounded = number(float(f"{check.figure:.3g}"))
+    figure = "–" if verdict == "no figure" else f"{rounded} {unit}".rstrip()
     band = "–" if verdict == "not judged" else f"{check.expectation} {unit}".rstrip()
     word = verdict if verdict in ("in band", "not judged") else f"**{verdict}**"
     return f"{check.name} | {item.published} | {band} | {figure} | {word}"
@@ -87,12 +88,17 @@ def _note(group: list[tuple[int, Evidence]]) -> str:
     """Return how a run of figures with one source, band rule and method was made."""
     (first, item), (last, _) = group[0], group[-1]
     name = f"{first}" if first == last else f"{first} to {last}"
-    text = f"**{name}.** {item.check.source}. Band: {item.rule}. Ours: {item.method}.\n"
+    text = f"**{name}.** {item.check.source.rstrip('.')}. Ours: {item.method}.\n\n"
+    for rule, members in groupby(group, lambda pair: pair[1].rule):
+        text += f"- Band of {_numbers(members)}: {rule}.\n"
     for k, each in group:
-        if each.check.note and each.verdict != "no figure":
-            text += f"- {k}: {each.check.note}.\n"
+        if each.check.note:
+            text += f"- Of {k}: {each.check.note}.\n"
     for reason, members in groupby(group, lambda pair: pair[1].reason):
         if reason:
-            numbers = ", ".join(str(k) for k, _ in members)
-            text += f"- {numbers} outside: {reason}.\n"
+            text += f"- Outside, {_numbers(members)}: {reason}.\n"
     return text + "\n"
+
+
+def _numbers(members: Iterable[tuple[int, Evidence]]) -> str:
+    return ", ".join(str(k) for k, _ in members)

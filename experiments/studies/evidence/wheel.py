@@ -59,7 +59,8 @@ def side_ratio(slip_angle: float, slip: float, bn: float) -> float:
     cone_index = bn / tyre.mobility(law, tyres, load, one)[0]
     deflection = np.zeros((count, 3))
     for _ in range(round(_ROLLED_M / (speed * dt))):
-        deflection, forces = tyre.step(law, tyres, ground, cone_index, motion, deflection, dt)
+        deflection, _ = tyre.step(law, tyres, ground, cone_index, motion, deflection, dt)
+    _, forces = tyre.step(law, tyres, ground, cone_index, motion, deflection, dt)
     return float(forces.force_lat[_REAR] / load[_REAR])
 
 
@@ -101,7 +102,7 @@ def best_slip() -> list[Evidence]:
             check,
             f"{check.low:.0f}-{check.high:.0f} %",
             "the source's range; its surface is named by Bn",
-            f"farm machine under a drawbar pull at Bn = {bn:g}, no seed",
+            "farm machine under a drawbar pull, no seed",
             below="Brixius' equation has its best efficiency at less slip on such soil; the "
             "curve is flat there",
             above="Brixius' equation has its best efficiency at more slip on such soil; the "

@@ -66,7 +66,7 @@ def test_nmpc(capsys, few_ticks, monkeypatch):
 
 
 def test_physics_loop(capsys, monkeypatch):
-    for name, value in (("STEPS", 20), ("REPEATS", 1)):
+    for name, value in (("STEPS", 20), ("REPEATS", 1), ("LARGEST_RATIO", 99.0)):
         monkeypatch.setattr(physics_loop, name, value)
     monkeypatch.setattr(physics_loop, "shipped_vehicles", lambda: ["kayacan2016"])
     vehicle, loop, bare, ratio = printed(capsys, physics_loop.main)

@@ -10,6 +10,7 @@ import pytest
 from proving_ground.experiments.figures import draw
 from proving_ground.experiments.report.run_report import render_run_report
 from proving_ground.experiments.results.metrics import summarise
+from proving_ground.experiments.results.published import compare
 from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.testbed.recording.record import Event
 from tests.records import record
@@ -64,7 +65,8 @@ def pictures(run):
 
 @pytest.fixture(scope="module")
 def text(run, pictures):
-    return render_run_report(summarise(run, FACTS), run.events, SCENARIO, pictures)
+    summary = summarise(run, FACTS)
+    return render_run_report(summary, run.events, SCENARIO, pictures, comparison=compare(summary))
 
 
 def test_it_loads_no_other_file(text):

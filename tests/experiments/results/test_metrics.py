@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from proving_ground.experiments.results.metrics import summarise
-from proving_ground.experiments.results.published import compare
+from proving_ground.experiments.results.published import applies_to, compare
 from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.experiments.results.table import WIDTH, format_run
+from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING
 from proving_ground.testbed.recording.record import Record
 from tests.records import circle, eight, record, straight, table_of
@@ -228,9 +229,28 @@ def test_a_run_that_ended_at_once_has_a_summary_and_a_table(duration_s):
 
 def test_the_table_sets_the_published_errors_beside_the_runs():
     summary = summarise(record(cross=(0.1, 0.05)), FACTS)
-    text = format_run(summary)
+    text = format_run(summary, compare(summary))
     assert all(len(line) <= WIDTH for line in text.splitlines())
     for number in ("23.5", "21.2", "39.8", "36.2", "10.0", "5.0"):
         assert number in text
     assert "published: field experiment; here: simulation" in text.lower()
     assert [item.published_m for item in compare(summary)] == [0.2349, 0.2121, 0.3982, 0.3621]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "overrides", "applies"),
+    [
+        ("grass", (), True),
+        ("wet-slope", ("path.laps=1",), True),
+        ("grass", ("path.radius_m=9.0",), False),
+        ("grass", ("path.speed_mps=0.8",), False),
+        ("grass", ("plant.vehicle.load_kg=400.0",), False),
+        ("split", (), False),
+        ("farm", (), False),
+    ],
+)
+def test_the_published_errors_stand_beside_runs_of_the_papers_vehicle_and_path_alone(
+    scenario, overrides, applies
+):
+    assert applies_to(load(scenario, overrides)[1]) is applies
+    assert "published" not in format_run(summarise(record(), FACTS)).lower()

@@ -2,14 +2,17 @@
 
 import numpy as np
 import pytest
-from scipy.stats import beta
+from scipy.stats import beta, t, ttest_1samp
 
 from proving_ground.experiments.results.statistics import (
     bootstrap,
+    caveat,
     cvar95,
     fewest_samples,
+    holm,
     mean,
     pair,
+    paired_p,
     proportion,
     quantile95,
     survival,
@@ -20,12 +23,52 @@ def covered(estimates, truth):
     return np.mean([found.low <= truth <= found.high for found in estimates])
 
 
-@pytest.mark.parametrize("count", [5, 8, 30])
+@pytest.mark.parametrize("count", [2, 3, 5, 30])
 def test_the_interval_of_a_mean_covers_it_as_often_as_it_says(count):
     generator = np.random.default_rng(count)
-    found = [bootstrap(generator.normal(3.0, 1.0, count)) for _ in range(400)]
-    # three standard deviations of a share of 0.95 in 400 trials, and what few samples still miss
-    assert 0.917 - (0.03 if count == 5 else 0.0) <= covered(found, 3.0) <= 0.983
+    found = [mean(generator.normal(3.0, 1.0, count)) for _ in range(400)]
+    # three standard deviations of a share of 0.95 in 400 trials
+    assert 0.917 <= covered(found, 3.0) <= 0.983
+
+
+def test_the_interval_of_a_mean_is_students_over_units_of_equal_size():
+    values = np.random.default_rng(8).gamma(2.0, size=(5, 6))
+    found = mean(values.ravel(), np.repeat(np.arange(5), 6))
+    by_unit = ttest_1samp(values.mean(axis=1), 0.0).confidence_interval(0.95)
+    np.testing.assert_allclose([found.low, found.high], by_unit)
+    assert found.value == pytest.approx(values.mean())
+
+
+def test_units_of_other_sizes_weigh_by_their_samples():
+    values, units = np.array([1.0, 2.0, 3.0, 10.0]), np.array([4, 4, 4, 7])
+    found = mean(values, units)
+    assert found.value == 4.0
+    # residuals of the sums, -6 and 6, over a mean size of 2
+    half = t.ppf(0.975, 1) * np.std([-3.0, 3.0], ddof=1) / np.sqrt(2.0)
+    assert found.high - found.value == pytest.approx(half)
+    assert mean(values[::-1], units[::-1]) == found
+
+
+def test_the_paired_p_value_is_that_of_students_test():
+    values = np.random.default_rng(9).normal(0.5, 1.0, 7)
+    assert paired_p(values) == pytest.approx(ttest_1samp(values, 0.0).pvalue)
+    assert (paired_p(np.zeros(4)), paired_p(np.ones(4))) == (1.0, 0.0)
+    assert np.isnan(paired_p(np.ones(1)))
+
+
+def test_holm_rejects_as_its_steps_do_and_keeps_the_error_of_the_family():
+    assert holm([0.01, 0.04, 0.03, 0.005]).tolist() == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.5, 0.9]).tolist() == [1.0, 1.0]
+    uniform = np.random.default_rng(10).uniform(size=(2000, 12))
+    families = np.mean([holm(family).min() < 0.05 for family in uniform])
+    assert families == pytest.approx(0.05, abs=0.015)
+
+
+def test_few_units_carry_a_warning():
+    assert "3 seeds" in caveat(3)
+    assert "normal" in caveat(3)
+    assert "quarters" in caveat(5, tails=True)
+    assert caveat(5) == caveat(30, tails=True) == ""
 
 
 def test_samples_of_one_unit_are_no_independent_samples():
@@ -34,11 +77,11 @@ def test_samples_of_one_unit_are_no_independent_samples():
     shared = [
         generator.normal(0.0, 1.0, 10)[units] + generator.normal(0.0, 0.3, 60) for _ in range(150)
     ]
-    assert covered([bootstrap(values, units) for values in shared], 0.0) >= 0.9
-    assert covered([bootstrap(values) for values in shared], 0.0) < 0.75
+    assert covered([mean(values, units) for values in shared], 0.0) >= 0.9
+    assert covered([mean(values) for values in shared], 0.0) < 0.75
 
 
-@pytest.mark.parametrize("statistic", [mean, quantile95, cvar95])
+@pytest.mark.parametrize("statistic", [quantile95, cvar95])
 def test_an_interval_does_not_depend_on_the_order_of_the_samples(statistic):
     generator = np.random.default_rng(3)
     values, units = generator.gamma(2.0, size=60), np.repeat(np.arange(6), 10)
@@ -50,7 +93,7 @@ def test_an_interval_does_not_depend_on_the_order_of_the_samples(statistic):
     assert here.low <= here.value <= here.high
 
 
-@pytest.mark.parametrize("statistic", [mean, quantile95, cvar95])
+@pytest.mark.parametrize("statistic", [quantile95, cvar95])
 def test_a_statistic_moves_and_grows_with_its_samples(statistic):
     values = np.random.default_rng(4).gamma(2.0, size=40)
     plain, moved = bootstrap(values, None, statistic), bootstrap(3 * values + 7, None, statistic)
@@ -58,7 +101,7 @@ def test_a_statistic_moves_and_grows_with_its_samples(statistic):
     np.testing.assert_allclose([moved.value, moved.low, moved.high], 3 * ends + 7)
 
 
-@pytest.mark.parametrize("statistic", [mean, quantile95, cvar95])
+@pytest.mark.parametrize("statistic", [quantile95, cvar95])
 def test_a_sample_that_counts_twice_is_the_same_as_two(statistic):
     generator = np.random.default_rng(5)
     values, weights = generator.normal(size=25), generator.integers(0, 4, 25)
@@ -80,9 +123,9 @@ def test_the_worst_five_percent_are_worse_than_the_quantile_and_no_worse_than_th
 
 
 def test_differences_of_equal_runs_are_none_and_one_sample_has_no_interval():
-    equal = bootstrap(np.zeros(9))
+    equal = mean(np.zeros(9))
     assert (equal.value, equal.low, equal.high) == (0.0, 0.0, 0.0)
-    alone = bootstrap(np.array([2.0, 3.0]), np.array([7, 7]))
+    alone = mean(np.array([2.0, 3.0]), np.array([7, 7]))
     assert (alone.value, alone.low, alone.high) == (2.5, None, None)
     assert alone.ends == (2.5, 2.5)
 
@@ -93,7 +136,7 @@ def test_pairing_takes_out_what_runs_share():
     keys, others = generator.permutation(12), generator.permutation(14)
     mine, theirs = ground[keys] + 1.0, np.append(ground, [0.0, 0.0])[others]
     here, there = pair(keys, others)
-    difference = bootstrap(mine[here] - theirs[there])
+    difference = mean(mine[here] - theirs[there])
     np.testing.assert_allclose([difference.value, difference.low, difference.high], 1.0)
     assert len(here) == 12
 

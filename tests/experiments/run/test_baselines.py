@@ -9,6 +9,7 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
+from proving_ground.testbed.recording.channels import REFERENCE, STATE
 
 LARGEST_M = 0.05  # mean Euclidean error after the first 8 s; two to three times what they show
 
@@ -23,6 +24,23 @@ def test_baseline_drives_the_plant_straight_ahead(name):
     for error in (summary.tracking.all.tractor, summary.tracking.all.trailer):
         assert error.mean_euclidean_m is not None
         assert error.mean_euclidean_m < LARGEST_M
+
+
+def test_space_based_reference_waits_for_the_vehicle():
+    """It drives slower than 1 m/s; log and statistics have the place nearest to the tractor."""
+    overrides = [
+        'controller.name="kayacan-nmpc"',
+        'controller.estimator="kayacan-nmhe"',
+        'path={kind="straight",length_m=16.0}',
+    ]
+    summary, record = simulate(*load("pavement", overrides), seed=31)
+    assert summary.status == "completed"
+    state, reference = record[STATE], record[REFERENCE]
+    assert 16.0 - state["x_t_m"][-1] - (state["x_t_m"][0] - reference["x_t_m"][0]) > 1.0
+    error = summary.tracking.all.tractor
+    assert error.along_mean_m == pytest.approx(0.0, abs=1e-9)
+    assert error.along_sd_m == pytest.approx(0.0, abs=1e-9)
+    assert 0.0 < error.mean_euclidean_m < 0.5
 
 
 def test_without_casadi_one_line_says_how_to_get_it(monkeypatch, capsys, tmp_path):

@@ -44,7 +44,10 @@ def test_an_option_replaces_its_default_alone():
         ("controller.options.horizon=0", r"controller.options.horizon: got 0"),
         ("controller.options.step_weight=[1.0]", r"controller.options.step_weight"),
         ("controller.options.robust='no'", r"controller.options.robust: got 'no', must be true"),
-        ("controller.estimator='ukf'", r"controller.estimator: got 'ukf', allowed are ekf, nmhe"),
+        (
+            "controller.estimator='ukf'",
+            r"controller.estimator: got 'ukf', allowed are ekf, kayacan-nmhe, nmhe",
+        ),
     ],
 )
 def test_impossible_options_are_refused_with_their_key(override, words):

@@ -3,6 +3,7 @@
 import contextlib
 import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import pytest
 
@@ -13,7 +14,7 @@ from proving_ground.experiments.sweep.engine import Engine
 @pytest.fixture(autouse=True)
 def threads(monkeypatch):
     @contextlib.contextmanager
-    def engine():
+    def engine(workers=None):
         with ThreadPoolExecutor(4) as executor:
             yield Engine(executor, lambda: 4)
 
@@ -32,3 +33,27 @@ def test_results_have_the_order_of_the_tasks():
 def test_an_error_of_a_task_is_raised():
     with pytest.raises(ValueError, match="invalid literal"):
         list(batch.run_tasks(int, ["1", "one"]))
+
+
+def test_finished_tasks_are_kept_and_a_torn_one_is_computed_again(tmp_path):
+    settings = batch.BatchSettings(results=tmp_path / "tasks.pickle")
+    calls = tmp_path / "calls"
+
+    def drive(tasks):
+        calls.write_text("")
+        with batch.batch_settings(settings):
+            results = list(batch.run_tasks(partial(counted, calls), tasks))
+        return results, len(calls.read_text())
+
+    assert drive([1, 2, 3]) == ([10, 20, 30], 3)
+    assert drive([3, 4, 1]) == ([30, 40, 10], 1)
+    content = settings.results.read_bytes()
+    settings.results.write_bytes(content[:-3])
+    assert drive([3, 4, 1]) == ([30, 40, 10], 1)
+    assert drive([3, 4, 1]) == ([30, 40, 10], 0)
+
+
+def counted(calls, task):
+    with calls.open("a") as stream:
+        stream.write("x")
+    return 10 * task

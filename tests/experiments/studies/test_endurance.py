@@ -25,7 +25,14 @@ def test_a_diverged_simulation_is_counted(tmp_path, monkeypatch):
 
     def torn(self, *arguments, **options):
         plant = whole(self, *arguments, **options)
-        plant.model.opt.gravity[2] = float("nan")
+        reset = plant.reset
+
+        def tear(*pose):
+            truth = reset(*pose)
+            plant.model.opt.gravity[2] = float("nan")
+            return truth
+
+        plant.reset = tear
         return plant
 
     monkeypatch.setattr(type(bench), "plant", torn)

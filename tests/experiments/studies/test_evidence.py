@@ -30,7 +30,7 @@ def item(figure, low=1.0, high=2.0, **about):
         (2.0, "in band", ""),
         (0.99, "below", "too little"),
         (2.01, "above", "unknown"),
-        (math.nan, "no figure", ""),
+        (math.nan, "no figure", "unknown"),
     ],
 )
 def test_verdict_follows_from_figure_and_band(figure, verdict, reason):
@@ -38,14 +38,14 @@ def test_verdict_follows_from_figure_and_band(figure, verdict, reason):
     assert evidence.verdict == verdict
     assert evidence.reason == reason
     text = table([evidence])
-    assert ("outside: " in text) == bool(reason)
+    assert ("- Outside, 1: " in text) == bool(reason)
     assert f"{verdict}" in text
 
 
 def test_notes_of_one_method_and_reasons_stand_together():
     text = table([item(0.0), item(0.5), item(1.5)])
     assert "**1 to 3.** a source." in text
-    assert "- 1, 2 outside: unknown." in text
+    assert "- Outside, 1, 2: unknown." in text
 
 
 def test_a_figure_without_a_band_is_not_judged_and_not_counted():
@@ -121,20 +121,25 @@ def short(monkeypatch):
     monkeypatch.setattr(batch, "engine", partial(engine, 0))
 
 
-def test_the_page_judges_what_its_experiments_measure(short, monkeypatch):
+def test_figures_of_short_passes(short):
     experiments = (
         partial(tillage.working_slip, 1),
         partial(tillage.tool_forces, 1),
         partial(passes.receivers, 1),
     )
-    content = page.evidence_page(experiments)
-    items = page.evidence(experiments[1:2])
-    rows = [line for line in content.splitlines() if line.startswith("| ")][1:]
-    assert len(rows) == 5 + 2 + 3
+    items = page.evidence(experiments)
+    assert len(items) == 5 + 2 + 3
     assert all(math.isfinite(each.check.figure) for each in items)
-    draft, stiffness = (each.check.figure for each in items)
+    slip, (draft, stiffness) = items[0].check.figure, (each.check.figure for each in items[5:7])
+    assert slip > 0.0
     assert draft > 0.0
     assert stiffness > 0.0
+
+
+def test_page_has_a_row_for_every_figure(short):
+    content = page.evidence_page((lambda: [item(1.5), item(3.0)], lambda: [item(0.0)]))
+    assert "1 of 3 figures" in content
+    assert sum(line.startswith("| ") for line in content.splitlines()) == 1 + 3
 
 
 def test_unsteered_tool_slides_further_on_a_steeper_slope(short, monkeypatch):

@@ -11,6 +11,7 @@ from proving_ground.experiments.scenario.tube_file import read_tube, to_json
 from proving_ground.experiments.studies import (
     ablation,
     batch,
+    breaking_points,
     cards,
     conditions,
     containment,
@@ -18,8 +19,6 @@ from proving_ground.experiments.studies import (
     errata,
     estimators,
     invariance,
-    kayacan2016,
-    paper_table,
     paper_tube,
     ranking,
     recovery,
@@ -32,7 +31,7 @@ STRAIGHT = 'path={kind="straight",length_m=10.0}'
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
-    monkeypatch.setattr(batch, "engine", partial(engine, 0))
+    monkeypatch.setattr(batch, "engine", lambda workers: engine(0))
 
 
 def first(table, count):
@@ -58,7 +57,7 @@ def finite(cells):
 
 def test_ablation(capsys, monkeypatch):
     monkeypatch.setattr(ablation, "VARIANTS", first(ablation.VARIANTS, 2))
-    ablation.main(1, ("grass",), STRAIGHT)
+    ablation.main((1,), ("grass",), STRAIGHT)
     head, body = rows(capsys)
     assert head[2:6] == list(COLUMNS)
     assert [row[1] for row in body] == list(ablation.VARIANTS)
@@ -70,7 +69,7 @@ def test_ablation(capsys, monkeypatch):
 def test_conditions(capsys, monkeypatch):
     changes = {name: conditions.CHANGES[name] for name in ("`grass` as it is", "150 kPa")}
     monkeypatch.setattr(conditions, "CHANGES", changes)
-    conditions.main(1, "pid", STRAIGHT)
+    conditions.main((1,), "pid", STRAIGHT)
     head, body = rows(capsys)
     assert head == ["pid", *COLUMNS, "lost"]
     assert [row[0] for row in body] == [*changes]
@@ -101,29 +100,21 @@ def test_estimators(capsys):
     assert float(body[0][cost]) < float(body[1][cost])
 
 
-def test_kayacan2016(capsys, monkeypatch):
-    fields = kayacan2016.STAGES["fine"][:2]
-    monkeypatch.setattr(kayacan2016, "STAGES", {"fine": fields})
-    kayacan2016.main("fine", (1,), STRAIGHT)
-    head, body = rows(capsys)
-    assert head[3:7] == list(COLUMNS)
-    assert [row[:3] for row in body] == [[str(part) for part in field] for field in fields]
-
-
-def test_paper_table(capsys, monkeypatch):
-    monkeypatch.setattr(paper_table, "shipped", lambda: ["split"])
-    paper_table.main("feedforward", "1")
-    head, body = rows(capsys)
-    assert head == ["feedforward: scenario", *COLUMNS, "lost"]
-    assert [row[0] for row in body] == ["`split`"]
+def test_breaking_points(capsys, monkeypatch):
+    monkeypatch.setattr(breaking_points, "TOLERANCES", {"slope": 0.4})
+    monkeypatch.setattr(breaking_points, "CONTROLLERS", ("pid",))
+    breaking_points.main((1,), STRAIGHT)
+    head, ((quantity, values),) = rows(capsys)
+    assert head == ["quantity", "`pid`"]
+    assert quantity == "slope [rad]"
+    assert values.startswith("holds") or float(values.split(",")[0]) < float(values.split(",")[1])
 
 
 def test_recovery(capsys, monkeypatch):
     monkeypatch.setattr(recovery, "OFFSETS", ((0.3, 5.0),))
     monkeypatch.setattr(recovery, "SCENARIOS", ("grass",))
-    monkeypatch.setattr(recovery, "SEEDS", (1,))
     monkeypatch.setattr(recovery, "recover", partial(recovery.recover, ticks=50))
-    recovery.main("pid")
+    recovery.main("pid", (1,))
     _, (row,) = rows(capsys)
     assert row[0] == "`grass`"
     assert row[-1] == "kept"
@@ -180,12 +171,11 @@ def test_cards(tmp_path, capsys, monkeypatch):
         monkeypatch.setitem(EXPERIMENTS, name, lambda bench: [])
     cards.main(tmp_path)
     assert {file.name for file in tmp_path.iterdir()} == {
-        "README.md",
         "grass-contact.html",
         "grass-contact.json",
     }
-    assert "[grass-contact](grass-contact.html)" in (tmp_path / "README.md").read_text()
-    assert capsys.readouterr().out
+    _, (row,) = rows(capsys)
+    assert row[0] == "[grass-contact](grass-contact.html)"
 
 
 def test_ranking(capsys, monkeypatch):

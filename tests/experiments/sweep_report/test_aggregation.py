@@ -134,7 +134,7 @@ def test_a_sweep_in_progress_can_be_reported(tmp_path):
     assert runs.controllers == ("paper", "ttempc", "feedforward")
 
 
-@pytest.mark.parametrize("study", ["terrain-slip", "mismatch", "delay", "paper-table"])
+@pytest.mark.parametrize("study", ["terrain-slip", "mismatch", "delay", "compare"])
 def test_the_command_of_a_row_drives_the_same_scenario(study):
     plan = SweepPlan(*load_study(study))
     for run in (0, plan.size // 2, plan.size - 1):

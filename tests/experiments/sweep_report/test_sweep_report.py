@@ -14,8 +14,9 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.sweep.envelope import Envelope, Probe, Question
+from proving_ground.experiments.sweep_report.files import docs_page
+from proving_ground.experiments.sweep_report.report import make_report
 from proving_ground.experiments.sweep_report.runs import read_sweep
-from proving_ground.experiments.sweep_report.summary import MARK
 from tests.experiments.sweep_rows import AXES, DRAWN, swept, synthetic_row
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
@@ -157,17 +158,10 @@ def test_a_report_that_cannot_be_written_leaves_the_old_one(tmp_path, capsys, mo
     assert not list((folder / "report").glob("*.part"))
 
 
-def test_docs_get_summary_and_pictures_and_keep_what_was_written_by_hand(tmp_path, capsys):
-    folder, docs = swept(tmp_path, "seeds = 1", most=1), tmp_path / "docs"
-    for _ in range(2):
-        assert main(["report", str(folder), "--docs", str(docs)]) == 0
-    assert {file.name for file in docs.iterdir()} == {"made-up.md", "made-up-overview.png"}
-    assert (docs / "made-up.md").read_text().startswith(MARK)
-    assert not (folder / "report").exists()
-    (docs / "made-up.md").write_text("# By hand\n")
-    assert main(["report", str(folder), "--docs", str(docs)]) == 2
-    assert "was not written by" in capsys.readouterr().err
-    assert (docs / "made-up.md").read_text() == "# By hand\n"
+def test_the_page_for_docs_names_its_pictures(tmp_path):
+    text, pictures = docs_page(make_report(read_sweep(swept(tmp_path, "seeds = 1", most=1))))
+    assert text.startswith("# made-up\n")
+    assert set(re.findall(r"\]\((.*?\.png)\)", text)) == {*pictures} == {"made-up-overview.png"}
 
 
 def answer(controller, outcome, holds_at, fails_at, probes):

@@ -1,5 +1,7 @@
 """Records and sinks: rows by field name, events, and a tee to several sinks."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,20 @@ def test_a_record_does_not_change_when_the_run_goes_on():
     assert len(early[PAIR]) == 1
     assert early.metadata == {"seed": "1"}
     assert len(recorder.record()[PAIR]) == 2
+
+
+def test_recorder_and_record_share_the_memory_of_the_rows():
+    recorder, rows = Recorder([PAIR]), 100_000
+    tracemalloc.start()
+    try:
+        for k in range(rows):
+            recorder.row(PAIR, k, (1.0, 2.0))
+        record = recorder.record()
+        held, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert record[PAIR].values.shape == (rows, 2)
+    assert held < 1.2 * rows * 3 * 8
 
 
 def test_a_row_of_the_wrong_length_is_refused():

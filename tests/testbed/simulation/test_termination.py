@@ -2,17 +2,25 @@
 
 import math
 
+import numpy as np
 import pytest
 
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.simulation.termination import TerminationLimits, check_termination
+from proving_ground.testbed.simulation.termination import (
+    MeanSlip,
+    TerminationLimits,
+    check_termination,
+)
+from tests.testbed.plants import ROLL, plant_on
 from tests.testbed.truths import truth
 
 FIELD = flat(size_m=(80.0, 50.0))
 
 
-def verdict(state, reference=(0.0, 0.0)):
-    return check_termination(state, reference, FIELD, TerminationLimits())
+def verdict(state, reference=(0.0, 0.0), slip=0.0):
+    return check_termination(state, reference, FIELD, TerminationLimits(), slip)
 
 
 def test_normal_driving_does_not_terminate():
@@ -36,3 +44,59 @@ def test_each_limit_terminates_with_its_reason(state, reason):
     text = verdict(state)
     assert text is not None
     assert text.startswith(reason)
+
+
+def slips(speeds, period_s=0.2, window_s=5.0):
+    """Return the mean slip at each moment, for pairs of rim and ground speed [m/s]."""
+    mean = MeanSlip()
+    return [
+        mean.update(truth(time_s=k * period_s, rim_speed=rim, speed=speed), window_s)
+        for k, (rim, speed) in enumerate(speeds)
+    ]
+
+
+@pytest.mark.parametrize(("rim", "speed"), [(1.4, 0.7), (1.0, 1.0), (-1.0, -0.2), (0.5, -0.1)])
+def test_mean_slip_of_a_steady_motion_is_its_slip_after_a_metre(rim, speed):
+    mean = slips([(rim, speed)] * 60)
+    metre = math.ceil(1.0 / (0.2 * abs(rim)) - 1e-9)
+    assert mean[:metre] == [0.0] * metre
+    assert mean[metre:] == pytest.approx([1.0 - speed / rim] * (60 - metre))
+
+
+def test_mean_slip_is_the_mean_over_the_way_of_the_rims():
+    """Half a window at slip 1, half at slip 0."""
+    mean = slips([(1.0, 1.0)] * 30 + [(1.0, 0.0)] * 12)
+    assert mean[-1] == pytest.approx(12 / 25)
+
+
+def test_a_vehicle_that_stands_stops_or_turns_back_does_not_slip():
+    stop = [(1.0 - k / 25, 0.98 * (1.0 - k / 25)) for k in range(26)]
+    back_and_forth = [(0.9 * sign, 0.88 * sign) for sign in [1] * 15 + [-1] * 15 + [1] * 15]
+    standing = [(0.02, 0.0)] * 60
+    for motion in (stop + [(0.0, 0.0)] * 60, back_and_forth, standing):
+        assert max(slips(motion)) < 0.05
+
+
+def test_stuck_needs_slip_and_distance():
+    assert verdict(truth(tractor={"x": 4.5}, time_s=9.0), slip=0.7).startswith(
+        "stuck: slip 0.70 over 5 s, the tractor is 4.5 m"
+    )
+    assert verdict(truth(tractor={"x": 3.5}), slip=0.7) is None
+    assert verdict(truth(tractor={"x": 4.5}), slip=0.2) is None
+    assert verdict(truth(tractor={"x": 5.5}), slip=0.2).startswith("diverged")
+
+
+def test_contact_wheels_that_spin_on_a_climb_slip():
+    """Their own slip is NaN. Gravity turns by 45 deg, more than their friction holds."""
+    plant, mean = plant_on(wheels="contact"), MeanSlip()
+    plant.reset(0.0, 0.0, 0.0, 1.0)
+    plant.model.opt.gravity[:] = -9.81 * math.sqrt(0.5) * np.array([1.0, 0.0, 1.0])
+    slip = [mean.update(plant.advance(ROLL, 100), 5.0) for _ in range(20)]
+    assert slip[-1] > 0.9
+
+
+def test_a_run_on_ground_that_does_not_carry_ends_as_stuck():
+    ground = ["terrain.iso_class='F'", "soil.cone_index_kpa=60.0", "path.laps=1"]
+    summary, _ = simulate(*load("grass", ground), seed=1)
+    assert summary.status == "lost"
+    assert summary.failure.startswith("stuck: slip")

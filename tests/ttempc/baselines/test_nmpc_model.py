@@ -71,7 +71,7 @@ def exact(state, inputs, disturbance, poses, vehicle):
 
 def test_coarse_steps_predict_the_position_errors_to_a_millimetre():
     generator = np.random.default_rng(7)
-    model = HorizonModel(VEHICLE, WHOLE, HORIZON, PERIOD_S)
+    model = HorizonModel(ArticulatedExpressions(VEHICLE), WHOLE, HORIZON, PERIOD_S)
     for _ in range(5):
         state, inputs, disturbance, poses = gentle(generator)
         model.start(state, disturbance, poses)
@@ -85,7 +85,7 @@ def test_derivatives_along_the_horizon(subsystem):
     """The last error by the first input, through all stages, and by central differences."""
     state, inputs, disturbance, poses = gentle(np.random.default_rng(8))
     inputs[:, :2] *= 0.2  # no rate limit, whose kinks have no derivative
-    model = HorizonModel(VEHICLE, subsystem, HORIZON, PERIOD_S)
+    model = HorizonModel(ArticulatedExpressions(VEHICLE), subsystem, HORIZON, PERIOD_S)
     model.start(state, disturbance, poses)
     own = list(subsystem.inputs)
 

@@ -36,7 +36,7 @@ def test_feedback_drives_the_model_to_the_reference():
     speed moves both; they start alike.
     """
     mpc = LinearMpc(horizon())
-    model = horizon().prediction[0]
+    model = horizon().prediction(0)
     z = np.array([0.2, -0.3, 0.0, 0.2, 0.3, 0.0, 0.0])
     start = z
     previous = np.zeros(3)

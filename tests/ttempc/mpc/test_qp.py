@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.optimize import LinearConstraint, minimize
@@ -43,7 +45,7 @@ def test_prediction_is_the_rolled_model():
     a, b = stages()
     k, state, previous = 55, generator.normal(size=7), generator.normal(size=3)
     steps = generator.normal(size=9)
-    predicted = horizon().prediction[k] @ np.concatenate([state, previous, steps])
+    predicted = horizon().prediction(k) @ np.concatenate([state, previous, steps])
     z, u = state, previous
     for j in range(TUNING.horizon):
         u = u + (steps[3 * j : 3 * j + 3] if j < TUNING.moves else 0.0)
@@ -194,3 +196,32 @@ def test_qp_can_be_made_by_hand():
         np.full(1, 0.5),
     )
     assert qp.residuals(np.array([0.5])).stationarity < 1e-12
+
+
+def test_a_tick_has_the_same_qp_in_any_order_and_on_a_horizon_of_its_own():
+    a, b = stages()
+    given = np.linspace(-0.1, 0.1, 7), np.zeros(3)
+    in_order = {k: horizon().qp(k, *given) for k in range(horizon().ticks)}
+    for k in (horizon().ticks - 1, 0, 33, 31, 32, 64):
+        alone = CondensedHorizon(
+            a[k : k + TUNING.horizon], b[k : k + TUNING.horizon], TUNING, PERIOD_S
+        )
+        for qp in (in_order[k], alone.qp(0, *given)):
+            again = horizon().qp(k, *given)
+            assert qp.hessian.tobytes() == again.hessian.tobytes()
+            assert qp.gradient.tobytes() == again.gradient.tobytes()
+        assert alone.prediction(0).tobytes() == horizon().prediction(k).tobytes()
+
+
+def test_memory_of_a_long_horizon_is_that_of_its_bounds():
+    """The matrices of all ticks would take 11 KB a tick."""
+    a, b = (np.tile(matrix, (10, 1, 1)) for matrix in stages())
+    tracemalloc.start()
+    try:
+        long = CondensedHorizon(a, b, TUNING, PERIOD_S)
+        held, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    per_tick = 8 * 4 * 3 * (TUNING.moves + 1)  # lower and upper, of input and step
+    assert held < 1.1 * long.ticks * per_tick + 1e6
+    assert peak < 3e6 + 3.0 * long.ticks * per_tick

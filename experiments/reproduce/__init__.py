@@ -1,0 +1,1 @@
+"""Tables and figures of the documentation: what makes them, and whether they are still true."""

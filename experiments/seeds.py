@@ -1,0 +1,44 @@
+"""Seeds by purpose: those that a design was tuned or fitted with are never reported on.
+
+Seeds determine terrain and noise. Figures on seeds that a gain, a noise parameter or a tube was
+chosen with would favour that choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+TUNING: Final = range(1, 101)
+"""Tuning by hand, the filter's noise parameters, the search for the field `kayacan2016`, tests."""
+
+FITTING: Final = range(1001, 1101)
+"""Laps that tubes are fitted to and held-out laps of a fit."""
+
+FIRST: Final = 201
+"""First seed of reported runs."""
+
+TUNED_FIELDS: Final = {
+    "filter": ("pavement", "grass", "wet-grass", "side-slope", "wet-slope", "patchy"),
+    "tube": ("grass",),
+    "field": ("kayacan2016",),
+}
+"""Scenarios whose tuning seeds were used, by what was tuned; `field`: the field itself was."""
+
+
+def report_seeds(count: int) -> tuple[int, ...]:
+    """Return the first seeds of reported runs.
+
+    >>> report_seeds(3)
+    (201, 202, 203)
+    """
+    return tuple(range(FIRST, FIRST + count))
+
+
+def design_seeds(seeds: Iterable[int]) -> tuple[int, ...]:
+    """Return those of the seeds that a design was tuned or fitted with.
+
+    >>> design_seeds((7, 201, 1003))
+    (7, 1003)
+    """
+    return tuple(seed for seed in seeds if seed in TUNING or seed in FITTING)

@@ -1,0 +1,44 @@
+"""Published paths: complete to the end, and of a sum that grows with the time driven."""
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+
+from proving_ground.testbed.messages.publisher import Publisher
+from proving_ground.testbed.messages.scenery import Scenery
+from proving_ground.testbed.recording.channels import CHANNELS
+from proving_ground.testbed.recording.topics import DRIVEN_TOPIC
+from tests.testbed.truths import truth
+
+SPEED = 1.1  # m/s
+
+
+class Listener(Publisher):
+    """Keeps times, number of bytes and the last message of the driven path."""
+
+    def __init__(self):
+        self.sent, self.last = [], b""
+        super().__init__(Scenery(("world",)), CHANNELS)
+
+    def _send(self, topic, time_ns, data):
+        if topic == DRIVEN_TOPIC:
+            self.sent.append((1e-9 * time_ns, len(data)))
+            self.last = data
+
+    def _collected(self, time_s):
+        if time_s % 100 == 0:
+            self._publish()
+
+
+def test_the_driven_path_is_complete_and_its_messages_grow_with_the_time():
+    listener = Listener()
+    for time in np.arange(0.0, 6001.0):
+        listener.scene(truth(time_s=time, tractor={"x": SPEED * time}))
+    times, sizes = np.array(listener.sent).T
+    assert np.diff(times[times < 500.0]) == pytest.approx(5.0, abs=0.1)
+    assert (np.diff(times) <= np.maximum(5.0, 0.01 * times[1:] + 1.0) + 1e-6).all()
+    early, late = (sizes[(times > a) & (times <= b)].sum() for a, b in ((1e3, 2e3), (5e3, 6e3)))
+    assert late < 1.3 * early  # a fixed period would make it 3.7 times as much
+    x = [pose.position.x for pose in PosesInFrame.FromString(listener.last).poses]
+    assert x[-1] == pytest.approx(SPEED * times[-1], abs=2.0)
+    assert np.diff(x) == pytest.approx(SPEED, abs=1e-3)
