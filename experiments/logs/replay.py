@@ -25,7 +25,8 @@ from proving_ground.testbed.recording.record import Record
 from ttempc.types import Command, Estimate, Estimator, Measurement
 
 from ..errors import InvalidReplay
-from ..run.assembly import model_vehicle, scenario_estimator
+from ..run.assembly import model_vehicle
+from ..run.user_code import named_estimator
 from ..scenario.controller import TRUTH
 from ..scenario.scenario import Scenario, ScenarioFile, parse_overrides
 
@@ -70,12 +71,14 @@ def estimator_of(scenario: Scenario) -> Estimator:
         InvalidReplay: the estimator is the truth, which needs a plant.
         InvalidController, InvalidVehicle, InvalidPlant: as in a run.
     """
-    if scenario.controller.estimator == TRUTH:
+    settings = scenario.controller
+    if settings.estimator == TRUTH:
         raise InvalidReplay(
             f"controller.estimator: {TRUTH} needs the plant and cannot be replayed; choose another"
         )
     vehicle = model_vehicle(scenario.path.mission(), scenario, scenario.vehicles())
-    return scenario_estimator(scenario, vehicle)
+    noise = settings.noise.sensor_noise(scenario.sensors)
+    return named_estimator(settings.estimator, vehicle, noise)
 
 
 def ticks(record: Record) -> Iterator[Tick]:

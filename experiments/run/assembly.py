@@ -23,14 +23,13 @@ from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.simulation.termination import TerminationLimits
 from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.controllers import controller_options
-from ttempc.guidance.estimators import estimator_factory
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import run_on
 from ttempc.reference.path import Path
 from ttempc.reference.posture import check_drivable
 from ttempc.reference.projection import Projection
 from ttempc.reference.reference import Reference, check_pace
-from ttempc.types import Estimator, FloatArray, Input
+from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
@@ -38,7 +37,7 @@ from ..scenario.controller import TRUTH, ControllerSettings
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
-from .user_code import is_user_code, load_factory, user_controller, user_estimator, user_stage
+from .user_code import is_user_code, load_factory, named_estimator, user_controller, user_stage
 
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
 RECORD_RATE_HZ = 25.0  # of the paper's fastest sensors
@@ -291,7 +290,8 @@ def _guidance(
     if settings.estimator == TRUTH:
         estimator = TruthEstimator(plant.truth)
     else:
-        estimator = scenario_estimator(scenario, vehicle)
+        noise = settings.noise.sensor_noise(scenario.sensors)
+        estimator = named_estimator(settings.estimator, vehicle, noise)
     return Guidance(
         vehicle,
         reference,
@@ -301,19 +301,6 @@ def _guidance(
         options=options,
         tube=tube,
     )
-
-
-def scenario_estimator(scenario: Scenario, vehicle: Vehicle) -> Estimator:
-    """Return the estimator of a scenario for a vehicle model; not the truth estimator.
-
-    Raises:
-        InvalidController: the module of a user's estimator cannot be used.
-    """
-    settings = scenario.controller
-    name, noise = settings.estimator, settings.noise.sensor_noise(scenario.sensors)
-    if is_user_code(name):
-        return user_estimator(name, load_factory(name, "estimator"), vehicle, noise)
-    return estimator_factory(name)(vehicle, noise)
 
 
 def _stages(scenario: Scenario, seed: int) -> tuple[Stage, ...]:

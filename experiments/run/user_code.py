@@ -16,6 +16,8 @@ import numpy as np
 
 from proving_ground.testbed.errors import StageFailed
 from proving_ground.testbed.simulation.loop import SimulationSetup, Stage, TickContext
+from ttempc.estimation.noise import SensorNoise
+from ttempc.guidance.estimators import estimator_factory
 from ttempc.reference.reference import Reference
 from ttempc.types import Controller, Estimator
 from ttempc.vehicle import Vehicle
@@ -96,14 +98,17 @@ def user_controller(
     return controller  # pyright: ignore[reportReturnType] - it has the method
 
 
-def user_estimator(
-    name: str, factory: Callable[..., object], vehicle: Vehicle, sensor_noise: object
-) -> Estimator:
-    """Return the estimator that `factory(vehicle, sensor_noise)` makes.
+def named_estimator(name: str, vehicle: Vehicle, sensor_noise: SensorNoise) -> Estimator:
+    """Return the estimator of a name: one that ships, or what a user's factory makes.
 
     Raises:
-        InvalidController: the factory raised, or returned an object without a method `update`.
+        UnknownEstimator: none of this name ships.
+        InvalidController: no such factory, or it raised, or returned an object without a method
+            `update`.
     """
+    if not is_user_code(name):
+        return estimator_factory(name)(vehicle, sensor_noise)
+    factory = load_factory(name, "estimator")
     estimator = _call(name, "estimator", factory, (vehicle, sensor_noise), {})
     if not callable(getattr(estimator, "update", None)):
         raise InvalidController(
