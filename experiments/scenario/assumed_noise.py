@@ -1,7 +1,7 @@
 """`[controller.noise]`: measurement noise that the estimator assumes.
 
-An estimator assumes that every GNSS sample is one of the axle point, and that every other error is
-white, also where the sensors differ from that.
+An estimator assumes that errors are white but for the slow part of GNSS, and that a GNSS sample is
+one of the axle point unless the height of the antenna is given, also where the sensors differ.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, Positive
+from proving_ground.testbed.configuration.config_io import STRICT, NotNegative, Positive
 from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from ttempc.estimation.noise import SensorNoise
 
@@ -43,6 +43,11 @@ class NoiseSettings:
     """White share of the variance of a position; the rest is correlated over time."""
     gnss_correlation_time_s: Positive | None = None
     """Correlation time of that rest."""
+    antenna_height_t_m: NotNegative = 0.0
+    """Antenna of the tractor above the axle point: raw positions are corrected with the attitude
+    that the IMU measures; 0: they are taken for the axle point."""
+    antenna_height_i_m: NotNegative = 0.0
+    """The same of the trailer."""
 
     def filled(self, sensors: SensorSpecification) -> NoiseSettings:
         """Return the table with the absent keys filled in, each at least 0.001 in its SI unit.
@@ -67,6 +72,10 @@ class NoiseSettings:
             encoder=values["encoder_sd_mps"],
             gnss_white_share=values["gnss_white_share"],
             gnss_correlation_s=values["gnss_correlation_time_s"],
+            antenna_height_t=self.antenna_height_t_m,
+            antenna_height_i=self.antenna_height_i_m,
+            attitude=max(math.radians(sensors.imu.angle_sd_deg), _MIN_SD),
+            attitude_bias=max(math.radians(sensors.imu.angle_bias_sd_deg), _MIN_SD),
         )
 
     def mismatch(self, sensors: SensorSpecification) -> tuple[ParameterMismatch, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import InvalidTuning
 from ..types import Command, Estimate, FloatArray, Innovation, Measurement, Sensor, State
 from ..vehicle import Vehicle
+from .antenna_lean import AntennaLean
 from .augmented_state import SIZE, STATES, AugmentedState, estimate_of
 from .kalman_filter import SAME_TIME_S, FilterState, KalmanFilter
 from .measurement_model import KERNEL_INDEX, LENGTH
@@ -36,7 +37,8 @@ class ExtendedKalmanFilter:
     `gate_probability` only. If it has rejected a sensor for a whole second without a break, the
     filter may be wrong: it then accepts the samples, with their noise raised until they just pass.
     Samples that are not finite, older than the memory, from the future or repeated are rejected.
-    Samples of sensors without a model in `measurement_model` are ignored.
+    Samples of sensors without a model in `measurement_model` are ignored; those of the IMUs serve
+    to correct antenna positions, see `AntennaLean`.
 
     Time stamps may count from any epoch. Those that differ by less than `SAME_TIME_S` count as
     equal wherever the filter compares times of samples with times of updates.
@@ -65,6 +67,8 @@ class ExtendedKalmanFilter:
         self._memory_s = memory_s
         self._sensor_noise = sensor_noise or SensorNoise()
         self._process_noise = process_noise or ProcessNoise()
+        heights = self._sensor_noise.antenna_height_t, self._sensor_noise.antenna_height_i
+        self._lean = AntennaLean(heights, memory_s)
         self._filter = KalmanFilter(
             vehicle, self._sensor_noise, self._process_noise, gate_probability
         )
@@ -85,7 +89,7 @@ class ExtendedKalmanFilter:
         self._commands.append((time_s, held))
         usable: list[Measurement] = []
         refused: list[Innovation] = []
-        for sample in measurements:
+        for sample in self._lean.corrected(measurements, self._headings(measurements)):
             if sample.sensor not in LENGTH:
                 continue
             if self._usable(sample, time_s):
@@ -111,6 +115,18 @@ class ExtendedKalmanFilter:
         self.predict(state, time_s)
         new = [innovations[_key(sample)] for sample in usable if innovations]
         return self.estimate(state, (*refused, *new))
+
+    def _headings(self, measurements: Sequence[Measurement]) -> tuple[float, float]:
+        """Return the yaw of tractor and trailer [rad], before the start the line between both."""
+        if self._states:
+            psi_t, psi_i = self._states[-1].augmented[0, State.PSI_T : State.DELTA_T].tolist()
+            return psi_t, psi_i
+        place = {m.sensor: m.value for m in (*self._samples, *measurements) if len(m.value) == 2}
+        if Sensor.GNSS_TRACTOR not in place or Sensor.GNSS_TRAILER not in place:
+            return 0.0, 0.0
+        (x, y), (x_i, y_i) = place[Sensor.GNSS_TRACTOR], place[Sensor.GNSS_TRAILER]
+        line = math.atan2(y - y_i, x - x_i)
+        return line, line
 
     def _usable(self, sample: Measurement, time_s: float) -> bool:
         """Return whether a sample is complete, finite, new and neither late nor early."""
@@ -159,7 +175,7 @@ class ExtendedKalmanFilter:
         """Return the estimate for a controller from a state of the filter."""
         rim, scales = float(state.augmented[0, AugmentedState.RIM]), state.scales[0]
         unfollowed = np.zeros(STATES)
-        unfollowed[[State.X, State.Y]] = self._sensor_noise.slow_variance
+        unfollowed[[State.X, State.Y]] = self._sensor_noise.position_variance
         unfollowed[State.V] = self._process_noise.fast_speed_variance(rim, scales)
         return estimate_of(
             state.augmented[0],

@@ -18,9 +18,13 @@ from .augmented_state import SIZE, STATES, AugmentedState
 def _require_positive(owner: SensorNoise | ProcessNoise) -> None:
     for item in fields(owner):
         value = getattr(owner, item.name)
-        if not math.isfinite(value) or value <= 0.0:
-            name = f"{type(owner).__name__}.{item.name}"
-            raise InvalidTuning(f"{name}: got {value}, must be finite and above 0")
+        zero = item.name.startswith("antenna")
+        if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
+            name, allowed = (
+                f"{type(owner).__name__}.{item.name}",
+                "0 or above" if zero else "above 0",
+            )
+            raise InvalidTuning(f"{name}: got {value}, must be finite and {allowed}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +42,12 @@ class SensorNoise:
     gnss: float = 0.03  # [m] each axis, white and slow part together
     gnss_white_share: float = 1.0  # of the variance; the rest is slow, alike for both receivers
     gnss_correlation_s: float = 60.0  # of the slow part [s]; assumed
+    # Of the antennas above the axle points [m], for the correction of their lean with the IMUs; 0
+    # where a receiver reports the axle point
+    antenna_height_t: float = 0.0
+    antenna_height_i: float = 0.0
+    attitude: float = math.radians(0.2)  # roll and pitch of the IMUs [rad]; assumed
+    attitude_bias: float = math.radians(0.3)  # constant part of their error [rad]; assumed
     steering: float = math.radians(1.0)  # both steering angles [rad]
     hitch: float = math.radians(1.0)  # [rad]; not printed, assumed as for the steering angles
     encoder: float = 0.1  # [m/s]
@@ -54,6 +64,11 @@ class SensorNoise:
         """Variance of half the sum, and of half the difference, of both receivers' slow errors."""
         return 0.5 * (1.0 - self.gnss_white_share) * self.gnss**2
 
+    @property
+    def position_variance(self) -> float:
+        """Variance of the tractor point along an axis [m^2] that no sample can reduce."""
+        return self.slow_variance + (self.antenna_height_t * self.attitude_bias) ** 2
+
     def of(self, sensor: Sensor) -> float:
         """Return the standard deviation of each entry of one sample of `sensor`, the white part.
 
@@ -62,7 +77,10 @@ class SensorNoise:
         """
         match sensor:
             case Sensor.GNSS_TRACTOR | Sensor.GNSS_TRAILER:
-                return self.gnss * math.sqrt(self.gnss_white_share)
+                tractor = sensor is Sensor.GNSS_TRACTOR
+                height = self.antenna_height_t if tractor else self.antenna_height_i
+                white = self.gnss * math.sqrt(self.gnss_white_share)
+                return math.hypot(white, height * self.attitude)
             case Sensor.STEERING_TRACTOR | Sensor.STEERING_TRAILER:
                 return self.steering
             case Sensor.HITCH:
