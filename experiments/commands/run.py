@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import BadOptions
-from ..results.table import format_run
 from . import options
 
 if TYPE_CHECKING:
@@ -58,6 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and matplotlib.
+    from ..results.table import format_run
     from ..run.assembly import RECORD_RATE_HZ
     from ..run.simulate import run
 

@@ -117,8 +117,9 @@ def steady_motion(
         moving = velocity(place)
         along, across = (moving * ahead).sum(axis=1), (moving * left).sum(axis=1)
         gross = np.where(DRIVEN, drive * half, 0.0)  # open differential: one torque for both
-        rolling = along / (1.0 - np.maximum(slip, 0.0))  # the larger of rim and ground speed
-        traction, side = law.combined_ratios(bn, m, slip, np.arctan(across / rolling))
+        sliding = along * np.maximum(slip, 0.0) / (1.0 - np.maximum(slip, 0.0))
+        slip_angle = np.arctan(across / np.maximum(along, sliding))
+        traction, side = law.combined_ratios(bn, m, slip, slip_angle)
         torque = load * (traction + law.resistance_tyre) - gross
         side = load * side
         pull = load * (traction - law.soil_resistance_ratio(bn, slip))

@@ -165,9 +165,11 @@ def step(
     Deflections u (n, 3) [m] - along, across, in rolling - are the state. They follow the sliding
     speed w and fade over the relaxation length sigma (single-contact-point model, [P] eq. (7.7)),
 
-        du/dt = w - |V| / sigma u.
+        du/dt = w - |V| / sigma u,
 
-    u / sigma is the slip in steady rolling. At V = 0 it is a spring, so that a standing wheel holds
+    with |V| along the wheel that of rim or hub, whichever is faster, and across it that of the hub,
+    or of the sliding along the wheel where this is faster. u / sigma is the slip in steady rolling,
+    across the tangent of the slip angle. At V = 0 it is a spring, so that a standing wheel holds
     on a slope. The law is the same in reverse. The third one follows the wheel's speed; over its
     short length it is the sign of the speed, with which motion resistance acts. Its damping is
     near the critical one of a vehicle at rest, so that a stop does not swing back.
@@ -189,7 +191,8 @@ def step(
     rolling = np.maximum(np.abs(rim), np.abs(v_long))
 
     speeds = np.stack([rim - v_long, v_lat, v_long], axis=1)  # (n, 3) w
-    carried = np.stack([rolling, rolling, np.abs(v_long)], axis=1)  # (n, 3) |V|
+    travel = np.maximum(np.abs(v_long), np.abs(rim - v_long))
+    carried = np.stack([rolling, travel, np.abs(v_long)], axis=1)  # (n, 3) |V|
     lengths = np.array([law.relaxation_long_m, law.relaxation_lat_m, law.relaxation_roll_m])
     damping = np.array([law.damping_long_s, law.damping_lat_s, law.damping_roll_s])
     after = (deflection + dt * speeds) / (1.0 + dt * carried / lengths)  # implicit Euler

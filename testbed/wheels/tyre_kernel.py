@@ -190,7 +190,8 @@ def wheel_step(
         first = 3 * wheel
         u, w, r = state[first], state[first + 1], state[first + 2]
         u1 = _clip((u + dt * (rim - v_long)) / (1.0 + dt * rolling / sigma_x), sigma_x)
-        w1 = _clip((w + dt * v_lat) / (1.0 + dt * rolling / sigma_y), sigma_y)
+        travel = max(abs(v_long), abs(rim - v_long))
+        w1 = _clip((w + dt * v_lat) / (1.0 + dt * travel / sigma_y), sigma_y)
         r1 = _clip((r + dt * v_long) / (1.0 + dt * abs(v_long) / sigma_r), sigma_r)
         slip = _clip((u1 + tau_x * (u1 - u) / dt) / sigma_x, 1.0)
         slip_lat = _clip((w1 + tau_y * (w1 - w) / dt) / sigma_y, 1.0)

@@ -85,7 +85,7 @@ def test_an_existing_folder_is_refused_and_left_alone(finished):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("gras",), "scenario 'gras': no such scenario; shipped are farm, furrows, grass"),
+        (("gras",), "scenario 'gras': no such scenario; shipped are cultivate, farm, furrows"),
         (("nowhere.toml",), "no such file"),
         (("--seed", "-1"), "--seed: must be a whole number"),
         (("--seed", "x"), "--seed: must be a whole number"),

@@ -88,8 +88,8 @@ def combined_slip() -> list[Evidence]:
                 f"± {_SAND_POINTS:g} points, assumed",
                 "rear tyre of the farm machine at its rated load, Bn = 20, no seed. A small rigid "
                 "wheel tells the shape of the law, not its size",
-                above="the law adds both slips as one vector and refers the sideways speed to that "
-                "of the rim, which grows with slip; sand goes on pushing the side of a sunk wheel",
+                above="the law adds both slips as one vector; sand goes on pushing the side of a "
+                "sunk wheel",
             )
         )
     return items
