@@ -19,7 +19,17 @@ FIRST: Final = 201
 """First seed of reported runs."""
 
 TUNED_FIELDS: Final = {
-    "filter": ("pavement", "grass", "wet-grass", "side-slope", "wet-slope", "patchy"),
+    "filter": (
+        "pavement",
+        "grass",
+        "wet-grass",
+        "side-slope",
+        "wet-slope",
+        "patchy",
+        "farm",
+        "furrows",
+        "old-valves",
+    ),
     "tube": ("grass",),
     "field": ("kayacan2016",),
 }

@@ -150,6 +150,14 @@ ENTRIES: Final = (
         minutes=3.0,
     ),
     _study(
+        "consistency",
+        "docs/estimators.md",
+        estimators.print_consistency,
+        seeds=estimators.SEEDS,
+        probes=tuple((name, "ttempc") for name in shipped()),
+        minutes=2.0,
+    ),
+    _study(
         "invariance",
         "docs/tube.md",
         invariance.main,

@@ -135,12 +135,12 @@ class ProcessNoise:
     slip_lateral: float = 0.0048  # rear axle side slip: position across the tractor [m/sqrt(m)]
     yaw_t: float = 0.014  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
     yaw_i: float = 0.0048  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
-    bump_steering: float = 0.0011  # forces on both steering linkages [rad/sqrt(m)]
+    bump_steering: float = 0.0009  # forces on both steering linkages [rad/sqrt(m)]
     # To the factor WHEEL
     wheel_walk: float = 0.0057  # random walk of the persistent wheel slip [1/sqrt(m)]
     climb_walk: float = 0.0014  # random walk of the wheel slip on a slope [1/sqrt(m)]
     # To the factor VALVES
-    steering: float = 0.0018  # lag and play of both steering valves [rad/sqrt(s)]
+    steering: float = 0.0015  # lag and play of both steering valves [rad/sqrt(s)]
     # Fixed
     drive: float = 0.0017  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
     slip_walk: float = 0.0003  # random walk of the persistent side slips [rad/sqrt(m)]
