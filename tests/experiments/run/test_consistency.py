@@ -4,11 +4,18 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from proving_ground.experiments.logs.replay import estimator_of, replay
+from proving_ground.experiments.results.consistency import consistency
 from proving_ground.experiments.run.assembly import assemble
+from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import ESTIMATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import drive
+from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.estimation.noise import ProcessNoise
+from ttempc.types import State
+from ttempc.vehicle import Vehicle
 
 STRAIGHT = 'path={kind="straight", length_m=30}'
 SDS = ("gnss_sd_m", "angle_sd_deg", "encoder_sd_mps")
@@ -63,3 +70,23 @@ def test_a_tenth_too_much_or_too_little_sensor_noise_is_detected(sd_factor):
     low, high = band(freedom)
     assert not low < squares < high
     assert (squares < low) == (sd_factor > 1.0)
+
+
+def test_the_filter_learns_how_far_worn_valves_can_be_trusted():
+    """Steering angles are as far off as claimed; with the noise of good valves fixed, they are not.
+
+    The filter of good valves takes the command for the angle: its NEES is in the hundreds.
+    """
+    _, scenario = load("old-valves", [STRAIGHT])
+    _, record = simulate("old-valves", scenario, 1)
+    learning, fixed = (
+        consistency(replay(record, estimator), record)
+        for estimator in (
+            estimator_of(scenario),
+            ExtendedKalmanFilter(Vehicle(), process_noise=ProcessNoise(scale_sd=1e-6)),
+        )
+    )
+    steering = [State.DELTA_T, State.DELTA_I]
+    assert all(0.3 < learning.states[i].nees < 3.0 for i in steering)
+    assert all(fixed.states[i].nees > 50.0 for i in steering)
+    assert learning.log_likelihood > fixed.log_likelihood + 100.0
