@@ -182,18 +182,18 @@ def correct(
         or sensor == SensorIndex.HITCH
     ):
         nu[0, 0] -= 2.0 * math.pi * round(nu[0, 0] / (2.0 * math.pi))
-    cross = np.zeros((_LEVELS, SIZE, 2))  # P H' and its derivatives
+    cross = np.zeros((_LEVELS, 2, SIZE))  # H P and its derivatives: rows become vectors
     spread = np.zeros((_LEVELS, 2, 2))  # S = H P H' + R and its derivatives
     for level in range(_LEVELS):
         for r in range(m):
             for k in range(SIZE):
                 if jacobian[r, k] != 0.0:
                     for i in range(SIZE):
-                        cross[level, i, r] += covariances[level, k, i] * jacobian[r, k]
+                        cross[level, r, i] += covariances[level, k, i] * jacobian[r, k]
         for r in range(m):
             for c in range(m):
                 for k in range(SIZE):
-                    spread[level, r, c] += jacobian[r, k] * cross[level, k, c]
+                    spread[level, r, c] += jacobian[r, k] * cross[level, c, k]
     for r in range(m):
         spread[0, r, r] += variance
     precision = np.zeros((2, 2))
@@ -226,31 +226,35 @@ def correct(
     if factor == 1.0:
         for n in range(SCALES):
             _learn(scales[:, n], SCALE_RANGE[n], precision, spread[1 + n], weighted, nu[1 + n], m)
-    gain, gain_derivative = np.zeros((SIZE, 2)), np.zeros((SIZE, 2))
-    for i in range(SIZE):
-        for r in range(m):
-            for c in range(m):
-                gain[i, r] += cross[0, i, c] * precision[c, r] / factor
-            x[i] += gain[i, r] * nu[0, r]
-        if i >= STATES:
-            x[i] = min(max(x[i], -_BOUND[i - STATES]), _BOUND[i - STATES])
-    for level in range(1, _LEVELS):
+    gain, gain_derivative = np.zeros((2, SIZE)), np.zeros((2, SIZE))
+    for r in range(m):
+        for c in range(m):
+            for i in range(SIZE):
+                gain[r, i] += cross[0, c, i] * (precision[c, r] / factor)
         for i in range(SIZE):
-            for r in range(m):
-                gain_derivative[i, r] = 0.0
-            for c in range(m):
-                rest = cross[level, i, c]
+            x[i] += gain[r, i] * nu[0, r]
+    for i in range(STATES, SIZE):
+        x[i] = min(max(x[i], -_BOUND[i - STATES]), _BOUND[i - STATES])
+    workspace = np.empty((2, SIZE))
+    for level in range(1, _LEVELS):
+        gain_derivative[:, :] = 0.0
+        for c in range(m):
+            rest = workspace[0]
+            for i in range(SIZE):
+                rest[i] = cross[level, c, i]
                 for q in range(m):
-                    rest -= gain[i, q] * spread[level, q, c]
-                for r in range(m):
-                    gain_derivative[i, r] += rest * precision[c, r] / factor
+                    rest[i] -= gain[q, i] * spread[level, q, c]
             for r in range(m):
-                augmented[level, i] += gain[i, r] * nu[level, r] + gain_derivative[i, r] * nu[0, r]
-        _reduce(covariances[level], gain, cross[level], spread[level], m)
+                for i in range(SIZE):
+                    gain_derivative[r, i] += rest[i] * (precision[c, r] / factor)
+        for r in range(m):
+            for i in range(SIZE):
+                augmented[level, i] += gain[r, i] * nu[level, r] + gain_derivative[r, i] * nu[0, r]
+        _reduce(covariances[level], gain, cross[level], spread[level], m, workspace)
     for r in range(m):
         for c in range(m):
             spread[0, r, c] *= factor
-    _reduce(covariances[0], gain, cross[0], spread[0], m)
+    _reduce(covariances[0], gain, cross[0], spread[0], m, workspace)
     return result
 
 
@@ -275,18 +279,18 @@ def _learn(
     `allowed`.
     """
     score, information = 0.0, 0.0
-    relative = np.zeros((2, 2))  # S^-1 dS
     for r in range(m):
+        score -= weighted[r] * innovation_derivative[r]
         for c in range(m):
             score += 0.5 * weighted[r] * spread_derivative[r, c] * weighted[c]
             information += innovation_derivative[r] * precision[r, c] * innovation_derivative[c]
+            one, other = 0.0, 0.0  # S^-1 dS at (r, c) and (c, r)
             for q in range(m):
-                relative[r, c] += precision[r, q] * spread_derivative[q, c]
-        score -= weighted[r] * innovation_derivative[r]
-    for r in range(m):
-        score -= 0.5 * relative[r, r]
-        for c in range(m):
-            information += 0.5 * relative[r, c] * relative[c, r]
+                one += precision[r, q] * spread_derivative[q, c]
+                other += precision[c, q] * spread_derivative[q, r]
+            information += 0.5 * one * other
+            if r == c:
+                score -= 0.5 * one
     scale[1] += scale[0] * scale[0] * information
     step = min(max(scale[0] * score / scale[1], -_MOST_STEP), _MOST_STEP)
     scale[0] = min(max(scale[0] * (1.0 + step), allowed[0]), allowed[1])
@@ -294,21 +298,26 @@ def _learn(
 
 @cached_njit()
 def _reduce(
-    matrix: FloatArray, gain: FloatArray, cross: FloatArray, spread: FloatArray, m: int
+    matrix: FloatArray,
+    gain: FloatArray,
+    cross: FloatArray,
+    spread: FloatArray,
+    m: int,
+    half: FloatArray,
 ) -> None:
     """Replace M (18, 18) by (I - K H) M (I - K H)' + K R K', written as M + K W' + W K'.
 
-    `gain` K (18, 2), `cross` C = M H' (18, 2), `spread` S = H M H' + R (2, 2), W = K S / 2 - C. The
-    sum is symmetric, and right for any K. Of the two measurements the first `m` are used.
+    `gain` K' (2, 18), `cross` C' = H M (2, 18), `spread` S = H M H' + R (2, 2), W = K S / 2 - C,
+    written into `half` W' (2, 18). The sum is symmetric, and right for any K. Of the two
+    measurements the first `m` are used.
     """
-    half = np.empty((SIZE, 2))  # W
-    for i in range(SIZE):
-        for r in range(m):
-            total = -cross[i, r]
-            for c in range(m):
-                total += 0.5 * gain[i, c] * spread[c, r]
-            half[i, r] = total
+    for r in range(m):
+        for i in range(SIZE):
+            half[r, i] = -cross[r, i]
+        for c in range(m):
+            for i in range(SIZE):
+                half[r, i] += 0.5 * gain[c, i] * spread[c, r]
     for i in range(SIZE):
         for r in range(m):
             for j in range(SIZE):
-                matrix[i, j] += gain[i, r] * half[j, r] + half[i, r] * gain[j, r]
+                matrix[i, j] += gain[r, i] * half[r, j] + half[r, i] * gain[r, j]

@@ -132,9 +132,9 @@ class ProcessNoise:
 
     # Variances that are proportional to the factor GROUND
     slip_forward: float = 0.0057  # wheel slip, bumps: position along the tractor [m/sqrt(m)]
-    slip_lateral: float = 0.0048  # rear axle side slip: position across the tractor [m/sqrt(m)]
+    slip_lateral: float = 0.0056  # rear axle side slip: position across the tractor [m/sqrt(m)]
     yaw_t: float = 0.014  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
-    yaw_i: float = 0.0048  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
+    yaw_i: float = 0.006  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
     bump_steering: float = 0.0009  # forces on both steering linkages [rad/sqrt(m)]
     # To the factor WHEEL
     wheel_walk: float = 0.0057  # random walk of the persistent wheel slip [1/sqrt(m)]
@@ -146,7 +146,7 @@ class ProcessNoise:
     slip_walk: float = 0.0003  # random walk of the persistent side slips [rad/sqrt(m)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
     drive_walk: float = 0.00065  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
-    side_walk: float = 0.00013  # random walk of the side slip on a slope [rad/sqrt(m)]
+    side_walk: float = 0.0003  # random walk of the side slip on a slope [rad/sqrt(m)]
 
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     bump_m: float = 0.1  # correlation length of the wheel slip on bumps [m]; from recorded speeds
