@@ -31,7 +31,7 @@ _HEADLINE: Final = {
     "cultivate": "with a soil-working tool",
     "wet-slope": "wet slope; GNSS noise is white",
     "old-valves": "worn valves",
-    "raw-gnss": "GNSS antennas that lean with the vehicle",
+    "raw-gnss": "GNSS antennas that lean with the vehicle, IMU",
 }
 _STEP: Final = "timing.control_step_us.median"
 
