@@ -22,10 +22,10 @@ from .entry import Product
 SWEEPS = ("terrain-slip", "delay", "noise", "speed-radius", "mismatch")
 """Studies with a page of their own in docs/results."""
 
-CONTAINMENT_LAPS = 20
+CONTAINMENT_LAPS = 12
 """Fresh laps in each case of the containment study."""
 
-RANKING_DRAWS = 20
+RANKING_DRAWS = 12
 """Drawn plants of the ranking, each with a seed of its own."""
 
 

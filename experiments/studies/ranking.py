@@ -1,6 +1,6 @@
 """Order of the controllers under changes of all assumed values of the plant.
 
-    python -m experiments.studies.ranking [DRAWS]          (default: 20)
+    python -m experiments.studies.ranking [DRAWS]          (default: 12)
 
 The vehicle file and the wheel law hold values without a published source. Every draw multiplies
 each of them by its own factor of 0.5 to 1.5 (Latin hypercube) and takes the law of bias-ply or of
@@ -116,7 +116,7 @@ def rows(
 
 
 def table(
-    draws: int = 20, fields: Sequence[str] = FIELDS, path: str = "path.laps=1"
+    draws: int = 12, fields: Sequence[str] = FIELDS, path: str = "path.laps=1"
 ) -> Iterator[str]:
     """Drive all draws and yield the lines of the Markdown table.
 
@@ -150,7 +150,7 @@ def table(
             yield f"| {' | '.join(cells)} |"
 
 
-def main(draws: int = 20) -> None:
+def main(draws: int = 12) -> None:
     """Print the table."""
     for line in table(draws):
         print(line)

@@ -24,7 +24,7 @@ from .study import (
 )
 
 STAGES = ("fit", "search", "all")
-BUDGET, FIT_BUDGET = 80, 32
+BUDGET, FIT_BUDGET = 48, 32
 
 
 def fit_table(fit: Found, shipped_cm: FloatArray) -> str:
