@@ -111,7 +111,7 @@ def test_a_slope_leaves_no_offset_on_curves():
             augmented[AugmentedState.DELTA_T : AugmentedState.RIM].copy(),
             np.empty((SIZE, SIZE)),
         )
-        table, memories, step_s = vehicle_parameters(VEHICLE), np.full(9, 1e9), PERIOD_S / SUBSTEPS
+        table, fading, step_s = vehicle_parameters(VEHICLE), np.zeros((2, 11)), PERIOD_S / SUBSTEPS
         distances = []
         for k in range(340):  # straight and the first curve
             estimate = estimate_of(augmented, np.eye(SIZE), k * PERIOD_S, VEHICLE, ())
@@ -124,7 +124,7 @@ def test_a_slope_leaves_no_offset_on_curves():
             )
             command = law.step(given(estimate), k).command.as_array()
             for _ in range(SUBSTEPS):
-                advance_augmented_state(augmented, valves, command, table, memories, step_s, unused)
+                advance_augmented_state(augmented, valves, command, table, fading, step_s, unused)
         return np.array(distances)[50:]
 
     exact = errors(lambda estimate: estimate)
