@@ -55,7 +55,11 @@ def applies_to(scenario: Scenario) -> bool:
     """
     path = scenario.path
     same_path = isinstance(path, FigureEight) and path == FigureEight(laps=path.laps)
-    return same_path and not scenario.implement and scenario.vehicles().plant == read_vehicle(DEFAULT_VEHICLE)
+    return (
+        same_path
+        and not scenario.implement
+        and scenario.vehicles().plant == read_vehicle(DEFAULT_VEHICLE)
+    )
 
 
 def compare(summary: Summary) -> tuple[PublishedError, ...]:
