@@ -32,7 +32,7 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
 }
 
 CAPTIONS: Final = {
-    "path": "Reference and driven paths; below, the places where the error is largest.",
+    "path": "Reference and driven paths; below, where the error of an axle point is largest.",
     "error": "Distance to the time-based reference. Shaded: curves. Means leave out the start-up.",
     "signals": "The three actions, their sum, and the command sent. Dashed: the vehicle's bounds.",
     "tyres": "Slip of the driven wheels, slip angles of the trailer's wheels, loads of all wheels.",

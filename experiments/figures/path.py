@@ -43,7 +43,7 @@ def path_figure(record: Record) -> Figure:
     for axes, where, rows in zip(
         zooms, ("straight", "curve"), (~errors.curved, errors.curved), strict=True
     ):
-        dress(axes, "x east [m]", "y north [m]", f"Largest error on a {where}")
+        dress(axes, "x east [m]", "y north [m]", f"Largest error of an axle point on a {where}")
         counted = np.flatnonzero(rows & (errors.time_s >= START_UP_S))
         if len(counted):
             _zoom(axes, whole, record, errors, counted)

@@ -20,6 +20,7 @@ from proving_ground.testbed.implement.implement import Implement
 from proving_ground.testbed.recording.provenance import run_id
 from proving_ground.testbed.sensing.sensor_presets import with_preset
 from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
+from proving_ground.testbed.wheels.soil_law import RADIAL, SoilLaw
 from ttempc.errors import InvalidTuning
 
 from ..errors import InvalidScenario
@@ -209,13 +210,15 @@ _SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | N
     (("controller",), "name", ControllerSettings().name, ("options",)),
     (("controller", "noise"), "assumed", NoiseSettings().assumed, None),
     (("sensors",), "preset", SensorSpecification().preset, None),
+    (("plant", "wheel_law"), "tyre", SoilLaw().tyre, tuple(RADIAL)),
 )
 
 
 def _drop_unselected(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
     """Drop the file's values that belong to another selection than that of the changes.
 
-    They are the options of another controller and the values of another preset.
+    They are the options of another controller, the values of another preset and the coefficients of
+    another kind of tyre.
     """
     for tables, key, default, dependent in _SELECTIONS:
         below, above = _table(content, tables), _table(changes, tables)

@@ -24,6 +24,18 @@ class Ground:
     terrain: Terrain
     cone_index: FloatArray  # (ny, nx) [kPa] at the points of the terrain's grid
 
+    def cone_index_at(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return the cone index [kPa] of the grid points nearest to (x, y) [m], all (n,).
+
+        Beyond the grid it is that of the border. Half way, the point with the larger coordinate
+        counts.
+        """
+        (ny, nx), terrain = self.cone_index.shape, self.terrain
+        column = np.floor((x - terrain.origin[0]) / terrain.spacing_m + 0.5)
+        row = np.floor((y - terrain.origin[1]) / terrain.spacing_m + 0.5)
+        rows, columns = np.clip(row, 0, ny - 1), np.clip(column, 0, nx - 1)
+        return self.cone_index[rows.astype(np.int64), columns.astype(np.int64)]
+
     def to_npz(self) -> bytes:
         """Return the ground as a compressed numpy archive, in single precision.
 

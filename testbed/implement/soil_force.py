@@ -125,7 +125,7 @@ def forces(
     height = ground.terrain.height(points[:, 0], points[:, 1])
     depth = np.maximum(0.0, height - points[:, 2]) * motion.axes[2, 2]
     along, across = (velocity @ motion.axes)[:, :2].T
-    cone_index = _nearest(ground, points[:, 0], points[:, 1])
+    cone_index = ground.cone_index_at(points[:, 0], points[:, 1])
     bulk = depth * (cone_index / law.background) ** law.exponent
     speed = np.abs(along)
     resistance = law.draft + law.draft_speed * speed + law.draft_square * speed**2
@@ -134,14 +134,6 @@ def forces(
     side = -bulk * law.side_limit * np.tanh(law.side / law.side_limit * slip_angle)
     force = -draft[:, None] * motion.axes[:, 0] + side[:, None] * motion.axes[:, 1]
     return ToolForces(depth, draft, side, points, velocity, force)
-
-
-def _nearest(ground: Ground, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the cone index at the nearest point of the grid [kPa]."""
-    terrain, (ny, nx) = ground.terrain, ground.cone_index.shape
-    i = np.clip(np.floor((x - terrain.origin[0]) / terrain.spacing_m + 0.5), 0, nx - 1)
-    j = np.clip(np.floor((y - terrain.origin[1]) / terrain.spacing_m + 0.5), 0, ny - 1)
-    return ground.cone_index[j.astype(np.int64), i.astype(np.int64)]
 
 
 def lowered_after(

@@ -13,6 +13,7 @@ from typing import Final
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
+from ..ground.grid_kernel import grid_cell
 from . import soil_force
 
 # numba compiles module globals as constants
@@ -88,10 +89,8 @@ def tool_step(
         ry = -behind * fy + offset * ly - drop * uy
         rz = -behind * fz + offset * lz - drop * uz
         px, py, pz = ax + rx, ay + ry, az + rz
-        u = min(nx - 1.0, max(0.0, (px - x0) * per_metre))
-        v = min(ny - 1.0, max(0.0, (py - y0) * per_metre))
-        i, j = max(0, min(int(u), nx - 2)), max(0, min(int(v), ny - 2))
-        p, q = u - i, v - j
+        i, p = grid_cell((px - x0) * per_metre, nx - 1)
+        j, q = grid_cell((py - y0) * per_metre, ny - 1)
         south = heights[j, i] + p * (heights[j, i + 1] - heights[j, i])
         north = heights[j + 1, i] + p * (heights[j + 1, i + 1] - heights[j + 1, i])
         deep = max(0.0, south + q * (north - south) - pz) * uz

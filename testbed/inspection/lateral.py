@@ -76,8 +76,11 @@ def side_force(bench: Bench) -> list[Check]:
         side = np.mean([t.wheels.force_lat for t in truths], axis=0)
         mobility = tyre.mobility(law, plant.tyres, load, np.full(len(WHEELS), bench.cone_index))
         slip = np.mean([t.wheels.slip for t in truths], axis=0)
-        # the lateral slip of the law refers to the larger of rim and ground speed
-        rear = np.mean([math.atan2(t.lateral_speed, max(t.speed, t.rim_speed)) for t in truths])
+        # the slip angle of the law refers to the speed of travel, or of sliding where it is larger
+        travel = [max(t.speed, abs(t.rim_speed - t.speed)) for t in truths]
+        rear = np.mean(
+            [math.atan2(t.lateral_speed, v) for t, v in zip(truths, travel, strict=True)]
+        )
         span = truths[-1].time_s - truths[0].time_s
         first, last = truths[0].trailer, truths[-1].trailer
         # the field's y rises with the slope

@@ -98,10 +98,5 @@ class ContactWheels:
         output[:, Output.GROUND] = self._ground.terrain.height(place[:, 0], place[:, 1])
 
     def _cone_index(self) -> FloatArray:
-        """Return the cone index of the grid point nearest to each wheel [kPa], (6,)."""
-        terrain, cone_index = self._ground.terrain, self._ground.cone_index
-        ny, nx = cone_index.shape
-        cells = (self._data.xpos[self._bodies, :2] - terrain.origin) / terrain.spacing_m
-        column = np.clip(np.rint(cells[:, 0]).astype(int), 0, nx - 1)
-        row = np.clip(np.rint(cells[:, 1]).astype(int), 0, ny - 1)
-        return cone_index[row, column]
+        """Return the cone index under each wheel [kPa], (6,)."""
+        return self._ground.cone_index_at(*self._data.xpos[self._bodies, :2].T)

@@ -28,8 +28,7 @@ from ..configuration.config_io import STRICT, NotNegative, Positive
 _Length = Annotated[float, Field(ge=0.0005, le=10.0)]
 _Damping = Annotated[float, Field(ge=0.0, le=0.1)]
 
-# Coefficients of radial tyres that differ from those of bias-ply tyres (MAVS).
-_RADIAL: Final = MappingProxyType(
+RADIAL: Final = MappingProxyType(
     {
         "traction_slip": 10.5,
         "resistance_tyre": 0.0325,
@@ -40,6 +39,7 @@ _RADIAL: Final = MappingProxyType(
         "side_stiffness_mobility_per_rad": 0.16,
     }
 )
+"""Coefficients of radial tyres that differ from those of bias-ply tyres (MAVS)."""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -131,7 +131,7 @@ class SoilLaw:
         given = data.kwargs or {} if isinstance(data, ArgsKwargs) else data
         if not isinstance(given, dict) or given.get("tyre") != "radial":
             return data
-        return {**_RADIAL, **given}
+        return {**RADIAL, **given}
 
     def table(self) -> FloatArray:
         """Return all numbers in the order of the fields, for the compiled law, (23,)."""

@@ -16,6 +16,7 @@ import numpy as np
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
+from ..ground.grid_kernel import grid_cell
 from . import tyre
 
 
@@ -46,14 +47,6 @@ _CONTACT: Final = float(2.0 * np.sin(tyre.FAN_ANGLES[-1]))
 @cached_njit(inline="always")
 def _clip(value: float, limit: float) -> float:
     return min(limit, max(-limit, value))
-
-
-@cached_njit(inline="always")
-def _cell(coordinate: float, last: int) -> tuple[int, float]:
-    """Return the grid cell and the place in it; the integer clamp also holds for NaN."""
-    coordinate = min(last, max(0.0, coordinate))
-    index = max(0, min(int(coordinate), last - 1))
-    return index, coordinate - index
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -133,8 +126,8 @@ def wheel_step(
                 for c in range(3):
                     offset = width * _COLUMNS[c]
                     qx, qy, qz = rx + offset * ax, ry + offset * ay, rz + offset * az
-                    i, p = _cell((qx - x0) * per_metre, nx - 1)
-                    j, q = _cell((qy - y0) * per_metre, ny - 1)
+                    i, p = grid_cell((qx - x0) * per_metre, nx - 1)
+                    j, q = grid_cell((qy - y0) * per_metre, ny - 1)
                     south_west, north_west = heights[j, i], heights[j + 1, i]
                     south_rise = heights[j, i + 1] - south_west
                     north_rise = heights[j + 1, i + 1] - north_west
@@ -150,8 +143,8 @@ def wheel_step(
                         py += pressure * qy
                         pz += pressure * height
 
-        i, p = _cell((cx - x0) * per_metre, nx - 1)
-        j, q = _cell((cy - y0) * per_metre, ny - 1)
+        i, p = grid_cell((cx - x0) * per_metre, nx - 1)
+        j, q = grid_cell((cy - y0) * per_metre, ny - 1)
         south = heights[j, i] + p * (heights[j, i + 1] - heights[j, i])
         north = heights[j + 1, i] + p * (heights[j + 1, i + 1] - heights[j + 1, i])
         row, column = j + (q >= 0.5), i + (p >= 0.5)
@@ -217,8 +210,8 @@ def wheel_step(
             driven += abs(v_long) * dt / count
             for c in range(3):
                 offset = width * _COLUMNS[c]
-                i, p = _cell((cx + offset * ax - x0) * per_metre, nx - 1)
-                j, q = _cell((cy + offset * ay - y0) * per_metre, ny - 1)
+                i, p = grid_cell((cx + offset * ax - x0) * per_metre, nx - 1)
+                j, q = grid_cell((cy + offset * ay - y0) * per_metre, ny - 1)
                 cell = 3 * count + 1 + (j + (q >= 0.5)) * nx + i + (p >= 0.5)
                 if state[cell] == 0.0:
                     state[cell] = state[3 * count] + 1.0

@@ -111,7 +111,8 @@ def test_the_table_by_field_says_where_the_rival_is_better(driver):
     text = comparison_tables.by_field(driver).block
     assert lines(text, "`old-valves`")[4] == "`pid`"
     assert lines(text, "`grass`")[1] == "filter, tube"
-    assert "`pid` is better than `ttempc` on `old-valves`, worse on `grass`, `split`" in text
+    assert "on 1 of 4 fields (`old-valves`), significantly on `old-valves`." in text
+    assert "fields (`grass`, `split`, `wet-slope`), significantly on `grass`, `split`" in text
 
 
 def test_the_headline_shows_no_mean_of_a_field_with_lost_runs(driver):

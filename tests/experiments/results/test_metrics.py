@@ -247,6 +247,7 @@ def test_the_table_sets_the_published_errors_beside_the_runs():
         ("grass", ("plant.vehicle.load_kg=400.0",), False),
         ("split", (), False),
         ("farm", (), False),
+        ("cultivate", (), False),
     ],
 )
 def test_the_published_errors_stand_beside_runs_of_the_papers_vehicle_and_path_alone(

@@ -183,6 +183,16 @@ def test_a_kind_of_tyre_fills_in_what_the_file_leaves_out():
     assert RADIAL.traction_slip > LAW.traction_slip
 
 
+def test_another_kind_of_tyre_replaces_the_coefficients_of_a_resolved_file(tmp_path):
+    file = tmp_path / "resolved.toml"
+    file.write_text(dump(load("grass", ["plant.wheel_law.relaxation_lat_m=0.45"])[1]))
+    changes = ["plant.wheel_law.tyre='radial'", "plant.wheel_law.side=0.7"]
+    law = load(str(file), changes)[1].plant.wheel_law
+    assert law == replace(RADIAL, side=0.7, relaxation_lat_m=0.45)
+    file.write_text(dump(load("grass", ["plant.wheel_law.tyre='radial'"])[1]))
+    assert load(str(file), ["plant.wheel_law.tyre='bias'"])[1].plant.wheel_law == LAW
+
+
 @pytest.mark.parametrize(
     "line",
     [
