@@ -9,7 +9,8 @@ from typing import Final, Protocol
 from ..types import Command, Measurement
 from ..vehicle import Vehicle
 
-_UNITS: Final = {"s": ("time", "lag"), "m": ("wheelbase", "offset", "length")}
+LENGTHS: Final = ("wheelbase", "hitch_offset", "drawbar_length", "trailer_length")
+"""Fields of `Vehicle` that are lengths [m]; all others that are identified are times [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +32,8 @@ class ParameterChange:
     sd: float  # of the error of `after`
 
     def __str__(self) -> str:
-        unit = next(
-            (f" {unit}" for unit, words in _UNITS.items() if any(w in self.name for w in words)), ""
-        )
-        return f"vehicle.{self.name} {self.before:.3g} -> {self.after:.3g} +- {self.sd:.2g}{unit}"
+        unit = "m" if self.name in LENGTHS else "s"
+        return f"vehicle.{self.name} {self.before:.3g} -> {self.after:.3g} +- {self.sd:.2g} {unit}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,16 +59,3 @@ class Identifier(Protocol):
             vehicle: present model parameters.
         """
         ...
-
-
-def identify_all(
-    identifiers: Sequence[Identifier], window: Sequence[RecordedTick], vehicle: Vehicle
-) -> Identification:
-    """Return the result of all identifiers, each on the vehicle of the one before."""
-    changes: list[ParameterChange] = []
-    settled = True
-    for identifier in identifiers:
-        result = identifier.identify(window, vehicle)
-        vehicle, settled = result.vehicle, settled and result.settled
-        changes += result.changes
-    return Identification(vehicle, tuple(changes), settled)
