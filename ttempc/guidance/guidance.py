@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
-from ..learning.learner import Learner, Learnt, RecordedTick
+from ..learning.learner import Identifier, Learner, Learnt, RecordedTick
 from ..learning.lengths import LengthIdentifier
 from ..reference.path import Path
 from ..reference.posture import check_drivable
@@ -84,7 +84,7 @@ class Guidance:
         tube: design of the tube for controllers that need or monitor one.
         safety: where the supervisor slows down and stops.
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
-        learn: whether parameters of the model are learnt.
+        learn: whether lengths of the model are learnt; or identifiers of your own.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -108,7 +108,7 @@ class Guidance:
         tube: TubeDesign | None = None,
         safety: SafetyLimits | None = None,
         speed_mps: float = 1.0,
-        learn: bool = True,
+        learn: bool | Sequence[Identifier] = True,
     ) -> None:
         if isinstance(reference, Path):
             check_drivable(reference, vehicle)
@@ -143,8 +143,9 @@ class Guidance:
                     parts.estimator.update(tick.time_s, tick.samples, tick.command)
             return parts
 
-        identifiers = [LengthIdentifier(vehicle, noise)] if learn else []
-        self._learner = Learner(identifiers, vehicle, period_s, build)
+        if isinstance(learn, bool):
+            learn = [LengthIdentifier(vehicle, noise)] if learn else []
+        self._learner = Learner(learn, vehicle, period_s, build)
         self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
         self._origin_s: float | None = None  # of the clock

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..estimation.antenna_lean import AntennaLean
+from ..estimation.augmented_state import SIZE
 from ..estimation.augmented_state_kernel import vehicle_parameters
 from ..estimation.kalman_filter import KalmanFilter, steps_over
-from ..estimation.augmented_state import SIZE
 from ..estimation.measurement_model import KERNEL_INDEX, LENGTH, predicted_measurement
 from ..estimation.noise import ProcessNoise, SensorNoise
 from ..types import FloatArray, Measurement, Sensor
@@ -33,7 +33,8 @@ _LEAN_S: Final = 1.0  # latency of GNSS at most
 
 _TOLERANCE: Final = 0.02  # relative error of a length that is not worth a change; assumed
 _REJECTED: Final = float(chdtri(len(LENGTHS), 0.01))  # of the given lengths
-_SETTLED_SD: Final = 0.05  # relative, of wheelbase and trailer length; half where they changed
+KNOWN_SD: Final = 0.05
+"""Relative standard deviation up to which a length counts as known; assumed."""
 
 
 class LengthIdentifier:
@@ -77,7 +78,7 @@ class LengthIdentifier:
         sd = np.sqrt(np.diag(fit.covariance))
         wheelbase, _, _, trailer = sd / given
         rejected = fit.rejection > _REJECTED
-        settled = bool(max(wheelbase, trailer) < (0.5 if rejected else 1.0) * _SETTLED_SD)
+        settled = bool(max(wheelbase, trailer) < (0.5 if rejected else 1.0) * KNOWN_SD)
         lengths = fit.lengths if rejected else given
         if np.linalg.norm((lengths - present) / given) < _TOLERANCE:
             return Identification(vehicle, (), settled)
@@ -191,9 +192,7 @@ class _Replay:
             held = command.as_array().tolist()
             while sample is not None and sample.time_s <= end:
                 span, value = sample.time_s - now, (*sample.value, 0.0)[:2]
-                rows.append(
-                    [KERNEL_INDEX[sample.sensor], span, *value, *held, steps_over(span)]
-                )
+                rows.append([KERNEL_INDEX[sample.sensor], span, *value, *held, steps_over(span)])
                 now, sample = sample.time_s, next(waiting)
             if end > now:
                 rows.append([-1.0, end - now, 0.0, 0.0, *held, steps_over(end - now)])
@@ -204,9 +203,7 @@ class _Replay:
         """Return cost, J' J and J' r by the lengths of `vehicle`."""
         lengths = _lengths(vehicle)
         count = len(lengths)
-        raised = [
-            _with_lengths(vehicle, lengths * (1.0 + _STEP * unit)) for unit in np.eye(count)
-        ]
+        raised = [_with_lengths(vehicle, lengths * (1.0 + _STEP * unit)) for unit in np.eye(count)]
         state, *copies = (
             KalmanFilter(item, self.noise, self.process, _GATE).start(self.first)
             for item in (vehicle, *raised)
