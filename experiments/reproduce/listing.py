@@ -10,17 +10,8 @@ from typing import Final
 
 from ..scenario.scenario import shipped
 from ..seeds import report_seeds
-from ..studies import (
-    ablation,
-    breaking_points,
-    conditions,
-    errata,
-    estimators,
-    invariance,
-    paper_tube,
-    ranking,
-    recovery,
-)
+from ..studies import breaking_points, errata, estimators, invariance, paper_tube, ranking
+from ..studies.ablations import ablation, conditions, recovery
 from ..studies.eight_numbers import tables as eight_numbers
 from ..studies.eight_numbers.study import REPORT_SEEDS
 from . import comparison_tables, study_tables

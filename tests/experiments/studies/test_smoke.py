@@ -9,11 +9,9 @@ from proving_ground.experiments.results.published import COLUMNS
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, to_json
 from proving_ground.experiments.studies import (
-    ablation,
     batch,
     breaking_points,
     cards,
-    conditions,
     containment,
     endurance,
     errata,
@@ -21,8 +19,8 @@ from proving_ground.experiments.studies import (
     invariance,
     paper_tube,
     ranking,
-    recovery,
 )
+from proving_ground.experiments.studies.ablations import ablation, conditions, recovery
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS
 
