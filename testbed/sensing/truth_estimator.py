@@ -36,8 +36,8 @@ class TruthEstimator:
 
     They are averaged over the last `MEMORY_M` metres: a controller can compensate the part that
     persists, not the oscillation of a wheel on the next bump. The speed is, for the same reason,
-    that of the rims less the mean slip. Nothing is counted as fixed in the map: with a filter that
-    splits the slips the error on three sloping fields changed by 6 % at most, in either direction.
+    that of the rims less the mean slip. Nothing is counted as fixed in the map: filters
+    that split the slips gained up to 0.2 cm on `side-slope` and nothing on `wet-slope`.
 
     Args:
         truth: returns the plant's present state.
