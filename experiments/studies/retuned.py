@@ -15,7 +15,7 @@ report seeds, before and after.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -199,43 +199,52 @@ def main(
         columns = (before.options, before.options.values(), after.options.values())
         names, old, new = (", ".join(map(str, column)) for column in columns)
         print(f"| `{name}` | {names} | {old} | {new} | {before.value:.2f}, {after.value:.2f} |")
-    sources = {name: name for name in controllers}
-    sources |= {name: of for name, of in SAME_PROBLEM.items() if of in controllers}
-    places = list(fields or shipped())
-    keys = [
-        (choices is last, field, name, seed)
-        for choices in (first, last)
-        for field in places
-        for name in sources
+    print()
+    _report([first, last], fields or shipped(), seeds, overrides)
+
+
+def _report(
+    stages: Sequence[Mapping[str, Choice]],
+    fields: Sequence[str],
+    seeds: Sequence[int],
+    overrides: tuple[str, ...],
+) -> None:
+    """Drive all fields with the choices before and after the search, and print the errors."""
+    sources = {name: name for name in stages[0]}
+    sources |= {name: other for name, other in SAME_PROBLEM.items() if other in sources}
+    runs = {
+        (stage, field, name, seed): run_of(name, choices[source].options, field, seed, overrides)
+        for stage, choices in enumerate(stages)
+        for field in fields
+        for name, source in sources.items()
         for seed in seeds
-    ]
-    runs = [
-        run_of(name, (last if after else first)[sources[name]].options, field, seed, overrides)
-        for after, field, name, seed in keys
-    ]
-    known = errors_cm(runs)
-    errors = {key: known[run] for key, run in zip(keys, runs, strict=True)}
-    print(f"\n| before, after [cm] | {' | '.join(f'`{name}`' for name in sources)} |")
-    print("|---" * (len(sources) + 1) + "|")
-    for field in places:
-        cells = [
-            ", ".join(
-                _cell([errors[after, field, name, seed] for seed in seeds])
-                for after in (False, True)
+    }
+    known = errors_cm(list(runs.values()))
+    errors = {key: known[run] for key, run in runs.items()}
+
+    def cells(places: Sequence[str], summary: Callable[[Sequence[float]], str]) -> Iterator[str]:
+        for name in sources:
+            yield ", ".join(
+                summary([errors[stage, place, name, seed] for place in places for seed in seeds])
+                for stage in range(len(stages))
             )
-            for name in sources
-        ]
-        print(f"| `{field}` | {' | '.join(cells)} |")
+
+    print(f"| before, after [cm] | {' | '.join(f'`{name}`' for name in sources)} |")
+    print("|---" * (len(sources) + 1) + "|")
+    for field in fields:
+        print(f"| `{field}` | {' | '.join(cells([field], _mean))} |")
+    over_fields = cells(fields, lambda values: f"{objective(values):.2f}")
+    print(f"| geometric mean | {' | '.join(over_fields)} |")
     compared = [
         RunError(field, seed, name, error if math.isfinite(error) else math.nan)
-        for (after, field, name, seed), error in errors.items()
-        if after and not math.isnan(error)
+        for (stage, field, name, seed), error in errors.items()
+        if stage == len(stages) - 1 and not math.isnan(error)
     ]
-    print(f"\nAll retuned. {leads_sentence(compared, controllers[0], 'fields')}")
+    print(f"\nAll retuned. {leads_sentence(compared, next(iter(sources)), 'fields')}")
 
 
-def _cell(errors: Sequence[float]) -> str:
-    """Return the mean error of the runs on a field."""
+def _mean(errors: Sequence[float]) -> str:
+    """Return the mean of errors, the number of lost runs if there are any, a dash without runs."""
     lost = sum(map(math.isinf, errors))
     if all(map(math.isnan, errors)):
         return "–"
