@@ -3,8 +3,8 @@
     python -m experiments.studies.retuned
 
 The rule is a coordinate search from the options that ship. Each controller has one or two knobs
-(`KNOBS`). A round multiplies and divides one knob by its factor and keeps the best of three; a
-controller with a single knob takes the root of the factor in its second round. The objective is the
+(`KNOBS`). A round multiplies and divides one knob by its factor and keeps the best of three; once
+every knob had its round, the factors become their square roots. The objective is the
 geometric mean over `FIELDS` of the error of both points on a tuning seed, a lost run counting
 `LOST_CM`. All runs are one lap.
 
@@ -43,7 +43,8 @@ SEEDS: Final = tuple(TUNING[:1])
 LOST_CM: Final = 100.0
 """Error of a lost run in the objective [cm]."""
 
-ROUNDS: Final = 2
+ROUNDS: Final = 4
+"""Rounds of the search, with two trials of each controller: nine evaluations with the first."""
 
 Options = Mapping[str, object]
 
