@@ -173,7 +173,7 @@ def run_errors(table: Iterable[Row], place: str = "") -> list[RunError]:
 
 def _mean_cm(row: Row) -> float:
     """Return the mean of both points of the mean Euclidean errors [cm], NaN where there is none."""
-    return 100.0 * float(np.mean([row[name] for name in _POINTS], dtype=float))
+    return 100.0 * float(np.array([row[name] for name in _POINTS], dtype=float).mean())
 
 
 def _exp(estimate: IntervalEstimate) -> IntervalEstimate:

@@ -2,6 +2,7 @@
 
 import math
 import tomllib
+from typing import Any
 
 import pytest
 
@@ -18,9 +19,9 @@ def in_this_process(monkeypatch):
     monkeypatch.setattr(batch, "engine", lambda workers: engine(0))
 
 
-def options_of(run):
+def options_of(run: batch.StudyRun) -> tuple[str, dict[str, Any]]:
     tables = [tomllib.loads(line)["controller"] for line in run.overrides]
-    values = {}
+    values: dict[str, Any] = {}
     for table in tables:
         values |= table.get("options", {})
     return tables[0]["name"], values
@@ -54,7 +55,7 @@ def test_the_search_finds_the_best_of_its_trials_with_one_budget(monkeypatch):
         return name, str(values)
 
     def error(name, values):
-        shipped = controller_options(name, {})
+        shipped: dict[str, Any] = controller_options(name, {})
         if name == "pid":
             return 1.0 + math.log(2.0 * values["lag_ratio"] / shipped["lag_ratio"]) ** 2
         return 1.0 + sum(
