@@ -15,7 +15,7 @@ from proving_ground.testbed.recording.provenance import versions
 from proving_ground.testbed.recording.record import Record, Recorder
 from proving_ground.testbed.recording.sink import Sink, Tee
 from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
-from proving_ground.testbed.simulation.loop import Outcome, drive
+from proving_ground.testbed.simulation.loop import Outcome, drive, prepare
 from proving_ground.testbed.viewers.live import LiveView
 
 from ..output import make_folder, refuse_existing
@@ -55,6 +55,8 @@ def simulate(
 ) -> tuple[Summary, Record]:
     """Run a scenario in memory and return its numbers; nothing is written but the log, if asked.
 
+    The controller does not prepare its steps: its computation times are those of cold caches.
+
     Args:
         name: of the scenario.
         scenario: what to run.
@@ -72,11 +74,11 @@ def simulate(
     assembly = assemble(scenario, seed, factory)
     recorder = Recorder()
     if log is None:
-        outcome = drive_into(recorder, assembly)
+        outcome = drive_into(recorder, assembly, prepared=False)
     else:
         metadata = describe(name, scenario, seed, assembly, sources)
         with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
-            outcome = drive_into(Tee(recorder, writer), assembly)
+            outcome = drive_into(Tee(recorder, writer), assembly, prepared=False)
     _print_traceback(outcome)
     record = recorder.record()
     facts = _facts(name, scenario, seed, outcome, log and log.name, sources)
@@ -157,11 +159,23 @@ def drive_into(
     assembly: Assembly,
     record_hz: float = RECORD_RATE_HZ,
     on_tick: Callable[[int], object] = lambda k: None,
+    *,
+    prepared: bool = True,
 ) -> Outcome:
-    """Drive a run to its end and write it into the sink, the reference path first."""
+    """Drive a run to its end and write it into the sink, the reference path first.
+
+    Args:
+        sink: is told everything.
+        assembly: of the run.
+        record_hz: how often the sink is told the truth [Hz].
+        on_tick: called after every control period.
+        prepared: whether the controller prepares its steps. That shortens the steps and costs more
+            than it saves; the bits are the same.
+    """
     setup = assembly.setup(sink, record_hz)
     sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))
-    return drive(setup, assembly.ticks, assembly.stages, on_tick)
+    stages = tuple(stage for stage in assembly.stages if prepared or stage is not prepare)
+    return drive(setup, assembly.ticks, stages, on_tick)
 
 
 def _with_controller(
