@@ -27,6 +27,7 @@ from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import ParameterMismatch
 from .assembly import RECORD_RATE_HZ, Assembly, assemble, record_steps
 from .log_file import describe, open_log
+from .shared_parts import SharedParts
 from .user_code import name_of, user_sources
 
 _PATH_STEP_M = 0.2  # between the points of the reference path in the log
@@ -52,6 +53,7 @@ def simulate(
     log: Path | None = None,
     *,
     options: Mapping[str, OptionValue] | None = None,
+    parts: SharedParts | None = None,
 ) -> tuple[Summary, Record]:
     """Run a scenario in memory and return its numbers; nothing is written but the log, if asked.
 
@@ -65,13 +67,14 @@ def simulate(
             run is filed under its name `module:qualname` and a hash of its source.
         log: file to write the log to, in a folder that exists.
         options: keyword options of the factory.
+        parts: of earlier runs, to be used again; none by default.
 
     Raises:
         LogError: the log cannot be written.
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
     """
     scenario, sources = _with_controller(scenario, factory, options)
-    assembly = assemble(scenario, seed, factory)
+    assembly = assemble(scenario, seed, factory, parts)
     recorder = Recorder()
     if log is None:
         outcome = drive_into(recorder, assembly, prepared=False)
