@@ -23,10 +23,9 @@ from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stag
 from proving_ground.testbed.simulation.plant import Plant, Snapshot
 from proving_ground.testbed.simulation.termination import TerminationLimits
 from proving_ground.testbed.vehicle.axle_loads import overload_notes
-from ttempc.guidance.controllers import controller_options, make_controller
+from ttempc.guidance.controllers import controller_options
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import run_on
-from ttempc.laws.tracking_controller import TrackingController
 from ttempc.reference.path import Path
 from ttempc.reference.posture import check_drivable
 from ttempc.reference.projection import Projection
@@ -39,7 +38,7 @@ from ..scenario.controller import TRUTH, ControllerSettings
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
-from .shared_parts import Kept, SharedParts
+from .shared_parts import SharedParts
 from .user_code import is_user_code, load_factory, named_estimator, user_controller, user_stage
 
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
@@ -149,7 +148,7 @@ def assemble(
     vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
     parts = parts or SharedParts()
-    terrain = parts.terrains.get((scenario.terrain, seed), lambda: scenario.terrain.terrain(seed))
+    terrain = parts.terrain(scenario, seed)
     reference, strength_map = _way(mission, vehicle, terrain, scenario)
     timestep = scenario.plant.timestep_s
     record_steps(timestep, RECORD_RATE_HZ)
@@ -166,7 +165,7 @@ def assemble(
         implement=scenario.implement,
     )
     sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
-    guidance = _guidance(scenario, reference, plant, factory, parts.controllers)
+    guidance = _guidance(scenario, reference, plant, factory, parts)
     x, y, yaw, *_, speed = reference.at(0.0).state.tolist()
     plant.reset(x, y, yaw, speed)  # refused here, before anything is written
     return Assembly(
@@ -276,14 +275,14 @@ def _guidance(
     reference: Reference,
     plant: Plant,
     factory: Callable[..., object] | None,
-    controllers: Kept[TrackingController],
+    parts: SharedParts,
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
     if factory is None and is_user_code(settings.name):
         factory = load_factory(settings.name, "controller")
     if factory is None:
-        controller = partial(_shipped_controller, scenario, controllers)
+        controller = partial(parts.controller, scenario)
     else:
         controller = user_controller(
             settings.name, factory, vehicle, reference, CONTROL_PERIOD_S, settings.options
@@ -294,22 +293,6 @@ def _guidance(
         noise = settings.noise.sensor_noise(scenario.sensors)
         estimator = named_estimator(settings.estimator, vehicle, noise)
     return Guidance(vehicle, reference, CONTROL_PERIOD_S, controller, estimator)
-
-
-def _shipped_controller(
-    scenario: Scenario,
-    controllers: Kept[TrackingController],
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-) -> TrackingController:
-    settings = scenario.controller
-    tube = settings.design(vehicle, period_s)
-    make = partial(
-        make_controller, settings.name, vehicle, reference, period_s, tube, settings.options
-    )
-    # The reference follows from path and vehicle; of the settings, options have no hash.
-    return controllers.get((scenario.path, vehicle, repr(settings)), make).fresh()
 
 
 def _stages(scenario: Scenario, seed: int) -> tuple[Stage, ...]:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import Generic, TypeVar
 
 from proving_ground.testbed.ground.terrain import Terrain
+from ttempc.guidance.controllers import make_controller
 from ttempc.laws.tracking_controller import TrackingController
+from ttempc.reference.reference import Reference
+from ttempc.vehicle import Vehicle
+
+from ..scenario.scenario import Scenario
 
 Part = TypeVar("Part")
 
@@ -48,3 +54,28 @@ class SharedParts:
     def __init__(self, terrains: int = 0, controllers: int = 0) -> None:
         self.terrains: Kept[Terrain] = Kept(terrains)
         self.controllers: Kept[TrackingController] = Kept(controllers)
+
+    def terrain(self, scenario: Scenario, seed: int) -> Terrain:
+        """Return the terrain of a run."""
+        settings = scenario.terrain
+        return self.terrains.get((settings, seed), lambda: settings.terrain(seed))
+
+    def controller(
+        self, scenario: Scenario, vehicle: Vehicle, reference: Reference, period_s: float
+    ) -> TrackingController:
+        """Return the shipped controller of a scenario before its first tick.
+
+        Args:
+            scenario: whose controller and path.
+            vehicle: model parameters.
+            reference: of the scenario's path and `vehicle`.
+            period_s: control period [s].
+        """
+        settings = scenario.controller
+        tube = settings.design(vehicle, period_s)
+        make = partial(
+            make_controller, settings.name, vehicle, reference, period_s, tube, settings.options
+        )
+        # The reference follows from path and vehicle; of the settings, options have no hash.
+        key = scenario.path, vehicle, period_s, repr(settings)
+        return self.controllers.get(key, make).fresh()

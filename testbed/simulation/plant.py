@@ -273,7 +273,7 @@ class Plant:
     def _check(self, before: float, steps: int) -> None:
         """Raise on divergence: MuJoCo itself resets on NaN and continues from time 0."""
         data = self.data
-        if self._warnings.any():
+        if any(self._warnings.tolist()):
             kind = int(self._warnings.argmax())
             raise PlantDiverged(
                 f"MuJoCo warned at {before:.3f} s: {mujoco.mjtWarning(kind).name} "
