@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from proving_ground.testbed.recording.sink import Sink
 from proving_ground.testbed.sensing.sensors import SensorSuite
 from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
-from proving_ground.testbed.simulation.plant import Plant
+from proving_ground.testbed.simulation.plant import Plant, Snapshot
 from proving_ground.testbed.simulation.termination import TerminationLimits
 from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.controllers import controller_options
@@ -37,6 +38,7 @@ from ..scenario.controller import TRUTH, ControllerSettings
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
+from .shared_parts import SharedParts
 from .user_code import is_user_code, load_factory, named_estimator, user_controller, user_stage
 
 CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
@@ -55,6 +57,7 @@ class Assembly:
     guidance: Guidance
     terrain: Terrain
     reference: Reference
+    start: Snapshot  # of the plant at the start of the reference, rolling
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     notes: tuple[str, ...] = ()  # on path and tyres, for the log
@@ -65,15 +68,6 @@ class Assembly:
         """Model parameters of the guidance."""
         return self.guidance.vehicle
 
-    def start(self) -> None:
-        """Put the plant to the start of the reference, rolling.
-
-        Raises:
-            InvalidPlant: the vehicle does not stand there.
-        """
-        x, y, yaw, *_, speed = self.reference.at(0.0).state.tolist()
-        self.plant.reset(x, y, yaw, speed)
-
     def setup(self, sink: Sink, record_hz: float = RECORD_RATE_HZ) -> SimulationSetup:
         """Return the run with the sink in its place, the plant at its start and rolling.
 
@@ -81,7 +75,7 @@ class Assembly:
             sink: is told everything.
             record_hz: how often it is told the truth [Hz]; see `record_steps`.
         """
-        self.start()
+        self.plant.restore(self.start)
         timestep = self.plant.timestep_s
         rows = self._reference_rows(record_hz)
         return SimulationSetup(
@@ -132,7 +126,10 @@ class Assembly:
 
 
 def assemble(
-    scenario: Scenario, seed: int, factory: Callable[..., object] | None = None
+    scenario: Scenario,
+    seed: int,
+    factory: Callable[..., object] | None = None,
+    parts: SharedParts | None = None,
 ) -> Assembly:
     """Return the objects of a run.
 
@@ -141,6 +138,7 @@ def assemble(
         seed: draws terrain and noise.
         factory: makes the controller from vehicle, reference, control period [s] and the options
             of the scenario; by default the one of the name `scenario.controller.name`.
+        parts: of earlier runs, to be used again; none by default.
 
     Raises:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
@@ -149,7 +147,8 @@ def assemble(
     mission = scenario.path.mission()
     vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
-    terrain = scenario.terrain.terrain(seed)
+    parts = parts or SharedParts()
+    terrain = parts.terrain(scenario, seed)
     reference, strength_map = _way(mission, vehicle, terrain, scenario)
     timestep = scenario.plant.timestep_s
     record_steps(timestep, RECORD_RATE_HZ)
@@ -166,19 +165,21 @@ def assemble(
         implement=scenario.implement,
     )
     sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
-    assembly = Assembly(
+    guidance = _guidance(scenario, reference, plant, factory, parts)
+    x, y, yaw, *_, speed = reference.at(0.0).state.tolist()
+    plant.reset(x, y, yaw, speed)  # refused here, before anything is written
+    return Assembly(
         plant=plant,
         sensors=sensors,
-        guidance=_guidance(scenario, reference, plant, factory),
+        guidance=guidance,
         terrain=terrain,
         reference=reference,
+        start=plant.snapshot(),
         ticks=_ticks(reference),
         mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=(*mission.notes, *overload_notes(vehicles.plant)),
         stages=_stages(scenario, seed),
     )
-    assembly.start()  # refused here, before anything is written
-    return assembly
 
 
 def check(scenario: Scenario) -> int:
@@ -274,33 +275,24 @@ def _guidance(
     reference: Reference,
     plant: Plant,
     factory: Callable[..., object] | None,
+    parts: SharedParts,
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
-    controller, options, tube = settings.name, settings.options, None
     if factory is None and is_user_code(settings.name):
         factory = load_factory(settings.name, "controller")
     if factory is None:
-        tube = settings.design(vehicle, CONTROL_PERIOD_S)
+        controller = partial(parts.controller, scenario)
     else:
         controller = user_controller(
-            settings.name, factory, vehicle, reference, CONTROL_PERIOD_S, options
+            settings.name, factory, vehicle, reference, CONTROL_PERIOD_S, settings.options
         )
-        options = None
     if settings.estimator == TRUTH:
         estimator = TruthEstimator(plant.truth, vehicle)
     else:
         noise = settings.noise.sensor_noise(scenario.sensors)
         estimator = named_estimator(settings.estimator, vehicle, noise)
-    return Guidance(
-        vehicle,
-        reference,
-        CONTROL_PERIOD_S,
-        controller,
-        estimator,
-        options=options,
-        tube=tube,
-    )
+    return Guidance(vehicle, reference, CONTROL_PERIOD_S, controller, estimator)
 
 
 def _stages(scenario: Scenario, seed: int) -> tuple[Stage, ...]:
