@@ -107,7 +107,8 @@ def _overrides(controller: str, weight: float | None) -> tuple[str, ...]:
 def _figure(points: Sequence[FrontPoint]) -> bytes:
     """Return the error over the travel of the hydrostat, a panel per scenario."""
     figure = blank(3.2)
-    for axes, scenario in zip(figure.subplots(1, len(SCENARIOS)), SCENARIOS, strict=True):
+    panels = figure.subplots(1, len(SCENARIOS), squeeze=False)[0]
+    for axes, scenario in zip(panels, SCENARIOS, strict=True):
         for number, controller in enumerate(_WEIGHTS):
             own = [p for p in points if (p.scenario, p.controller) == (scenario, controller)]
             travel = [100.0 * point.mean(_TRAVEL) for point in own]
