@@ -17,7 +17,7 @@ import numpy as np
 from ttempc.types import FloatArray
 
 from ..results.tracking_errors import START_UP_S, tracking_errors
-from ..run.assembly import CONTROL_PERIOD_S, check
+from ..run.assembly import check
 from ..run.simulate import simulate
 from ..scenario.scenario import load
 from ..scenario.vehicle import LENGTH_KEYS
@@ -64,7 +64,7 @@ def errors_by_lap(case: Case) -> FloatArray:
     scenario = load(SCENARIO, case.overrides())[1]
     _, record = simulate(SCENARIO, scenario, case.seed)
     errors = tracking_errors(record)
-    lap_s = 0.5 * check(scenario) * CONTROL_PERIOD_S
+    lap_s = 0.5 * check(scenario) * scenario.control.period_s
     lap = np.floor(errors.time_s / lap_s)
     return np.array(
         [
