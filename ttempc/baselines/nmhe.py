@@ -18,9 +18,10 @@ from ..estimation.augmented_state import (
 )
 from ..estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ..estimation.ekf import ExtendedKalmanFilter
-from ..estimation.kalman_filter import FilterState, steps_over
+from ..estimation.kalman_filter import FilterState
 from ..estimation.measurement_model import ANGLES, predicted_measurement
 from ..estimation.noise import ProcessNoise, SensorNoise
+from ..estimation.prediction_kernel import steps_over
 from ..estimation.warm_up import run_all_kernels
 from ..models.kinematics import wrap_angle
 from ..types import Command, Estimate, FloatArray, Measurement

@@ -52,6 +52,17 @@ DISTURBANCE_BOUND: Final[FloatArray] = np.array(
 """Largest magnitude of each disturbance, (11,): twice that of a vehicle that can be steered; of
 GNSS, more than any that RTK has."""
 
+_IDENTITY: Final = np.eye(STATES, SIZE)
+_V_DEPENDS_ON: Final = np.array(
+    [
+        AugmentedState.PSI_T,
+        AugmentedState.RIM,
+        AugmentedState.WHEEL,
+        AugmentedState.CLIMB_X,
+        AugmentedState.CLIMB_Y,
+    ]
+)
+
 INITIAL_SD: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.01, 0.03, 0.03])
 """Standard deviation of each disturbance of the vehicle before the first sample, (9,); assumed."""
 
@@ -128,28 +139,27 @@ def estimate_of(
     """
     total = slips(augmented)
     state = augmented[:STATES].copy()
-    psi_t, delta_t = (float(augmented[i]) for i in (AugmentedState.PSI_T, AugmentedState.DELTA_T))
-    _, _, bias, drive, _, *of_map = augmented[STATES : AugmentedState.GNSS_X].tolist()
+    _, _, psi_t, _, delta_t, _, rim, _, _, bias, drive, _, *others = augmented.tolist()
+    of_map = others[: len(MapDisturbance)]
     _, _, climb_x, climb_y = of_map
-    rim = float(augmented[AugmentedState.RIM])
     cos, sin = math.cos(psi_t), math.sin(psi_t)
     v = rim * (1.0 - total.wheel)
     state[State.V] = v
     gear = math.copysign(1.0, rim)
     slip_by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
     slip_rate = slip_by_heading * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
-    jacobian = np.eye(STATES, SIZE)  # d state / d augmented, (7, 18)
-    jacobian[State.V, AugmentedState.PSI_T] = -rim * slip_by_heading
-    jacobian[State.V, AugmentedState.RIM] = 1.0 - total.wheel
-    jacobian[State.V, AugmentedState.WHEEL] = -rim
-    jacobian[State.V, AugmentedState.CLIMB_X : AugmentedState.GNSS_X] = (
+    jacobian = _IDENTITY.copy()  # d state / d augmented, (7, 18)
+    jacobian[State.V, _V_DEPENDS_ON] = (
+        -rim * slip_by_heading,
+        1.0 - total.wheel,
+        -rim,
         -abs(rim) * cos,
         -abs(rim) * sin,
     )
     drive_v = drive - rim * (total.wheel / vehicle.speed_time_constant + slip_rate)
     state_covariance = jacobian @ covariance @ jacobian.T
     if unfollowed is not None:
-        state_covariance[range(STATES), range(STATES)] += unfollowed
+        state_covariance.ravel()[:: STATES + 1] += unfollowed  # its diagonal
     return Estimate(
         time_s=time_s,
         state=state,

@@ -246,8 +246,9 @@ def advance_augmented_state(
             for j in range(SIZE):
                 transition[i, j] = jacobian[i, j] * transition[j, j] if j >= STATES else 0.0
             for k in range(STATES):
-                for j in range(SIZE):
-                    transition[i, j] += jacobian[i, k] * previous[k, j]
+                if jacobian[i, k] != 0.0:
+                    for j in range(SIZE):
+                        transition[i, j] += jacobian[i, k] * previous[k, j]
             for j in range(SIZE):
                 transition[i, j] *= duration
         for i in range(STATES):
