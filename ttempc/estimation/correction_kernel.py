@@ -30,6 +30,7 @@ def correct(
     variance: float,
     gate: float,
     forced: bool,
+    learns: bool,
     parameters: FloatArray,
     rows: FloatArray,
     pairs: FloatArray,
@@ -39,11 +40,12 @@ def correct(
     With S = L L' the covariance of nu, that is nu' S^-1 nu, log det S and the two entries of
     L^-1 nu, of which a sample of one number has the first.
 
-    `sensor` is a `SensorIndex` as a number, `value` the sample (the second entry unused where it
-    has one), `variance` that of each entry. A sample beyond the `gate` (chi-square) changes nothing
-    unless it is `forced`: then its noise is raised until it just passes. The update has Joseph's
-    form, see `_reduce`; disturbances are clipped to their bounds. The likelihood of the sample
-    updates the factors, see `_learn`. `rows` (8, 2, 18) and `pairs` (16, 2) are workspace.
+    `sensor` is a `SensorIndex` as a number, `value` the sample (of a gyro, the angle turned since
+    its last sample and the time since then), `variance` that of each entry. A sample beyond the
+    `gate` (chi-square) changes nothing unless it is `forced`: then its noise is raised until it
+    just passes. The update has Joseph's form, see `_reduce`; disturbances are clipped to their
+    bounds. If it `learns`, the likelihood of the sample updates the factors, see `_learn`. `rows`
+    (8, 2, 22) and `pairs` (16, 2) are workspace.
     """
     jacobian, cross = rows[0], rows[1:5]  # cross: H P and its derivatives, rows become vectors
     gain, gain_derivative, workspace = rows[5], rows[6], rows[7]
@@ -56,7 +58,7 @@ def correct(
     precision, nu = pairs[2:4], pairs[4:8]  # nu: innovation and its derivatives
     spread = pairs[8:16].reshape((_LEVELS, 2, 2))  # S = H P H' + R and its derivatives
     x = augmented[0]
-    m = measure(sensor, x, parameters, reading, jacobian)
+    m = measure(sensor, x, parameters, value[1], reading, jacobian)
     for r in range(m):
         nu[0, r] = value[r] - reading[r]
     if (
@@ -103,7 +105,7 @@ def correct(
         for r in range(m):
             for k in range(SIZE):
                 nu[level, r] -= jacobian[r, k] * augmented[level, k]
-    if factor == 1.0:
+    if factor == 1.0 and learns:
         for n in range(SCALES):
             _learn(scales[:, n], SCALE_RANGE[n], precision, spread[1 + n], weighted, nu[1 + n], m)
     for r in range(m):
@@ -189,10 +191,10 @@ def _reduce(
     m: int,
     half: FloatArray,
 ) -> None:
-    """Replace M (18, 18) by (I - K H) M (I - K H)' + K R K', written as M + K W' + W K'.
+    """Replace M (22, 22) by (I - K H) M (I - K H)' + K R K', written as M + K W' + W K'.
 
-    `gain` K' (2, 18), `cross` C' = H M (2, 18), `spread` S = H M H' + R (2, 2), W = K S / 2 - C,
-    written into `half` W' (2, 18). The sum is symmetric, and right for any K. Of the two
+    `gain` K' (2, 22), `cross` C' = H M (2, 22), `spread` S = H M H' + R (2, 2), W = K S / 2 - C,
+    written into `half` W' (2, 22). The sum is symmetric, and right for any K. Of the two
     measurements the first `m` are used.
     """
     for r in range(m):

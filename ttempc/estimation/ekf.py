@@ -15,13 +15,16 @@ from ..vehicle import Vehicle
 from .antenna_lean import AntennaLean
 from .augmented_state import SIZE, STATES, AugmentedState, estimate_of
 from .kalman_filter import FilterState, KalmanFilter, SampleRow
-from .measurement_model import KERNEL_INDEX, LENGTH
+from .measurement_model import GYROS, KERNEL_INDEX, LENGTH
 from .noise import ProcessNoise, SensorNoise
 from .prediction_kernel import SAME_TIME_S
 from .warm_up import run_all_kernels
 
 _Key = tuple[float, int]  # time [s] and `SensorIndex` of a sample
-_SENSORS: Final = {index: (sensor, LENGTH[sensor]) for sensor, index in KERNEL_INDEX.items()}
+_SENSORS: Final = {
+    i: (sensor, LENGTH.get(sensor, 3)) for sensor, i in (KERNEL_INDEX | GYROS).items()
+}
+_WEIGHED: Final = frozenset(KERNEL_INDEX.values())  # not those of the gyros
 
 
 class ExtendedKalmanFilter:
@@ -73,6 +76,7 @@ class ExtendedKalmanFilter:
         self._sensor_noise = sensor_noise or SensorNoise()
         self._process_noise = process_noise or ProcessNoise()
         heights = self._sensor_noise.antenna_height_t, self._sensor_noise.antenna_height_i
+        self._indices = KERNEL_INDEX | (GYROS if self._sensor_noise.yaw_rate else {})
         self._lean = AntennaLean(heights, memory_s)
         self._unfollowed = np.zeros(STATES)  # variances of what no state follows
         self._unfollowed[[State.X, State.Y]] = self._sensor_noise.position_variance
@@ -99,7 +103,7 @@ class ExtendedKalmanFilter:
         new: list[SampleRow] = []
         refused: list[Innovation] = []
         for sample in self._lean.corrected(measurements, self._headings(measurements)):
-            index = KERNEL_INDEX.get(sample.sensor)
+            index = self._indices.get(sample.sensor)
             if index is None:
                 continue
             sampled, value, length = sample.time_s, sample.value, _SENSORS[index][1]
@@ -111,7 +115,8 @@ class ExtendedKalmanFilter:
                 and key not in self._accepted
                 and sampled > begin
             ):
-                new.append((sampled, index, float(value[0]), float(value[-1])))
+                x, y, z = value if length == 3 else (value[0], value[-1], 0.0)
+                new.append((sampled, index, float(x), float(y), float(z)))
                 self._accepted[key] = False
             else:
                 refused.append(Innovation(sample.sensor, math.inf, length, False))
@@ -131,7 +136,7 @@ class ExtendedKalmanFilter:
             return self._no_estimate(time_s, tuple(refused))
         state = self._states[-1].copy()
         self.predict(state, time_s)
-        weighed = [innovations[row[:2]] for row in new] if innovations else []
+        weighed = [innovations[row[:2]] for row in new if row[1] in _WEIGHED] if innovations else []
         return self.estimate(state, (*refused, *weighed))
 
     def _headings(self, measurements: Sequence[Measurement]) -> tuple[float, float]:
@@ -218,7 +223,11 @@ class ExtendedKalmanFilter:
         if not self._states:
             return [], []
         begin = self._states[0].time_s
-        rows = [row for row in self._samples if row[0] > begin and self._accepted[row[:2]]]
+        rows = [
+            row
+            for row in self._samples
+            if row[0] > begin and row[1] in _WEIGHED and self._accepted[row[:2]]
+        ]
         return self._states, [_measurement(row) for row in rows]
 
     def _forget(self, time_s: float) -> None:

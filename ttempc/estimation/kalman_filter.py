@@ -17,14 +17,14 @@ from ..vehicle import Vehicle
 from . import sample_kernel
 from .augmented_state import INITIAL_SD, SIZE, STATES, AugmentedState
 from .augmented_state_kernel import SensorIndex, vehicle_parameters
-from .measurement_model import LENGTH, first_state
+from .measurement_model import GYROS, LENGTH, first_state
 from .noise import SCALES, ProcessNoise, SensorNoise
 
 Held = Sequence[tuple[float, FloatArray | None]]
 """End time [s] and value (3,) of every command held over a span; None: not known."""
 
-SampleRow = tuple[float, int, float, float]
-"""Time [s], `SensorIndex` and value of a sample, twice where it has one entry."""
+SampleRow = tuple[float, int, float, float, float]
+"""Time [s], `SensorIndex` and value of a sample, entries that it does not have with any number."""
 
 _UNKNOWN: Final = np.full(len(Input), math.nan)
 _LEAST_VARIANCE: Final = (
@@ -37,11 +37,12 @@ class FilterState:
     """All that a filter carries from one time to the next; `KalmanFilter` changes it in place."""
 
     time_s: float
-    augmented: FloatArray  # (4, 18) augmented state, and its derivatives by the factors
-    covariances: FloatArray  # (4, 18, 18) likewise
+    augmented: FloatArray  # (4, 22) augmented state, and its derivatives by the factors
+    covariances: FloatArray  # (4, 22, 22) likewise
     scales: FloatArray  # (2, 3) factors of `NoiseScale`, information on their logarithms
     valves: FloatArray  # (2,) set points of the steering valves [rad]
     rejected_since: FloatArray  # first rejection without a break [s] by `SensorIndex`, or NaN
+    gyros: FloatArray  # (2, 4) last sample of both IMUs: time [s], yaw rate, roll, pitch, or NaN
 
     def copy(self) -> FilterState:
         """Return a deep copy."""
@@ -52,6 +53,7 @@ class FilterState:
             self.scales.copy(),
             self.valves.copy(),
             self.rejected_since.copy(),
+            self.gyros.copy(),
         )
 
 
@@ -78,18 +80,27 @@ class KalmanFilter:
         self._rates = process_noise.rates(sensor_noise)
         self._fading = process_noise.fading(sensor_noise)
         self._walk = process_noise.scale_walk**2
-        self._variances = np.array([float(sensor_noise.of(sensor)) ** 2 for sensor in LENGTH])
-        self._gates = np.array([float(chdtri(m, gate_probability)) for m in LENGTH.values()])
+        lengths = {**LENGTH, **dict.fromkeys(GYROS, 1)}
+        self._variances = np.array([float(sensor_noise.of(sensor)) ** 2 for sensor in lengths])
+        self._gates = np.array([float(chdtri(m, gate_probability)) for m in lengths.values()])
 
     def start(self, readings: Mapping[Sensor, Measurement]) -> FilterState:
         """Return the state that follows from one reading of every sensor, at the newest of them."""
         whole_error = replace(self._sensor_noise, gnss_white_share=1.0)
         state, covariance = first_state(readings, self._vehicle, whole_error)
         levels = 1 + SCALES
-        slow = max(self._sensor_noise.slow_variance, _LEAST_VARIANCE)
+        slow = max(self._sensor_noise.difference_variance, _LEAST_VARIANCE)
         augmented, covariances = np.zeros((levels, SIZE)), np.zeros((levels, SIZE, SIZE))
         augmented[0, :STATES] = state
-        covariances[0] = np.diag([*np.zeros(STATES), *INITIAL_SD**2, slow, slow])
+        covariances[0] = np.diag(
+            [
+                *np.zeros(STATES),
+                *INITIAL_SD**2,
+                *(slow, slow),
+                *[max(self._sensor_noise.yaw_rate_bias**2, _LEAST_VARIANCE)] * 2,
+                *[_LEAST_VARIANCE] * 2,
+            ]
+        )
         covariances[0, :STATES, :STATES] = covariance
         noise = self._process_noise
         return FilterState(
@@ -99,6 +110,7 @@ class KalmanFilter:
             scales=np.array([noise.scales, np.full(SCALES, noise.scale_sd**-2)]),
             valves=state[AugmentedState.DELTA_T : AugmentedState.RIM].copy(),
             rejected_since=np.full(len(SensorIndex), math.nan),
+            gyros=np.full((2, 4), math.nan),
         )
 
     def predict(self, state: FilterState, time_s: float, held: Held) -> None:
@@ -141,20 +153,23 @@ class KalmanFilter:
             and the states after all samples of each time.
         """
         ends_s, commands = _arrays(held)
-        rows = np.fromiter(chain.from_iterable(samples), float).reshape(-1, 4)
+        rows = np.fromiter(chain.from_iterable(samples), float).reshape(-1, 5)
         count = 1 + len({row[0] for row in samples})
         times_s, augmented = np.empty(count), np.empty((count, *start.augmented.shape))
         covariances = np.empty((count, *start.covariances.shape))
         scales, valves = np.empty((count, 2, SCALES)), np.empty((count, 2))
         rejected_since, results = np.empty((count, len(SensorIndex))), np.empty((len(rows), 5))
+        gyros = np.empty((count, 2, 4))
         times_s[0], augmented[0], covariances[0] = start.time_s, start.augmented, start.covariances
-        scales[0], valves[0], rejected_since[0] = start.scales, start.valves, start.rejected_since
+        scales[0], valves[0], gyros[0] = start.scales, start.valves, start.gyros
+        rejected_since[0] = start.rejected_since
         sample_kernel.process(
             augmented,
             covariances,
             scales,
             valves,
             rejected_since,
+            gyros,
             times_s,
             rows,
             self._variances,
@@ -165,10 +180,18 @@ class KalmanFilter:
             self._rates,
             self._fading,
             self._walk,
+            self._process_noise.gyro_sampling**2,
             results,
         )
         arrays = zip(
-            times_s.tolist(), augmented, covariances, scales, valves, rejected_since, strict=True
+            times_s.tolist(),
+            augmented,
+            covariances,
+            scales,
+            valves,
+            rejected_since,
+            gyros,
+            strict=True,
         )
         next(arrays)
         return results, [FilterState(*state) for state in arrays]

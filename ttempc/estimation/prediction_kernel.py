@@ -42,11 +42,11 @@ def process_noise(
     step_s: float,
     levels: FloatArray,
 ) -> None:
-    """Write the covariance that a step of `step_s` gathers into `levels` (4, 20).
+    """Write the covariance that a step of `step_s` gathers into `levels` (4, 24).
 
-    The same as `ProcessNoise.density` times the step, at the augmented state `middle` (18,): the
+    The same as `ProcessNoise.density` times the step, at the augmented state `middle` (22,): the
     diagonal, then the entries (x, y) and (psi_i, delta_i), the only others.
-    `scales` (2, 3), `parameters` (10,) and `rates` (2, 4, 18) are as in `predict`.
+    `scales` (2, 3), `parameters` (10,) and `rates` (2, 4, 22) are as in `predict`.
     """
     travel = abs(middle[AugmentedState.RIM]) * step_s
     psi_t = middle[AugmentedState.PSI_T]
@@ -70,7 +70,7 @@ def process_noise(
 
 @cached_njit()
 def _add_half(matrix: FloatArray, noise: FloatArray) -> None:
-    """Add half a covariance of `process_noise` (20,) to `matrix` (18, 18)."""
+    """Add half a covariance of `process_noise` (24,) to `matrix` (22, 22)."""
     for i in range(SIZE):
         matrix[i, i] += 0.5 * noise[i]
     matrix[0, 1] += 0.5 * noise[_XY]
@@ -83,10 +83,10 @@ def _add_half(matrix: FloatArray, noise: FloatArray) -> None:
 def _propagate(
     matrix: FloatArray, transition: FloatArray, noise: FloatArray, workspace: FloatArray
 ) -> None:
-    """Replace M by Phi (M + N) Phi' + N; `matrix` M, `transition` Phi are (18, 18).
+    """Replace M by Phi (M + N) Phi' + N; `matrix` M, `transition` Phi are (22, 22).
 
-    N is half of `noise` (20,). The lower rows of Phi are diagonal, most entries of its upper rows
-    are 0. The upper rows of Phi (M + N) are written into `workspace` (7, 18).
+    N is half of `noise` (24,). The lower rows of Phi are diagonal, most entries of its upper rows
+    are 0. The upper rows of Phi (M + N) are written into `workspace` (7, 22).
     """
     _add_half(matrix, noise)
     workspace[:, :] = 0.0
@@ -127,9 +127,9 @@ def predict(
 ) -> None:
     """Advance a filter by `span_s` in `steps` equal steps under the held `command` (3,), in place.
 
-    `augmented` (4, 18) and `covariances` (4, 18, 18) hold values and derivatives; `scales` (2, 3)
+    `augmented` (4, 22) and `covariances` (4, 22, 22) hold values and derivatives; `scales` (2, 3)
     the factors of `NoiseScale` and the information on their logarithms; `valves` (2,) are set
-    points [rad], `parameters` (10,) those of the vehicle, `rates` (2, 4, 18) and `fading` (2, 11)
+    points [rad], `parameters` (10,) those of the vehicle, `rates` (2, 4, 22) and `fading` (2, 15)
     those of `ProcessNoise`, `walk` the variance that a metre adds to the logarithms. With Q the
     noise of a step, P <- Phi (P + Q/2) Phi' + Q/2: half of Q acts before the step, half after it.
     """

@@ -36,7 +36,7 @@ PARAMETERS = vehicle_parameters(VEHICLE)
 
 
 def random_augmented(generator):
-    augmented = generator.normal(size=SIZE) * [5, 5, 3, 0.3, 0.1, 0.1, 0.2, *[0.05] * 11]
+    augmented = generator.normal(size=SIZE) * [5, 5, 3, 0.3, 0.1, 0.1, 0.2, *[0.05] * (SIZE - 7)]
     augmented[AugmentedState.PSI_I] += augmented[AugmentedState.PSI_T]
     augmented[AugmentedState.RIM] += generator.choice([1.0, -1.0])
     return augmented
@@ -138,7 +138,7 @@ def test_covariance_of_the_estimate_is_that_of_the_augmented_state_to_first_orde
 
 def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative():
     generator = np.random.default_rng(75)
-    rates, step = np.array([np.full(11, 0.01), np.full(11, 0.02)]), 0.04  # [1/s], [1/m]
+    rates, step = np.array([np.full(SIZE - 7, 0.01), np.full(SIZE - 7, 0.02)]), 0.04  # [1/s], [1/m]
     for _ in range(5):
         augmented, command = random_augmented(generator), np.array([0.1, -0.1, 0.8])
         valves = (
@@ -180,7 +180,7 @@ def samples(augmented, generator, time_s):
 
 def row_of(sample):
     """The row of a sample for `KalmanFilter.process`."""
-    return sample.time_s, KERNEL_INDEX[sample.sensor], sample.value[0], sample.value[-1]
+    return sample.time_s, KERNEL_INDEX[sample.sensor], sample.value[0], sample.value[-1], 0.0
 
 
 def corrected(kalman, state, sample):
@@ -199,9 +199,9 @@ def test_samples_in_one_call_give_what_they_give_one_after_the_other():
     held = [(0.1, None), (0.55, near(augmented, generator)), (9.0, near(augmented, generator))]
     rows = []
     for k in range(1, 60):
-        for time_s, index, x, y in map(row_of, samples(augmented, generator, 0.04 * k)):
+        for time_s, index, x, y, _ in map(row_of, samples(augmented, generator, 0.04 * k)):
             off = 3.0 * (index == KERNEL_INDEX[Sensor.GNSS_TRAILER] and k > 10)
-            rows.append((time_s, index, x + off, y))
+            rows.append((time_s, index, x + off, y, 0.0))
     results, states = kalman.process(start, rows, held)
     assert len(states) == 59
     one_by_one, now = [], start
@@ -228,8 +228,8 @@ def test_the_filter_is_that_of_the_textbook():
     augmented = random_augmented(generator)
     augmented[7:] = 0.0
     now = kalman.start({m.sensor: m for m in samples(augmented, generator, 0.0)})
-    np.testing.assert_array_equal(np.diag(now.covariances[0])[7:-2], INITIAL_SD**2)
-    np.testing.assert_allclose(np.diag(now.covariances[0])[-2:], 0.25 * sensors.gnss**2)
+    np.testing.assert_array_equal(np.diag(now.covariances[0])[7:16], INITIAL_SD**2)
+    np.testing.assert_allclose(np.diag(now.covariances[0])[16:18], 0.25 * sensors.gnss**2)
     plain, covariance = now.augmented[0].copy(), now.covariances[0].copy()
     command = np.array([*now.valves, now.augmented[0, AugmentedState.RIM] / VEHICLE.speed_gain])
     step = 0.02
