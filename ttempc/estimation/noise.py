@@ -137,8 +137,8 @@ class ProcessNoise:
 
     Values are maximum-likelihood estimates from the innovations of one recorded run each on
     `pavement`, `grass`, `wet-grass`, `side-slope`, `wet-slope` and `patchy`, but for those marked
-    as assumed. The likelihood of `slip_walk` was largest at 0, because those fields do not change
-    along the way.
+    as assumed. The walks of the persistent side slips grow with the roughness: with that, the
+    innovations of even fields and of slopes are both more likely than with fixed ones.
 
     Raises:
         InvalidTuning: a value is not finite or not above 0.
@@ -150,6 +150,8 @@ class ProcessNoise:
     yaw_t: float = 0.014  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
     yaw_i: float = 0.006  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
     bump_steering: float = 0.0009  # forces on both steering linkages [rad/sqrt(m)]
+    slip_walk: float = 0.0002  # random walk of the persistent side slips [rad/sqrt(m)]
+    side_walk: float = 0.0004  # random walk of the side slip on a slope [rad/sqrt(m)]
     # To the factor WHEEL
     wheel_walk: float = 0.0057  # random walk of the persistent wheel slip [1/sqrt(m)]
     climb_walk: float = 0.0014  # random walk of the wheel slip on a slope [1/sqrt(m)]
@@ -157,10 +159,8 @@ class ProcessNoise:
     steering: float = 0.0015  # lag and play of both steering valves [rad/sqrt(s)]
     # Fixed
     drive: float = 0.0017  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
-    slip_walk: float = 0.0003  # random walk of the persistent side slips [rad/sqrt(m)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
-    drive_walk: float = 0.00065  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
-    side_walk: float = 0.0003  # random walk of the side slip on a slope [rad/sqrt(m)]
+    drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
     gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records
@@ -193,10 +193,10 @@ class ProcessNoise:
         (per_second, per_metre), state = deviations, AugmentedState
         per_second[0, [state.RIM, state.DRIVE]] = self.drive, self.drive_walk
         per_second[1 + NoiseScale.VALVES, _STEERING] = self.steering
-        per_metre[0, [state.SLIP_T, state.SLIP_I]] = self.slip_walk
-        per_metre[0, [state.SIDE_X, state.SIDE_Y]] = self.side_walk
         per_metre[0, state.STEERING] = self.steering_walk
         ground, wheel = per_metre[1 + NoiseScale.GROUND], per_metre[1 + NoiseScale.WHEEL]
+        ground[[state.SLIP_T, state.SLIP_I]] = self.slip_walk
+        ground[[state.SIDE_X, state.SIDE_Y]] = self.side_walk
         ground[_VEHICLE] = self.slip_forward, self.slip_lateral, self.yaw_t, self.yaw_i
         ground[_STEERING] = self.bump_steering
         wheel[state.WHEEL] = self.wheel_walk
