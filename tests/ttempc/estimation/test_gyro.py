@@ -64,7 +64,7 @@ def drive_of(seed: int, noise: SensorNoise, ticks: int = 250) -> tuple[SensedDri
 
 
 def test_gyros_give_the_heading_and_their_bias():
-    """Headings are at most half as far off as without gyros, and as far as claimed."""
+    """Headings are at most 0.6 times as far off as without gyros, and as far as claimed."""
     with_gyros, without, nees = [], [], []
     for seed in range(41, 45):
         drive, estimator = drive_of(seed, NOISE)
@@ -80,7 +80,7 @@ def test_gyros_give_the_heading_and_their_bias():
         assert (np.abs(state.augmented[0, biases] - list(BIAS.values())) < 4.0 * sd).all()
         assert (sd < 0.5 * NOISE.yaw_rate_bias).all()
     rms = [np.sqrt(np.mean(np.concatenate(errors) ** 2)) for errors in (with_gyros, without)]
-    assert rms[0] < 0.5 * rms[1]
+    assert rms[0] < 0.6 * rms[1]
     assert 0.3 < np.mean(nees) < 2.0
 
 
