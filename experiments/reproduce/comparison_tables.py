@@ -12,12 +12,13 @@ from ttempc.types import FloatArray
 
 from ..figures import png
 from ..figures.style import blank, dress, legend, series
+from ..results.leads import leads_sentence
 from ..results.published import COLUMNS, PUBLISHED_M, applies_to
 from ..results.statistics import IntervalEstimate, caveat, mean
 from ..scenario.scenario import load
 from ..seeds import TUNED_FIELDS
 from ..sweep_report.format import format_estimate
-from .comparison import DEFAULT, Comparison, Ratio, read_comparison
+from .comparison import DEFAULT, Comparison, Ratio, read_comparison, run_errors
 from .driver import Driver
 from .entry import Product
 
@@ -85,7 +86,9 @@ def by_field(driver: Driver) -> Product:
         )
     heads = ("field", "tuned here", f"`{DEFAULT}` [cm]", f"`{_RIVAL}`: ratio; p", "best rival")
     text = table((*heads, "its ratio; p"), lines)
-    return Product(f"{text}\n\n{_verdicts(comparison)} {caveat(len(comparison.seeds))}".rstrip())
+    ahead = leads_sentence(run_errors(comparison.by_key.values()), DEFAULT, "fields")
+    notes = f"{_verdicts(comparison)} {caveat(len(comparison.seeds))}".rstrip()
+    return Product(f"{text}\n\n{ahead}\n\n{notes}")
 
 
 def controllers(driver: Driver) -> Product:

@@ -288,7 +288,7 @@ def _guidance(
             settings.name, factory, vehicle, reference, CONTROL_PERIOD_S, settings.options
         )
     if settings.estimator == TRUTH:
-        estimator = TruthEstimator(plant.truth)
+        estimator = TruthEstimator(plant.truth, vehicle)
     else:
         noise = settings.noise.sensor_noise(scenario.sensors)
         estimator = named_estimator(settings.estimator, vehicle, noise)

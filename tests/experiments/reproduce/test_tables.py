@@ -111,6 +111,8 @@ def test_the_table_by_field_says_where_the_rival_is_better(driver):
     text = comparison_tables.by_field(driver).block
     assert lines(text, "`old-valves`")[4] == "`pid`"
     assert lines(text, "`grass`")[1] == "filter, tube"
+    assert "Ahead of `ttempc`: `pid` on `old-valves` (" in text
+    assert "fields none of `pid`, `paper`, `lqr` is ahead of `ttempc` by more than 0.05 cm" in text
     assert "on 1 of 4 fields (`old-valves`), significantly on `old-valves`." in text
     assert "fields (`grass`, `split`, `wet-slope`), significantly on `grass`, `split`" in text
 
@@ -143,6 +145,7 @@ def test_the_studies_stand_side_by_side(driver):
     text = study_tables.studies(driver).block
     for name in study_tables.SWEEPS:
         assert lines(text, f"[{name}]")[1] == str(driver.sweep(name).planned)
+    assert "On 5 of 5 studies none of" in text
 
 
 def test_the_page_of_a_study_brings_its_pictures(driver):

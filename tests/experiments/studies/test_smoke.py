@@ -9,11 +9,9 @@ from proving_ground.experiments.results.published import COLUMNS
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, to_json
 from proving_ground.experiments.studies import (
-    ablation,
     batch,
     breaking_points,
     cards,
-    conditions,
     containment,
     endurance,
     errata,
@@ -21,8 +19,8 @@ from proving_ground.experiments.studies import (
     invariance,
     paper_tube,
     ranking,
-    recovery,
 )
+from proving_ground.experiments.studies.ablations import ablation, conditions, limits, recovery
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS
 
@@ -108,6 +106,19 @@ def test_breaking_points(capsys, monkeypatch):
     assert head == ["quantity", "`pid`"]
     assert quantity == "slope [rad]"
     assert values.startswith("holds") or float(values.split(",")[0]) < float(values.split(",")[1])
+
+
+def test_limits(capsys):
+    limits.main((1,), ("grass",), (STRAIGHT,))
+    out = capsys.readouterr().out
+    errors, shares = (
+        [line.split("|") for line in part.splitlines()] for part in out.split("\n\n")[:2]
+    )
+    assert errors[0][2:-2] == [f" {name} " for name in limits.VARIANTS]
+    as_it_is, clean, truth, level, _ = (float(cell.split("/")[0]) for cell in errors[2][2:-1])
+    assert as_it_is > clean >= truth >= level
+    parts = [int(cell.split("/")[0]) for cell in shares[2][2 : 2 + len(limits.PARTS)]]
+    assert sum(parts) == pytest.approx(100, abs=2)  # rounded
 
 
 def test_recovery(capsys, monkeypatch):

@@ -1,6 +1,6 @@
 """Ablation of `ttempc`: feedforward, MPC, disturbance estimate, robust law.
 
-    python -m experiments.studies.ablation [SEEDS [SCENARIO ...]]
+    python -m experiments.studies.ablations.ablation [SEEDS [SCENARIO ...]]
 
 SEEDS is the number of paired seeds (default 2). The default scenarios are those on which
 the parts differ most. Every run is one lap. Prints the Markdown table of docs/ablation.md: mean
@@ -22,10 +22,10 @@ from ttempc.guidance.guidance import ControllerFactory
 from ttempc.laws.articulated_mpc import articulated_controller
 from ttempc.laws.articulated_options import ArticulatedOptions
 
-from ..results.published import COLUMNS
-from ..results.summary import Summary
-from ..seeds import report_seeds
-from .batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
+from ...results.published import COLUMNS
+from ...results.summary import Summary
+from ...seeds import report_seeds
+from ..batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 
 SCENARIOS: Final = ("grass", "wet-slope", "patchy", "old-valves")
 
