@@ -15,6 +15,7 @@ from ..studies import (
     breaking_points,
     errata,
     estimators,
+    front,
     invariance,
     paper_tube,
     ranking,
@@ -95,6 +96,15 @@ ENTRIES: Final = (
             ("grass", "ttempc-nominal"),
             ("grass", "feedforward"),
         ),
+        minutes=2.0,
+    ),
+    Entry(
+        name="front",
+        page="docs/ablation.md",
+        make=study_tables.fronts,
+        seeds=report_seeds(2),
+        probes=tuple((name, "ttempc") for name in front.SCENARIOS)
+        + tuple(("grass", name) for name in ("pid", "lqr", "nmpc-rti", "ttempc-tube")),
         minutes=2.0,
     ),
     _study(

@@ -10,7 +10,7 @@ from pathlib import Path
 from proving_ground.testbed.recording.provenance import code_digest
 
 from ..results.leads import RunError, leads_sentence
-from ..studies import cards, containment, ranking
+from ..studies import cards, containment, front, ranking
 from ..studies.evidence.page import evidence_page
 from ..sweep.results import rows
 from ..sweep_report.aggregate import controller_groups, paired_differences
@@ -113,6 +113,14 @@ def evidence(driver: Driver) -> Product:
 
 def _print_evidence() -> None:
     print(evidence_page())
+
+
+def fronts(driver: Driver) -> Product:
+    """Return the errors of controllers over the travel of the hydrostat, with a picture."""
+    with tempfile.TemporaryDirectory() as folder:
+        text = driver.printed(front.main, driver.report_seeds(2), Path(folder)).strip()
+        picture = (Path(folder) / front.FILE).read_bytes()
+    return Product(f"![Error over hydrostat travel]({front.FILE})\n\n{text}", {front.FILE: picture})
 
 
 def contained(driver: Driver) -> Product:

@@ -22,10 +22,11 @@ from ..output import make_folder, refuse_existing
 from ..results.metrics import summarise
 from ..results.published import PublishedError, applies_to, compare
 from ..results.summary import RunFacts, Summary
+from ..scenario.control import record_steps
 from ..scenario.controller import OptionValue
 from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import ParameterMismatch
-from .assembly import RECORD_RATE_HZ, Assembly, assemble, record_steps
+from .assembly import Assembly, assemble
 from .log_file import describe, open_log
 from .shared_parts import SharedParts
 from .user_code import name_of, user_sources
@@ -94,7 +95,7 @@ def run(
     seed: int,
     folder: Path,
     *,
-    record_hz: float = RECORD_RATE_HZ,
+    record_hz: float | None = None,
     watch: Callable[[Scenery], LiveView] | None = None,
     factory: Callable[..., object] | None = None,
     options: Mapping[str, OptionValue] | None = None,
@@ -106,7 +107,7 @@ def run(
         scenario: what to run.
         seed: draws terrain and noise.
         folder: to make.
-        record_hz: how often the truth is written down [Hz].
+        record_hz: how often the truth is written down [Hz]; None: as in `record_rate`.
         watch: opens a live view of the run; it gets the same data as the log.
         factory: makes a controller of your own, as in `simulate`.
         options: keyword options of the factory.
@@ -123,7 +124,8 @@ def run(
     refuse_existing(folder)
     scenario, sources = _with_controller(scenario, factory, options)
     assembly = assemble(scenario, seed, factory)
-    record_steps(assembly.plant.timestep_s, record_hz)  # refused here, before anything is written
+    if record_hz is not None:  # refused here, before anything is written
+        record_steps(assembly.plant.timestep_s, assembly.guidance.period_s, record_hz)
     scenery = assembly.plant.scenery
     with ExitStack() as stack:
         views = [stack.enter_context(watch(scenery))] if watch else []
@@ -160,7 +162,7 @@ def run(
 def drive_into(
     sink: Sink,
     assembly: Assembly,
-    record_hz: float = RECORD_RATE_HZ,
+    record_hz: float | None = None,
     on_tick: Callable[[int], object] = lambda k: None,
     *,
     prepared: bool = True,

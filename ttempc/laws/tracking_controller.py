@@ -164,7 +164,8 @@ class TrackingController:
         beta = estimate.hitch_angle if self._measured_hitch else self._grid.hitch_angle[k]
         feedforward[Input.DELTA_I] -= beta  # delta^i = lambda - beta
         total = feedforward + actions.feedback + actions.robust
-        command, limited = self._limits.apply(total, self._previous)
+        command, changed = self._limits.apply(total, self._previous)
+        limited = changed | self._limits.holds(command, self._previous)
         self._previous = command
         return ControlStep(
             Command(*command.tolist()),

@@ -42,9 +42,9 @@ VARIANTS: Final[dict[str, ControllerFactory]] = {
     "+ LMPC, disturbance, robust (`ttempc`)": _variant(),
     "the same, MPC tightened by the law's authority": _variant(tightened=True),
     "robust in the tube reading": _variant(nominal="tube"),
-    "no robust, step weights 1, 1, 1": _variant(robust=False, step_weight=(1.0, 1.0, 1.0)),
-    "no robust, step weights 0.05, 0.05, 0.02": _variant(
-        robust=False, step_weight=(0.05, 0.05, 0.02)
+    "no robust, step weights 1, 1, 0.02": _variant(robust=False, step_weight=(1.0, 1.0, 0.02)),
+    "no robust, step weights 0.05, 0.05, 0.1": _variant(
+        robust=False, step_weight=(0.05, 0.05, 0.1)
     ),
     "no robust, horizon 12": _variant(robust=False, horizon=12),
 }

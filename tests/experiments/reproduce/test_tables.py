@@ -9,6 +9,7 @@ import pytest
 from proving_ground.experiments.reproduce import comparison_tables, study_tables
 from proving_ground.experiments.reproduce.comparison import Comparison, read_comparison
 from proving_ground.experiments.reproduce.driver import Driver
+from proving_ground.experiments.results.summary import ACTUATOR_USE
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.plan import SweepPlan
@@ -128,7 +129,10 @@ def test_the_table_of_controllers_marks_fields_and_brings_its_figure(driver):
     assert set(product.files) == {"compare.png"}
     assert "](compare.png)" in product.block
     costs = lines(product.block, "`pid`")
-    assert costs[-2:] == ["1 / 3", "0 of 20"]
+    assert costs[5:7] == ["1 / 3", "0 of 20"]
+    assert len(costs) == 7 + len(ACTUATOR_USE)
+    travel, share = (float(cell) for cell in costs[-2:])  # made-up rows: one number for all
+    assert travel == share > 0.0
     field = lines(product.block, "`old-valves`")
     assert field[2].endswith("<")
     assert field[3] == "5 of 5 lost"

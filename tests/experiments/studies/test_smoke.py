@@ -16,6 +16,7 @@ from proving_ground.experiments.studies import (
     endurance,
     errata,
     estimators,
+    front,
     invariance,
     paper_tube,
     ranking,
@@ -88,6 +89,18 @@ def test_errata(capsys, monkeypatch):
     head, body = rows(capsys)
     assert head == ["reading", *COLUMNS, "lost"]
     assert [row[0] for row in body] == [*errata.READINGS]
+
+
+def test_front(tmp_path, capsys, monkeypatch):
+    """A higher weight moves the hydrostat less."""
+    monkeypatch.setattr(front, "SCENARIOS", ("grass",))
+    monkeypatch.setattr(front, "_WEIGHTS", {"ttempc": (0.01, 10.0), "pid": (None,)})
+    front.main((1,), tmp_path, 'path={kind="straight",length_m=15.0}')
+    head, body = rows(capsys)
+    travel = [float(row[head.index("hydrostat [%/m]")]) for row in body]
+    assert travel[0] > 2.0 * travel[1]
+    assert [row[2] for row in body] == ["0.01", "10", "–"]
+    assert (tmp_path / front.FILE).stat().st_size > 1000
 
 
 def test_estimators(capsys):
