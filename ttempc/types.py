@@ -143,7 +143,7 @@ class SolverReport:
     status: str  # the solver's own word, "solved" where the result was accepted
     accepted: bool  # solved, finite and within its bounds
     iterations: int
-    solve_time_s: float  # as measured by the solver itself
+    solve_time_s: float  # as measured by the solver itself; 0 where it was not needed
     primal_residual: float
     dual_residual: float
 
