@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,8 +89,7 @@ class Measurement:
     value: tuple[float, ...]  # see `Sensor` for meaning, length and unit
 
 
-@dataclass(frozen=True, slots=True)
-class Innovation:
+class Innovation(NamedTuple):
     """Difference of one sample from its prediction, normalised by its covariance."""
 
     sensor: Sensor
@@ -144,7 +143,7 @@ class SolverReport:
     status: str  # the solver's own word, "solved" where the result was accepted
     accepted: bool  # solved, finite and within its bounds
     iterations: int
-    solve_time_s: float  # as measured by the solver itself
+    solve_time_s: float  # as measured by the solver itself; 0 where it was not needed
     primal_residual: float
     dual_residual: float
 

@@ -6,7 +6,8 @@ Replays the estimates of half a lap of the figure eight to a controller: back to
 pause of 20 ms before each step, in which the caches go cold as between control periods (cold), and
 the same with the controller's preparation between pause and step (prepared). Each warm step counts
 with its fastest of several replays, which reduces the effect of other processes. The bare solve is
-the time that PIQP reports for the same steps.
+the time that PIQP reports for the same steps. It and the ratio leave out steps whose QP needs no
+solver.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def timed(
         result = controller.step(estimate, k)
         steps[k] = time.perf_counter() - begin
         report = result.diagnostics.solver
-        solves[k] = report.solve_time_s if report else np.nan
+        solves[k] = (report.solve_time_s if report else 0.0) or np.nan
     return steps, solves
 
 
@@ -104,8 +105,8 @@ def main(names: list[str]) -> None:
             ]
             steps, solves = (np.min(times, axis=0) for times in zip(*runs, strict=True))
             middle, tail = 1e6 * np.quantile(steps[1:], (0.5, 0.99))
-            solve, solve_tail = 1e6 * np.quantile(solves[1:], (0.5, 0.99))
-            ratio = float(np.median(steps[1:] / solves[1:]))
+            solve, solve_tail = 1e6 * np.nanquantile(solves[1:], (0.5, 0.99))
+            ratio = float(np.nanmedian(steps[1:] / solves[1:]))
             print(
                 f"{name + ', ' + kind:24s}{middle:14.1f}{tail:8.1f}{solve:16.1f}{solve_tail:8.1f}"
                 f"{ratio:12.2f}"

@@ -67,7 +67,8 @@ def main() -> None:
         return float(np.median(costs_us[name][WARM_UP:]))
 
     reports = [step.diagnostics.solver for step in steps[LINEAR][WARM_UP:]]
-    bare_us = 1e6 * float(np.median([report.solve_time_s for report in reports if report]))
+    solves = [report.solve_time_s for report in reports if report and report.iterations]
+    bare_us = 1e6 * float(np.median(solves))
     print(f"bare QP of {LINEAR}: {bare_us:.0f} us")
     heads = ("median us", "p99 us", "/ linear", "/ bare QP", "iterations", "off nmpc", "fallbacks")
     print(f"{'':20s}" + "".join(f"{head:>11s}" for head in heads))

@@ -1,7 +1,8 @@
 """`[controller.noise]`: measurement noise that the estimator assumes.
 
-An estimator assumes that errors are white but for the slow part of GNSS, and that a GNSS sample is
-one of the axle point unless the height of the antenna is given, also where the sensors differ.
+An estimator assumes that errors are white but for the slow part of GNSS and the bias of a gyro, and
+that a GNSS sample is one of the axle point unless the height of the antenna is given, also where
+the sensors differ.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from .vehicle import ParameterMismatch
 # Without measurement noise the covariance of the innovation would be singular.
 _MIN_SD: Final = 1e-3  # [m], [rad], [m/s]
 _MIN_SHARE: Final = 1e-2
+_MIN_YAW_RATE_DEGPS: Final = 1e-3
 
 AssumedSd = Annotated[float, Field(ge=_MIN_SD)]
 
@@ -43,6 +45,10 @@ class NoiseSettings:
     """White share of the variance of a position; the rest is correlated over time."""
     gnss_correlation_time_s: Positive | None = None
     """Correlation time of that rest."""
+    yaw_rate_sd_degps: NotNegative | None = None
+    """Yaw rate of both IMUs, where there are any; 0: the estimator does not use it."""
+    yaw_rate_bias_sd_degps: Positive | None = None
+    """Bias of this yaw rate at the start."""
     antenna_height_t_m: NotNegative = 0.0
     """Antenna of the tractor above the axle point: raw positions are corrected with the attitude
     that the IMU measures; 0: they are taken for the axle point."""
@@ -72,6 +78,8 @@ class NoiseSettings:
             encoder=values["encoder_sd_mps"],
             gnss_white_share=values["gnss_white_share"],
             gnss_correlation_s=values["gnss_correlation_time_s"],
+            yaw_rate=math.radians(values["yaw_rate_sd_degps"]),
+            yaw_rate_bias=math.radians(values["yaw_rate_bias_sd_degps"]),
             antenna_height_t=self.antenna_height_t_m,
             antenna_height_i=self.antenna_height_i_m,
             attitude=max(math.radians(sensors.imu.angle_sd_deg), _MIN_SD),
@@ -101,4 +109,6 @@ def _of_sensors(sensors: SensorSpecification) -> dict[str, float]:
         "encoder_sd_mps": max(sensors.encoder_sd_mps, _MIN_SD),
         "gnss_white_share": max(sensors.gnss_white_share, _MIN_SHARE) if correlated else 1.0,
         "gnss_correlation_time_s": sensors.gnss_correlation_time_s,
+        "yaw_rate_sd_degps": max(sensors.imu.yaw_rate_sd_degps, _MIN_YAW_RATE_DEGPS),
+        "yaw_rate_bias_sd_degps": max(sensors.imu.yaw_rate_bias_sd_degps, _MIN_YAW_RATE_DEGPS),
     }

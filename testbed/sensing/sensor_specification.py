@@ -23,8 +23,9 @@ Latency = Annotated[float, Field(ge=0, le=MAX_LATENCY_S)]
 class ImuSpecification:
     """Inertial sensors that measure roll, pitch and yaw rate, one on tractor and trailer each.
 
-    No estimator uses them; `gnss_antenna = "corrected"` does. The default values are those of a
-    small industrial sensor; assumed. A bias is drawn once a run.
+    The yaw rate is that about the vertical. The filter uses all three, `gnss_antenna =
+    "corrected"` roll and pitch. The default values are those of a small industrial sensor; assumed.
+    A bias is drawn once a run.
     """
 
     on: bool = False

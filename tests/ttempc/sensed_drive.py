@@ -89,8 +89,10 @@ class SensedDrive:
                 step_s,
                 unused,
             )
-            root = np.linalg.cholesky(density * step_s + 1e-24 * np.eye(SIZE))
-            augmented += root @ self._generator.standard_normal(SIZE)
+            entries = int(AugmentedState.GYRO_T)  # the drive has no gyros
+            density = density[:entries, :entries]
+            root = np.linalg.cholesky(density * step_s + 1e-24 * np.eye(entries))
+            augmented[:entries] += root @ self._generator.standard_normal(entries)
             sensors = FAST if j % FAST_EVERY == 0 else ()
             sensors = (*sensors, *GNSS) if j == SUBSTEPS else sensors
             measurements += self._sample(augmented, k * PERIOD_S + j * step_s, sensors)

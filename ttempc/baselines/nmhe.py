@@ -18,9 +18,10 @@ from ..estimation.augmented_state import (
 )
 from ..estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ..estimation.ekf import ExtendedKalmanFilter
-from ..estimation.kalman_filter import FilterState, steps_over
+from ..estimation.kalman_filter import FilterState
 from ..estimation.measurement_model import ANGLES, predicted_measurement
 from ..estimation.noise import ProcessNoise, SensorNoise
+from ..estimation.prediction_kernel import steps_over
 from ..estimation.warm_up import run_all_kernels
 from ..models.kinematics import wrap_angle
 from ..types import Command, Estimate, FloatArray, Measurement
@@ -33,17 +34,17 @@ _LEAST_VARIANCE = 1e-12  # of each entry over a step: a vehicle at rest gathers 
 class Transition:
     """The model from one time of the window to the next, linearised about a guess."""
 
-    end: FloatArray  # (18,) augmented state at the end
-    jacobian: FloatArray  # (18, 18) d end / d start
-    noise: FloatArray  # (18, 18) covariance gathered in between
+    end: FloatArray  # (22,) augmented state at the end
+    jacobian: FloatArray  # (22, 22) d end / d start
+    noise: FloatArray  # (22, 22) covariance gathered in between
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
     """Augmented states over a window, and the covariance of the last of them."""
 
-    augmented: FloatArray  # (n, 18)
-    covariance: FloatArray  # (18, 18) of the last
+    augmented: FloatArray  # (n, 22)
+    covariance: FloatArray  # (22, 22) of the last
     bounded: bool  # whether a bound on a disturbance was active
 
 
@@ -100,7 +101,7 @@ class MovingHorizonEstimator:
         states, samples = self._filter.memory()
         if len(states) < 2:
             return filtered
-        guess = np.array([self._last.get(s.time_s, s.augmented[0]) for s in states])  # (n, 18)
+        guess = np.array([self._last.get(s.time_s, s.augmented[0]) for s in states])  # (n, 22)
         trajectory = self._step(states, samples, guess)
         for _ in range(self._iterations - 1):
             trajectory = self._step(states, samples, trajectory.augmented)
@@ -113,7 +114,7 @@ class MovingHorizonEstimator:
     def _step(
         self, states: list[FilterState], samples: list[Measurement], guess: FloatArray
     ) -> Trajectory:
-        """Return the minimiser of the problem linearised about `guess` (n, 18)."""
+        """Return the minimiser of the problem linearised about `guess` (n, 22)."""
         count = len(states)
         diagonal = np.zeros((count, SIZE, SIZE))
         above = np.zeros((count - 1, SIZE, SIZE))
@@ -124,7 +125,7 @@ class MovingHorizonEstimator:
         for k in range(count - 1):
             step = self._transition(states[k], guess[k], states[k + 1].time_s)
             weight = np.linalg.inv(step.noise)
-            weighted = step.jacobian.T @ weight  # (18, 18)
+            weighted = step.jacobian.T @ weight  # (22, 22)
             defect = step.end - guess[k + 1]
             diagonal[k] += weighted @ step.jacobian
             diagonal[k + 1] += weight
@@ -144,7 +145,7 @@ class MovingHorizonEstimator:
         return _minimum(diagonal, above, right, guess)
 
     def _transition(self, state: FilterState, guess: FloatArray, until_s: float) -> Transition:
-        """Return the transition from `guess` (18,) at the time of `state` to `until_s`."""
+        """Return the transition from `guess` (22,) at the time of `state` to `until_s`."""
         augmented, valves = guess.copy(), state.valves.copy()
         jacobian, noise = np.eye(SIZE), _LEAST_VARIANCE * np.eye(SIZE)
         step_jacobian, scales = np.empty((SIZE, SIZE)), state.scales[0]
@@ -178,8 +179,8 @@ def _minimum(
 ) -> Trajectory:
     """Return guess + d with d minimising d'Hd / 2 - right'd, disturbances within their bounds.
 
-    H is block-tridiagonal with the blocks `diagonal` (n, 18, 18) and `above` (n - 1, 18, 18);
-    `right` and `guess` are (n, 18). Elimination from the first block on leaves the information
+    H is block-tridiagonal with the blocks `diagonal` (n, 22, 22) and `above` (n - 1, 22, 22);
+    `right` and `guess` are (n, 22). Elimination from the first block on leaves the information
     matrix of the last augmented state in the last block.
     """
     last = len(guess) - 1
@@ -202,7 +203,7 @@ def _minimum(
 def _bounded_step(
     diagonal: FloatArray, above: FloatArray, right: FloatArray, guess: FloatArray
 ) -> FloatArray:
-    """Return d (n, 18) of `_minimum` by PIQP.
+    """Return d (n, 22) of `_minimum` by PIQP.
 
     If PIQP fails, d takes the guess to its nearest point within the bounds.
     """

@@ -41,16 +41,32 @@ class AugmentedState(IntEnum):
     CLIMB_Y = 15  # wheel slip on the way north
     GNSS_X = 16  # [m] half the slow error of the trailer's receiver less the tractor's: east
     GNSS_Y = 17  # [m] north
+    GYRO_T = 18  # [rad/s] bias of the tractor's gyro
+    GYRO_I = 19  # [rad/s] bias of the trailer's
+    PAST_T = 20  # [rad] yaw of the tractor at the last sample of its gyro
+    PAST_I = 21  # [rad] the same of the trailer
 
 
 STATES: Final = len(State)
 SIZE: Final = len(AugmentedState)
 
 DISTURBANCE_BOUND: Final[FloatArray] = np.array(
-    [0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0]
+    [0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 0.1, 0.1, math.inf, math.inf]
 )
-"""Largest magnitude of each disturbance, (11,): twice that of a vehicle that can be steered; of
-GNSS, more than any that RTK has."""
+"""Largest magnitude of each disturbance, (15,): twice that of a vehicle that can be steered; of
+GNSS and gyros, more than any sensor in order has; none of the past yaw."""
+
+_OF_VEHICLE: Final = AugmentedState.GYRO_T  # entries before those of the gyros
+_IDENTITY: Final = np.eye(STATES, _OF_VEHICLE)
+_V_DEPENDS_ON: Final = np.array(
+    [
+        AugmentedState.PSI_T,
+        AugmentedState.RIM,
+        AugmentedState.WHEEL,
+        AugmentedState.CLIMB_X,
+        AugmentedState.CLIMB_Y,
+    ]
+)
 
 INITIAL_SD: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.01, 0.03, 0.03])
 """Standard deviation of each disturbance of the vehicle before the first sample, (9,); assumed."""
@@ -66,7 +82,7 @@ class Slips:
 
 
 def slips(augmented: FloatArray) -> Slips:
-    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (18,).
+    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (22,).
 
     e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`. Both
     map-fixed terms change their sign in reverse, where the vehicle climbs with its back and still
@@ -120,36 +136,35 @@ def estimate_of(
     innovations: tuple[Innovation, ...],
     unfollowed: FloatArray | None = None,
 ) -> Estimate:
-    """Return the estimate for a controller from an augmented state (18,).
+    """Return the estimate for a controller from an augmented state (22,).
 
-    `covariance` (18, 18) is carried to the state (7, 7) to first order; the
+    `covariance` (22, 22) is carried to the state (7, 7) to first order; the
     variances `unfollowed` (7,) of what no state follows are added. The drive disturbance of
     the estimate moves v as the rim speed, its disturbance and the wheel slip do together.
     """
     total = slips(augmented)
     state = augmented[:STATES].copy()
-    psi_t, delta_t = (float(augmented[i]) for i in (AugmentedState.PSI_T, AugmentedState.DELTA_T))
-    _, _, bias, drive, _, *of_map = augmented[STATES : AugmentedState.GNSS_X].tolist()
+    _, _, psi_t, _, delta_t, _, rim, _, _, bias, drive, _, *others = augmented.tolist()
+    of_map = others[: len(MapDisturbance)]
     _, _, climb_x, climb_y = of_map
-    rim = float(augmented[AugmentedState.RIM])
     cos, sin = math.cos(psi_t), math.sin(psi_t)
     v = rim * (1.0 - total.wheel)
     state[State.V] = v
     gear = math.copysign(1.0, rim)
     slip_by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
     slip_rate = slip_by_heading * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
-    jacobian = np.eye(STATES, SIZE)  # d state / d augmented, (7, 18)
-    jacobian[State.V, AugmentedState.PSI_T] = -rim * slip_by_heading
-    jacobian[State.V, AugmentedState.RIM] = 1.0 - total.wheel
-    jacobian[State.V, AugmentedState.WHEEL] = -rim
-    jacobian[State.V, AugmentedState.CLIMB_X : AugmentedState.GNSS_X] = (
+    jacobian = _IDENTITY.copy()  # d state / d augmented, (7, 18)
+    jacobian[State.V, _V_DEPENDS_ON] = (
+        -rim * slip_by_heading,
+        1.0 - total.wheel,
+        -rim,
         -abs(rim) * cos,
         -abs(rim) * sin,
     )
     drive_v = drive - rim * (total.wheel / vehicle.speed_time_constant + slip_rate)
-    state_covariance = jacobian @ covariance @ jacobian.T
+    state_covariance = jacobian @ covariance[:_OF_VEHICLE, :_OF_VEHICLE] @ jacobian.T
     if unfollowed is not None:
-        state_covariance[range(STATES), range(STATES)] += unfollowed
+        state_covariance.ravel()[:: STATES + 1] += unfollowed  # its diagonal
     return Estimate(
         time_s=time_s,
         state=state,

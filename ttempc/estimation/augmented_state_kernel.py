@@ -1,6 +1,6 @@
 """Model and measurements of the augmented state, compiled, with their Jacobians.
 
-Arrays named `x` are augmented states (18,) in the order of `AugmentedState`, those named
+Arrays named `x` are augmented states (22,) in the order of `AugmentedState`, those named
 `parameters` are (10,) in the order of `VehicleParameter`.
 """
 
@@ -44,6 +44,8 @@ class SensorIndex(IntEnum):
     STEERING_TRAILER = 3
     HITCH = 4
     ENCODER = 5
+    IMU_TRACTOR = 6
+    IMU_TRAILER = 7
 
 
 def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
@@ -111,7 +113,7 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
 def state_rate_jacobian(
     x: FloatArray, inputs: FloatArray, parameters: FloatArray, jacobian: FloatArray
 ) -> None:
-    """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 18)."""
+    """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 22)."""
     psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
     delta_t, delta_i = x[AugmentedState.DELTA_T], x[AugmentedState.DELTA_I]
     rim = x[AugmentedState.RIM]
@@ -199,12 +201,12 @@ def advance_augmented_state(
     step_s: float,
     transition: FloatArray,
 ) -> None:
-    """Advance `x` (18,) and `valves` (2,) by `step_s` in place; write d after / d before.
+    """Advance `x` (22,) and `valves` (2,) by `step_s` in place; write d after / d before.
 
     The set points of the steering valves `valves` [rad] run to the `command` (3,) at their rate
     limit, and their mean over the step acts. The state takes one classical Runge-Kutta step.
     Disturbances fade by exp(-a step_s - b travel) with the rows a [1/s], b [1/m] of `fading`
-    (2, 11). `transition` (18, 18) is the
+    (2, 15). `transition` (22, 22) is the
     exponential of the Jacobian in the middle of the step.
     """
     inputs = np.empty(3)
@@ -246,8 +248,9 @@ def advance_augmented_state(
             for j in range(SIZE):
                 transition[i, j] = jacobian[i, j] * transition[j, j] if j >= STATES else 0.0
             for k in range(STATES):
-                for j in range(SIZE):
-                    transition[i, j] += jacobian[i, k] * previous[k, j]
+                if jacobian[i, k] != 0.0:
+                    for j in range(SIZE):
+                        transition[i, j] += jacobian[i, k] * previous[k, j]
             for j in range(SIZE):
                 transition[i, j] *= duration
         for i in range(STATES):
@@ -260,11 +263,18 @@ def advance_augmented_state(
 
 @cached_njit()
 def measure(
-    sensor: int, x: FloatArray, parameters: FloatArray, reading: FloatArray, jacobian: FloatArray
+    sensor: int,
+    x: FloatArray,
+    parameters: FloatArray,
+    span_s: float,
+    reading: FloatArray,
+    jacobian: FloatArray,
 ) -> int:
-    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 18).
+    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 22).
 
     Returns the number of entries of the reading, 1 or 2. `sensor` is a `SensorIndex` as a number.
+    The reading of a gyro is the integral of its yaw rate over the time `span_s` since its last
+    sample; the other sensors do not need it.
     """
     jacobian[:, :] = 0.0
     error_x, error_y = x[AugmentedState.GNSS_X], x[AugmentedState.GNSS_Y]
@@ -299,6 +309,13 @@ def measure(
         jacobian[0, AugmentedState.PSI_T] = 1.0
         jacobian[0, AugmentedState.PSI_I] = -1.0
         jacobian[0, AugmentedState.DELTA_I] = -1.0
+        return 1
+    if sensor == SensorIndex.IMU_TRACTOR or sensor == SensorIndex.IMU_TRAILER:
+        body = sensor - SensorIndex.IMU_TRACTOR
+        psi, past = AugmentedState.PSI_T + body, AugmentedState.PAST_T + body
+        bias = AugmentedState.GYRO_T + body
+        reading[0] = x[psi] - x[past] + span_s * x[bias]
+        jacobian[0, psi], jacobian[0, past], jacobian[0, bias] = 1.0, -1.0, span_s
         return 1
     if sensor == SensorIndex.STEERING_TRACTOR:
         entry = AugmentedState.DELTA_T

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -13,10 +14,17 @@ from ..types import Command, Estimate, FloatArray, Innovation, Measurement, Sens
 from ..vehicle import Vehicle
 from .antenna_lean import AntennaLean
 from .augmented_state import SIZE, STATES, AugmentedState, estimate_of
-from .kalman_filter import SAME_TIME_S, FilterState, KalmanFilter
-from .measurement_model import KERNEL_INDEX, LENGTH
+from .kalman_filter import FilterState, KalmanFilter, SampleRow
+from .measurement_model import GYROS, KERNEL_INDEX, LENGTH
 from .noise import ProcessNoise, SensorNoise
+from .prediction_kernel import SAME_TIME_S
 from .warm_up import run_all_kernels
+
+_Key = tuple[float, int]  # time [s] and `SensorIndex` of a sample
+_SENSORS: Final = {
+    i: (sensor, LENGTH.get(sensor, 3)) for sensor, i in (KERNEL_INDEX | GYROS).items()
+}
+_WEIGHED: Final = frozenset(KERNEL_INDEX.values())  # not those of the gyros
 
 
 class ExtendedKalmanFilter:
@@ -68,12 +76,15 @@ class ExtendedKalmanFilter:
         self._sensor_noise = sensor_noise or SensorNoise()
         self._process_noise = process_noise or ProcessNoise()
         heights = self._sensor_noise.antenna_height_t, self._sensor_noise.antenna_height_i
+        self._indices = KERNEL_INDEX | (GYROS if self._sensor_noise.yaw_rate else {})
         self._lean = AntennaLean(heights, memory_s)
+        self._unfollowed = np.zeros(STATES)  # variances of what no state follows
+        self._unfollowed[[State.X, State.Y]] = self._sensor_noise.position_variance
         self._filter = KalmanFilter(
             vehicle, self._sensor_noise, self._process_noise, gate_probability
         )
-        self._samples: list[Measurement] = []  # by time, then sensor
-        self._accepted: dict[tuple[Sensor, float], bool] = {}  # by the gate, for each sample
+        self._samples: list[SampleRow] = []  # by time, then sensor
+        self._accepted: dict[_Key, bool] = {}  # by the gate, for each sample
         self._commands: list[tuple[float, FloatArray | None]] = []  # end of each, and the command
         self._states: list[FilterState] = []  # after the samples of each time
 
@@ -87,25 +98,37 @@ class ExtendedKalmanFilter:
         """Return the estimate at `time_s`, as `Estimator.update`."""
         held = None if command is None else command.as_array().astype(float)
         self._commands.append((time_s, held))
-        usable: list[Measurement] = []
+        earliest, latest = time_s - self._memory_s - SAME_TIME_S, time_s + SAME_TIME_S
+        begin = self._states[0].time_s if self._states else -math.inf
+        new: list[SampleRow] = []
         refused: list[Innovation] = []
         for sample in self._lean.corrected(measurements, self._headings(measurements)):
-            if sample.sensor not in LENGTH:
+            index = self._indices.get(sample.sensor)
+            if index is None:
                 continue
-            if self._usable(sample, time_s):
-                usable.append(sample)
-                self._accepted[_key(sample)] = False
+            sampled, value, length = sample.time_s, sample.value, _SENSORS[index][1]
+            key = sampled, index
+            if (
+                len(value) == length
+                and all(map(math.isfinite, value))
+                and earliest <= sampled <= latest
+                and key not in self._accepted
+                and sampled > begin
+            ):
+                x, y, z = value if length == 3 else (value[0], value[-1], 0.0)
+                new.append((sampled, index, float(x), float(y), float(z)))
+                self._accepted[key] = False
             else:
-                refused.append(Innovation(sample.sensor, math.inf, LENGTH[sample.sensor], False))
-        in_order = sorted(usable, key=_order)
-        late = in_order and self._samples and _order(in_order[0]) < _order(self._samples[-1])
+                refused.append(Innovation(sample.sensor, math.inf, length, False))
+        in_order = sorted(new)
+        late = in_order and self._samples and in_order[0] < self._samples[-1]
         self._samples += in_order
         if late:
-            self._samples.sort(key=_order)
-        innovations: dict[tuple[Sensor, float], Innovation] = {}
+            self._samples.sort()
+        innovations: dict[_Key, Innovation] = {}
         if self._states:
-            if usable:
-                innovations = self._replay(in_order[0].time_s)
+            if new:
+                innovations = self._replay(in_order[0][0])
         elif self._start():
             self._replay(math.inf)
         self._forget(time_s)
@@ -113,35 +136,26 @@ class ExtendedKalmanFilter:
             return self._no_estimate(time_s, tuple(refused))
         state = self._states[-1].copy()
         self.predict(state, time_s)
-        new = [innovations[_key(sample)] for sample in usable if innovations]
-        return self.estimate(state, (*refused, *new))
+        weighed = [innovations[row[:2]] for row in new if row[1] in _WEIGHED] if innovations else []
+        return self.estimate(state, (*refused, *weighed))
 
     def _headings(self, measurements: Sequence[Measurement]) -> tuple[float, float]:
         """Return the yaw of tractor and trailer [rad], before the start the line between both."""
         if self._states:
             psi_t, psi_i = self._states[-1].augmented[0, State.PSI_T : State.DELTA_T].tolist()
             return psi_t, psi_i
-        place = {m.sensor: m.value for m in (*self._samples, *measurements) if len(m.value) == 2}
+        kept = map(_measurement, self._samples)
+        place = {m.sensor: m.value for m in (*kept, *measurements) if len(m.value) == 2}
         if Sensor.GNSS_TRACTOR not in place or Sensor.GNSS_TRAILER not in place:
             return 0.0, 0.0
         (x, y), (x_i, y_i) = place[Sensor.GNSS_TRACTOR], place[Sensor.GNSS_TRAILER]
         line = math.atan2(y - y_i, x - x_i)
         return line, line
 
-    def _usable(self, sample: Measurement, time_s: float) -> bool:
-        """Return whether a sample is complete, finite, new and neither late nor early."""
-        sampled, value = sample.time_s, sample.value
-        return (
-            len(value) == LENGTH[sample.sensor]
-            and all(map(math.isfinite, (sampled, *value)))
-            and time_s - self._memory_s - SAME_TIME_S <= sampled <= time_s + SAME_TIME_S
-            and _key(sample) not in self._accepted
-            and (not self._states or sampled > self._states[0].time_s)
-        )
-
     def _start(self) -> bool:
         """Start at the first time with a reading of every sensor; return whether there is one."""
-        of_sensor = {s: [m for m in self._samples if m.sensor is s] for s in LENGTH}
+        kept = [_measurement(row) for row in self._samples]
+        of_sensor = {s: [m for m in kept if m.sensor is s] for s in LENGTH}
         if not all(of_sensor.values()):
             return False
         begin = max(samples[0].time_s for samples in of_sensor.values())
@@ -149,33 +163,34 @@ class ExtendedKalmanFilter:
         self._states = [self._filter.start(first)]
         return True
 
-    def _replay(self, since_s: float) -> dict[tuple[Sensor, float], Innovation]:
+    def _replay(self, since_s: float) -> dict[_Key, Innovation]:
         """Process all samples since `since_s`, and all that are newer than the newest state.
 
-        Returns their innovations by sensor and time.
+        Returns their innovations.
         """
         while self._states[-1].time_s >= since_s:
             self._states.pop()
-        state = self._states[-1].copy()
-        innovations = {}
-        begin = bisect_right(self._samples, state.time_s, key=_time)
-        for sample in self._samples[begin:]:
-            if sample.time_s > state.time_s:
-                if state.time_s > self._states[-1].time_s:
-                    self._states.append(state.copy())
-                self.predict(state, sample.time_s)
-            innovation = self._filter.correct(state, sample)
-            self._accepted[_key(sample)] = innovation.accepted
-            innovations[_key(sample)] = innovation
-        if state.time_s > self._states[-1].time_s:
-            self._states.append(state)
+        start = self._states[-1]
+        samples = self._samples[bisect_right(self._samples, start.time_s, key=_time) :]
+        if not samples:
+            return {}
+        held = self.commands(start.time_s, samples[-1][0])
+        results, states = self._filter.process(start, samples, held)
+        self._states += states
+        innovations: dict[_Key, Innovation] = {}
+        for row, result in zip(samples, results.tolist(), strict=True):
+            key, (normalised, log_determinant, first, second, passed) = row[:2], result
+            self._accepted[key] = accepted = passed == 1.0
+            sensor, length = _SENSORS[key[1]]
+            whitened = (first, second) if length == 2 else (first,)
+            item = (sensor, normalised, length, accepted, whitened, log_determinant)
+            innovations[key] = Innovation._make(item)
         return innovations
 
     def estimate(self, state: FilterState, innovations: tuple[Innovation, ...]) -> Estimate:
         """Return the estimate for a controller from a state of the filter."""
         rim, scales = float(state.augmented[0, AugmentedState.RIM]), state.scales[0]
-        unfollowed = np.zeros(STATES)
-        unfollowed[[State.X, State.Y]] = self._sensor_noise.position_variance
+        unfollowed = self._unfollowed.copy()
         unfollowed[State.V] = self._process_noise.fast_speed_variance(rim, scales)
         return estimate_of(
             state.augmented[0],
@@ -188,8 +203,8 @@ class ExtendedKalmanFilter:
 
     def predict(self, state: FilterState, time_s: float) -> None:
         """Advance `state` to `time_s` in place under the commands of the time in between."""
-        for end_s, command in self.commands(state.time_s, time_s):
-            self._filter.predict(state, end_s, command)
+        if time_s - state.time_s > SAME_TIME_S:
+            self._filter.predict(state, time_s, self.commands(state.time_s, time_s))
         state.time_s = time_s
 
     def commands(self, since_s: float, until_s: float) -> list[tuple[float, FloatArray | None]]:
@@ -208,24 +223,28 @@ class ExtendedKalmanFilter:
         if not self._states:
             return [], []
         begin = self._states[0].time_s
-        samples = [s for s in self._samples if s.time_s > begin and self._accepted[_key(s)]]
-        return self._states, samples
+        rows = [
+            row
+            for row in self._samples
+            if row[0] > begin and row[1] in _WEIGHED and self._accepted[row[:2]]
+        ]
+        return self._states, [_measurement(row) for row in rows]
 
     def _forget(self, time_s: float) -> None:
         """Drop all that no sample within the memory can need."""
         oldest = time_s - self._memory_s - SAME_TIME_S
         if self._states:
-            older = sum(state.time_s < oldest for state in self._states)
-            del self._states[: max(0, older - 1)]
+            while len(self._states) > 1 and self._states[1].time_s < oldest:
+                del self._states[0]
             oldest = min(oldest, self._states[0].time_s)
         else:  # the newest reading of a sensor counts until the filter starts
-            newest = {sample.sensor: sample for sample in self._samples}
-            kept = [s for s in self._samples if s.time_s >= oldest or newest[s.sensor] is s]
-            self._samples, self._accepted = kept, {_key(sample): False for sample in kept}
+            newest = {row[1]: row for row in self._samples}
+            kept = [row for row in self._samples if row[0] >= oldest or newest[row[1]] is row]
+            self._samples, self._accepted = kept, {row[:2]: False for row in kept}
             oldest = min(map(_time, kept), default=oldest)
         dropped = bisect_left(self._samples, oldest, key=_time)
-        for sample in self._samples[:dropped]:
-            del self._accepted[_key(sample)]
+        for row in self._samples[:dropped]:
+            del self._accepted[row[:2]]
         del self._samples[:dropped]
         self._commands = [item for item in self._commands if item[0] >= oldest]
 
@@ -234,13 +253,11 @@ class ExtendedKalmanFilter:
         return estimate_of(augmented, covariance, time_s, self._vehicle, innovations)
 
 
-def _time(sample: Measurement) -> float:
-    return sample.time_s
+def _time(row: SampleRow) -> float:
+    return row[0]
 
 
-def _key(sample: Measurement) -> tuple[Sensor, float]:
-    return sample.sensor, sample.time_s
-
-
-def _order(sample: Measurement) -> tuple[float, int]:
-    return sample.time_s, KERNEL_INDEX[sample.sensor]
+def _measurement(row: SampleRow) -> Measurement:
+    time_s, index, *value = row
+    sensor, length = _SENSORS[index]
+    return Measurement(time_s, sensor, tuple(value[:length]))

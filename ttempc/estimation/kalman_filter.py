@@ -1,35 +1,35 @@
-"""Steps of the extended Kalman filter over the augmented state: start, predict, correct."""
+"""Steps of the extended Kalman filter over the augmented state: start, process, predict."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Final
 
 import numpy as np
 from scipy.special import chdtri
 
 from ..errors import InvalidTuning
-from ..types import FloatArray, Innovation, Measurement, Sensor
+from ..types import FloatArray, Input, Measurement, Sensor
 from ..vehicle import Vehicle
-from . import filter_kernel
+from . import sample_kernel
 from .augmented_state import INITIAL_SD, SIZE, STATES, AugmentedState
-from .augmented_state_kernel import vehicle_parameters
-from .measurement_model import KERNEL_INDEX, LENGTH, first_state
+from .augmented_state_kernel import SensorIndex, vehicle_parameters
+from .measurement_model import GYROS, LENGTH, first_state
 from .noise import SCALES, ProcessNoise, SensorNoise
 
-SAME_TIME_S: Final = 1e-6
-"""Times that differ by less are one: four times the resolution of a double at Unix time [s]."""
+Held = Sequence[tuple[float, FloatArray | None]]
+"""End time [s] and value (3,) of every command held over a span; None: not known."""
 
-_LONGEST_STEP_S = 0.05  # a third of the front steering's lag
-_GATE_PATIENCE_S = 1.0
-_LEAST_VARIANCE = 1e-12  # of an entry without uncertainty, so that covariances are invertible
+SampleRow = tuple[float, int, float, float, float]
+"""Time [s], `SensorIndex` and value of a sample, entries that it does not have with any number."""
 
-
-def steps_over(span_s: float) -> int:
-    """Return the number of integration steps over a span of time [s], at least 1."""
-    return max(1, math.ceil((span_s - SAME_TIME_S) / _LONGEST_STEP_S))
+_UNKNOWN: Final = np.full(len(Input), math.nan)
+_LEAST_VARIANCE: Final = (
+    1e-12  # of an entry without uncertainty, so that covariances are invertible
+)
 
 
 @dataclass(slots=True)
@@ -37,11 +37,12 @@ class FilterState:
     """All that a filter carries from one time to the next; `KalmanFilter` changes it in place."""
 
     time_s: float
-    augmented: FloatArray  # (4, 18) augmented state, and its derivatives by the factors
-    covariances: FloatArray  # (4, 18, 18) likewise
+    augmented: FloatArray  # (4, 22) augmented state, and its derivatives by the factors
+    covariances: FloatArray  # (4, 22, 22) likewise
     scales: FloatArray  # (2, 3) factors of `NoiseScale`, information on their logarithms
     valves: FloatArray  # (2,) set points of the steering valves [rad]
-    rejected_since: dict[Sensor, float]  # sensor -> time of the first rejection without a break [s]
+    rejected_since: FloatArray  # first rejection without a break [s] by `SensorIndex`, or NaN
+    gyros: FloatArray  # (2, 4) last sample of both IMUs: time [s], yaw rate, roll, pitch, or NaN
 
     def copy(self) -> FilterState:
         """Return a deep copy."""
@@ -52,6 +53,7 @@ class FilterState:
             self.scales.copy(),
             self.valves.copy(),
             self.rejected_since.copy(),
+            self.gyros.copy(),
         )
 
 
@@ -77,18 +79,28 @@ class KalmanFilter:
         self._parameters = vehicle_parameters(vehicle)
         self._rates = process_noise.rates(sensor_noise)
         self._fading = process_noise.fading(sensor_noise)
-        self._sensor_variance = {s: float(sensor_noise.of(s)) ** 2 for s in LENGTH}
-        self._gate = {m: float(chdtri(m, gate_probability)) for m in (1, 2)}
+        self._walk = process_noise.scale_walk**2
+        lengths = {**LENGTH, **dict.fromkeys(GYROS, 1)}
+        self._variances = np.array([float(sensor_noise.of(sensor)) ** 2 for sensor in lengths])
+        self._gates = np.array([float(chdtri(m, gate_probability)) for m in lengths.values()])
 
     def start(self, readings: Mapping[Sensor, Measurement]) -> FilterState:
         """Return the state that follows from one reading of every sensor, at the newest of them."""
         whole_error = replace(self._sensor_noise, gnss_white_share=1.0)
         state, covariance = first_state(readings, self._vehicle, whole_error)
         levels = 1 + SCALES
-        slow = max(self._sensor_noise.slow_variance, _LEAST_VARIANCE)
+        slow = max(self._sensor_noise.difference_variance, _LEAST_VARIANCE)
         augmented, covariances = np.zeros((levels, SIZE)), np.zeros((levels, SIZE, SIZE))
         augmented[0, :STATES] = state
-        covariances[0] = np.diag([*np.zeros(STATES), *INITIAL_SD**2, slow, slow])
+        covariances[0] = np.diag(
+            [
+                *np.zeros(STATES),
+                *INITIAL_SD**2,
+                *(slow, slow),
+                *[max(self._sensor_noise.yaw_rate_bias**2, _LEAST_VARIANCE)] * 2,
+                *[_LEAST_VARIANCE] * 2,
+            ]
+        )
         covariances[0, :STATES, :STATES] = covariance
         noise = self._process_noise
         return FilterState(
@@ -97,57 +109,95 @@ class KalmanFilter:
             covariances=covariances,
             scales=np.array([noise.scales, np.full(SCALES, noise.scale_sd**-2)]),
             valves=state[AugmentedState.DELTA_T : AugmentedState.RIM].copy(),
-            rejected_since={},
+            rejected_since=np.full(len(SensorIndex), math.nan),
+            gyros=np.full((2, 4), math.nan),
         )
 
-    def predict(self, state: FilterState, time_s: float, command: FloatArray | None) -> None:
-        """Advance `state` to `time_s` under the held `command` (3,).
+    def predict(self, state: FilterState, time_s: float, held: Held) -> None:
+        """Advance `state` to `time_s` in place under the commands `held` since its time.
 
         Without a command (None) steering and speed are taken as constant.
         """
-        span = float(time_s - state.time_s)
-        if span <= 0.0:
-            return
-        if command is None:
-            hp = state.augmented[0, AugmentedState.RIM] / self._vehicle.speed_gain
-            command = np.array([*state.valves, hp])
-        filter_kernel.predict(
+        ends_s, commands = _arrays(held)
+        sample_kernel.predict_until(
             state.augmented,
             state.covariances,
             state.scales,
             state.valves,
-            command,
+            float(state.time_s),
+            float(time_s),
+            ends_s,
+            commands,
             self._parameters,
             self._rates,
             self._fading,
-            self._process_noise.scale_walk**2,
-            span,
-            steps_over(span),
+            self._walk,
         )
         state.time_s = time_s
 
-    def correct(self, state: FilterState, sample: Measurement) -> Innovation:
-        """Correct `state` by a sample of its time, unless the gate rejects the sample."""
-        sensor = sample.sensor
-        m = LENGTH[sensor]
-        rejected_for = sample.time_s - state.rejected_since.get(sensor, math.inf)
-        forced = bool(rejected_for >= _GATE_PATIENCE_S - SAME_TIME_S)
-        normalised, log_determinant, *whitened = filter_kernel.correct(
-            state.augmented,
-            state.covariances,
-            state.scales,
-            KERNEL_INDEX[sensor],
-            (float(sample.value[0]), float(sample.value[1]) if m == 2 else 0.0),
-            self._sensor_variance[sensor],
-            self._gate[m],
-            forced,
+    def process(
+        self, start: FilterState, samples: Sequence[SampleRow], held: Held
+    ) -> tuple[FloatArray, list[FilterState]]:
+        """Return the results of `samples`, one after the other, and the state after each time.
+
+        A sample corrects the state at its time, unless the gate rejects it.
+
+        Args:
+            start: the state before the samples; it stays as it is.
+            samples: one at least, in order of time, none before the start.
+            held: commands since the start.
+
+        Returns:
+            The rows of `sample_kernel.process`: normalised squared innovation, log-determinant of
+            its covariance, whitened innovation (two entries), 1 or 0 for accepted or not, (n, 5);
+            and the states after all samples of each time.
+        """
+        ends_s, commands = _arrays(held)
+        rows = np.fromiter(chain.from_iterable(samples), float).reshape(-1, 5)
+        count = 1 + len({row[0] for row in samples})
+        times_s, augmented = np.empty(count), np.empty((count, *start.augmented.shape))
+        covariances = np.empty((count, *start.covariances.shape))
+        scales, valves = np.empty((count, 2, SCALES)), np.empty((count, 2))
+        rejected_since, results = np.empty((count, len(SensorIndex))), np.empty((len(rows), 5))
+        gyros = np.empty((count, 2, 4))
+        times_s[0], augmented[0], covariances[0] = start.time_s, start.augmented, start.covariances
+        scales[0], valves[0], gyros[0] = start.scales, start.valves, start.gyros
+        rejected_since[0] = start.rejected_since
+        sample_kernel.process(
+            augmented,
+            covariances,
+            scales,
+            valves,
+            rejected_since,
+            gyros,
+            times_s,
+            rows,
+            self._variances,
+            self._gates,
+            ends_s,
+            commands,
             self._parameters,
+            self._rates,
+            self._fading,
+            self._walk,
+            self._process_noise.gyro_sampling**2,
+            results,
         )
-        inside = normalised <= self._gate[m]
-        if inside:
-            state.rejected_since.pop(sensor, None)
-        else:
-            state.rejected_since.setdefault(sensor, sample.time_s)
-        return Innovation(
-            sensor, normalised, m, inside or forced, tuple(whitened[:m]), log_determinant
+        arrays = zip(
+            times_s.tolist(),
+            augmented,
+            covariances,
+            scales,
+            valves,
+            rejected_since,
+            gyros,
+            strict=True,
         )
+        next(arrays)
+        return results, [FilterState(*state) for state in arrays]
+
+
+def _arrays(held: Held) -> tuple[FloatArray, FloatArray]:
+    """Return end times (m,) [s] and commands (m, 3), NaN where a command is not known."""
+    commands = [_UNKNOWN if command is None else command for _, command in held]
+    return np.array([end_s for end_s, _ in held]), np.array(commands).reshape(-1, len(Input))

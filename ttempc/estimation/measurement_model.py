@@ -29,6 +29,9 @@ LENGTH: Final = {
 KERNEL_INDEX: Final = {sensor: int(SensorIndex[sensor.name]) for sensor in LENGTH}
 """`SensorIndex` of each of these sensors as a plain number, which numba compiles once."""
 
+GYROS: Final = {s: int(SensorIndex[s.name]) for s in (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)}
+"""`SensorIndex` of the sensors whose yaw rate the filter uses where they are there."""
+
 ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
 """Sensors whose readings are angles, equal modulo a turn."""
 
@@ -36,9 +39,9 @@ ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sen
 def predicted_measurement(
     sensor: Sensor, augmented: FloatArray, vehicle: Vehicle
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 18).
+    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 22).
 
-    Both at an augmented state (18,). The encoder reads the rim speed, the others geometry.
+    Both at an augmented state (22,). The encoder reads the rim speed, the others geometry.
 
     Raises:
         UnknownSensor: the sensor has no model.
@@ -46,7 +49,9 @@ def predicted_measurement(
     if sensor not in LENGTH:
         raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
     reading, jacobian = np.zeros(2), np.zeros((2, SIZE))
-    m = measure(KERNEL_INDEX[sensor], augmented, vehicle_parameters(vehicle), reading, jacobian)
+    m = measure(
+        KERNEL_INDEX[sensor], augmented, vehicle_parameters(vehicle), 0.0, reading, jacobian
+    )
     return reading[:m], jacobian[:m]
 
 

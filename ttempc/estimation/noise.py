@@ -18,7 +18,7 @@ from .augmented_state import SIZE, STATES, AugmentedState
 def _require_positive(owner: SensorNoise | ProcessNoise) -> None:
     for item in fields(owner):
         value = getattr(owner, item.name)
-        zero = item.name.startswith("antenna")
+        zero = item.name.startswith("antenna") or item.name == "yaw_rate"
         if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
             name, allowed = (
                 f"{type(owner).__name__}.{item.name}",
@@ -51,6 +51,9 @@ class SensorNoise:
     steering: float = math.radians(1.0)  # both steering angles [rad]
     hitch: float = math.radians(1.0)  # [rad]; not printed, assumed as for the steering angles
     encoder: float = 0.1  # [m/s]
+    yaw_rate: float = math.radians(0.1)  # of the IMUs [rad/s]; 0: not used; assumed
+    yaw_rate_bias: float = math.radians(0.05)  # of their yaw rate at the start [rad/s]; assumed
+    yaw_rate_walk: float = 1e-5  # random walk of this bias [(rad/s)/sqrt(s)]; assumed
 
     def __post_init__(self) -> None:
         _require_positive(self)
@@ -61,8 +64,17 @@ class SensorNoise:
 
     @property
     def slow_variance(self) -> float:
-        """Variance of half the sum, and of half the difference, of both receivers' slow errors."""
+        """Variance of half the sum of both receivers' slow errors along an axis [m^2]."""
         return 0.5 * (1.0 - self.gnss_white_share) * self.gnss**2
+
+    @property
+    def difference_variance(self) -> float:
+        """Variance of half the difference of both receivers' slow errors along an axis [m^2].
+
+        A bias of the attitude is in it as if it were fixed in the map: it turns with the vehicle.
+        """
+        heights = math.hypot(self.antenna_height_t, self.antenna_height_i)
+        return self.slow_variance + (0.5 * heights * self.attitude_bias) ** 2
 
     @property
     def position_variance(self) -> float:
@@ -73,7 +85,7 @@ class SensorNoise:
         """Return the standard deviation of each entry of one sample of `sensor`, the white part.
 
         Raises:
-            UnknownSensor: the sensor is none of the paper's.
+            UnknownSensor: the sensor has no noise.
         """
         match sensor:
             case Sensor.GNSS_TRACTOR | Sensor.GNSS_TRAILER:
@@ -87,8 +99,10 @@ class SensorNoise:
                 return self.hitch
             case Sensor.ENCODER:
                 return self.encoder
+            case Sensor.IMU_TRACTOR | Sensor.IMU_TRAILER:
+                return self.yaw_rate
             case _:
-                raise UnknownSensor(f"{sensor}: its noise is not known, only the paper's sensors'")
+                raise UnknownSensor(f"{sensor}: its noise is not known")
 
 
 class NoiseScale(IntEnum):
@@ -123,8 +137,8 @@ class ProcessNoise:
 
     Values are maximum-likelihood estimates from the innovations of one recorded run each on
     `pavement`, `grass`, `wet-grass`, `side-slope`, `wet-slope` and `patchy`, but for those marked
-    as assumed. The likelihood of `slip_walk` was largest at 0, because those fields do not change
-    along the way.
+    as assumed. The walks of the persistent side slips grow with the roughness: with that, the
+    innovations of even fields and of slopes are both more likely than with fixed ones.
 
     Raises:
         InvalidTuning: a value is not finite or not above 0.
@@ -136,6 +150,8 @@ class ProcessNoise:
     yaw_t: float = 0.014  # side slip of the front axle: yaw of the tractor [rad/sqrt(m)]
     yaw_i: float = 0.006  # side slip of the trailer axle: yaw of the trailer [rad/sqrt(m)]
     bump_steering: float = 0.0009  # forces on both steering linkages [rad/sqrt(m)]
+    slip_walk: float = 0.0002  # random walk of the persistent side slips [rad/sqrt(m)]
+    side_walk: float = 0.0004  # random walk of the side slip on a slope [rad/sqrt(m)]
     # To the factor WHEEL
     wheel_walk: float = 0.0057  # random walk of the persistent wheel slip [1/sqrt(m)]
     climb_walk: float = 0.0014  # random walk of the wheel slip on a slope [1/sqrt(m)]
@@ -143,12 +159,11 @@ class ProcessNoise:
     steering: float = 0.0015  # lag and play of both steering valves [rad/sqrt(s)]
     # Fixed
     drive: float = 0.0017  # hydrostat: speed of the rim [(m/s)/sqrt(s)]
-    slip_walk: float = 0.0003  # random walk of the persistent side slips [rad/sqrt(m)]
     steering_walk: float = 0.0005  # random walk of the steering disturbance [rad/sqrt(m)]
-    drive_walk: float = 0.00065  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
-    side_walk: float = 0.0003  # random walk of the side slip on a slope [rad/sqrt(m)]
+    drive_walk: float = 0.0003  # random walk of the drive disturbance [(m/s^2)/sqrt(s)]
 
     body_fading_m: float = 120.0  # distance over which a body-fixed disturbance fades by 1/e [m]
+    gyro_sampling: float = 0.0004  # yaw between samples of a gyro [rad/sqrt(m)]; from records
     bump_m: float = 0.1  # correlation length of the wheel slip on bumps [m]; from recorded speeds
     map_fading_m: float = 500.0  # the same of map-fixed disturbances [m]; assumed
     # Initial factors, the standard deviation of their logarithm, and its random walk [1/sqrt(m)]
@@ -167,7 +182,7 @@ class ProcessNoise:
         return np.array([self.roughness, self.wheel, self.valves])
 
     def rates(self, sensors: SensorNoise) -> FloatArray:
-        """Return the variances of each entry that a second and a metre add, (2, 4, 18).
+        """Return the variances of each entry that a second and a metre add, (2, 4, 22).
 
         The first index is 0 for a second and 1 for a metre; of the second index, 0 is fixed
         and 1 + n belongs to a factor 1 of the n-th `NoiseScale`. Positions are along and across
@@ -178,30 +193,36 @@ class ProcessNoise:
         (per_second, per_metre), state = deviations, AugmentedState
         per_second[0, [state.RIM, state.DRIVE]] = self.drive, self.drive_walk
         per_second[1 + NoiseScale.VALVES, _STEERING] = self.steering
-        per_metre[0, [state.SLIP_T, state.SLIP_I]] = self.slip_walk
         per_metre[0, state.STEERING] = self.steering_walk
-        per_metre[0, [state.SIDE_X, state.SIDE_Y]] = self.side_walk
         ground, wheel = per_metre[1 + NoiseScale.GROUND], per_metre[1 + NoiseScale.WHEEL]
+        ground[[state.SLIP_T, state.SLIP_I]] = self.slip_walk
+        ground[[state.SIDE_X, state.SIDE_Y]] = self.side_walk
         ground[_VEHICLE] = self.slip_forward, self.slip_lateral, self.yaw_t, self.yaw_i
         ground[_STEERING] = self.bump_steering
         wheel[state.WHEEL] = self.wheel_walk
         wheel[[state.CLIMB_X, state.CLIMB_Y]] = self.climb_walk
-        slow = 2.0 * sensors.slow_variance / sensors.gnss_correlation_s  # Gelb 1974, sec. 3.6
-        per_second[0, [state.X, state.Y, state.GNSS_X, state.GNSS_Y]] = math.sqrt(slow)
+        for entries, variance in (
+            ((state.X, state.Y), sensors.slow_variance),
+            ((state.GNSS_X, state.GNSS_Y), sensors.difference_variance),
+        ):
+            slow = 2.0 * variance / sensors.gnss_correlation_s  # Gelb 1974, sec. 3.6
+            per_second[0, entries] = math.sqrt(slow)
+        if sensors.yaw_rate:
+            per_second[0, [state.GYRO_T, state.GYRO_I]] = sensors.yaw_rate_walk
         return np.square(deviations)
 
     def fading(self, sensors: SensorNoise) -> FloatArray:
-        """Return the rates at which each disturbance fades, (2, 11): in a second, in a metre."""
+        """Return the rates at which each disturbance fades, (2, 15): in a second, in a metre."""
         fading = np.zeros((2, SIZE - STATES))
         of_gnss = AugmentedState.GNSS_X - STATES
-        fading[0, of_gnss:] = 1.0 / sensors.gnss_correlation_s
+        fading[0, of_gnss : of_gnss + 2] = 1.0 / sensors.gnss_correlation_s
         fading[1, :of_gnss] = [1.0 / self.body_fading_m] * 5 + [1.0 / self.map_fading_m] * 4
         return fading
 
     def density(
         self, augmented: FloatArray, scales: FloatArray, vehicle: Vehicle, sensors: SensorNoise
     ) -> FloatArray:
-        """Return the covariance that an augmented state (18,) gathers per second, (18, 18).
+        """Return the covariance that an augmented state (22,) gathers per second, (22, 22).
 
         At the factors `scales` (3,). A joint RJ2 that turns by w beside its model turns the trailer
         by -w d cos(delta_i) / (L_i + d cos(delta_i)), as in `ttempc.models.kinematics.articulated`.

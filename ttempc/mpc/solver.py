@@ -1,4 +1,4 @@
-"""Persistent PIQP solver with checks of input and solution."""
+"""Exact minimiser of a QP without active bounds, else a persistent PIQP solver, with checks."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 import piqp
 
 from ..types import FloatArray, SolverReport
-from .qp import QP, is_convex
+from .interior_minimum import Outcome, interior_minimum
+from .qp import QP
 
 # PIQP's default of 1e-8 leaves errors of 1e-5 in the first move where bounds are weakly active.
 _TOLERANCE = 1e-11
@@ -28,6 +29,10 @@ class QPSolution:
 class PersistentSolver:
     """PIQP's dense interior-point solver, set up once and updated from problem to problem.
 
+    A problem whose unconstrained minimiser is within all bounds needs no solver: it is answered by
+    Cholesky's factorisation, with the status "solved" after 0 iterations in a solver's time of 0
+    (docs/ablation.md, Cost).
+
     PIQP 0.6 and 0.7 fail on bad input as follows: input that is not finite gives a solution that is
     not finite, and corrupts later solves when it was in the Hessian; an infeasible problem may end
     at the iteration limit with an arbitrary point; an indefinite Hessian counts as solved.
@@ -44,9 +49,22 @@ class PersistentSolver:
 
     def solve(self, qp: QP) -> QPSolution:
         """Return the minimiser of `qp`, or the reason for which there is none."""
-        finite = all(np.isfinite(part).all() for part in (qp.gradient, qp.lower, qp.upper))
-        if not finite or not is_convex(qp.hessian):
+        x = np.empty_like(qp.gradient)
+        outcome = interior_minimum(
+            qp.hessian,
+            qp.gradient,
+            qp.matrix,
+            qp.lower,
+            qp.upper,
+            qp.step_lower,
+            qp.step_upper,
+            x,
+        )
+        if outcome == Outcome.INTERIOR:
+            return QPSolution(x, SolverReport("solved", True, 0, 0.0, 0.0, 0.0))
+        if outcome != Outcome.BOUNDED:
             self._solver = None
+            finite = outcome == Outcome.NOT_CONVEX
             status = "hessian not convex" if finite else "input not finite"
             return QPSolution(None, SolverReport(status, False, 0, 0.0, math.inf, math.inf))
         solver = self._load(qp)

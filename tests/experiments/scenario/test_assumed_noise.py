@@ -27,6 +27,8 @@ def test_the_filter_assumes_the_specification_of_the_sensors():
             encoder_sd_mps=0.3,
             gnss_white_share=share,
             gnss_correlation_time_s=60.0,
+            yaw_rate_sd_degps=0.1,
+            yaw_rate_bias_sd_degps=0.05,
         )
 
 
@@ -44,6 +46,8 @@ def test_values_replace_those_of_the_selection_alone():
         encoder_sd_mps=0.1,
         gnss_white_share=1.0,
         gnss_correlation_time_s=60.0,
+        yaw_rate_sd_degps=0.1,
+        yaw_rate_bias_sd_degps=0.05,
     )
 
 

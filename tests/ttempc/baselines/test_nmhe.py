@@ -73,7 +73,7 @@ def test_a_bounded_window_is_the_minimum_within_its_bounds():
     generator = np.random.default_rng(82)
     arrival, transitions, noises, sensors, readings = chain(generator, 4)
     guess = np.zeros((4, SIZE))
-    mean = np.concatenate([np.zeros(STATES), 1.5 * DISTURBANCE_BOUND])
+    mean = np.concatenate([np.zeros(STATES), 1.5 * np.minimum(DISTURBANCE_BOUND, 1.0)])
     diagonal, above, right = system(
         arrival, transitions, noises, sensors, 0.1 * readings, mean, guess
     )

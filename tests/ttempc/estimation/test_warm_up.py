@@ -13,7 +13,12 @@ import pytest
 
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, VEHICLE, SensedDrive
 from ttempc.baselines.nmhe import MovingHorizonEstimator
-from ttempc.estimation import augmented_state_kernel, filter_kernel
+from ttempc.estimation import (
+    augmented_state_kernel,
+    correction_kernel,
+    prediction_kernel,
+    sample_kernel,
+)
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.types import Command
 
@@ -54,7 +59,7 @@ def check_no_compilation():
         assert not any(signatures().values()) or isinstance(estimator, MovingHorizonEstimator)
         estimator.warm_up()
         compiled = signatures()
-        assert all(compiled[name] for name in ("predict", "correct"))
+        assert all(compiled[name] for name in ("predict_until", "process"))
         SensedDrive(32, corrupt=varied, estimator=estimator).run(50)
         estimator.update(50 * PERIOD_S, [], None)
         estimator.update(11, [], Command(0, 0, 1))  # integers
@@ -80,5 +85,6 @@ def varied(measurements):
 
 def signatures():
     """Return the compiled signatures of every kernel by its name."""
-    members = {**vars(augmented_state_kernel), **vars(filter_kernel)}
+    modules = augmented_state_kernel, prediction_kernel, correction_kernel, sample_kernel
+    members = {name: item for module in modules for name, item in vars(module).items()}
     return {n: tuple(v.signatures) for n, v in members.items() if hasattr(v, "signatures")}

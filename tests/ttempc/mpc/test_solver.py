@@ -72,13 +72,31 @@ def test_bad_input_is_reported_and_leaves_no_trace(kind):
 
 def test_report_carries_the_solvers_own_clock():
     solver = PersistentSolver()
-    qp, _, _ = random_qp(np.random.default_rng(14), 0.3)
+    qp, _, _ = random_qp(np.random.default_rng(14), 5.0)  # with active bounds
     for _ in range(2):  # freshly set up, and updated
         report = solver.solve(qp).report
         assert 0.0 < report.solve_time_s < 0.1
         assert report.iterations > 0
         assert report.primal_residual < 1e-9
         assert report.dual_residual < 1e-6
+
+
+def test_a_minimum_inside_its_bounds_needs_no_solver_and_one_beyond_them_does():
+    generator = np.random.default_rng(15)
+    solver, answered = PersistentSolver(), {True: 0, False: 0}
+    for _ in range(300):
+        qp, _, _ = random_qp(generator, 10.0 ** generator.uniform(-3.0, 0.5))
+        free = np.linalg.solve(qp.hessian, -qp.gradient)
+        inside = bool((qp.slack(free) >= 0.0).all())
+        answered[inside] += 1
+        solution = solver.solve(qp)
+        assert (solution.report.iterations == 0) == inside
+        assert solution.report.accepted
+        if inside:
+            np.testing.assert_allclose(solution.x, free, rtol=0.0, atol=1e-9)
+        residuals = qp.residuals(solution.x)
+        assert residuals.stationarity < 1e-5 * (1.0 + np.linalg.norm(qp.gradient))
+    assert min(answered.values()) > 50
 
 
 def test_bounds_of_any_number_of_rows():
