@@ -18,7 +18,7 @@ from ..estimation.augmented_state import (
 )
 from ..estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ..estimation.ekf import ExtendedKalmanFilter
-from ..estimation.kalman_filter import FilterState, steps_over
+from ..estimation.kalman_filter import FilterState, acting_command, steps_over
 from ..estimation.measurement_model import ANGLES, predicted_measurement
 from ..estimation.noise import ProcessNoise, SensorNoise
 from ..estimation.warm_up import run_all_kernels
@@ -151,9 +151,8 @@ class MovingHorizonEstimator:
         fading = self._process_noise.fading(self._sensor_noise)
         time_s = state.time_s
         for end_s, command in self._filter.commands(time_s, until_s):
-            if command is None:  # as `KalmanFilter.predict`
-                hp = augmented[AugmentedState.RIM] / self._vehicle.speed_gain
-                command = np.array([*valves, hp])
+            rim = augmented[AugmentedState.RIM]
+            command = acting_command(command, valves, rim, self._vehicle)
             span_s = float(end_s - time_s)
             steps = steps_over(span_s)
             step_s = span_s / steps

@@ -40,6 +40,8 @@ class ExtendedKalmanFilter:
     Samples of sensors without a model in `measurement_model` are ignored; those of the IMUs serve
     to correct antenna positions, see `AntennaLean`.
 
+    Each input of a command acts after its own dead time (`Vehicle.dead_times`).
+
     Time stamps may count from any epoch. Those that differ by less than `SAME_TIME_S` count as
     equal wherever the filter compares times of samples with times of updates.
 
@@ -75,6 +77,7 @@ class ExtendedKalmanFilter:
         self._samples: list[Measurement] = []  # by time, then sensor
         self._accepted: dict[tuple[Sensor, float], bool] = {}  # by the gate, for each sample
         self._commands: list[tuple[float, FloatArray | None]] = []  # end of each, and the command
+        self._acting = self._commands  # the same behind the dead times
         self._states: list[FilterState] = []  # after the samples of each time
 
     def warm_up(self) -> None:
@@ -87,6 +90,7 @@ class ExtendedKalmanFilter:
         """Return the estimate at `time_s`, as `Estimator.update`."""
         held = None if command is None else command.as_array().astype(float)
         self._commands.append((time_s, held))
+        self._acting = self._acting_commands(time_s)
         usable: list[Measurement] = []
         refused: list[Innovation] = []
         for sample in self._lean.corrected(measurements, self._headings(measurements)):
@@ -193,15 +197,31 @@ class ExtendedKalmanFilter:
         state.time_s = time_s
 
     def commands(self, since_s: float, until_s: float) -> list[tuple[float, FloatArray | None]]:
-        """Return end time [s] and value (3,) of every command held between two times."""
+        """Return end time [s] and value (3,) of every command that acts between two times.
+
+        None where no command is known, NaN where one is known of some inputs only.
+        """
         held = []
-        for end_s, command in self._commands:
+        for end_s, command in self._acting:
             if until_s - since_s <= SAME_TIME_S:
                 break
             if end_s > since_s + SAME_TIME_S:
                 since_s = end_s if end_s < until_s - SAME_TIME_S else until_s
                 held.append((since_s, command))
         return held
+
+    def _acting_commands(self, time_s: float) -> list[tuple[float, FloatArray | None]]:
+        """Return the commands until `time_s` as they act: each input after its own dead time."""
+        dead_times = self._vehicle.dead_times
+        if not dead_times.any():
+            return self._commands
+        sent_s = np.array([end_s for end_s, _ in self._commands])
+        values = np.array([np.full(3, math.nan) if u is None else u for _, u in self._commands])
+        ends = np.unique(np.append((sent_s[:, None] + dead_times).ravel(), time_s))
+        ends = ends[ends <= time_s]
+        # A command is held until its end; what acts at a time was sent a dead time before.
+        index = np.searchsorted(sent_s, ends[:, None] - dead_times - SAME_TIME_S)
+        return list(zip(ends.tolist(), values[index, range(len(dead_times))], strict=True))
 
     def memory(self) -> tuple[list[FilterState], list[Measurement]]:
         """Return the states in memory and the accepted samples after the first of them."""
@@ -227,6 +247,7 @@ class ExtendedKalmanFilter:
         for sample in self._samples[:dropped]:
             del self._accepted[_key(sample)]
         del self._samples[:dropped]
+        oldest -= float(self._vehicle.dead_times.max())
         self._commands = [item for item in self._commands if item[0] >= oldest]
 
     def _no_estimate(self, time_s: float, innovations: tuple[Innovation, ...]) -> Estimate:

@@ -32,6 +32,18 @@ def steps_over(span_s: float) -> int:
     return max(1, math.ceil((span_s - SAME_TIME_S) / _LONGEST_STEP_S))
 
 
+def acting_command(
+    command: FloatArray | None, valves: FloatArray, rim: float, vehicle: Vehicle
+) -> FloatArray:
+    """Return `command` (3,) with what steadies the vehicle in the place of entries that are NaN.
+
+    Where no command is known (NaN; None for all three), steering and speed are taken as constant:
+    at the set points `valves` (2,) [rad] and the speed `rim` [m/s].
+    """
+    steady = np.array([*valves, rim / vehicle.speed_gain])
+    return steady if command is None else np.where(np.isnan(command), steady, command)
+
+
 @dataclass(slots=True)
 class FilterState:
     """All that a filter carries from one time to the next; `KalmanFilter` changes it in place."""
@@ -101,16 +113,13 @@ class KalmanFilter:
         )
 
     def predict(self, state: FilterState, time_s: float, command: FloatArray | None) -> None:
-        """Advance `state` to `time_s` under the held `command` (3,).
-
-        Without a command (None) steering and speed are taken as constant.
-        """
+        """Advance `state` to `time_s` under the held `command` (3,), see `acting_command`."""
         span = float(time_s - state.time_s)
         if span <= 0.0:
             return
-        if command is None:
-            hp = state.augmented[0, AugmentedState.RIM] / self._vehicle.speed_gain
-            command = np.array([*state.valves, hp])
+        command = acting_command(
+            command, state.valves, state.augmented[0, AugmentedState.RIM], self._vehicle
+        )
         filter_kernel.predict(
             state.augmented,
             state.covariances,

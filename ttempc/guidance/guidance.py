@@ -24,6 +24,7 @@ from ..types import (
 )
 from ..vehicle import Vehicle
 from .controllers import make_controller
+from .dead_time import DeadTimeCompensation, compensated
 from .estimators import EstimatorFactory, estimator_factory
 from .supervisor import SafetyLimits, Supervisor
 
@@ -57,7 +58,8 @@ class Guidance:
         reference: where both axle points should be over time; of a `Path`, at `speed_mps`.
         period_s: control period [s].
         controller: a name of `ttempc.CONTROLLERS`, a factory called with vehicle, reference and
-            period [s], or a controller.
+            period [s], or a controller. Around the former two the dead times of the vehicle are
+            compensated, see `DeadTimeCompensation`; a controller is asked as it is.
         estimator: a name of `ttempc.ESTIMATORS`, a factory called with vehicle and sensor noise,
             or an estimator.
         options: keyword options of the controller by name or factory, such as `horizon`.
@@ -99,7 +101,7 @@ class Guidance:
         check_pace(reference, period_s)
         self._vehicle, self._reference, self._period_s = vehicle, reference, period_s
         self._estimator = _estimator(estimator, vehicle, sensor_noise or SensorNoise())
-        self._controller = _controller(controller, vehicle, reference, period_s, options, tube)
+        self._controller = _controller(controller, reference, period_s, options, tube)
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
@@ -220,6 +222,8 @@ class Guidance:
         if self._estimate is None:
             raise GuidanceFailed("step: call update(time_s, measurements) first")
         self._control_step = self._supervisor.step(self._estimate, self._tick, self._time_s)
+        if isinstance(self._controller, DeadTimeCompensation):
+            self._controller.record(self._control_step.command, self._tick)
         self._tick += 1
         return self._control_step.command
 
@@ -236,14 +240,17 @@ def _estimator(
 
 def _controller(
     controller: str | ControllerFactory | Controller,
-    vehicle: Vehicle,
     reference: Reference,
     period_s: float,
     options: Mapping[str, object] | None,
     tube: TubeDesign | None,
 ) -> Controller:
-    if isinstance(controller, str):
-        return make_controller(controller, vehicle, reference, period_s, tube, options)
-    if isinstance(controller, type) or not hasattr(controller, "step"):
+    if not isinstance(controller, str | type) and hasattr(controller, "step"):
+        return controller  # pyright: ignore[reportReturnType] - it has `step`
+
+    def make(vehicle: Vehicle, reference: Reference) -> Controller:
+        if isinstance(controller, str):
+            return make_controller(controller, vehicle, reference, period_s, tube, options)
         return controller(vehicle, reference, period_s, **(options or {}))  # pyright: ignore[reportCallIssue] - a factory
-    return controller  # pyright: ignore[reportReturnType] - it has `step`
+
+    return compensated(make, reference, period_s)
