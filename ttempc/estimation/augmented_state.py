@@ -117,7 +117,7 @@ def augmented_of(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
 
     What an estimate does not have, the error of GNSS, is 0.
     """
-    _, _, psi_t, psi_i, delta_t, _, v = estimate.state.tolist()
+    _, _, psi_t, _, delta_t, _, v = estimate.state.tolist()
     slip_t, slip_i, bias, drive_v, wheel = estimate.disturbance.tolist()
     rim = v / (1.0 - wheel)
     augmented = np.zeros(SIZE)

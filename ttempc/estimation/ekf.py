@@ -13,6 +13,7 @@ from ..types import Command, Estimate, FloatArray, Innovation, Measurement, Sens
 from ..vehicle import Vehicle
 from .antenna_lean import AntennaLean
 from .augmented_state import SIZE, STATES, AugmentedState, estimate_of
+from .dead_time import HeldCommands, after_dead_times
 from .kalman_filter import SAME_TIME_S, FilterState, KalmanFilter
 from .measurement_model import KERNEL_INDEX, LENGTH
 from .noise import ProcessNoise, SensorNoise
@@ -76,7 +77,7 @@ class ExtendedKalmanFilter:
         )
         self._samples: list[Measurement] = []  # by time, then sensor
         self._accepted: dict[tuple[Sensor, float], bool] = {}  # by the gate, for each sample
-        self._commands: list[tuple[float, FloatArray | None]] = []  # end of each, and the command
+        self._commands: HeldCommands = []
         self._acting = self._commands  # the same behind the dead times
         self._states: list[FilterState] = []  # after the samples of each time
 
@@ -90,7 +91,7 @@ class ExtendedKalmanFilter:
         """Return the estimate at `time_s`, as `Estimator.update`."""
         held = None if command is None else command.as_array().astype(float)
         self._commands.append((time_s, held))
-        self._acting = self._acting_commands(time_s)
+        self._acting = after_dead_times(self._commands, self._vehicle)
         usable: list[Measurement] = []
         refused: list[Innovation] = []
         for sample in self._lean.corrected(measurements, self._headings(measurements)):
@@ -196,7 +197,7 @@ class ExtendedKalmanFilter:
             self._filter.predict(state, end_s, command)
         state.time_s = time_s
 
-    def commands(self, since_s: float, until_s: float) -> list[tuple[float, FloatArray | None]]:
+    def commands(self, since_s: float, until_s: float) -> HeldCommands:
         """Return end time [s] and value (3,) of every command that acts between two times.
 
         None where no command is known, NaN where one is known of some inputs only.
@@ -209,19 +210,6 @@ class ExtendedKalmanFilter:
                 since_s = end_s if end_s < until_s - SAME_TIME_S else until_s
                 held.append((since_s, command))
         return held
-
-    def _acting_commands(self, time_s: float) -> list[tuple[float, FloatArray | None]]:
-        """Return the commands until `time_s` as they act: each input after its own dead time."""
-        dead_times = self._vehicle.dead_times
-        if not dead_times.any():
-            return self._commands
-        sent_s = np.array([end_s for end_s, _ in self._commands])
-        values = np.array([np.full(3, math.nan) if u is None else u for _, u in self._commands])
-        ends = np.unique(np.append((sent_s[:, None] + dead_times).ravel(), time_s))
-        ends = ends[ends <= time_s]
-        # A command is held until its end; what acts at a time was sent a dead time before.
-        index = np.searchsorted(sent_s, ends[:, None] - dead_times - SAME_TIME_S)
-        return list(zip(ends.tolist(), values[index, range(len(dead_times))], strict=True))
 
     def memory(self) -> tuple[list[FilterState], list[Measurement]]:
         """Return the states in memory and the accepted samples after the first of them."""

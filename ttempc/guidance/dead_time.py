@@ -19,7 +19,6 @@ from ..types import (
     Controller,
     ControlStep,
     Estimate,
-    FloatArray,
     Preparing,
     SpaceBased,
     WarmingUp,
@@ -72,7 +71,7 @@ class DeadTimeCompensation:
         start = CommandLimits.of(vehicle, period_s).clamp(reference.at(0.0).inputs)
         # Commands as they act together, the newest first; before the start those of the reference.
         self._commands = deque([start] * (self._whole + 2), maxlen=self._whole + 2)
-        self._sent, self._tick = start, -1  # of the last step
+        self._sent, self._tick = start.copy(), -1  # of the last step
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
 
     def warm_up(self) -> None:
@@ -94,15 +93,9 @@ class DeadTimeCompensation:
             step = ControlStep(step)
         self._commands.appendleft(step.command.as_array())
         self._tick = k
-        self._sent = np.array(
-            [
-                self._commands[whole][j]
-                + part_s
-                / self._period_s
-                * (self._commands[whole + 1][j] - self._commands[whole][j])
-                for j, (whole, part_s) in enumerate(self._hold_back)
-            ]
-        )
+        for j, (whole, part_s) in enumerate(self._hold_back):
+            later, earlier = self._commands[whole][j], self._commands[whole + 1][j]
+            self._sent[j] = later + part_s / self._period_s * (earlier - later)
         return replace(step, command=Command(*self._sent.tolist()))
 
     def record(self, sent: Command, k: int) -> None:
@@ -118,7 +111,10 @@ class DeadTimeCompensation:
         vehicle = self._vehicle
         disturbance = np.minimum(estimate.disturbance, _MOST_SLIP)
         augmented = augmented_of(replace(estimate, disturbance=disturbance), vehicle)
-        valves = self._commands[self._whole][:2].copy()
+        # A valve reaches its command within the period: commands keep to the same rate limit.
+        acting, before = self._commands[self._whole][:2], self._commands[self._whole + 1][:2]
+        reach = vehicle.input_rate[:2] * (self._period_s - self._part_s)
+        valves = np.clip(acting, before - reach, before + reach)
         lasting, transition = np.zeros((2, SIZE - STATES)), np.empty((SIZE, SIZE))
         spans = [(self._whole, self._part_s)]
         spans += [(i, self._period_s) for i in reversed(range(self._whole))]
