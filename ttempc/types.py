@@ -190,6 +190,8 @@ class Diagnostics:
     solver: SolverReport | None = None  # None where the controller solves no QP
     fallback: str = ""  # reason why another law than the controller's own acted, else empty
     tube: TubeReport | None = None  # None for a controller without a tube
+    # Model parameters that were learnt and act from this tick on, in words
+    learnt: tuple[str, ...] = ()
 
     @property
     def total(self) -> FloatArray:
@@ -240,6 +242,15 @@ class SpaceBased(Protocol):
     """
 
     space_based: bool
+
+
+@runtime_checkable
+class Resuming(Protocol):
+    """A controller with memory that one for other model parameters can continue."""
+
+    def resume(self, previous: object) -> None:
+        """Continue where `previous`, the controller up to this tick, has stopped."""
+        ...
 
 
 class Estimator(Protocol):

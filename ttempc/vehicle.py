@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -80,6 +80,10 @@ class Vehicle:
     def dead_times(self) -> FloatArray:
         """Dead time of each input [s], (3,) in the order of `Input`."""
         return np.array([self.dead_time_t, self.dead_time_i, self.dead_time_hp])
+
+    def without_dead_times(self) -> Vehicle:
+        """Return the same vehicle with actuators that start at once."""
+        return replace(self, dead_time_t=0.0, dead_time_i=0.0, dead_time_hp=0.0)
 
     @property
     def input_min(self) -> FloatArray:

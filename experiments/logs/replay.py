@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -22,6 +21,7 @@ from proving_ground.testbed.recording.channels import (
     STATE,
 )
 from proving_ground.testbed.recording.record import Record
+from ttempc.learning.learner import RecordedTick
 from ttempc.types import Command, Estimate, Estimator, Measurement
 
 from ..errors import InvalidReplay
@@ -36,15 +36,6 @@ _SAME_TIME_S: Final = 1e-6
 _SCENARIO: Final = "scenario.toml"
 # Of samples that come at one moment, those of the IMUs come first, as from `SensorSuite`.
 _ORDER: Final = sorted(MEASUREMENT_COLUMNS, key=lambda sensor: not sensor.startswith("imu"))
-
-
-@dataclass(frozen=True, slots=True)
-class Tick:
-    """What an estimator received at one control tick."""
-
-    time_s: float
-    samples: tuple[Measurement, ...]  # in the order of arrival
-    command: Command | None  # of the period before; None at the first tick
 
 
 def read_run(log: Path, overrides: Sequence[str] = ()) -> tuple[Record, Scenario]:
@@ -81,7 +72,7 @@ def estimator_of(scenario: Scenario) -> Estimator:
     return named_estimator(settings.estimator, vehicle, noise)
 
 
-def ticks(record: Record) -> Iterator[Tick]:
+def ticks(record: Record) -> Iterator[RecordedTick]:
     """Yield what the estimator received at every tick of a recorded run.
 
     Samples are those that the sensors delivered; changes that a stage of a user made to them
@@ -92,6 +83,7 @@ def ticks(record: Record) -> Iterator[Tick]:
     """
     times, samples = record[ESTIMATE].time_s, record[MEASUREMENT]
     commands = record[CONTROL].columns(*_COMMAND)
+    headings = record[ESTIMATE].columns("psi_t_rad", "psi_i_rad")
     if not len(times) or len(commands) < len(times) - 1:
         raise InvalidReplay(
             f"record: has {len(times)} estimates and {len(commands)} commands; a replay needs an "
@@ -101,7 +93,9 @@ def ticks(record: Record) -> Iterator[Tick]:
     for k, time_s in enumerate(times.tolist()):
         end = int(np.searchsorted(samples.time_s, time_s + _SAME_TIME_S))
         arrived = [sample for row in samples.values[begin:end].tolist() for sample in _samples(row)]
-        yield Tick(time_s, tuple(arrived), Command(*commands[k - 1].tolist()) if k else None)
+        command = Command(*commands[k - 1].tolist()) if k else None
+        psi_t, psi_i = headings[k].tolist()
+        yield RecordedTick(time_s, tuple(arrived), command, (psi_t, psi_i))
         begin = end
 
 

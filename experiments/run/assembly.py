@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -54,7 +55,7 @@ class Assembly:
     sensors: SensorSuite
     guidance: Guidance
     terrain: Terrain
-    reference: Reference
+    reference: Reference  # of the plant's lengths: by it a run is judged
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     notes: tuple[str, ...] = ()  # on path and tyres, for the log
@@ -151,6 +152,7 @@ def assemble(
     vehicle = model_vehicle(mission, scenario, vehicles)
     terrain = scenario.terrain.terrain(seed)
     reference, strength_map = _way(mission, vehicle, terrain, scenario)
+    driven = replace(vehicle, **vehicles.plant_lengths())
     timestep = scenario.plant.timestep_s
     record_steps(timestep, RECORD_RATE_HZ)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
@@ -171,7 +173,7 @@ def assemble(
         sensors=sensors,
         guidance=_guidance(scenario, reference, plant, factory),
         terrain=terrain,
-        reference=reference,
+        reference=Reference(mission.path, driven, mission.speed),
         ticks=_ticks(reference),
         mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=(*mission.notes, *overload_notes(vehicles.plant)),
@@ -277,29 +279,27 @@ def _guidance(
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
-    controller, options, tube = settings.name, settings.options, None
+    controller, tube = settings.name, None
     if factory is None and is_user_code(settings.name):
         factory = load_factory(settings.name, "controller")
     if factory is None:
         tube = settings.design(vehicle, CONTROL_PERIOD_S)
     else:
-        controller = user_controller(
-            settings.name, factory, vehicle, reference, CONTROL_PERIOD_S, options
-        )
-        options = None
+        controller = partial(user_controller, settings.name, factory)
     if settings.estimator == TRUTH:
         estimator = TruthEstimator(plant.truth)
     else:
-        noise = settings.noise.sensor_noise(scenario.sensors)
-        estimator = named_estimator(settings.estimator, vehicle, noise)
+        estimator = partial(named_estimator, settings.estimator)
     return Guidance(
         vehicle,
         reference,
         CONTROL_PERIOD_S,
         controller,
         estimator,
-        options=options,
+        options=settings.options,
+        sensor_noise=settings.noise.sensor_noise(scenario.sensors),
         tube=tube,
+        learn=settings.learn,
     )
 
 

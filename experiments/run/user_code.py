@@ -81,7 +81,7 @@ def user_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    options: Mapping[str, object],
+    **options: object,
 ) -> Controller:
     """Return the controller that `factory(vehicle, reference, period_s, **options)` makes.
 

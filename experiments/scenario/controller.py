@@ -46,6 +46,8 @@ class ControllerSettings:
     """Parameters of the model of controller and estimator."""
     noise: NoiseSettings = NoiseSettings()
     """Noise of the sensors that the estimator assumes."""
+    learn: bool = True
+    """Whether parameters of the model are learnt while driving, see docs/learning.md."""
 
     def __post_init__(self) -> None:
         if ":" not in self.estimator and self.estimator not in (*ESTIMATORS, TRUTH):

@@ -201,6 +201,16 @@ class Vehicles:
     model: Vehicle
     mismatch: tuple[ParameterMismatch, ...]
 
+    def plant_lengths(self) -> dict[str, float]:
+        """Return the lengths of the plant [m] by their fields of `ttempc.vehicle.Vehicle`."""
+        values = _values(self.plant)
+        return {
+            "wheelbase": values["wheelbase_m"],
+            "hitch_offset": values["hitch_offset_m"],
+            "drawbar_length": values["drawbar_m"],
+            "trailer_length": values["trailer_m"],
+        }
+
 
 def read_vehicles(plant: PlantVehicleSettings, model: ModelVehicleSettings) -> Vehicles:
     """Return plant and model; the vehicle file is read once.

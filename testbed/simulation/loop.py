@@ -149,6 +149,8 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
     if diagnostics.predicted_path is not None:
         sink.path(PREDICTED_PATH_TOPIC, time, diagnostics.predicted_path[:, :2])
         sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, diagnostics.predicted_path[:, 2:])
+    if diagnostics.learnt:
+        sink.event(Event(time, "info", f"learnt: {', '.join(diagnostics.learnt)}"))
     fallback = diagnostics.fallback
     if fallback != tick.fallback:
         text = f"fallback: {fallback}" if fallback else "fallback ended"

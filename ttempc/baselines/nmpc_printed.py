@@ -131,6 +131,12 @@ class PrintedFeedback:
         law._plan, law._lambda = np.zeros_like(self._plan), None
         return law
 
+    def resume(self, previous: object) -> None:
+        """Keep the place on the path and the plan, see `ttempc.types.Resuming`."""
+        if isinstance(previous, PrintedFeedback):  # the tractor's path is the same
+            self._targets._projection = previous._targets._projection
+            self._plan, self._lambda = previous._plan, previous._lambda
+
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`, see `FeedbackLaw`."""
         options, beta = self._options, estimate.hitch_angle

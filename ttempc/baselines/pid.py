@@ -153,6 +153,11 @@ class PidFeedback:
         law._restart()
         return law
 
+    def resume(self, previous: object) -> None:
+        """Keep the integral actions, see `ttempc.types.Resuming`."""
+        if isinstance(previous, PidFeedback):
+            self._integrals, self._unlimited = previous._integrals, previous._unlimited
+
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`, see `FeedbackLaw`."""
         z_e = estimated_error(estimate, self._grid, k)

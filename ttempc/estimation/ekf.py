@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import InvalidTuning
-from ..types import Command, Estimate, FloatArray, Innovation, Measurement, Sensor, State
+from ..types import Command, Estimate, Innovation, Measurement, Sensor, State
 from ..vehicle import Vehicle
 from .antenna_lean import AntennaLean
 from .augmented_state import SIZE, STATES, AugmentedState, estimate_of

@@ -45,6 +45,10 @@ class CommandGuard:
         self._limits = limits
         self._previous: FloatArray | None = None
 
+    def exchange(self, controller: Controller, limits: CommandLimits) -> None:
+        """Ask another controller from now on; its first step is limited from the last command."""
+        self._controller, self._limits = controller, limits
+
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the step of tick `k` with a command within the limits.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from ..types import (
     ControlStep,
     Estimate,
     Preparing,
+    Resuming,
     SpaceBased,
     WarmingUp,
 )
@@ -39,9 +40,24 @@ def compensated(
     lead_s = float(reference.vehicle.dead_times.max())
     if not lead_s:
         return make(reference.vehicle, reference)
-    prompt = replace(reference.vehicle, dead_time_t=0.0, dead_time_i=0.0, dead_time_hp=0.0)
+    prompt = reference.vehicle.without_dead_times()
     ahead = replace(reference, vehicle=prompt, lead_s=reference.lead_s + lead_s)
     return DeadTimeCompensation(make(prompt, ahead), reference, period_s)
+
+
+def resume(controller: Controller, previous: Controller, sent: Sequence[Command]) -> None:
+    """Let `controller` continue after `previous`; around either dead times may be compensated.
+
+    `sent` are the last commands, oldest first.
+    """
+    if isinstance(controller, DeadTimeCompensation):
+        for command in sent:
+            controller.record(command)
+        controller = controller.controller
+    if isinstance(previous, DeadTimeCompensation):
+        previous = previous.controller
+    if isinstance(controller, Resuming):
+        controller.resume(previous)
 
 
 class DeadTimeCompensation:
@@ -62,7 +78,7 @@ class DeadTimeCompensation:
 
     def __init__(self, controller: Controller, reference: Reference, period_s: float) -> None:
         vehicle = reference.vehicle
-        self._controller, self._vehicle, self._period_s = controller, vehicle, period_s
+        self.controller, self._vehicle, self._period_s = controller, vehicle, period_s
         self._parameters = vehicle_parameters(vehicle)
         dead_times = vehicle.dead_times
         self._lead_s = float(dead_times.max())
@@ -76,19 +92,19 @@ class DeadTimeCompensation:
 
     def warm_up(self) -> None:
         """Compile the controller and the prediction, see `WarmingUp`."""
-        if isinstance(self._controller, WarmingUp):
-            self._controller.warm_up()
+        if isinstance(self.controller, WarmingUp):
+            self.controller.warm_up()
         state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         self._predicted(Estimate(0.0, state, np.eye(STATES), np.zeros(2), 0.0))
 
     def prepare(self, k: int) -> None:
         """Let the controller prepare tick `k`, see `Preparing`."""
-        if isinstance(self._controller, Preparing):
-            self._controller.prepare(k)
+        if isinstance(self.controller, Preparing):
+            self.controller.prepare(k)
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick `k`."""
-        step = self._controller.step(self._predicted(estimate), k)
+        step = self.controller.step(self._predicted(estimate), k)
         if isinstance(step, Command):
             step = ControlStep(step)
         self._commands.appendleft(step.command.as_array())
@@ -98,10 +114,13 @@ class DeadTimeCompensation:
             self._sent[j] = later + part_s / self._period_s * (earlier - later)
         return replace(step, command=Command(*self._sent.tolist()))
 
-    def record(self, sent: Command, k: int) -> None:
-        """Record the command that was sent at tick `k`, the controller's own or another."""
+    def record(self, sent: Command, k: int | None = None) -> None:
+        """Record the command that was sent at tick `k`, the controller's own or another.
+
+        Without a tick it was sent before the controller's first.
+        """
         command = sent.as_array()
-        if self._tick != k:
+        if k is None or self._tick != k:
             self._commands.appendleft(command)
         elif (command != self._sent).any():
             self._commands[0] = command

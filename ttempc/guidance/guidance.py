@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
+from ..learning.actuators import ActuatorIdentifier
+from ..learning.learner import Identifier, Learner, Learnt, RecordedTick
+from ..learning.lengths import LengthIdentifier
 from ..reference.path import Path
 from ..reference.posture import check_drivable
 from ..reference.reference import ConstantSpeed, Reference, check_pace
@@ -20,16 +23,26 @@ from ..types import (
     Estimate,
     Estimator,
     Measurement,
+    State,
     WarmingUp,
 )
 from ..vehicle import Vehicle
 from .controllers import make_controller
-from .dead_time import DeadTimeCompensation, compensated
+from .dead_time import DeadTimeCompensation, compensated, resume
 from .estimators import EstimatorFactory, estimator_factory
 from .supervisor import SafetyLimits, Supervisor
 
 ControllerFactory = Callable[..., Controller]
 """Makes a controller from vehicle, reference and control period [s], options as keywords."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """Parts of a guidance for one vehicle; None where the user gave an object, which stays."""
+
+    reference: Reference
+    controller: Controller | None
+    estimator: Estimator | None
 
 
 class Guidance:
@@ -53,8 +66,14 @@ class Guidance:
     defines the start of the reference. Control ticks are counted: tick k, the k-th call of `step`,
     belongs to k * `period_s` on the reference. A loop that misses a period delays the reference.
 
+    While it drives it learns parameters of the model (`ttempc.learning`). Where the data contradict
+    the given ones, estimator, reference and controller are made anew in another thread and
+    exchanged at a fixed tick. The new estimator first receives the samples of the last two minutes;
+    a controller with memory continues by its method `resume`. `diagnostics.learnt` tells what has
+    changed. An estimator or a controller that was passed as an object stays as it is.
+
     Args:
-        vehicle: model parameters of estimator and controller.
+        vehicle: model parameters of estimator and controller at the start.
         reference: where both axle points should be over time; of a `Path`, at `speed_mps`.
         period_s: control period [s].
         controller: a name of `ttempc.CONTROLLERS`, a factory called with vehicle, reference and
@@ -67,6 +86,7 @@ class Guidance:
         tube: design of the tube for controllers that need or monitor one.
         safety: where the supervisor slows down and stops.
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
+        learn: whether parameters of the model are learnt.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -90,6 +110,7 @@ class Guidance:
         tube: TubeDesign | None = None,
         safety: SafetyLimits | None = None,
         speed_mps: float = 1.0,
+        learn: bool = True,
     ) -> None:
         if isinstance(reference, Path):
             check_drivable(reference, vehicle)
@@ -100,8 +121,34 @@ class Guidance:
             check_drivable(reference.path, vehicle)
         check_pace(reference, period_s)
         self._vehicle, self._reference, self._period_s = vehicle, reference, period_s
-        self._estimator = _estimator(estimator, vehicle, sensor_noise or SensorNoise())
+        noise = sensor_noise or SensorNoise()
+        self._estimator = _estimator(estimator, vehicle, noise)
         self._controller = _controller(controller, reference, period_s, options, tube)
+
+        def build(learnt: Vehicle, window: Sequence[RecordedTick]) -> _Parts:
+            other = Reference(reference.path, learnt, reference.speed)
+            check_drivable(other.path, learnt)
+            check_pace(other, period_s)
+            design = tube and replace(tube, vehicle=learnt.without_dead_times())
+            made = _controller(controller, other, period_s, options, design)
+            filter_ = _estimator(estimator, learnt, noise)
+            parts = _Parts(
+                other,
+                None if made is self._controller else made,
+                None if filter_ is self._estimator else filter_,
+            )
+            if isinstance(parts.controller, WarmingUp):
+                parts.controller.warm_up()
+            if parts.estimator is not None:
+                for tick in window:
+                    parts.estimator.update(tick.time_s, tick.samples, tick.command)
+            return parts
+
+        identifiers: list[Identifier] = []
+        if learn:  # the lengths last: their fit replays the commands as they act
+            identifiers = [ActuatorIdentifier(), LengthIdentifier(vehicle, noise)]
+        self._learner = Learner(identifiers, vehicle, period_s, build)
+        self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
@@ -111,12 +158,12 @@ class Guidance:
 
     @property
     def vehicle(self) -> Vehicle:
-        """Model parameters."""
+        """Model parameters, those that were learnt included."""
         return self._vehicle
 
     @property
     def reference(self) -> Reference:
-        """The reference that is followed."""
+        """The reference that is followed, for the present model parameters."""
         return self._reference
 
     @property
@@ -161,7 +208,7 @@ class Guidance:
         The first call on a machine compiles for some ten seconds, later ones load the result in a
         fraction of a second. Without it the first ticks take that time.
         """
-        for part in (self._estimator, self._controller):
+        for part in (self._estimator, self._controller, self._learner):
             if isinstance(part, WarmingUp):
                 part.warm_up()
 
@@ -198,18 +245,12 @@ class Guidance:
         if origin:
             measurements = [replace(item, time_s=item.time_s - origin) for item in measurements]
         sent = None if self._control_step is None else self._control_step.command
-        try:
-            estimate: object = self._estimator.update(now, measurements, sent)
-        except Exception as error:  # a user's estimator may raise anything
-            raise EstimatorFailed(
-                f"the estimator raised at {now:.3f} s: {type(error).__name__}: {error}"
-            ) from error
-        if not isinstance(estimate, Estimate):
-            raise EstimatorFailed(
-                f"the estimator returned {type(estimate).__name__} at {now:.3f} s, must be an "
-                "Estimate"
-            )
+        self._exchange()
+        estimate = self._run_estimator(now, measurements, sent)
         self._time_s, self._estimate = now, estimate
+        psi_t, psi_i = estimate.state[State.PSI_T : State.DELTA_T].tolist()
+        tick = RecordedTick(now, tuple(measurements), sent, (psi_t, psi_i))
+        self._learner.record(self._tick, tick)
         return replace(estimate, time_s=estimate.time_s + origin) if origin else estimate
 
     def step(self) -> Command:
@@ -221,11 +262,58 @@ class Guidance:
         """
         if self._estimate is None:
             raise GuidanceFailed("step: call update(time_s, measurements) first")
-        self._control_step = self._supervisor.step(self._estimate, self._tick, self._time_s)
+        step = self._supervisor.step(self._estimate, self._tick, self._time_s)
+        if self._learnt:
+            step = replace(step, diagnostics=replace(step.diagnostics, learnt=self._learnt))
+            self._learnt = ()
+        self._control_step = step
         if isinstance(self._controller, DeadTimeCompensation):
-            self._controller.record(self._control_step.command, self._tick)
+            self._controller.record(step.command, self._tick)
         self._tick += 1
-        return self._control_step.command
+        return step.command
+
+    def _run_estimator(
+        self, time_s: float, measurements: Sequence[Measurement], command: Command | None
+    ) -> Estimate:
+        try:
+            estimate: object = self._estimator.update(time_s, measurements, command)
+        except Exception as error:  # a user's estimator may raise anything
+            raise EstimatorFailed(
+                f"the estimator raised at {time_s:.3f} s: {type(error).__name__}: {error}"
+            ) from error
+        if not isinstance(estimate, Estimate):
+            raise EstimatorFailed(
+                f"the estimator returned {type(estimate).__name__} at {time_s:.3f} s, must be an "
+                "Estimate"
+            )
+        return estimate
+
+    def _exchange(self) -> None:
+        """Take on what was learnt where this tick is the one of its exchange."""
+        try:
+            learnt = self._learner.exchange(self._tick)
+        except Exception as error:  # a user's factory may raise anything; the old parts drive on
+            self._learnt = (f"nothing more: {type(error).__name__}: {error}",)
+            return
+        if learnt is not None:
+            self._take_on(learnt)
+
+    def _take_on(self, learnt: Learnt[_Parts]) -> None:
+        parts, notes = learnt.parts, [str(change) for change in learnt.changes]
+        if parts.estimator is None:
+            notes.append("the estimator was given as an object and stays as it is")
+        else:
+            self._estimator = parts.estimator
+            for tick in learnt.since:
+                self._run_estimator(tick.time_s, tick.samples, tick.command)
+        if parts.controller is None:
+            notes.append("the controller was given as an object and stays as it is")
+        else:
+            sent = [tick.command for tick in learnt.since if tick.command is not None]
+            resume(parts.controller, self._controller, [*sent, self.control_step.command])
+            self._controller, self._reference = parts.controller, parts.reference
+            self._supervisor.exchange(parts.controller, parts.reference)
+        self._vehicle, self._learnt = learnt.vehicle, tuple(notes)
 
 
 def _estimator(

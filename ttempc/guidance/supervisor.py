@@ -100,20 +100,13 @@ class Supervisor:
         period_s: float,
         safety: SafetyLimits | None = None,
     ) -> None:
-        self._limits = CommandLimits.of(reference.vehicle, period_s)
-        self._guard = CommandGuard(controller, self._limits)
-        self._preparing = controller if isinstance(controller, Preparing) else None
         self._period_s = period_s
         self._safety = safety or SafetyLimits()
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
-        grid = reference.on_grid(period_s)
+        self._guard = CommandGuard(controller, CommandLimits.of(reference.vehicle, period_s))
+        self._follow(controller, reference)
         if self.space_based:
-            grid = reference.on_grid(period_s, beyond=run_on(len(grid.time_s)))
-            self._projection = Projection(grid.state[:, :2])
-        self._grid = grid
-        self._speed = float(np.abs(self._grid.state[:, State.V]).max())
-        self._hp = self._grid.inputs[:, Input.HP]
-        self._beyond_limits = _beyond_limits(self._grid, self._limits)
+            self._projection = Projection(self._grid.state[:, :2])
         start = self._limits.clamp(self._grid.inputs[0])
         unlimited = np.zeros(len(Input), dtype=np.bool_)
         self._last = ControlStep(Command(*start.tolist()), _override(start, unlimited, ""))
@@ -122,6 +115,26 @@ class Supervisor:
         self._seen_s: float | None = None  # time of the last accepted GNSS sample
         self._error: FloatArray | None = None  # z_e of the tick before
         self._stopped = ""  # reason of a stop for good
+
+    def _follow(self, controller: Controller, reference: Reference) -> None:
+        self._limits = CommandLimits.of(reference.vehicle, self._period_s)
+        self._preparing = controller if isinstance(controller, Preparing) else None
+        grid = reference.on_grid(self._period_s)
+        if self.space_based:
+            grid = reference.on_grid(self._period_s, beyond=run_on(len(grid.time_s)))
+        self._grid = grid
+        self._speed = float(np.abs(self._grid.state[:, State.V]).max())
+        self._hp = self._grid.inputs[:, Input.HP]
+        self._beyond_limits = _beyond_limits(self._grid, self._limits)
+
+    def exchange(self, controller: Controller, reference: Reference) -> None:
+        """Go on with another controller and a reference of the same path and speed.
+
+        Only the vehicle of the reference may differ; the place on the path is kept.
+        """
+        self._follow(controller, reference)
+        self._guard.exchange(controller, self._limits)
+        self._error = None  # to the other reference
 
     def prepare(self, k: int) -> None:
         """Let the controller prepare tick `k`, where it can."""

@@ -18,6 +18,7 @@ from ..types import (
     Estimate,
     FloatArray,
     Input,
+    Resuming,
     SolverReport,
     State,
     TubeReport,
@@ -144,6 +145,16 @@ class TrackingController:
         for k in range(_WARM_UP_TICKS):
             controller.prepare(k)
             controller.step(estimate, k)
+
+    def resume(self, previous: object) -> None:
+        """Continue after a controller for other model parameters, see `ttempc.types.Resuming`.
+
+        The rate limits start at its last command. A law without a method `resume` starts anew.
+        """
+        if isinstance(previous, TrackingController):
+            self._previous = previous._previous
+            if isinstance(self._feedback, Resuming):
+                self._feedback.resume(previous._feedback)
 
     def prepare(self, k: int) -> None:
         """Get ready for tick `k`, see `ttempc.types.Preparing`."""

@@ -82,6 +82,12 @@ class TubeFeedback:
         law._restart()
         return law
 
+    def resume(self, previous: object) -> None:
+        """Keep the nominal input, see `ttempc.types.Resuming`; the state restarts at the estimate.
+        """
+        if isinstance(previous, TubeFeedback):
+            self._previous = previous._previous
+
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`, see `FeedbackLaw`."""
         state = error_state(self._state[k], estimate, self._vehicle)  # (16,) zhat, s, m

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -27,8 +28,8 @@ _CONVERGED: Final = 1e-6  # relative decrease of the squares that ends a search
 # Decrease of the squares, in variances of a sample, for which a parameter more is fitted: four
 # standard deviations of white residuals.
 _WORTH: Final = 16.0
-# A value changes where it differs by three standard deviations and by more than a tenth of a control
-# period, which costs nothing to leave, and where it is known better than to half of one.
+# A value changes where it differs by three standard deviations and by more than a tenth of a
+# control period, which costs nothing to leave, and where it is known to half a period.
 _SIGNIFICANT: Final = 3.0
 _LEAST_CHANGE_S: Final = 0.02
 _LARGEST_SD_S: Final = 0.08
@@ -157,7 +158,7 @@ class _Response:
         """Return the response in a window; None where it is too short."""
         sent = [
             (before.time_s, float(tick.command.as_array()[actuator.input]))
-            for before, tick in zip(window, window[1:], strict=False)
+            for before, tick in pairwise(window)
             if tick.command is not None
         ]
         if not sent:
@@ -207,9 +208,7 @@ class _Response:
         """Return the samples less the response, what is fitted beside taken out, (n,)."""
         dead_time, lag, play = values.tolist()
         response = np.empty_like(self.times)
-        respond(
-            self.starts, self.commands, self.times, dead_time, lag, play, self.rate, response
-        )
+        respond(self.starts, self.commands, self.times, dead_time, lag, play, self.rate, response)
         if self.steering:
             residuals = self.samples - response
             return residuals - residuals.mean()
@@ -251,8 +250,9 @@ class _Response:
 
     def _deviations(self, search: _Search) -> list[float]:
         """Return the standard deviation of each parameter, (3,), 0 where it is not free."""
-        jacobian, residuals = self._jacobian(search.values, search.free), self._residuals(
-            search.values
+        jacobian, residuals = (
+            self._jacobian(search.values, search.free),
+            self._residuals(search.values),
         )
         normal = jacobian.T @ jacobian
         scores = jacobian * residuals[:, None]

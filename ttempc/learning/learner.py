@@ -1,16 +1,22 @@
-"""Interface of identifiers: from recorded driving to a vehicle with changed parameters."""
+"""Identification of vehicle parameters while the vehicle is driven, in another thread."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, Generic, Protocol, TypeVar
 
-from ..types import Command, Measurement
+from ..types import Command, Measurement, WarmingUp
 from ..vehicle import Vehicle
 
 LENGTHS: Final = ("wheelbase", "hitch_offset", "drawbar_length", "trailer_length")
 """Fields of `Vehicle` that are lengths [m]; all others that are identified are times [s]."""
+
+_ATTEMPTS_S: Final = (12.0, 20.0, 60.0)  # after the first tick; the first ones for dead times
+_EVERY_S: Final = 60.0  # after the last of them
+_EXCHANGE_S: Final = 5.0  # from an attempt to the exchange: time for the work of the thread
+_MEMORY_S: Final = 120.0  # of driving that is kept: nearly a lap of the paper's figure eight
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +26,7 @@ class RecordedTick:
     time_s: float
     samples: tuple[Measurement, ...]  # in the order of arrival
     command: Command | None  # of the period before; None at the first tick
+    headings: tuple[float, float]  # estimated yaw of tractor and trailer [rad], may be NaN
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +62,106 @@ class Identifier(Protocol):
         is. Called from another thread than that of the control loop.
 
         Args:
-            window: ticks in a row, oldest first; antenna positions are those of the axle points.
+            window: ticks in a row, oldest first.
             vehicle: present model parameters.
         """
         ...
+
+
+_Parts = TypeVar("_Parts")
+
+
+@dataclass(frozen=True, slots=True)
+class Learnt(Generic[_Parts]):
+    """Changed parameters, and what was built for them."""
+
+    changes: tuple[ParameterChange, ...]
+    vehicle: Vehicle
+    parts: _Parts
+    since: tuple[RecordedTick, ...]  # recorded after the window of the attempt
+
+
+class Learner(Generic[_Parts]):
+    """Records ticks, identifies parameters and has new parts built for them.
+
+    An attempt begins 12, 20 and 60 s after the first tick and every minute after that, on the last
+    two minutes of driving. Identification and building run in a thread of their own. Their result
+    is taken at a tick 5 s after the beginning, whenever the thread was done, so that a run does not
+    depend on computing time; if it is not done by then, the tick waits for it. An identifier that
+    has settled is left out of later attempts.
+
+    Args:
+        identifiers: run one after the other, each on the vehicle of the one before.
+        vehicle: model parameters at the start.
+        period_s: control period [s].
+        build: makes what is to be exchanged from a vehicle and the window; runs in the thread.
+    """
+
+    def __init__(
+        self,
+        identifiers: Sequence[Identifier],
+        vehicle: Vehicle,
+        period_s: float,
+        build: Callable[[Vehicle, Sequence[RecordedTick]], _Parts],
+    ) -> None:
+        self._identifiers = list(identifiers)
+        self._vehicle = vehicle
+        self._build = build
+        self._memory = round(_MEMORY_S / period_s)
+        self._every, self._delay = round(_EVERY_S / period_s), round(_EXCHANGE_S / period_s)
+        self._attempts = [round(time_s / period_s) for time_s in _ATTEMPTS_S]
+        self._window: list[RecordedTick] = []
+        self._since: list[RecordedTick] = []
+        self._due = 0  # tick of the exchange
+        self._work: Future[tuple[Identification, _Parts | None, list[Identifier]]] | None = None
+
+    def warm_up(self) -> None:
+        """Compile what the identifiers need."""
+        for identifier in self._identifiers:
+            if isinstance(identifier, WarmingUp):
+                identifier.warm_up()
+
+    def record(self, k: int, tick: RecordedTick) -> None:
+        """Record what the estimator received at tick `k`, and begin an attempt where one is due."""
+        if not self._identifiers:
+            return
+        self._window = [*self._window[-self._memory :], tick]
+        self._since.append(tick)
+        if self._work is None and k >= self._attempts[0]:
+            self._attempts = self._attempts[1:] or [k + self._every]
+            self._since, self._due = [], k + self._delay
+            executor = ThreadPoolExecutor(1, "ttempc-learning")
+            self._work = executor.submit(self._attempt, self._window)
+            executor.shutdown(wait=False)
+
+    def exchange(self, k: int) -> Learnt[_Parts] | None:
+        """Return what the last attempt has learnt if tick `k` is the one of its exchange.
+
+        Raises:
+            Exception: what the identifiers or `build` raised; nothing more is learnt then.
+        """
+        if self._work is None or k < self._due:
+            return None
+        work, self._work = self._work, None
+        try:
+            result, parts, self._identifiers = work.result()
+        except Exception:
+            self._identifiers = []
+            raise
+        if parts is None:
+            return None
+        self._vehicle = result.vehicle
+        return Learnt(result.changes, result.vehicle, parts, tuple(self._since))
+
+    def _attempt(
+        self, window: Sequence[RecordedTick]
+    ) -> tuple[Identification, _Parts | None, list[Identifier]]:
+        vehicle, changes, open_ones = self._vehicle, list[ParameterChange](), list[Identifier]()
+        for identifier in self._identifiers:
+            result = identifier.identify(window, vehicle)
+            vehicle = result.vehicle
+            changes += result.changes
+            if not result.settled:
+                open_ones.append(identifier)
+        parts = self._build(vehicle, window) if changes else None
+        return Identification(vehicle, tuple(changes)), parts, open_ones

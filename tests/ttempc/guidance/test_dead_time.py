@@ -77,9 +77,7 @@ def test_the_loop_is_that_without_dead_times_once_the_commands_under_way_have_ac
         lambda model, ahead: make_controller(name, model, ahead, PERIOD_S), reference, PERIOD_S
     )
     start = reference.at(0.0).inputs
-    states, commands = loop(
-        controller, vehicle, off_the_path(), first, 40, np.tile(start, (5, 1))
-    )
+    states, commands = loop(controller, vehicle, off_the_path(), first, 40, np.tile(start, (5, 1)))
     ahead = replace(reference_of(PROMPT), lead_s=0.4)
     same = make_controller(name, PROMPT, ahead, PERIOD_S)
     expected_states, expected = loop(

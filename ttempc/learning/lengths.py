@@ -1,0 +1,249 @@
+"""Identification of a vehicle's lengths from the innovations of the filter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.special import chdtri
+
+from ..estimation.antenna_lean import AntennaLean
+from ..estimation.augmented_state import SIZE
+from ..estimation.augmented_state_kernel import vehicle_parameters
+from ..estimation.dead_time import HeldCommands, after_dead_times
+from ..estimation.kalman_filter import KalmanFilter, steps_over
+from ..estimation.measurement_model import KERNEL_INDEX, LENGTH, predicted_measurement
+from ..estimation.noise import ProcessNoise, SensorNoise
+from ..types import FloatArray, Measurement, Sensor
+from ..vehicle import Vehicle
+from .learner import LENGTHS, Identification, ParameterChange, RecordedTick
+from .length_kernel import replay
+
+_PRIOR_SD: Final = 0.2  # of each length, relative; assumed
+_SHARES: Final = 0.65, 1.5  # of a given length, least and largest: true ones of +-30 % and some
+_STEP: Final = 1e-4  # relative, of the derivatives
+_GATE: Final = 1e-4  # as in the filter
+_MOST_STEPS: Final = 8
+_CONVERGED_SD: Final = 0.2  # a step of this share of the standard deviations is the last
+_LEAST_S: Final = 15.0  # of driving
+_LEAN_S: Final = 1.0  # latency of GNSS at most
+
+
+_TOLERANCE: Final = 0.02  # relative error of a length that is not worth a change; assumed
+_REJECTED: Final = float(chdtri(len(LENGTHS), 0.01))  # of the given lengths
+_SETTLED_SD: Final = 0.05  # relative, of wheelbase and trailer length; half where they changed
+
+
+class LengthIdentifier:
+    """Identifies the lengths of a vehicle, see `fit_lengths`.
+
+    The given lengths stay unless the data reject them: with their fit theta, its covariance P and
+    tolerances of 2 % in T, (theta - theta_0)' (P + T)^-1 (theta - theta_0) must be exceeded with a
+    probability of 1 % only. The tolerance is for what no length describes: slopes, on which
+    horizontal distances are shorter, and the side slip of the tyres.
+
+    Args:
+        vehicle: the given lengths.
+        noise: of the sensors.
+        process: of the filter's model.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, noise: SensorNoise, process: ProcessNoise | None = None
+    ) -> None:
+        self._given = vehicle
+        self._noise, self._process = noise, process or ProcessNoise()
+
+    def warm_up(self) -> None:
+        """Compile the replay."""
+        at_rest = np.zeros(SIZE)
+        first = {
+            sensor: Measurement(
+                0.0, sensor, tuple(predicted_measurement(sensor, at_rest, self._given)[0].tolist())
+            )
+            for sensor in LENGTH
+        }
+        row = [-1.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, steps_over(0.2)]
+        _Replay(first, np.array([row]), self._noise, self._process).run(self._given)
+
+    def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
+        """Return `vehicle` with the lengths of the window, see `Identifier`."""
+        fit = fit_lengths(window, vehicle, self._given, self._noise, self._process)
+        if fit is None:
+            return Identification(vehicle)
+        given, present = _lengths(self._given), _lengths(vehicle)
+        sd = np.sqrt(np.diag(fit.covariance))
+        wheelbase, _, _, trailer = sd / given
+        rejected = fit.rejection > _REJECTED
+        settled = bool(max(wheelbase, trailer) < (0.5 if rejected else 1.0) * _SETTLED_SD)
+        lengths = fit.lengths if rejected else given
+        if np.linalg.norm((lengths - present) / given) < _TOLERANCE:
+            return Identification(vehicle, (), settled)
+        rows = zip(LENGTHS, present.tolist(), lengths.tolist(), sd.tolist(), strict=True)
+        changes = tuple(ParameterChange(*row) for row in rows)
+        return Identification(_with_lengths(vehicle, lengths), changes, settled)
+
+
+@dataclass(frozen=True, slots=True)
+class LengthFit:
+    """Lengths that fit recorded samples and commands best."""
+
+    lengths: FloatArray  # (4,) [m] in the order of `LENGTHS`
+    covariance: FloatArray  # (4, 4) [m^2] of their error
+    rejection: float  # of the given lengths, see `LengthIdentifier`
+
+
+def fit_lengths(
+    window: Sequence[RecordedTick],
+    vehicle: Vehicle,
+    given: Vehicle,
+    noise: SensorNoise,
+    process: ProcessNoise,
+) -> LengthFit | None:
+    """Return the lengths of largest posterior density; None where the search finds none.
+
+    The window must contain every sensor and 15 s of driving.
+
+    Gauss-Newton on the whitened innovations r(theta) of the filter,
+
+        (J' J + P0^-1) d = -(J' r + P0^-1 (theta - theta_0)),    theta <- theta + d,
+
+    with theta_0 the lengths of `given` and P0 = diag(0.2 theta_0)^2. Side slip and the bias of the
+    front steering, which the filter estimates beside, could pass for a wrong wheelbase on a steady
+    curve; curves to both sides, or a curve and a straight, tell them apart. On a straight the
+    samples see the sum of hitch offset, drawbar and trailer length alone.
+
+    Args:
+        window: recorded ticks.
+        vehicle: where the search starts.
+        given: lengths of the prior.
+        noise: of the sensors.
+        process: of the model.
+    """
+    data = _Replay.of(window, vehicle, noise, process)
+    if data is None:
+        return None
+    mean, lengths = _lengths(given), _lengths(vehicle)
+    prior = np.diag((_PRIOR_SD * mean) ** -2.0)
+    tolerance = np.diag((_TOLERANCE * mean) ** 2)
+
+    def evaluate(lengths: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        cost, normal, gradient = data.run(_with_lengths(vehicle, lengths))
+        offset = lengths - mean
+        return cost + float(offset @ prior @ offset), normal + prior, gradient + prior @ offset
+
+    cost, normal, gradient = evaluate(lengths)
+    for _ in range(_MOST_STEPS):
+        trial = lengths - np.linalg.solve(normal, gradient)
+        trial = np.clip(trial, _SHARES[0] * mean, _SHARES[1] * mean)
+        step, offset = trial - lengths, trial - mean
+        rejection = float(offset @ np.linalg.solve(np.linalg.inv(normal) + tolerance, offset))
+        untouched = (lengths == mean).all() and rejection < 0.5 * _REJECTED
+        if untouched or step @ normal @ step < _CONVERGED_SD**2:
+            return LengthFit(trial, np.linalg.inv(normal), rejection)
+        result = evaluate(trial)
+        while result[0] > cost and step @ normal @ step >= _CONVERGED_SD**2:
+            step = 0.5 * step
+            trial = lengths + step
+            result = evaluate(trial)
+        lengths, (cost, normal, gradient) = trial, result
+    return None
+
+
+@dataclass(frozen=True)
+class _Replay:
+    """Samples and commands of a window as the rows that the kernel reads."""
+
+    first: Mapping[Sensor, Measurement]  # of every sensor, before the events
+    events: FloatArray
+    noise: SensorNoise
+    process: ProcessNoise
+
+    @classmethod
+    def of(
+        cls,
+        window: Sequence[RecordedTick],
+        vehicle: Vehicle,
+        noise: SensorNoise,
+        process: ProcessNoise,
+    ) -> _Replay | None:
+        """Return the window from the first reading of every sensor on, None if it is too short."""
+        lean = AntennaLean((noise.antenna_height_t, noise.antenna_height_i), _LEAN_S)
+        corrected = (lean.corrected(tick.samples, tick.headings) for tick in window)
+        samples = [sample for samples in corrected for sample in samples if _complete(sample)]
+        samples.sort(key=lambda sample: (sample.time_s, KERNEL_INDEX[sample.sensor]))
+        sent: HeldCommands = [
+            (tick.time_s, tick.command.as_array()) for tick in window if tick.command is not None
+        ]
+        if len(sent) < 2:
+            return None
+        (begin, _), *driven = after_dead_times(sent, vehicle)
+        first: dict[Sensor, Measurement] = {}
+        rest: list[Measurement] = []
+        for sample in samples:
+            if len(first) == len(LENGTH) and sample.time_s > begin:
+                rest.append(sample)
+            else:
+                first[sample.sensor] = sample
+        if not rest or driven[-1][0] - rest[0].time_s < _LEAST_S:
+            return None
+        now = max(begin, *(sample.time_s for sample in first.values()))
+        rows: list[list[float]] = []
+        waiting = iter([*(sample for sample in rest if sample.time_s > now), None])
+        sample = next(waiting)
+        for end, command in driven:
+            held = [] if command is None else command.tolist()
+            while sample is not None and sample.time_s <= end:
+                span, value = sample.time_s - now, (*sample.value, 0.0)[:2]
+                rows.append([KERNEL_INDEX[sample.sensor], span, *value, *held, steps_over(span)])
+                now, sample = sample.time_s, next(waiting)
+            if end > now:
+                rows.append([-1.0, end - now, 0.0, 0.0, *held, steps_over(end - now)])
+                now = end
+        return cls(first, np.array(rows), noise, process)
+
+    def run(self, vehicle: Vehicle) -> tuple[float, FloatArray, FloatArray]:
+        """Return cost, J' J and J' r by the lengths of `vehicle`."""
+        lengths = _lengths(vehicle)
+        count = len(lengths)
+        raised = [_with_lengths(vehicle, lengths * (1.0 + _STEP * unit)) for unit in np.eye(count)]
+        state, *copies = (
+            KalmanFilter(item, self.noise, self.process, _GATE).start(self.first)
+            for item in (vehicle, *raised)
+        )
+        normal, gradient = np.zeros((count, count)), np.zeros(count)
+        cost = replay(
+            state.augmented,
+            state.covariances,
+            state.scales,
+            state.valves,
+            np.array([copy.augmented[0] for copy in copies]),
+            self.events,
+            np.array([float(self.noise.of(sensor)) ** 2 for sensor in KERNEL_INDEX]),
+            np.array([float(chdtri(m, _GATE)) for m in (1, 2)]),
+            vehicle_parameters(vehicle),
+            np.array([vehicle_parameters(item) for item in raised]),
+            self.process.rates(self.noise),
+            self.process.fading(self.noise),
+            self.process.scale_walk**2,
+            normal,
+            gradient,
+        )
+        step = _STEP * lengths
+        return cost, normal / np.outer(step, step), gradient / step
+
+
+def _complete(sample: Measurement) -> bool:
+    usable = len(sample.value) == LENGTH.get(sample.sensor, 0)
+    return usable and all(map(math.isfinite, (sample.time_s, *sample.value)))
+
+
+def _lengths(vehicle: Vehicle) -> FloatArray:
+    return np.array([getattr(vehicle, name) for name in LENGTHS])
+
+
+def _with_lengths(vehicle: Vehicle, lengths: FloatArray) -> Vehicle:
+    return replace(vehicle, **dict(zip(LENGTHS, lengths.tolist(), strict=True)))
