@@ -42,9 +42,10 @@ def respond(
                 end = min(end, starts[index + 1] + dead_time)
             step = end - now
             target = min(max(target, commands[index] - play), commands[index] + play)
-            before = valve
-            valve = min(max(target, valve - rate * step), valve + rate * step)
-            mean = 0.5 * (before + valve)
+            before, way = valve, target - valve
+            moving = min(step, abs(way) / rate)  # [s], at the rate limit
+            valve = target if moving < step else before + math.copysign(rate * step, way)
+            mean = valve + 0.5 * (before - valve) * moving / step
             output = mean + (output - mean) * math.exp(-step / lag)
             now = end
         response[n] = output
