@@ -15,11 +15,11 @@ from ..vehicle import Vehicle
 from .actuator_kernel import respond
 from .learner import Identification, ParameterChange, RecordedTick
 
-LONGEST_S: Final = 0.8
-"""Longest dead time that is identified [s]; the search begins at every tenth of it."""
+LONGEST_S: Final = 1.2
+"""Longest dead time that is identified [s]; the search begins at sixteen places up to it."""
 
 _LEAST_S: Final = 10.0  # of driving
-_SETTLING_S: Final = 1.5  # of a window: what was sent before it still acts
+_SETTLING_S: Final = 2.0  # of a window: what was sent before it still acts
 _CORRELATED_S: Final = 1.0  # over which residuals may be correlated
 _BOUNDS: Final = ((0.0, LONGEST_S), (0.02, 5.0), (0.0, math.radians(4.0)))
 _STEPS: Final = (0.01, 0.01, 0.002)  # of the derivatives: [s], [s], [rad]
@@ -190,7 +190,7 @@ class _Response:
 
     def fit(self) -> ActuatorFit:
         """Return the best parameters; each one more than the dead time must be worth it."""
-        grid = [np.array([d, self.lag, 0.0]) for d in np.linspace(0.0, LONGEST_S, 11)]
+        grid = [np.array([d, self.lag, 0.0]) for d in np.linspace(0.0, LONGEST_S, 16)]
         start = min(grid, key=lambda values: float((self._residuals(values) ** 2).sum()))
         best = self._search(start, [_DEAD_TIME])
         for more in (_PLAY, _LAG) if self.steering else (_LAG,):

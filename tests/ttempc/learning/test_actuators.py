@@ -70,6 +70,12 @@ def drive(
     return window
 
 
+def fitted(window, actuator):
+    fit = fit_actuator(window, VEHICLE, actuator)
+    assert fit is not None
+    return fit
+
+
 def test_a_step_is_answered_by_an_exponential_after_the_dead_time():
     times = np.arange(0.0, 3.0, 0.04)
     since = np.maximum(times - 1.0 - 0.33, 0.0)
@@ -106,7 +112,7 @@ def test_errors_of_the_dead_times_are_as_large_as_their_deviations(dead_times):
     for seed in range(6):
         window = drive(seed, dead_times)
         for actuator in Input:
-            fit = fit_actuator(window, VEHICLE, actuator)
+            fit = fitted(window, actuator)
             normalised.append((fit.dead_time - dead_times[actuator]) / fit.dead_time_sd)
             assert fit.dead_time_sd < (0.03, 0.03, 0.2)[actuator]
     assert max(map(abs, normalised)) < 4.0
@@ -126,7 +132,7 @@ def test_play_does_not_pass_for_dead_time():
     for seed in range(4):
         window = drive(seed, (0.15, 0.15, 0.0), play=play)
         for actuator in (Input.DELTA_T, Input.DELTA_I):
-            fit = fit_actuator(window, VEHICLE, actuator)
+            fit = fitted(window, actuator)
             assert fit.dead_time == pytest.approx(0.15, abs=4.0 * fit.dead_time_sd)
             assert fit.play == pytest.approx(play, rel=0.3)
 
@@ -145,7 +151,7 @@ def test_without_excitation_nothing_is_known_and_nothing_changes():
     window = drive(1, (0.5, 0.5, 0.5), sd=0.0)
     assert ActuatorIdentifier().identify(window, VEHICLE).changes == ()
     for actuator in Input:
-        assert not fit_actuator(window, VEHICLE, actuator).dead_time_sd < 0.2
+        assert not fitted(window, actuator).dead_time_sd < 0.2
 
 
 def test_a_window_of_less_than_ten_seconds_says_nothing():
