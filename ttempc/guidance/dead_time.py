@@ -19,6 +19,7 @@ from ..types import (
     Controller,
     ControlStep,
     Estimate,
+    FloatArray,
     Preparing,
     Resuming,
     SpaceBased,
@@ -34,15 +35,23 @@ def compensated(
 ) -> Controller:
     """Return the controller that `make` returns, with the dead times of its vehicle compensated.
 
-    `make` gets a vehicle without dead times and the reference ahead by the longest of them. Without
-    any dead time the controller is returned as it is made.
+    `make` gets a vehicle without dead times and the reference ahead by `lead_s` of the vehicle.
+    Without a lead the controller is returned as it is made.
     """
-    lead_s = float(reference.vehicle.dead_times.max())
-    if not lead_s:
-        return make(reference.vehicle, reference)
+    lead = lead_s(reference.vehicle)
     prompt = reference.vehicle.without_dead_times()
-    ahead = replace(reference, vehicle=prompt, lead_s=reference.lead_s + lead_s)
-    return DeadTimeCompensation(make(prompt, ahead), reference, period_s)
+    ahead = replace(reference, vehicle=prompt, lead_s=reference.lead_s + lead)
+    controller = make(prompt, ahead)
+    return DeadTimeCompensation(controller, reference, period_s) if lead else controller
+
+
+def lead_s(vehicle: Vehicle) -> float:
+    """Return the time by which a command is computed ahead [s].
+
+    It is the longer dead time of front steering and hydrostat. Waiting for the trailer's valves
+    would cost the tractor more than it gives the trailer (docs/actuators.md).
+    """
+    return max(vehicle.dead_time_t, vehicle.dead_time_hp)
 
 
 def resume(controller: Controller, previous: Controller, sent: Sequence[Command]) -> None:
@@ -63,12 +72,13 @@ def resume(controller: Controller, previous: Controller, sent: Sequence[Command]
 class DeadTimeCompensation:
     """Let a controller for a vehicle without dead times drive one that has them.
 
-    The controller gets the estimate for the time at which its command will act: predicted over the
-    longest dead time D, by the model of the filter, with the disturbances of the estimate and the
-    commands that are under way (Smith 1959; for estimates by a model Manitius and Olbrot 1979).
-    Actuators with a shorter dead time d get their command later by D - d, so that all inputs of a
-    command act together; between two ticks it is interpolated. A loop around the prediction has the
-    margins of one without dead times; disturbances are corrected D later.
+    The controller gets the estimate for the time at which its command will act: predicted over
+    D = `lead_s` by the model of the filter, with the disturbances of the estimate and the commands
+    that are under way (Smith 1959; for estimates by a model Manitius and Olbrot 1979). Actuators
+    with a shorter dead time d get their command later by D - d, so that the inputs of a command act
+    together; between two ticks it is interpolated. The trailer steering may act later than that. A
+    loop around the prediction has the margins of one without dead times; disturbances are corrected
+    D later.
 
     Args:
         controller: for a vehicle without dead times, along the reference ahead by D.
@@ -81,13 +91,16 @@ class DeadTimeCompensation:
         self.controller, self._vehicle, self._period_s = controller, vehicle, period_s
         self._parameters = vehicle_parameters(vehicle)
         dead_times = vehicle.dead_times
-        self._lead_s = float(dead_times.max())
+        self._lead_s = lead_s(vehicle)
         self._whole, self._part_s = _split(self._lead_s, period_s)
-        self._hold_back = [_split(d, period_s) for d in (self._lead_s - dead_times).tolist()]
+        early = self._lead_s - dead_times
+        self._hold_back = [_split(time_s, period_s) for time_s in np.maximum(early, 0.0).tolist()]
+        self._late = [_split(time_s, period_s) for time_s in np.maximum(-early, 0.0).tolist()]
         start = CommandLimits.of(vehicle, period_s).clamp(reference.at(0.0).inputs)
         # Commands as they act together, the newest first; before the start those of the reference.
-        self._commands = deque([start] * (self._whole + 2), maxlen=self._whole + 2)
-        self._sent, self._tick = start.copy(), -1  # of the last step
+        count = self._whole + 3 + max(whole for whole, _ in self._late)
+        self._commands = deque([start] * count, maxlen=count)
+        self._sent, self._tick = start, -1  # of the last step
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
 
     def warm_up(self) -> None:
@@ -109,9 +122,7 @@ class DeadTimeCompensation:
             step = ControlStep(step)
         self._commands.appendleft(step.command.as_array())
         self._tick = k
-        for j, (whole, part_s) in enumerate(self._hold_back):
-            later, earlier = self._commands[whole][j], self._commands[whole + 1][j]
-            self._sent[j] = later + part_s / self._period_s * (earlier - later)
+        self._sent = self._earlier(0, self._hold_back)
         return replace(step, command=Command(*self._sent.tolist()))
 
     def record(self, sent: Command, k: int | None = None) -> None:
@@ -125,13 +136,21 @@ class DeadTimeCompensation:
         elif (command != self._sent).any():
             self._commands[0] = command
 
+    def _earlier(self, i: int, by: Sequence[tuple[int, float]]) -> FloatArray:
+        """Return the `i`-th newest command, each input as it was earlier by whole periods + s."""
+        result = np.empty(len(by))
+        for j, (whole, part_s) in enumerate(by):
+            later, earlier = self._commands[i + whole][j], self._commands[i + whole + 1][j]
+            result[j] = later + part_s / self._period_s * (earlier - later)
+        return result
+
     def _predicted(self, estimate: Estimate) -> Estimate:
         """Return the estimate for the time at which a command of now acts."""
         vehicle = self._vehicle
         disturbance = np.minimum(estimate.disturbance, _MOST_SLIP)
         augmented = augmented_of(replace(estimate, disturbance=disturbance), vehicle)
         # A valve reaches its command within the period: commands keep to the same rate limit.
-        acting, before = self._commands[self._whole][:2], self._commands[self._whole + 1][:2]
+        before, acting = (self._earlier(i, self._late)[:2] for i in (self._whole + 1, self._whole))
         reach = vehicle.input_rate[:2] * (self._period_s - self._part_s)
         valves = np.clip(acting, before - reach, before + reach)
         lasting, transition = np.zeros((2, SIZE - STATES)), np.empty((SIZE, SIZE))
@@ -140,12 +159,12 @@ class DeadTimeCompensation:
         for i, span_s in spans:
             if span_s <= SAME_TIME_S:
                 continue
-            steps = steps_over(span_s)
+            acting, steps = self._earlier(i, self._late), steps_over(span_s)
             for _ in range(steps):
                 advance_augmented_state(
                     augmented,
                     valves,
-                    self._commands[i],
+                    acting,
                     self._parameters,
                     lasting,
                     span_s / steps,

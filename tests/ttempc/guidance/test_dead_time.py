@@ -10,7 +10,7 @@ import pytest
 from ttempc.estimation.augmented_state import SIZE, STATES, augmented_of, estimate_of
 from ttempc.estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ttempc.guidance.controllers import make_controller
-from ttempc.guidance.dead_time import DeadTimeCompensation, compensated
+from ttempc.guidance.dead_time import DeadTimeCompensation, compensated, lead_s
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, Disturbance, MapDisturbance, State
@@ -67,7 +67,7 @@ def loop(controller, vehicle, augmented, first, ticks, waiting):
 
 
 @pytest.mark.parametrize("name", ["ttempc", "lqr", "pid"])
-@pytest.mark.parametrize("dead_times", [(0.4, 0.4, 0.4), (0.2, 0.4, 0.0)])
+@pytest.mark.parametrize("dead_times", [(0.4, 0.4, 0.4), (0.2, 0.0, 0.4)])
 def test_the_loop_is_that_without_dead_times_once_the_commands_under_way_have_acted(
     name, dead_times
 ):
@@ -89,6 +89,38 @@ def test_the_loop_is_that_without_dead_times_once_the_commands_under_way_have_ac
         np.testing.assert_allclose(
             commands[later:38, j], expected[: 38 - later, j], atol=1e-9, err_msg=str(j)
         )
+
+
+@pytest.mark.parametrize("dead_times", [(0.4, 0.4, 0.4), (0.2, 0.8, 0.0), (0.0, 0.4, 0.6)])
+def test_the_controller_gets_the_state_at_which_its_command_acts(dead_times):
+    vehicle = replace(PROMPT, **dict(zip(NAMES, dead_times, strict=True)))
+    reference = reference_of(vehicle)
+    generator, estimates, command = np.random.default_rng(3), [], np.array([0.0, 0.0, 0.7])
+
+    class Recorder:
+        def step(self, estimate, k):
+            estimates.append(estimate)
+            nonlocal command
+            step = generator.uniform(-1.0, 1.0, 3) * PROMPT.input_rate * PERIOD_S
+            command = np.clip(command + step, PROMPT.input_min, PROMPT.input_max)
+            return Command(*command.tolist())
+
+    controller = DeadTimeCompensation(Recorder(), reference, PERIOD_S)
+    start = reference.at(0.0).inputs
+    states, _ = loop(controller, vehicle, off_the_path(), 60, 30, np.tile(start, (6, 1)))
+    lead = round(lead_s(vehicle) / PERIOD_S)
+    for k in range(30 - lead):
+        actual = estimate_of(states[k + lead], np.zeros((SIZE, SIZE)), 0.0, vehicle, ())
+        np.testing.assert_allclose(estimates[k].state, actual.state, atol=1e-9)
+
+
+def test_the_trailer_s_valves_are_not_waited_for():
+    vehicle = replace(PROMPT, dead_time_i=0.5)
+    reference = reference_of(vehicle)
+    made = compensated(
+        lambda model, ahead: make_controller("pid", model, ahead, PERIOD_S), reference, PERIOD_S
+    )
+    assert not isinstance(made, DeadTimeCompensation)
 
 
 def test_without_dead_times_the_controller_is_the_one_that_is_made():
