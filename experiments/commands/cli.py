@@ -52,6 +52,7 @@ field in MuJoCo, under the controller of your choice.
   ttempc report runs/sweep-terrain-slip    one page with tables and charts of a sweep
   ttempc card wet-slope             validation of the plant: is it my controller or the simulator?
   ttempc log info runs/DIR/log.mcap  content of a log; export, check, recover, replay it
+  ttempc calibrate runs/DIR/log.mcap -o vehicle.toml    lengths of the vehicle from a run
   ttempc video runs/.../log.mcap    a film of a run; `frame` takes one picture of it
 """
 
@@ -64,6 +65,8 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments[:1] == ["calibrate"]:  # the action of a log by its short name
+        arguments = ["log", *arguments]
     parsed = _parser(arguments).parse_args(arguments)
     try:
         return parsed.command(parsed)

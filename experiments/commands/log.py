@@ -1,4 +1,4 @@
-"""`ttempc log`: show, export, check, recover or replay a log."""
+"""`ttempc log`: show, export, check, recover, replay or calibrate from a log."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ ABOUT = """\
   ttempc log check TORN.part --recover NEW.mcap
   ttempc log replay LOG.mcap                   errors and consistency of the estimator
   ttempc log replay LOG.mcap --estimator nmhe --set controller.noise.gnss_sd_m=0.05
+  ttempc log calibrate LOG.mcap -o vehicle.toml    lengths of the vehicle, fitted to the log
 
 A log is log.mcap of a run's folder, or log.mcap.part of a run that was killed. The
 readable part of a torn log is shown and exported, with a note.
@@ -25,6 +26,10 @@ and the mean normalised estimation error squared (NEES), 1 where the claim is tr
 For each sensor: normalised innovation squared (NIS), autocorrelation of the innovations
 from one sample to the next, and their log-likelihood, by which two estimators compare
 on the same samples. SI units; the first 8 s do not count.
+
+`calibrate` (also `ttempc calibrate`) fits wheelbase, hitch offset, drawbar and trailer
+length to the samples and commands, and prints them with their standard deviations. With
+-o it writes the scenario's vehicle file with these lengths, for plant.vehicle.file.
 
 Exit code 0 for success, 1 if `check` finds a log damaged or incomplete, 2 for bad input (one line;
 nothing is written).
@@ -57,7 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     options.add_overrides(replay)
     replay.set_defaults(command=_replay)
-    for action in (info, export, check, replay):
+    calibrate = actions.add_parser("calibrate", help="fit the lengths of the vehicle")
+    calibrate.add_argument(
+        "-o", "--out", type=Path, metavar="VEHICLE.toml", help="vehicle file to write"
+    )
+    calibrate.set_defaults(command=_calibrate)
+    for action in (info, export, check, replay, calibrate):
         action.add_argument("log", type=Path, metavar="LOG")
 
 
@@ -116,4 +126,18 @@ def _replay(arguments: argparse.Namespace) -> int:
         "run\n"
     )
     print("\n".join(format_consistency(consistency(estimates, record))))
+    return 0
+
+
+def _calibrate(arguments: argparse.Namespace) -> int:
+    from ..logs.calibrate import calibrate, write_vehicle
+    from ..output import refuse_existing
+
+    if arguments.out is not None:
+        refuse_existing(arguments.out)
+    calibration = calibrate(arguments.log)
+    print("\n".join(calibration.format()))
+    if arguments.out is not None:
+        write_vehicle(calibration, arguments.out)
+        print(f"written to {arguments.out}")
     return 0

@@ -16,7 +16,7 @@ from proving_ground.testbed.recording.channels import (
     TUBE,
     TYRES,
 )
-from proving_ground.testbed.recording.record import Record
+from proving_ground.testbed.recording.record import LEARNT, Record
 from ttempc.types import FloatArray
 
 from .containment import Containment, containment
@@ -74,6 +74,11 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
         tube=_tube(record),
         slip=_slip(record),
         implement=_implement(record),
+        learnt=[
+            f"{event.time_s:.0f} s: {event.text.removeprefix(LEARNT)}"
+            for event in record.events
+            if event.text.startswith(LEARNT)
+        ],
         log=facts.log,
     )
 

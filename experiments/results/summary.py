@@ -169,6 +169,7 @@ class Summary:
     tube: TubeStatistics | None  # None if the run has no tube
     slip: SlipStatistics
     implement: ImplementStatistics | None  # None if the run has no implement
+    learnt: list[str]  # time and change of model parameters that were learnt
     log: str | None
 
     def to_json(self) -> str:

@@ -42,6 +42,8 @@ def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> s
         *_other_numbers(summary),
         (f"{CAVEAT.capitalize()}. " if published else "") + "The first 8 s do not count.",
     ]
+    for text in summary.learnt:
+        lines += textwrap.wrap(f"Learnt at {text}", WIDTH, subsequent_indent="  ")
     if summary.failure:
         lines += ["", *textwrap.wrap(f"{summary.status}: {summary.failure}", WIDTH)]
     return "\n".join(lines)

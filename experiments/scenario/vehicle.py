@@ -52,6 +52,17 @@ _VEHICLE_FILE_KEYS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
 )
 
 
+LENGTH_KEYS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "wheelbase": "wheelbase_m",
+        "hitch_offset": "hitch_offset_m",
+        "drawbar_length": "drawbar_m",
+        "trailer_length": "trailer_m",
+    }
+)
+"""Key of a scenario for each length of `ttempc.vehicle.Vehicle`."""
+
+
 @dataclass(frozen=True, config=STRICT)
 class PlantVehicleSettings:
     """Vehicle file, and parameters of the plant that differ from it; absent: as in the file."""
@@ -181,6 +192,22 @@ class ModelVehicleSettings:
         )
 
 
+def edited_file(text: str, values: Mapping[str, float], note: str) -> str:
+    """Return the text of a vehicle file with other `values`, by their keys of a scenario.
+
+    Every changed line ends with the comment `note` in place of its own; all else stays.
+    """
+    places = {_VEHICLE_FILE_KEYS[key]: value for key, value in values.items()}
+    table, lines = "", []
+    for line in text.splitlines():
+        head = line.split("#")[0].strip()
+        if head.startswith("["):
+            table = head.strip("[] ")
+        value = places.get((table, head.partition("=")[0].strip()))
+        lines.append(line if value is None else f"{head.split('=')[0]}= {value:.4f}  # {note}")
+    return "\n".join(lines) + "\n"
+
+
 @stdlib_dataclass(frozen=True, slots=True)
 class ParameterMismatch:
     """A parameter whose values in plant and model differ."""
@@ -204,12 +231,7 @@ class Vehicles:
     def plant_lengths(self) -> dict[str, float]:
         """Return the lengths of the plant [m] by their fields of `ttempc.vehicle.Vehicle`."""
         values = _values(self.plant)
-        return {
-            "wheelbase": values["wheelbase_m"],
-            "hitch_offset": values["hitch_offset_m"],
-            "drawbar_length": values["drawbar_m"],
-            "trailer_length": values["trailer_m"],
-        }
+        return {name: values[key] for name, key in LENGTH_KEYS.items()}
 
 
 def read_vehicles(plant: PlantVehicleSettings, model: ModelVehicleSettings) -> Vehicles:

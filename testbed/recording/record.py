@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from ttempc.types import FloatArray
 
 from ..truth import Truth
 from .channels import CHANNELS, Channel
+
+LEARNT: Final = "learnt: "
+"""Beginning of the text of an event that tells which model parameters were learnt."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from ..errors import PlantDiverged, StageFailed
 from ..ground.terrain import Terrain
 from ..recording import channels
 from ..recording import record_rows as rows
-from ..recording.record import Event
+from ..recording.record import LEARNT, Event
 from ..recording.sink import Sink
 from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..sensing.sensors import SensorSuite
@@ -150,7 +150,7 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
         sink.path(PREDICTED_PATH_TOPIC, time, diagnostics.predicted_path[:, :2])
         sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, diagnostics.predicted_path[:, 2:])
     if diagnostics.learnt:
-        sink.event(Event(time, "info", f"learnt: {', '.join(diagnostics.learnt)}"))
+        sink.event(Event(time, "info", LEARNT + ", ".join(diagnostics.learnt)))
     fallback = diagnostics.fallback
     if fallback != tick.fallback:
         text = f"fallback: {fallback}" if fallback else "fallback ended"

@@ -127,6 +127,11 @@ class NonlinearFeedback:
         law._steps = np.zeros_like(self._steps)
         return law
 
+    def resume(self, previous: object) -> None:
+        """Keep the last plan as the first guess, see `ttempc.types.Resuming`."""
+        if isinstance(previous, NonlinearFeedback):
+            self._steps = previous._steps
+
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`, see `FeedbackLaw`."""
         horizon, moves = self._tuning.horizon, self._tuning.moves

@@ -8,7 +8,10 @@ from dataclasses import dataclass, replace
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
+<<<<<<< HEAD
 from ..learning.actuators import ActuatorIdentifier
+=======
+>>>>>>> lengths
 from ..learning.learner import Identifier, Learner, Learnt, RecordedTick
 from ..learning.lengths import LengthIdentifier
 from ..reference.path import Path
@@ -86,7 +89,7 @@ class Guidance:
         tube: design of the tube for controllers that need or monitor one.
         safety: where the supervisor slows down and stops.
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
-        learn: whether parameters of the model are learnt.
+        learn: whether lengths of the model are learnt; or identifiers of your own.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -110,7 +113,7 @@ class Guidance:
         tube: TubeDesign | None = None,
         safety: SafetyLimits | None = None,
         speed_mps: float = 1.0,
-        learn: bool = True,
+        learn: bool | Sequence[Identifier] = True,
     ) -> None:
         if isinstance(reference, Path):
             check_drivable(reference, vehicle)
@@ -144,10 +147,16 @@ class Guidance:
                     parts.estimator.update(tick.time_s, tick.samples, tick.command)
             return parts
 
+<<<<<<< HEAD
         identifiers: list[Identifier] = []
         if learn:  # the lengths last: their fit replays the commands as they act
             identifiers = [ActuatorIdentifier(), LengthIdentifier(vehicle, noise)]
         self._learner = Learner(identifiers, vehicle, period_s, build)
+=======
+        if isinstance(learn, bool):
+            learn = [LengthIdentifier(vehicle, noise)] if learn else []
+        self._learner = Learner(learn, vehicle, period_s, build)
+>>>>>>> lengths
         self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
         self._origin_s: float | None = None  # of the clock

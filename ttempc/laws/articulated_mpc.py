@@ -74,6 +74,11 @@ class ArticulatedFeedback:
         law._robust = self._robust.fresh() if self._robust else None
         return law
 
+    def resume(self, previous: object) -> None:
+        """Keep the autocorrelation of the residual, see `ttempc.types.Resuming`."""
+        if isinstance(previous, ArticulatedFeedback) and self._robust and previous._robust:
+            self._robust.resume(previous._robust)
+
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`, see `FeedbackLaw`."""
         state = error_state(self._state[k], estimate, self._vehicle)  # (16,) z_e, s, m

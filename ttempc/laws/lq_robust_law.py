@@ -120,6 +120,10 @@ class LqRobustLaw:
         law._last = None
         return law
 
+    def resume(self, previous: LqRobustLaw) -> None:
+        """Keep the autocorrelation; the nominal state, an error to another reference, restarts."""
+        self._autocorrelation = previous._autocorrelation
+
     def step(self, k: int, error: FloatArray, previous: FloatArray) -> RobustAction:
         """Return the action of tick `k`.
 

@@ -83,8 +83,7 @@ class TubeFeedback:
         return law
 
     def resume(self, previous: object) -> None:
-        """Keep the nominal input, see `ttempc.types.Resuming`; the state restarts at the estimate.
-        """
+        """Keep the nominal input, see `ttempc.types.Resuming`; the state starts anew."""
         if isinstance(previous, TubeFeedback):
             self._previous = previous._previous
 

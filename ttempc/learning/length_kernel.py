@@ -42,17 +42,17 @@ def replay(
     fading: FloatArray,
     walk: float,
     normal: FloatArray,
-    gradient: FloatArray,
+    gradients: FloatArray,
 ) -> float:
     """Run the filter over `events`; return twice the negative log-likelihood of its innovations.
 
-    Rows of `events` (n, 8): sensor (-1 for none), span since the row before [s], the two entries
-    of the sample, command (3,) of the span, number of integration steps. `variances` (sensors,) and `gates` (2,), by the length
-    of a sample, are those of the filter; a sample beyond its gate is used with its noise raised
-    until it just passes. `copies` (4, 18) are the raised states, `copy_parameters` (4, 10) their
-    parameters. J' J and J' r of the whitened innovations r and their derivatives J by the steps
-    of the parameters are added to `normal` (4, 4) and `gradient` (4,). The rest is as in `predict`
-    and changed in place.
+    Rows of `events` (n, 9): sensor (-1 for none), span since the row before [s], the two entries
+    of the sample, command (3,) of the span, number of integration steps, block. `variances`
+    (sensors,) and `gates` (2,), by the length of a sample, are those of the filter; a sample beyond
+    its gate is used with its noise raised until it just passes. `copies` (4, 18) are the raised
+    states, `copy_parameters` (4, 10) their parameters. J' J and J' r of the whitened innovations r
+    and their derivatives J by the steps of the parameters are added to `normal` (4, 4) and, by
+    block, to `gradients` (blocks, 4). The rest is as in `predict` and changed in place.
     """
     transition = np.empty((SIZE, SIZE))
     reading, jacobian = np.zeros(2), np.empty((2, SIZE))
@@ -156,7 +156,7 @@ def replay(
                 )
         for j in range(PARAMETERS):
             for r in range(m):
-                gradient[j] += derivative[j, r] * whitened[r]
+                gradients[int(events[row, 8]), j] += derivative[j, r] * whitened[r]
                 for i in range(PARAMETERS):
                     normal[i, j] += derivative[i, r] * derivative[j, r]
     return cost

@@ -16,7 +16,7 @@ from ..estimation.augmented_state_kernel import vehicle_parameters
 from ..estimation.dead_time import HeldCommands, after_dead_times
 from ..estimation.kalman_filter import KalmanFilter, steps_over
 from ..estimation.measurement_model import KERNEL_INDEX, LENGTH, predicted_measurement
-from ..estimation.noise import ProcessNoise, SensorNoise
+from ..estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
 from .learner import LENGTHS, Identification, ParameterChange, RecordedTick
@@ -29,21 +29,25 @@ _GATE: Final = 1e-4  # as in the filter
 _MOST_STEPS: Final = 8
 _CONVERGED_SD: Final = 0.2  # a step of this share of the standard deviations is the last
 _LEAST_S: Final = 15.0  # of driving
+_BLOCK_S: Final = 5.0  # longer than innovations of a wrong model are correlated; assumed
 _LEAN_S: Final = 1.0  # latency of GNSS at most
 
 
-_TOLERANCE: Final = 0.02  # relative error of a length that is not worth a change; assumed
+_GEOMETRY: Final = 0.01  # relative tolerance of each length; assumed
+_SLIP: Final = 0.03  # relative tolerance of what tyres can feign, see `_tolerance`; assumed
+_CHANGE: Final = 0.02  # relative change of the lengths below which nothing is exchanged; assumed
 _REJECTED: Final = float(chdtri(len(LENGTHS), 0.01))  # of the given lengths
-_SETTLED_SD: Final = 0.05  # relative, of wheelbase and trailer length; half where they changed
+KNOWN_SD: Final = 0.05
+"""Relative standard deviation up to which a length counts as known; assumed."""
 
 
 class LengthIdentifier:
     """Identifies the lengths of a vehicle, see `fit_lengths`.
 
     The given lengths stay unless the data reject them: with their fit theta, its covariance P and
-    tolerances of 2 % in T, (theta - theta_0)' (P + T)^-1 (theta - theta_0) must be exceeded with a
-    probability of 1 % only. The tolerance is for what no length describes: slopes, on which
-    horizontal distances are shorter, and the side slip of the tyres.
+    tolerances T, (theta - theta_0)' (P + T)^-1 (theta - theta_0) must be so large that it is
+    exceeded with a probability of 1 % only. The tolerance is for what no length describes: slopes,
+    on which horizontal distances are shorter, and tyres that slip sideways, in furrows most.
 
     Args:
         vehicle: the given lengths.
@@ -66,7 +70,7 @@ class LengthIdentifier:
             )
             for sensor in LENGTH
         }
-        row = [-1.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, steps_over(0.2)]
+        row = [-1.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, steps_over(0.2), 0.0]
         _Replay(first, np.array([row]), self._noise, self._process).run(self._given)
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
@@ -78,9 +82,11 @@ class LengthIdentifier:
         sd = np.sqrt(np.diag(fit.covariance))
         wheelbase, _, _, trailer = sd / given
         rejected = fit.rejection > _REJECTED
-        settled = bool(max(wheelbase, trailer) < (0.5 if rejected else 1.0) * _SETTLED_SD)
+        settled = bool(max(wheelbase, trailer) < (0.5 if rejected else 1.0) * KNOWN_SD) and (
+            rejected or fit.rejection < 0.5 * _REJECTED
+        )
         lengths = fit.lengths if rejected else given
-        if np.linalg.norm((lengths - present) / given) < _TOLERANCE:
+        if np.linalg.norm((lengths - present) / given) < _CHANGE:
             return Identification(vehicle, (), settled)
         rows = zip(LENGTHS, present.tolist(), lengths.tolist(), sd.tolist(), strict=True)
         changes = tuple(ParameterChange(*row) for row in rows)
@@ -128,28 +134,32 @@ def fit_lengths(
         return None
     mean, lengths = _lengths(given), _lengths(vehicle)
     prior = np.diag((_PRIOR_SD * mean) ** -2.0)
-    tolerance = np.diag((_TOLERANCE * mean) ** 2)
 
-    def evaluate(lengths: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        cost, normal, gradient = data.run(_with_lengths(vehicle, lengths))
+    def rejection(lengths: FloatArray, covariance: FloatArray, roughness: float) -> float:
         offset = lengths - mean
-        return cost + float(offset @ prior @ offset), normal + prior, gradient + prior @ offset
+        return float(offset @ np.linalg.solve(covariance + _tolerance(mean, roughness), offset))
 
-    cost, normal, gradient = evaluate(lengths)
+    def evaluate(lengths: FloatArray) -> tuple[float, FloatArray, FloatArray, float]:
+        cost, normal, gradients, roughness = data.run(_with_lengths(vehicle, lengths))
+        offset = lengths - mean
+        return cost + float(offset @ prior @ offset), normal + prior, gradients, roughness
+
+    cost, normal, gradients, roughness = evaluate(lengths)
     for _ in range(_MOST_STEPS):
+        gradient = gradients.sum(axis=0) + prior @ (lengths - mean)
         trial = lengths - np.linalg.solve(normal, gradient)
         trial = np.clip(trial, _SHARES[0] * mean, _SHARES[1] * mean)
-        step, offset = trial - lengths, trial - mean
-        rejection = float(offset @ np.linalg.solve(np.linalg.inv(normal) + tolerance, offset))
-        untouched = (lengths == mean).all() and rejection < 0.5 * _REJECTED
-        if untouched or step @ normal @ step < _CONVERGED_SD**2:
-            return LengthFit(trial, np.linalg.inv(normal), rejection)
+        step = trial - lengths
+        covariance = _covariance(normal, gradients)
+        right = (lengths == mean).all() and rejection(trial, covariance, 1.0) < 0.5 * _REJECTED
+        if right or step @ normal @ step < _CONVERGED_SD**2:
+            return LengthFit(trial, covariance, rejection(trial, covariance, roughness))
         result = evaluate(trial)
         while result[0] > cost and step @ normal @ step >= _CONVERGED_SD**2:
             step = 0.5 * step
             trial = lengths + step
             result = evaluate(trial)
-        lengths, (cost, normal, gradient) = trial, result
+        lengths, (cost, normal, gradients, roughness) = trial, result
     return None
 
 
@@ -192,21 +202,34 @@ class _Replay:
             return None
         now = max(begin, *(sample.time_s for sample in first.values()))
         rows: list[list[float]] = []
+        start = now
         waiting = iter([*(sample for sample in rest if sample.time_s > now), None])
         sample = next(waiting)
         for end, command in driven:
             held = [] if command is None else command.tolist()
             while sample is not None and sample.time_s <= end:
                 span, value = sample.time_s - now, (*sample.value, 0.0)[:2]
-                rows.append([KERNEL_INDEX[sample.sensor], span, *value, *held, steps_over(span)])
+                rows.append(
+                    [
+                        KERNEL_INDEX[sample.sensor],
+                        span,
+                        *value,
+                        *held,
+                        steps_over(span),
+                        (sample.time_s - start) // _BLOCK_S,
+                    ]
+                )
                 now, sample = sample.time_s, next(waiting)
             if end > now:
-                rows.append([-1.0, end - now, 0.0, 0.0, *held, steps_over(end - now)])
+                rows.append([-1.0, end - now, 0.0, 0.0, *held, steps_over(end - now), 0.0])
                 now = end
         return cls(first, np.array(rows), noise, process)
 
-    def run(self, vehicle: Vehicle) -> tuple[float, FloatArray, FloatArray]:
-        """Return cost, J' J and J' r by the lengths of `vehicle`."""
+    def run(self, vehicle: Vehicle) -> tuple[float, FloatArray, FloatArray, float]:
+        """Return cost, J' J and the blocks of J' r by the lengths of `vehicle`, and the roughness.
+
+        The roughness is the factor `NoiseScale.GROUND` at the end.
+        """
         lengths = _lengths(vehicle)
         count = len(lengths)
         raised = [_with_lengths(vehicle, lengths * (1.0 + _STEP * unit)) for unit in np.eye(count)]
@@ -214,7 +237,8 @@ class _Replay:
             KalmanFilter(item, self.noise, self.process, _GATE).start(self.first)
             for item in (vehicle, *raised)
         )
-        normal, gradient = np.zeros((count, count)), np.zeros(count)
+        normal = np.zeros((count, count))
+        gradients = np.zeros((int(self.events[:, -1].max()) + 1, count))
         cost = replay(
             state.augmented,
             state.covariances,
@@ -230,10 +254,36 @@ class _Replay:
             self.process.fading(self.noise),
             self.process.scale_walk**2,
             normal,
-            gradient,
+            gradients,
         )
         step = _STEP * lengths
-        return cost, normal / np.outer(step, step), gradient / step
+        roughness = float(state.scales[0, NoiseScale.GROUND])
+        return cost, normal / np.outer(step, step), gradients / step, roughness
+
+
+def _covariance(normal: FloatArray, gradients: FloatArray) -> FloatArray:
+    """Return A^-1 + A^-1 B A^-1 with A = J' J + P0^-1 and B from the blocks g_b of J' r.
+
+    B = sum (g_b - mean)(g_b - mean)' is A where the innovations are white with variance 1, and
+    larger where ground outside the model makes them correlated (White 1982, "Maximum likelihood
+    estimation of misspecified models", Econometrica 50).
+    """
+    inverse = np.linalg.inv(normal)
+    deviation = (gradients - gradients.mean(axis=0)) @ inverse
+    return inverse + deviation.T @ deviation
+
+
+def _tolerance(lengths: FloatArray, roughness: float) -> FloatArray:
+    """Return T (4, 4) [m^2], the covariance of what the fit finds beside the true `lengths`.
+
+    1 % of each length for the geometry. For side slip, 3 % of each length times the root of the
+    roughness factor that the filter has learnt (at least 1), but for the sum of hitch offset,
+    drawbar and trailer: the distance of both receivers shows it, whatever the tyres do.
+    """
+    keep_sum = np.eye(len(lengths))
+    keep_sum[1:, 1:] -= 1.0 / 3.0
+    slip = keep_sum @ np.diag((_SLIP * lengths) ** 2) @ keep_sum.T
+    return np.diag((_GEOMETRY * lengths) ** 2) + max(1.0, roughness) * slip
 
 
 def _complete(sample: Measurement) -> bool:

@@ -62,6 +62,11 @@ class PaperFeedback:
         law._robust = self._robust.fresh() if self._robust else None
         return law
 
+    def resume(self, previous: object) -> None:
+        """Keep the input of the last tick, see `ttempc.types.Resuming`."""
+        if isinstance(previous, PaperFeedback):
+            self._previous = previous._previous
+
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
         """Return the actions of tick `k`, see `FeedbackLaw`."""
         error = estimated_error(estimate, self._grid, k)

@@ -171,6 +171,7 @@ def test_summary_has_exactly_the_keys_of_the_interface():
         "tube",
         "slip",
         "implement",
+        "learnt",
         "log",
     }
     assert set(summary["tracking"]) == {"straight", "curve", "all"}

@@ -1,0 +1,121 @@
+"""Identification of lengths: on the filter's own model as the plant, whose lengths are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.ttempc.sensed_drive import PERIOD_S, VEHICLE, SensedDrive
+from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.estimation.noise import ProcessNoise, SensorNoise
+from ttempc.learning.learner import LENGTHS, RecordedTick
+from ttempc.learning.lengths import LengthIdentifier, fit_lengths
+from ttempc.types import Sensor
+
+TRUE = np.array([getattr(VEHICLE, name) for name in LENGTHS])
+NOISE, PROCESS = SensorNoise(), ProcessNoise()
+
+
+def scaled(*factors):
+    return replace(VEHICLE, **dict(zip(LENGTHS, (TRUE * factors).tolist(), strict=True)))
+
+
+@pytest.fixture(scope="module")
+def window():
+    """80 s of the figure eight: a straight, a whole circle, a straight."""
+    drive = SensedDrive(seed=8).run(400)
+    return [
+        RecordedTick(k * PERIOD_S, tuple(samples), command, tuple(estimate.state[2:4].tolist()))
+        for k, ((samples, command), estimate) in enumerate(
+            zip(drive.received, drive.estimates, strict=True)
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    "factors", [(1.24, 1.09, 1.2, 0.92), (0.7, 0.7, 0.7, 0.7), (1.3, 0.7, 1.3, 0.7)]
+)
+def test_wrong_lengths_are_found_within_their_covariance(window, factors):
+    given = scaled(*factors)
+    fit = fit_lengths(window, given, given, NOISE, PROCESS)
+    assert fit is not None
+    error = fit.lengths - TRUE
+    # chi-square with 4 degrees of freedom: 18.5 is exceeded with a probability of 0.1 %, to which
+    # the pull of the prior towards lengths 30 % off adds.
+    assert error @ np.linalg.solve(fit.covariance, error) < 25.0
+    wheelbase, trailer = (fit.lengths / TRUE - 1.0)[[0, 3]]
+    assert abs(wheelbase) < 0.08
+    assert abs(trailer) < 0.08
+    assert abs(error[1:].sum()) < 0.01  # hitch offset, drawbar and trailer together
+
+
+def test_the_fit_hardly_depends_on_where_the_search_starts(window):
+    from_true = fit_lengths(window, scaled(1.05, 1, 1, 1), VEHICLE, NOISE, PROCESS)
+    from_wrong = fit_lengths(window, scaled(1.3, 0.8, 1.2, 0.8), VEHICLE, NOISE, PROCESS)
+    assert from_true is not None
+    assert from_wrong is not None
+    sd = np.sqrt(np.diag(from_true.covariance))
+    np.testing.assert_array_less(np.abs(from_true.lengths - from_wrong.lengths), 0.3 * sd)
+
+
+def test_right_lengths_stay_and_wrong_ones_go(window):
+    kept = LengthIdentifier(VEHICLE, NOISE).identify(window, VEHICLE)
+    assert kept.vehicle == VEHICLE
+    assert kept.changes == ()
+    assert kept.settled
+    given = scaled(1.2, 1.0, 1.0, 1.0)
+    learnt = LengthIdentifier(given, NOISE).identify(window, given)
+    assert abs(learnt.vehicle.wheelbase - VEHICLE.wheelbase) < 0.1
+    assert [change.name for change in learnt.changes] == list(LENGTHS)
+    assert replace(learnt.vehicle, **dict(zip(LENGTHS, TRUE.tolist(), strict=True))) == VEHICLE
+    again = LengthIdentifier(given, NOISE).identify(window, learnt.vehicle)
+    assert again.changes == ()  # the same data ask for no further change
+
+
+def test_on_a_straight_only_the_sum_behind_the_rear_axle_is_seen(window):
+    straight = window[:86]  # the first circle begins at 17 s or later
+    given = scaled(1.0, 1.1, 1.1, 1.1)
+    fit = fit_lengths(straight, given, given, NOISE, PROCESS)
+    assert fit is not None
+    assert abs((fit.lengths - TRUE)[1:].sum()) < 0.02
+    sd = np.sqrt(np.diag(fit.covariance))
+    assert sd[1:].min() > 4.0 * np.sqrt(fit.covariance[1:, 1:].sum())
+    assert not LengthIdentifier(given, NOISE).identify(straight, given).settled
+
+
+@pytest.mark.parametrize("sensor", [Sensor.GNSS_TRAILER, Sensor.HITCH])
+def test_without_a_sensor_or_time_nothing_is_identified(window, sensor):
+    blind = [
+        replace(tick, samples=tuple(s for s in tick.samples if s.sensor is not sensor))
+        for tick in window
+    ]
+    for unusable in (blind, window[:50], window[:1], []):
+        assert fit_lengths(unusable, VEHICLE, VEHICLE, NOISE, PROCESS) is None
+
+
+def test_the_order_of_arrival_does_not_matter(window):
+    late = [replace(tick, samples=tuple(reversed(tick.samples))) for tick in window]
+    one, other = (
+        fit_lengths(item, scaled(1.1, 1, 1, 1), VEHICLE, NOISE, PROCESS) for item in (window, late)
+    )
+    assert one is not None
+    assert other is not None
+    np.testing.assert_array_equal(one.lengths, other.lengths)
+
+
+def test_the_fitted_filter_predicts_better(window):
+    """The likelihood of the innovations of the filter itself, which the fit does not run."""
+
+    def log_likelihood(vehicle):
+        ekf = ExtendedKalmanFilter(vehicle)
+        innovations = [
+            item
+            for tick in window
+            for item in ekf.update(tick.time_s, tick.samples, tick.command).innovations
+        ]
+        return -0.5 * sum(i.normalised_squared + i.log_determinant for i in innovations)
+
+    given = scaled(1.24, 1.09, 1.2, 0.92)
+    learnt = LengthIdentifier(given, NOISE).identify(window, given).vehicle
+    assert log_likelihood(learnt) > log_likelihood(given) + 50.0
+    assert log_likelihood(learnt) > log_likelihood(VEHICLE) - 5.0
