@@ -8,10 +8,7 @@ from dataclasses import dataclass, replace
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
-<<<<<<< HEAD
 from ..learning.actuators import ActuatorIdentifier
-=======
->>>>>>> lengths
 from ..learning.learner import Identifier, Learner, Learnt, RecordedTick
 from ..learning.lengths import LengthIdentifier
 from ..reference.path import Path
@@ -147,16 +144,10 @@ class Guidance:
                     parts.estimator.update(tick.time_s, tick.samples, tick.command)
             return parts
 
-<<<<<<< HEAD
-        identifiers: list[Identifier] = []
-        if learn:  # the lengths last: their fit replays the commands as they act
-            identifiers = [ActuatorIdentifier(), LengthIdentifier(vehicle, noise)]
-        self._learner = Learner(identifiers, vehicle, period_s, build)
-=======
         if isinstance(learn, bool):
-            learn = [LengthIdentifier(vehicle, noise)] if learn else []
+            # The lengths last: their fit replays the commands as they act.
+            learn = [ActuatorIdentifier(), LengthIdentifier(vehicle, noise)] if learn else []
         self._learner = Learner(learn, vehicle, period_s, build)
->>>>>>> lengths
         self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
         self._origin_s: float | None = None  # of the clock
