@@ -13,6 +13,7 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
+from numba.core.types import ExternalFunction
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -84,7 +85,8 @@ def fingerprint(function: FunctionType) -> str:
     included with their own fingerprints.
 
     Raises:
-        TypeError: a global is neither a module, a kernel, an enumeration, a number nor a tuple.
+        TypeError: a global is neither a module, a kernel, a function of a library, an enumeration,
+            a number nor a tuple.
     """
     code = function.__code__
     parts = [code.co_code.hex(), repr(code.co_consts), repr(code.co_names)]
@@ -102,6 +104,8 @@ def _described(name: str, value: object) -> str:
             return repr(list(value))
         case ModuleType():
             return value.__name__
+        case ExternalFunction():
+            return repr(value)
         case bool() | int() | float() | tuple():
             return repr(value)
         case _:

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from .types import FloatArray
 from .vehicle import Vehicle
 
+_AT_LIMIT = 1e-9  # [rad] or fraction: distance within which a command is at a limit
+
 
 @dataclass(frozen=True, slots=True)
 class CommandLimits:
@@ -36,6 +38,12 @@ class CommandLimits:
     def clamp(self, desired: FloatArray) -> FloatArray:
         """Return `desired` (3,) clipped to the amplitudes, without regard to the rates."""
         return np.minimum(np.maximum(desired, self.lower), self.upper)
+
+    def holds(self, command: FloatArray, previous: FloatArray) -> NDArray[np.bool_]:
+        """Return where `command` (3,) is at an amplitude or rate limit from `previous` (3,)."""
+        lowest = np.maximum(self.lower, previous - self.step) + _AT_LIMIT
+        highest = np.minimum(self.upper, previous + self.step) - _AT_LIMIT
+        return (command <= lowest) | (command >= highest)
 
     def apply(
         self, desired: FloatArray, previous: FloatArray

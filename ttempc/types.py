@@ -181,7 +181,7 @@ class Diagnostics:
     # (3,) contribution of the feedback, that is -u_b in the paper's terms
     feedback: FloatArray = field(default_factory=_no_action)
     robust: FloatArray = field(default_factory=_no_action)  # (3,) u_m
-    # (3,) where the vehicle's limits changed the total
+    # (3,) where a limit of the vehicle changed the total, or the law ended at one by itself
     limited: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(len(Input), np.bool_))
     # (7,) z_e: x, y, psi of tractor, of trailer, speed; the supervisor fills it in
     tracking_error: FloatArray | None = None

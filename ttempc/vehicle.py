@@ -76,6 +76,17 @@ class Vehicle:
         """L^d [m], rear axle of the tractor to RJ2 if the drawbar is in line with the tractor."""
         return self.hitch_offset + self.drawbar_length
 
+    def motion_per_input(self, speed_mps: float) -> FloatArray:
+        """Return the motion that a unit of each input causes at a speed, (3,).
+
+        On straight motion they are the lateral acceleration v^2 / L^t of the front steering, the
+        lateral speed v d / (d + L^i) of the trailer steering, and the acceleration K / tau of the
+        hydrostat.
+        """
+        trailer = self.drawbar_length / (self.drawbar_length + self.trailer_length)
+        drive = self.speed_gain / self.speed_time_constant
+        return np.array([speed_mps**2 / self.wheelbase, speed_mps * trailer, drive])
+
     @property
     def dead_times(self) -> FloatArray:
         """Dead time of each input [s], (3,) in the order of `Input`."""

@@ -58,7 +58,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..results.table import format_run
-    from ..run.assembly import RECORD_RATE_HZ
     from ..run.simulate import run
 
     name, scenario = options.load_scenario(arguments)
@@ -70,7 +69,7 @@ def _run(arguments: argparse.Namespace) -> int:
         scenario,
         arguments.seed,
         folder,
-        record_hz=RECORD_RATE_HZ if arguments.record_rate is None else arguments.record_rate,
+        record_hz=arguments.record_rate,
         watch=_watch(arguments, name),
     )
     if arguments.json:

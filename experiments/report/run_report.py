@@ -84,9 +84,9 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
             f"tractor {centimetres(estimation.tractor.mean_euclidean_m)} cm, "
             f"trailer {centimetres(estimation.trailer.mean_euclidean_m)} cm (mean)",
         ),
-        ("front steering", _input(inputs.delta_t, "rad/s")),
-        ("trailer steering", _input(inputs.delta_i, "rad/s")),
-        ("hydrostat", _input(inputs.hp, "1/s")),
+        ("front steering", _input(inputs.delta_t, "rad")),
+        ("trailer steering", _input(inputs.delta_i, "rad")),
+        ("hydrostat", _input(inputs.hp, "1")),
         (
             "slip",
             f"rear wheels {_number(slip.rear_mean, '{:.1%}')} (mean), "
@@ -114,7 +114,8 @@ def _implement(statistics: ImplementStatistics) -> str:
 def _input(statistics: InputStatistics, unit: str) -> str:
     return (
         f"at a limit {_number(statistics.saturated_fraction, '{:.1%}')} of the ticks, "
-        f"rms rate {_number(statistics.rms_rate, '{:.3f}')} {unit}"
+        f"rms rate {_number(statistics.rms_rate, '{:.3f}')} {unit}/s, "
+        f"travel {_number(statistics.travel_per_m, '{:.3f}')} {unit}/m"
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from ttempc.types import FloatArray
 
+from ..results.leads import RunError
 from ..results.statistics import IntervalEstimate, holm, mean, paired_p
 from ..sweep.results import rows
 from ..sweep.row import Row
@@ -148,6 +150,30 @@ class Comparison:
         logs = self.log_ratio[:, self.controllers.index(controller)]
         logs = logs[np.isfinite(logs).all(axis=1)]
         return (_exp(mean(logs.mean(axis=0))), len(logs)) if len(logs) else (None, 0)
+
+
+def run_errors(table: Iterable[Row], place: str = "") -> list[RunError]:
+    """Return the errors of the rows of a sweep that were driven.
+
+    Args:
+        table: the rows.
+        place: name of all of them; default: the scenario of each.
+    """
+    return [
+        RunError(
+            place or str(row["scenario"]),
+            (row["point"], row["seed"]),
+            str(row["controller"]),
+            _mean_cm(row) if row["status"] == "completed" else math.nan,
+        )
+        for row in table
+        if row["status"] in {"completed", *_ENDED_EARLY}
+    ]
+
+
+def _mean_cm(row: Row) -> float:
+    """Return the mean of both points of the mean Euclidean errors [cm], NaN where there is none."""
+    return 100.0 * float(np.array([row[name] for name in _POINTS], dtype=float).mean())
 
 
 def _exp(estimate: IntervalEstimate) -> IntervalEstimate:

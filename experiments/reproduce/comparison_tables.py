@@ -12,12 +12,14 @@ from ttempc.types import FloatArray
 
 from ..figures import png
 from ..figures.style import blank, dress, legend, series
+from ..results.leads import leads_sentence
 from ..results.published import COLUMNS, PUBLISHED_M, applies_to
 from ..results.statistics import IntervalEstimate, caveat, mean
+from ..results.summary import ACTUATOR_USE
 from ..scenario.scenario import load
 from ..seeds import TUNED_FIELDS
 from ..sweep_report.format import format_estimate
-from .comparison import DEFAULT, Comparison, Ratio, read_comparison
+from .comparison import DEFAULT, Comparison, Ratio, read_comparison, run_errors
 from .driver import Driver
 from .entry import Product
 
@@ -85,15 +87,21 @@ def by_field(driver: Driver) -> Product:
         )
     heads = ("field", "tuned here", f"`{DEFAULT}` [cm]", f"`{_RIVAL}`: ratio; p", "best rival")
     text = table((*heads, "its ratio; p"), lines)
-    return Product(f"{text}\n\n{_verdicts(comparison)} {caveat(len(comparison.seeds))}".rstrip())
+    ahead = leads_sentence(run_errors(comparison.by_key.values()), DEFAULT, "fields")
+    notes = f"{_verdicts(comparison)} {caveat(len(comparison.seeds))}".rstrip()
+    return Product(f"{text}\n\n{ahead}\n\n{notes}")
 
 
 def controllers(driver: Driver) -> Product:
-    """Return cost and error of every controller, over all fields and by field, and a figure."""
+    """Return cost, error and use of actuators of every controller, by field too, and a figure.
+
+    The use of the actuators is the median of the runs that completed.
+    """
     comparison = _rows(driver)
     step = comparison.column(_STEP)
     costs = np.array([np.nanmedian(step[:, c]) for c in range(len(comparison.controllers))])
     reference = costs[comparison.controllers.index(DEFAULT)]
+    use = [factor * comparison.column(name) for _, name, factor in ACTUATOR_USE]
     lines, points = [], []
     for number, name in enumerate(comparison.controllers):
         ratio, fields = comparison.over_fields(name)
@@ -107,6 +115,7 @@ def controllers(driver: Driver) -> Product:
                 str(fields),
                 f"{verdicts.count('better')} / {verdicts.count('worse')}",
                 f"{comparison.lost[:, number].sum()} of {comparison.driven[:, number].sum()}",
+                *(f"{np.nanmedian(column[:, number]):.1f}" for column in use),
             )
         )
         if ratio:
@@ -119,6 +128,7 @@ def controllers(driver: Driver) -> Product:
         "fields",
         "better / worse",
         "lost",
+        *(head for head, _, _ in ACTUATOR_USE),
     )
     field_heads = ("field", *(f"`{name}`" for name in comparison.controllers))
     field_lines = [

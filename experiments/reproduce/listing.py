@@ -8,19 +8,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from ..scenario.controller import TRUTH
 from ..scenario.scenario import shipped
 from ..seeds import report_seeds
 from ..studies import (
-    ablation,
     breaking_points,
-    conditions,
     errata,
     estimators,
+    front,
     invariance,
     paper_tube,
     ranking,
-    recovery,
+    retuned,
 )
+from ..studies.ablations import ablation, conditions, limits, recovery
 from ..studies.eight_numbers import tables as eight_numbers
 from ..studies.eight_numbers.study import REPORT_SEEDS
 from . import comparison_tables, study_tables
@@ -97,6 +98,15 @@ ENTRIES: Final = (
         ),
         minutes=2.0,
     ),
+    Entry(
+        name="front",
+        page="docs/ablation.md",
+        make=study_tables.fronts,
+        seeds=report_seeds(2),
+        probes=tuple((name, "ttempc") for name in front.SCENARIOS)
+        + tuple(("grass", name) for name in ("pid", "lqr", "nmpc-rti", "ttempc-tube")),
+        minutes=2.0,
+    ),
     _study(
         "conditions",
         "docs/ablation.md",
@@ -113,6 +123,31 @@ ENTRIES: Final = (
         seeds=recovery.SEEDS,
         probes=tuple((name, "ttempc") for name in recovery.SCENARIOS),
         minutes=0.3,
+    ),
+    _study(
+        "limits",
+        "docs/limits.md",
+        limits.main,
+        seeds=report_seeds(2),
+        probes=(
+            *((name, limits.CONTROLLER) for name in shipped()),
+            *(
+                (name, limits.CONTROLLER, f'controller.estimator="{TRUTH}"')
+                for name in ("furrows", "grass", "wet-slope")
+            ),
+        ),
+        minutes=4.0,
+    ),
+    _study(
+        "retuned",
+        "docs/compare.md",
+        retuned.main,
+        seeds=report_seeds(2),
+        probes=(
+            *((name, "ttempc") for name in shipped()),
+            *(("grass", name) for name in (*retuned.KNOBS, *retuned.SAME_PROBLEM)),
+        ),
+        minutes=13.0,
     ),
     _study(
         "errata",

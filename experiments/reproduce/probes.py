@@ -17,7 +17,7 @@ from proving_ground.testbed.recording.record import Recorder
 
 from ..results.metrics import tracking_statistics
 from ..results.tracking_errors import tracking_errors
-from ..run.assembly import CONTROL_PERIOD_S, assemble
+from ..run.assembly import assemble
 from ..run.simulate import drive_into
 from ..scenario.scenario import Scenario, load
 from ..seeds import FIRST
@@ -99,7 +99,7 @@ def study_probes(study: str) -> tuple[Probe, ...]:
 def fingerprint(item: Probe) -> Fingerprint:
     """Drive a probe and return its fingerprint."""
     assembly = assemble(item.scenario, item.seed)
-    ticks = min(round(PROBE_S / CONTROL_PERIOD_S), assembly.ticks)
+    ticks = min(round(PROBE_S / assembly.guidance.period_s), assembly.ticks)
     recorder = Recorder()
     drive_into(recorder, replace(assembly, ticks=ticks))
     record = recorder.record()

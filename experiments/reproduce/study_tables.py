@@ -9,12 +9,15 @@ from pathlib import Path
 
 from proving_ground.testbed.recording.provenance import code_digest
 
-from ..studies import cards, containment, ranking
+from ..results.leads import RunError, leads_sentence
+from ..studies import cards, containment, front, ranking
 from ..studies.evidence.page import evidence_page
+from ..sweep.results import rows
 from ..sweep_report.aggregate import controller_groups, paired_differences
 from ..sweep_report.files import docs_page
 from ..sweep_report.format import format_estimate
 from ..sweep_report.report import make_report
+from .comparison import DEFAULT, run_errors
 from .comparison_tables import table
 from .driver import Driver
 from .entry import Product
@@ -39,9 +42,11 @@ def _sweep_page(study: str, driver: Driver) -> Product:
 
 
 def studies(driver: Driver) -> Product:
-    """Return the errors of all sweeps side by side, and the paired difference of `pid`."""
-    lines = []
+    """Return the errors of all sweeps side by side, with the difference of `pid`, and all leads."""
+    lines: list[tuple[str, ...]] = []
+    errors: list[RunError] = []
     for name in SWEEPS:
+        errors += run_errors(rows(driver.rows(name) / "results.jsonl"), name)
         runs = driver.sweep(name)
         groups = {runs.controllers[group.controller]: group for group in controller_groups(runs)}
         against = runs.controllers.index("ttempc")
@@ -59,7 +64,7 @@ def studies(driver: Driver) -> Product:
         link = f"[{name}](results/{name}.md)"
         lines.append((link, str(len(runs.rows)), runs.study.description, *cells))
     heads = ("study", "runs", "varied", "`ttempc`", "`pid`", "`paper`", "`pid` - `ttempc`, pairs")
-    return Product(table(heads, lines))
+    return Product(f"{table(heads, lines)}\n\n{leads_sentence(errors, DEFAULT, 'studies')}")
 
 
 def printed(
@@ -108,6 +113,14 @@ def evidence(driver: Driver) -> Product:
 
 def _print_evidence() -> None:
     print(evidence_page())
+
+
+def fronts(driver: Driver) -> Product:
+    """Return the errors of controllers over the travel of the hydrostat, with a picture."""
+    with tempfile.TemporaryDirectory() as folder:
+        text = driver.printed(front.main, driver.report_seeds(2), Path(folder)).strip()
+        picture = (Path(folder) / front.FILE).read_bytes()
+    return Product(f"![Error over hydrostat travel]({front.FILE})\n\n{text}", {front.FILE: picture})
 
 
 def contained(driver: Driver) -> Product:

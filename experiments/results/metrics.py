@@ -70,7 +70,7 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
         tracking=tracking_statistics(tracking_errors(record)),
         estimation=_estimation(record),
         timing=_timing(record, duration_s, facts.wall_s),
-        inputs=_inputs(record),
+        inputs=input_statistics(record),
         tube=_tube(record),
         slip=_slip(record),
         implement=_implement(record),
@@ -99,6 +99,32 @@ def tracking_statistics(errors: TrackingErrors) -> TrackingStatistics:
         straight=over(counted & ~errors.curved),
         curve=over(counted & errors.curved),
         all=over(counted),
+    )
+
+
+def input_statistics(record: Record) -> InputsStatistics:
+    """Return saturation, rate and travel of the commands of a whole run."""
+    table = record[CONTROL]
+    way = np.diff(record[STATE].columns(*position_fields("tractor")), axis=0)
+    driven_m = float(np.hypot(*way.T).sum())
+
+    def statistics(name: str) -> InputStatistics:
+        command = table[f"{name}_command"]
+        at_bound = (command <= table[f"{name}_min"] + _AT_BOUND) | (
+            command >= table[f"{name}_max"] - _AT_BOUND
+        )
+        saturated = at_bound | (table[f"{name}_limited"] > 0.5)
+        steps = np.diff(command)
+        return InputStatistics(
+            saturated_fraction=_mean(saturated),
+            rms_rate=_rms(steps / np.diff(table.time_s)),
+            travel_per_m=_number(np.abs(steps).sum() / driven_m) if driven_m else None,
+        )
+
+    return InputsStatistics(
+        delta_t=statistics("delta_t_rad"),
+        delta_i=statistics("delta_i_rad"),
+        hp=statistics("hp"),
     )
 
 
@@ -147,25 +173,6 @@ def _spread(cost_us: FloatArray) -> Spread:
         median=_percentile(finite, 50.0),
         p99=_percentile(finite, 99.0),
         max=_percentile(finite, 100.0),
-    )
-
-
-def _inputs(record: Record) -> InputsStatistics:
-    table = record[CONTROL]
-
-    def statistics(name: str) -> InputStatistics:
-        command = table[f"{name}_command"]
-        at_bound = (command <= table[f"{name}_min"] + _AT_BOUND) | (
-            command >= table[f"{name}_max"] - _AT_BOUND
-        )
-        saturated = at_bound | (table[f"{name}_limited"] > 0.5)
-        rate = np.diff(command) / np.diff(table.time_s)
-        return InputStatistics(saturated_fraction=_mean(saturated), rms_rate=_rms(rate))
-
-    return InputsStatistics(
-        delta_t=statistics("delta_t_rad"),
-        delta_i=statistics("delta_i_rad"),
-        hp=statistics("hp"),
     )
 
 

@@ -6,7 +6,7 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -18,8 +18,8 @@ from proving_ground.testbed.recording.channels import REFERENCE, STATE
 from proving_ground.testbed.recording.record import Record
 
 from ..errors import NotComparable
-from .metrics import tracking_statistics
-from .summary import ErrorStatistics, TrackingStatistics
+from .metrics import input_statistics, tracking_statistics
+from .summary import ACTUATOR_USE, ErrorStatistics, TrackingStatistics
 from .table import centimetres
 from .tracking_errors import BODIES, TrackingErrors, position_fields, tracking_errors
 
@@ -93,6 +93,15 @@ def format_comparison(runs: Sequence[ComparedRun]) -> str:
                 continue
             cells = (centimetres(getattr(error, name)) for name in _COLUMNS.values())
             blocks.append(run.label.ljust(width) + "".join(cell.rjust(10) for cell in cells))
+    blocks += ["", "Use of the actuators, whole run"]
+    for run in runs:
+        inputs = asdict(input_statistics(run.record))
+        cells = []
+        for head, key, factor in ACTUATOR_USE:
+            _, name, number = key.split(".")
+            value = inputs[name][number]
+            cells.append(f"{head} {'–' if value is None else format(factor * value, '.1f')}")
+        blocks.append(f"{run.label.ljust(width)}{', '.join(cells)}")
     return "\n".join(blocks)
 
 

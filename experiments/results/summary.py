@@ -6,9 +6,10 @@ A number that does not exist, such as the error on curves of a straight path, is
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Final, Literal
 
 Status = Literal["completed", "lost", "invalid"]
 
@@ -104,19 +105,29 @@ class TimingStatistics:
 
 @dataclass(frozen=True, slots=True)
 class InputStatistics:
-    """Saturation and rate of one input."""
+    """Saturation, rate and travel of one input."""
 
-    saturated_fraction: float | None  # of ticks with the command changed by or at a limit
+    saturated_fraction: float | None  # of ticks with the command at a limit of size or rate
     rms_rate: float | None  # of the command, in its unit per second
+    travel_per_m: float | None  # total change of the command over the distance driven
 
 
 @dataclass(frozen=True, slots=True)
 class InputsStatistics:
-    """Saturation and rate of the inputs."""
+    """Saturation, rate and travel of the inputs."""
 
     delta_t: InputStatistics
     delta_i: InputStatistics
     hp: InputStatistics
+
+
+ACTUATOR_USE: Final = (  # head of a column, key of the summary, factor from the key's unit
+    ("front steering [deg/m]", "inputs.delta_t.travel_per_m", math.degrees(1.0)),
+    ("trailer steering [deg/m]", "inputs.delta_i.travel_per_m", math.degrees(1.0)),
+    ("hydrostat [%/m]", "inputs.hp.travel_per_m", 100.0),
+    ("hydrostat at limits [%]", "inputs.hp.saturated_fraction", 100.0),
+)
+"""Columns on the use of the actuators in comparisons of controllers."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from proving_ground.testbed.recording.sink import Sink
 from proving_ground.testbed.sensing.sensors import SensorSuite
 from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
-from proving_ground.testbed.simulation.plant import Plant
+from proving_ground.testbed.simulation.plant import Plant, Snapshot
 from proving_ground.testbed.simulation.termination import TerminationLimits
 from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.controllers import controller_options
@@ -34,14 +34,14 @@ from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
-from ..scenario.controller import TRUTH, ControllerSettings
+from ..scenario.control import record_rate, record_steps
+from ..scenario.controller import TRUTH
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
+from .shared_parts import SharedParts
 from .user_code import is_user_code, load_factory, named_estimator, user_controller, user_stage
 
-CONTROL_PERIOD_S = 0.2  # 5 Hz; paper, sec. II
-RECORD_RATE_HZ = 25.0  # of the paper's fastest sensors
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
 _BLOCK = 4096  # rows of the reference at a time: a sample takes twice the memory of a row
 EDGE_M = 4.0  # from path to edge of the field: vehicle, antenna and a metre of error
@@ -56,6 +56,7 @@ class Assembly:
     guidance: Guidance
     terrain: Terrain
     reference: Reference  # of the plant's lengths: by it a run is judged
+    start: Snapshot  # of the plant at the start of the reference, rolling
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     notes: tuple[str, ...] = ()  # on path and tyres, for the log
@@ -66,24 +67,17 @@ class Assembly:
         """Model parameters of the guidance."""
         return self.guidance.vehicle
 
-    def start(self) -> None:
-        """Put the plant to the start of the reference, rolling.
-
-        Raises:
-            InvalidPlant: the vehicle does not stand there.
-        """
-        x, y, yaw, *_, speed = self.reference.at(0.0).state.tolist()
-        self.plant.reset(x, y, yaw, speed)
-
-    def setup(self, sink: Sink, record_hz: float = RECORD_RATE_HZ) -> SimulationSetup:
+    def setup(self, sink: Sink, record_hz: float | None = None) -> SimulationSetup:
         """Return the run with the sink in its place, the plant at its start and rolling.
 
         Args:
             sink: is told everything.
-            record_hz: how often it is told the truth [Hz]; see `record_steps`.
+            record_hz: how often it is told the truth [Hz], see `record_steps`; None: as in
+                `record_rate`.
         """
-        self.start()
-        timestep = self.plant.timestep_s
+        self.plant.restore(self.start)
+        timestep, period_s = self.plant.timestep_s, self.guidance.period_s
+        record_hz = record_hz or record_rate(timestep, period_s)
         rows = self._reference_rows(record_hz)
         return SimulationSetup(
             plant=self.plant,
@@ -92,8 +86,8 @@ class Assembly:
             vehicle=self.guidance.vehicle,
             sink=sink,
             reference=rows,
-            control_steps=whole_steps(CONTROL_PERIOD_S, timestep, "control period"),
-            record_steps=record_steps(timestep, record_hz),
+            control_steps=whole_steps(period_s, timestep, "control period"),
+            record_steps=record_steps(timestep, period_s, record_hz),
             terrain=self.terrain,
             termination=TerminationLimits.of(self.plant.vehicle),
             notes=self.notes,
@@ -108,7 +102,7 @@ class Assembly:
     def _reference_rows(self, record_hz: float) -> FloatArray:
         """Return rows of `channels.REFERENCE`, one for each of the truth."""
         beyond = run_on(self.ticks) if self.guidance.space_based else 0
-        count = (self.ticks + beyond) * round(CONTROL_PERIOD_S * record_hz) + 1
+        count = (self.ticks + beyond) * round(self.guidance.period_s * record_hz) + 1
         times = np.arange(count) / record_hz
         parts = (times[k : k + _BLOCK] for k in range(0, len(times), _BLOCK))
         return np.concatenate([self._reference_columns(part) for part in parts])
@@ -133,7 +127,10 @@ class Assembly:
 
 
 def assemble(
-    scenario: Scenario, seed: int, factory: Callable[..., object] | None = None
+    scenario: Scenario,
+    seed: int,
+    factory: Callable[..., object] | None = None,
+    parts: SharedParts | None = None,
 ) -> Assembly:
     """Return the objects of a run.
 
@@ -142,6 +139,7 @@ def assemble(
         seed: draws terrain and noise.
         factory: makes the controller from vehicle, reference, control period [s] and the options
             of the scenario; by default the one of the name `scenario.controller.name`.
+        parts: of earlier runs, to be used again; none by default.
 
     Raises:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
@@ -150,11 +148,12 @@ def assemble(
     mission = scenario.path.mission()
     vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
-    terrain = scenario.terrain.terrain(seed)
+    parts = parts or SharedParts()
+    terrain = parts.terrain(scenario, seed)
     reference, strength_map = _way(mission, vehicle, terrain, scenario)
     driven = replace(vehicle, **vehicles.plant_lengths())
     timestep = scenario.plant.timestep_s
-    record_steps(timestep, RECORD_RATE_HZ)
+    record_rate(timestep, scenario.control.period_s)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
     _check_pull(scenario, vehicles, mission, soil.background)
     plant = Plant(
@@ -168,19 +167,21 @@ def assemble(
         implement=scenario.implement,
     )
     sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
-    assembly = Assembly(
+    guidance = _guidance(scenario, reference, plant, factory, parts)
+    x, y, yaw, *_, speed = reference.at(0.0).state.tolist()
+    plant.reset(x, y, yaw, speed)  # refused here, before anything is written
+    return Assembly(
         plant=plant,
         sensors=sensors,
-        guidance=_guidance(scenario, reference, plant, factory),
+        guidance=guidance,
         terrain=terrain,
         reference=Reference(mission.path, driven, mission.speed),
-        ticks=_ticks(reference),
+        start=plant.snapshot(),
+        ticks=_ticks(reference, scenario),
         mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=(*mission.notes, *overload_notes(vehicles.plant)),
         stages=_stages(scenario, seed),
     )
-    assembly.start()  # refused here, before anything is written
-    return assembly
 
 
 def check(scenario: Scenario) -> int:
@@ -198,19 +199,19 @@ def check(scenario: Scenario) -> int:
     level = replace(scenario.terrain, iso_class="flat").terrain(seed=0)
     reference, strength_map = _way(mission, vehicle, level, scenario)
     check_drivable(mission.path, vehicle)
-    check_pace(reference, CONTROL_PERIOD_S)
-    _check_guidance(scenario.controller, vehicle)
+    check_pace(reference, scenario.control.period_s)
+    _check_guidance(scenario, vehicle)
     for stage in scenario.stages:
         load_factory(stage.make, "stage")
     timestep_s = scenario.plant.timestep_s
-    record_steps(timestep_s, RECORD_RATE_HZ)
+    record_rate(timestep_s, scenario.control.period_s)
     soil = scenario.soil.soil(0, level, mission.path, strength_map)
     _check_pull(scenario, vehicles, mission, soil.background)
     front_stop = math.radians(vehicles.plant.front_steering.limit_deg)
     trailer_stop = math.radians(vehicles.plant.trailer_steering.limit_deg)
     Actuators(scenario.actuators, timestep_s, (front_stop, trailer_stop))
     SensorSuite(scenario.sensors, timestep_s, 0, np.zeros((2, 3)))
-    return _ticks(reference)
+    return _ticks(reference, scenario)
 
 
 def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> Vehicle:
@@ -247,28 +248,8 @@ def _check_pull(
         check_pull(law, scenario.implement, vehicles.plant, cone_index, speed)
 
 
-def _ticks(reference: Reference) -> int:
-    return math.ceil(reference.duration_s / CONTROL_PERIOD_S - 1e-9)
-
-
-def record_steps(timestep_s: float, record_hz: float) -> int:
-    """Return the physics steps from one row of the truth to the next.
-
-    Raises:
-        InvalidScenario: a control period does not hold a whole number of rows.
-    """
-    what = f"plant.timestep_s = {timestep_s}: control period"
-    control_steps = whole_steps(CONTROL_PERIOD_S, timestep_s, what)
-    rows = round(CONTROL_PERIOD_S * record_hz) if math.isfinite(record_hz) else 0
-    exact = abs(rows - CONTROL_PERIOD_S * record_hz) < 1e-9
-    if rows < 1 or not exact or control_steps % rows:
-        allowed = (n / CONTROL_PERIOD_S for n in range(1, control_steps + 1))
-        rates = [f"{hz:g}" for n, hz in enumerate(allowed, 1) if control_steps % n == 0]
-        raise InvalidScenario(
-            f"record rate: got {record_hz:g} Hz, must be one of {', '.join(rates)} Hz, so that "
-            f"rows fall on physics steps of {1e3 * timestep_s:g} ms and on control ticks"
-        )
-    return control_steps // rows
+def _ticks(reference: Reference, scenario: Scenario) -> int:
+    return math.ceil(reference.duration_s / scenario.control.period_s - 1e-9)
 
 
 def _guidance(
@@ -276,29 +257,29 @@ def _guidance(
     reference: Reference,
     plant: Plant,
     factory: Callable[..., object] | None,
+    parts: SharedParts,
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
-    controller, tube = settings.name, None
+    period_s = scenario.control.period_s
     if factory is None and is_user_code(settings.name):
         factory = load_factory(settings.name, "controller")
     if factory is None:
-        tube = settings.design(vehicle, CONTROL_PERIOD_S)
+        controller = partial(parts.controller, scenario, vehicle)
     else:
         controller = partial(user_controller, settings.name, factory)
     if settings.estimator == TRUTH:
-        estimator = TruthEstimator(plant.truth)
+        estimator = TruthEstimator(plant.truth, vehicle)
     else:
         estimator = partial(named_estimator, settings.estimator)
     return Guidance(
         vehicle,
         reference,
-        CONTROL_PERIOD_S,
+        period_s,
         controller,
         estimator,
-        options=settings.options,
+        options=None if factory is None else settings.options,
         sensor_noise=settings.noise.sensor_noise(scenario.sensors),
-        tube=tube,
         learn=settings.learn,
     )
 
@@ -312,13 +293,14 @@ def _stages(scenario: Scenario, seed: int) -> tuple[Stage, ...]:
     return with_stages(extra)
 
 
-def _check_guidance(settings: ControllerSettings, vehicle: Vehicle) -> None:
+def _check_guidance(scenario: Scenario, vehicle: Vehicle) -> None:
     """Refuse names, options and tubes that `_guidance` would refuse; make no controller."""
+    settings = scenario.controller
     if is_user_code(settings.name):
         load_factory(settings.name, "controller")
     else:
         controller_options(settings.name, settings.options)
-        settings.design(vehicle, CONTROL_PERIOD_S)
+        settings.design(vehicle, scenario.control.period_s)
     if is_user_code(settings.estimator):
         load_factory(settings.estimator, "estimator")
 

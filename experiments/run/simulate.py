@@ -15,18 +15,20 @@ from proving_ground.testbed.recording.provenance import versions
 from proving_ground.testbed.recording.record import Record, Recorder
 from proving_ground.testbed.recording.sink import Sink, Tee
 from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
-from proving_ground.testbed.simulation.loop import Outcome, drive
+from proving_ground.testbed.simulation.loop import Outcome, drive, prepare
 from proving_ground.testbed.viewers.live import LiveView
 
 from ..output import make_folder, refuse_existing
 from ..results.metrics import summarise
 from ..results.published import PublishedError, applies_to, compare
 from ..results.summary import RunFacts, Summary
+from ..scenario.control import record_steps
 from ..scenario.controller import OptionValue
 from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import ParameterMismatch
-from .assembly import RECORD_RATE_HZ, Assembly, assemble, record_steps
+from .assembly import Assembly, assemble
 from .log_file import describe, open_log
+from .shared_parts import SharedParts
 from .user_code import name_of, user_sources
 
 _PATH_STEP_M = 0.2  # between the points of the reference path in the log
@@ -52,8 +54,11 @@ def simulate(
     log: Path | None = None,
     *,
     options: Mapping[str, OptionValue] | None = None,
+    parts: SharedParts | None = None,
 ) -> tuple[Summary, Record]:
     """Run a scenario in memory and return its numbers; nothing is written but the log, if asked.
+
+    The controller does not prepare its steps: its computation times are those of cold caches.
 
     Args:
         name: of the scenario.
@@ -63,20 +68,21 @@ def simulate(
             run is filed under its name `module:qualname` and a hash of its source.
         log: file to write the log to, in a folder that exists.
         options: keyword options of the factory.
+        parts: of earlier runs, to be used again; none by default.
 
     Raises:
         LogError: the log cannot be written.
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
     """
     scenario, sources = _with_controller(scenario, factory, options)
-    assembly = assemble(scenario, seed, factory)
+    assembly = assemble(scenario, seed, factory, parts)
     recorder = Recorder()
     if log is None:
-        outcome = drive_into(recorder, assembly)
+        outcome = drive_into(recorder, assembly, prepared=False)
     else:
         metadata = describe(name, scenario, seed, assembly, sources)
         with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
-            outcome = drive_into(Tee(recorder, writer), assembly)
+            outcome = drive_into(Tee(recorder, writer), assembly, prepared=False)
     _print_traceback(outcome)
     record = recorder.record()
     facts = _facts(name, scenario, seed, outcome, log and log.name, sources)
@@ -89,7 +95,7 @@ def run(
     seed: int,
     folder: Path,
     *,
-    record_hz: float = RECORD_RATE_HZ,
+    record_hz: float | None = None,
     watch: Callable[[Scenery], LiveView] | None = None,
     factory: Callable[..., object] | None = None,
     options: Mapping[str, OptionValue] | None = None,
@@ -101,7 +107,7 @@ def run(
         scenario: what to run.
         seed: draws terrain and noise.
         folder: to make.
-        record_hz: how often the truth is written down [Hz].
+        record_hz: how often the truth is written down [Hz]; None: as in `record_rate`.
         watch: opens a live view of the run; it gets the same data as the log.
         factory: makes a controller of your own, as in `simulate`.
         options: keyword options of the factory.
@@ -118,7 +124,8 @@ def run(
     refuse_existing(folder)
     scenario, sources = _with_controller(scenario, factory, options)
     assembly = assemble(scenario, seed, factory)
-    record_steps(assembly.plant.timestep_s, record_hz)  # refused here, before anything is written
+    if record_hz is not None:  # refused here, before anything is written
+        record_steps(assembly.plant.timestep_s, assembly.guidance.period_s, record_hz)
     scenery = assembly.plant.scenery
     with ExitStack() as stack:
         views = [stack.enter_context(watch(scenery))] if watch else []
@@ -155,13 +162,25 @@ def run(
 def drive_into(
     sink: Sink,
     assembly: Assembly,
-    record_hz: float = RECORD_RATE_HZ,
+    record_hz: float | None = None,
     on_tick: Callable[[int], object] = lambda k: None,
+    *,
+    prepared: bool = True,
 ) -> Outcome:
-    """Drive a run to its end and write it into the sink, the reference path first."""
+    """Drive a run to its end and write it into the sink, the reference path first.
+
+    Args:
+        sink: is told everything.
+        assembly: of the run.
+        record_hz: how often the sink is told the truth [Hz].
+        on_tick: called after every control period.
+        prepared: whether the controller prepares its steps. That shortens the steps and costs more
+            than it saves; the bits are the same.
+    """
     setup = assembly.setup(sink, record_hz)
     sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))
-    return drive(setup, assembly.ticks, assembly.stages, on_tick)
+    stages = tuple(stage for stage in assembly.stages if prepared or stage is not prepare)
+    return drive(setup, assembly.ticks, stages, on_tick)
 
 
 def _with_controller(

@@ -25,6 +25,7 @@ from ttempc.errors import InvalidTuning
 
 from ..errors import InvalidScenario
 from .assumed_noise import NoiseSettings
+from .control import ControlSettings
 from .controller import ControllerSettings
 from .path import AnyPath, FigureEight
 from .plant import PlantSettings
@@ -58,6 +59,8 @@ class Scenario:
     """Command path from controller to servos."""
     sensors: SensorSpecification = SensorSpecification()
     """Rates, errors and delays of the sensors."""
+    control: ControlSettings = ControlSettings()
+    """Rate of the control loop."""
     controller: ControllerSettings = ControllerSettings()
     """Controller, estimator and their model."""
     stages: tuple[StageSettings, ...] = ()

@@ -7,7 +7,7 @@ import hashlib
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -19,7 +19,8 @@ from ttempc.guidance.guidance import ControllerFactory
 from ..results.published import compare
 from ..results.summary import Summary
 from ..run.simulate import simulate
-from ..scenario.scenario import load
+from ..scenario.path import FigureEight
+from ..scenario.scenario import Scenario, load
 from ..sweep.engine import Engine, engine, imap_bounded
 
 Task = TypeVar("Task")
@@ -111,6 +112,13 @@ def mean_errors_cm(summary: Summary) -> list[float]:
     """Return the four mean Euclidean errors of the paper's table [cm], NaN where there is none."""
     measured = (item.measured_m for item in compare(summary))
     return [float("nan") if error is None else 100.0 * error for error in measured]
+
+
+def one_lap(scenario: Scenario) -> Scenario:
+    """Return a scenario with one lap of its path, if that has laps."""
+    if not isinstance(scenario.path, FigureEight):
+        return scenario
+    return replace(scenario, path=replace(scenario.path, laps=1))
 
 
 def lost_count(runs: Sequence[Summary]) -> int:

@@ -17,7 +17,7 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,10 +28,9 @@ from ..logs.replay import estimator_of, replay
 from ..results.consistency import Consistency, consistency
 from ..results.published import COLUMNS
 from ..run.simulate import simulate
-from ..scenario.path import FigureEight
 from ..scenario.scenario import load, shipped
 from ..seeds import report_seeds
-from .batch import StudyRun, mean_errors_cm, run_tasks
+from .batch import StudyRun, mean_errors_cm, one_lap, run_tasks
 
 SCENARIOS = ("pavement", "grass", "wet-grass", "side-slope", "wet-slope", "patchy")
 ESTIMATORS = ("ekf", "nmhe")
@@ -95,8 +94,7 @@ def main(
 def run_consistency(run: StudyRun) -> Consistency:
     """Drive one lap and return the figures of its estimator, replayed from its record."""
     name, scenario = load(run.scenario, run.overrides)
-    if isinstance(scenario.path, FigureEight):
-        scenario = replace(scenario, path=replace(scenario.path, laps=1))
+    scenario = one_lap(scenario)
     _, record = simulate(name, scenario, run.seed)
     return consistency(replay(record, estimator_of(scenario)), record)
 

@@ -10,11 +10,10 @@ from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import drive
 
 from ..results.tracking_errors import START_UP_S
-from ..run.assembly import CONTROL_PERIOD_S, assemble
+from ..run.assembly import assemble
 from .engine import cores
 from .plan import PlanExtent, Setting, SweepPlan
 
-_TICKS: Final = round(START_UP_S / CONTROL_PERIOD_S)
 _ROW_BYTES: Final = 3500  # of one axis, measured
 _LOG_BYTES_PER_S: Final = 26_000  # measured
 _SHOWN: Final = 12  # values of an axis
@@ -53,10 +52,11 @@ def _cost(setting: Setting) -> tuple[float, float]:
     begin = perf_counter()
     assembly = assemble(setting.scenario, seed=1)
     setup = assembly.setup(Recorder())
-    ticks = min(_TICKS, assembly.ticks)
+    period_s = assembly.guidance.period_s
+    ticks = min(round(START_UP_S / period_s), assembly.ticks)
     start = perf_counter()
     drive(setup, ticks, assembly.stages)
-    return start - begin, (perf_counter() - start) / (ticks * CONTROL_PERIOD_S)
+    return start - begin, (perf_counter() - start) / (ticks * period_s)
 
 
 def format_plan(plan: SweepPlan, extent: PlanExtent, cost: SweepCost, workers: int | None) -> str:

@@ -18,7 +18,7 @@ from proving_ground.testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
 from ..errors import ExperimentError, InvalidStudy
-from ..run.assembly import CONTROL_PERIOD_S, check
+from ..run.assembly import check
 from ..run.user_code import user_sources
 from ..scenario.scenario import Scenario, ScenarioFile, dump, identity, merge_tables, read_scenario
 from .dimensions import Change, Dimension, dimensions
@@ -169,7 +169,7 @@ class SweepPlan:
                 continue
             accepted.add(controller)
             digest.update(setting.toml.encode())
-            simulated += CONTROL_PERIOD_S * ticks * len(self._seeds)
+            simulated += setting.scenario.control.period_s * ticks * len(self._seeds)
             names[setting.scenario.controller.name] = None
         for (_, controller), error in refusals.items():
             if controller not in accepted:

@@ -8,16 +8,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Literal
+from typing import Final, Literal
 
 from proving_ground.testbed.atomic_write import partial_path
 from proving_ground.testbed.errors import LogError
 from proving_ground.testbed.recording.provenance import code_digest
 
 from ..errors import SweepStopped
+from ..run.shared_parts import SharedParts
 from ..run.simulate import simulate
 from ..scenario.scenario import Scenario
 from .row import Row, RowStatus, Value, figures, no_figures
+
+# Of this process. A plan counts controllers fastest, then seeds: the last terrains and the
+# controllers of a comparison.
+_PARTS: Final = SharedParts(terrains=2, controllers=8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +85,11 @@ def run_job(job: SweepJob) -> Row:
     part = log.with_name(f".{job.run}-{uuid.uuid4().hex[:8]}.mcap")
     try:
         summary, _ = simulate(
-            job.name, job.scenario, job.seed, log=None if job.keep == "none" else part
+            job.name,
+            job.scenario,
+            job.seed,
+            log=None if job.keep == "none" else part,
+            parts=_PARTS,
         )
         kept = job.keep == "all" or (job.keep == "failed" and summary.status != "completed")
         if kept:

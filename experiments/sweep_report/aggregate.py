@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ttempc.types import FloatArray
+
 from ..results.statistics import (
     IntervalEstimate,
     Proportion,
@@ -19,6 +21,7 @@ from ..results.statistics import (
     proportion,
     quantile95,
 )
+from ..results.summary import ACTUATOR_USE
 from ..sweep.failure import mostly_fails
 from .axes import Scale
 from .runs import Runs
@@ -58,11 +61,12 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Tail:
-    """Worst errors of a controller [cm] and the cost of its control step."""
+    """Worst errors of a controller [cm], cost of its control step, use of the actuators."""
 
     quantile95_cm: IntervalEstimate | None
     cvar95_cm: IntervalEstimate | None
     step_us: IntervalEstimate | None  # mean over runs of the median step
+    use: tuple[IntervalEstimate | None, ...]  # means over completed runs, see `ACTUATOR_USE`
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,16 +118,22 @@ def controller_tail(runs: Runs, controller: int) -> Tail:
     """Return worst errors and cost of a controller."""
     own = runs.controller_index == controller
 
-    errors, costs = own & np.isfinite(runs.error_cm), own & np.isfinite(runs.step_us)
+    errors = own & np.isfinite(runs.error_cm)
 
     def tail(statistic: Statistic) -> IntervalEstimate | None:
         values, units = runs.error_cm[errors], runs.unit[errors]
         return bootstrap(values, units, statistic) if errors.any() else None
 
+    def average(values: FloatArray) -> IntervalEstimate | None:
+        known = own & np.isfinite(values)
+        return mean(values[known], runs.unit[known]) if known.any() else None
+
+    completed = np.where(runs.completed, 1.0, np.nan)
     return Tail(
         tail(quantile95),
         tail(cvar95),
-        mean(runs.step_us[costs], runs.unit[costs]) if costs.any() else None,
+        average(runs.step_us),
+        tuple(average(factor * completed * runs.numbers(name)) for _, name, factor in ACTUATOR_USE),
     )
 
 

@@ -10,6 +10,7 @@ from markupsafe import Markup
 from ..figures.panel import Panel, alone, svg
 from ..report.html import environment
 from ..results.statistics import caveat
+from ..results.summary import ACTUATOR_USE
 from ..sweep.failure import ERROR, unmeasured_text
 from ..sweep.row import Row
 from .format import (
@@ -61,6 +62,7 @@ def render_page(report: SweepReport, folder: Path) -> str:
         worst=[(row, rerun_command(runs.study, row)) for rows in report.worst for row in rows],
         links=lambda row: links(row, folder),
         ERROR=ERROR,
+        actuator_use=ACTUATOR_USE,
         COST=COST,
     )
 

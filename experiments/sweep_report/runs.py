@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ttempc.types import FloatArray
 
 from ..errors import InvalidRows
+from ..results.summary import ACTUATOR_USE
 from ..sweep.failure import ERROR, has_failed, is_unmeasured
 from ..sweep.results import rows
 from ..sweep.row import Row, Value
@@ -22,7 +23,7 @@ from ..sweep.study import DrawnAxis, ListAxis, Study, load_study
 
 COST: Final = "timing.control_step_us.median"
 _KEPT: Final = ("run", "point", "run_id", "scenario", "controller", "seed", "status", "failure")
-_NUMBERS: Final = (ERROR, COST)
+_NUMBERS: Final = (ERROR, COST, *(name for _, name, _ in ACTUATOR_USE))
 _FORMAT: Final = "is no row of this study, as `ttempc sweep` writes them"
 
 
@@ -116,12 +117,12 @@ class Runs:
 
         NaN where it did not complete, or lasted too short for an error figure.
         """
-        return np.where(self.completed, 100.0 * self._numbers(ERROR), np.nan)
+        return np.where(self.completed, 100.0 * self.numbers(ERROR), np.nan)
 
     @cached_property
     def step_us(self) -> FloatArray:
         """Return each run's median cost of a control step, (n,) [us]; NaN: none."""
-        return self._numbers(COST)
+        return self.numbers(COST)
 
     @cached_property
     def failed(self) -> NDArray[np.bool_]:
@@ -133,7 +134,8 @@ class Runs:
         """Return the number of runs that completed without an error figure."""
         return sum(map(is_unmeasured, self.rows))
 
-    def _numbers(self, name: str) -> FloatArray:
+    def numbers(self, name: str) -> FloatArray:
+        """Return a column of `results.jsonl` that a report needs, (n,); NaN: none."""
         return np.array([row[name] for row in self.rows], dtype=float)  # None becomes NaN
 
 

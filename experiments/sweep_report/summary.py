@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from ..results.statistics import caveat
+from ..results.summary import ACTUATOR_USE
 from ..results.table import centimetres
 from ..sweep.failure import ERROR, unmeasured_text
 from .format import format_estimate, format_numbers, format_percent, rerun_command
@@ -79,6 +80,7 @@ def _controllers(report: SweepReport) -> list[str]:
         "95 % of runs below",
         "mean of worst 5 %",
         "control step [us]",
+        *(head for head, _, _ in ACTUATOR_USE),
     ]
     rows = []
     for group in report.groups:
@@ -93,6 +95,7 @@ def _controllers(report: SweepReport) -> list[str]:
                 format_estimate(tail.quantile95_cm),
                 format_estimate(tail.cvar95_cm),
                 format_estimate(tail.step_us, 0),
+                *map(format_estimate, tail.use),
             )
         )
     return _table(heads, rows)

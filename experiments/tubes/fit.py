@@ -24,7 +24,8 @@ from ttempc.types import FloatArray, State
 from ..errors import InvalidFit, InvalidScenario
 from ..results.containment import Containment
 from ..results.statistics import fewest_samples
-from ..run.assembly import CONTROL_PERIOD_S, model_vehicle
+from ..run.assembly import model_vehicle
+from ..scenario.control import PAPER_PERIOD_S
 from ..scenario.scenario import Scenario, load
 from ..scenario.tube_file import HoldOut, Provenance, TubeFile, residual_table, tube_file
 from .residuals import Residuals, RunErrors, residuals, run_errors
@@ -64,12 +65,17 @@ def fit_run(record: Record, scenario: Scenario) -> FitRun:
     """Return the data of one run for a fit.
 
     Raises:
-        InvalidFit: the run is too short.
+        InvalidFit: the run is too short, or was driven at another control rate.
     """
+    if scenario.control.period_s != PAPER_PERIOD_S:
+        raise InvalidFit(
+            f"control.rate_hz = {scenario.control.rate_hz:g}: a tube is fitted to runs at "
+            f"{1.0 / PAPER_PERIOD_S:g} Hz"
+        )
     mission = scenario.path.mission()
     vehicle = model_vehicle(mission, scenario, scenario.vehicles())
     reference = Reference(mission.path, vehicle, mission.speed)
-    errors = run_errors(record, reference, CONTROL_PERIOD_S)
+    errors = run_errors(record, reference, PAPER_PERIOD_S)
     return FitRun(
         scenario=record.metadata["scenario"],
         controller=record.metadata["controller"],
@@ -77,7 +83,7 @@ def fit_run(record: Record, scenario: Scenario) -> FitRun:
         settings=scenario,
         reference=reference,
         errors=errors,
-        residuals=residuals(errors, reference, CONTROL_PERIOD_S),
+        residuals=residuals(errors, reference, PAPER_PERIOD_S),
     )
 
 
@@ -138,11 +144,11 @@ def fit_tube(
     held_residuals = [run.residuals.estimated for run in held_out]
     held_estimation = [run.errors.estimation for run in held_out]
     reference = runs[0].reference
-    ticks = int(reference.duration_s / CONTROL_PERIOD_S)
-    curvature = np.abs(reference.at(np.arange(ticks) * CONTROL_PERIOD_S).curvature)
+    ticks = int(reference.duration_s / PAPER_PERIOD_S)
+    curvature = np.abs(reference.at(np.arange(ticks) * PAPER_PERIOD_S).curvature)
     straight, curve = int(np.argmin(curvature)), _longest(curvature >= 0.999 * curvature.max())
     weights = design_weights(reference, [straight, curve], disturbance)
-    design = TubeDesign(reference.vehicle, CONTROL_PERIOD_S, disturbance, estimate_error, weights)
+    design = TubeDesign(reference.vehicle, PAPER_PERIOD_S, disturbance, estimate_error, weights)
     provenance = Provenance(
         scenarios=sorted({run.scenario for run in runs}),
         controllers=sorted({run.controller for run in runs}),
@@ -181,9 +187,9 @@ def design_weights(
         InvalidTube: no gain yields a tube.
     """
     vehicle, rows = reference.vehicle, list(ticks)
-    a, b, c = error_dynamics(reference, CONTROL_PERIOD_S, max(rows) + 1)
-    feedforward = exact_feedforward(reference, max(rows) + 1, CONTROL_PERIOD_S)
-    margin = InputMargin.of(feedforward[rows], CommandLimits.of(vehicle, CONTROL_PERIOD_S))
+    a, b, c = error_dynamics(reference, PAPER_PERIOD_S, max(rows) + 1)
+    feedforward = exact_feedforward(reference, max(rows) + 1, PAPER_PERIOD_S)
+    margin = InputMargin.of(feedforward[rows], CommandLimits.of(vehicle, PAPER_PERIOD_S))
     reserve = RESERVE * np.array([vehicle.steering_limit_t, vehicle.steering_limit_i, 0.0])
     a, b, c = a[rows, :_N, :_N], b[rows, :_N], c[rows, :, :_N]
     return search_weights(a, b, c, disturbance, margin, reserve=reserve)

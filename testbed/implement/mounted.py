@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -34,6 +34,7 @@ class MountedImplement:
 
     `state` is everything that the future depends on besides MuJoCo's state, and the last report:
     lowered share, distance driven [m], then depth, draft and side force of each point.
+    `arguments` are those of `tool_step`.
 
     Args:
         implement: settings.
@@ -63,8 +64,7 @@ class MountedImplement:
         self._body = int(model.body("trailer").id)
         self._xpos, self._xmat = data.xpos, data.xmat
         terrain = ground.terrain
-        self.step: Final[Callable[[], object]] = partial(
-            tool_step,
+        self.arguments: Final[tuple[Any, ...]] = (
             self.law.table(),
             implement.offsets,
             np.array(implement.work_m).reshape(-1, 2),
@@ -81,6 +81,7 @@ class MountedImplement:
             self._output,
             data.xfrc_applied,
         )
+        self.step: Final[Callable[[], object]] = partial(tool_step, *self.arguments)
 
     def tool(self) -> Tool:
         """Return the present state of the implement; forces are those of the last step."""

@@ -19,7 +19,7 @@ from ttempc.types import (
 )
 from ttempc.vehicle import Vehicle
 
-from ..truth import Tool, Truth
+from ..truth import Tool, Truth, Wheels
 from .channels import MEASUREMENT, MEASUREMENT_COLUMNS, REFERENCE
 
 NAN: Final = float("nan")
@@ -27,6 +27,8 @@ NAN: Final = float("nan")
 _TRAILER_REFERENCE: Final = [
     REFERENCE.fields.index(name) for name in ("x_i_m", "y_i_m", "psi_i_rad")
 ]
+
+_WHEEL_FIELDS: Final = tuple(item.name for item in fields(Wheels))
 
 
 def state_row(truth: Truth) -> list[float]:
@@ -61,9 +63,8 @@ def state_row(truth: Truth) -> list[float]:
 
 def tyres_row(truth: Truth) -> list[float]:
     """Return the row of `channels.TYRES`."""
-    wheels = truth.wheels
-    quantities = [getattr(wheels, item.name) for item in fields(wheels)]  # in the fields' order
-    return np.array(quantities).T.ravel().tolist()
+    quantities = (getattr(truth.wheels, name).tolist() for name in _WHEEL_FIELDS)
+    return [value for wheel in zip(*quantities, strict=True) for value in wheel]
 
 
 def tool_row(tool: Tool, reference: Sequence[float]) -> list[float]:

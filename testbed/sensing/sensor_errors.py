@@ -11,6 +11,7 @@ from ttempc.types import FloatArray
 
 _BAD_SHARE: Final = 0.1
 _BAD_FACTOR: Final = 3.0
+_AHEAD: Final = 64  # samples drawn at once
 
 
 class ErrorSource(Protocol):
@@ -26,7 +27,7 @@ class White:
 
     Args:
         sd: standard deviation of each entry, (m,).
-        rng: of this sensor.
+        rng: of this sensor alone.
         bias: constant part of every error, (m,).
     """
 
@@ -37,11 +38,15 @@ class White:
         # floats: for one to three numbers the overhead of numpy is larger than the arithmetic
         self._sd = sd.tolist()
         self._bias = [0.0] * len(sd) if bias is None else bias.tolist()
+        self._drawn: list[
+            float
+        ] = []  # ahead, the next one last: the stream is that of single draws
 
     def draw(self) -> list[float]:
         """Return the error of the next sample, (m,)."""
-        drawn = self._rng.standard_normal(len(self._sd)).tolist()
-        return [b + sd * z for b, sd, z in zip(self._bias, self._sd, drawn, strict=True)]
+        if not self._drawn:
+            self._drawn = self._rng.standard_normal(_AHEAD * len(self._sd)).tolist()[::-1]
+        return [b + sd * self._drawn.pop() for b, sd in zip(self._bias, self._sd, strict=True)]
 
 
 class Correlated:

@@ -30,8 +30,10 @@ from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
 from ..vehicle.vehicle_model import build_spec, level_mjcf, level_model, physics_model
 from ..wheels.soil_law import SoilLaw
+from ..wheels.soil_wheels import SoilWheels
 from ..wheels.tyre_kernel import Output
 from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, wheel_model
+from .compiled_steps import compiled_steps
 from .standing import check_standing
 from .truth_reader import TruthReader
 
@@ -96,6 +98,11 @@ class Plant:
         self.wheels = wheel_model(wheels)(model, data, self.tyres, self.ground, wheel_law)
         self.implement = implement and MountedImplement(
             implement, model, data, vehicle, self.ground, soil.background
+        )
+        self._steps = (
+            compiled_steps(model, data, self.wheels, self.implement, terrain)
+            if type(self.wheels) is SoilWheels  # a subclass may step in a way of its own
+            else None
         )
         rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
         self._reader = TruthReader(model, data, self.wheels.output, rear_radius, self.implement)
@@ -235,8 +242,17 @@ class Plant:
         """Step the physics; positions and velocities are up to date before and after.
 
         A step is forces of the ground, accelerations and integration (mj_step2), positions and
-        velocities (mj_step1): the same as mj_step with these forces in its middle.
+        velocities (mj_step1): the same as mj_step with these forces in its middle. Where Python has
+        no part in them, steps are compiled.
         """
+        if self._steps and not after_step:
+            if not before_step:
+                self._steps(steps)
+                return
+            for _ in range(steps):
+                before_step()
+                self._steps(1)
+            return
         model, data, last = self.model, self.data, steps - 1
         apply_forces, step1, step2 = self.wheels.step, mujoco.mj_step1, mujoco.mj_step2
         work_soil = self.implement and self.implement.step
@@ -257,7 +273,7 @@ class Plant:
     def _check(self, before: float, steps: int) -> None:
         """Raise on divergence: MuJoCo itself resets on NaN and continues from time 0."""
         data = self.data
-        if self._warnings.any():
+        if any(self._warnings.tolist()):
             kind = int(self._warnings.argmax())
             raise PlantDiverged(
                 f"MuJoCo warned at {before:.3f} s: {mujoco.mjtWarning(kind).name} "

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import mujoco
 import numpy as np
@@ -24,6 +24,7 @@ class SoilWheels:
 
     The state holds the tread deflections [m]: a restored run without them is 29 mm away after
     10 s. With a second pass it also holds the tracks of the run, see `wheel_step`.
+    `arguments` are those of `wheel_step`.
     """
 
     follows_soil_law: ClassVar[bool] = True
@@ -42,8 +43,7 @@ class SoilWheels:
         self.tyre_table: Final = tyres.table(law)
         terrain = ground.terrain
         # views of MuJoCo's arrays, bound once: they outlive a reset of the data
-        self.step: Final[Callable[[], object]] = partial(
-            wheel_step,
+        self.arguments: Final[tuple[Any, ...]] = (
             law.table(),
             self.tyre_table,
             terrain.heights,
@@ -58,6 +58,7 @@ class SoilWheels:
             self.output,
             data.xfrc_applied,
         )
+        self.step: Final[Callable[[], object]] = partial(wheel_step, *self.arguments)
 
     @staticmethod
     def adapt(spec: mujoco.MjSpec) -> None:

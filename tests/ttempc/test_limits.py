@@ -53,6 +53,16 @@ def test_allowed_commands_pass_unchanged():
     assert not limited.any()
 
 
+def test_a_law_that_ends_at_a_limit_by_itself_is_held_by_it():
+    previous = np.array([0.1, -0.1, 0.5])
+    for sign in (-1.0, 1.0):
+        edge = np.clip(previous + sign * LIMITS.step, LIMITS.lower, LIMITS.upper)
+        allowed, changed = LIMITS.apply(edge, previous)
+        assert not changed.any()
+        assert LIMITS.holds(allowed, previous).all()
+        assert not LIMITS.holds(0.5 * (previous + edge), previous).any()
+
+
 def test_entries_that_are_not_finite_keep_the_previous_command():
     previous = np.array([0.1, -0.1, 0.5])
     allowed, limited = LIMITS.apply(np.array([np.nan, np.inf, 0.52]), previous)

@@ -251,11 +251,13 @@ def _compose(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    tuning: HorizonTuning,
+    options: MpcOptions,
     subsystems: Sequence[Subsystem],
     exchange: bool,
     solver: SolverFactory,
 ) -> TrackingController:
+    tuning = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
+
     def law(grid: ReferenceSample, feedforward: FloatArray) -> NonlinearFeedback:
         return NonlinearFeedback(
             grid,

@@ -152,16 +152,21 @@ def _compose(
     robust: LqRobustTuning | None,
     design: TubeDesign | None,
 ) -> TrackingController:
+    speed = reference.speed.top_speed
+    tuning = options.for_vehicle(vehicle, speed, period_s)
+    if robust:
+        robust = robust.for_speed(vehicle, speed)
+
     def law(grid: ReferenceSample, feedforward: FloatArray) -> ArticulatedFeedback:
         return ArticulatedFeedback(
             grid=grid,
             reference=reference,
             feedforward=feedforward,
             period_s=period_s,
-            tuning=options,
+            tuning=tuning,
             robust=robust,
             disturbances=options.disturbances,
             design=design,
         )
 
-    return around_exact_feedforward(vehicle, reference, period_s, options.horizon, law)
+    return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)

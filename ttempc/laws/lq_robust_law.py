@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass
-from typing import get_args
+from dataclasses import dataclass, replace
+from typing import Self, get_args
 
 import numpy as np
 
 from ..mpc.riccati import riccati_gains
 from ..types import FloatArray, Input, State
 from ..validation import check_choice, check_flag, check_positive, check_vector
+from ..vehicle import Vehicle
 from .nominal_state import NominalState, Reading
 
 _N, _M = len(State), len(Input)
@@ -33,7 +34,8 @@ class LqRobustTuning:
     # Largest action k_s [rad], [rad], fraction; the paper's.
     saturation: tuple[float, float, float] = (0.2, 0.1, 0.10)
     # Cost of an action [1/rad^2], [1/rad^2], 1, beside errors of both points at 1 / m^2 each: 2 cm
-    # weigh as much as 2 deg of steering or 4 % of the hydrostat.
+    # weigh as much as 2 deg of steering or 4 % of the hydrostat. For the vehicle of the paper up to
+    # 1 m/s; see `for_speed`.
     input_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
     # Whether the MPC leaves k_s of every input free, so that the limits never cut the sum of both:
     # the law's exact tightening. It reserves authority that the law seldom uses.
@@ -47,6 +49,18 @@ class LqRobustTuning:
         check_vector("input_weight", self.input_weight, _M)
         check_flag("tightened", self.tightened)
         check_positive("memory_s", self.memory_s)
+
+    def for_speed(self, vehicle: Vehicle, speed_mps: float) -> Self:
+        """Return the tuning for a vehicle and the largest speed of its reference [m/s].
+
+        An action has the cost of the same motion (`Vehicle.motion_per_input`), and none less than
+        the one given. With a fixed cost the loop's gain grows with the speed, and above 3 m/s the
+        lags that the kinematic model leaves out make steering and drawbar oscillate.
+        """
+        ratio = vehicle.motion_per_input(speed_mps) / Vehicle().motion_per_input(1.0)
+        weights = np.array(self.input_weight) * np.maximum(ratio, 1.0) ** 2
+        front, trailer, hp = weights.tolist()
+        return replace(self, input_weight=(front, trailer, hp))
 
 
 @dataclass(frozen=True, slots=True)

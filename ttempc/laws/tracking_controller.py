@@ -120,19 +120,24 @@ class TrackingController:
         self._measured_hitch = measured_hitch
         self._previous = limits.clamp(grid.inputs[0])
 
+    def fresh(self) -> TrackingController:
+        """Return the controller before its first tick; it shares what no step changes."""
+        return TrackingController(
+            self._grid,
+            self._feedforward,
+            self._feedback.fresh(),
+            self._limits,
+            measured_hitch=self._measured_hitch,
+            space_based=self.space_based,
+        )
+
     def warm_up(self) -> None:
         """Run the code of whole steps once: compilation, solver set-up, caches.
 
         The steps are those of a second controller with a fresh law, on an estimate beside the
         start of the reference. No later result changes. Call it before the first tick.
         """
-        controller = TrackingController(
-            self._grid,
-            self._feedforward,
-            self._feedback.fresh(),
-            self._limits,
-            measured_hitch=self._measured_hitch,
-        )
+        controller = self.fresh()
         state = self._grid.state[0].copy()
         state[State.Y] += _WARM_UP_OFFSET_M
         estimate = Estimate(
@@ -170,7 +175,8 @@ class TrackingController:
         beta = estimate.hitch_angle if self._measured_hitch else self._grid.hitch_angle[k]
         feedforward[Input.DELTA_I] -= beta  # delta^i = lambda - beta
         total = feedforward + actions.feedback + actions.robust
-        command, limited = self._limits.apply(total, self._previous)
+        command, changed = self._limits.apply(total, self._previous)
+        limited = changed | self._limits.holds(command, self._previous)
         self._previous = command
         return ControlStep(
             Command(*command.tolist()),

@@ -138,6 +138,7 @@ def tube_controller(
         InvalidTube: see `ReferenceTube.along`.
     """
     design.require(vehicle, period_s)
+    options = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> TubeFeedback:
         along = ReferenceTube.along(design, reference, len(feedforward))

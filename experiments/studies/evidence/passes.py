@@ -39,10 +39,7 @@ _CNH_SPEEDS: Final = (  # [km/h] range, middle of it, published limit of the sta
     ("15", 15.0, 3.0),
 )
 _NO_MAST: Final = (*FIELD_SENSORS, 'sensors.gnss_antenna="point"')
-_WEAVES: Final = (
-    "steering and drawbar weave in curves at this speed, for which `ttempc` is not tuned; the "
-    "cause was not examined"
-)
+_FAST: Final = "the model of the vehicle is kinematic: it has neither the lag of tyres nor inertia"
 _ROUNSAVILLE: Final = "Rounsaville, Dvorak and Stombaugh 2016, Trans. ASABE 59(6)"
 _ROUNSAVILLE_MEAN_M: Final = 0.008 / 0.082  # mean error, from 0.8 cm = 8.2 %
 _ROUNSAVILLE_RATE_HZ: Final = 10.0  # 0.25 m at most from a sample at 5 m/s, as the source has it
@@ -107,7 +104,7 @@ def steered_joint(runs: int = 3) -> list[Evidence]:
                 "the source's limit; its path is not known to us",
                 f"trailer point of the farm machine, true position, {path}, class D, `field` "
                 f"sensors, {seed_text(runs)}",
-                above=_WEAVES if "`ttempc`" in place else "unknown",
+                above=_FAST if "`ttempc`" in place else "unknown",
             )
         )
     return items

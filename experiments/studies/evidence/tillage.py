@@ -13,7 +13,6 @@ from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
 from ...results.tracking_errors import START_UP_S, rows_at_same_time
-from ...run.assembly import RECORD_RATE_HZ
 from .drives import (
     CULTIVATOR,
     FARM,
@@ -232,7 +231,7 @@ def slip_each_second(record: Record) -> FloatArray:
     state = record[STATE]
     counted = state.time_s >= START_UP_S
     slip = 1.0 - state["v_mps"][counted] / state["v_rim_mps"][counted]
-    rows = round(RECORD_RATE_HZ)
+    rows = round(1.0 / np.median(np.diff(state.time_s)))  # of a second
     return slip[: len(slip) // rows * rows].reshape(-1, rows).mean(axis=1)
 
 

@@ -9,6 +9,7 @@ import pytest
 from proving_ground.experiments.reproduce import comparison_tables, study_tables
 from proving_ground.experiments.reproduce.comparison import Comparison, read_comparison
 from proving_ground.experiments.reproduce.driver import Driver
+from proving_ground.experiments.results.summary import ACTUATOR_USE
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.plan import SweepPlan
@@ -111,6 +112,8 @@ def test_the_table_by_field_says_where_the_rival_is_better(driver):
     text = comparison_tables.by_field(driver).block
     assert lines(text, "`old-valves`")[4] == "`pid`"
     assert lines(text, "`grass`")[1] == "filter, tube"
+    assert "Ahead of `ttempc`: `pid` on `old-valves` (" in text
+    assert "fields none of `pid`, `paper`, `lqr` is ahead of `ttempc` by more than 0.05 cm" in text
     assert "on 1 of 4 fields (`old-valves`), significantly on `old-valves`." in text
     assert "fields (`grass`, `split`, `wet-slope`), significantly on `grass`, `split`" in text
 
@@ -126,7 +129,10 @@ def test_the_table_of_controllers_marks_fields_and_brings_its_figure(driver):
     assert set(product.files) == {"compare.png"}
     assert "](compare.png)" in product.block
     costs = lines(product.block, "`pid`")
-    assert costs[-2:] == ["1 / 3", "0 of 20"]
+    assert costs[5:7] == ["1 / 3", "0 of 20"]
+    assert len(costs) == 7 + len(ACTUATOR_USE)
+    travel, share = (float(cell) for cell in costs[-2:])  # made-up rows: one number for all
+    assert travel == share > 0.0
     field = lines(product.block, "`old-valves`")
     assert field[2].endswith("<")
     assert field[3] == "5 of 5 lost"
@@ -143,6 +149,7 @@ def test_the_studies_stand_side_by_side(driver):
     text = study_tables.studies(driver).block
     for name in study_tables.SWEEPS:
         assert lines(text, f"[{name}]")[1] == str(driver.sweep(name).planned)
+    assert "On 5 of 5 studies none of" in text
 
 
 def test_the_page_of_a_study_brings_its_pictures(driver):

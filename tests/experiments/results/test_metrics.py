@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from proving_ground.experiments.results.metrics import summarise
+from proving_ground.experiments.results.metrics import input_statistics, summarise
 from proving_ground.experiments.results.published import applies_to, compare
 from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.experiments.results.table import WIDTH, format_run
@@ -17,6 +17,7 @@ from proving_ground.testbed.recording.record import Record
 from tests.records import circle, eight, record, straight, table_of
 
 FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {"ttempc": "0"}, "log.mcap")
+INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
 ERROR_KEYS = {
     "mean_euclidean_m",
     "rms_m",
@@ -140,6 +141,19 @@ def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it(
     assert inputs.delta_t.rms_rate == pytest.approx(math.sqrt(np.mean(steps**2)))
 
 
+def test_travel_is_the_change_of_a_command_over_the_distance_driven():
+    """Twice the commands travel twice as far; twice the distance halves the travel per metre."""
+    once, twice = record(), record()
+    columns = [twice[CONTROL].channel.fields.index(f"{name}_command") for name in INPUTS]
+    twice[CONTROL].values[:, columns] *= 2.0
+    travel = input_statistics(once).delta_t.travel_per_m
+    assert travel is not None
+    assert input_statistics(twice).delta_t.travel_per_m == pytest.approx(2.0 * travel)
+    place = [once[STATE].channel.fields.index(name) for name in ("x_t_m", "y_t_m")]
+    once[STATE].values[:, place] *= 2.0
+    assert input_statistics(once).delta_t.travel_per_m == pytest.approx(0.5 * travel)
+
+
 def test_timing_leaves_out_missing_samples():
     cost = np.array([1.0, 2.0, 3.0, np.nan])
     columns = {name: cost for name in TIMING.fields if name != "qp_solve_us"}
@@ -194,7 +208,7 @@ def test_summary_has_exactly_the_keys_of_the_interface():
         assert set(spread) == {"median", "p99", "max"}
     assert set(summary["inputs"]) == {"delta_t", "delta_i", "hp"}
     for use in summary["inputs"].values():
-        assert set(use) == {"saturated_fraction", "rms_rate"}
+        assert set(use) == {"saturated_fraction", "rms_rate", "travel_per_m"}
     assert summary["tube"] is None
     assert set(summary["slip"]) == {"rear_mean", "rear_p95", "trailer_slip_angle_p95_rad"}
     assert summary["implement"] is None

@@ -9,7 +9,7 @@ import pytest
 
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.studies.recovery import recover
+from proving_ground.experiments.studies.ablations.recovery import recover
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import STAGES, drive, sense

@@ -9,20 +9,19 @@ from proving_ground.experiments.results.published import COLUMNS
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, to_json
 from proving_ground.experiments.studies import (
-    ablation,
     batch,
     breaking_points,
     cards,
-    conditions,
     containment,
     endurance,
     errata,
     estimators,
+    front,
     invariance,
     paper_tube,
     ranking,
-    recovery,
 )
+from proving_ground.experiments.studies.ablations import ablation, conditions, limits, recovery
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS
 
@@ -92,6 +91,18 @@ def test_errata(capsys, monkeypatch):
     assert [row[0] for row in body] == [*errata.READINGS]
 
 
+def test_front(tmp_path, capsys, monkeypatch):
+    """A higher weight moves the hydrostat less."""
+    monkeypatch.setattr(front, "SCENARIOS", ("grass",))
+    monkeypatch.setattr(front, "_WEIGHTS", {"ttempc": (0.01, 10.0), "pid": (None,)})
+    front.main((1,), tmp_path, 'path={kind="straight",length_m=15.0}')
+    head, body = rows(capsys)
+    travel = [float(row[head.index("hydrostat [%/m]")]) for row in body]
+    assert travel[0] > 2.0 * travel[1]
+    assert [row[2] for row in body] == ["0.01", "10", "–"]
+    assert (tmp_path / front.FILE).stat().st_size > 1000
+
+
 def test_estimators(capsys):
     estimators.main(("grass",), (1,), STRAIGHT)
     head, body = rows(capsys)
@@ -108,6 +119,19 @@ def test_breaking_points(capsys, monkeypatch):
     assert head == ["quantity", "`pid`"]
     assert quantity == "slope [rad]"
     assert values.startswith("holds") or float(values.split(",")[0]) < float(values.split(",")[1])
+
+
+def test_limits(capsys):
+    limits.main((1,), ("grass",), (STRAIGHT,))
+    out = capsys.readouterr().out
+    errors, shares = (
+        [line.split("|") for line in part.splitlines()] for part in out.split("\n\n")[:2]
+    )
+    assert errors[0][2:-2] == [f" {name} " for name in limits.VARIANTS]
+    as_it_is, clean, truth, level, _ = (float(cell.split("/")[0]) for cell in errors[2][2:-1])
+    assert as_it_is > clean >= truth >= level
+    parts = [int(cell.split("/")[0]) for cell in shares[2][2 : 2 + len(limits.PARTS)]]
+    assert sum(parts) == pytest.approx(100, abs=2)  # rounded
 
 
 def test_recovery(capsys, monkeypatch):

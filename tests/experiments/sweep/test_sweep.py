@@ -91,7 +91,7 @@ def test_runs_that_have_rows_are_not_driven_again(tmp_path):
 def test_a_run_that_raises_is_a_row_with_the_same_columns(tmp_path, monkeypatch):
     plan = plan_of(tmp_path, SHORT, CONTROLLERS)
 
-    def simulate(name, scenario, seed, log):
+    def simulate(name, scenario, seed, log, parts):
         raise ZeroDivisionError("of the controller\nwith a second line")
 
     monkeypatch.setattr("proving_ground.experiments.sweep.work.simulate", simulate)

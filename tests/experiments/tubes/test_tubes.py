@@ -14,8 +14,9 @@ from proving_ground.experiments.figures.tube import tube_figure
 from proving_ground.experiments.results.containment import QUANTITIES, containment
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
-from proving_ground.experiments.run.assembly import CONTROL_PERIOD_S, check, model_vehicle
+from proving_ground.experiments.run.assembly import check, model_vehicle
 from proving_ground.experiments.run.simulate import run, simulate
+from proving_ground.experiments.scenario.control import PAPER_PERIOD_S
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes, to_json
 from proving_ground.experiments.tubes.fit import fit_run, fit_tube, format_fit, read_fit_runs
@@ -46,7 +47,7 @@ REFERENCE_PATH = Reference(SCENARIO.path.mission().path, Vehicle(), ConstantSpee
 TICKS = 600
 FIELDS = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
 INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
-DYNAMICS = error_dynamics(REFERENCE_PATH, CONTROL_PERIOD_S, TICKS)
+DYNAMICS = error_dynamics(REFERENCE_PATH, PAPER_PERIOD_S, TICKS)
 
 
 def made_up(seed, spread=SPREAD, blur=0.3):
@@ -55,9 +56,9 @@ def made_up(seed, spread=SPREAD, blur=0.3):
     a, b, _ = DYNAMICS
     w = spread * generator.standard_normal((TICKS, 7))
     lasting = 0.01 * generator.standard_normal((TICKS, len(Disturbance)))
-    time_s = CONTROL_PERIOD_S * np.arange(TICKS)
+    time_s = PAPER_PERIOD_S * np.arange(TICKS)
     sample = REFERENCE_PATH.at(time_s)
-    feedforward = exact_feedforward(REFERENCE_PATH, TICKS, CONTROL_PERIOD_S)
+    feedforward = exact_feedforward(REFERENCE_PATH, TICKS, PAPER_PERIOD_S)
     turn = rotation(sample.state[:, State.PSI_T])
     estimated, command = np.zeros((TICKS, 7)), np.zeros((TICKS, 3))
     for k in range(TICKS):
@@ -104,7 +105,7 @@ def test_known_residuals_are_recovered():
     record, w, true, estimated = RUNS[0]
     fit_data = fit_run(record, SCENARIO)
     first = int(fit_data.errors.tick[0])
-    assert first * CONTROL_PERIOD_S >= 8.0
+    assert first * PAPER_PERIOD_S >= 8.0
     np.testing.assert_allclose(fit_data.residuals.estimated, w[first:-1], atol=1e-9)
     np.testing.assert_allclose(fit_data.errors.estimation, (true - estimated)[first:], atol=1e-9)
 
@@ -261,7 +262,7 @@ def test_ttempc_monitors_the_default_tube_if_the_vehicle_matches(scenario, overr
             check(settings)
     else:
         vehicle = model_vehicle(settings.path.mission(), settings, settings.vehicles())
-        assert (settings.controller.design(vehicle, CONTROL_PERIOD_S) is not None) == monitored
+        assert (settings.controller.design(vehicle, PAPER_PERIOD_S) is not None) == monitored
 
 
 def test_a_run_of_ttempc_logs_its_margin_in_the_one_step_tube():

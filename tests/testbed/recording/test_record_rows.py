@@ -28,6 +28,7 @@ from proving_ground.testbed.truth import WHEELS
 from tests.testbed.plants import ROLL, plant_on
 from tests.testbed.truths import truth
 from ttempc.types import Measurement, Sensor
+from ttempc.vehicle import Vehicle
 
 
 def named(channel, row):
@@ -84,7 +85,7 @@ def test_rows_of_the_truth_stand_under_their_names(driven):
 
 
 def test_rows_of_an_estimate_stand_under_their_names(driven):
-    estimate = TruthEstimator(lambda: driven).update(0.2, [], None)
+    estimate = TruthEstimator(lambda: driven, Vehicle()).update(0.2, [], None)
     row = named(ESTIMATE, estimate_row(estimate))
     assert row["x_i_m"] == driven.trailer.x
     assert row["psi_i_rad"] == driven.trailer.yaw

@@ -29,6 +29,7 @@ from ttempc.paper.composition import paper_controller, printed_sign_controller
 from ttempc.paper.options import PaperOptions, PrintedSignOptions
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.vehicle import Vehicle
 
 REFERENCE = Reference(straight(20.0), VEHICLE, ConstantSpeed(1.0))
 BEND = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
@@ -195,3 +196,42 @@ def test_impossible_values_are_refused_with_name_and_value(options, name, value)
         options(**{name: value})
     text = str(refusal.value)
     assert text.startswith(f"{name}: got {value!r}, must be ")
+
+
+def test_options_for_the_vehicle_of_the_paper_are_the_ones_given():
+    options = ArticulatedOptions()
+    assert options.for_vehicle(Vehicle(), 1.0, 0.2) == options
+    for speed in (0.2, 1.0):
+        assert options.for_speed(Vehicle(), speed) == options
+
+
+@pytest.mark.parametrize("period_s", [0.1, 0.04])
+def test_another_period_keeps_the_horizon_and_the_cost_of_a_ramp_beside_its_errors(period_s):
+    options = NominalOptions()
+    faster = options.for_vehicle(Vehicle(), 1.0, period_s)
+    assert faster.horizon * period_s == pytest.approx(options.horizon * 0.2)
+    assert faster.moves * period_s == pytest.approx(options.moves * 0.2)
+    # Over 0.2 s: n errors of one size, and n steps of which each is the n-th part of a ramp.
+    n = 0.2 / period_s
+    for given, scaled in zip(options.step_weight, faster.step_weight, strict=True):
+        assert n * (1.0 / n) ** 2 * scaled / n == pytest.approx(given)
+
+
+def test_a_step_of_the_hydrostat_costs_what_its_acceleration_costs():
+    """In units of the hydrostat that are k times larger the same acceleration has the same cost."""
+    options, vehicle = ArticulatedOptions(), Vehicle()
+    strong = replace(vehicle, speed_gain=3.0 * vehicle.speed_gain)
+    acceleration = 0.1  # [m/s^2]
+    costs = []
+    for machine in (vehicle, strong):
+        hp = acceleration / machine.motion_per_input(1.0)[2]
+        costs.append(options.for_vehicle(machine, 1.0, 0.2).step_weight[2] * hp**2)
+        assert options.for_vehicle(machine, 1.0, 0.2).step_weight[:2] == options.step_weight[:2]
+    assert costs[1] == pytest.approx(costs[0])
+
+
+def test_the_loop_gain_of_the_robust_law_does_not_grow_with_the_speed():
+    """An action costs what its motion costs: the front steering in v^2, the trailer's in v."""
+    options, vehicle = ArticulatedOptions(), Vehicle()
+    slow, fast = (np.array(options.for_speed(vehicle, v).input_weight) for v in (1.5, 3.0))
+    np.testing.assert_allclose(fast / slow, [2.0**4, 2.0**2, 1.0])

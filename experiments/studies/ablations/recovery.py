@@ -1,6 +1,6 @@
 """Recovery of a controller from a metre and 20 degrees beside its path.
 
-    python -m experiments.studies.recovery [CONTROLLER]      (default: ttempc)
+    python -m experiments.studies.ablations.recovery [CONTROLLER]      (default: ttempc)
 
 Places the vehicle beside a straight line, both bodies turned by the same angle. Prints the distance
 until both axle points stay within 10 cm, the overshoot of the trailer to the other side, and
@@ -21,10 +21,10 @@ from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import drive
 from ttempc.types import Input, State
 
-from ..results.tracking_errors import tracking_errors
-from ..run.assembly import assemble
-from ..scenario.scenario import load
-from ..seeds import report_seeds
+from ...results.tracking_errors import tracking_errors
+from ...run.assembly import assemble
+from ...scenario.scenario import load
+from ...seeds import report_seeds
 
 NEAR_M: Final = 0.10
 OFFSETS: Final = ((1.0, 20.0), (-1.0, -20.0), (1.0, -20.0))  # [m] to the left, [deg] turned left

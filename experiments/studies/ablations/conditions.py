@@ -1,6 +1,6 @@
 """Conditions outside the tuning of a controller: speeds, radii, soft soil, rough ground.
 
-    python -m experiments.studies.conditions [SEEDS [CONTROLLER]]      (default: 2 ttempc)
+    python -m experiments.studies.ablations.conditions [SEEDS [CONTROLLER]]      (default: 2 ttempc)
 
 Changes one setting of `grass` at a time and drives one lap with SEEDS paired seeds. Prints
 the Markdown table of docs/ablation.md: mean Euclidean errors [cm].
@@ -13,9 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from ..results.published import COLUMNS
-from ..seeds import report_seeds
-from .batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
+from ...results.published import COLUMNS
+from ...seeds import report_seeds
+from ..batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 
 CHANGES: Final[dict[str, tuple[str, ...]]] = {
     "`grass` as it is": (),

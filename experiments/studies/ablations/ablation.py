@@ -1,6 +1,6 @@
 """Ablation of `ttempc`: feedforward, MPC, disturbance estimate, robust law.
 
-    python -m experiments.studies.ablation [SEEDS [SCENARIO ...]]
+    python -m experiments.studies.ablations.ablation [SEEDS [SCENARIO ...]]
 
 SEEDS is the number of paired seeds (default 2). The default scenarios are those on which
 the parts differ most. Every run is one lap. Prints the Markdown table of docs/ablation.md: mean
@@ -22,10 +22,10 @@ from ttempc.guidance.guidance import ControllerFactory
 from ttempc.laws.articulated_mpc import articulated_controller
 from ttempc.laws.articulated_options import ArticulatedOptions
 
-from ..results.published import COLUMNS
-from ..results.summary import Summary
-from ..seeds import report_seeds
-from .batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
+from ...results.published import COLUMNS
+from ...results.summary import Summary
+from ...seeds import report_seeds
+from ..batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 
 SCENARIOS: Final = ("grass", "wet-slope", "patchy", "old-valves")
 
@@ -42,9 +42,9 @@ VARIANTS: Final[dict[str, ControllerFactory]] = {
     "+ LMPC, disturbance, robust (`ttempc`)": _variant(),
     "the same, MPC tightened by the law's authority": _variant(tightened=True),
     "robust in the tube reading": _variant(nominal="tube"),
-    "no robust, step weights 1, 1, 1": _variant(robust=False, step_weight=(1.0, 1.0, 1.0)),
-    "no robust, step weights 0.05, 0.05, 0.02": _variant(
-        robust=False, step_weight=(0.05, 0.05, 0.02)
+    "no robust, step weights 1, 1, 0.02": _variant(robust=False, step_weight=(1.0, 1.0, 0.02)),
+    "no robust, step weights 0.05, 0.05, 0.1": _variant(
+        robust=False, step_weight=(0.05, 0.05, 0.1)
     ),
     "no robust, horizon 12": _variant(robust=False, horizon=12),
 }

@@ -1,0 +1,94 @@
+"""Parts of a run that later runs of the same process can use again."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from dataclasses import replace
+from functools import partial
+from typing import Generic, TypeVar
+
+from proving_ground.testbed.ground.terrain import Terrain
+from ttempc.guidance.controllers import make_controller
+from ttempc.guidance.dead_time import lead_s
+from ttempc.laws.tracking_controller import TrackingController
+from ttempc.reference.reference import Reference
+from ttempc.vehicle import Vehicle
+
+from ..scenario.scenario import Scenario
+
+Part = TypeVar("Part")
+
+
+class Kept(Generic[Part]):
+    """Parts by what they were made from; the least recently used are dropped.
+
+    Args:
+        most: number of parts that are kept.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._parts: OrderedDict[Hashable, Part] = OrderedDict()
+
+    def get(self, key: Hashable, make: Callable[[], Part]) -> Part:
+        """Return the part of this key, from `make` where it is not kept."""
+        part = self._parts.pop(key, None)
+        if part is None:
+            part = make()
+        self._parts[key] = part
+        while len(self._parts) > self._most:
+            self._parts.popitem(last=False)
+        return part
+
+
+class SharedParts:
+    """Terrains and controllers of runs; a run changes neither, so that its bits stay the same.
+
+    A terrain takes 3 MB at the default size, a controller up to 6 MB for each lap of the default
+    path.
+
+    Args:
+        terrains: number of terrains that are kept.
+        controllers: number of controllers that are kept, each as before its first tick.
+    """
+
+    def __init__(self, terrains: int = 0, controllers: int = 0) -> None:
+        self.terrains: Kept[Terrain] = Kept(terrains)
+        self.controllers: Kept[TrackingController] = Kept(controllers)
+
+    def terrain(self, scenario: Scenario, seed: int) -> Terrain:
+        """Return the terrain of a run."""
+        settings = scenario.terrain
+        return self.terrains.get((settings, seed), lambda: settings.terrain(seed))
+
+    def controller(
+        self,
+        scenario: Scenario,
+        given: Vehicle,
+        vehicle: Vehicle,
+        reference: Reference,
+        period_s: float,
+    ) -> TrackingController:
+        """Return the shipped controller of a scenario before its first tick.
+
+        That for learnt model parameters belongs to one run and is not kept.
+
+        Args:
+            scenario: whose controller and path.
+            given: model parameters of the scenario.
+            vehicle: model parameters of the controller.
+            reference: of the scenario's path and `vehicle`.
+            period_s: control period [s].
+        """
+        settings = scenario.controller
+        tube = settings.design(given, period_s)
+        design = tube and replace(tube, vehicle=vehicle)
+        make = partial(
+            make_controller, settings.name, vehicle, reference, period_s, design, settings.options
+        )
+        if vehicle != given.without_dead_times() or reference.lead_s != lead_s(given):
+            return make()
+        # The reference follows from path and vehicle; of the settings, options have no hash.
+        key = scenario.path, given, period_s, repr(settings)
+        return self.controllers.get(key, make).fresh()

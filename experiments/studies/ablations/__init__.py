@@ -1,0 +1,1 @@
+"""Studies of the default controller: its parts, its operating range, the limits of its error."""

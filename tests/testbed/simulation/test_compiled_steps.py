@@ -1,0 +1,113 @@
+"""Compiled physics steps: the bits of the steps in Python, and no contact is missed."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from proving_ground.testbed.ground import terrain
+from proving_ground.testbed.ground.soil import SoilMap
+from proving_ground.testbed.implement.implement import Implement
+from proving_ground.testbed.simulation.clearance_kernel import MOTION_M, clearance
+from proving_ground.testbed.simulation.plant import Plant
+from tests.testbed.plants import SMALL, state_hash
+from ttempc.types import Command
+
+SOIL = SoilMap(300.0)
+
+
+def rough_slope(seed, letter="E", slope=0.15):
+    return terrain.rough(letter, np.random.default_rng(seed), (30.0, 20.0)).tilted(slope, 0.7)
+
+
+def arguments(plant):
+    """Return shapes' clearance arguments and the reaches of the degrees of freedom."""
+    return plant._steps.args[5], plant._steps.args[6]
+
+
+def pair(ground, **options):
+    """Return two plants in one state; the second takes its steps in Python."""
+    plants = [Plant(SMALL, ground, SOIL, **options) for _ in range(2)]
+    for plant in plants:
+        plant.reset(-5.0, 0.0, 0.2, 1.0)
+    plants[1]._steps = None
+    return plants
+
+
+@pytest.mark.parametrize("implement", [None, Implement(width_m=0.6)])
+def test_steps_have_the_bits_of_steps_in_python(implement):
+    compiled, plain = pair(rough_slope(1), implement=implement)
+    for plant in (compiled, plain):
+        plant.advance(Command(0.2, -0.1, 0.8), 400)
+    assert state_hash(compiled) == state_hash(plain)
+    np.testing.assert_array_equal(compiled.wheels.output, plain.wheels.output)
+
+
+def test_a_vehicle_that_falls_over_touches_the_ground_as_in_python():
+    compiled, plain = pair(rough_slope(2))
+    contacts = []
+    for plant in (compiled, plain):
+        plant.data.qvel[3] = 6.0  # [rad/s] roll
+        mujoco.mj_step1(plant.model, plant.data)
+        for _ in range(60):
+            plant.advance(Command(0.0, 0.0, 0.5), 20)
+            contacts.append(plant.data.ncon)
+    assert max(contacts[:60]) > 0
+    assert contacts[:60] == contacts[60:]
+    assert state_hash(compiled) == state_hash(plain)
+
+
+def test_two_plants_in_turn_do_not_disturb_each_other():
+    alone, _ = pair(rough_slope(3))
+    alone.advance(Command(0.2, 0.0, 0.8), 200)
+    one, _ = pair(rough_slope(3))
+    other, _ = pair(rough_slope(4))
+    for _ in range(10):
+        one.advance(Command(0.2, 0.0, 0.8), 20)
+        other.advance(Command(-0.2, 0.0, 0.4), 20)
+    assert state_hash(one) == state_hash(alone)
+
+
+def test_the_clearance_bounds_every_motion_without_a_contact():
+    plant, _ = pair(rough_slope(5, "F", 0.3))
+    model, data = plant.model, plant.data
+    chassis, _ = arguments(plant)
+    rng = np.random.default_rng(6)
+    start, seen, near = data.qpos.copy(), 0, 0
+    for _ in range(1500):
+        data.qpos[:] = start
+        data.qpos[:2] = rng.uniform((-12.0, -7.0), (12.0, 7.0))
+        data.qpos[2] = plant.terrain.height(*data.qpos[:2]) + rng.uniform(0.0, 1.2)
+        mujoco.mju_euler2Quat(
+            data.qpos[3:7], rng.uniform((-0.5, -0.5, 0.0), (0.5, 0.5, 6.0)), "XYZ"
+        )
+        mujoco.mj_kinematics(model, data)
+        free = clearance(*chassis)
+        assert free <= MOTION_M
+        if free == 0.0:
+            continue
+        seen += 1
+        near += free < MOTION_M
+        direction = rng.normal(size=3)
+        direction[2] = -abs(direction[2])
+        data.qpos[:3] += free * direction / np.linalg.norm(direction)
+        mujoco.mj_step1(model, data)
+        assert data.ncon == 0
+    assert seen > 200
+    assert near > 50
+
+
+def test_a_unit_of_each_degree_of_freedom_moves_no_point_farther_than_its_reach():
+    plant, _ = pair(rough_slope(7))
+    model, data = plant.model, plant.data
+    (_, _, shapes, *_), reaches = arguments(plant)
+    rng, jacobian = np.random.default_rng(8), np.zeros((3, model.nv))
+    for _ in range(50):
+        mujoco.mj_integratePos(model, data.qpos, rng.uniform(-0.5, 0.5, model.nv), 1.0)
+        mujoco.mj_step1(model, data)
+        for shape in shapes:
+            direction = rng.normal(size=3)
+            point = data.geom_xpos[shape] + (
+                model.geom_rbound[shape] * direction / np.linalg.norm(direction)
+            )
+            mujoco.mj_jac(model, data, jacobian, None, point, model.geom_bodyid[shape])
+            assert (np.linalg.norm(jacobian, axis=0) <= reaches + 1e-9).all()
