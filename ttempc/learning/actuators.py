@@ -18,7 +18,7 @@ from .learner import Identification, ParameterChange, RecordedTick
 LONGEST_S: Final = 1.2
 """Longest dead time that is identified [s]; the search begins at sixteen places up to it."""
 
-_LEAST_S: Final = 10.0  # of driving
+_LEAST_S: Final = 5.0  # of driving
 _SETTLING_S: Final = 2.0  # of a window: what was sent before it still acts
 _CORRELATED_S: Final = 1.0  # over which residuals may be correlated
 _BOUNDS: Final = ((0.0, LONGEST_S), (0.02, 5.0), (0.0, math.radians(4.0)))
@@ -89,7 +89,7 @@ class ActuatorFit:
 def fit_actuator(
     window: Sequence[RecordedTick], vehicle: Vehicle, actuator: Input
 ) -> ActuatorFit | None:
-    """Return dead time, lag and play of least squared residuals; None for less than 10 s of data.
+    """Return dead time, lag and play of least squared residuals; None for less than 5 s of data.
 
     The model of `respond` is compared with the samples of a steering angle, its bias fitted beside,
     or with the rim speed, gain, offset and decay of the start fitted beside (Ljung 1999, System

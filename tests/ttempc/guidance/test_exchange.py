@@ -20,7 +20,7 @@ from ttempc.vehicle import Vehicle
 PERIOD_S = 0.2
 VEHICLE = Vehicle()
 PATH = figure_eight()
-EXCHANGE = 85  # tick: an attempt at 12 s, its exchange 5 s later
+EXCHANGE = 40  # tick: an attempt at 6 s, its exchange 2 s later
 TICKS = 130
 NAMES = ["ttempc", "ttempc-nominal", "paper", "pid", "lqr", "feedforward", "nmpc-rti"]
 
@@ -32,7 +32,7 @@ class Fixed:
         self.name, self.factor, self.takes_s, self.error = name, factor, takes_s, error
 
     def identify(self, window, vehicle):
-        assert len(window) == 61
+        assert len(window) == 31
         time.sleep(self.takes_s)
         if self.error:
             raise self.error

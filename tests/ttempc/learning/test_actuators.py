@@ -154,6 +154,6 @@ def test_without_excitation_nothing_is_known_and_nothing_changes():
         assert not fitted(window, actuator).dead_time_sd < 0.2
 
 
-def test_a_window_of_less_than_ten_seconds_says_nothing():
-    assert fit_actuator(drive(1, seconds=8.0), VEHICLE, Input.DELTA_T) is None
+def test_a_window_of_less_than_five_seconds_says_nothing():
+    assert fit_actuator(drive(1, seconds=4.0), VEHICLE, Input.DELTA_T) is None
     assert fit_actuator([], VEHICLE, Input.DELTA_T) is None
