@@ -17,6 +17,7 @@ from ..studies import (
     estimators,
     front,
     invariance,
+    learning,
     paper_tube,
     ranking,
     retuned,
@@ -123,6 +124,15 @@ ENTRIES: Final = (
         seeds=recovery.SEEDS,
         probes=tuple((name, "ttempc") for name in recovery.SCENARIOS),
         minutes=0.3,
+    ),
+    _study(
+        "learning",
+        "docs/learning.md",
+        learning.main,
+        "ttempc",
+        seeds=learning.SEEDS,
+        probes=((learning.SCENARIO, "ttempc"), (learning.SCENARIO, "ttempc", *learning.PROBE)),
+        minutes=4.0,
     ),
     _study(
         "limits",

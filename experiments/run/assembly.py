@@ -262,25 +262,27 @@ def _guidance(
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
     period_s = scenario.control.period_s
+    noise = settings.noise.sensor_noise(scenario.sensors)
     if factory is None and is_user_code(settings.name):
         factory = load_factory(settings.name, "controller")
     if factory is None:
         controller = partial(parts.controller, scenario, vehicle)
     else:
-        controller = partial(user_controller, settings.name, factory)
+        controller = partial(user_controller, settings.name, factory, settings.options)
     if settings.estimator == TRUTH:
         estimator = TruthEstimator(plant.truth, vehicle)
     else:
         estimator = partial(named_estimator, settings.estimator)
+    # The disturbances of the true state are those beside the given lengths: there is none to learn.
+    learn = settings.learn and settings.estimator != TRUTH
     return Guidance(
         vehicle,
         reference,
         period_s,
         controller,
         estimator,
-        options=None if factory is None else settings.options,
-        sensor_noise=settings.noise.sensor_noise(scenario.sensors),
-        learn=settings.learn,
+        sensor_noise=noise,
+        learn=learn,
     )
 
 

@@ -77,7 +77,8 @@ class SharedParts:
         Args:
             scenario: whose controller and path.
             given: model parameters of the scenario.
-            vehicle: model parameters of the controller.
+            vehicle: present model parameters; those that were learnt are of one run alone, and
+                the tube goes on for them.
             reference: of the scenario's path and `vehicle`.
             period_s: control period [s].
         """

@@ -78,10 +78,10 @@ def load_factory(name: str, what: str) -> Callable[..., object]:
 def user_controller(
     name: str,
     factory: Callable[..., object],
+    options: Mapping[str, object],
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    **options: object,
 ) -> Controller:
     """Return the controller that `factory(vehicle, reference, period_s, **options)` makes.
 

@@ -59,7 +59,7 @@ def test_the_lengths_of_the_plant_are_found_and_a_scenario_can_name_them(log, tm
 def test_a_log_without_curves_or_too_short_is_refused_in_one_line(tmp_path, capsys):
     for path, reason in (
         (STRAIGHT, "s of driving"),
-        ("path={kind='straight', length_m=40}", "few"),
+        ("path={kind='straight', length_m=34}", "too few curves"),
     ):
         file = tmp_path / f"{reason}.mcap"
         simulate("grass", load("grass", [path])[1], 1, log=file)

@@ -96,10 +96,10 @@ def test_a_name_makes_the_controller_from_vehicle_reference_and_period(package):
     reference = Reference(straight(4.0), Vehicle(), ConstantSpeed(1.0))
     arguments = (Vehicle(), reference, 0.2)
     factory = load_factory("lawn.drivers:paper", "controller")
-    controller = user_controller("lawn.drivers:paper", factory, *arguments)
+    controller = user_controller("lawn.drivers:paper", factory, {}, *arguments)
     assert type(controller) is type(make_controller("feedforward", *arguments))
     with pytest.raises(InvalidController, match=r"gain.*unexpected|unexpected.*gain"):
-        user_controller("lawn.drivers:paper", factory, *arguments, gain=2.0)
+        user_controller("lawn.drivers:paper", factory, {"gain": 2.0}, *arguments)
 
 
 def test_an_exception_in_the_run_ends_it_and_keeps_log_and_summary(package, capsys):

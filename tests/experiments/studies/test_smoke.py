@@ -18,6 +18,7 @@ from proving_ground.experiments.studies import (
     estimators,
     front,
     invariance,
+    learning,
     paper_tube,
     ranking,
 )
@@ -119,6 +120,16 @@ def test_breaking_points(capsys, monkeypatch):
     assert head == ["quantity", "`pid`"]
     assert quantity == "slope [rad]"
     assert values.startswith("holds") or float(values.split(",")[0]) < float(values.split(",")[1])
+
+
+def test_learning(capsys, monkeypatch):
+    monkeypatch.setattr(learning, "FACTORS", ((1.2, 1.0, 1.0, 1.0),))
+    monkeypatch.setattr(learning, "PATH", STRAIGHT)
+    learning.main("pid", (1,))
+    head, (without, learnt) = rows(capsys)
+    assert head[-1] == "second lap"
+    assert [without[1], learnt[1]] == ["no", "yes"]
+    assert without[2] == learnt[2]  # too short to learn anything
 
 
 def test_limits(capsys):

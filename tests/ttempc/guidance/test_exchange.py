@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,11 +49,9 @@ def samples():
     return [measurements for measurements, _ in SensedDrive(seed=4).run(TICKS).received]
 
 
-def driven(samples, *identifiers, controller="ttempc", estimator="ekf", **options):
+def driven(samples, *identifiers, controller: Any = "ttempc", estimator: Any = "ekf"):
     """Return a guidance after all samples, its commands (N, 3) and what was learnt by tick."""
-    guidance = Guidance(
-        VEHICLE, PATH, PERIOD_S, controller, estimator, learn=identifiers, **options
-    )
+    guidance = Guidance(VEHICLE, PATH, PERIOD_S, controller, estimator, learn=identifiers)
     sent, learnt = [], {}
     for k, measurements in enumerate(samples):
         guidance.update(k * PERIOD_S, measurements)
