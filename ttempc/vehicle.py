@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Final
 
 import numpy as np
 
 from .errors import InvalidVehicle
 from .types import FloatArray
+
+MAX_DEAD_TIME_S: Final = 2.0
+"""Longest dead time of an actuator [s]: ten control periods."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +44,22 @@ class Vehicle:
     steering_rate_t: float = math.radians(55.0)  # [rad/s]; paper, eq. (constraints)
     steering_rate_i: float = math.radians(35.0)  # [rad/s]; paper, eq. (constraints)
     hp_rate: float = 0.30  # hydrostat position per second [1/s]; paper, eq. (constraints)
+    # Time from a command to the first movement of its actuator: bus, solenoid, spool [s].
+    dead_time_t: float = 0.0  # front steering
+    dead_time_i: float = 0.0  # trailer steering
+    dead_time_hp: float = 0.0  # hydrostat
     reverse: bool = False  # gear: hydrostat positions -1..0 in reverse, else 0..1 as in the paper
 
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
             if item.name == "reverse":
+                continue
+            if item.name.startswith("dead_time"):
+                if not 0.0 <= value <= MAX_DEAD_TIME_S:
+                    raise InvalidVehicle(
+                        f"vehicle.{item.name}: got {value}, must be from 0 to {MAX_DEAD_TIME_S} s"
+                    )
                 continue
             low = 0.0 if item.name != "hitch_offset" else -math.inf
             if not math.isfinite(value) or value <= low:
@@ -72,6 +86,15 @@ class Vehicle:
         trailer = self.drawbar_length / (self.drawbar_length + self.trailer_length)
         drive = self.speed_gain / self.speed_time_constant
         return np.array([speed_mps**2 / self.wheelbase, speed_mps * trailer, drive])
+
+    @property
+    def dead_times(self) -> FloatArray:
+        """Dead time of each input [s], (3,) in the order of `Input`."""
+        return np.array([self.dead_time_t, self.dead_time_i, self.dead_time_hp])
+
+    def without_dead_times(self) -> Vehicle:
+        """Return the same vehicle with actuators that start at once."""
+        return replace(self, dead_time_t=0.0, dead_time_i=0.0, dead_time_hp=0.0)
 
     @property
     def input_min(self) -> FloatArray:

@@ -10,6 +10,7 @@ from typing import Generic, TypeVar
 
 from proving_ground.testbed.ground.terrain import Terrain
 from ttempc.guidance.controllers import make_controller
+from ttempc.guidance.dead_time import lead_s
 from ttempc.laws.tracking_controller import TrackingController
 from ttempc.reference.reference import Reference
 from ttempc.vehicle import Vehicle
@@ -71,6 +72,8 @@ class SharedParts:
     ) -> TrackingController:
         """Return the shipped controller of a scenario before its first tick.
 
+        That for learnt model parameters belongs to one run and is not kept.
+
         Args:
             scenario: whose controller and path.
             given: model parameters of the scenario.
@@ -81,13 +84,12 @@ class SharedParts:
         """
         settings = scenario.controller
         tube = settings.design(given, period_s)
-        if tube and vehicle != given:
-            tube = replace(tube, vehicle=vehicle)
+        design = tube and replace(tube, vehicle=vehicle)
         make = partial(
-            make_controller, settings.name, vehicle, reference, period_s, tube, settings.options
+            make_controller, settings.name, vehicle, reference, period_s, design, settings.options
         )
-        if vehicle != given:
+        if vehicle != given.without_dead_times() or reference.lead_s != lead_s(given):
             return make()
         # The reference follows from path and vehicle; of the settings, options have no hash.
-        key = scenario.path, vehicle, period_s, repr(settings)
+        key = scenario.path, given, period_s, repr(settings)
         return self.controllers.get(key, make).fresh()

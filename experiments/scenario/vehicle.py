@@ -15,6 +15,7 @@ from typing import Final, TypeVar
 
 from pydantic.dataclasses import dataclass
 
+from proving_ground.testbed.actuation.actuators import DeadTime
 from proving_ground.testbed.configuration.config_io import (
     STRICT,
     AngleDeg,
@@ -157,6 +158,12 @@ class ModelVehicleSettings:
     """Rate limit of the trailer steering."""
     trailer_lag_s: Positive | None = None
     """Time constant of the trailer steering."""
+    front_dead_time_s: DeadTime = 0.0
+    """Time from a command to the first movement of the front steering."""
+    trailer_dead_time_s: DeadTime = 0.0
+    """The same of the trailer steering."""
+    hydrostat_dead_time_s: DeadTime = 0.0
+    """The same of the hydrostat."""
 
     def model_vehicle(self, nominal: PlantVehicle) -> Vehicle:
         """Return the vehicle model, given the vehicle of the file.
@@ -179,6 +186,9 @@ class ModelVehicleSettings:
             steering_rate_t=math.radians(values["front_rate_degps"]),
             steering_rate_i=math.radians(values["trailer_rate_degps"]),
             hp_rate=values["hp_rate_per_s"],
+            dead_time_t=self.front_dead_time_s,
+            dead_time_i=self.trailer_dead_time_s,
+            dead_time_hp=self.hydrostat_dead_time_s,
         )
 
 

@@ -21,12 +21,12 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from ttempc.types import Command
+from ttempc.vehicle import MAX_DEAD_TIME_S
 
 from ..configuration.config_io import STRICT, NotNegative
 from ..discretisation import delay_steps, quantised
 from ..errors import InvalidPlant
 
-MAX_DEAD_TIME_S: Final = 2.0  # ten control periods
 _ROUNDING: Final = 1e-12  # [rad] a set point at the edge of the dead band is inside it
 
 DeadTime = Annotated[float, Field(ge=0, le=MAX_DEAD_TIME_S)]

@@ -17,6 +17,7 @@ from ..estimation.augmented_state import (
     AugmentedState,
 )
 from ..estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
+from ..estimation.dead_time import acting_command
 from ..estimation.ekf import ExtendedKalmanFilter
 from ..estimation.kalman_filter import FilterState
 from ..estimation.measurement_model import ANGLES, predicted_measurement
@@ -152,9 +153,8 @@ class MovingHorizonEstimator:
         fading = self._process_noise.fading(self._sensor_noise)
         time_s = state.time_s
         for end_s, command in self._filter.commands(time_s, until_s):
-            if command is None:  # as `KalmanFilter.predict`
-                hp = augmented[AugmentedState.RIM] / self._vehicle.speed_gain
-                command = np.array([*valves, hp])
+            rim = augmented[AugmentedState.RIM]
+            command = acting_command(command, valves, rim, self._vehicle)
             span_s = float(end_s - time_s)
             steps = steps_over(span_s)
             step_s = span_s / steps

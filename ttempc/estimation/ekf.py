@@ -10,10 +10,11 @@ from typing import Final
 import numpy as np
 
 from ..errors import InvalidTuning
-from ..types import Command, Estimate, FloatArray, Innovation, Measurement, Sensor, State
+from ..types import Command, Estimate, Innovation, Measurement, Sensor, State
 from ..vehicle import Vehicle
 from .antenna_lean import AntennaLean
 from .augmented_state import SIZE, STATES, AugmentedState, estimate_of
+from .dead_time import HeldCommands, after_dead_times
 from .kalman_filter import FilterState, KalmanFilter, SampleRow
 from .measurement_model import GYROS, KERNEL_INDEX, LENGTH
 from .noise import ProcessNoise, SensorNoise
@@ -47,6 +48,8 @@ class ExtendedKalmanFilter:
     Samples that are not finite, older than the memory, from the future or repeated are rejected.
     Samples of sensors without a model in `measurement_model` are ignored; those of the IMUs serve
     to correct antenna positions, see `AntennaLean`.
+
+    Each input of a command acts after its own dead time (`Vehicle.dead_times`).
 
     Time stamps may count from any epoch. Those that differ by less than `SAME_TIME_S` count as
     equal wherever the filter compares times of samples with times of updates.
@@ -85,7 +88,8 @@ class ExtendedKalmanFilter:
         )
         self._samples: list[SampleRow] = []  # by time, then sensor
         self._accepted: dict[_Key, bool] = {}  # by the gate, for each sample
-        self._commands: list[tuple[float, FloatArray | None]] = []  # end of each, and the command
+        self._commands: HeldCommands = []
+        self._acting = self._commands  # the same behind the dead times
         self._states: list[FilterState] = []  # after the samples of each time
 
     def warm_up(self) -> None:
@@ -98,6 +102,7 @@ class ExtendedKalmanFilter:
         """Return the estimate at `time_s`, as `Estimator.update`."""
         held = None if command is None else command.as_array().astype(float)
         self._commands.append((time_s, held))
+        self._acting = after_dead_times(self._commands, self._vehicle)
         earliest, latest = time_s - self._memory_s - SAME_TIME_S, time_s + SAME_TIME_S
         begin = self._states[0].time_s if self._states else -math.inf
         new: list[SampleRow] = []
@@ -207,10 +212,13 @@ class ExtendedKalmanFilter:
             self._filter.predict(state, time_s, self.commands(state.time_s, time_s))
         state.time_s = time_s
 
-    def commands(self, since_s: float, until_s: float) -> list[tuple[float, FloatArray | None]]:
-        """Return end time [s] and value (3,) of every command held between two times."""
+    def commands(self, since_s: float, until_s: float) -> HeldCommands:
+        """Return end time [s] and value (3,) of every command that acts between two times.
+
+        None where no command is known, NaN where one is known of some inputs only.
+        """
         held = []
-        for end_s, command in self._commands:
+        for end_s, command in self._acting:
             if until_s - since_s <= SAME_TIME_S:
                 break
             if end_s > since_s + SAME_TIME_S:
@@ -246,6 +254,7 @@ class ExtendedKalmanFilter:
         for row in self._samples[:dropped]:
             del self._accepted[row[:2]]
         del self._samples[:dropped]
+        oldest -= float(self._vehicle.dead_times.max())
         self._commands = [item for item in self._commands if item[0] >= oldest]
 
     def _no_estimate(self, time_s: float, innovations: tuple[Innovation, ...]) -> Estimate:

@@ -17,11 +17,9 @@ from ..vehicle import Vehicle
 from . import sample_kernel
 from .augmented_state import INITIAL_SD, SIZE, STATES, AugmentedState
 from .augmented_state_kernel import SensorIndex, vehicle_parameters
+from .dead_time import HeldCommands
 from .measurement_model import GYROS, LENGTH, first_state
 from .noise import SCALES, ProcessNoise, SensorNoise
-
-Held = Sequence[tuple[float, FloatArray | None]]
-"""End time [s] and value (3,) of every command held over a span; None: not known."""
 
 SampleRow = tuple[float, int, float, float, float]
 """Time [s], `SensorIndex` and value of a sample, entries that it does not have with any number."""
@@ -113,10 +111,10 @@ class KalmanFilter:
             gyros=np.full((2, 4), math.nan),
         )
 
-    def predict(self, state: FilterState, time_s: float, held: Held) -> None:
+    def predict(self, state: FilterState, time_s: float, held: HeldCommands) -> None:
         """Advance `state` to `time_s` in place under the commands `held` since its time.
 
-        Without a command (None) steering and speed are taken as constant.
+        Unknown entries are taken as in `dead_time.acting_command`.
         """
         ends_s, commands = _arrays(held)
         sample_kernel.predict_until(
@@ -136,7 +134,7 @@ class KalmanFilter:
         state.time_s = time_s
 
     def process(
-        self, start: FilterState, samples: Sequence[SampleRow], held: Held
+        self, start: FilterState, samples: Sequence[SampleRow], held: HeldCommands
     ) -> tuple[FloatArray, list[FilterState]]:
         """Return the results of `samples`, one after the other, and the state after each time.
 
@@ -197,7 +195,7 @@ class KalmanFilter:
         return results, [FilterState(*state) for state in arrays]
 
 
-def _arrays(held: Held) -> tuple[FloatArray, FloatArray]:
+def _arrays(held: HeldCommands) -> tuple[FloatArray, FloatArray]:
     """Return end times (m,) [s] and commands (m, 3), NaN where a command is not known."""
     commands = [_UNKNOWN if command is None else command for _, command in held]
     return np.array([end_s for end_s, _ in held]), np.array(commands).reshape(-1, len(Input))

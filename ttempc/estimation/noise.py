@@ -215,7 +215,8 @@ class ProcessNoise:
         """Return the rates at which each disturbance fades, (2, 15): in a second, in a metre."""
         fading = np.zeros((2, SIZE - STATES))
         of_gnss = AugmentedState.GNSS_X - STATES
-        fading[0, of_gnss : of_gnss + 2] = 1.0 / sensors.gnss_correlation_s
+        if sensors.difference_variance > 0.0:
+            fading[0, of_gnss : of_gnss + 2] = 1.0 / sensors.gnss_correlation_s
         fading[1, :of_gnss] = [1.0 / self.body_fading_m] * 5 + [1.0 / self.map_fading_m] * 4
         return fading
 

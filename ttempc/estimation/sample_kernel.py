@@ -37,8 +37,8 @@ def predict_until(
 ) -> None:
     """Advance a filter from `since_s` to `until_s` under the commands held in between, in place.
 
-    Command n of `commands` (m, 3) ends at `ends_s[n]`; with a command of NaN, steering and speed
-    are taken as constant. All else is as in `predict`.
+    Command n of `commands` (m, 3) ends at `ends_s[n]`; where an entry is NaN, that steering or the
+    speed is taken as constant. All else is as in `predict`.
     """
     command = np.empty(3)
     for n in range(len(ends_s)):
@@ -47,8 +47,10 @@ def predict_until(
         if ends_s[n] > since_s + SAME_TIME_S:
             end_s = ends_s[n] if ends_s[n] < until_s - SAME_TIME_S else until_s
             command[:] = commands[n]
+            for i in range(len(valves)):
+                if math.isnan(command[i]):
+                    command[i] = valves[i]
             if math.isnan(command[Input.HP]):
-                command[Input.DELTA_T], command[Input.DELTA_I] = valves[0], valves[1]
                 rim = augmented[0, AugmentedState.RIM]
                 command[Input.HP] = rim / parameters[VehicleParameter.SPEED_GAIN]
             span_s = end_s - since_s

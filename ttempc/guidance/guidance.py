@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
+from ..learning.actuators import ActuatorIdentifier
 from ..learning.learner import Identifier, Learner, Learnt, RecordedTick
 from ..learning.lengths import LengthIdentifier
 from ..reference.path import Path
@@ -22,12 +23,12 @@ from ..types import (
     Estimate,
     Estimator,
     Measurement,
-    Resuming,
     State,
     WarmingUp,
 )
 from ..vehicle import Vehicle
 from .controllers import make_controller
+from .dead_time import DeadTimeCompensation, compensated, resume
 from .estimators import EstimatorFactory, estimator_factory
 from .supervisor import SafetyLimits, Supervisor
 
@@ -76,7 +77,8 @@ class Guidance:
         reference: where both axle points should be over time; of a `Path`, at `speed_mps`.
         period_s: control period [s].
         controller: a name of `ttempc.CONTROLLERS`, a factory called with vehicle, reference and
-            period [s], or a controller.
+            period [s], or a controller. Around the former two the dead times of the vehicle are
+            compensated, see `DeadTimeCompensation`; a controller is asked as it is.
         estimator: a name of `ttempc.ESTIMATORS`, a factory called with vehicle and sensor noise,
             or an estimator.
         options: keyword options of the controller by name or factory, such as `horizon`.
@@ -121,15 +123,14 @@ class Guidance:
         self._vehicle, self._reference, self._period_s = vehicle, reference, period_s
         noise = sensor_noise or SensorNoise()
         self._estimator = _estimator(estimator, vehicle, noise)
-        self._controller = _controller(controller, vehicle, reference, period_s, options, tube)
+        self._controller = _controller(controller, reference, period_s, options, tube)
 
         def build(learnt: Vehicle, window: Sequence[RecordedTick]) -> _Parts:
             other = Reference(reference.path, learnt, reference.speed)
             check_drivable(other.path, learnt)
             check_pace(other, period_s)
-            made = _controller(
-                controller, learnt, other, period_s, options, tube and replace(tube, vehicle=learnt)
-            )
+            design = tube and replace(tube, vehicle=learnt.without_dead_times())
+            made = _controller(controller, other, period_s, options, design)
             filter_ = _estimator(estimator, learnt, noise)
             parts = _Parts(
                 other,
@@ -144,7 +145,8 @@ class Guidance:
             return parts
 
         if isinstance(learn, bool):
-            learn = [LengthIdentifier(vehicle, noise)] if learn else []
+            # The lengths last: their fit replays the commands as they act.
+            learn = [ActuatorIdentifier(), LengthIdentifier(vehicle, noise)] if learn else []
         self._learner = Learner(learn, vehicle, period_s, build)
         self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
@@ -265,6 +267,8 @@ class Guidance:
             step = replace(step, diagnostics=replace(step.diagnostics, learnt=self._learnt))
             self._learnt = ()
         self._control_step = step
+        if isinstance(self._controller, DeadTimeCompensation):
+            self._controller.record(step.command, self._tick)
         self._tick += 1
         return step.command
 
@@ -305,8 +309,8 @@ class Guidance:
         if parts.controller is None:
             notes.append("the controller was given as an object and stays as it is")
         else:
-            if isinstance(parts.controller, Resuming):
-                parts.controller.resume(self._controller)
+            sent = [tick.command for tick in learnt.since if tick.command is not None]
+            resume(parts.controller, self._controller, [*sent, self.control_step.command])
             self._controller, self._reference = parts.controller, parts.reference
             self._supervisor.exchange(parts.controller, parts.reference)
         self._vehicle, self._learnt = learnt.vehicle, tuple(notes)
@@ -324,14 +328,17 @@ def _estimator(
 
 def _controller(
     controller: str | ControllerFactory | Controller,
-    vehicle: Vehicle,
     reference: Reference,
     period_s: float,
     options: Mapping[str, object] | None,
     tube: TubeDesign | None,
 ) -> Controller:
-    if isinstance(controller, str):
-        return make_controller(controller, vehicle, reference, period_s, tube, options)
-    if isinstance(controller, type) or not hasattr(controller, "step"):
+    if not isinstance(controller, str | type) and hasattr(controller, "step"):
+        return controller  # pyright: ignore[reportReturnType] - it has `step`
+
+    def make(vehicle: Vehicle, reference: Reference) -> Controller:
+        if isinstance(controller, str):
+            return make_controller(controller, vehicle, reference, period_s, tube, options)
         return controller(vehicle, reference, period_s, **(options or {}))  # pyright: ignore[reportCallIssue] - a factory
-    return controller  # pyright: ignore[reportReturnType] - it has `step`
+
+    return compensated(make, reference, period_s)

@@ -13,9 +13,11 @@ from ..vehicle import Vehicle
 LENGTHS: Final = ("wheelbase", "hitch_offset", "drawbar_length", "trailer_length")
 """Fields of `Vehicle` that are lengths [m]; all others that are identified are times [s]."""
 
-_ATTEMPTS_S: Final = (20.0, 60.0)  # after the first tick; the first is early for dead times
+_ATTEMPTS_S: Final = (6.0, 12.0, 20.0, 60.0)  # after the first tick; the first for dead times
 _EVERY_S: Final = 60.0  # after the last of them
 _EXCHANGE_S: Final = 5.0  # from an attempt to the exchange: time for the work of the thread
+_SOON_S: Final = 2.0  # the same of the attempts on less than `_SHORT_S` of driving
+_SHORT_S: Final = 15.0
 _MEMORY_S: Final = 120.0  # of driving that is kept: nearly a lap of the paper's figure eight
 
 
@@ -84,11 +86,11 @@ class Learnt(Generic[_Parts]):
 class Learner(Generic[_Parts]):
     """Records ticks, identifies parameters and has new parts built for them.
 
-    An attempt begins 20 s and 60 s after the first tick and every minute after that, on the last
-    two minutes of driving. Identification and building run in a thread of their own. Their result
-    is taken at a tick 5 s after the beginning, whenever the thread was done, so that a run does not
-    depend on computing time; if it is not done by then, the tick waits for it. An identifier that
-    has settled is left out of later attempts.
+    An attempt begins 6, 12, 20 and 60 s after the first tick and every minute after that, on the
+    last two minutes of driving. Identification and building run in a thread of their own. Their
+    result is taken at a tick 5 s after the beginning, of the first two attempts 2 s, whenever the
+    thread was done, so that a run does not depend on computing time; if it is not done by then, the
+    tick waits for it. An identifier that has settled is left out of later attempts.
 
     Args:
         identifiers: run one after the other, each on the vehicle of the one before.
@@ -108,7 +110,7 @@ class Learner(Generic[_Parts]):
         self._vehicle = vehicle
         self._build = build
         self._memory = round(_MEMORY_S / period_s)
-        self._every, self._delay = round(_EVERY_S / period_s), round(_EXCHANGE_S / period_s)
+        self._every, self._period_s = round(_EVERY_S / period_s), period_s
         self._attempts = [round(time_s / period_s) for time_s in _ATTEMPTS_S]
         self._window: list[RecordedTick] = []
         self._since: list[RecordedTick] = []
@@ -129,7 +131,8 @@ class Learner(Generic[_Parts]):
         self._since.append(tick)
         if self._work is None and k >= self._attempts[0]:
             self._attempts = self._attempts[1:] or [k + self._every]
-            self._since, self._due = [], k + self._delay
+            delay_s = _SOON_S if k * self._period_s < _SHORT_S else _EXCHANGE_S
+            self._since, self._due = [], k + round(delay_s / self._period_s)
             executor = ThreadPoolExecutor(1, "ttempc-learning")
             self._work = executor.submit(self._attempt, self._window)
             executor.shutdown(wait=False)

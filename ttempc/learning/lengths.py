@@ -13,9 +13,11 @@ from scipy.special import chdtri
 from ..estimation.antenna_lean import AntennaLean
 from ..estimation.augmented_state import SIZE
 from ..estimation.augmented_state_kernel import vehicle_parameters
-from ..estimation.kalman_filter import KalmanFilter, steps_over
+from ..estimation.dead_time import HeldCommands, after_dead_times
+from ..estimation.kalman_filter import KalmanFilter
 from ..estimation.measurement_model import KERNEL_INDEX, LENGTH, predicted_measurement
 from ..estimation.noise import NoiseScale, ProcessNoise, SensorNoise
+from ..estimation.prediction_kernel import steps_over
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
 from .learner import LENGTHS, Identification, ParameterChange, RecordedTick
@@ -128,7 +130,7 @@ def fit_lengths(
         noise: of the sensors.
         process: of the model.
     """
-    data = _Replay.of(window, noise, process)
+    data = _Replay.of(window, vehicle, noise, process)
     if data is None:
         return None
     mean, lengths = _lengths(given), _lengths(vehicle)
@@ -173,17 +175,23 @@ class _Replay:
 
     @classmethod
     def of(
-        cls, window: Sequence[RecordedTick], noise: SensorNoise, process: ProcessNoise
+        cls,
+        window: Sequence[RecordedTick],
+        vehicle: Vehicle,
+        noise: SensorNoise,
+        process: ProcessNoise,
     ) -> _Replay | None:
         """Return the window from the first reading of every sensor on, None if it is too short."""
         lean = AntennaLean((noise.antenna_height_t, noise.antenna_height_i), _LEAN_S)
         corrected = (lean.corrected(tick.samples, tick.headings) for tick in window)
         samples = [sample for samples in corrected for sample in samples if _complete(sample)]
         samples.sort(key=lambda sample: (sample.time_s, KERNEL_INDEX[sample.sensor]))
-        driven = [(tick.time_s, tick.command) for tick in window if tick.command is not None]
-        if len(driven) < 2:
+        sent: HeldCommands = [
+            (tick.time_s, tick.command.as_array()) for tick in window if tick.command is not None
+        ]
+        if len(sent) < 2:
             return None
-        (begin, _), *driven = driven
+        (begin, _), *driven = after_dead_times(sent, vehicle)
         first: dict[Sensor, Measurement] = {}
         rest: list[Measurement] = []
         for sample in samples:
@@ -199,7 +207,7 @@ class _Replay:
         waiting = iter([*(sample for sample in rest if sample.time_s > now), None])
         sample = next(waiting)
         for end, command in driven:
-            held = command.as_array().tolist()
+            held = [] if command is None else command.tolist()
             while sample is not None and sample.time_s <= end:
                 span, value = sample.time_s - now, (*sample.value, 0.0)[:2]
                 rows.append(

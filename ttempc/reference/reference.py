@@ -113,6 +113,7 @@ class Reference:
     path: Path
     vehicle: Vehicle
     speed: SpeedProfile
+    lead_s: float = 0.0  # by which the time on the path is ahead of that of `at` [s]
 
     def __post_init__(self) -> None:
         if self.speed.top_speed > self.vehicle.speed_gain:
@@ -136,7 +137,7 @@ class Reference:
         """Return the reference at one time or at an array of times [s]."""
         times = np.asarray(time_s, dtype=float)
         vehicle = self.vehicle
-        distance, v, acceleration = self.speed.travel(times)
+        distance, v, acceleration = self.speed.travel(times + self.lead_s)
         posture = posture_on_path(self.path, vehicle, distance)
         speed_i = posture.travel_ratio * v
         delta_t, delta_i = posture.delta_t, posture.delta_i

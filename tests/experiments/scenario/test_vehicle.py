@@ -68,6 +68,14 @@ def test_a_mismatch_names_the_values_of_plant_and_model():
     }
 
 
+def test_dead_times_of_the_model_are_keys_of_the_scenario():
+    keys = ("front", "trailer", "hydrostat")
+    scenario = load("grass", [f"controller.vehicle.{key}_dead_time_s=0.3" for key in keys])[1]
+    model = scenario.vehicles().model
+    assert model.dead_times.tolist() == [0.3, 0.3, 0.3]
+    assert model.without_dead_times() == load("grass")[1].vehicles().model
+
+
 def test_equal_changes_of_plant_and_model_are_no_mismatch():
     assert differences("plant.vehicle.drawbar_m=1.1", "controller.vehicle.drawbar_m=1.1") == {}
 
@@ -107,6 +115,10 @@ def test_any_number_of_the_vehicle_file_can_be_changed_in_the_plant():
         ("plant.vehicle.parts.tractor.mass=1.0", "kayacan2016: tractor.mass: unknown key"),
         ("plant.vehicle.parts.tractor.mass_kg=-1.0", "tractor.mass_kg: Input should be greater"),
         ("plant.vehicle.parts.hitch.offset_m=0.2", "give it as plant.vehicle.hitch_offset_m"),
+        (
+            "controller.vehicle.hydrostat_dead_time_s=2.5",
+            "hydrostat_dead_time_s: Input should be less than or equal to 2",
+        ),
         ("controller.vehicle.front_limit_deg=95.0", "front_limit_deg: Input should be less than"),
         ("controller.vehicle.file='farm4500'", "controller.vehicle.file: unknown key"),
     ],
