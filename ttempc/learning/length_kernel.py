@@ -1,7 +1,7 @@
 """Replay of the filter with the derivatives of its innovations by the vehicle's lengths, compiled.
 
-The filter runs as in `ttempc.estimation.filter_kernel`. Beside it run four copies of its state,
-each with one length raised by a small step, under the gains K of the filter:
+The filter runs as in `ttempc.estimation.sample_kernel`, without the gyros. Beside it run four
+copies of its state, each with one length raised by a small step, under the gains K of the filter:
 
     x_j <- f(x_j, theta_j),    nu_j = z - h(x_j, theta_j),    x_j <- x_j + K nu_j.
 
@@ -18,7 +18,8 @@ import numpy as np
 
 from ..estimation.augmented_state import DISTURBANCE_BOUND, SIZE, STATES
 from ..estimation.augmented_state_kernel import advance_augmented_state, measure
-from ..estimation.filter_kernel import correct, predict
+from ..estimation.correction_kernel import correct
+from ..estimation.prediction_kernel import predict
 from ..jit import cached_njit
 from ..types import FloatArray
 
@@ -49,7 +50,7 @@ def replay(
     Rows of `events` (n, 9): sensor (-1 for none), span since the row before [s], the two entries
     of the sample, command (3,) of the span, number of integration steps, block. `variances`
     (sensors,) and `gates` (2,), by the length of a sample, are those of the filter; a sample beyond
-    its gate is used with its noise raised until it just passes. `copies` (4, 18) are the raised
+    its gate is used with its noise raised until it just passes. `copies` (4, 22) are the raised
     states, `copy_parameters` (4, 10) their parameters. J' J and J' r of the whitened innovations r
     and their derivatives J by the steps of the parameters are added to `normal` (4, 4) and, by
     block, to `gradients` (blocks, 4). The rest is as in `predict` and changed in place.
@@ -58,6 +59,7 @@ def replay(
     reading, jacobian = np.zeros(2), np.empty((2, SIZE))
     other, unused = np.zeros(2), np.empty((2, SIZE))
     copy_valves = np.empty(2)
+    rows, pairs = np.empty((8, 2, SIZE)), np.empty((16, 2))
     derivative = np.zeros((PARAMETERS, 2))
     nu, whitened = np.zeros(2), np.zeros(2)
     cross, gain, root = np.zeros((2, SIZE)), np.zeros((2, SIZE)), np.zeros((2, 2))
@@ -95,7 +97,7 @@ def replay(
         if sensor < 0:
             continue
         x = augmented[0]
-        m = measure(sensor, x, parameters, reading, jacobian)
+        m = measure(sensor, x, parameters, 0.0, reading, jacobian)
         covariance = covariances[0]
         for r in range(m):
             for i in range(SIZE):
@@ -123,7 +125,10 @@ def replay(
             variances[sensor],
             gates[m - 1],
             True,
+            True,
             parameters,
+            rows,
+            pairs,
         )
         factor = max(1.0, normalised / gates[m - 1])
         cost += min(normalised, gates[m - 1]) + math.log(factor) * m + log_determinant
@@ -140,7 +145,7 @@ def replay(
                 lower -= root[1, 0] * upper / root[1, 1]
             gain[0, i] = lower / root[0, 0] / factor
         for j in range(PARAMETERS):
-            measure(sensor, copies[j], copy_parameters[j], other, unused)
+            measure(sensor, copies[j], copy_parameters[j], 0.0, other, unused)
             for r in range(m):
                 derivative[j, r] = reading[r] - other[r]
             for i in range(SIZE):

@@ -13,9 +13,10 @@ from scipy.special import chdtri
 from ..estimation.antenna_lean import AntennaLean
 from ..estimation.augmented_state import SIZE
 from ..estimation.augmented_state_kernel import vehicle_parameters
-from ..estimation.kalman_filter import KalmanFilter, steps_over
+from ..estimation.kalman_filter import KalmanFilter
 from ..estimation.measurement_model import KERNEL_INDEX, LENGTH, predicted_measurement
 from ..estimation.noise import NoiseScale, ProcessNoise, SensorNoise
+from ..estimation.prediction_kernel import steps_over
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
 from .learner import LENGTHS, Identification, ParameterChange, RecordedTick
