@@ -1,7 +1,7 @@
 """Replay of the filter with the derivatives of its innovations by the vehicle's lengths, compiled.
 
-The filter runs as in `ttempc.estimation.sample_kernel`. Beside it run four copies of its state,
-each with one length raised by a small step, under the gains K of the filter:
+The filter runs as in `ttempc.estimation.sample_kernel`, without the gyros. Beside it run four
+copies of its state, each with one length raised by a small step, under the gains K of the filter:
 
     x_j <- f(x_j, theta_j),    nu_j = z - h(x_j, theta_j),    x_j <- x_j + K nu_j.
 
@@ -59,6 +59,7 @@ def replay(
     reading, jacobian = np.zeros(2), np.empty((2, SIZE))
     other, unused = np.zeros(2), np.empty((2, SIZE))
     copy_valves = np.empty(2)
+    rows, pairs = np.empty((8, 2, SIZE)), np.empty((16, 2))
     derivative = np.zeros((PARAMETERS, 2))
     nu, whitened = np.zeros(2), np.zeros(2)
     cross, gain, root = np.zeros((2, SIZE)), np.zeros((2, SIZE)), np.zeros((2, 2))
