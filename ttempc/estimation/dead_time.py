@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..types import FloatArray, Input
@@ -13,11 +15,13 @@ HeldCommands = list[tuple[float, FloatArray | None]]
 held before, too. NaN where an input's command is not known; None where none is."""
 
 
-def after_dead_times(sent: HeldCommands, vehicle: Vehicle) -> HeldCommands:
+def after_dead_times(
+    sent: Sequence[tuple[float, FloatArray | None]], vehicle: Vehicle
+) -> HeldCommands:
     """Return what acts on `vehicle` until the end of the newest of the commands `sent`."""
     dead_times = vehicle.dead_times
     if not sent or not dead_times.any():
-        return sent
+        return list(sent)
     ends_s = np.array([end_s for end_s, _ in sent])
     unknown = np.full(len(Input), np.nan)
     values = np.array([unknown if command is None else command for _, command in sent])

@@ -59,7 +59,6 @@ def replay(
     reading, jacobian = np.zeros(2), np.empty((2, SIZE))
     other, unused = np.zeros(2), np.empty((2, SIZE))
     copy_valves = np.empty(2)
-    rows, pairs = np.empty((8, 2, SIZE)), np.empty((16, 2))
     derivative = np.zeros((PARAMETERS, 2))
     nu, whitened = np.zeros(2), np.zeros(2)
     cross, gain, root = np.zeros((2, SIZE)), np.zeros((2, SIZE)), np.zeros((2, 2))
