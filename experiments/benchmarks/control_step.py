@@ -105,8 +105,14 @@ def main(names: list[str]) -> None:
             ]
             steps, solves = (np.min(times, axis=0) for times in zip(*runs, strict=True))
             middle, tail = 1e6 * np.quantile(steps[1:], (0.5, 0.99))
-            solve, solve_tail = 1e6 * np.nanquantile(solves[1:], (0.5, 0.99))
-            ratio = float(np.nanmedian(steps[1:] / solves[1:]))
+            solved = np.isfinite(solves[1:])  # the rest has no active bound and needs no solver
+            if not solved.any():
+                print(
+                    f"{name + ', ' + kind:24s}{middle:14.1f}{tail:8.1f}   no QP with active bounds"
+                )
+                continue
+            solve, solve_tail = 1e6 * np.quantile(solves[1:][solved], (0.5, 0.99))
+            ratio = float(np.median(steps[1:][solved] / solves[1:][solved]))
             print(
                 f"{name + ', ' + kind:24s}{middle:14.1f}{tail:8.1f}{solve:16.1f}{solve_tail:8.1f}"
                 f"{ratio:12.2f}"

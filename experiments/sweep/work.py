@@ -22,7 +22,7 @@ from .row import Row, RowStatus, Value, figures, no_figures
 
 # Of this process. A plan counts controllers fastest, then seeds: the last terrains and the
 # controllers of a comparison.
-_PARTS: Final = SharedParts(terrains=2, controllers=8)
+_PARTS: Final = SharedParts(terrains=2, controllers=4)
 
 
 @dataclass(frozen=True, slots=True)

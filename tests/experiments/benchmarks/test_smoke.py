@@ -31,7 +31,7 @@ def printed(capsys, main, *arguments):
 
 
 def test_control_step(capsys, few_ticks, monkeypatch):
-    for name, value in (("REPEATS", 1), ("COLD_TICKS", 5), ("PAUSE_S", 0.001)):
+    for name, value in (("REPEATS", 1), ("COLD_TICKS", 12), ("PAUSE_S", 0.001)):
         monkeypatch.setattr(control_step, name, value)
     _, *lines = printed(capsys, control_step.main, ["ttempc-nominal"])
     assert [line.split(",")[1].split()[0] for line in lines] == ["warm", "cold", "prepared"]

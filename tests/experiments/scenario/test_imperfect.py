@@ -35,8 +35,8 @@ def test_default_actuators_and_sensors_are_not_logged(plain):
     assert np.isnan(plain[MEASUREMENT].columns(*IMU)).all()
 
 
-def test_an_imu_is_recorded_and_changes_nothing_else(plain):
-    record = run("sensors.imu.on=true")
+def test_an_imu_whose_yaw_rate_is_not_used_changes_nothing_else(plain):
+    record = run("sensors.imu.on=true", "controller.noise.yaw_rate_sd_degps=0.0")
     assert np.isfinite(record[MEASUREMENT].columns(*IMU)).all()
     np.testing.assert_array_equal(record[STATE].values, plain[STATE].values)
     np.testing.assert_array_equal(record[ESTIMATE].values, plain[ESTIMATE].values)
