@@ -171,6 +171,8 @@ class CondensedHorizon:
         period_s: control period [s].
         outputs: C (N + 1, p, n); without them, the outputs are the states.
         bounds: (N, m) each, in addition to those of the tuning.
+        free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of
+            the tuning and `bounds`.
 
     Raises:
         InvalidTuning: shapes do not fit, or the cost of a tick is not finite and convex.
@@ -184,6 +186,7 @@ class CondensedHorizon:
         period_s: float,
         outputs: FloatArray | None = None,
         bounds: StageBounds | None = None,
+        free_bounds: StageBounds | None = None,
     ) -> None:
         n, m = b.shape[1:]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
@@ -199,7 +202,7 @@ class CondensedHorizon:
         self._moves = moves
         sums = np.tril(np.ones((moves, moves)))
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
-        self._bounds = move_bounds(tuning, period_s, len(a), bounds)
+        self._bounds = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
         self.first = FirstInputs.of(self._bounds.at(slice(None), slice(m)))
         self._first_tick = 0  # of the present block
         self._block = self._matrices(0)
@@ -220,6 +223,13 @@ class CondensedHorizon:
             step_lower=bounds.step_lower[k],
             step_upper=bounds.step_upper[k],
         )
+
+    def admissible(self, k: int, inputs: FloatArray, previous: FloatArray) -> FloatArray:
+        """Return the first input of tick `k` nearest to `inputs` (m,) within bounds and a step."""
+        m, bounds = len(inputs), self._bounds
+        lower = np.maximum(bounds.lower[k, :m], previous + bounds.step_lower[k, :m])
+        upper = np.minimum(bounds.upper[k, :m], previous + bounds.step_upper[k, :m])
+        return np.maximum(np.minimum(inputs, upper), lower)
 
     def prediction(self, k: int) -> FloatArray:
         """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""
@@ -288,8 +298,8 @@ def move_bounds(
     """
     ticks = stages - tuning.horizon + 1
     free = np.arange(ticks)[:, None] + np.arange(tuning.moves)  # (ticks, Nc)
-    stage_bounds = _intersection(tuning, period_s, stages, bounds)
-    return _each(stage_bounds, lambda values: values[free].reshape(ticks, -1))
+    of_stages = stage_bounds(tuning, period_s, stages, bounds)
+    return _each(of_stages, lambda values: values[free].reshape(ticks, -1))
 
 
 def _each(bounds: StageBounds, change: Callable[[FloatArray], FloatArray]) -> StageBounds:
@@ -301,8 +311,8 @@ def _each(bounds: StageBounds, change: Callable[[FloatArray], FloatArray]) -> St
     )
 
 
-def _intersection(
-    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None
+def stage_bounds(
+    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None = None
 ) -> StageBounds:
     """Return the tuning's bounds on every stage, intersected with `bounds` if given."""
     bound = np.tile(tuning.input_bound, (stages, 1))

@@ -60,7 +60,7 @@ CHANGES = {
         "saturation": (0.05, 0.1, 0.1),
         "input_weight": (3.0, 0.3, 0.3),
         "memory_s": 0.5,
-        "tightened": True,
+        "tightening": "saturation",
         "disturbances": False,
     },
     PaperOptions: {
@@ -177,7 +177,7 @@ def test_options_reach_the_subsystems_of_a_distributed_nmpc():
         (ArticulatedOptions, "saturation", (0.2, 0.0, 0.1)),
         (ArticulatedOptions, "input_weight", (0.3, 0.3)),
         (ArticulatedOptions, "memory_s", 0.0),
-        (ArticulatedOptions, "tightened", "yes"),
+        (ArticulatedOptions, "tightening", "yes"),
         (NominalOptions, "disturbances", None),
         (PaperOptions, "output_weight", (1.0,) * 4),
         (PaperOptions, "derivative", (1.0, math.nan, 1.0)),
