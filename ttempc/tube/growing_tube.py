@@ -22,7 +22,7 @@ from .tube import TrackingSystem
 
 # Largest share of an input's distance to its limit that is reserved, assumed: the plan keeps the
 # rest, so that the reference stays inside the bounds wherever it is inside the limits.
-_MOST_RESERVED = 0.9
+_MOST_RESERVED = 0.97
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WINDOW, adm
 from ttempc.errors import InvalidTuning
 from ttempc.guidance.controllers import make_controller
 from ttempc.laws.articulated_options import ArticulatedOptions
+from ttempc.limits import CommandLimits
 from ttempc.mpc.solver import PersistentSolver, QPSolution
 from ttempc.types import Disturbance, MapDisturbance, SolverReport
 
@@ -94,6 +97,22 @@ def test_a_fresh_law_has_no_plan():
     used = controller(tightening="tube")
     first = drive(run, used)[1]
     np.testing.assert_array_equal(drive(run, used.fresh())[1], first)
+
+
+def test_it_goes_on_for_learnt_lengths():
+    """The first input after the exchange is feasible, a step from the last command."""
+    learnt = replace(VEHICLE, trailer_length=1.1 * VEHICLE.trailer_length)
+    run, before = admissible(WINDOW, 41, np.random.default_rng(95)), controller(tightening="tube")
+    errors, commands, _ = drive(run, before)
+    reference, design = replace(REFERENCE, vehicle=learnt), replace(DESIGN, vehicle=learnt)
+    options = {"tightening": "tube"}
+    after = make_controller("ttempc", learnt, reference, PERIOD_S, design, options)
+    after.resume(before)
+    step = after.step(estimate_of(41, errors[-1], NONE), 41)
+    change = np.abs(step.command.as_array() - commands[-1])
+    assert np.all(change <= CommandLimits.of(learnt, PERIOD_S).step + 1e-12)
+    assert step.diagnostics.solver.accepted
+    assert not step.diagnostics.fallback
 
 
 def test_a_nominal_state_that_does_not_start_at_the_estimate_is_refused():
