@@ -37,8 +37,9 @@ class ControllerSettings:
     tube: NameOrFile | None = None
     """Name of a shipped tube, or path of a file relative to the scenario.
 
-    `ttempc-tube` stays inside it, `ttempc` monitors its deviation from it. The default is the tube
-    of grass; a controller that only monitors has none if its vehicle differs from that of grass.
+    `ttempc-tube` stays inside it. `ttempc` monitors its deviation from it and, with the option
+    `tightening = "tube"`, leaves it its share of the inputs. The default is the tube of grass;
+    `ttempc` has none if its vehicle differs from that of grass.
     """
     options: dict[str, OptionValue] = Field(default_factory=dict)
     """Options of the controller, such as `horizon`; keyword arguments of a user's factory."""

@@ -37,7 +37,7 @@ class ArticulatedFeedback:
         tuning: of the MPC.
         robust: of the robust law; None leaves it out.
         disturbances: whether the MPC uses the estimated disturbances.
-        design: tube for the one-step monitor; None leaves it out.
+        design: tube for the one-step monitor and for `tightening = "tube"`; None leaves both out.
 
     Raises:
         InvalidTube: the law is to have its authority free and the feedforward leaves less.
@@ -157,7 +157,8 @@ def articulated_controller(
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
     With a `design`, the one-step monitor logs the containment of each step's residual in the set
-    of that tube, in the one-step reading of the robust law; it changes no command.
+    of that tube, in the one-step reading of the robust law; it changes no command. The tightening
+    "tube" of the robust law does, see `ttempc.tube.growing_tube`.
 
     Raises:
         InvalidTube: the design was made for another vehicle, or the law is to have its authority
