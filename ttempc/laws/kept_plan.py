@@ -14,10 +14,10 @@ _N, _M = len(State), len(Input)
 class KeptPlan:
     """The policy u_e = ubar_j + K m of the last accepted plan, m = zhat - zbar_j.
 
-    zbar_j follows the model under the planned inputs, from the estimate at which the plan was made
-    and with the disturbances that were estimated then. The action K m saturates at the share of the
-    inputs that the plan's tightening has reserved for it; inside the tube it is linear. The planned
-    inputs were tightened for it at every stage, so that the sum keeps to the limits of the inputs.
+    zbar_j starts at the estimate at which the plan was made, and follows the model under the planned
+    inputs and the disturbances that the estimator gives at each tick. K m saturates at the share of
+    the inputs that the tightening has reserved for it; inside the tube it is linear, and the sum
+    keeps to the limits of the inputs.
 
     Args:
         tube: gains and reserves along the reference.
@@ -39,8 +39,8 @@ class KeptPlan:
         """Keep the plan of tick `k` from the `state` (16,), whose first input became `u` (3,)."""
         self._made, self._plan, self._next = k, plan, (k, state, u)
 
-    def inputs(self, k: int, error: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return ubar and K m (3,) of tick `k` at the estimated error zhat (7,); None without plan.
+    def inputs(self, k: int, estimate: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return ubar and K m (3,) of tick `k` at the estimate (16,); None without a plan.
 
         Up to the last stage of its horizon a plan can be kept, at every tick.
         """
@@ -51,7 +51,7 @@ class KeptPlan:
         state = ordered_product(self._a[k - 1], state) + ordered_product(self._b[k - 1], u)
         previous, steps = np.split(self._plan[len(state) :].reshape(-1, _M), [1])
         u = previous[0] + steps[: stage + 1].sum(axis=0)
-        self._next = k, state, u
-        ancillary = ordered_product(self._tube.gains[k], error - state[:_N])
+        self._next = k, np.concatenate([state[:_N], estimate[_N:]]), u
+        ancillary = ordered_product(self._tube.gains[k], (estimate - state)[:_N])
         reserve = self._tube.reserve[stage, k]
         return u, np.minimum(np.maximum(ancillary, -reserve), reserve)

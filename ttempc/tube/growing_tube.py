@@ -138,6 +138,11 @@ def horizon_bounds(
     for k in range(ticks - 2, -1, -1):
         low[k] = np.maximum(low[k], low[k + 1] - step_upper[0][k + 1])
         high[k] = np.minimum(high[k], high[k + 1] - step_lower[0][k + 1])
+        beyond = low[k] > high[k]  # the reference asks for more than the limits: no later plan
+        low[k], high[k] = (
+            np.where(beyond, lower[0][k], low[k]),
+            np.where(beyond, upper[0][k], high[k]),
+        )
     lower[0], upper[0] = low, high
     return StageBounds(
         lower=np.stack(lower[:moves], axis=1).reshape(ticks, -1),
