@@ -14,7 +14,7 @@ _N, _M = len(State), len(Input)
 class KeptPlan:
     """The policy u_e = ubar_j + K m of the last accepted plan, m = zhat - zbar_j.
 
-    zbar_j starts at the estimate at which the plan was made, and follows the model under the planned
+    zbar_j starts at the estimate at which the plan was made. It follows the model under the planned
     inputs and the disturbances that the estimator gives at each tick. K m saturates at the share of
     the inputs that the tightening has reserved for it; inside the tube it is linear, and the sum
     keeps to the limits of the inputs.
