@@ -19,6 +19,7 @@ from ttempc.reference.reference import Reference
 from ttempc.tube.ancillary import AncillaryWeights, InputMargin, search_weights
 from ttempc.tube.disturbance_set import DisturbanceSet, Shape
 from ttempc.tube.reference_tube import ReferenceTube, TubeDesign
+from ttempc.tube.residual_set import fit_set
 from ttempc.types import FloatArray, State
 
 from ..errors import InvalidFit, InvalidScenario
@@ -29,7 +30,7 @@ from ..scenario.control import PAPER_PERIOD_S
 from ..scenario.scenario import Scenario, load
 from ..scenario.tube_file import HoldOut, Provenance, TubeFile, residual_table, tube_file
 from .residuals import Residuals, RunErrors, residuals, run_errors
-from .set_fit import fit_set, hold_out
+from .set_fit import hold_out
 
 WINDOW_STEPS = 10  # two seconds, in which the vehicle moves by two thirds of its length
 COVERAGE = 0.9

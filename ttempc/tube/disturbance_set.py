@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import null_space
 
 from ..errors import InvalidTube
 from ..types import FloatArray
@@ -47,6 +48,25 @@ class DisturbanceSet:
                 f"axes: got {self.axes.shape} with the lengths "
                 f"{np.linalg.norm(self.axes, axis=0).tolist()}, must be square and of full rank"
             )
+
+    @classmethod
+    def through(
+        cls, directions: FloatArray, floor: float, window: int = 1, shape: Shape = "zonotope"
+    ) -> DisturbanceSet:
+        """Return the set of w = E d, widened to full rank by `floor` along all other directions.
+
+        The certificate of a tube needs a set with an interior; a small `floor` costs little width.
+
+        Args:
+            directions: E (n, g), a column for each entry of d, its length the half width along it.
+            floor: half width along the orthogonal complement of the columns, above 0.
+            window: N [steps].
+            shape: of the set, see the class.
+
+        Raises:
+            InvalidTube: the columns depend on each other, or the floor is not above 0.
+        """
+        return cls(np.hstack([directions, floor * null_space(directions.T)]), window, shape)
 
     @property
     def dimension(self) -> int:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ..errors import InvalidTube
 from ..types import FloatArray
 from .disturbance_set import DisturbanceSet
-from .sets import SupportSet
+from .sets import ConvexSet, SupportSet
 
 _MOST_STEPS = 1500  # five minutes; a slower system has no useful tube
 _EXPLODED = 1e6  # alpha above which the series counts as divergent
@@ -33,10 +33,13 @@ _EXPLODED = 1e6  # alpha above which the series counts as divergent
 
 @dataclass(frozen=True)
 class TrackingSystem:
-    """Error dynamics along a reference, closed by a gain at every tick.
+    """Linear dynamics in n dimensions, closed by a gain at every tick.
 
     z(k+1) = A_k z(k) + B_k u(k), u = K_k z, outputs C_k z. `before` is the index of the stage that
     precedes each: k - 1, or k itself where every stage is a stationary motion.
+
+    Raises:
+        InvalidTube: the shapes do not fit, or a value is not finite.
     """
 
     a: FloatArray  # (T, n, n)
@@ -44,6 +47,36 @@ class TrackingSystem:
     c: FloatArray  # (T, p, n)
     gains: FloatArray  # (T, m, n)
     before: NDArray[np.intp]  # (T,)
+
+    def __post_init__(self) -> None:
+        matrices = (self.a, self.b, self.c, self.gains)
+        shapes = [matrix.shape for matrix in matrices]
+        if [len(shape) for shape in shapes] != [3] * 4 or self.before.ndim != 1:
+            raise InvalidTube(f"A, B, C, K: got {shapes}, must be a stack of matrices each")
+        (ticks, n), m, p = self.a.shape[:2], self.b.shape[2], self.c.shape[1]
+        expected = [(ticks, n, n), (ticks, n, m), (ticks, p, n), (ticks, m, n)]
+        if shapes != expected or self.before.shape != (ticks,):
+            raise InvalidTube(
+                f"A, B, C, K, before: got {[*shapes, self.before.shape]}, must be "
+                f"{[*expected, (ticks,)]}"
+            )
+        if not all(np.isfinite(matrix).all() for matrix in matrices):
+            raise InvalidTube("A, B, C, K: must be finite")
+
+    @classmethod
+    def along(
+        cls, a: FloatArray, b: FloatArray, gains: FloatArray, c: FloatArray | None = None
+    ) -> TrackingSystem:
+        """Return a time-varying system of T ticks, whose first stage holds before the first tick.
+
+        Args:
+            a: A (T, n, n); T = 1 is a time-invariant system.
+            b: B (T, n, m).
+            gains: K (T, m, n) of u = K z.
+            c: outputs C (T, p, n); by default none.
+        """
+        c = np.zeros((len(a), 0, a.shape[-1])) if c is None else c
+        return cls(a, b, c, gains, np.maximum(np.arange(len(a)) - 1, 0))
 
     @cached_property
     def closed(self) -> FloatArray:
@@ -76,12 +109,38 @@ class Tube:
 
     def at(self, k: int) -> SupportSet:
         """Return S_k."""
-        return SupportSet(self.system.a.shape[1], lambda rows: self._support(k, rows))
+        return SupportSet(
+            self.system.a.shape[1], lambda rows: self._support(np.array([k]), rows[None])[0]
+        )
+
+    def support(self, rows: FloatArray) -> FloatArray:
+        """Return the support function of every S_k, (T, r) in the directions `rows` (T, r, n)."""
+        return self._support(np.arange(len(self.states)), rows)
+
+    def generators(self, k: int) -> FloatArray:
+        """Return G (n, g): S_k = {G x : |x| <= 1 in each entry}, a zonotope.
+
+        With it, "z - zbar in S_k" is a linear constraint of an optimisation: z - zbar = G x.
+
+        Raises:
+            InvalidTube: the disturbance is an ellipsoid or has a window of several steps.
+        """
+        if self.disturbance.window > 1 or self.disturbance.shape == "ellipsoid":
+            raise InvalidTube(
+                f"generators: got an {self.disturbance.shape} in windows of "
+                f"{self.disturbance.window}, must be a box or a zonotope of single steps"
+            )
+        steps = range(self.certificate.terms)
+        terms = [self.transition(k, step) @ self.disturbance.axes for step in steps]
+        return np.hstack(terms) / (1.0 - self.certificate.alpha)
 
     def last_window(self, k: int) -> SupportSet:
         """Return V_k, the deviations that the last N steps reach from 0."""
         return SupportSet(
-            self.system.a.shape[1], lambda rows: self._terms(k, rows, terms=1).sum(axis=0)
+            self.system.a.shape[1],
+            lambda rows: _reached(
+                self.system, self.disturbance, np.array([k]), rows[None], self.certificate.window
+            )[0][0],
         )
 
     def transition(self, k: int, steps: int) -> FloatArray:
@@ -108,21 +167,63 @@ class Tube:
             blocks.append(self.disturbance.worst(coefficients))
         return np.concatenate(blocks)[::-1]
 
-    def _support(self, k: int, rows: FloatArray) -> FloatArray:
-        terms = self._terms(k, rows, self.certificate.terms)
-        return terms.sum(axis=0) / (1.0 - self.certificate.alpha)
+    def _support(self, ticks: NDArray[np.intp], rows: FloatArray) -> FloatArray:
+        steps = self.certificate.terms * self.certificate.window
+        reached, _ = _reached(self.system, self.disturbance, ticks, rows, steps)
+        return reached / (1.0 - self.certificate.alpha)
 
-    def _terms(self, k: int, rows: FloatArray, terms: int) -> FloatArray:
-        """Return the contribution of each of the last windows to h of `rows` (r, n), (terms, r)."""
-        added, tick = [], k
-        for _ in range(terms):
-            energy = np.zeros_like(rows)
-            for _ in range(self.certificate.window):
-                energy += (rows @ self.disturbance.axes) ** 2
-                tick = self.system.before[tick]
-                rows = rows @ self.system.closed[tick]
-            added.append(self.disturbance.reach(energy))
-        return np.array(added)
+
+def _reached(
+    system: TrackingSystem,
+    disturbance: DisturbanceSet,
+    ticks: NDArray[np.intp],
+    rows: FloatArray,
+    steps: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return what the last steps add to `rows` (t, r, n) at `ticks` (t,), and the rows before.
+
+    The disturbances of the steps reach (t, r) at most, in windows counted backwards; the rows on
+    the state before them, (t, r, n), are `rows` times the transition.
+    """
+    reached = np.zeros(rows.shape[:2])
+    for begin in range(0, steps, disturbance.window):
+        energy = np.zeros(rows.shape)
+        for _ in range(min(disturbance.window, steps - begin)):
+            energy += (rows @ disturbance.axes) ** 2
+            ticks = system.before[ticks]
+            rows = rows @ system.closed[ticks]
+        reached += disturbance.reach(energy)
+    return reached, rows
+
+
+def reachable_set(
+    system: TrackingSystem,
+    disturbance: DisturbanceSet,
+    k: int,
+    initial: ConvexSet | None = None,
+) -> SupportSet:
+    """Return the set of the deviations at tick `k` that start in `initial` at tick 0.
+
+    It needs no contraction. It is exact for windows of one step. For longer ones it is an outer
+    bound: a partial window at the start may take the energy of a whole one.
+
+    Args:
+        system: the time-varying system; tick `k` in it.
+        disturbance: acts on the state in every step.
+        k: tick, from 0.
+        initial: set of the deviations at tick 0, by default the origin.
+
+    Raises:
+        InvalidTube: the system has no tick `k`.
+    """
+    if not 0 <= k < len(system.a):
+        raise InvalidTube(f"tick: got {k}, must be 0 to {len(system.a) - 1}")
+
+    def support(rows: FloatArray) -> FloatArray:
+        reached, before = _reached(system, disturbance, np.array([k]), rows[None], k)
+        return reached[0] + (0.0 if initial is None else initial.support(before[0]))
+
+    return SupportSet(system.a.shape[1], support)
 
 
 def invariant_tube(
@@ -136,9 +237,12 @@ def invariant_tube(
         tolerance: largest alpha, the share by which the tube may be too wide.
 
     Raises:
-        InvalidTube: A + B K does not contract; with the modulus of its largest eigenvalue.
+        InvalidTube: A + B K does not contract, with the modulus of its largest eigenvalue; or the
+            disturbance has another dimension than the state.
     """
     ticks, n = system.a.shape[:2]
+    if disturbance.dimension != n:
+        raise InvalidTube(f"disturbance: got {disturbance.dimension} dimensions, must be {n}")
     gains, closed, axes = system.gains, system.closed, disturbance.axes
     m, p = gains.shape[1], system.c.shape[1]
     faces, inner = disturbance.faces

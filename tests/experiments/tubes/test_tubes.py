@@ -20,7 +20,7 @@ from proving_ground.experiments.scenario.control import PAPER_PERIOD_S
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes, to_json
 from proving_ground.experiments.tubes.fit import fit_run, fit_tube, format_fit, read_fit_runs
-from proving_ground.experiments.tubes.set_fit import fit_set, hold_out
+from proving_ground.experiments.tubes.set_fit import hold_out
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     CONTROL,
@@ -39,6 +39,7 @@ from ttempc.mpc.prediction import rotation
 from ttempc.reference.feedforward import exact_feedforward
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.tube.reference_tube import ReferenceTube
+from ttempc.tube.residual_set import fit_set
 from ttempc.types import Disturbance, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
@@ -315,8 +316,3 @@ def test_a_run_stays_in_its_tube_and_one_run_is_too_few_for_a_fit(tmp_path, caps
     assert "exists already" in capsys.readouterr().err
     assert main(["fit-tube", str(tmp_path / "nothing")]) == 2
     assert "there is no log.mcap in it or below" in capsys.readouterr().err
-
-
-def test_constant_residuals_are_refused():
-    with pytest.raises(InvalidFit, match="residuals without spread"):
-        fit_set([np.zeros((50, 7))], 0.9, 1, "box")
