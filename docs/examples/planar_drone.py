@@ -115,7 +115,7 @@ def main():
         )
         return float(tube.states[:, :2].max() + 0.1 * tube.states[:, :2].sum() + 3.0 * excess.sum())
 
-    found = search_tube(system_of, cost, gusts, first, evaluations=80)
+    found = search_tube(system_of, cost, gusts, first, evaluations=50)
     for name, weights in (("first", first), ("searched", found)):
         gains = gains_of(weights)
         tube = invariant_tube(TrackingSystem.along(a, b, gains), gusts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from scipy.linalg import null_space
@@ -31,7 +31,8 @@ class DisturbanceSet:
     more tightly: by a factor of 0.62 for white Gaussian noise, N = 5 and a coverage of 99.9 %.
 
     Raises:
-        InvalidTube: the axes are not a regular square matrix or the window is not positive.
+        InvalidTube: the axes are not a regular square matrix, the window is not positive, or there
+            is no such shape.
     """
 
     axes: FloatArray  # (n, n) a column for each axis, its length the half width along it
@@ -41,6 +42,8 @@ class DisturbanceSet:
     def __post_init__(self) -> None:
         if self.window < 1:
             raise InvalidTube(f"window: got {self.window} steps, must be 1 or more")
+        if self.shape not in get_args(Shape):
+            raise InvalidTube(f"shape: got {self.shape!r}, must be one of {get_args(Shape)}")
         square = self.axes.ndim == 2 and self.axes.shape[0] == self.axes.shape[1]
         regular = square and bool(np.isfinite(self.axes).all())
         if not regular or np.linalg.matrix_rank(_scaled(self.axes)) < len(self.axes):

@@ -18,7 +18,6 @@ from .disturbance_set import DisturbanceSet
 from .tube import TrackingSystem, Tube, invariant_tube
 
 _COARSE = 0.2  # alpha of the tubes of the search: at most 20 % too wide, five times as fast
-_SLOWEST = 0.98  # largest modulus of a mode: slower ones leave no narrow tube
 _EVALUATIONS = 700  # of each simplex, at most
 _NO_TUBE = 1e3  # cost of weights that give no tube
 _FIRST_SIMPLEX = 1.0  # edge, in logarithms of the weights
@@ -55,6 +54,7 @@ def search_tube(
     disturbance: DisturbanceSet,
     start: FloatArray,
     evaluations: int = _EVALUATIONS,
+    slowest: float = 0.98,
 ) -> FloatArray:
     """Return positive weights whose tube minimises a cost, (w,).
 
@@ -67,6 +67,7 @@ def search_tube(
         disturbance: that acts in every step.
         start: first weights (w,), above 0.
         evaluations: of each simplex, at most.
+        slowest: largest modulus of a mode; it excludes slow loops before their tube is computed.
 
     Raises:
         InvalidTube: no weights give a tube.
@@ -75,7 +76,7 @@ def search_tube(
     def tube(logarithms: FloatArray) -> Tube | None:
         try:
             system = system_of(np.exp(logarithms))
-            if np.abs(np.linalg.eigvals(system.closed)).max() > _SLOWEST:
+            if np.abs(np.linalg.eigvals(system.closed)).max() > slowest:
                 return None
             return invariant_tube(system, disturbance, _COARSE)
         except InvalidTube:

@@ -27,7 +27,6 @@ from ..types import FloatArray
 from .disturbance_set import DisturbanceSet
 from .sets import ConvexSet, SupportSet
 
-_MOST_STEPS = 1500  # five minutes; a slower system has no useful tube
 _EXPLODED = 1e6  # alpha above which the series counts as divergent
 
 
@@ -227,19 +226,25 @@ def reachable_set(
 
 
 def invariant_tube(
-    system: TrackingSystem, disturbance: DisturbanceSet, tolerance: float = 0.02
+    system: TrackingSystem,
+    disturbance: DisturbanceSet,
+    tolerance: float = 0.02,
+    most_steps: int = 1500,
 ) -> Tube:
     """Return the tube of `system` under `disturbance`, all ticks at once.
 
     Args:
         system: the error dynamics with their gains.
         disturbance: acts on the state in every step.
-        tolerance: largest alpha, the share by which the tube may be too wide.
+        tolerance: largest alpha, the share by which the tube may be too wide, between 0 and 1.
+        most_steps: number of steps after which a disturbance must have decayed to alpha.
 
     Raises:
-        InvalidTube: A + B K does not contract, with the modulus of its largest eigenvalue; or the
-            disturbance has another dimension than the state.
+        InvalidTube: A + B K does not contract, with the modulus of its largest eigenvalue; the
+            disturbance has another dimension than the state; or the tolerance is out of range.
     """
+    if not 0.0 < tolerance < 1.0:
+        raise InvalidTube(f"tolerance: got {tolerance}, must be between 0 and 1")
     ticks, n = system.a.shape[:2]
     if disturbance.dimension != n:
         raise InvalidTube(f"disturbance: got {disturbance.dimension} dimensions, must be {n}")
@@ -252,7 +257,7 @@ def invariant_tube(
     rates, face = slice(n + p + m, n + p + 2 * m), slice(n + p + 2 * m, None)
     total, energy = np.zeros(rows.shape[:2]), np.zeros(rows.shape)
     tick, step, alpha = np.arange(ticks), 0, np.inf
-    for step in range(_MOST_STEPS):
+    for step in range(most_steps):
         energy += (rows @ axes) ** 2
         tick = system.before[tick]
         rows = rows @ closed[tick]

@@ -185,6 +185,25 @@ def test_a_disturbance_of_another_dimension_is_refused():
         invariant_tube(system, UNIT)
 
 
+def test_a_slow_loop_needs_more_steps():
+    one = np.ones((1, 1, 1))
+    slow = TrackingSystem.along(0.999 * one, one, 0.0 * one)
+    disturbance = DisturbanceSet(np.eye(1), shape="box")
+    with pytest.raises(InvalidTube, match="1500 steps leave"):
+        invariant_tube(slow, disturbance)
+    tube = invariant_tube(slow, disturbance, most_steps=5000)
+    assert tube.states[0, 0] == pytest.approx(1000.0)
+
+
+def test_a_tolerance_or_a_shape_out_of_range_is_refused():
+    system = TrackingSystem.along(0.5 * np.eye(2)[None], np.zeros((1, 2, 1)), np.zeros((1, 1, 2)))
+    for tolerance in (0.0, 1.0, np.nan):
+        with pytest.raises(InvalidTube, match=r"tolerance: got .* between 0 and 1"):
+            invariant_tube(system, UNIT, tolerance)
+    with pytest.raises(InvalidTube, match="shape: got 'Box', must be one of"):
+        DisturbanceSet(np.eye(2), shape="Box")
+
+
 @pytest.mark.parametrize(
     ("runs", "coverage", "message"),
     [
