@@ -93,20 +93,21 @@ class Tube:
         return phi
 
     def worst_case(self, k: int, direction: FloatArray) -> FloatArray:
-        """Return the disturbances up to tick `k` that reach farthest along `direction`, (J N, n).
+        """Return disturbances up to tick `k` that reach far along `direction`, (J N, n).
 
-        Oldest first. From m = 0 they lead to direction'm(k) = (1 - alpha) h(direction).
+        Oldest first. Every sliding window of them lies in the disturbance set, see
+        `DisturbanceSet.worst`. From m = 0 they lead to direction'm(k) <= (1 - alpha) h(direction),
+        with equality for windows of one step. The sets of longer windows are wider than what
+        sliding windows reach, because their terms fill windows side by side.
         """
-        window, row, tick = self.certificate.window, direction, k
-        blocks = []
-        for _ in range(self.certificate.terms):
-            coefficients = np.zeros((window, len(direction)))
-            for step in range(window):
-                coefficients[step] = row
-                tick = self.system.before[tick]
-                row = row @ self.system.closed[tick]
-            blocks.append(self.disturbance.worst(coefficients))
-        return np.concatenate(blocks)[::-1]
+        steps = self.certificate.terms * self.certificate.window
+        row, tick = direction, k
+        coefficients = np.zeros((steps, len(direction)))
+        for step in range(steps):
+            coefficients[step] = row
+            tick = self.system.before[tick]
+            row = row @ self.system.closed[tick]
+        return self.disturbance.worst(coefficients)[::-1]
 
     def _support(self, k: int, rows: FloatArray) -> FloatArray:
         terms = self._terms(k, rows, self.certificate.terms)

@@ -28,7 +28,7 @@ def test_the_coverage_given_a_calibration_has_a_beta_distribution(count, coverag
 
 
 def test_the_next_run_is_inside_as_often_as_promised_whatever_the_distribution(generator):
-    """Runs of a heavy-tailed random walk with a common scale of its own for each run."""
+    """Heavy-tailed random walks, each of a heavy-tailed size of its own."""
     inside = []
     for _ in range(400):
         size = generator.pareto(1.5, (30, 1, 1)) + 0.1
@@ -69,7 +69,9 @@ def test_fewest_scores_are_enough_and_one_less_is_refused(coverage):
     fewest = fewest_scores(coverage)
     assert calibrate(np.arange(fewest), coverage).rank == fewest
     if fewest > 1:
-        with pytest.raises(InvalidTube, match=f"got {fewest - 1} scores.* takes {fewest} at least"):
+        with pytest.raises(
+            InvalidTube, match=rf"got {fewest - 1} scores.* takes {fewest} at least"
+        ):
             calibrate(np.arange(fewest - 1), coverage)
 
 
@@ -82,7 +84,7 @@ def test_impossible_coverages_are_refused(coverage):
 def test_bad_scores_and_scales_are_refused():
     with pytest.raises(InvalidTube, match="not NaN"):
         calibrate([1.0, np.nan], 0.5)
-    with pytest.raises(InvalidTube, match="scale: .* must be above 0"):
+    with pytest.raises(InvalidTube, match=r"scale: .* must be above 0"):
         largest_score(np.ones((3, 2)), np.array([1.0, 0.0]))
     with pytest.raises(InvalidTube, match="must be finite and not empty"):
         largest_score(np.array([[np.nan]]), np.array([1.0]))
