@@ -1,4 +1,4 @@
-"""Invariant tubes of a disturbed linear system around its nominal state.
+"""Reachable tubes of a disturbed linear system around its nominal state.
 
 The deviation m of a system from its nominal state obeys m(k+1) = A_K(k) m(k) + w(k), A_K = A + B K.
 For one matrix A_K, Rakovic, Kerrigan, Kouramas and Mayne (2005) give an invariant outer
@@ -11,7 +11,9 @@ from 0, the same argument gives
 
     Phi(k+N, k) S_k + V_{k+N}  is inside  S_{k+N}   if   Phi(k, k-JN) V_{k-JN}  is inside  alpha W,
 
-because V contains W. The first stage is taken to hold before the first tick.
+because V contains W. The first stage is taken to hold before the first tick. With N = 1 the sets
+are robust positively invariant. With longer windows they hold every m(k) that is reached from 0.
+From another point of S_k, m(k+N) lies in S_{k+N}, and the ticks between need not.
 """
 
 from __future__ import annotations
@@ -53,10 +55,10 @@ class TrackingSystem:
 
 @dataclass(frozen=True)
 class Certificate:
-    """Numbers that prove the invariance of a tube."""
+    """Numbers that prove the inclusion of a tube, see the module."""
 
-    # The first term left out lies in alpha W. Each half width exceeds that of the minimal RPI set
-    # by at most a share alpha.
+    # The first term left out lies in alpha W. Each half width exceeds that of the sum of
+    # all terms, for N = 1 the minimal RPI set, by at most a share alpha.
     alpha: float
     terms: int  # J
     window: int  # N [steps]
