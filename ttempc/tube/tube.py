@@ -1,4 +1,4 @@
-"""Invariant tubes of a disturbed linear system around its nominal state.
+"""Reachable tubes of a disturbed linear system around its nominal state.
 
 The deviation m of a system from its nominal state obeys m(k+1) = A_K(k) m(k) + w(k), A_K = A + B K.
 For one matrix A_K, Rakovic, Kerrigan, Kouramas and Mayne (2005) give an invariant outer
@@ -11,7 +11,9 @@ from 0, the same argument gives
 
     Phi(k+N, k) S_k + V_{k+N}  is inside  S_{k+N}   if   Phi(k, k-JN) V_{k-JN}  is inside  alpha W,
 
-because V contains W. The first stage is taken to hold before the first tick.
+because V contains W. The first stage is taken to hold before the first tick. With N = 1 the sets
+are robust positively invariant. With longer windows they hold every m(k) that is reached from 0.
+From another point of S_k, m(k+N) lies in S_{k+N}, and the ticks between need not.
 """
 
 from __future__ import annotations
@@ -85,10 +87,10 @@ class TrackingSystem:
 
 @dataclass(frozen=True)
 class Certificate:
-    """Numbers that prove the invariance of a tube."""
+    """Numbers that prove the inclusion of a tube, see the module."""
 
-    # The first term left out lies in alpha W. Each half width exceeds that of the minimal RPI set
-    # by at most a share alpha.
+    # The first term left out lies in alpha W. Each half width exceeds that of the sum of
+    # all terms, for N = 1 the minimal RPI set, by at most a share alpha.
     alpha: float
     terms: int  # J
     window: int  # N [steps]
@@ -151,20 +153,21 @@ class Tube:
         return phi
 
     def worst_case(self, k: int, direction: FloatArray) -> FloatArray:
-        """Return the disturbances up to tick `k` that reach farthest along `direction`, (J N, n).
+        """Return disturbances up to tick `k` that reach far along `direction`, (J N, n).
 
-        Oldest first. From m = 0 they lead to direction'm(k) = (1 - alpha) h(direction).
+        Oldest first. Every sliding window of them lies in the disturbance set, see
+        `DisturbanceSet.worst`. From m = 0 they lead to direction'm(k) <= (1 - alpha) h(direction),
+        with equality for windows of one step. The sets of longer windows are wider than what
+        sliding windows reach, because their terms fill windows side by side.
         """
-        window, row, tick = self.certificate.window, direction, k
-        blocks = []
-        for _ in range(self.certificate.terms):
-            coefficients = np.zeros((window, len(direction)))
-            for step in range(window):
-                coefficients[step] = row
-                tick = self.system.before[tick]
-                row = row @ self.system.closed[tick]
-            blocks.append(self.disturbance.worst(coefficients))
-        return np.concatenate(blocks)[::-1]
+        steps = self.certificate.terms * self.certificate.window
+        row, tick = direction, k
+        coefficients = np.zeros((steps, len(direction)))
+        for step in range(steps):
+            coefficients[step] = row
+            tick = self.system.before[tick]
+            row = row @ self.system.closed[tick]
+        return self.disturbance.worst(coefficients)[::-1]
 
     def _support(self, ticks: NDArray[np.intp], rows: FloatArray) -> FloatArray:
         steps = self.certificate.terms * self.certificate.window
