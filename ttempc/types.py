@@ -116,6 +116,9 @@ class Estimate:
     # (3,) mu, kappa, eta of the printed model (`ttempc.baselines.nmpc_printed_model`); None where
     # the estimator has none
     slip_factors: FloatArray | None = None
+    # (3,) learnt factors of the noise variances, see `ttempc.estimation.noise.NoiseScale`; None
+    # where the estimator learns none
+    noise_factors: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
