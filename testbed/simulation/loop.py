@@ -20,7 +20,7 @@ from ..recording import record_rows as rows
 from ..recording.record import LEARNT, Event
 from ..recording.sink import Sink
 from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
-from ..sensing.sensors import SensorSuite
+from ..sensing.sensors import Sensors
 from ..truth import Truth
 from .plant import Plant
 from .termination import MeanSlip, TerminationLimits, check_termination
@@ -31,7 +31,7 @@ class SimulationSetup:
     """All parts of one run."""
 
     plant: Plant
-    sensors: SensorSuite
+    sensors: Sensors
     guidance: VehicleGuidance
     vehicle: Vehicle  # model parameters; they give the input bounds in the log
     sink: Sink
@@ -115,10 +115,9 @@ def sense(setup: SimulationSetup, tick: TickContext) -> None:
     tick.measurements = []
     for step, truth in tick.truths:
         samples = setup.sensors.sample(truth, step)
-        if samples:
-            row = rows.measurement_row(samples)
+        for row in rows.measurement_rows(samples):
             setup.sink.row(channels.MEASUREMENT, truth.time_s, row)
-            tick.measurements += samples
+        tick.measurements += samples
 
 
 def estimate(setup: SimulationSetup, tick: TickContext) -> None:
