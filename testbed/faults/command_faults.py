@@ -52,6 +52,7 @@ class CommandsLost(BusFault):
     """Commands do not arrive; the last one before holds."""
 
     kind: Literal["commands_lost"] = "commands_lost"
+    """Kind of fault."""
 
     def pass_on(self, bus: BusState, command: Command, now_s: float) -> BusState:
         """Return the bus as it is."""
@@ -63,6 +64,7 @@ class CommandsLate(BusFault):
     """Commands arrive late, as after a missed deadline; those under way at the end are lost."""
 
     kind: Literal["commands_late"] = "commands_late"
+    """Kind of fault."""
     delay_s: Positive
     """Further time from tick to valve."""
 
@@ -111,6 +113,7 @@ class ValveStuck(ValveFault):
     kind: Literal["front_steering_stuck", "trailer_steering_stuck", "hydrostat_stuck"] = (
         "front_steering_stuck"
     )
+    """Kind of fault."""
 
     def move(self, memory: float, target: float, timestep: float, stop: float) -> float:
         """Return the set point of the step before."""
@@ -122,6 +125,7 @@ class ValveSlow(ValveFault):
     """A steering valve gives less oil: the angle changes at a lower rate."""
 
     kind: Literal["front_steering_slow", "trailer_steering_slow"] = "front_steering_slow"
+    """Kind of fault."""
     rate_degps: Positive
     """Largest rate; below that of the vehicle."""
 
@@ -145,6 +149,7 @@ class ValveHardOver(ValveFault):
     kind: Literal["front_steering_hard_over", "trailer_steering_hard_over"] = (
         "front_steering_hard_over"
     )
+    """Kind of fault."""
     side: Literal["left", "right"]
     """Sign of the angle at the stop: left is positive."""
 
@@ -158,6 +163,7 @@ class ValvePlay(ValveFault):
     """A steering linkage is worn: the wheel follows its cylinder with play."""
 
     kind: Literal["front_steering_play", "trailer_steering_play"] = "front_steering_play"
+    """Kind of fault."""
     play_deg: Positive
     """Whole play."""
 
@@ -178,6 +184,7 @@ class HydrostatCut(ValveFault):
     """The position of the hydrostat falls to 0, whatever is commanded."""
 
     kind: Literal["hydrostat_cut"] = "hydrostat_cut"
+    """Kind of fault."""
 
     def move(self, memory: float, target: float, timestep: float, stop: float) -> float:
         """Return 0."""
@@ -189,6 +196,7 @@ class HydrostatSluggish(ValveFault):
     """The hydrostat follows its command through a further first-order lag."""
 
     kind: Literal["hydrostat_sluggish"] = "hydrostat_sluggish"
+    """Kind of fault."""
     time_constant_s: Positive
     """Time constant of the lag."""
 

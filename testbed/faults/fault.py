@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass as stdlib_dataclass
-from typing import Final
+from typing import Annotated, Final
 
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from ..configuration.config_io import STRICT, NotNegative, Positive
@@ -49,16 +50,25 @@ class FaultContext:
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Fault:
-    """A fault that begins once; `start_s` or `at_m` tells when."""
+    """A fault that begins once; `start_s` or `at_m` tells when.
 
-    kind: str = ""
-    """Kind of fault, see docs/faults.md."""
-    name: str = ""
-    """Name in log, figures and `faults.NAME.key` of a sweep; absent: the kind."""
-    start_s: NotNegative | None = None
-    """Start, in seconds from the start of the run."""
-    at_m: NotNegative | None = None
-    """Start, as the distance along the path at which the reference of the tractor then is."""
+    The keys have descriptions as values: pydantic reads no docstrings of inherited attributes.
+    """
+
+    kind: Annotated[str, Field(description="Kind of fault, see docs/faults.md.")] = ""
+    name: Annotated[
+        str,
+        Field(
+            description="Name in log, figures and `faults.NAME.key` of a sweep; absent: the kind."
+        ),
+    ] = ""
+    start_s: Annotated[
+        NotNegative | None, Field(description="Start, in seconds from the start of the run.")
+    ] = None
+    at_m: Annotated[
+        NotNegative | None,
+        Field(description="Start, as the distance of the tractor's reference along the path."),
+    ] = None
 
     def __post_init__(self) -> None:
         if (self.start_s is None) == (self.at_m is None):
@@ -79,5 +89,7 @@ class Fault:
 class LastingFault(Fault):
     """A fault that ends after some time."""
 
-    duration_s: Positive | None = None
-    """Time for which it lasts; absent: to the end of the run."""
+    duration_s: Annotated[
+        Positive | None,
+        Field(description="Time for which it lasts; absent: to the end of the run."),
+    ] = None

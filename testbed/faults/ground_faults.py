@@ -31,6 +31,7 @@ class SoilPatch(GroundFault):
     """A round patch of soil of another strength."""
 
     kind: Literal["soil_patch"] = "soil_patch"
+    """Kind of fault."""
     radius_m: Positive
     """Radius."""
     cone_index_kpa: Positive
@@ -54,6 +55,7 @@ class DitchAcross(GroundFault):
     """A ditch across the path."""
 
     kind: Literal["ditch"] = "ditch"
+    """Kind of fault."""
     depth_m: Positive
     """Depth in the middle."""
     width_m: Positive
@@ -83,6 +85,7 @@ class StepAcross(GroundFault):
     """Ground that is higher behind a line across the path; the line spans the field."""
 
     kind: Literal["step"] = "step"
+    """Kind of fault."""
     height_m: float
     """Height behind the ramp; negative for a step down."""
     ramp_m: Positive

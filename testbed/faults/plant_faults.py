@@ -54,6 +54,7 @@ class SteeringFree(PlantFault):
     """A steering cylinder has lost its oil: no torque holds the angle."""
 
     kind: Literal["front_steering_free", "trailer_steering_free"] = "trailer_steering_free"
+    """Kind of fault."""
 
     def attach(self, plant: Plant) -> Effect:
         """Return the effect on the servo's largest force."""
@@ -67,6 +68,7 @@ class LoadShift(PlantFault):
     """The load of the trailer slides."""
 
     kind: Literal["load_shift"] = "load_shift"
+    """Kind of fault."""
     left_m: float = 0.0
     """Shift of its centre to the left."""
     forward_m: float = 0.0
@@ -97,6 +99,7 @@ class TyreFlat(PlantFault):
     """A tyre loses its air: it is smaller and softer."""
 
     kind: Literal["tyre_flat"] = "tyre_flat"
+    """Kind of fault."""
     wheel: WheelName
     """Wheel that is concerned."""
     radius_loss_m: NotNegative = 0.05
@@ -132,6 +135,7 @@ class Gust(PlantFault):
     """A constant horizontal force on the centre of mass of a body."""
 
     kind: Literal["gust"] = "gust"
+    """Kind of fault."""
     body: Literal["tractor", "trailer"] = "trailer"
     """Body that is pushed."""
     force_n: Positive
@@ -156,6 +160,7 @@ class Stone(PlantFault):
     """A wheel hits an obstacle: an impulse to the rear at its centre."""
 
     kind: Literal["stone"] = "stone"
+    """Kind of fault."""
     wheel: WheelName
     """Wheel that hits the obstacle."""
     impulse_ns: Positive

@@ -22,6 +22,15 @@ from .command_faults import (
     ValveStuck,
 )
 from .fault import Fault, LastingFault
+from .gnss_faults import (
+    AntennasSwapped,
+    GnssDrift,
+    GnssFloat,
+    GnssJump,
+    GnssLate,
+    GnssLoss,
+    GnssOutlier,
+)
 from .ground_faults import DitchAcross, SoilPatch, StepAcross
 from .plant_faults import Gust, LoadShift, SteeringFree, Stone, TyreFlat
 from .sensor_faults import (
@@ -29,15 +38,8 @@ from .sensor_faults import (
     AngleDrift,
     AngleNoise,
     AngleStuck,
-    AntennasSwapped,
     EncoderDead,
     EncoderScaled,
-    GnssDrift,
-    GnssFloat,
-    GnssJump,
-    GnssLate,
-    GnssLoss,
-    GnssOutlier,
     GyroBias,
     SamplesDuplicated,
     StampsShifted,
