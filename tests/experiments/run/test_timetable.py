@@ -242,3 +242,31 @@ def test_the_error_figure_names_the_fault():
         0
     ]
     assert "encoder_dead" in [text.get_text() for text in axes.texts]
+
+
+LONGER = "path={kind='straight', length_m=30}"
+
+
+@pytest.mark.parametrize(
+    ("fault", "status", "reason"),
+    [
+        ("kind='gnss_out', start_s=3.0, duration_s=1.5", "completed", None),
+        ("kind='gnss_out', start_s=3.0", "stopped", "position not measured for more than 4 s"),
+        ("kind='front_steering_hard_over', side='left', start_s=3.0", "stopped", "tractor"),
+    ],
+)
+def test_a_safe_stop_is_neither_completed_nor_lost(fault, status, reason):
+    overrides = (LONGER, "plant.vehicle.load_kg=0", f"faults=[{{{fault}}}]")
+    summary, record = run(*overrides)
+    assert summary.status == status
+    assert (summary.failure or "").startswith(reason or "")
+    speed = record[STATE]["v_mps"][-1]
+    assert (abs(speed) < 0.05) == (status == "stopped")
+
+
+def test_a_vehicle_that_does_not_obey_the_stop_is_lost():
+    stuck = "{kind='hydrostat_stuck', start_s=3.0}"
+    faults = f"faults=[{{kind='gnss_out', start_s=3.0}}, {stuck}]"
+    summary, record = run(LONGER, faults, "path.speed_mps=1.0")
+    assert summary.status != "stopped"
+    assert record[STATE]["v_mps"][-1] > 0.5
