@@ -33,7 +33,8 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
 
 CAPTIONS: Final = {
     "path": "Reference and driven paths; below, where the error of an axle point is largest.",
-    "error": "Distance to the time-based reference. Shaded: curves. Means leave out the start-up.",
+    "error": "Distance to the time-based reference. Shaded: curves; red, with names: faults. "
+    "Means leave out the start-up.",
     "signals": "The three actions, their sum, and the command sent. Dashed: the vehicle's bounds.",
     "tyres": "Slip of the driven wheels, slip angles of the trailer's wheels, loads of all wheels.",
     "tube": "Offset of the true vehicle to the left of the nominal one, and the tube of the "
