@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXIT_CHECK_FAILED: Final = 1
 EXIT_BAD_INPUT: Final = 2
-EXIT_LOST: Final = 3  # the run ended early: roll-over, jack-knife, off the field, stuck, diverged
+EXIT_LOST: Final = 3  # the run ended early: stopped, roll-over, jack-knife, off the field, stuck
 EXIT_INTERRUPTED: Final = 130
 
 

@@ -17,7 +17,7 @@ from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.implement.mounted import check_pull
 from proving_ground.testbed.randomness import generator
 from proving_ground.testbed.recording.sink import Sink
-from proving_ground.testbed.sensing.sensors import SensorSuite
+from proving_ground.testbed.sensing.sensors import Sensors, SensorSuite
 from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
 from proving_ground.testbed.simulation.plant import Plant, Snapshot
@@ -40,6 +40,7 @@ from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
 from .shared_parts import SharedParts
+from .timetable import Timetable
 from .user_code import is_user_code, load_factory, named_estimator, user_controller, user_stage
 
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
@@ -52,7 +53,7 @@ class Assembly:
     """A run, ready to go but for the sink that listens to it."""
 
     plant: Plant
-    sensors: SensorSuite
+    sensors: Sensors
     guidance: Guidance
     terrain: Terrain
     reference: Reference  # of the plant's lengths: by it a run is judged
@@ -156,6 +157,8 @@ def assemble(
     record_rate(timestep, scenario.control.period_s)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
     _check_pull(scenario, vehicles, mission, soil.background)
+    timetable = Timetable.of(scenario, vehicles.plant, reference, _ticks(reference, scenario))
+    terrain, soil = timetable.ground(terrain, soil)
     plant = Plant(
         vehicles.plant,
         terrain,
@@ -166,21 +169,22 @@ def assemble(
         actuators=scenario.actuators,
         implement=scenario.implement,
     )
-    sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
+    timetable.damage(plant)
+    suite = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
     guidance = _guidance(scenario, reference, plant, factory, parts)
     x, y, yaw, *_, speed = reference.at(0.0).state.tolist()
     plant.reset(x, y, yaw, speed)  # refused here, before anything is written
     return Assembly(
         plant=plant,
-        sensors=sensors,
+        sensors=timetable.sensors(suite, timestep, seed),
         guidance=guidance,
         terrain=terrain,
         reference=Reference(mission.path, driven, mission.speed),
         start=plant.snapshot(),
-        ticks=_ticks(reference, scenario),
+        ticks=timetable.ticks,
         mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=(*mission.notes, *overload_notes(vehicles.plant)),
-        stages=_stages(scenario, seed),
+        stages=with_stages([*timetable.stages(plant), *_user_stages(scenario, seed)]),
     )
 
 
@@ -211,7 +215,10 @@ def check(scenario: Scenario) -> int:
     trailer_stop = math.radians(vehicles.plant.trailer_steering.limit_deg)
     Actuators(scenario.actuators, timestep_s, (front_stop, trailer_stop))
     SensorSuite(scenario.sensors, timestep_s, 0, np.zeros((2, 3)))
-    return _ticks(reference, scenario)
+    ticks = _ticks(reference, scenario)
+    ground, soil = Timetable.of(scenario, vehicles.plant, reference, ticks).ground(level, soil)
+    soil.rasterised(ground)
+    return ticks
 
 
 def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> Vehicle:
@@ -286,13 +293,13 @@ def _guidance(
     )
 
 
-def _stages(scenario: Scenario, seed: int) -> tuple[Stage, ...]:
-    """Return the stages of the loop with those of the scenario, each with its own generator."""
-    extra = []
+def _user_stages(scenario: Scenario, seed: int) -> list[tuple[str, Stage]]:
+    """Return the stages of the scenario, each with its own generator, and where they stand."""
+    stages = []
     for number, settings in enumerate(scenario.stages):
         draws = generator(seed, f"stage {number} {settings.make}")
-        extra.append((settings.after, user_stage(settings, draws)))
-    return with_stages(extra)
+        stages.append((settings.after, user_stage(settings, draws)))
+    return stages
 
 
 def _check_guidance(scenario: Scenario, vehicle: Vehicle) -> None:

@@ -58,6 +58,11 @@ class ControllerSettings:
                 "package.module:factory"
             )
 
+    @property
+    def tube_name(self) -> str:
+        """Name or path of the tube, the default where none is given."""
+        return self.tube or _DEFAULT_TUBE
+
     def design(self, vehicle: Vehicle, period_s: float) -> TubeDesign | None:
         """Return the design of the tube that the controller needs or monitors, None without one.
 
@@ -68,7 +73,7 @@ class ControllerSettings:
         entry = CONTROLLERS.get(self.name)
         if entry is None or entry.tube is None:
             return None
-        design = read_tube(self.tube or _DEFAULT_TUBE).design()
+        design = read_tube(self.tube_name).design()
         if entry.tube == "monitor" and self.tube is None and design.differing(vehicle, period_s):
             return None
         design.require(vehicle, period_s)

@@ -16,6 +16,7 @@ from proving_ground.testbed.actuation.actuators import ActuatorSpecification
 from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
 from proving_ground.testbed.configuration.resources import ShippedFiles
 from proving_ground.testbed.errors import InvalidPlant
+from proving_ground.testbed.faults.registry import AnyFault
 from proving_ground.testbed.implement.implement import Implement
 from proving_ground.testbed.recording.provenance import run_id
 from proving_ground.testbed.sensing.sensor_presets import with_preset
@@ -63,8 +64,10 @@ class Scenario:
     """Rate of the control loop."""
     controller: ControllerSettings = ControllerSettings()
     """Controller, estimator and their model."""
+    faults: tuple[AnyFault, ...] = ()
+    """Faults of sensors, actuators, plant and ground, each at its time."""
     stages: tuple[StageSettings, ...] = ()
-    """Stages of a user in the simulation loop, such as faults."""
+    """Stages of a user in the simulation loop."""
 
     def vehicles(self) -> Vehicles:
         """Return plant and model of the vehicle; reads the vehicle file.
@@ -191,13 +194,56 @@ def _parse_override(line: str) -> dict[str, Any]:
 
 
 def merge_tables(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Replace values of nested tables in place by those of other tables."""
+    """Replace values of nested tables in place by those of other tables.
+
+    A table with the key of a list holds changes of its tables by their numbers or names, see
+    `list_index`.
+    """
     for key, value in changes.items():
         below = content.get(key)
-        if isinstance(value, Mapping) and isinstance(below, dict):
+        if isinstance(value, Mapping) and isinstance(below, list):
+            for entry, table in value.items():
+                _replace_in(below, list_index(key, below, entry), table)
+        elif isinstance(value, Mapping) and isinstance(below, dict):
             merge_tables(below, value)
         else:
             content[key] = copy.deepcopy(value)
+
+
+def _replace_in(entries: list[Any], index: int, value: Any) -> None:  # noqa: ANN401
+    """Replace an entry of a list in place; of a table, the values that the other one has."""
+    if isinstance(value, Mapping) and isinstance(entries[index], dict):
+        merge_tables(entries[index], value)
+    else:
+        entries[index] = copy.deepcopy(value)
+
+
+def list_index(key: str, entries: Sequence[Any], entry: str) -> int:
+    """Return the place in a list of tables that a part of a dotted key means.
+
+    Args:
+        key: of the list.
+        entries: tables, or objects with attributes.
+        entry: number from 0, `name` or, where one alone has it, `kind` of a table.
+
+    Raises:
+        InvalidScenario: there is no such table, or there are several.
+    """
+    names = [_label(item) for item in entries]
+    if entry.isdecimal() and int(entry) < len(entries):
+        return int(entry)
+    if names.count(entry) != 1:
+        raise InvalidScenario(
+            f"{key}.{entry}: must be a number below {len(entries)} or the name of one table; "
+            f"names here: {', '.join(names) or 'none'}"
+        )
+    return names.index(entry)
+
+
+def _label(item: Any) -> str:  # noqa: ANN401 - a table or an object
+    keys = ("name", "kind")
+    values = [item.get(k) if isinstance(item, Mapping) else getattr(item, k, "") for k in keys]
+    return str(values[0] or values[1] or "")
 
 
 def without_none(value: Any) -> Any:  # noqa: ANN401 - any TOML value

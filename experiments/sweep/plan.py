@@ -17,10 +17,18 @@ from typing import Any
 from proving_ground.testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
-from ..errors import ExperimentError, InvalidStudy
+from ..errors import ExperimentError, InvalidScenario, InvalidStudy
 from ..run.assembly import check
 from ..run.user_code import user_sources
-from ..scenario.scenario import Scenario, ScenarioFile, dump, identity, merge_tables, read_scenario
+from ..scenario.scenario import (
+    Scenario,
+    ScenarioFile,
+    dump,
+    identity,
+    list_index,
+    merge_tables,
+    read_scenario,
+)
 from .dimensions import Change, Dimension, dimensions
 from .row import Value
 from .study import Scalar, Study
@@ -233,7 +241,10 @@ class SweepPlan:
 
     def _lacks(self, draft: ScenarioFile, key: str) -> bool:
         """Return whether the scenario has no such key without any axis."""
-        return _get(draft.scenario(self.study.set), key, draft.name) is None
+        try:
+            return _get(draft.scenario(self.study.set), key, draft.name) is None
+        except InvalidScenario:  # a table that its list does not have
+            return True
 
     def _scaled(self, draft: ScenarioFile, key: str, factor: Scalar) -> float:
         """Return the factor times the value of the key in the scenario without any axis."""
@@ -267,7 +278,10 @@ def _get(scenario: Scenario, key: str, name: str) -> Value:
         return name
     value: Any = scenario
     for part in ("controller", "name") if key == "controller" else key.split("."):
-        value = getattr(value, part, None)
+        if isinstance(value, tuple):
+            value = value[list_index(key, value, part)]
+        else:
+            value = getattr(value, part, None)
     if value is not None and not isinstance(value, (str, float, int)):
         raise InvalidStudy(f"axis {key}: is a table, give one of its keys")
     return value

@@ -65,4 +65,4 @@ def _tables(hint: Any) -> list[Any]:  # noqa: ANN401 - any type
 def _kinds(tables: Sequence[Any]) -> dict[str, Any]:
     """Return the dataclasses that have a field `kind`, by the value of that field."""
     hints = ((table, get_type_hints(table).get("kind")) for table in tables)
-    return {get_args(kind)[0]: table for table, kind in hints if kind}
+    return {name: table for table, kind in hints for name in get_args(kind)}
