@@ -37,10 +37,12 @@ def test_the_ancillary_action_stays_within_what_is_reserved_and_reaches_it():
     generator = np.random.default_rng(81)
     runs = [admissible(WINDOW, OPTIONS.horizon, generator) for _ in range(30)]
     window = WINDOW.window  # of all its energy at once: the largest sum within one window
-    runs += [
-        np.vstack([RIGID.tube.worst_case(CURVE + window, row)[-window:], np.zeros((15, 7))])
-        for row in SYSTEM.gains[CURVE + window]
-    ]
+    for row in SYSTEM.gains[CURVE + window]:
+        rows = [row]  # on w(k-1), w(k-2), ...
+        for j in range(1, window):
+            rows.append(rows[-1] @ SYSTEM.closed[CURVE + window - j])
+        worst = WINDOW.worst(np.array(rows))[::-1]
+        runs.append(np.vstack([worst, np.zeros((OPTIONS.horizon - window, 7))]))
     largest = np.zeros(3)
     for run in runs:
         deviation, before = np.zeros(7), np.zeros(3)
