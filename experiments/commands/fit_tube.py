@@ -54,15 +54,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _fit_tube(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo.
-    from ..output import create_partial, refuse_existing
+    from ..output import refuse_existing, write_file
     from ..scenario.tube_file import to_json
     from ..tubes.fit import fit_tube, format_fit, read_fit_runs
 
     refuse_existing(arguments.out)
     runs = read_fit_runs(arguments.folders)
     fit = fit_tube(runs, arguments.coverage, arguments.window, arguments.shape)
-    partial = create_partial(arguments.out)
-    partial.write_text(to_json(fit.file), encoding="utf-8")
-    partial.rename(arguments.out)
+    write_file(arguments.out, to_json(fit.file))
     print(f"{format_fit(fit)}\n\ntube      {arguments.out}")
     return 0

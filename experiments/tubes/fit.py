@@ -72,7 +72,7 @@ def fit_run(record: Record, scenario: Scenario) -> FitRun:
             f"control.rate_hz = {scenario.control.rate_hz:g}: a tube is fitted to runs at "
             f"{1.0 / PAPER_PERIOD_S:g} Hz"
         )
-    mission = scenario.path.mission()
+    mission = scenario.mission()
     vehicle = model_vehicle(mission, scenario, scenario.vehicles())
     reference = Reference(mission.path, vehicle, mission.speed)
     errors = run_errors(record, reference, PAPER_PERIOD_S)

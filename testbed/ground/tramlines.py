@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from ttempc.types import FloatArray
 
-from ..configuration.config_io import STRICT
+from ..configuration.config_io import STRICT, PlaceM
 from ..errors import InvalidField
 
 _STEP_OF_WIDTH: Final = 0.2  # of the points along a track: its edge is short by 1 % of its width
@@ -103,7 +103,7 @@ class Tramlines:
 
 
 def parallel_lines(
-    start: tuple[float, float], heading: float, length: float, count: int, spacing: float
+    start: tuple[PlaceM, PlaceM], heading: float, length: float, count: int, spacing: float
 ) -> tuple[FloatArray, ...]:
     """Return parallel straight lines (2, 2) [m], each to the left of the last.
 
