@@ -94,7 +94,10 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         help="processes on this machine (default: one per core; 0: in this process)",
     )
     where.add_argument(
-        "--dask", metavar="ADDRESS", help="address of a Dask scheduler: tcp://HOST:PORT"
+        "--dask",
+        metavar="ADDRESS",
+        help="address of a Dask scheduler: tls:// or tcp://HOST:PORT. tcp:// has neither password "
+        "nor encryption: everyone who reaches the scheduler runs code here and on the workers",
     )
 
 

@@ -28,9 +28,9 @@ class Tracks:
 
     # Descriptions instead of docstrings, because subclasses do not inherit those.
     track_m: Annotated[
-        float, Field(gt=0, description="Distance between the middles of both tracks.")
+        float, Field(ge=1e-3, le=100, description="Distance between the middles of both tracks.")
     ] = 0.95
-    width_m: Annotated[float, Field(gt=0, description="Width of each track.")] = 0.3
+    width_m: Annotated[float, Field(ge=1e-3, le=100, description="Width of each track.")] = 0.3
     strength_factor: Annotated[
         float,
         Field(ge=0.05, le=20, description="Cone index in a track over that beside it; assumed."),
