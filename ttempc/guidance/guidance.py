@@ -6,13 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from ..errors import (
-    ControllerFailed,
-    EstimatorFailed,
-    GuidanceFailed,
-    InvalidReference,
-    InvalidTime,
-)
+from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
 from ..learning.actuators import ActuatorIdentifier
 from ..learning.learner import Identifier, Learner, Learnt, RecordedTick
@@ -229,9 +223,9 @@ class Guidance:
         Optional: call it while waiting for the samples of the next tick.
 
         Raises:
-            ControllerFailed: the controller raised.
+            GuidanceFailed: the controller raised.
         """
-        with user_part(ControllerFailed, f"prepare raised at tick {self._tick}"):
+        with user_part(GuidanceFailed, f"prepare raised at tick {self._tick}"):
             self._supervisor.prepare(self._tick)
 
     def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate:
