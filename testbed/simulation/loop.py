@@ -254,15 +254,16 @@ def drive(
     exception in a user's controller, estimator or stage ends the run as invalid; its traceback
     goes into the log.
     """
-    setup.guidance.warm_up()
-    start = perf_counter_ns()
     tick = TickContext(truths=[(0, setup.plant.truth())])
     log_settings(setup, tick)
     log_truth(setup, tick)
     status: Literal["completed", "stopped", "lost", "invalid"] = "completed"
     failure: str | None = None
     trace: str | None = None
+    start = perf_counter_ns()
     try:
+        setup.guidance.warm_up()
+        start = perf_counter_ns()
         for k in range(ticks):
             tick.k = k
             for stage in stages:
