@@ -30,6 +30,7 @@ STRICT: Final = ConfigDict(
 # computation overflows. A key with a range of its own says so where it is declared.
 Positive = Annotated[float, Field(gt=0, le=1e6)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6)]
+Signed = Annotated[float, Field(ge=-1e6, le=1e6)]
 LengthM = Annotated[float, Field(ge=1e-3, le=10_000)]
 PlaceM = Annotated[float, Field(ge=-10_000, le=10_000)]
 SpeedMps = Annotated[float, Field(ge=0.01, le=50)]
