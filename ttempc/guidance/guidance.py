@@ -87,7 +87,8 @@ class Guidance:
         tube: design of the tube for controllers that need or monitor one.
         safety: where the supervisor slows down and stops.
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
-        learn: whether lengths of the model are learnt; or identifiers of your own.
+        learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
+            your own.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
