@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _fit_tube(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo.
     from ..errors import BadOptions
-    from ..output import create_partial, refuse_existing
+    from ..output import refuse_existing, write_file
     from ..scenario.tube_file import to_json
     from ..tubes.calibration import calibrate_tube, driven_run, format_calibration
     from ..tubes.fit import fit_run, fit_tube, format_fit
@@ -89,9 +89,7 @@ def _fit_tube(arguments: argparse.Namespace) -> int:
     else:
         fit = fit_tube(read_runs(arguments.folders, fit_run), **options)
         file, warnings, text = fit.file, fit.warnings, format_fit(fit)
-    partial = create_partial(arguments.out)
-    partial.write_text(to_json(file), encoding="utf-8")
-    partial.rename(arguments.out)
+    write_file(arguments.out, to_json(file))
     print(f"{text}\n\ntube      {arguments.out}")
     for warning in warnings:
         print(f"ttempc: warning: {warning}", file=sys.stderr)

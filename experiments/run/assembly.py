@@ -146,7 +146,7 @@ def assemble(
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             the message says what, where and what is allowed.
     """
-    mission = scenario.path.mission()
+    mission = scenario.mission()
     vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
     parts = parts or SharedParts()
@@ -197,7 +197,7 @@ def check(scenario: Scenario) -> int:
     Raises:
         ExperimentError, TestbedError, TtempcError: as `assemble`.
     """
-    mission = scenario.path.mission()
+    mission = scenario.mission()
     vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
     level = replace(scenario.terrain, iso_class="flat").terrain(seed=0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -13,7 +12,7 @@ import tomli_w
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.actuation.actuators import ActuatorSpecification
-from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
+from proving_ground.testbed.configuration.config_io import STRICT, parse_toml, read_toml, validated
 from proving_ground.testbed.configuration.resources import ShippedFiles
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.faults.registry import AnyFault
@@ -28,7 +27,8 @@ from ..errors import InvalidScenario
 from .assumed_noise import NoiseSettings
 from .control import ControlSettings
 from .controller import ControllerSettings
-from .path import AnyPath, FigureEight
+from .mission import Mission
+from .path import AnyPath, FigureEight, FilePath
 from .plant import PlantSettings
 from .soil import SoilSettings
 from .stages import StageSettings
@@ -38,6 +38,13 @@ from .vehicle import Vehicles, fill_in, read_vehicles
 _SCENARIOS: Final = ShippedFiles(
     "scenario", "proving_ground.experiments", "scenarios", ".toml", InvalidScenario
 )
+
+
+MOST_M: Final = 100_000
+"""Longest path: a day at 1 m/s."""
+MOST_TICKS: Final = 1_000_000
+"""Largest number of control ticks: two days at 5 Hz, a gigabyte of rows."""
+_SHOWN: Final = 300  # characters of a wrong line
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -68,6 +75,28 @@ class Scenario:
     """Faults of sensors, actuators, plant and ground, each at its time."""
     stages: tuple[StageSettings, ...] = ()
     """Stages of a user in the simulation loop."""
+
+    def mission(self) -> Mission:
+        """Return path, speed and gear.
+
+        Raises:
+            InvalidScenario: the path lies beyond the field, or takes longer than can be driven.
+            InvalidWaypoints, InvalidPath, InvalidReference: as `FilePath.mission`.
+        """
+        terrain = self.terrain
+        if isinstance(self.path, FilePath) and not terrain.height_map:
+            mission = self.path.mission((terrain.size_x_m, terrain.size_y_m))
+        else:
+            mission = self.path.mission()
+        length_m = mission.path.length_m
+        ticks = mission.speed.duration_s(length_m) / self.control.period_s
+        for what, count, limit in (("m", length_m, MOST_M), ("control ticks", ticks, MOST_TICKS)):
+            if not count <= limit:
+                raise InvalidScenario(
+                    f"path: {count:.6g} {what}, must be {limit} or fewer: a shorter path, fewer "
+                    "laps or a higher speed"
+                )
+        return mission
 
     def vehicles(self) -> Vehicles:
         """Return plant and model of the vehicle; reads the vehicle file.
@@ -184,13 +213,8 @@ def identity(scenario_toml: str, seed: int, code: dict[str, str]) -> str:
 
 
 def _parse_override(line: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(line)
-    except tomllib.TOMLDecodeError as error:
-        raise InvalidScenario(
-            f"--set {line}: must be key.key=value with a TOML value "
-            f'(numbers 1.5, words "grass"): {error}'
-        ) from None
+    where = f"--set {line[:_SHOWN]}: must be key.key=value with a TOML value"
+    return parse_toml(line, InvalidScenario, f'{where} (numbers 1.5, words "grass")')
 
 
 def merge_tables(content: dict[str, Any], changes: Mapping[str, Any]) -> None:

@@ -208,7 +208,7 @@ def read_tube(name: str) -> TubeFile:
     file = _TUBES.find(name)
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InvalidFit(f"{file}: cannot be read as JSON: {error}") from None
     if not isinstance(content, Mapping):
         raise InvalidFit(f"{file}: must be a table")

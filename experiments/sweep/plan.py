@@ -19,6 +19,7 @@ from ttempc.errors import TtempcError
 
 from ..errors import ExperimentError, InvalidScenario, InvalidStudy
 from ..run.assembly import check
+from ..run.trust import named_parts, refuse_untrusted
 from ..run.user_code import user_sources
 from ..scenario.scenario import (
     Scenario,
@@ -31,7 +32,7 @@ from ..scenario.scenario import (
 )
 from .dimensions import Change, Dimension, dimensions
 from .row import Value
-from .study import Scalar, Study
+from .study import MOST_RUNS, Scalar, Study
 
 _CACHED = 64  # scenarios: those of one point, for all its seeds
 
@@ -74,13 +75,15 @@ class SweepPlan:
     Args:
         name: of the study.
         study: content of its file.
+        trusted: whether code that study or scenario names as package.module:factory may run.
 
     Raises:
         InvalidScenario: no such scenario.
+        InvalidStudy: it has too many runs.
     """
 
-    def __init__(self, name: str, study: Study) -> None:
-        self.name, self.study = name, study
+    def __init__(self, name: str, study: Study, *, trusted: bool = True) -> None:
+        self.name, self.study, self._trusted = name, study, trusted
         factors = dimensions(study)
         self._shared = [factor for factor in factors if not factor.selects_controller]
         self._controllers = next((f for f in factors if f.selects_controller), Dimension([{}]))
@@ -92,6 +95,8 @@ class SweepPlan:
             for entry in dimension.entries:
                 self._draft(str(entry.get("scenario", study.scenario)))
         self.points = math.prod(len(dimension.entries) for dimension in self._shared)
+        if self.size > MOST_RUNS:
+            raise InvalidStudy(f"study {name}: {self.size} runs, must be {MOST_RUNS} or fewer")
         self._setting = functools.lru_cache(_CACHED)(self._make_setting)
 
     @property
@@ -226,6 +231,8 @@ class SweepPlan:
                     value = self._scaled(draft, key, value)
                 _set(tables, key, value)
             scenario = draft.scenario(tables)
+            if not self._trusted:
+                refuse_untrusted(draft.file, named_parts(scenario), {})
         except ExperimentError as error:
             raise self._refusal(changes, error) from None
         axes = {key: _get(scenario, key, draft.name) for key in changes}

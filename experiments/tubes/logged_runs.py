@@ -55,7 +55,7 @@ def logged_run(record: Record, scenario: Scenario) -> LoggedRun:
             f"control.rate_hz = {scenario.control.rate_hz:g}: a tube is fitted to runs at "
             f"{1.0 / PAPER_PERIOD_S:g} Hz"
         )
-    mission = scenario.path.mission()
+    mission = scenario.mission()
     vehicle = model_vehicle(mission, scenario, scenario.vehicles())
     reference = Reference(mission.path, vehicle, mission.speed)
     end_s = max(record[CONTROL].time_s, default=0.0)

@@ -13,7 +13,7 @@ from pydantic.dataclasses import dataclass
 
 from ttempc.types import Measurement, Sensor
 
-from ..configuration.config_io import STRICT, Fraction, Positive
+from ..configuration.config_io import STRICT, BearingDeg, Fraction, Positive
 from ..sensing.sensor_errors import Correlated
 from ..sensing.sensor_specification import SensorSpecification
 from .fault import FaultContext, Window
@@ -56,7 +56,7 @@ class GnssJump(_GnssFault):
     """Kind of fault."""
     offset_m: Positive
     """Length of the offset."""
-    direction_deg: float = 0.0
+    direction_deg: BearingDeg = 0.0
     """Direction of the offset, counter-clockwise from east."""
 
     def filter(
@@ -74,7 +74,7 @@ class GnssDrift(_GnssFault):
     """Kind of fault."""
     rate_mps: Positive
     """Rate at which the offset grows."""
-    direction_deg: float = 0.0
+    direction_deg: BearingDeg = 0.0
     """Direction of the offset, counter-clockwise from east."""
 
     def filter(

@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic.dataclasses import dataclass
 
-from ..configuration.config_io import STRICT, NotNegative, Positive
+from ..configuration.config_io import STRICT, NotNegative, PlaceM, Positive
 from ..ground.features import Ditch, Feature, Step
 from ..ground.soil_layers import Patch
 from .fault import Fault
@@ -36,7 +36,7 @@ class SoilPatch(GroundFault):
     """Radius."""
     cone_index_kpa: Positive
     """Cone index inside the patch."""
-    left_m: float = 0.0
+    left_m: PlaceM = 0.0
     """Distance of its centre to the left of the path."""
 
     def lay(self, pose: PathPose) -> Patch:
@@ -86,7 +86,7 @@ class StepAcross(GroundFault):
 
     kind: Literal["step"] = "step"
     """Kind of fault."""
-    height_m: float
+    height_m: PlaceM
     """Height behind the ramp; negative for a step down."""
     ramp_m: Positive
     """Length of the ramp."""

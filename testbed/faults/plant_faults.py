@@ -21,7 +21,7 @@ from pydantic.dataclasses import dataclass
 
 from ttempc.types import FloatArray
 
-from ..configuration.config_io import STRICT, Fraction, NotNegative, Positive
+from ..configuration.config_io import STRICT, BearingDeg, Fraction, NotNegative, PlaceM, Positive
 from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..wheels.soil_wheels import SoilWheels
@@ -69,9 +69,9 @@ class LoadShift(PlantFault):
 
     kind: Literal["load_shift"] = "load_shift"
     """Kind of fault."""
-    left_m: float = 0.0
+    left_m: PlaceM = 0.0
     """Shift of its centre to the left."""
-    forward_m: float = 0.0
+    forward_m: PlaceM = 0.0
     """Shift of its centre to the front."""
 
     def attach(self, plant: Plant) -> Effect:
@@ -140,7 +140,7 @@ class Gust(PlantFault):
     """Body that is pushed."""
     force_n: Positive
     """Force."""
-    direction_deg: float
+    direction_deg: BearingDeg
     """Direction of the force, counter-clockwise from east."""
 
     def attach(self, plant: Plant) -> Effect:

@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass
 
 from ttempc.types import Measurement, Sensor
 
-from ..configuration.config_io import STRICT, Positive
+from ..configuration.config_io import STRICT, BearingDeg, Positive, Signed
 from ..sensing.sensor_specification import SensorSpecification
 from .fault import FaultContext, LastingFault, Window
 
@@ -103,7 +103,7 @@ class AngleBias(_AngleFault):
 
     kind: Literal["angle_bias"] = "angle_bias"
     """Kind of fault."""
-    bias_deg: float
+    bias_deg: BearingDeg
     """What is added to a reading."""
 
     def filter(
@@ -123,7 +123,7 @@ class AngleDrift(_AngleFault):
 
     kind: Literal["angle_drift"] = "angle_drift"
     """Kind of fault."""
-    rate_degps: float
+    rate_degps: Signed
     """Rate at which the error grows."""
 
     def filter(
@@ -163,7 +163,7 @@ class GyroBias(SensorFault):
     """Kind of fault."""
     body: Literal["tractor", "trailer"]
     """Body on which the IMU is."""
-    bias_degps: float
+    bias_degps: Signed
     """What is added to a yaw rate."""
 
     @property
@@ -209,7 +209,7 @@ class EncoderScaled(SensorFault):
 
     kind: Literal["encoder_scaled"] = "encoder_scaled"
     """Kind of fault."""
-    factor: float
+    factor: Signed
     """Factor on a reading, not 1."""
 
     @property
@@ -263,7 +263,7 @@ class StampsShifted(_StampFault):
 
     kind: Literal["stamps_shifted"] = "stamps_shifted"
     """Kind of fault."""
-    offset_s: float
+    offset_s: Signed
     """What is added to a stamp, not 0."""
 
     def filter(

@@ -191,7 +191,8 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the computation times of the period."""
     assert tick.control is not None
     report = tick.control.diagnostics.solver
-    qp_us = rows.NAN if report is None else 1e6 * report.solve_time_s
+    # A QP that was answered without the solver (time 0) has no time of one.
+    qp_us = 1e6 * report.solve_time_s if report and report.solve_time_s else rows.NAN
     plant_us = 1e-3 * tick.plant_ns / setup.control_steps
     row = (1e-3 * tick.estimator_ns, 1e-3 * tick.control_ns, qp_us, plant_us)
     setup.sink.row(channels.TIMING, tick.now.time_s, row)
@@ -254,15 +255,16 @@ def drive(
     exception in a user's controller, estimator or stage ends the run as invalid; its traceback
     goes into the log.
     """
-    setup.guidance.warm_up()
-    start = perf_counter_ns()
     tick = TickContext(truths=[(0, setup.plant.truth())])
     log_settings(setup, tick)
     log_truth(setup, tick)
     status: Literal["completed", "stopped", "lost", "invalid"] = "completed"
     failure: str | None = None
     trace: str | None = None
+    start = perf_counter_ns()
     try:
+        setup.guidance.warm_up()
+        start = perf_counter_ns()
         for k in range(ticks):
             tick.k = k
             for stage in stages:

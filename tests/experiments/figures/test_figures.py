@@ -68,11 +68,13 @@ def test_the_path_figure_shows_both_driven_paths_and_zooms_in_on_the_largest_err
     assert len(zooms) == len(whole.patches) == 2
     for axes, shape in zip(zooms, (~errors.curved, errors.curved), strict=True):
         rows = shape & (errors.time_s >= 8.0)
-        worst = np.argmax(np.where(rows, errors.tractor.euclidean_m, -1.0))
+        both = np.where(rows, [errors.tractor.euclidean_m, errors.trailer.euclidean_m], -1.0)
+        body, worst = np.unravel_index(np.argmax(both), both.shape)
         (text,) = axes.texts
-        assert f"t = {errors.time_s[worst]:.1f} s" in text.get_text()
-        assert f"{100 * errors.tractor.euclidean_m[worst]:.1f} cm" in text.get_text()
-        x, y = run[STATE].columns("x_t_m", "y_t_m")[worst]
+        name, fields = (("tractor", ("x_t_m", "y_t_m")), ("trailer", ("x_i_m", "y_i_m")))[body]
+        moment = f"t = {errors.time_s[worst]:.1f} s: {name} off by {100 * both.max():.1f} cm"
+        assert text.get_text() == moment
+        x, y = run[STATE].columns(*fields)[worst]
         (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
         assert left < x < right
         assert bottom < y < top

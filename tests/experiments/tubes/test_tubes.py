@@ -52,7 +52,7 @@ from ttempc.types import Disturbance, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
 NAME, SCENARIO = load("grass", ["path.laps=1"])
-REFERENCE_PATH = Reference(SCENARIO.path.mission().path, Vehicle(), ConstantSpeed(1.0))
+REFERENCE_PATH = Reference(SCENARIO.mission().path, Vehicle(), ConstantSpeed(1.0))
 TICKS = 684  # one lap
 FIELDS = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
 INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
@@ -270,7 +270,7 @@ def test_ttempc_monitors_the_default_tube_if_the_vehicle_matches(scenario, overr
         with pytest.raises(InvalidTube, match="made for another vehicle"):
             check(settings)
     else:
-        vehicle = model_vehicle(settings.path.mission(), settings, settings.vehicles())
+        vehicle = model_vehicle(settings.mission(), settings, settings.vehicles())
         assert (settings.controller.design(vehicle, PAPER_PERIOD_S) is not None) == monitored
 
 
