@@ -60,7 +60,7 @@ class Assembly:
     start: Snapshot  # of the plant at the start of the reference, rolling
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
-    notes: tuple[str, ...] = ()  # on path and tyres, for the log
+    notes: tuple[str, ...] = ()  # on path, tyres and tube, for the log
     stages: tuple[Stage, ...] = STAGES
 
     @property
@@ -183,7 +183,11 @@ def assemble(
         start=plant.snapshot(),
         ticks=timetable.ticks,
         mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
-        notes=(*mission.notes, *overload_notes(vehicles.plant)),
+        notes=(
+            *mission.notes,
+            *overload_notes(vehicles.plant),
+            *(() if factory else scenario.controller.notes(vehicle, scenario.control.period_s)),
+        ),
         stages=with_stages([*timetable.stages(plant), *_user_stages(scenario, seed)]),
     )
 

@@ -42,7 +42,7 @@ class Finished:
     record: Record
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
-    notes: tuple[str, ...] = ()  # on path and tyres
+    notes: tuple[str, ...] = ()  # on path, tyres and tube
     comparison: tuple[PublishedError, ...] = ()  # published errors, where they apply
 
 

@@ -37,9 +37,9 @@ class ControllerSettings:
     tube: NameOrFile | None = None
     """Name of a shipped tube, or path of a file relative to the scenario.
 
-    `ttempc-tube` stays inside it. `ttempc` monitors its deviation from it and, with the option
-    `tightening = "tube"`, leaves it its share of the inputs. The default is the tube of grass;
-    `ttempc` has none if its vehicle differs from that of grass.
+    `ttempc-tube` stays inside it. `ttempc` leaves it its share of the inputs and monitors its
+    deviation from it. The default is the tube of grass; `ttempc` has none if its vehicle differs
+    from that of grass.
     """
     options: dict[str, OptionValue] = Field(default_factory=dict)
     """Options of the controller, such as `horizon`; keyword arguments of a user's factory."""
@@ -74,10 +74,23 @@ class ControllerSettings:
         if entry is None or entry.tube is None:
             return None
         design = read_tube(self.tube_name).design()
-        if entry.tube == "monitor" and self.tube is None and design.differing(vehicle, period_s):
+        if entry.tube == "optional" and self.tube is None and design.differing(vehicle, period_s):
             return None
         design.require(vehicle, period_s)
         return design
+
+    def notes(self, vehicle: Vehicle, period_s: float) -> tuple[str, ...]:
+        """Return what a user has to know of the controller's tube; nothing where it has one."""
+        entry = CONTROLLERS.get(self.name)
+        if entry is None or entry.tube is None or self.design(vehicle, period_s):
+            return ()
+        options = controller_options(self.name, self.options)
+        if options["tightening"] != "tube" or not options["robust"]:
+            return ()
+        return (
+            f"inputs of {self.name} are not tightened: the tube of {_DEFAULT_TUBE} is for another "
+            "vehicle or control period, and controller.tube names no other",
+        )
 
     def with_defaults(self) -> ControllerSettings:
         """Return the same with every option of a shipped controller filled in.

@@ -48,18 +48,18 @@ class ControllerEntry:
     # (vehicle, reference, period [s]) -> TrackingController; `options` and `design` as keywords
     make: Callable[..., TrackingController]
     options: type | None = None  # dataclass of its options; None where it has none
-    # Whether it needs the design of a tube, or uses one where one is given: monitors its place in
-    # it, and is tightened by it if its options say so.
-    tube: Literal["required", "monitor"] | None = None
+    # Whether it needs the design of a tube, or uses one where one is given: is tightened by it, and
+    # monitors its place in it.
+    tube: Literal["required", "optional"] | None = None
 
 
 CONTROLLERS: Final = MappingProxyType(
     {
         "ttempc": ControllerEntry(
-            "articulated model: exact feedforward, offset-free linear MPC, saturated robust law",
+            "articulated model: exact feedforward, offset-free MPC in a growing tube, robust law",
             articulated_controller,
             ArticulatedOptions,
-            tube="monitor",
+            tube="optional",
         ),
         "ttempc-nominal": ControllerEntry(
             "ttempc without its robust law", nominal_controller, NominalOptions

@@ -108,9 +108,8 @@ class ArticulatedFeedback:
     ) -> tuple[FeedbackAction, FloatArray]:
         """Return feedback and robust action (3,) with a sum from which all later plans exist.
 
-        The robust action saturates there, and where the next input of the plan would be more than a
-        step away. Without a solution of the QP, the last plan is kept, and its ancillary gain is
-        the robust action.
+        The robust action saturates there. Without a solution of the QP, the last plan is kept, and
+        its ancillary gain is the robust action.
         """
         state, previous, action = robust.mpc_state, robust.mpc_previous, robust.input
         kept = plan.inputs(k, state) if feedback.fallback else None
@@ -118,10 +117,7 @@ class ArticulatedFeedback:
             note = f"QP {feedback.report.status}: last plan kept by the ancillary gain"
             feedback = replace(feedback, input=kept[0], fallback=note)
             action = -kept[1]
-        total = feedback.input - action
-        if not feedback.fallback:
-            total = self._horizon.before_next(k, total, feedback.plan)
-        total = self._horizon.admissible(k, total, previous)
+        total = self._horizon.admissible(k, feedback.input - action, previous)
         if not feedback.fallback:
             plan.record(k, state, total, feedback.plan)
         return feedback, feedback.input - total

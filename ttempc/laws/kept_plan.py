@@ -14,8 +14,10 @@ _N, _M = len(State), len(Input)
 class KeptPlan:
     """The policy u_e = ubar_j + K m of the last accepted plan, m = zhat - zbar_j.
 
-    zbar_j starts at the estimate at which the plan was made. It follows the model under the planned
-    inputs and the disturbances that the estimator gives at each tick. K m saturates at the share of
+    zbar_j starts at the estimate at which the plan was made. It follows the model under ubar_j and
+    the disturbances that the estimator gives at each tick. ubar_j are the planned inputs; after a
+    first input that the robust action has moved away from them, they approach the plan at the rate
+    that the tightening leaves. K m saturates at the share of
     the inputs that the tightening has reserved for it; inside the tube it is linear, and the sum
     keeps to the limits of the inputs.
 
@@ -49,8 +51,13 @@ class KeptPlan:
             return None
         _, state, u = self._next
         state = ordered_product(self._a[k - 1], state) + ordered_product(self._b[k - 1], u)
-        previous, steps = np.split(self._plan[len(state) :].reshape(-1, _M), [1])
-        u = previous[0] + steps[: stage + 1].sum(axis=0)
+        inputs = self._plan[len(state) :].reshape(-1, _M)  # u_e before it and its steps
+        planned = inputs[: stage + 2].sum(axis=0)
+        # A robust action may have moved the first input away from the plan by more than a step.
+        bounds, at = self._tube.bounds, _M * min(stage, len(inputs) - 2)
+        lower = u + bounds.step_lower[self._made, at : at + _M]
+        upper = u + bounds.step_upper[self._made, at : at + _M]
+        u = np.minimum(np.maximum(planned, lower), upper)
         self._next = k, np.concatenate([state[:_N], estimate[_N:]]), u
         ancillary = ordered_product(self._tube.gains[k], (estimate - state)[:_N])
         reserve = self._tube.reserve[stage, k]

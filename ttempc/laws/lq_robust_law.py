@@ -40,10 +40,10 @@ class LqRobustTuning:
     # weigh as much as 2 deg of steering or 4 % of the hydrostat. For the vehicle of the paper up to
     # 1 m/s; see `for_speed`.
     input_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
-    # What the MPC leaves free. "saturation": k_s of every input, so that the limits never cut the
-    # sum of both; it reserves authority that the law seldom uses. "tube": at stage j of the horizon
-    # what the tube of `ttempc.tube.growing_tube` takes; nothing without a tube.
-    tightening: Tightening = "none"
+    # What the MPC leaves free. "tube": at stage j of the horizon what the tube of
+    # `ttempc.tube.growing_tube` takes; nothing without a tube. "saturation": k_s of every input, so
+    # that the limits never cut the sum of both; it reserves authority that the law seldom uses.
+    tightening: Tightening = "tube"
     # In the one-step reading: time constant of the autocorrelation's average [s].
     memory_s: float = 5.0
 
@@ -55,8 +55,8 @@ class LqRobustTuning:
         check_positive("memory_s", self.memory_s)
         if self.tightening == "tube" and self.nominal == "tube":
             raise InvalidTuning(
-                "tightening: 'tube' grows from the estimate and needs nominal = 'one-step', "
-                "got nominal = 'tube'"
+                "tightening: 'tube' (the default) grows from the estimate and needs nominal = "
+                "'one-step'; with nominal = 'tube' it must be 'none' or 'saturation'"
             )
 
     def for_speed(self, vehicle: Vehicle, speed_mps: float) -> Self:

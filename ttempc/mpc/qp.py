@@ -231,19 +231,6 @@ class CondensedHorizon:
         upper = np.minimum(bounds.upper[k, :m], previous + bounds.step_upper[k, :m])
         return np.maximum(np.minimum(inputs, upper), lower)
 
-    def before_next(self, k: int, inputs: FloatArray, plan: FloatArray) -> FloatArray:
-        """Return the first input nearest to `inputs` (m,) a step before the second of the `plan`.
-
-        The plan is w of tick `k`; one with a single free step has no second input.
-        """
-        m, bounds = len(inputs), self._bounds
-        if self._moves == 1:
-            return inputs
-        first = len(plan) - m * (self._moves + 1)
-        second = plan[first : first + 3 * m].reshape(3, m).sum(axis=0)  # u_{k-1} and two steps
-        lower = second - bounds.step_upper[k, m : 2 * m]
-        return np.maximum(np.minimum(inputs, second - bounds.step_lower[k, m : 2 * m]), lower)
-
     def prediction(self, k: int) -> FloatArray:
         """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""
         matrices, tick = self._at(k)

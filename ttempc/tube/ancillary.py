@@ -49,6 +49,10 @@ class AncillaryWeights:
         """Return all weights in the order of the fields, (12,)."""
         return np.array([*self.outputs, *self.states, *self.inputs])
 
+    def with_inputs_times(self, factors: FloatArray) -> AncillaryWeights:
+        """Return the same with the weights of the inputs times `factors` (3,)."""
+        return AncillaryWeights.of(self.flat * np.concatenate([np.ones(9), factors]))
+
     @classmethod
     def of(cls, flat: FloatArray) -> AncillaryWeights:
         """Return the weights from `flat` (12,), the reverse of `AncillaryWeights.flat`."""

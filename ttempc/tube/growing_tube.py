@@ -8,21 +8,24 @@ first input is not tightened: nothing about it is uncertain.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..limits import CommandLimits
 from ..mpc.articulated_error import remaining_bounds
 from ..mpc.qp import HorizonTuning, StageBounds, stage_bounds
-from ..types import FloatArray
+from ..types import FloatArray, Input
 from .disturbance_set import DisturbanceSet
 from .reference_tube import TubeDesign, tracking_system
-from .tube import TrackingSystem
+from .tube import TrackingSystem, reach_backwards
 
 # Largest share of an input's distance to its limit that is reserved, assumed: the plan keeps the
 # rest, so that the reference stays inside the bounds wherever it is inside the limits.
 _MOST_RESERVED = 0.97
+# Largest share of an input's change in a period that the ancillary gain may take, assumed.
+_MOST_OF_RATE = 0.5
+_LARGEST_WEIGHT = 1e6  # of an input, at which the search ends: a smaller gain leaves no more
 
 
 @dataclass(frozen=True)
@@ -59,14 +62,52 @@ class GrowingTube:
         Raises:
             InvalidTube: no gain minimises the cost of the design's weights.
         """
-        system = tracking_system(a, b, c, design.weights)
-        inputs, rates = reachable_inputs(system, design.disturbance, tuning.horizon)
         limits = CommandLimits.of(design.vehicle, design.period_s)
+        system, inputs, rates = steered_system(design, a, b, c, limits, tuning.horizon)
         free = stage_bounds(tuning, design.period_s, len(a), remaining_bounds(feedforward, limits))
         reserve = np.minimum(inputs, _reservable(free.lower, free.upper))
         of_rates = np.minimum(rates, _reservable(free.step_lower, free.step_upper))
         bounds = horizon_bounds(free, reserve, of_rates, tuning.moves)
         return cls(system.gains, reserve, bounds)
+
+
+def steered_system(
+    design: TubeDesign,
+    a: FloatArray,
+    b: FloatArray,
+    c: FloatArray,
+    limits: CommandLimits,
+    horizon: int,
+) -> tuple[TrackingSystem, FloatArray, FloatArray]:
+    """Return the closed loop of the ancillary gain, and `reachable_inputs` of it.
+
+    A tube that ends with the horizon needs no gain that contracts, so that the gain can leave the
+    plan more of the inputs than that of an invariant tube does:
+
+    - The hydrostat has no ancillary action. It would keep to the place along the path, on which
+      there is no constraint.
+    - The steering keeps to the path with the design's weights, those of an input doubled until it
+      leaves the plan half of its change in a period (`_MOST_OF_RATE`).
+
+    Args:
+        design: gives weights and disturbance set.
+        a: A (T, 16, 16), b: B (T, 16, 3), c: C (T + 1, 4, 16) of `error_dynamics`.
+        b: see a.
+        c: see a.
+        limits: of the inputs.
+        horizon: Np.
+    """
+    weights, most = design.weights, _MOST_OF_RATE * limits.step
+    while True:
+        full = tracking_system(a, b, c, weights)
+        gains = full.gains.copy()
+        gains[:, Input.HP] = 0.0
+        system = replace(full, gains=gains)
+        inputs, rates = reachable_inputs(system, design.disturbance, horizon)
+        factors = np.where(rates.max(axis=(0, 1)) > most, 2.0, 1.0)
+        if np.all(factors == 1.0) or max(weights.inputs) > _LARGEST_WEIGHT:
+            return system, inputs, rates
+        weights = weights.with_inputs_times(factors)
 
 
 def _reservable(lower: FloatArray, upper: FloatArray) -> FloatArray:
@@ -83,17 +124,12 @@ def reachable_inputs(
     """
     gains, m = system.gains, system.gains.shape[1]
     rows = np.concatenate([gains, gains], axis=1)  # on m(k): inputs, rates
-    energy, blocks = np.zeros_like(rows), np.zeros(rows.shape[:2])
-    half, tick = np.zeros((horizon, *rows.shape[:2])), np.arange(len(gains))
-    for step in range(1, horizon):
-        energy += (rows @ disturbance.axes) ** 2
-        tick = system.before[tick]
-        rows = rows @ system.closed[tick]
-        if step == 1:  # K(k) m(k) - K(k-1) m(k-1): w(k-1) acts through the first term alone
-            rows[:, m:] -= gains[tick]
-        half[step] = blocks + disturbance.reach(energy)
-        if step % disturbance.window == 0:
-            blocks, energy = half[step], np.zeros_like(energy)
+    half = np.zeros((horizon, *rows.shape[:2]))
+    backwards = reach_backwards(
+        system, disturbance, np.arange(len(gains)), rows, rates=slice(m, None)
+    )
+    for j, (completed, energy, _) in zip(range(1, horizon), backwards, strict=False):
+        half[j] = completed + disturbance.reach(energy)
     return half[..., :m], half[..., m:]
 
 

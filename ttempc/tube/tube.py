@@ -18,6 +18,8 @@ From another point of S_k, m(k+N) lies in S_{k+N}, and the ticks between need no
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -175,6 +177,40 @@ class Tube:
         return reached / (1.0 - self.certificate.alpha)
 
 
+def reach_backwards(
+    system: TrackingSystem,
+    disturbance: DisturbanceSet,
+    ticks: NDArray[np.intp],
+    rows: FloatArray,
+    rates: slice | None = None,
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Yield what the last 1, 2, 3, ... steps reach at most in `rows` on m(k), without end.
+
+    The disturbances act in windows counted back from tick k. Each item holds, in this order, what
+    the completed windows before the present one reach (t, r), the energy of the present one
+    (t, r, n), see `DisturbanceSet.reach`, and the rows on the state before all of them (t, r, n).
+
+    Args:
+        system: the closed loop.
+        disturbance: acts on the state in every step.
+        ticks: k, (t,).
+        rows: of each tick, (t, r, n).
+        rates: which rows are K(k), to be taken as those of the change K(k) m(k) - K(k-1) m(k-1).
+    """
+    completed, energy = np.zeros(rows.shape[:2]), np.zeros(rows.shape)
+    for step in itertools.count():
+        if step % disturbance.window == 0:
+            energy = np.zeros(rows.shape)
+        energy = energy + (rows @ disturbance.axes) ** 2
+        ticks = system.before[ticks]
+        rows = rows @ system.closed[ticks]
+        if step == 0 and rates:  # w(k-1) acts through K(k) m(k) alone
+            rows[:, rates] -= system.gains[ticks]
+        yield completed, energy, rows
+        if (step + 1) % disturbance.window == 0:
+            completed = completed + disturbance.reach(energy)
+
+
 def _reached(
     system: TrackingSystem,
     disturbance: DisturbanceSet,
@@ -182,19 +218,11 @@ def _reached(
     rows: FloatArray,
     steps: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what the last steps add to `rows` (t, r, n) at `ticks` (t,), and the rows before.
-
-    The disturbances of the steps reach (t, r) at most, in windows counted backwards; the rows on
-    the state before them, (t, r, n), are `rows` times the transition.
-    """
+    """Return what the last steps reach in `rows` (t, r, n), (t, r), and the rows before them."""
     reached = np.zeros(rows.shape[:2])
-    for begin in range(0, steps, disturbance.window):
-        energy = np.zeros(rows.shape)
-        for _ in range(min(disturbance.window, steps - begin)):
-            energy += (rows @ disturbance.axes) ** 2
-            ticks = system.before[ticks]
-            rows = rows @ system.closed[ticks]
-        reached += disturbance.reach(energy)
+    backwards = reach_backwards(system, disturbance, ticks, rows)
+    for completed, energy, before in itertools.islice(backwards, steps):
+        reached, rows = completed + disturbance.reach(energy), before
     return reached, rows
 
 
@@ -251,40 +279,32 @@ def invariant_tube(
     ticks, n = system.a.shape[:2]
     if disturbance.dimension != n:
         raise InvalidTube(f"disturbance: got {disturbance.dimension} dimensions, must be {n}")
-    gains, closed, axes = system.gains, system.closed, disturbance.axes
+    gains = system.gains
     m, p = gains.shape[1], system.c.shape[1]
     faces, inner = disturbance.faces
     unit = np.tile(np.eye(n), (ticks, 1, 1))
     # Rows on m(k): states, outputs, inputs, rates, and the faces of W for alpha.
     rows = np.concatenate([unit, system.c, gains, gains, np.tile(faces, (ticks, 1, 1))], axis=1)
     rates, face = slice(n + p + m, n + p + 2 * m), slice(n + p + 2 * m, None)
-    total, energy = np.zeros(rows.shape[:2]), np.zeros(rows.shape)
-    tick, step, alpha = np.arange(ticks), 0, np.inf
-    for step in range(most_steps):
-        energy += (rows @ axes) ** 2
-        tick = system.before[tick]
-        rows = rows @ closed[tick]
-        if step == 0:  # in K(k) m(k) - K(k-1) m(k-1), w(k-1) acts through the first term alone
-            rows[:, rates] -= gains[tick]
-        if (step + 1) % disturbance.window:
+    backwards = reach_backwards(system, disturbance, np.arange(ticks), rows, rates)
+    window, step, alpha, total = disturbance.window, 0, np.inf, np.zeros(rows.shape[:2])
+    for step, (completed, energy, _) in enumerate(itertools.islice(backwards, most_steps), 1):
+        if step % window:
             continue
-        added = disturbance.reach(energy)
-        alpha = float(added[:, face].max()) / inner
+        alpha, total = float(disturbance.reach(energy)[:, face].max()) / inner, completed
         if alpha <= tolerance or not alpha < _EXPLODED:
             break
-        total += added
-        energy = np.zeros_like(energy)
     if not alpha <= tolerance:
-        growth = float(np.abs(np.linalg.eigvals(closed)).max())
+        growth = float(np.abs(np.linalg.eigvals(system.closed)).max())
         raise InvalidTube(
-            f"A + B K does not contract: {step + 1} steps leave {alpha:.3g} times a disturbance, "
+            f"A + B K does not contract: {step} steps leave {alpha:.3g} times a disturbance, "
             f"the largest eigenvalue has the modulus {growth:.4f}"
         )
     half = total / (1.0 - alpha)
     return Tube(
         system,
         disturbance,
-        Certificate(alpha, step // disturbance.window, disturbance.window),
+        Certificate(alpha, step // window - 1, window),
         states=half[:, :n],
         outputs=half[:, n : n + p],
         inputs=half[:, n + p : n + p + m],

@@ -1,4 +1,4 @@
-"""Ablation of `ttempc`: feedforward, MPC, disturbance estimate, robust law.
+"""Ablation of `ttempc`: feedforward, MPC, disturbance estimate, robust law, tube.
 
     python -m experiments.studies.ablations.ablation [SEEDS [SCENARIO ...]]
 
@@ -10,17 +10,12 @@ Euclidean errors [cm], and the root mean square of the front steering's command 
 from __future__ import annotations
 
 import itertools
+import json
 import math
 import sys
-from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-
-from ttempc.guidance.controllers import feedforward_controller
-from ttempc.guidance.guidance import ControllerFactory
-from ttempc.laws.articulated_mpc import articulated_controller
-from ttempc.laws.articulated_options import ArticulatedOptions
 
 from ...results.published import COLUMNS
 from ...results.summary import Summary
@@ -30,18 +25,20 @@ from ..batch import StudyRun, lost_count, mean_errors_cm, simulate_runs
 SCENARIOS: Final = ("grass", "wet-slope", "patchy", "old-valves")
 
 
-def _variant(**options: Any) -> ControllerFactory:  # noqa: ANN401 - any field of the options
-    return partial(articulated_controller, options=ArticulatedOptions(**options))
+def _variant(**options: object) -> tuple[str, ...]:
+    """Return overrides of a scenario that set options of `ttempc`."""
+    return tuple(f"controller.options.{key}={json.dumps(value)}" for key, value in options.items())
 
 
-VARIANTS: Final[dict[str, ControllerFactory]] = {
-    "feedforward": feedforward_controller,
+VARIANTS: Final[dict[str, tuple[str, ...]]] = {
+    "feedforward": ('controller.name="feedforward"',),
     "+ LMPC": _variant(robust=False, disturbances=False),
-    "+ LMPC, robust": _variant(disturbances=False),
+    "+ LMPC, robust": _variant(disturbances=False, tightening="none"),
     "+ LMPC, disturbance (`ttempc-nominal`)": _variant(robust=False),
-    "+ LMPC, disturbance, robust (`ttempc`)": _variant(),
-    "the same, MPC tightened by the law's authority": _variant(tightening="saturation"),
-    "robust in the tube reading": _variant(nominal="tube"),
+    "+ LMPC, disturbance, robust": _variant(tightening="none"),
+    "+ LMPC, disturbance, robust, growing tube (`ttempc`)": _variant(),
+    "no tube, MPC tightened by the law's authority": _variant(tightening="saturation"),
+    "no tube, robust in the tube reading": _variant(tightening="none", nominal="tube"),
     "no robust, step weights 1, 1, 0.02": _variant(robust=False, step_weight=(1.0, 1.0, 0.02)),
     "no robust, step weights 0.05, 0.05, 0.1": _variant(
         robust=False, step_weight=(0.05, 0.05, 0.1)
@@ -57,9 +54,9 @@ def main(
 ) -> None:
     """Drive all variants and print the table; `path` overrides the path of the scenarios."""
     runs = [
-        StudyRun(scenario, seed, (path,), factory)
+        StudyRun(scenario, seed, (path, *overrides))
         for scenario in scenarios
-        for factory in VARIANTS.values()
+        for overrides in VARIANTS.values()
         for seed in seeds
     ]
     summaries = iter(simulate_runs(runs))

@@ -14,11 +14,20 @@ from ttempc.guidance.controllers import make_controller
 from ttempc.laws.articulated_options import ArticulatedOptions
 from ttempc.limits import CommandLimits
 from ttempc.mpc.solver import PersistentSolver, QPSolution
+from ttempc.tube.growing_tube import steered_system
 from ttempc.types import Disturbance, MapDisturbance, SolverReport
 
 TICKS = 120
 FAILED = QPSolution(None, SolverReport("max_iter_reached", False, 0, 0.0, 0.0, 0.0))
 NONE = np.zeros(len(Disturbance))
+CLOSED = steered_system(
+    DESIGN,
+    ALONG.a,
+    ALONG.b,
+    ALONG.c,
+    CommandLimits.of(VEHICLE, PERIOD_S),
+    ArticulatedOptions().horizon,
+)[0].closed
 
 
 def controller(**options):
@@ -42,7 +51,7 @@ def test_its_commands_are_never_cut_by_the_limits_however_it_is_disturbed():
     generator = np.random.default_rng(91)
     for scale in (1.0, 30.0):
         run = scale * admissible(WINDOW, TICKS, generator)
-        _, commands, diagnostics = drive(run, controller(tightening="tube"))
+        _, commands, diagnostics = drive(run, controller())
         totals = [d.feedforward + d.feedback + d.robust for d in diagnostics]
         np.testing.assert_allclose(totals, commands, atol=1e-9)
         assert not any(d.fallback for d in diagnostics)
@@ -64,7 +73,7 @@ def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monke
             lambda solver, qp: solve(solver, qp) if next(calls) < fails else FAILED,
         )
         start = np.array([0.3, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-        return drive(disturbances, controller(tightening="tube", robust=True), start)
+        return drive(disturbances, controller(), start)
 
     ticks = fails + stages
     until = np.where(np.arange(ticks)[:, None] < fails, run[:ticks], 0.0)
@@ -74,27 +83,28 @@ def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monke
     for k in range(fails, ticks):
         assert "last plan kept" in diagnostics[k].fallback
         np.testing.assert_allclose(errors[k] - plain[k], deviation, atol=1e-9)
-        deviation = ALONG.tube.system.closed[k] @ deviation + run[k]
+        deviation = CLOSED[k] @ deviation + run[k]
     totals = [d.feedforward + d.feedback + d.robust for d in diagnostics]
     np.testing.assert_allclose(totals, commands, atol=1e-9)
 
 
 def test_without_a_plan_or_beyond_its_horizon_the_previous_feedback_is_held(monkeypatch):
     monkeypatch.setattr(PersistentSolver, "solve", lambda solver, qp: FAILED)
-    _, _, diagnostics = drive(np.zeros((3, 7)), controller(tightening="tube"))
+    _, _, diagnostics = drive(np.zeros((3, 7)), controller())
     assert all("previous feedback held" in d.fallback for d in diagnostics)
 
 
 def test_without_a_tube_nothing_is_tightened():
     run = admissible(WINDOW, 40, np.random.default_rng(93))
-    plain = make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S)
-    tight = make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, options={"tightening": "tube"})
+    options = {"tightening": "none"}
+    plain = make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, options=options)
+    tight = make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S)
     np.testing.assert_array_equal(drive(run, plain)[1], drive(run, tight)[1])
 
 
 def test_a_fresh_law_has_no_plan():
     run = 3.0 * admissible(WINDOW, 40, np.random.default_rng(94))
-    used = controller(tightening="tube")
+    used = controller()
     first = drive(run, used)[1]
     np.testing.assert_array_equal(drive(run, used.fresh())[1], first)
 
@@ -102,11 +112,10 @@ def test_a_fresh_law_has_no_plan():
 def test_it_goes_on_for_learnt_lengths():
     """The first input after the exchange is feasible, a step from the last command."""
     learnt = replace(VEHICLE, trailer_length=1.1 * VEHICLE.trailer_length)
-    run, before = admissible(WINDOW, 41, np.random.default_rng(95)), controller(tightening="tube")
+    run, before = admissible(WINDOW, 41, np.random.default_rng(95)), controller()
     errors, commands, _ = drive(run, before)
     reference, design = replace(REFERENCE, vehicle=learnt), replace(DESIGN, vehicle=learnt)
-    options = {"tightening": "tube"}
-    after = make_controller("ttempc", learnt, reference, PERIOD_S, design, options)
+    after = make_controller("ttempc", learnt, reference, PERIOD_S, design)
     after.resume(before)
     step = after.step(estimate_of(41, errors[-1], NONE), 41)
     change = np.abs(step.command.as_array() - commands[-1])

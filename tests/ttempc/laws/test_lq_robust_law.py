@@ -17,7 +17,7 @@ from ttempc.types import Disturbance, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2
-TUBE = LqRobustTuning(nominal="tube")
+TUBE = LqRobustTuning(nominal="tube", tightening="none")
 TICKS = 150
 SIZE = len(State) + len(Disturbance) + len(MapDisturbance)
 

@@ -71,8 +71,9 @@ def test_what_lies_in_the_set_lies_within_the_half_widths():
 
 def test_the_controller_reports_what_a_step_added_and_commands_the_same():
     """A jump of the estimate is the deviation of that tick; nothing jumped before."""
-    monitored = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, design=DESIGN)
-    unmonitored = articulated_controller(VEHICLE, REFERENCE, PERIOD_S)
+    options = ArticulatedOptions(tightening="none")
+    monitored = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options, DESIGN)
+    unmonitored = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options)
     jump = np.array([0.0, 0.03, 0.0, 0.0, 0.0, 0.0, 0.0])
     margins = []
     for k in range(7):
@@ -87,7 +88,7 @@ def test_the_controller_reports_what_a_step_added_and_commands_the_same():
 
 
 def test_the_tube_reading_has_no_one_step_monitor():
-    options = ArticulatedOptions(nominal="tube")
+    options = ArticulatedOptions(nominal="tube", tightening="none")
     controller = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options, DESIGN)
     assert controller.step(on(np.zeros(7), 0), 0).diagnostics.tube is None
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tests.ttempc.tubes import (
@@ -20,7 +22,14 @@ from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.mpc.qp import CondensedHorizon, StageBounds
 from ttempc.mpc.solver import PersistentSolver
 from ttempc.reference.feedforward import exact_feedforward
-from ttempc.tube.growing_tube import GrowingTube, horizon_bounds, reachable_inputs
+from ttempc.tube.growing_tube import (
+    GrowingTube,
+    horizon_bounds,
+    reachable_inputs,
+    steered_system,
+)
+from ttempc.tube.tube import _reached
+from ttempc.types import Input
 
 OPTIONS = MpcOptions()
 RIGID = along()
@@ -104,6 +113,27 @@ def test_an_input_that_later_bounds_would_strand_is_not_allowed():
     expected = [5.0, 5.0, 4.0, 3.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0]
     np.testing.assert_allclose(bounds.upper[:, 0], expected)
     np.testing.assert_allclose(bounds.lower[:, 0], -bounds.upper[:, 0])
+
+
+def test_the_ancillary_gain_leaves_the_plan_the_hydrostat_and_half_of_every_change():
+    system, inputs, rates = steered_system(DESIGN, A, B, C, LIMITS, OPTIONS.horizon)
+    assert not inputs[..., Input.HP].any()
+    assert np.all(rates <= 0.5 * LIMITS.step)
+    assert np.any(RATES > 0.5 * LIMITS.step)  # those of the invariant tube
+    # Cross-track, where constraints are, it still holds the deviations together.
+    rows, last = SYSTEM.c[CURVE : CURVE + 1, [1, 3]], np.array([CURVE])
+    open_loop = replace(SYSTEM, gains=np.zeros_like(SYSTEM.gains))
+    steered, free = (
+        _reached(one, WINDOW, last, rows, OPTIONS.horizon)[0] for one in (system, open_loop)
+    )
+    assert np.all(steered < 0.75 * free)
+
+
+def test_a_smaller_rate_limit_makes_the_ancillary_gain_smaller():
+    slow = replace(LIMITS, step=0.2 * LIMITS.step)
+    system, _, rates = steered_system(DESIGN, A, B, C, slow, OPTIONS.horizon)
+    assert np.all(rates <= 0.5 * slow.step)
+    assert np.all(np.abs(system.gains).max(axis=(0, 2)) <= np.abs(SYSTEM.gains).max(axis=(0, 2)))
 
 
 def test_where_the_limits_leave_less_the_reserve_is_what_they_leave():
