@@ -64,7 +64,7 @@ class ControllerSettings:
         return self.tube or _DEFAULT_TUBE
 
     def design(self, vehicle: Vehicle, period_s: float) -> TubeDesign | None:
-        """Return the design of the tube that the controller needs or monitors, None without one.
+        """Return the design of the tube that the controller needs or uses, None without one.
 
         Raises:
             InvalidFit: there is no such tube, or its file is not valid.

@@ -159,7 +159,7 @@ def make_controller(
         vehicle: model parameters.
         reference: what to follow.
         period_s: control period [s].
-        design: the tube of controllers that need or monitor one; others ignore it.
+        design: the tube of controllers that need or use one; others ignore it.
         options: values in the place of the defaults of its options.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Offset-free linear MPC on the articulated model with a saturated robust law: `ttempc`."""
+"""Offset-free linear MPC on the articulated model, growing tube, saturated robust law: `ttempc`."""
 
 from __future__ import annotations
 
@@ -156,9 +156,10 @@ def articulated_controller(
 ) -> TrackingController:
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
-    With a `design`, the one-step monitor logs the containment of each step's residual in the set
-    of that tube, in the one-step reading of the robust law; it changes no command. The tightening
-    "tube" of the robust law does, see `ttempc.tube.growing_tube`.
+    With a `design`, the inputs of the MPC are tightened by the tube that grows from the estimate
+    (`ttempc.tube.growing_tube`), and the one-step monitor logs the containment of each step's
+    residual, in the one-step reading of the robust law; the monitor changes no command. Without
+    one nothing is tightened.
 
     Raises:
         InvalidTube: the design was made for another vehicle, or the law is to have its authority

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, replace
-from typing import Literal, Self, get_args
+from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
@@ -14,14 +14,12 @@ from ..mpc.riccati import riccati_gains
 from ..types import FloatArray, Input, State
 from ..validation import check_choice, check_positive, check_vector
 from ..vehicle import Vehicle
-from .nominal_state import NominalState, Reading
+from .nominal_state import Reading
+from .robust_kernel import predict_nominal, robust_action
 
 Tightening = Literal["none", "saturation", "tube"]
 
 _N, _M = len(State), len(Input)
-# Largest argument of tanh in the tube reading. Beyond it the law cannot bring the vehicle back.
-_EXHAUSTED = 3.0
-_TINY = 1e-30  # keeps the autocorrelation of a signal of zeros finite
 
 
 @dataclass(frozen=True)
@@ -72,8 +70,7 @@ class LqRobustTuning:
         return replace(self, input_weight=(front, trailer, hp))
 
 
-@dataclass(frozen=True, slots=True)
-class RobustAction:
+class RobustAction(NamedTuple):
     """The robust action of one tick, and the state and input that it leaves to the MPC."""
 
     input: FloatArray  # (3,) u_m
@@ -124,28 +121,28 @@ class LqRobustLaw:
         period_s: float,
         tuning: LqRobustTuning,
     ) -> None:
-        outputs = c[:-1, :, :_N]
+        outputs = np.ascontiguousarray(c[:-1, :, :_N])
         cost = outputs.transpose(0, 2, 1) @ outputs
         gains = riccati_gains(a[:, :_N, :_N], b[:, :_N], cost, np.array(tuning.input_weight))
         self._limit = np.array(tuning.saturation)
         self._relative = gains / self._limit[:, None]  # (N, 3, 7)
         self._outputs = outputs  # (N, 4, 7)
-        self._tube = tuning.nominal == "tube"
-        self._nominal = NominalState(a, b, tuning.nominal)
-        self._autocorrelation = Autocorrelation(_M, math.exp(-period_s / tuning.memory_s))
+        self._one_step = tuning.nominal == "one-step"
+        self._a, self._b = a, b
+        self._memory = np.zeros((3, _M))  # see `autocorrelation`
+        self._forgetting = math.exp(-period_s / tuning.memory_s)
         self._last: tuple[int, FloatArray, FloatArray] | None = None  # tick, MPC's state, u_b
 
     def fresh(self) -> LqRobustLaw:
         """Return the law before its first tick; it shares the gains."""
         law = copy.copy(self)
-        law._nominal = self._nominal.fresh()
-        law._autocorrelation = self._autocorrelation.fresh()
+        law._memory = np.zeros_like(self._memory)
         law._last = None
         return law
 
     def resume(self, previous: LqRobustLaw) -> None:
         """Keep the autocorrelation; the nominal state, an error to another reference, restarts."""
-        self._autocorrelation = previous._autocorrelation
+        self._memory = previous._memory
 
     def step(self, k: int, error: FloatArray, previous: FloatArray) -> RobustAction:
         """Return the action of tick `k`.
@@ -155,57 +152,36 @@ class LqRobustLaw:
             error: z_e and the disturbances as in `ttempc.mpc.articulated_error`, (n,).
             previous: u_e(k-1) (3,), the reference's input less the one that was sent.
         """
-        if self._last:
-            tick, state, feedback = self._last
-            previous = feedback if self._tube else previous
-            self._nominal.advance(tick, state, previous)
-        nominal = self._nominal.at(k, error)[:_N]
-        deviation = error[:_N] - nominal  # z_m
-        desired = self._relative[k] @ deviation  # in units of k_s
-        mpc_state, fallback = error, ""
-        if not self._tube:
-            desired = self._autocorrelation.update(desired) * desired
-        elif np.abs(desired).max() <= _EXHAUSTED:
+        nominal = error[:_N]
+        if self._last and not self._one_step:
+            previous = self._last[2]
+        if self._last and self._last[0] == k - 1:
+            nominal = predict_nominal(k - 1, self._a, self._b, self._last[1], previous, _N)
+        deviation, modelling_error, action, exhausted = robust_action(
+            k,
+            error,
+            nominal,
+            self._relative,
+            self._outputs,
+            self._limit,
+            self._memory,
+            self._forgetting,
+            self._one_step,
+        )
+        mpc_state = error
+        if not (self._one_step or exhausted):
             # The disturbances act on both states, with their present estimates.
             mpc_state = np.concatenate([nominal, error[_N:]])
-        else:
-            fallback = "robust action exhausted: nominal state starts anew"
-            deviation, desired = np.zeros(_N), np.zeros(_M)
         return RobustAction(
-            input=self._limit * np.tanh(desired),
+            input=action,
             nominal=nominal,
             deviation=deviation,
-            modelling_error=self._outputs[k] @ deviation,
+            modelling_error=modelling_error,
             mpc_state=mpc_state,
             mpc_previous=previous,
-            fallback=fallback,
+            fallback="robust action exhausted: nominal state starts anew" if exhausted else "",
         )
 
     def record_feedback(self, k: int, mpc_state: FloatArray, feedback: FloatArray) -> None:
         """Store the MPC's state (n,) and its `feedback` u_b (3,) of tick `k` for the next step."""
         self._last = k, mpc_state, feedback
-
-
-class Autocorrelation:
-    """Lag-one autocorrelation of each entry of a signal, with exponential forgetting.
-
-    Args:
-        entries: n, of the signal.
-        forgetting: factor by which older samples weigh less with each sample, in (0, 1).
-    """
-
-    def __init__(self, entries: int, forgetting: float) -> None:
-        self._forgetting = forgetting
-        self._previous = np.zeros(entries)
-        self._product, self._power = np.zeros(entries), np.zeros(entries)
-
-    def fresh(self) -> Autocorrelation:
-        """Return the autocorrelation before its first sample."""
-        return Autocorrelation(len(self._previous), self._forgetting)
-
-    def update(self, signal: FloatArray) -> FloatArray:
-        """Return the autocorrelation with the sample `signal` (n,), clipped to [0, 1], (n,)."""
-        self._product = self._forgetting * self._product + signal * self._previous
-        self._power = self._forgetting * self._power + 0.5 * (signal**2 + self._previous**2)
-        self._previous = signal
-        return np.minimum(np.maximum(self._product / np.maximum(self._power, _TINY), 0.0), 1.0)

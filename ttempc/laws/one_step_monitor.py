@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..tube.reference_tube import TubeDesign, report_rows
 from ..types import FloatArray, TubeReport
+from .robust_kernel import containment
 
 
 class OneStepMonitor:
@@ -21,7 +24,8 @@ class OneStepMonitor:
     """
 
     def __init__(self, design: TubeDesign, outputs: FloatArray) -> None:
-        self._disturbance = design.disturbance
+        self._inverse = np.linalg.inv(design.disturbance.axes)
+        self._ellipsoid = design.disturbance.shape == "ellipsoid"
         self._rows = report_rows(outputs)  # (T, 9, 7)
         rows = self._rows.reshape(-1, outputs.shape[-1])
         width = design.disturbance.support(rows) + design.estimate_error.support(rows)
@@ -32,5 +36,7 @@ class OneStepMonitor:
 
         The margin is 1 less the gauge of the deviation in W.
         """
-        margin = 1.0 - self._disturbance.gauge(deviation)
-        return TubeReport(margin >= 0.0, margin, self._rows[k] @ nominal, self._half_widths[k])
+        gauge, errors = containment(
+            k, self._inverse, self._ellipsoid, self._rows, nominal, deviation
+        )
+        return TubeReport(gauge <= 1.0, 1.0 - gauge, errors, self._half_widths[k])

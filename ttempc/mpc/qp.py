@@ -15,6 +15,7 @@ from ..errors import InvalidTuning
 from ..models.tracking_error import Error
 from ..types import FloatArray, Input
 from ..validation import check_count, check_vector
+from .admissible_kernel import nearest_admissible
 from .ordered_product import ordered_product
 
 _BLOCK = 32  # ticks whose matrices are computed together: 2 ms, 1 MB with the defaults
@@ -226,10 +227,10 @@ class CondensedHorizon:
 
     def admissible(self, k: int, inputs: FloatArray, previous: FloatArray) -> FloatArray:
         """Return the first input of tick `k` nearest to `inputs` (m,) within bounds and a step."""
-        m, bounds = len(inputs), self._bounds
-        lower = np.maximum(bounds.lower[k, :m], previous + bounds.step_lower[k, :m])
-        upper = np.minimum(bounds.upper[k, :m], previous + bounds.step_upper[k, :m])
-        return np.maximum(np.minimum(inputs, upper), lower)
+        of = self._bounds
+        return nearest_admissible(
+            k, inputs, previous, of.lower, of.upper, of.step_lower, of.step_upper
+        )
 
     def prediction(self, k: int) -> FloatArray:
         """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from ttempc.errors import InvalidTuning
-from ttempc.laws.lq_robust_law import Autocorrelation, LqRobustLaw, LqRobustTuning
+from ttempc.laws.lq_robust_law import LqRobustLaw, LqRobustTuning
+from ttempc.laws.robust_kernel import autocorrelation
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -73,11 +74,11 @@ def test_small_actions_stabilise_what_the_model_does_not_know():
 def test_autocorrelation_is_the_correlation_of_a_signal_with_its_past():
     """Of white noise, of an autoregressive signal, and of one that changes its sign."""
     generator = np.random.default_rng(54)
-    autocorrelation, signal = Autocorrelation(3, 0.99), np.zeros(3)
+    memory, signal = np.zeros((3, 3)), np.zeros(3)
     estimates = []
     for _ in range(3000):
         signal = np.array([0.0, 0.6, -0.6]) * signal + generator.normal(size=3)
-        estimates.append(autocorrelation.update(signal))
+        estimates.append(autocorrelation(memory, 0.99, signal))
     np.testing.assert_allclose(np.mean(estimates, axis=0), [0.0, 0.6, 0.0], atol=0.06)
     assert np.min(estimates) >= 0.0
     assert np.max(estimates) <= 1.0
