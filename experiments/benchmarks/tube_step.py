@@ -2,8 +2,8 @@
 
     python -m experiments.benchmarks.tube_step
 
-Replays the same estimates of half a lap to `ttempc-nominal`, `ttempc` without and with its tube, and
-`ttempc-tube`, in turns, so that the ratios of their medians do not depend on the machine.
+Replays the same estimates of half a lap to `ttempc-nominal`, `ttempc` without and with its tube,
+and `ttempc-tube`, in turns, so that the ratios of their medians do not depend on the machine.
 Then measures the tube of a figure eight.
 """
 

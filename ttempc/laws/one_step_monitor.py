@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..tube.reference_tube import TubeDesign, report_rows
 from ..types import FloatArray, TubeReport
 from .robust_kernel import containment
@@ -24,7 +22,7 @@ class OneStepMonitor:
     """
 
     def __init__(self, design: TubeDesign, outputs: FloatArray) -> None:
-        self._inverse = np.linalg.inv(design.disturbance.axes)
+        self._inverse, _ = design.disturbance.faces
         self._ellipsoid = design.disturbance.shape == "ellipsoid"
         self._rows = report_rows(outputs)  # (T, 9, 7)
         rows = self._rows.reshape(-1, outputs.shape[-1])

@@ -23,7 +23,13 @@ from proving_ground.experiments.studies import (
     ranking,
     roughness,
 )
-from proving_ground.experiments.studies.ablations import ablation, conditions, limits, recovery
+from proving_ground.experiments.studies.ablations import (
+    ablation,
+    ancillary_gain,
+    conditions,
+    limits,
+    recovery,
+)
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS
 
@@ -65,6 +71,15 @@ def test_ablation(capsys, monkeypatch):
     feedforward, mpc = (finite(row[2:4]) for row in body)
     assert feedforward != mpc
     assert [row[-1] for row in body] == ["0/1", "0/1"]
+
+
+def test_ancillary_gain(capsys, monkeypatch):
+    monkeypatch.setattr(ancillary_gain, "TICKS", 60)
+    ancillary_gain.main()
+    _, body = rows(capsys)
+    design, _, default, none = (finite(row[1:4]) for row in body)
+    assert default[0] < design[0]
+    assert none == [0.0, 0.0, 0.0]
 
 
 def test_conditions(capsys, monkeypatch):

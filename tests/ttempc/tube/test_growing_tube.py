@@ -28,7 +28,7 @@ from ttempc.tube.growing_tube import (
     reachable_inputs,
     steered_system,
 )
-from ttempc.tube.tube import _reached
+from ttempc.tube.tube import reachable_set
 from ttempc.types import Input
 
 OPTIONS = MpcOptions()
@@ -121,10 +121,10 @@ def test_the_ancillary_gain_leaves_the_plan_the_hydrostat_and_half_of_every_chan
     assert np.all(rates <= 0.5 * LIMITS.step)
     assert np.any(0.5 * LIMITS.step < RATES)  # those of the invariant tube
     # Cross-track, where constraints are, it still holds the deviations together.
-    rows, last = SYSTEM.c[CURVE : CURVE + 1, [1, 3]], np.array([CURVE])
     open_loop = replace(SYSTEM, gains=np.zeros_like(SYSTEM.gains))
     steered, free = (
-        _reached(one, WINDOW, last, rows, OPTIONS.horizon)[0] for one in (system, open_loop)
+        reachable_set(one, WINDOW, OPTIONS.horizon - 1).support(SYSTEM.c[CURVE, [1, 3]])
+        for one in (system, open_loop)
     )
     assert np.all(steered < 0.75 * free)
 
