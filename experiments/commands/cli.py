@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import sys
 import threading
@@ -17,6 +18,7 @@ from typing import Any, Final, NoReturn
 from proving_ground.testbed.errors import TestbedError
 from proving_ground.testbed.terminal import one_line
 from ttempc.errors import TtempcError
+from ttempc.suggestion import did_you_mean
 
 from ..errors import ExperimentError
 from .options import EXIT_BAD_INPUT, EXIT_INTERRUPTED
@@ -64,6 +66,8 @@ field in MuJoCo, under the controller of your choice.
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
+        if unknown := re.match(r"argument COMMAND: invalid choice: '([^']*)'", message):
+            message += did_you_mean(unknown[1], _COMMANDS)
         line = one_line(f"{self.prog}: error: {message} (see {self.prog} --help)")
         self.exit(EXIT_BAD_INPUT, f"{line}\n")
 
