@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import sys
 import threading
@@ -17,6 +18,7 @@ from typing import Any, Final, NoReturn
 from proving_ground.testbed.errors import TestbedError
 from proving_ground.testbed.terminal import one_line
 from ttempc.errors import TtempcError
+from ttempc.suggestion import did_you_mean
 
 from ..errors import ExperimentError
 from .options import EXIT_BAD_INPUT, EXIT_INTERRUPTED
@@ -30,15 +32,16 @@ class _Command:
 
 _COMMANDS: Final = {
     "run": _Command("run", "drive one scenario to its end"),
-    "view": _Command("view", "watch a run in MuJoCo's viewer"),
+    "view": _Command("pictures.view", "watch a run in MuJoCo's viewer"),
     "list": _Command("catalogue", "list what ships with the project"),
+    "schema": _Command("schema", "print the JSON schema of a scenario, for editors"),
     "sweep": _Command("sweep", "drive all runs of a study"),
     "report": _Command("report", "report the results of a sweep"),
     "envelope": _Command("envelope", "find where controllers fail"),
     "compare": _Command("compare", "compare several runs on one reference"),
     "log": _Command("log", "show, export, check, recover or replay a log"),
-    "video": _Command("video", "film a run from its log"),
-    "frame": _Command("frame", "take one picture of a run from its log"),
+    "video": _Command("pictures.video", "film a run from its log"),
+    "frame": _Command("pictures.frame", "take one picture of a run from its log"),
     "card": _Command("card", "validate the plant of one scenario"),
     "reproduce": _Command("reproduce", "make or check the tables of the documentation"),
     "fit-tube": _Command("fit_tube", "fit a tube to the logs of runs"),
@@ -63,6 +66,8 @@ field in MuJoCo, under the controller of your choice.
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
+        if unknown := re.match(r"argument COMMAND: invalid choice: '([^']*)'", message):
+            message += did_you_mean(unknown[1], _COMMANDS)
         line = one_line(f"{self.prog}: error: {message} (see {self.prog} --help)")
         self.exit(EXIT_BAD_INPUT, f"{line}\n")
 

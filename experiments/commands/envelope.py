@@ -74,7 +74,7 @@ def _envelope(arguments: argparse.Namespace) -> int:
     refuse_existing(file)
     for controller in (arguments.controller or [None]) if not arguments.trust else ():
         changes = settings if controller is None else _with_controller(settings, controller)
-        refuse_untrusted(draft.file, named_parts(draft.scenario(changes)), changes)
+        refuse_untrusted(draft.file, named_parts(draft.scenario(changes, "--set")), changes)
     questions = [
         Question(
             scenario=arguments.scenario,

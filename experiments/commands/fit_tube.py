@@ -14,7 +14,7 @@ one-step residuals of its error model, and writes a tube: the disturbance set, t
 set of estimation errors, the weights of the ancillary gain, and the provenance of
 the data. Every third run is held out to check the fit. To drive in the tube:
 
-  ttempc run --controller ttempc-tube --set controller.tube='"tube.json"'
+  ttempc run --controller ttempc-tube --set controller.tube=tube.json
 
 With --laps-coverage it does not fit: it takes the tube that the runs were driven
 in, and adds the half widths that the next run of the scenario keeps as a whole

@@ -115,7 +115,7 @@ def load_scenario(arguments: argparse.Namespace) -> tuple[str, Scenario]:
     if getattr(arguments, "controller", None) is not None:
         merge_tables(changes, {"controller": {"name": arguments.controller}})
     source = read_scenario(arguments.scenario)
-    scenario = source.scenario(changes)
+    scenario = source.scenario(changes, changed_by="--set")
     if not arguments.trust:
         refuse_untrusted(source.file, named_parts(scenario), changes)
     return source.name, scenario
