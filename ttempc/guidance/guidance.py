@@ -84,8 +84,7 @@ class Guidance:
             or an estimator.
         options: keyword options of the controller by name or factory, such as `horizon`.
         sensor_noise: standard deviations that the estimator assumes.
-        tube: design of the tube for controllers that need or use one; `ttempc` tightens nothing
-            without.
+        tube: of controllers that need or use one; without it `ttempc` tightens nothing.
         safety: where the supervisor slows down and stops.
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
         learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
