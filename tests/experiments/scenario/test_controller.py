@@ -76,6 +76,19 @@ def test_an_option_reaches_the_controller():
     assert not np.array_equal(commands("controller.options.horizon=12"), default)
 
 
+def test_a_vehicle_without_a_tube_is_noted_in_one_line():
+    def notes(name, *overrides):
+        scenario = load(name, overrides)[1]
+        return scenario.controller.notes(scenario.vehicles().model, scenario.control.period_s)
+
+    assert notes("grass") == ()
+    assert notes("farm", 'controller.options.tightening="none"') == ()
+    assert notes("farm", 'controller.name="pid"') == ()
+    (note,) = notes("farm")
+    assert "not tightened" in note
+    assert "\n" not in note
+
+
 def test_an_option_is_an_axis_of_a_study(tmp_path):
     axis = '[[axis]]\nkey = "controller.options.horizon"\nkind = "list"\nvalues = [10, 20]\n'
     plan = plan_of(tmp_path, 'scenario = "grass"\nseeds = 1', SHORT, axis)
