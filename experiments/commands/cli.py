@@ -34,6 +34,7 @@ _COMMANDS: Final = {
     "run": _Command("run", "drive one scenario to its end"),
     "view": _Command("pictures.view", "watch a run in MuJoCo's viewer"),
     "list": _Command("catalogue", "list what ships with the project"),
+    "new": _Command("new", "start a controller, a scenario or a study from a template"),
     "schema": _Command("schema", "print the JSON schema of a scenario, for editors"),
     "sweep": _Command("sweep", "drive all runs of a study"),
     "report": _Command("report", "report the results of a sweep"),
@@ -55,6 +56,7 @@ field in MuJoCo, under the controller of your choice.
   ttempc run wet-slope --seed 7     another field, another draw of terrain and noise
   ttempc run my-field.toml          your own scenario; `ttempc list` shows the shipped ones
   ttempc run grass --set soil.cone_index_kpa=250 --set path.laps=1
+  ttempc new controller mine        a controller of your own, to start from
   ttempc sweep terrain-slip         thousands of runs on all cores
   ttempc report runs/sweep-terrain-slip    one page with tables and charts of a sweep
   ttempc card wet-slope             validation of the plant: is it my controller or the simulator?
