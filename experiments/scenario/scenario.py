@@ -311,6 +311,7 @@ def without_none(value: Any) -> Any:  # noqa: ANN401 - any TOML value
 # Tables with a key that selects the values of other keys: the table, that key with its default, and
 # the other keys, None for all.
 _SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | None]]] = (
+    (("path",), "kind", FigureEight.kind, None),
     (("controller",), "name", ControllerSettings().name, ("options",)),
     (("controller", "noise"), "assumed", NoiseSettings().assumed, None),
     (("sensors",), "preset", SensorSpecification().preset, None),
@@ -321,8 +322,8 @@ _SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | N
 def _drop_unselected(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
     """Drop the file's values that belong to another selection than that of the changes.
 
-    They are the options of another controller, the values of another preset and the coefficients of
-    another kind of tyre.
+    They are the keys of another kind of path, the options of another controller, the values of
+    another preset and the coefficients of another kind of tyre.
     """
     for tables, key, default, dependent in _SELECTIONS:
         below, above = _table(content, tables), _table(changes, tables)

@@ -172,6 +172,12 @@ def test_a_refused_change_names_the_change_and_not_the_file():
         load("grass", ["path.laps=0"])
 
 
+def test_another_kind_of_path_drops_the_keys_of_the_kind_in_the_file(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text("[path]\nradius_m = 9.0\nspeed_mps = 0.8\n")
+    assert load(str(file), ["path.kind=straight"])[1].path == Straight()
+
+
 def test_a_fault_of_the_file_is_told_before_the_change(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text("[path]\nlaps = 0\n")
