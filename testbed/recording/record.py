@@ -120,7 +120,7 @@ class Recorder:
                 f"{channel.topic}: got {len(values)} values, has {len(channel.fields)} fields"
             )
         self._times[channel.topic].append(time_s)
-        self._values[channel.topic].extend(values)
+        self._values[channel.topic].fromlist(list(values))
 
     def event(self, event: Event) -> None:
         """Add one event."""

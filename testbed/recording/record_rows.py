@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Final
@@ -102,10 +101,10 @@ def measurement_rows(samples: Sequence[Measurement]) -> list[list[float]]:
     samples.
     """
     rows: list[list[float]] = []
-    filled: Counter[Sensor] = Counter()  # rows with a sample of each sensor
+    filled: dict[Sensor, int] = {}  # rows with a sample of each sensor
     for sample in samples:
-        number = filled[sample.sensor]
-        filled[sample.sensor] += 1
+        number = filled.get(sample.sensor, 0)
+        filled[sample.sensor] = number + 1
         if number == len(rows):
             rows.append([NAN] * len(MEASUREMENT.fields))
         rows[number][MEASUREMENT_COLUMNS[sample.sensor]] = (*sample.value, sample.time_s)
@@ -127,7 +126,7 @@ def estimate_row(estimate: Estimate) -> list[float]:
         delta_i,
         v,
         estimate.hitch_angle,
-        *np.sqrt(np.diag(estimate.covariance)).tolist(),
+        *np.sqrt(estimate.covariance.diagonal()).tolist(),
         *estimate.disturbance.tolist(),
         *estimate.map_disturbance.tolist(),
         sum(item.normalised_squared for item in weighed),
