@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,7 @@ from ttempc.types import (
 )
 from ttempc.vehicle import Vehicle
 
-from ..truth import Tool, Truth, Wheels
+from ..truth import Tool, Truth
 from .channels import MEASUREMENT, MEASUREMENT_COLUMNS, REFERENCE
 
 NAN: Final = float("nan")
@@ -28,8 +28,6 @@ NAN: Final = float("nan")
 _TRAILER_REFERENCE: Final = [
     REFERENCE.fields.index(name) for name in ("x_i_m", "y_i_m", "psi_i_rad")
 ]
-
-_WHEEL_FIELDS: Final = tuple(item.name for item in fields(Wheels))
 
 
 def state_row(truth: Truth) -> list[float]:
@@ -64,8 +62,8 @@ def state_row(truth: Truth) -> list[float]:
 
 def tyres_row(truth: Truth) -> list[float]:
     """Return the row of `channels.TYRES`."""
-    quantities = (getattr(truth.wheels, name).tolist() for name in _WHEEL_FIELDS)
-    return [value for wheel in zip(*quantities, strict=True) for value in wheel]
+    quantities = [quantity.tolist() for quantity in truth.wheels]
+    return list(chain.from_iterable(zip(*quantities, strict=True)))
 
 
 def tool_row(tool: Tool, reference: Sequence[float]) -> list[float]:
