@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from ttempc.types import FloatArray
 
@@ -17,8 +17,7 @@ WHEELS: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(NamedTuple):
     """Position of a point of a body and the body's attitude (map; yaw, pitch, roll: z, y', x'')."""
 
     x: float  # [m]
@@ -29,8 +28,7 @@ class Pose:
     roll: float  # [rad], positive left side up (rotation about +x, forward)
 
 
-@dataclass(frozen=True, slots=True)
-class Wheels:
+class Wheels(NamedTuple):
     """Forces and slips at each wheel, in the order of `WHEELS`; arrays are (6,)."""
 
     load: FloatArray  # [N] normal to the ground, never negative

@@ -83,6 +83,7 @@ def simulate(
         metadata = describe(name, scenario, seed, assembly, sources)
         with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
             outcome = drive_into(Tee(recorder, writer), assembly, prepared=False)
+    del assembly  # plant and horizons: the summary of a long run takes their memory
     _print_traceback(outcome)
     record = recorder.record()
     facts = _facts(name, scenario, seed, outcome, log and log.name, sources)

@@ -120,7 +120,7 @@ class Recorder:
                 f"{channel.topic}: got {len(values)} values, has {len(channel.fields)} fields"
             )
         self._times[channel.topic].append(time_s)
-        self._values[channel.topic].extend(values)
+        self._values[channel.topic].fromlist(list(values))
 
     def event(self, event: Event) -> None:
         """Add one event."""
@@ -135,9 +135,11 @@ class Recorder:
     def record(self, metadata: Mapping[str, str] | None = None) -> Record:
         """Return the record of the data collected so far."""
         for topic, table in self._tables.items():
-            times = np.concatenate([table.time_s, self._times.pop(topic)])
-            rows = np.reshape(self._values.pop(topic), (-1, len(table.channel.fields)))
-            values = np.concatenate([table.values, rows])
+            times: FloatArray = np.asarray(self._times.pop(topic))  # the same memory
+            values = np.reshape(self._values.pop(topic), (-1, len(table.channel.fields)))
+            if len(table):
+                times = np.concatenate([table.time_s, times])
+                values = np.concatenate([table.values, values])
             self._tables[topic] = Table(table.channel, times, values)
             self._times[topic], self._values[topic] = array("d"), array("d")
         return Record(dict(self._tables), tuple(self._events), dict(metadata or {}))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import fields
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -21,7 +20,7 @@ from ttempc.types import (
 )
 from ttempc.vehicle import Vehicle
 
-from ..truth import Tool, Truth, Wheels
+from ..truth import Tool, Truth
 from .channels import MEASUREMENT, MEASUREMENT_COLUMNS, REFERENCE
 
 NAN: Final = float("nan")
@@ -29,8 +28,6 @@ NAN: Final = float("nan")
 _TRAILER_REFERENCE: Final = [
     REFERENCE.fields.index(name) for name in ("x_i_m", "y_i_m", "psi_i_rad")
 ]
-
-_WHEEL_FIELDS: Final = tuple(item.name for item in fields(Wheels))
 
 
 def state_row(truth: Truth) -> list[float]:
@@ -65,8 +62,8 @@ def state_row(truth: Truth) -> list[float]:
 
 def tyres_row(truth: Truth) -> list[float]:
     """Return the row of `channels.TYRES`."""
-    quantities = (getattr(truth.wheels, name).tolist() for name in _WHEEL_FIELDS)
-    return [value for wheel in zip(*quantities, strict=True) for value in wheel]
+    quantities = [quantity.tolist() for quantity in truth.wheels]
+    return list(chain.from_iterable(zip(*quantities, strict=True)))
 
 
 def tool_row(tool: Tool, reference: Sequence[float]) -> list[float]:
@@ -102,10 +99,10 @@ def measurement_rows(samples: Sequence[Measurement]) -> list[list[float]]:
     samples.
     """
     rows: list[list[float]] = []
-    filled: Counter[Sensor] = Counter()  # rows with a sample of each sensor
+    filled: dict[Sensor, int] = {}  # rows with a sample of each sensor
     for sample in samples:
-        number = filled[sample.sensor]
-        filled[sample.sensor] += 1
+        number = filled.get(sample.sensor, 0)
+        filled[sample.sensor] = number + 1
         if number == len(rows):
             rows.append([NAN] * len(MEASUREMENT.fields))
         rows[number][MEASUREMENT_COLUMNS[sample.sensor]] = (*sample.value, sample.time_s)
@@ -127,7 +124,7 @@ def estimate_row(estimate: Estimate) -> list[float]:
         delta_i,
         v,
         estimate.hitch_angle,
-        *np.sqrt(np.diag(estimate.covariance)).tolist(),
+        *np.sqrt(estimate.covariance.diagonal()).tolist(),
         *estimate.disturbance.tolist(),
         *estimate.map_disturbance.tolist(),
         sum(item.normalised_squared for item in weighed),

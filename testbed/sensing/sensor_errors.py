@@ -34,19 +34,17 @@ class White:
     def __init__(
         self, sd: FloatArray, rng: np.random.Generator, bias: FloatArray | None = None
     ) -> None:
-        self._rng = rng
-        # floats: for one to three numbers the overhead of numpy is larger than the arithmetic
-        self._sd = sd.tolist()
-        self._bias = [0.0] * len(sd) if bias is None else bias.tolist()
-        self._drawn: list[
-            float
-        ] = []  # ahead, the next one last: the stream is that of single draws
+        self._rng, self._sd = rng, sd
+        self._bias = np.zeros(len(sd)) if bias is None else bias
+        # ahead, the next one last: the stream is that of single draws
+        self._drawn: list[list[float]] = []
 
     def draw(self) -> list[float]:
         """Return the error of the next sample, (m,)."""
         if not self._drawn:
-            self._drawn = self._rng.standard_normal(_AHEAD * len(self._sd)).tolist()[::-1]
-        return [b + sd * self._drawn.pop() for b, sd in zip(self._bias, self._sd, strict=True)]
+            normal = self._rng.standard_normal((_AHEAD, len(self._sd)))
+            self._drawn = (self._bias + self._sd * normal).tolist()[::-1]
+        return self._drawn.pop()
 
 
 class Correlated:

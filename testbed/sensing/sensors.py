@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import add
 from typing import Final, Protocol
 
 import numpy as np
@@ -119,6 +120,7 @@ class SensorSuite:
             *(self._angle(sensor) for sensor in _ANGLES),
             self._encoder(),
         )
+        self._delays = any(sensor.delay for sensor in self._sensors)
 
     @property
     def every(self) -> int:
@@ -131,14 +133,21 @@ class SensorSuite:
 
         A sample bears the time at which it was taken, whatever its latency.
         """
+        prompt: list[Measurement] = []
         for entry in self._sensors:
             if step % entry.every == 0:
-                reading = zip(entry.read(truth), entry.error.draw(), entry.resolution, strict=True)
-                value = tuple(quantised(true + error, to) for true, error, to in reading)
+                value = tuple(map(add, entry.read(truth), entry.error.draw()))
+                if any(entry.resolution):
+                    value = tuple(map(quantised, value, entry.resolution))
                 if entry.sensor in _IMU:
                     self._attitude[entry.sensor] = value[1], value[2]
                 sample = Measurement(truth.time_s, entry.sensor, value)
-                self._in_transit.append((step + entry.delay, sample))
+                if self._delays:
+                    self._in_transit.append((step + entry.delay, sample))
+                else:
+                    prompt.append(sample)
+        if not self._delays:
+            return prompt
         delivered = [sample for due, sample in self._in_transit if due <= step]
         self._in_transit = [item for item in self._in_transit if item[0] > step]
         return delivered

@@ -38,13 +38,16 @@ class TruthReader:
         self._data, self._output, self._rear_radius = data, output, rear_radius
         self._implement = implement
         # views of MuJoCo's arrays, bound once: an attribute of `data` is a new array every time
-        self._xpos, self._xmat, self._xquat = data.xpos, data.xmat, data.xquat
-        self._cvel, self._sites = data.cvel, data.site_xpos
-        self._centre = data.subtree_com[1]  # to which `cvel` refers
-        self._qpos, self._qvel, self._act, self._ctrl = data.qpos, data.qvel, data.act, data.ctrl
-        self._tractor, self._drawbar, self._trailer = (
+        self._xpos, self._xquat, self._sites = data.xpos, data.xquat, data.site_xpos
+        tractor, drawbar, trailer = (
             model.body(name).id for name in ("tractor", "drawbar", "trailer")
         )
+        self._tractor_xyz, self._trailer_xyz = data.xpos[tractor], data.xpos[trailer]
+        self._tractor_axes, self._trailer_axes = data.xmat[tractor], data.xmat[trailer]
+        self._drawbar_axes = data.xmat[drawbar]
+        self._tractor_motion, self._trailer_motion = data.cvel[tractor], data.cvel[trailer]
+        self._centre = data.subtree_com[1]  # to which `cvel` refers
+        self._qpos, self._qvel, self._act, self._ctrl = data.qpos, data.qvel, data.act, data.ctrl
         antennas = [model.site(f"antenna_{name}").id for name in ("tractor", "trailer")]
         self._antennas = np.array(antennas)  # an array: numpy would convert a list at every read
         self.lever_arms = model.site_pos[self._antennas]  # (2, 3) [m] bodies' frames
@@ -56,24 +59,25 @@ class TruthReader:
 
     def truth(self) -> Truth:
         """Return the present state; wheel forces are those of the step that led to it."""
-        tractor, trailer = self._tractor, self._trailer
-        xx, xy, _, yx, yy, _, zx, zy, _ = axes = self._xmat[tractor].tolist()
-        vx, vy, vz = self._velocity(tractor)
+        xyz, axes = self._tractor_xyz.tolist(), self._tractor_axes.tolist()
+        xx, xy, _, yx, yy, _, zx, zy, _ = axes
+        _, _, yaw_rate, *_ = motion = self._tractor_motion.tolist()
+        vx, vy, vz = self._velocity(xyz, motion)
         qpos, qvel = self._qpos.item, self._qvel.item
         left, right = self._rear
         return Truth(
             time_s=self._data.time,
-            tractor=self._pose(tractor, axes),
-            trailer=self._pose(trailer, self._xmat[trailer].tolist()),
-            antennas=self._sites[self._antennas],
-            psi_d=_yaw(self._xmat[self._drawbar].tolist()),
+            tractor=_pose(xyz, axes),
+            trailer=_pose(self._trailer_xyz.tolist(), self._trailer_axes.tolist()),
+            antennas=self._sites.take(self._antennas, axis=0),
+            psi_d=_yaw(self._drawbar_axes.tolist()),
             beta=qpos(self._beta),
             delta_t=qpos(self._delta_t),
             delta_i=qpos(self._delta_i),
             speed=vx * xx + vy * yx + vz * zx,
             lateral_speed=vx * xy + vy * yy + vz * zy,
-            yaw_rate_t=self._cvel.item(tractor, 2),
-            yaw_rate_i=self._cvel.item(trailer, 2),
+            yaw_rate_t=yaw_rate,
+            yaw_rate_i=self._trailer_motion.item(2),
             rim_speed=0.5 * self._rear_radius * (qvel(left) + qvel(right)),
             hp=self._act.item(self._hydrostat),
             set_points=self._ctrl.copy(),
@@ -83,24 +87,25 @@ class TruthReader:
             tool=self._implement and self._implement.tool(),
         )
 
-    def _velocity(self, body: int) -> tuple[float, float, float]:
-        """Return the velocity of a body's origin [m/s], map frame."""
-        wx, wy, wz, vx, vy, vz = self._cvel[body].tolist()
-        x, y, z = self._xpos[body].tolist()
+    def _velocity(self, xyz: list[float], motion: list[float]) -> tuple[float, float, float]:
+        """Return the velocity of a body's origin `xyz` [m/s], map frame; `motion` is its `cvel`."""
+        x, y, z = xyz
+        wx, wy, wz, vx, vy, vz = motion
         cx, cy, cz = self._centre.tolist()
         rx, ry, rz = x - cx, y - cy, z - cz
         return vx + (wy * rz - wz * ry), vy + (wz * rx - wx * rz), vz + (wx * ry - wy * rx)
 
-    def _pose(self, body: int, axes: list[float]) -> Pose:
-        x, y, z = self._xpos[body].tolist()
-        return Pose(
-            x=x,
-            y=y,
-            z=z,
-            yaw=_yaw(axes),
-            pitch=math.asin(min(1.0, max(-1.0, -axes[6]))),
-            roll=math.atan2(axes[7], axes[8]),
-        )
+
+def _pose(xyz: list[float], axes: list[float]) -> Pose:
+    x, y, z = xyz
+    return Pose(
+        x=x,
+        y=y,
+        z=z,
+        yaw=_yaw(axes),
+        pitch=math.asin(min(1.0, max(-1.0, -axes[6]))),
+        roll=math.atan2(axes[7], axes[8]),
+    )
 
 
 def _yaw(axes: list[float]) -> float:

@@ -14,8 +14,8 @@ def truth(tractor=None, trailer=None, **values) -> Truth:
     zeros = np.zeros(6)
     rest = Truth(
         time_s=0.0,
-        tractor=replace(_LEVEL, **(tractor or {})),
-        trailer=replace(_LEVEL, **{"x": -2.4, **(trailer or {})}),
+        tractor=_LEVEL._replace(**(tractor or {})),
+        trailer=_LEVEL._replace(**{"x": -2.4, **(trailer or {})}),
         antennas=np.array([[0.0, 0.0, 1.78], [-2.4, 0.0, 1.27]]),
         psi_d=0.0,
         beta=0.0,

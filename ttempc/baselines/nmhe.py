@@ -110,7 +110,7 @@ class MovingHorizonEstimator:
         now = states[-1].copy()
         now.augmented[0], now.covariances[0] = trajectory.augmented[-1], trajectory.covariance
         self._filter.predict(now, time_s)
-        return self._filter.estimate(now, filtered.innovations)
+        return self._filter.estimate(now, time_s, filtered.innovations)
 
     def _step(
         self, states: list[FilterState], samples: list[Measurement], guess: FloatArray

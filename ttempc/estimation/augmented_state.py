@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from ..models.kinematics import hitch_angle, trailer_point
 from ..types import Disturbance, Estimate, FloatArray, Innovation, MapDisturbance, State
 from ..vehicle import Vehicle
+from .estimate_kernel import state_covariance
 
 
 class AugmentedState(IntEnum):
@@ -56,24 +56,20 @@ DISTURBANCE_BOUND: Final[FloatArray] = np.array(
 """Largest magnitude of each disturbance, (15,): twice that of a vehicle that can be steered; of
 GNSS and gyros, more than any sensor in order has; none of the past yaw."""
 
-_OF_VEHICLE: Final = AugmentedState.GYRO_T  # entries before those of the gyros
-_IDENTITY: Final = np.eye(STATES, _OF_VEHICLE)
-_V_DEPENDS_ON: Final = np.array(
-    [
-        AugmentedState.PSI_T,
-        AugmentedState.RIM,
-        AugmentedState.WHEEL,
-        AugmentedState.CLIMB_X,
-        AugmentedState.CLIMB_Y,
-    ]
+_V_DEPENDS_ON: Final = (
+    int(AugmentedState.PSI_T),
+    int(AugmentedState.RIM),
+    int(AugmentedState.WHEEL),
+    int(AugmentedState.CLIMB_X),
+    int(AugmentedState.CLIMB_Y),
 )
+_NOTHING: Final = np.zeros(STATES)
 
 INITIAL_SD: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.01, 0.03, 0.03])
 """Standard deviation of each disturbance of the vehicle before the first sample, (9,); assumed."""
 
 
-@dataclass(frozen=True, slots=True)
-class Slips:
+class Slips(NamedTuple):
     """Total slips of an augmented state: body-fixed and map-fixed parts together."""
 
     tractor: float  # [rad] side slip of the rear axle
@@ -160,7 +156,7 @@ def estimate_of(
     time_s: float,
     vehicle: Vehicle,
     innovations: tuple[Innovation, ...],
-    unfollowed: FloatArray | None = None,
+    unfollowed: FloatArray = _NOTHING,
     noise_factors: FloatArray | None = None,
 ) -> Estimate:
     """Return the estimate for a controller from an augmented state (22,).
@@ -181,8 +177,7 @@ def estimate_of(
     gear = math.copysign(1.0, rim)
     slip_by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
     slip_rate = slip_by_heading * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
-    jacobian = _IDENTITY.copy()  # d state / d augmented, (7, 18)
-    jacobian[State.V, _V_DEPENDS_ON] = (
+    by_entry = (  # d v / d augmented
         -rim * slip_by_heading,
         1.0 - total.wheel,
         -rim,
@@ -190,13 +185,12 @@ def estimate_of(
         -abs(rim) * sin,
     )
     drive_v = drive - rim * (total.wheel / vehicle.speed_time_constant + slip_rate)
-    state_covariance = jacobian @ covariance[:_OF_VEHICLE, :_OF_VEHICLE] @ jacobian.T
-    if unfollowed is not None:
-        state_covariance.ravel()[:: STATES + 1] += unfollowed  # its diagonal
+    of_state = np.empty((STATES, STATES))
+    state_covariance(covariance, _V_DEPENDS_ON, by_entry, unfollowed, of_state)
     return Estimate(
         time_s=time_s,
         state=state,
-        covariance=0.5 * (state_covariance + state_covariance.T),
+        covariance=of_state,
         trailer_xy=trailer_point(state, vehicle),
         hitch_angle=hitch_angle(state),
         disturbance=np.array([total.tractor, total.trailer, bias, drive_v, total.wheel]),

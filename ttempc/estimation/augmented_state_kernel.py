@@ -192,24 +192,25 @@ def state_rate_jacobian(
 
 
 @cached_njit()
-def advance_augmented_state(
+def move_augmented_state(
     x: FloatArray,
     valves: FloatArray,
     command: FloatArray,
     parameters: FloatArray,
     fading: FloatArray,
     step_s: float,
-    transition: FloatArray,
+    middle: FloatArray,
+    inputs: FloatArray,
+    faded: FloatArray,
 ) -> None:
-    """Advance `x` (22,) and `valves` (2,) by `step_s` in place; write d after / d before.
+    """Advance `x` (22,) and `valves` (2,) by `step_s` in place.
 
     The set points of the steering valves `valves` [rad] run to the `command` (3,) at their rate
     limit, and their mean over the step acts. The state takes one classical Runge-Kutta step.
     Disturbances fade by exp(-a step_s - b travel) with the rows a [1/s], b [1/m] of `fading`
-    (2, 15). `transition` (22, 22) is the
-    exponential of the Jacobian in the middle of the step.
+    (2, 15). Written are the state in the `middle` of the step (22,), the `inputs` that act (3,) and
+    the logarithm of the factor by which each disturbance fades, `faded` (15,).
     """
-    inputs = np.empty(3)
     inputs[Input.HP] = command[Input.HP]
     for i in range(2):
         reach = parameters[VehicleParameter.STEERING_RATE_T + i] * step_s
@@ -224,15 +225,33 @@ def advance_augmented_state(
         for i in range(STATES):
             stage_x[i] = x[i] + duration * rates[stage, i]
         state_rate(stage_x, inputs, parameters, rates[stage + 1])
-    middle = x.copy()
+    middle[:] = x
     for i in range(STATES):
         change = step_s / 6.0 * (rates[0, i] + 2.0 * (rates[1, i] + rates[2, i]) + rates[3, i])
         middle[i] = x[i] + 0.5 * change
         x[i] += change
     travel = abs(middle[AugmentedState.RIM]) * step_s
-    faded = np.empty(SIZE - STATES)  # logarithm of the factor by which each disturbance fades
     for j in range(SIZE - STATES):
         faded[j] = -fading[0, j] * step_s - fading[1, j] * travel
+        x[STATES + j] *= math.exp(faded[j])
+
+
+@cached_njit()
+def advance_augmented_state(
+    x: FloatArray,
+    valves: FloatArray,
+    command: FloatArray,
+    parameters: FloatArray,
+    fading: FloatArray,
+    step_s: float,
+    transition: FloatArray,
+) -> None:
+    """Advance `x` and `valves` as `move_augmented_state`; write d after / d before.
+
+    `transition` (22, 22) is the exponential of the Jacobian in the middle of the step.
+    """
+    middle, inputs, faded = np.empty(SIZE), np.empty(3), np.empty(SIZE - STATES)
+    move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
     jacobian = np.empty((STATES, SIZE))
     state_rate_jacobian(middle, inputs, parameters, jacobian)
 
@@ -257,8 +276,6 @@ def advance_augmented_state(
             transition[i, i] += 1.0
         for j in range(STATES, SIZE):
             transition[j, j] = 1.0 + faded[j - STATES] * transition[j, j] / term
-    for j in range(SIZE - STATES):
-        x[STATES + j] *= math.exp(faded[j])
 
 
 @cached_njit()

@@ -81,6 +81,7 @@ class ExtendedKalmanFilter:
         heights = self._sensor_noise.antenna_height_t, self._sensor_noise.antenna_height_i
         self._indices = KERNEL_INDEX | (GYROS if self._sensor_noise.yaw_rate else {})
         self._lean = AntennaLean(heights, memory_s)
+        self._longest_dead_time_s = float(vehicle.dead_times.max())
         self._unfollowed = np.zeros(STATES)  # variances of what no state follows
         self._unfollowed[[State.X, State.Y]] = self._sensor_noise.position_variance
         self._filter = KalmanFilter(
@@ -100,9 +101,13 @@ class ExtendedKalmanFilter:
         self, time_s: float, measurements: Sequence[Measurement], command: Command | None
     ) -> Estimate:
         """Return the estimate at `time_s`, as `Estimator.update`."""
-        held = None if command is None else command.as_array().astype(float)
+        held = None if command is None else command.as_array()
         self._commands.append((time_s, held))
-        self._acting = after_dead_times(self._commands, self._vehicle)
+        self._acting = (
+            after_dead_times(self._commands, self._vehicle)
+            if self._longest_dead_time_s
+            else self._commands
+        )
         earliest, latest = time_s - self._memory_s - SAME_TIME_S, time_s + SAME_TIME_S
         begin = self._states[0].time_s if self._states else -math.inf
         new: list[SampleRow] = []
@@ -121,7 +126,7 @@ class ExtendedKalmanFilter:
                 and sampled > begin
             ):
                 x, y, z = value if length == 3 else (value[0], value[-1], 0.0)
-                new.append((sampled, index, float(x), float(y), float(z)))
+                new.append((sampled, index, x, y, z))
                 self._accepted[key] = False
             else:
                 refused.append(Innovation(sample.sensor, math.inf, length, False))
@@ -139,10 +144,12 @@ class ExtendedKalmanFilter:
         self._forget(time_s)
         if not self._states:
             return self._no_estimate(time_s, tuple(refused))
-        state = self._states[-1].copy()
-        self.predict(state, time_s)
+        state = self._states[-1]
+        if time_s - state.time_s > SAME_TIME_S:
+            state = state.copy()
+            self.predict(state, time_s)
         weighed = [innovations[row[:2]] for row in new if row[1] in _WEIGHED] if innovations else []
-        return self.estimate(state, (*refused, *weighed))
+        return self.estimate(state, time_s, (*refused, *weighed))
 
     def _headings(self, measurements: Sequence[Measurement]) -> tuple[float, float]:
         """Return the yaw of tractor and trailer [rad], before the start the line between both."""
@@ -192,15 +199,17 @@ class ExtendedKalmanFilter:
             innovations[key] = Innovation._make(item)
         return innovations
 
-    def estimate(self, state: FilterState, innovations: tuple[Innovation, ...]) -> Estimate:
-        """Return the estimate for a controller from a state of the filter."""
+    def estimate(
+        self, state: FilterState, time_s: float, innovations: tuple[Innovation, ...]
+    ) -> Estimate:
+        """Return the estimate for a controller from a state of the filter at `time_s`."""
         rim, scales = float(state.augmented[0, AugmentedState.RIM]), state.scales[0]
         unfollowed = self._unfollowed.copy()
         unfollowed[State.V] = self._process_noise.fast_speed_variance(rim, scales)
         return estimate_of(
             state.augmented[0],
             state.covariances[0],
-            state.time_s,
+            time_s,
             self._vehicle,
             innovations,
             unfollowed,
@@ -255,7 +264,7 @@ class ExtendedKalmanFilter:
         for row in self._samples[:dropped]:
             del self._accepted[row[:2]]
         del self._samples[:dropped]
-        oldest -= float(self._vehicle.dead_times.max())
+        oldest -= self._longest_dead_time_s
         self._commands = [item for item in self._commands if item[0] >= oldest]
 
     def _no_estimate(self, time_s: float, innovations: tuple[Innovation, ...]) -> Estimate:

@@ -40,6 +40,7 @@ _SOLVER_NUMBERS: Final = (
 )
 _MOST_POINTS: Final = 10_000  # of a predicted path
 _MOST_TEXT: Final = 1000  # characters of a reason
+_NUMBER: Final = (int, float, np.number, np.bool_)
 _OPTIONAL: Final = {"tracking_error", "modelling_error", "predicted_path"}
 _ROUNDING: Final = 1e-9  # an excess over a limit below this is not reported
 
@@ -126,7 +127,7 @@ def _checked(answer: object, k: int) -> ControlStep:
         raise ControllerFailed(f"{about}: diagnostics.solver must be a SolverReport or None")
     numbers = [getattr(solver, name) for name in _SOLVER_NUMBERS] if solver else []
     numbers += [tube.margin, tube.inside] if tube else []
-    if not all(isinstance(value, int | float | np.number | np.bool_) for value in numbers):
+    if not all(isinstance(value, _NUMBER) for value in numbers):
         raise ControllerFailed(f"{about}: diagnostics: {numbers} must be numbers")
     if not _is_text(diagnostics.fallback):
         raise ControllerFailed(
@@ -159,11 +160,12 @@ def _is_text(value: object) -> bool:
     return (
         isinstance(value, str)
         and len(value) <= _MOST_TEXT
-        and not any("\ud800" <= letter <= "\udfff" for letter in value)
+        and (value.isascii() or not any("\ud800" <= letter <= "\udfff" for letter in value))
     )
 
 
 def _fits(shape: tuple[int, ...], allowed: tuple[int | None, ...]) -> bool:
-    return len(shape) == len(allowed) and all(
-        size is None or entry == size for entry, size in zip(shape, allowed, strict=True)
+    return shape == allowed or (
+        len(shape) == len(allowed)
+        and all(size is None or entry == size for entry, size in zip(shape, allowed, strict=True))
     )

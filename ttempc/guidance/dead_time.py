@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..estimation.augmented_state import SIZE, STATES, augmented_of, estimate_of
-from ..estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
+from ..estimation.augmented_state_kernel import move_augmented_state, vehicle_parameters
 from ..estimation.prediction_kernel import SAME_TIME_S, steps_over
 from ..limits import CommandLimits
 from ..reference.reference import Reference
@@ -153,7 +153,8 @@ class DeadTimeCompensation:
         before, acting = (self._earlier(i, self._late)[:2] for i in (self._whole + 1, self._whole))
         reach = vehicle.input_rate[:2] * (self._period_s - self._part_s)
         valves = np.clip(acting, before - reach, before + reach)
-        lasting, transition = np.zeros((2, SIZE - STATES)), np.empty((SIZE, SIZE))
+        lasting, faded = np.zeros((2, SIZE - STATES)), np.empty(SIZE - STATES)
+        middle, inputs = np.empty(SIZE), np.empty(3)
         spans = [(self._whole, self._part_s)]
         spans += [(i, self._period_s) for i in reversed(range(self._whole))]
         for i, span_s in spans:
@@ -161,14 +162,16 @@ class DeadTimeCompensation:
                 continue
             acting, steps = self._earlier(i, self._late), steps_over(span_s)
             for _ in range(steps):
-                advance_augmented_state(
+                move_augmented_state(
                     augmented,
                     valves,
                     acting,
                     self._parameters,
                     lasting,
                     span_s / steps,
-                    transition,
+                    middle,
+                    inputs,
+                    faded,
                 )
         time_s = estimate.time_s + self._lead_s
         predicted = estimate_of(augmented, np.zeros((SIZE, SIZE)), time_s, vehicle, ())

@@ -191,7 +191,7 @@ class Supervisor:
         diagnostics = replace(
             step.diagnostics, tracking_error=error, fallback="; ".join(filter(None, notes))
         )
-        self._last = replace(step, diagnostics=diagnostics)
+        self._last = ControlStep(step.command, diagnostics)
         return self._last
 
     def _rejoin(self, step: ControlStep, before: Command, largest_hp: float) -> ControlStep:
@@ -265,15 +265,13 @@ def _deviation_m(estimate: Estimate) -> float:
 
 def _astray(error: FloatArray, safety: SafetyLimits) -> str:
     """Return the limit of tracking that `error` exceeds, "" if none."""
-    for body, x, y, yaw in (
-        ("tractor", Error.X_T, Error.Y_T, Error.PSI_T),
-        ("trailer", Error.X_I, Error.Y_I, Error.PSI_I),
-    ):
-        if math.hypot(error[x], error[y]) > safety.distance_m:
+    x_t, y_t, psi_t, x_i, y_i, psi_i, _ = error.tolist()
+    for body, x, y, yaw in (("tractor", x_t, y_t, psi_t), ("trailer", x_i, y_i, psi_i)):
+        if math.hypot(x, y) > safety.distance_m:
             return f"{body} more than {safety.distance_m:g} m from its reference"
-        if abs(error[y]) > safety.cross_m:
+        if abs(y) > safety.cross_m:
             return f"{body} more than {safety.cross_m:g} m beside its reference"
-        if abs(error[yaw]) > safety.yaw:
+        if abs(yaw) > safety.yaw:
             return f"{body} turned by more than {math.degrees(safety.yaw):.0f} deg"
     return ""
 

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from ..estimation.augmented_state import DISTURBANCE_BOUND, SIZE, STATES
-from ..estimation.augmented_state_kernel import advance_augmented_state, measure
+from ..estimation.augmented_state_kernel import measure, move_augmented_state
 from ..estimation.correction_kernel import correct
 from ..estimation.prediction_kernel import predict
 from ..jit import cached_njit
@@ -55,7 +55,7 @@ def replay(
     and their derivatives J by the steps of the parameters are added to `normal` (4, 4) and, by
     block, to `gradients` (blocks, 4). The rest is as in `predict` and changed in place.
     """
-    transition = np.empty((SIZE, SIZE))
+    middle, inputs, faded = np.empty(SIZE), np.empty(3), np.empty(SIZE - STATES)
     reading, jacobian = np.zeros(2), np.empty((2, SIZE))
     other, unused = np.zeros(2), np.empty((2, SIZE))
     copy_valves = np.empty(2)
@@ -71,14 +71,16 @@ def replay(
             for j in range(PARAMETERS):
                 copy_valves[:] = valves
                 for _ in range(steps):
-                    advance_augmented_state(
+                    move_augmented_state(
                         copies[j],
                         copy_valves,
                         command,
                         copy_parameters[j],
                         fading,
                         span / steps,
-                        transition,
+                        middle,
+                        inputs,
+                        faded,
                     )
             predict(
                 augmented,

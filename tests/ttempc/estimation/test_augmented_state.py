@@ -125,15 +125,17 @@ def test_map_gain_times_map_disturbance_is_the_disturbance_of_a_slope():
 
 
 def test_covariance_of_the_estimate_is_that_of_the_augmented_state_to_first_order():
-    augmented = random_augmented(np.random.default_rng(74))
+    generator = np.random.default_rng(74)
+    augmented, root = random_augmented(generator), generator.standard_normal((SIZE, SIZE))
+    covariance, unfollowed = root @ root.T, np.arange(1.0, 8.0)
 
     def state(x):
         return estimate_of(x, np.eye(SIZE), 0.0, VEHICLE, ()).state
 
     jacobian = central_differences(state, augmented)
-    estimate = estimate_of(augmented, np.diag(np.arange(1.0, SIZE + 1)), 0.0, VEHICLE, ())
-    carried = jacobian @ np.diag(np.arange(1.0, SIZE + 1)) @ jacobian.T
-    np.testing.assert_allclose(estimate.covariance, carried, atol=1e-7)
+    estimate = estimate_of(augmented, covariance, 0.0, VEHICLE, (), unfollowed)
+    carried = jacobian @ covariance @ jacobian.T + np.diag(unfollowed)
+    np.testing.assert_allclose(estimate.covariance, carried, atol=1e-6)
 
 
 def test_a_step_integrates_the_plain_model_and_its_transition_is_the_derivative():
