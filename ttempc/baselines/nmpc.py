@@ -26,8 +26,9 @@ from ..reference.reference import Reference, ReferenceSample
 from ..types import Estimate, FloatArray, Input, SolverReport, State
 from ..validation import check_count
 from ..vehicle import Vehicle
-from .nmpc_model import TRACTOR, TRAILER, WHOLE, Subsystem
-from .nmpc_solver import ITERATIONS, GaussNewton, HorizonSolver, Task
+from .nmpc_model import TRACTOR, TRAILER, WHOLE
+from .nmpc_problem import Subsystem, Task
+from .nmpc_solver import ITERATIONS, GaussNewton, HorizonSolver
 
 _M = len(Input)
 
@@ -43,9 +44,11 @@ class NmpcRtiOptions(MpcOptions):
         InvalidTuning: a value is out of its range.
     """
 
+    solver: str = "daqp"  # of the QP: the faster one, or "piqp"
+
 
 @dataclass(frozen=True)
-class NmpcOptions(MpcOptions):
+class NmpcOptions(NmpcRtiOptions):
     """Options of `nmpc`, `nmpc-decentralised` and `nmpc-distributed`; keys as above.
 
     Raises:
@@ -55,7 +58,7 @@ class NmpcOptions(MpcOptions):
     iterations: int = ITERATIONS  # Gauss-Newton iterations a period, at most
 
     def __post_init__(self) -> None:
-        MpcOptions.__post_init__(self)
+        NmpcRtiOptions.__post_init__(self)
         check_count("iterations", self.iterations)
 
 
@@ -222,7 +225,7 @@ def nmpc_controller(
     """Compose the exact feedforward and the NMPCs of `subsystems`, by default Gauss-Newton's.
 
     Raises:
-        MissingPackage: CasADi is not installed.
+        MissingPackage: the package of the QP solver is not installed.
     """
     solver = solver or partial(GaussNewton, iterations=options.iterations)
     return _compose(vehicle, reference, period_s, options, subsystems, exchange, solver)
@@ -241,7 +244,7 @@ def nmpc_rti_controller(
     """Compose the exact feedforward and one NMPC with one Gauss-Newton iteration a period.
 
     Raises:
-        MissingPackage: CasADi is not installed.
+        MissingPackage: the package of the QP solver is not installed.
     """
     solver = partial(GaussNewton, iterations=1)
     return _compose(vehicle, reference, period_s, options, (WHOLE,), False, solver)

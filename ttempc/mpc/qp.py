@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,12 @@ from scipy.optimize import nnls
 from ..errors import InvalidTuning
 from ..models.tracking_error import Error
 from ..types import FloatArray, Input
-from ..validation import check_count, check_vector
+from ..validation import check_choice, check_count, check_vector
 from .ordered_product import ordered_product
 
 _BLOCK = 32  # ticks whose matrices are computed together: 2 ms, 1 MB with the defaults
+SOLVERS: Final = ("piqp", "daqp")
+"""Names of the option `solver`."""
 _ACTIVE = 1e-7  # slack below which a bound counts as active in `QP.residuals`
 
 
@@ -43,6 +45,7 @@ class HorizonTuning:
     input_bound: tuple[float, ...] = (math.radians(12.0), math.radians(6.0), 0.10)
     # [rad/s], [rad/s], [1/s]
     input_rate: tuple[float, ...] = (math.radians(55.0), math.radians(35.0), 0.30)
+    solver: str = "piqp"  # of the QP: an interior-point method, or "daqp", a dual active-set one
 
     def __post_init__(self) -> None:
         check_count("horizon", self.horizon)
@@ -50,6 +53,7 @@ class HorizonTuning:
         check_vector("output_weight", self.output_weight, self.outputs, zero=True)
         for name in ("step_weight", "input_bound", "input_rate"):
             check_vector(name, getattr(self, name), len(Input))
+        check_choice("solver", self.solver, SOLVERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +195,7 @@ class CondensedHorizon:
         n, m = b.shape[1:]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
         horizon, moves = tuning.horizon, tuning.moves
-        self.ticks = len(a) - horizon + 1
+        self.ticks, self.solver = len(a) - horizon + 1, tuning.solver
         p = c.shape[1]
         if self.ticks < 1 or len(tuning.output_weight) != p or len(tuning.step_weight) != m:
             raise InvalidTuning(
@@ -243,6 +247,11 @@ class CondensedHorizon:
         second = plan[first : first + 3 * m].reshape(3, m).sum(axis=0)  # u_{k-1} and two steps
         lower = second - bounds.step_upper[k, m : 2 * m]
         return np.maximum(np.minimum(inputs, second - bounds.step_lower[k, m : 2 * m]), lower)
+
+    def hessian(self, k: int) -> FloatArray:
+        """Return H of the QP of tick `k`, (m Nc, m Nc)."""
+        matrices, tick = self._at(k)
+        return matrices.hessian[tick]
 
     def prediction(self, k: int) -> FloatArray:
         """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
 import numpy as np
 import pytest
 
-from proving_ground.experiments.benchmarks.programme import Programme
+from tests.reference.baselines.nmpc_programme import Programme
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from ttempc.baselines.nmpc import NmpcOptions, nmpc_controller
 from ttempc.guidance.controllers import make_controller
@@ -50,7 +49,7 @@ def test_first_move_tends_to_the_linear_one_for_small_errors(name):
 
 def test_converged_plans_are_those_of_an_interior_point_method():
     """Another formulation, every state an unknown, and another method: the same commands."""
-    theirs = nmpc_controller(VEHICLE, EIGHT, PERIOD_S, solver=partial(Programme, solver="fatrop"))
+    theirs = nmpc_controller(VEHICLE, EIGHT, PERIOD_S, solver=Programme)
     ours = nmpc_controller(VEHICLE, EIGHT, PERIOD_S)
     generator = np.random.default_rng(3)
     for k in range(60, 68):  # from the straight into the curve
