@@ -109,7 +109,8 @@ class NonlinearFeedback:
         bounds = move_bounds(tuning, period_s, len(feedforward), remaining)
         self._parts = [
             _Part(
-                subsystem,
+                np.array(subsystem.inputs),
+                np.array(subsystem.outputs),
                 solver(reference, subsystem, tuning, period_s),
                 bounds.at(slice(None), _columns(subsystem, tuning.moves)),
                 FirstInputs.of(bounds.at(slice(None), np.array(subsystem.inputs))),
@@ -153,7 +154,7 @@ class NonlinearFeedback:
         errors = np.zeros((horizon, 4))
         plans = []
         for part in self._parts:
-            own = list(part.subsystem.inputs)
+            own = part.inputs
             task = Task(
                 state=estimate.state,
                 disturbance=disturbance,
@@ -165,7 +166,7 @@ class NonlinearFeedback:
             )
             plan = part.solver.minimise(task, guess[:, own].reshape(-1))
             plans.append(plan)
-            errors[:, list(part.subsystem.outputs)] = plan.errors
+            errors[:, part.outputs] = plan.errors
             if plan.steps is not None:
                 steps[:, own] = plan.steps.reshape(moves, -1)
             feedback[own] = part.first.clamp(k, task.previous + steps[0, own])
@@ -189,7 +190,8 @@ class NonlinearFeedback:
 class _Part:
     """One NMPC of those that share the vehicle."""
 
-    subsystem: Subsystem
+    inputs: NDArray[np.intp]  # of `Subsystem`
+    outputs: NDArray[np.intp]
     solver: HorizonSolver
     bounds: StageBounds  # of its own inputs at every tick, (ticks, m Nc)
     first: FirstInputs
@@ -202,6 +204,8 @@ def _columns(subsystem: Subsystem, moves: int) -> NDArray[np.intp]:
 
 def _joined(reports: Sequence[SolverReport]) -> SolverReport:
     """Return one report for all NMPCs of a tick: summed work, the worst status and residuals."""
+    if len(reports) == 1:
+        return reports[0]
     worst = next((report for report in reports if not report.accepted), reports[0])
     return replace(
         worst,

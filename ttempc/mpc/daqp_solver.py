@@ -43,8 +43,8 @@ class DaqpSolver:
             import daqp
         except ImportError:
             raise MissingPackage(
-                "solver 'daqp': the package DAQP is not installed: pip install 'ttempc[baselines]', "
-                "or set controller.options.solver = 'piqp'"
+                "the QP solver DAQP is not installed: pip install 'ttempc[baselines]', or set "
+                "controller.options.solver to 'piqp'"
             ) from None
         self._package = daqp
         self._model: Any = None

@@ -54,15 +54,15 @@ def test_logging(capsys):
 
 
 def test_nmpc(capsys, few_ticks, monkeypatch):
-    pytest.importorskip("casadi")
-    monkeypatch.setattr(nmpc, "NAMES", (nmpc.LINEAR, "nmpc"))
-    monkeypatch.setattr(nmpc, "SOLVERS", {"sqpmethod": nmpc.SOLVERS["sqpmethod"]})
-    bare, _, *lines = printed(capsys, nmpc.main)
-    assert bare.startswith("bare QP of ttempc-nominal")
-    assert [line.split()[0] for line in lines] == [nmpc.LINEAR, "nmpc", "sqpmethod"]
-    differences = [float(line.split()[6]) for line in lines]
-    assert differences[1] == 0.0
-    assert differences[2] < 0.01  # the solvers agree on the first move
+    for name, value in (("NAMES", (nmpc.LINEAR, "nmpc")), ("REPEATS", 1), ("WITHOUT_QP", ())):
+        monkeypatch.setattr(nmpc, name, value)
+    _, *lines = printed(capsys, nmpc.main)
+    labels = [f"{name}, {solver}" for solver in ("piqp", "daqp") for name in (nmpc.LINEAR, "nmpc")]
+    assert [line.split("  ")[0] for line in lines] == labels
+    linear_piqp, piqp, linear_daqp, daqp = (line.split()[2:] for line in lines)
+    assert float(linear_piqp[2]) == float(linear_daqp[3]) == 1.0
+    assert float(daqp[-1]) == 0.0
+    assert float(piqp[-1]) < 1e-6  # both solvers have the same minimiser
 
 
 def test_physics_loop(capsys, monkeypatch):
