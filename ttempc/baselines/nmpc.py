@@ -21,7 +21,7 @@ from ..laws.tracking_controller import Actions, TrackingController, around_exact
 from ..limits import CommandLimits
 from ..mpc.articulated_error import map_gains, remaining_bounds, split_disturbance
 from ..mpc.prediction import rotation
-from ..mpc.qp import FirstInputs, HorizonTuning, StageBounds, move_bounds
+from ..mpc.qp import FirstInputs, HorizonTuning, Solver, StageBounds, move_bounds
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Estimate, FloatArray, Input, SolverReport, State
 from ..validation import check_count
@@ -44,7 +44,7 @@ class NmpcRtiOptions(MpcOptions):
         InvalidTuning: a value is out of its range.
     """
 
-    solver: str = "daqp"  # of the QP: the faster one, or "piqp"
+    solver: Solver = "daqp"  # of the QP: the faster one, or "piqp"
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,8 @@ from ..validation import check_choice, check_count, check_vector
 from .ordered_product import ordered_product
 
 _BLOCK = 32  # ticks whose matrices are computed together: 2 ms, 1 MB with the defaults
-SOLVERS: Final = ("piqp", "daqp")
-"""Names of the option `solver`."""
+Solver = Literal["piqp", "daqp"]
+SOLVERS: Final = get_args(Solver)
 _ACTIVE = 1e-7  # slack below which a bound counts as active in `QP.residuals`
 
 
@@ -45,7 +45,7 @@ class HorizonTuning:
     input_bound: tuple[float, ...] = (math.radians(12.0), math.radians(6.0), 0.10)
     # [rad/s], [rad/s], [1/s]
     input_rate: tuple[float, ...] = (math.radians(55.0), math.radians(35.0), 0.30)
-    solver: str = "piqp"  # of the QP: an interior-point method, or "daqp", a dual active-set one
+    solver: Solver = "piqp"  # of the QP: an interior-point method, or "daqp", a dual active-set one
 
     def __post_init__(self) -> None:
         check_count("horizon", self.horizon)
