@@ -5,12 +5,16 @@
 Ticks, horizon, weights and bounds are equal. The estimates are those of the linear MPC from a
 straight into a curve. Every controller gets all of them, in turn tick by tick, and processor time
 counts, so that other processes slow all alike; each step counts with its fastest of several
-replays. "off" is the largest difference of a command to that of the converged NMPC.
+replays. Medians are over the ticks at which the QP of the linear MPC has no active bound and needs
+no solver ("free"), and over the others ("active"). "off" is the largest difference of a command to
+that of the converged NMPC.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -29,55 +33,79 @@ NAMES: Final = (LINEAR, "ttempc", "nmpc-rti", "nmpc", "nmpc-decentralised", "nmp
 WITHOUT_QP: Final = ("pid", "lqr")
 TICKS = 150  # 30 s
 WARM_UP = 5
-REPEATS = 5
+REPEATS = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """A controller's steps on all estimates."""
+
+    times_s: FloatArray  # (N,)
+    commands: FloatArray  # (N, 3)
+    iterations: FloatArray  # (N,) of its solver, 0 where there is none
 
 
 def replayed(
-    names: dict[str, tuple[str, dict[str, object]]],
+    options: Mapping[str, tuple[str, dict[str, object]]],
     vehicle: Vehicle,
     reference: Reference,
-    estimates: list[Estimate],
-) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return times of steps (N,) [s] and their commands (N, 3) of every controller."""
-    made = {
-        label: make_controller(name, vehicle, reference, PERIOD_S, options=options)
-        for label, (name, options) in names.items()
+    estimates: Sequence[Estimate],
+) -> dict[str, Replay]:
+    """Return the steps of every controller, given by label as name and options."""
+    controllers = {
+        label: make_controller(name, vehicle, reference, PERIOD_S, options=values)
+        for label, (name, values) in options.items()
     }
-    times = {label: np.empty(len(estimates)) for label in made}
-    commands = {label: np.empty((len(estimates), 3)) for label in made}
+    count = len(estimates)
+    replays = {
+        label: Replay(np.empty(count), np.empty((count, 3)), np.zeros(count))
+        for label in controllers
+    }
     for k, estimate in enumerate(estimates):
-        for label, controller in made.items():
+        for label, controller in controllers.items():
             # Without preparation, the controller after the slowest one has the coldest caches.
             controller.prepare(k)
             begin = time.thread_time()
             step = controller.step(estimate, k)
-            times[label][k] = time.thread_time() - begin
-            commands[label][k] = step.command.as_array()
-    return {label: (times[label], commands[label]) for label in made}
+            replays[label].times_s[k] = time.thread_time() - begin
+            replays[label].commands[k] = step.command.as_array()
+            if step.diagnostics.solver:
+                replays[label].iterations[k] = step.diagnostics.solver.iterations
+    return replays
 
 
 def main() -> None:
-    """Print median and tail of every step, and the ratios to the linear MPC's step."""
+    """Print medians and tail of every step, and the ratios to the linear MPC's step."""
     vehicle = Vehicle()
     reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
     estimates = estimates_along(LINEAR, vehicle, reference)[:TICKS]
-    names: dict[str, tuple[str, dict[str, object]]] = {
+    options: dict[str, tuple[str, dict[str, object]]] = {
         f"{name}, {solver}": (name, {"solver": solver}) for solver in SOLVERS for name in NAMES
     }
-    names |= {name: (name, {}) for name in WITHOUT_QP}
-    runs = [replayed(names, vehicle, reference, estimates) for _ in range(REPEATS)]
-    fastest = {
-        label: 1e6 * np.min([run[label][0] for run in runs], axis=0)[WARM_UP:] for label in names
+    options |= {name: (name, {}) for name in WITHOUT_QP}
+    runs = [replayed(options, vehicle, reference, estimates) for _ in range(REPEATS)]
+    first = runs[0]
+    active = first[f"{LINEAR}, {SOLVERS[0]}"].iterations[WARM_UP:] > 0
+    converged = first[f"nmpc, {SOLVERS[-1]}"].commands
+    times_us = {
+        label: 1e6 * np.min([run[label].times_s for run in runs], axis=0)[WARM_UP:]
+        for label in options
     }
-    medians = {label: float(np.median(times)) for label, times in fastest.items()}
-    converged = runs[0][f"nmpc, {SOLVERS[-1]}"][1]
-    heads = "median us", "p99 us", *(f"/ linear, {solver}" for solver in SOLVERS), "off"
+    medians = {
+        label: [float(np.median(values[chosen])) for chosen in (~active, active)]
+        for label, values in times_us.items()
+    }
+    print(f"{active.sum()} of {len(active)} ticks active")
+    heads = "free us", "active us", "p99 us", "free / linear", "active / linear", "off"
     print(f"{'':26s}" + "".join(f"{head:>16s}" for head in heads))
-    for label, times in fastest.items():
-        ratios = [medians[label] / medians[f"{LINEAR}, {solver}"] for solver in SOLVERS]
-        off = float(np.abs(runs[0][label][1] - converged).max())
+    for label, (_, values) in options.items():
+        linear = medians[f"{LINEAR}, {values.get('solver', SOLVERS[0])}"]
+        ratios = [own / other for own, other in zip(medians[label], linear, strict=True)]
+        off = float(np.abs(first[label].commands - converged).max())
+        columns = [*medians[label], float(np.quantile(times_us[label], 0.99))]
         print(
-            f"{label:26s}{medians[label]:16.0f}{np.quantile(times, 0.99):16.0f}"
+            f"{label:26s}"
+            + "".join(f"{value:16.0f}" for value in columns)
             + "".join(f"{ratio:16.2f}" for ratio in ratios)
             + f"{off:16.1e}"
         )
