@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PROJECT = {"mjcf", "testbed", "ttempc", "experiments"}
 CONTROL_SIDE_MAY = {"numpy", "scipy", "piqp", "numba", "ttempc"}
-CASADI_ROOMS = "ttempc/baselines/nmpc*.py"
+DAQP_MODULE = "ttempc/mpc/daqp_solver.py"
 TESTBED_MAY_OF_TTEMPC = {
     "ttempc.errors",
     "ttempc.jit",
@@ -71,20 +71,20 @@ def modules(package: str) -> list[Path]:
 
 @pytest.mark.parametrize("file", modules("ttempc"), ids=lambda file: file.stem)
 def test_control_side_knows_nothing_of_plant_files_or_clock(file):
-    may = CONTROL_SIDE_MAY | ({"casadi"} if file.match(CASADI_ROOMS) else set())
+    may = CONTROL_SIDE_MAY | ({"daqp"} if file.match(DAQP_MODULE) else set())
     for name in imports(file):
         top = name.split(".")[0]
         assert top in may | sys.stdlib_module_names, f"{file} imports {name}"
         assert top not in {"time", "pathlib", "os", "io"}, f"{file} imports {name}"
 
 
-def test_casadi_loads_only_where_it_is_asked_for():
+def test_daqp_loads_only_where_it_is_asked_for():
     """It is an optional extra: the table of controllers must load without it."""
     code = """if True:
         import sys
         import ttempc.guidance.controllers
         import proving_ground.experiments.run.simulate
-        sys.exit("casadi" in sys.modules)"""
+        sys.exit("daqp" in sys.modules)"""
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
 
 

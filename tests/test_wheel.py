@@ -27,7 +27,7 @@ class Refusal(importlib.abc.MetaPathFinder):
         if top not in allowed | sys.stdlib_module_names and path is None and top in FOREIGN:
             raise ModuleNotFoundError(f"{name} is not installed with the library")
 
-FOREIGN = set("mujoco mcap matplotlib pydantic dask casadi jinja2 av PIL proving_ground".split())
+FOREIGN = set("mujoco mcap matplotlib pydantic dask daqp jinja2 av PIL proving_ground".split())
 sys.meta_path.insert(0, Refusal())
 runpy.run_path(sys.argv[1], run_name="__main__")
 assert not FOREIGN & set(sys.modules)

@@ -147,8 +147,8 @@ class SolverReport:
     accepted: bool  # solved, finite and within its bounds
     iterations: int
     solve_time_s: float  # as measured by the solver itself; 0 where it was not needed
-    primal_residual: float
-    dual_residual: float
+    primal_residual: float  # NaN where the solver reports none
+    dual_residual: float  # as above
 
 
 @dataclass(frozen=True, slots=True)

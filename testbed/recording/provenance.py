@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import platform
 import subprocess
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
 _PACKAGES: Final = ("ttempc", "mujoco", "piqp", "numpy", "scipy", "numba")
+_OPTIONAL: Final = ("daqp",)  # a solver of controllers
 _SOURCE: Final = {  # files that affect a run; scenarios are part of its identity
     "experiments": (".py",),
     "mjcf": (".py", ".toml", ".xml"),
@@ -24,10 +26,13 @@ _ROOT: Final = Path(__file__).resolve().parents[2]  # folder of testbed, experim
 def versions() -> dict[str, str]:
     """Return the versions of all software that can change a run.
 
-    "commit" is included where the code runs from a checkout, with "-dirty" where that differs from
-    its last commit.
+    Optional packages are included where they are installed, "commit" where the code runs from a
+    checkout, with "-dirty" where that differs from its last commit.
     """
     versions = {name: _version(name) for name in _PACKAGES}
+    for name in _OPTIONAL:
+        with contextlib.suppress(PackageNotFoundError):
+            versions[name] = _version(name)
     versions["python"] = platform.python_version()
     commit = _commit(_ROOT)
     return {**versions, "commit": commit} if commit else versions

@@ -20,7 +20,13 @@ from ..mpc.qp import QP
 from ..mpc.solver import PersistentSolver
 from ..types import Command, Estimate, FloatArray, Measurement, Sensor, State
 from ..vehicle import Vehicle
-from .nmpc_printed_model import FACTORS, STATES, WINDOW_INPUTS, WindowModel
+from .nmpc_printed_model import (
+    FACTORS,
+    STATES,
+    WINDOW_INPUTS,
+    along_window,
+    printed_parameters,
+)
 
 PERIODS: Final = 15  # updates in the window: 3 s at 5 Hz; from memory
 FACTOR_MIN, FACTOR_MAX = 0.25, 1.0  # from memory
@@ -50,15 +56,12 @@ class PrintedEstimator:
     Args:
         vehicle: model parameters.
         sensor_noise: standard deviations of the sensors.
-
-    Raises:
-        MissingPackage: CasADi is not installed.
     """
 
     def __init__(self, vehicle: Vehicle, sensor_noise: SensorNoise | None = None) -> None:
         self._vehicle = vehicle
         self._noise = sensor_noise or SensorNoise()
-        self._model = WindowModel(vehicle, hitch_sign=1, periods=PERIODS)
+        self._parameters = printed_parameters(vehicle, hitch_sign=1)
         self._qp = PersistentSolver()
         self._readings: dict[Sensor, Measurement] = {}  # the newest of each sensor
         self._time_s = math.nan
@@ -69,6 +72,10 @@ class PrintedEstimator:
         self._first: FloatArray | None = None  # (10,) estimate of the first unknowns
         self._prior = np.zeros(_SIZE)
         self._covariance = np.diag(np.square(_START_SD))
+
+    def warm_up(self) -> None:
+        """Compile the model of the window; the estimator's state does not change."""
+        along_window(self._parameters, self._prior, self._inputs)
 
     def update(
         self, time_s: float, measurements: Sequence[Measurement], command: Command | None
@@ -94,7 +101,7 @@ class PrintedEstimator:
         self._time_s = time_s
         self._measure(samples)
         self._improve()
-        states, jacobian = self._model.along(self._first, self._inputs)
+        states, jacobian = along_window(self._parameters, self._first, self._inputs)
         by_first = jacobian[-1, :STATES]  # (7, 10)
         covariance = by_first @ np.linalg.inv(self._information(jacobian)) @ by_first.T
         return self._estimate(time_s, states[-1], covariance)
@@ -104,7 +111,7 @@ class PrintedEstimator:
     ) -> None:
         """Drop the first period of the window, with its samples into the arrival cost; add one."""
         assert self._first is not None
-        states, jacobian = self._model.along(self._first, self._inputs)
+        states, jacobian = along_window(self._parameters, self._first, self._inputs)
         weight = self._precision[0]
         gain = np.linalg.inv(self._covariance)
         gain[_OUTPUTS, _OUTPUTS] += weight
@@ -147,7 +154,7 @@ class PrintedEstimator:
     def _improve(self) -> None:
         """Take one Gauss-Newton step of the window's problem."""
         assert self._first is not None
-        states, jacobian = self._model.along(self._first, self._inputs)
+        states, jacobian = along_window(self._parameters, self._first, self._inputs)
         outputs = np.vstack([self._first, states])[:, _OUTPUTS]  # (n + 1, 5)
         slopes = np.concatenate([np.eye(_SIZE)[None], jacobian])[:, _OUTPUTS]  # (n + 1, 5, 10)
         weighted = self._precision * (self._measured - outputs)

@@ -21,13 +21,14 @@ from ..laws.tracking_controller import Actions, TrackingController, around_exact
 from ..limits import CommandLimits
 from ..mpc.articulated_error import map_gains, remaining_bounds, split_disturbance
 from ..mpc.prediction import rotation
-from ..mpc.qp import FirstInputs, HorizonTuning, StageBounds, move_bounds
+from ..mpc.qp import FirstInputs, HorizonTuning, Solver, StageBounds, move_bounds
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Estimate, FloatArray, Input, SolverReport, State
 from ..validation import check_count
 from ..vehicle import Vehicle
-from .nmpc_model import TRACTOR, TRAILER, WHOLE, Subsystem
-from .nmpc_solver import ITERATIONS, GaussNewton, HorizonSolver, Task
+from .nmpc_model import TRACTOR, TRAILER, WHOLE
+from .nmpc_problem import Subsystem, Task
+from .nmpc_solver import ITERATIONS, GaussNewton, HorizonSolver
 
 _M = len(Input)
 
@@ -43,9 +44,11 @@ class NmpcRtiOptions(MpcOptions):
         InvalidTuning: a value is out of its range.
     """
 
+    solver: Solver = "daqp"  # of the QP: the faster one, or "piqp"
+
 
 @dataclass(frozen=True)
-class NmpcOptions(MpcOptions):
+class NmpcOptions(NmpcRtiOptions):
     """Options of `nmpc`, `nmpc-decentralised` and `nmpc-distributed`; keys as above.
 
     Raises:
@@ -55,7 +58,7 @@ class NmpcOptions(MpcOptions):
     iterations: int = ITERATIONS  # Gauss-Newton iterations a period, at most
 
     def __post_init__(self) -> None:
-        MpcOptions.__post_init__(self)
+        NmpcRtiOptions.__post_init__(self)
         check_count("iterations", self.iterations)
 
 
@@ -106,7 +109,8 @@ class NonlinearFeedback:
         bounds = move_bounds(tuning, period_s, len(feedforward), remaining)
         self._parts = [
             _Part(
-                subsystem,
+                np.array(subsystem.inputs),
+                np.array(subsystem.outputs),
                 solver(reference, subsystem, tuning, period_s),
                 bounds.at(slice(None), _columns(subsystem, tuning.moves)),
                 FirstInputs.of(bounds.at(slice(None), np.array(subsystem.inputs))),
@@ -150,7 +154,7 @@ class NonlinearFeedback:
         errors = np.zeros((horizon, 4))
         plans = []
         for part in self._parts:
-            own = list(part.subsystem.inputs)
+            own = part.inputs
             task = Task(
                 state=estimate.state,
                 disturbance=disturbance,
@@ -162,7 +166,7 @@ class NonlinearFeedback:
             )
             plan = part.solver.minimise(task, guess[:, own].reshape(-1))
             plans.append(plan)
-            errors[:, list(part.subsystem.outputs)] = plan.errors
+            errors[:, part.outputs] = plan.errors
             if plan.steps is not None:
                 steps[:, own] = plan.steps.reshape(moves, -1)
             feedback[own] = part.first.clamp(k, task.previous + steps[0, own])
@@ -186,7 +190,8 @@ class NonlinearFeedback:
 class _Part:
     """One NMPC of those that share the vehicle."""
 
-    subsystem: Subsystem
+    inputs: NDArray[np.intp]  # of `Subsystem`
+    outputs: NDArray[np.intp]
     solver: HorizonSolver
     bounds: StageBounds  # of its own inputs at every tick, (ticks, m Nc)
     first: FirstInputs
@@ -199,6 +204,8 @@ def _columns(subsystem: Subsystem, moves: int) -> NDArray[np.intp]:
 
 def _joined(reports: Sequence[SolverReport]) -> SolverReport:
     """Return one report for all NMPCs of a tick: summed work, the worst status and residuals."""
+    if len(reports) == 1:
+        return reports[0]
     worst = next((report for report in reports if not report.accepted), reports[0])
     return replace(
         worst,
@@ -222,7 +229,7 @@ def nmpc_controller(
     """Compose the exact feedforward and the NMPCs of `subsystems`, by default Gauss-Newton's.
 
     Raises:
-        MissingPackage: CasADi is not installed.
+        MissingPackage: the package of the QP solver is not installed.
     """
     solver = solver or partial(GaussNewton, iterations=options.iterations)
     return _compose(vehicle, reference, period_s, options, subsystems, exchange, solver)
@@ -241,7 +248,7 @@ def nmpc_rti_controller(
     """Compose the exact feedforward and one NMPC with one Gauss-Newton iteration a period.
 
     Raises:
-        MissingPackage: CasADi is not installed.
+        MissingPackage: the package of the QP solver is not installed.
     """
     solver = partial(GaussNewton, iterations=1)
     return _compose(vehicle, reference, period_s, options, (WHOLE,), False, solver)

@@ -1,200 +1,260 @@
-"""Articulated model as CasADi expressions, with derivatives along a horizon."""
+"""Articulated model along a horizon with its derivatives, compiled."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from types import ModuleType
-from typing import Any, ClassVar, Protocol
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..errors import MissingPackage
+from ..estimation.augmented_state_kernel import VehicleParameter, vehicle_parameters
+from ..jit import cached_njit
 from ..types import Disturbance, FloatArray, Input, State
 from ..vehicle import Vehicle
+from .nmpc_problem import Subsystem, Task, linear_map, planned_inputs, propagate
 
-_N, _M, _D = len(State), len(Input), len(Disturbance)
+WHOLE = Subsystem(inputs=tuple(Input), outputs=(0, 1, 2, 3))
+TRACTOR = Subsystem(inputs=(Input.DELTA_T, Input.HP), outputs=(0, 1))
+TRAILER = Subsystem(inputs=(Input.DELTA_I,), outputs=(2, 3))
 
 # Longest classical Runge-Kutta step over the shortest lag: over a horizon of four seconds both axle
 # points then stay within a millimetre of much finer steps, which a test checks.
-_STEP_PER_LAG = 0.75
+_STEP_PER_LAG: Final = 0.75
+_N, _M = 7, 3
+# Columns of the derivatives of a period: psi_t to v at its start, then its inputs. Nothing depends
+# on x and y but themselves.
+_FIRST: Final = 2  # State.PSI_T
+_GIVEN: Final = _N - _FIRST
+_COLUMNS: Final = _GIVEN + _M
 
 
-def load_casadi() -> ModuleType:
-    """Return CasADi, an optional package, imported on first use.
+class ArticulatedModel:
+    """`ttempc.models.kinematics.articulated` along a horizon, as `HorizonModel`.
 
-    Raises:
-        MissingPackage: it is not installed; with the command that installs it.
-    """
-    try:
-        import casadi
-    except ImportError:
-        raise MissingPackage(
-            "the NMPC controllers need CasADi, which is not installed: "
-            "pip install 'ttempc[baselines]'"
-        ) from None
-    return casadi
-
-
-@dataclass(frozen=True, slots=True)
-class Subsystem:
-    """Inputs, outputs and states of one NMPC."""
-
-    inputs: tuple[int, ...]  # of `Input`: those that it decides; the others are given
-    outputs: tuple[int, ...]  # position errors: x, y of the tractor, x, y of the trailer
-    states: tuple[int, ...]  # of `State`: those that depend on its inputs
-    simulated: tuple[int, ...]  # of `State`: those that its outputs need; others stay constant
-
-
-WHOLE = Subsystem(
-    inputs=tuple(Input), outputs=(0, 1, 2, 3), states=tuple(State), simulated=tuple(State)
-)
-_TRACTOR_STATES = (State.X, State.Y, State.PSI_T, State.DELTA_T, State.V)
-TRACTOR = Subsystem((Input.DELTA_T, Input.HP), (0, 1), _TRACTOR_STATES, _TRACTOR_STATES)
-TRAILER = Subsystem((Input.DELTA_I,), (2, 3), (State.PSI_I, State.DELTA_I), tuple(State))
-
-
-class Expressions(Protocol):
-    """A model of 7 states, 3 inputs and 5 disturbances on CasADi's symbols."""
-
-    targets: ClassVar[int]  # entries of `poses`
-
-    def after(self, state: Any, inputs: Any, disturbance: Any, period_s: float) -> Any:  # noqa: ANN401
-        """Return the state after a period of constant inputs, (7,)."""
-        ...
-
-    def position_errors(self, state: Any, poses: Any) -> Any:  # noqa: ANN401 - CasADi
-        """Return the outputs that are minimised, (p,), for the targets `poses`."""
-        ...
-
-
-class ArticulatedExpressions:
-    """Equations of `ttempc.models.kinematics` on CasADi's symbols."""
-
-    targets: ClassVar[int] = 6  # x, y, psi of tractor and of trailer
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self._ca = load_casadi()
-        self._vehicle = vehicle
-
-    def rate(self, state: Any, inputs: Any, disturbance: Any) -> Any:  # noqa: ANN401 - CasADi
-        """Return `ttempc.models.kinematics.articulated`, (7,)."""
-        ca, vehicle = self._ca, self._vehicle
-        _, _, psi_t, psi_i, delta_t, delta_i, v = ca.vertsplit(state)
-        u_t, u_i, hp = ca.vertsplit(inputs)
-        slip_t, slip_i, bias, drive, _ = ca.vertsplit(disturbance)
-        a, d = vehicle.hitch_offset, vehicle.drawbar_length
-        lam = psi_t - psi_i
-        sin_t, cos_t, cos_l, cos_i = ca.sin(psi_t), ca.cos(psi_t), ca.cos(lam), ca.cos(delta_i)
-        rate_t = self._steering(u_t, delta_t, vehicle.steering_lag_t, vehicle.steering_rate_t)
-        rate_i = self._steering(u_i, delta_i, vehicle.steering_lag_i, vehicle.steering_rate_i)
-        yaw_t = v * ca.tan(delta_t + bias) / vehicle.wheelbase
-        across = v * (ca.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
-        yaw_i = (across - d * rate_i * cos_i) / (vehicle.trailer_length + d * cos_i)
-        acceleration = (vehicle.speed_gain * hp - v) / vehicle.speed_time_constant + drive
-        x, y = v * (cos_t - slip_t * sin_t), v * (sin_t + slip_t * cos_t)
-        return ca.vertcat(x, y, yaw_t, yaw_i, rate_t, rate_i, acceleration)
-
-    def after(self, state: Any, inputs: Any, disturbance: Any, period_s: float) -> Any:  # noqa: ANN401
-        """Return the state after a period of constant inputs, (7,), by Runge-Kutta steps."""
-        lag = min(self._vehicle.steering_lag_t, self._vehicle.steering_lag_i)
-        count = math.ceil(period_s / (_STEP_PER_LAG * lag))
-        step = period_s / count
-        for _ in range(count):
-            k1 = self.rate(state, inputs, disturbance)
-            k2 = self.rate(state + 0.5 * step * k1, inputs, disturbance)
-            k3 = self.rate(state + 0.5 * step * k2, inputs, disturbance)
-            k4 = self.rate(state + step * k3, inputs, disturbance)
-            state = state + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
-        return state
-
-    def position_errors(self, state: Any, poses: Any) -> Any:  # noqa: ANN401 - CasADi
-        """Return reference less axle points in the frames of the reference, (4,) [m].
-
-        `poses` (6,) is the reference's: x, y, psi of the tractor, then of the trailer.
-        """
-        ca, vehicle = self._ca, self._vehicle
-        x, y, psi_t, psi_i, _, delta_i, _ = ca.vertsplit(state)
-        x_r, y_r, psi_r, x_i, y_i, psi_i_r = ca.vertsplit(poses)
-        shape = (
-            (vehicle.hitch_offset, psi_t),
-            (vehicle.drawbar_length, psi_i + delta_i),
-            (vehicle.trailer_length, psi_i),
-        )
-        back_x = sum(length * ca.cos(angle) for length, angle in shape)
-        back_y = sum(length * ca.sin(angle) for length, angle in shape)
-        errors = []
-        for dx, dy, psi in (
-            (x_r - x, y_r - y, psi_r),
-            (x_i - x + back_x, y_i - y + back_y, psi_i_r),
-        ):
-            errors += [ca.cos(psi) * dx + ca.sin(psi) * dy, ca.cos(psi) * dy - ca.sin(psi) * dx]
-        return ca.vertcat(*errors)
-
-    def _steering(self, command: Any, angle: Any, lag: float, limit: float) -> Any:  # noqa: ANN401
-        return self._ca.fmin(self._ca.fmax((command - angle) / lag, -limit), limit)
-
-
-class HorizonModel:
-    """Position errors along a horizon and their derivatives by the inputs of a subsystem.
-
-    Compiled to CasADi's own virtual machine: no C compiler is needed. One stage is
-    differentiated symbolically and called once a period. Results are views of buffers that the
-    next call overwrites.
+    The outputs are reference less axle points in the frames of the reference, (4,) [m]; the targets
+    are the reference's x, y, psi of the tractor, then of the trailer.
     """
 
-    def __init__(
-        self, expressions: Expressions, subsystem: Subsystem, horizon: int, period_s: float
+    def __init__(self, vehicle: Vehicle, subsystem: Subsystem, period_s: float) -> None:
+        self._parameters, self._period_s = vehicle_parameters(vehicle), period_s
+        shortest_lag = min(vehicle.steering_lag_t, vehicle.steering_lag_i)
+        self._count = math.ceil(period_s / (_STEP_PER_LAG * shortest_lag))
+        self._own, self._outputs = np.array(subsystem.inputs), np.array(subsystem.outputs)
+
+    def evaluate(
+        self, task: Task, steps: FloatArray, errors: FloatArray, jacobian: FloatArray
     ) -> None:
-        ca = load_casadi()
-        size = _M + _D + expressions.targets
-        state, given = ca.SX.sym("state", _N), ca.SX.sym("given", size)
-        inputs, disturbance, poses = ca.vertsplit(given, [0, _M, _M + _D, size])
-        after = expressions.after(state, inputs, disturbance, period_s)
-        after = ca.vertcat(*(after[i] if i in subsystem.simulated else state[i] for i in State))
-        own, states = list(subsystem.inputs), list(subsystem.states)
-        outputs = list(subsystem.outputs)
-        end = ca.SX.sym("end", _N)  # the state at the end of the period
-        errors = expressions.position_errors(end, poses)
-        at_end = ca.Function("at_end", [end, poses], [errors, ca.jacobian(errors, end)])
-        error, by_end = at_end(after, poses)
-        stage = ca.Function(
-            "stage",
-            [state, given],
-            [
-                after,
-                ca.densify(ca.jacobian(after[states], state)[:, states]),
-                ca.densify(ca.jacobian(after[states], inputs)[:, own]),
-                error[outputs],
-                ca.densify(by_end[outputs, states]),
-            ],
-            {"cse": True},
+        """Write errors and derivatives, see `HorizonModel`."""
+        articulated_horizon(
+            self._parameters,
+            self._period_s,
+            self._count,
+            task.state,
+            task.disturbance,
+            task.poses,
+            task.feedforward,
+            task.inputs_e,
+            task.previous,
+            steps,
+            self._own,
+            self._outputs,
+            errors,
+            jacobian,
         )
-        along = stage.mapaccum("along", horizon)
-        # CasADi stores column by column: the same memory, read row by row, is the transpose.
-        n, m, p = len(states), len(own), len(outputs)
-        self._start = np.zeros(_N)
-        self._given = np.zeros((horizon, size))
-        self.states = np.zeros((horizon, _N))
-        a, b = np.zeros((horizon, n, n)), np.zeros((horizon, m, n))
-        self.errors = np.zeros((horizon, p))
-        c = np.zeros((horizon, n, p))
-        self.by_state = a.transpose(0, 2, 1)  # d state / d state before, (Np, n, n)
-        self.by_input = b.transpose(0, 2, 1)  # d state / d input, (Np, n, m)
-        self.error_by_state = c.transpose(0, 2, 1)  # (Np, p, n)
-        self._buffer, self._run = along.buffer()
-        for place, array in enumerate((self._start, self._given)):
-            self._buffer.set_arg(place, array.data)
-        for place, array in enumerate((self.states, a, b, self.errors, c)):
-            self._buffer.set_res(place, array.data)
 
-    def start(self, state: FloatArray, disturbance: FloatArray, poses: FloatArray) -> None:
-        """Set the first state (7,), the disturbances (Np, 5) and the targets (Np, 6 or 7)."""
-        self._start[:] = state
-        self._given[:, _M : _M + _D] = disturbance
-        self._given[:, _M + _D :] = poses
 
-    def evaluate(self, inputs: FloatArray) -> None:
-        """Run the model under `inputs` (Np, 3) and write errors and derivatives to the buffers."""
-        self._given[:, :_M] = inputs
-        self._run()
+@cached_njit(error_model="numpy", boundscheck=False)
+def articulated_horizon(
+    parameters: FloatArray,
+    period_s: float,
+    count: int,
+    state: FloatArray,
+    disturbance: FloatArray,
+    poses: FloatArray,
+    feedforward: FloatArray,
+    inputs_e: FloatArray,
+    previous: FloatArray,
+    steps: FloatArray,
+    own: NDArray[np.intp],
+    outputs: NDArray[np.intp],
+    errors: FloatArray,
+    jacobian: FloatArray,
+) -> None:
+    """Write the outputs along the horizon and their derivatives, see `HorizonModel`.
+
+    `count` Runge-Kutta steps a period; the other arguments are those of `Task` and `Subsystem`.
+    """
+    now, by_given = state.copy(), np.empty((_N, _COLUMNS))
+    by_state, by_input = np.zeros((_N, _N)), np.empty((_N, _M))
+    by_state[State.X, State.X] = by_state[State.Y, State.Y] = 1.0
+    before, after = np.zeros((_N, steps.size)), np.zeros((_N, steps.size))
+    all_errors, by_end = np.empty(4), np.zeros((4, _N))
+    by_end_own = np.empty((outputs.size, _N))
+    inputs = np.empty_like(feedforward)
+    planned_inputs(feedforward, inputs_e, previous, steps, own, inputs)
+    for j in range(len(inputs)):
+        advance_period(now, inputs[j], disturbance[j], parameters, period_s, count, by_given)
+        by_state[:, _FIRST:] = by_given[:, :_GIVEN]
+        by_input[:, :] = by_given[:, _GIVEN:]
+        propagate(by_state, by_input, own, j, before, after)
+        position_errors(now, poses[j], parameters, all_errors, by_end)
+        for i in range(outputs.size):
+            errors[j, i] = all_errors[outputs[i]]
+            by_end_own[i, :] = by_end[outputs[i]]
+        linear_map(by_end_own, after, steps.size, jacobian[j])
+        before, after = after, before
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def advance_period(
+    state: FloatArray,
+    inputs: FloatArray,
+    disturbance: FloatArray,
+    parameters: FloatArray,
+    period_s: float,
+    count: int,
+    by_given: FloatArray,
+) -> None:
+    """Advance `state` (7,) by a period of constant inputs, in `count` Runge-Kutta steps.
+
+    Writes the derivatives of the state at the end into `by_given` (7, 8), by psi_t, psi_i, delta_t,
+    delta_i and v at the start, then by the inputs. They are the exact ones of the Runge-Kutta
+    steps: the same steps of the variational equation.
+    """
+    step_s = period_s / count
+    rate, stage = np.empty(_N), np.empty(_N)
+    slope, stage_slope = np.empty((_N, _COLUMNS)), np.empty((_N, _COLUMNS))
+    total, total_slope = np.empty(_N), np.empty((_N, _COLUMNS))
+    by_given[:, :] = 0.0
+    for i in range(_GIVEN):
+        by_given[_FIRST + i, i] = 1.0
+    for _ in range(count):
+        stage[:] = state
+        stage_slope[:, :] = by_given
+        total[:] = 0.0
+        total_slope[:, :] = 0.0
+        for k in range(4):
+            _rate(stage, stage_slope, inputs, disturbance, parameters, rate, slope)
+            weight = step_s / 6.0 if k in (0, 3) else step_s / 3.0
+            ahead = step_s if k == 2 else 0.5 * step_s
+            for i in range(_N):
+                total[i] += weight * rate[i]
+                stage[i] = state[i] + ahead * rate[i]
+                for c in range(_COLUMNS):
+                    total_slope[i, c] += weight * slope[i, c]
+                    stage_slope[i, c] = by_given[i, c] + ahead * slope[i, c]
+        state += total
+        by_given += total_slope
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def _rate(
+    state: FloatArray,
+    by_given: FloatArray,
+    inputs: FloatArray,
+    disturbance: FloatArray,
+    parameters: FloatArray,
+    rate: FloatArray,
+    slope: FloatArray,
+) -> None:
+    """Write `articulated` into `rate` (7,) and its derivative along `by_given` into `slope`."""
+    psi_t, delta_t, delta_i = state[State.PSI_T], state[State.DELTA_T], state[State.DELTA_I]
+    v, slip_t = state[State.V], disturbance[Disturbance.SLIP_T]
+    wheelbase = parameters[VehicleParameter.WHEELBASE]
+    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
+    gain_v = parameters[VehicleParameter.SPEED_GAIN]
+    tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
+    lam = psi_t - state[State.PSI_I]
+    sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
+    sin_l, cos_l = math.sin(lam), math.cos(lam)
+    sin_i, cos_i = math.sin(delta_i), math.cos(delta_i)
+    angle = delta_t + disturbance[Disturbance.STEERING]
+    cos_a = math.cos(angle)
+    rate_t, gain_t = _steering(
+        (inputs[Input.DELTA_T] - delta_t) / parameters[VehicleParameter.STEERING_LAG_T],
+        1.0 / parameters[VehicleParameter.STEERING_LAG_T],
+        parameters[VehicleParameter.STEERING_RATE_T],
+    )
+    rate_i, gain_i = _steering(
+        (inputs[Input.DELTA_I] - delta_i) / parameters[VehicleParameter.STEERING_LAG_I],
+        1.0 / parameters[VehicleParameter.STEERING_LAG_I],
+        parameters[VehicleParameter.STEERING_RATE_I],
+    )
+    # As in `articulated_jacobian`.
+    along_v, across_v = cos_t - slip_t * sin_t, sin_t + slip_t * cos_t
+    yaw_t_v = math.sin(angle) / (cos_a * wheelbase)
+    yaw_t_delta = v / (wheelbase * cos_a * cos_a)
+    arm = parameters[VehicleParameter.TRAILER_LENGTH] + d * cos_i
+    slips = sin_l + slip_t * cos_l - disturbance[Disturbance.SLIP_I]
+    yaw_i_v = (slips - a * yaw_t_v * cos_l) / arm
+    yaw_i_rate = -d * cos_i / arm
+    yaw_i = v * yaw_i_v + yaw_i_rate * rate_i
+    yaw_i_lam = v * (cos_l - slip_t * sin_l + a * yaw_t_v * sin_l) / arm
+    yaw_i_delta_t = -a * yaw_t_delta * cos_l / arm
+    yaw_i_delta_i = d * sin_i * (rate_i + yaw_i) / arm - yaw_i_rate * gain_i
+
+    rate[State.X], rate[State.Y] = v * along_v, v * across_v
+    rate[State.PSI_T], rate[State.PSI_I] = v * yaw_t_v, yaw_i
+    rate[State.DELTA_T], rate[State.DELTA_I] = rate_t, rate_i
+    rate[State.V] = (gain_v * inputs[Input.HP] - v) / tau + disturbance[Disturbance.DRIVE]
+
+    of_psi_t, of_psi_i, of_v = by_given[State.PSI_T], by_given[State.PSI_I], by_given[State.V]
+    of_delta_t, of_delta_i = by_given[State.DELTA_T], by_given[State.DELTA_I]
+    for c in range(_COLUMNS):
+        slope[State.X, c] = -v * across_v * of_psi_t[c] + along_v * of_v[c]
+        slope[State.Y, c] = v * along_v * of_psi_t[c] + across_v * of_v[c]
+        slope[State.PSI_T, c] = yaw_t_delta * of_delta_t[c] + yaw_t_v * of_v[c]
+        slope[State.PSI_I, c] = (
+            yaw_i_lam * (of_psi_t[c] - of_psi_i[c])
+            + yaw_i_delta_t * of_delta_t[c]
+            + yaw_i_delta_i * of_delta_i[c]
+            + yaw_i_v * of_v[c]
+        )
+        slope[State.DELTA_T, c] = -gain_t * of_delta_t[c]
+        slope[State.DELTA_I, c] = -gain_i * of_delta_i[c]
+        slope[State.V, c] = -of_v[c] / tau
+    slope[State.DELTA_T, _GIVEN + Input.DELTA_T] += gain_t
+    slope[State.DELTA_I, _GIVEN + Input.DELTA_I] += gain_i
+    slope[State.PSI_I, _GIVEN + Input.DELTA_I] += yaw_i_rate * gain_i
+    slope[State.V, _GIVEN + Input.HP] += gain_v / tau
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def _steering(rate: float, gain: float, limit: float) -> tuple[float, float]:
+    """Return the limited rate of a steering angle [rad/s] and its derivative by the command."""
+    if abs(rate) >= limit:
+        return math.copysign(limit, rate), 0.0
+    return rate, gain
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def position_errors(
+    state: FloatArray,
+    poses: FloatArray,
+    parameters: FloatArray,
+    errors: FloatArray,
+    by_state: FloatArray,
+) -> None:
+    """Write reference less axle points in the frames of the reference, and d / d state (4, 7)."""
+    psi_t, psi_i, delta_i = state[State.PSI_T], state[State.PSI_I], state[State.DELTA_I]
+    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    a_x, a_y = a * math.cos(psi_t), a * math.sin(psi_t)
+    d_x, d_y = d * math.cos(psi_i + delta_i), d * math.sin(psi_i + delta_i)
+    i_x, i_y = d_x + length_i * math.cos(psi_i), d_y + length_i * math.sin(psi_i)
+    for body in range(2):
+        dx = poses[3 * body] - state[State.X] + body * (a_x + i_x)
+        dy = poses[3 * body + 1] - state[State.Y] + body * (a_y + i_y)
+        cos, sin = math.cos(poses[3 * body + 2]), math.sin(poses[3 * body + 2])
+        row, across = 2 * body, 2 * body + 1
+        errors[row], errors[across] = cos * dx + sin * dy, cos * dy - sin * dx
+        by_state[row, State.X], by_state[row, State.Y] = -cos, -sin
+        by_state[across, State.X], by_state[across, State.Y] = sin, -cos
+        if body == 1:  # the trailer point also turns about the hitches
+            by_state[row, State.PSI_T] = sin * a_x - cos * a_y
+            by_state[row, State.PSI_I] = sin * i_x - cos * i_y
+            by_state[row, State.DELTA_I] = sin * d_x - cos * d_y
+            by_state[across, State.PSI_T] = cos * a_x + sin * a_y
+            by_state[across, State.PSI_I] = cos * i_x + sin * i_y
+            by_state[across, State.DELTA_I] = cos * d_x + sin * d_y

@@ -27,8 +27,9 @@ from ..reference.reference import Reference
 from ..types import Estimate, FloatArray, Input
 from ..validation import check_choice, check_count, check_positive
 from ..vehicle import Vehicle
-from .nmpc_printed_model import PRINTED, PrintedExpressions
-from .nmpc_solver import GaussNewton, Task
+from .nmpc_printed_model import PRINTED, PrintedModel
+from .nmpc_problem import Task
+from .nmpc_solver import GaussNewton
 
 _M = len(Input)
 _RUN_ON_M = 20.0  # of reference beyond the end of the path, for a vehicle that arrives early
@@ -89,7 +90,7 @@ class SpaceBasedTargets:
         self._look_ahead_m = options.look_ahead_m
 
     def at(self, x: float, y: float) -> FloatArray:
-        """Return the targets (Np, 7) for a tractor point: see `PrintedExpressions`."""
+        """Return the targets (Np, 7) for a tractor point: see `PrintedModel`."""
         place = self._projection.place(x, y)
         if self._look_ahead_m:
             distance = np.interp(place, self._ticks, self._distance) + self._look_ahead_m
@@ -113,10 +114,8 @@ class PrintedFeedback:
     def __init__(self, reference: Reference, period_s: float, options: PrintedNmpcOptions) -> None:
         self._options = options
         self._targets = SpaceBasedTargets(reference, period_s, options)
-        expressions = PrintedExpressions(reference.vehicle, options.hitch_sign)
-        self._solver = GaussNewton(
-            reference, PRINTED, options, period_s, options.iterations, expressions
-        )
+        model = PrintedModel(reference.vehicle, options.hitch_sign, period_s)
+        self._solver = GaussNewton(reference, PRINTED, options, period_s, options.iterations, model)
         limits = CommandLimits.of(reference.vehicle, period_s)
         bound = np.array(options.input_bound)
         self._lower, self._upper = np.maximum(-bound, limits.lower), np.minimum(bound, limits.upper)
@@ -199,7 +198,7 @@ def printed_nmpc_controller(
 
     Raises:
         InvalidReference: the reference is driven in reverse.
-        MissingPackage: CasADi is not installed.
+        MissingPackage: the package of the QP solver is not installed.
     """
     if vehicle.reverse:
         raise InvalidReference("kayacan-nmpc: drives forward only, the reference is in reverse")

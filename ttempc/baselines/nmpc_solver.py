@@ -8,11 +8,12 @@ from typing import Protocol
 
 import numpy as np
 
-from ..mpc.qp import QP, HorizonTuning, StageBounds
+from ..mpc.qp import QP, HorizonTuning
 from ..mpc.solver import PersistentSolver
 from ..reference.reference import Reference
 from ..types import FloatArray, SolverReport
-from .nmpc_model import ArticulatedExpressions, Expressions, HorizonModel, Subsystem
+from .nmpc_model import ArticulatedModel
+from .nmpc_problem import HorizonModel, Subsystem, Task, condense
 
 # A plan is converged where the last iteration changed no input of it by more than this, in rad or
 # hydrostat position. Changes shrink tenfold or more near the solution: the rest is below a tenth.
@@ -20,19 +21,6 @@ _TOLERANCE = 1e-4
 ITERATIONS = 20  # at most; 2 to 3 are usual
 _HALVINGS = 6
 _SUFFICIENT = 0.25  # least actual descent over the QP's, below which a change is halved (Armijo)
-
-
-@dataclass(frozen=True, slots=True)
-class Task:
-    """Data of the problem of one tick."""
-
-    state: FloatArray  # (7,) the estimate
-    disturbance: FloatArray  # (Np, 5) predicted as by the linear MPC
-    poses: FloatArray  # (Np, 6 or 7) targets at the ends of the periods, for `HorizonModel`
-    feedforward: FloatArray  # (Np, 3) u_r
-    inputs_e: FloatArray  # (Np, 3) u_e; only the subsystem's own columns are decided
-    previous: FloatArray  # (m,) own u_e(k-1)
-    bounds: StageBounds  # (m Nc,) each, own
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +41,7 @@ class HorizonSolver(Protocol):
         ...
 
     def prepare(self) -> None:
-        """Get ready for the next call, which gives the same plan but for its last digits."""
+        """Get ready for the next call, which gives the same plan."""
         ...
 
     def fresh(self) -> HorizonSolver:
@@ -81,10 +69,10 @@ class GaussNewton:
         tuning: horizon, weights and bounds.
         period_s: control period [s].
         iterations: at most, in one call.
-        expressions: the model, by default the articulated one of the reference's vehicle.
+        model: by default the articulated one of the reference's vehicle.
 
     Raises:
-        MissingPackage: CasADi is not installed.
+        MissingPackage: the package of the tuning's solver is not installed.
     """
 
     def __init__(
@@ -94,109 +82,91 @@ class GaussNewton:
         tuning: HorizonTuning,
         period_s: float,
         iterations: int = ITERATIONS,
-        expressions: Expressions | None = None,
+        model: HorizonModel | None = None,
     ) -> None:
-        expressions = expressions or ArticulatedExpressions(reference.vehicle)
-        self._model = HorizonModel(expressions, subsystem, tuning.horizon, period_s)
-        self._qp = PersistentSolver()
+        self._model = model or ArticulatedModel(reference.vehicle, subsystem, period_s)
+        self._qp = PersistentSolver(tuning.solver)
+        # `prepare` has a solver of its own: a solve changes the last digits of later results.
+        self._preparing_qp = self._qp.fresh()
         self._iterations = iterations
         self._last: tuple[Task, FloatArray] | None = None
-        self._own = list(subsystem.inputs)
-        horizon, moves, m = tuning.horizon, tuning.moves, len(self._own)
-        n, p = len(subsystem.states), len(subsystem.outputs)
-        free = np.arange(horizon)[:, None] >= np.arange(moves)  # step i acts on stage j >= i
-        pick = np.kron(free, np.eye(m))  # (Np m, m Nc)
-        self._pick = pick.reshape(horizon, m, m * moves)
+        own, moves = list(subsystem.inputs), tuning.moves
         self._weight = np.array([tuning.output_weight[i] for i in subsystem.outputs])  # (p,)
-        self._weights = np.tile(self._weight, horizon)[:, None]  # (Np p, 1)
-        step_weight = np.array([tuning.step_weight[i] for i in self._own])
-        self._step_weight = np.tile(step_weight, moves)  # (m Nc,)
-        sums = np.kron(np.tril(np.ones((moves, moves))), np.eye(m))
+        self._step_weight = np.tile([tuning.step_weight[i] for i in own], moves)  # (m Nc,)
+        sums = np.kron(np.tril(np.ones((moves, moves))), np.eye(len(own)))
         self._sums: FloatArray = sums.astype(np.float64)
-        self._by_steps = np.zeros((horizon + 1, n, m * moves))  # d state / d steps
-        self._jacobian = np.zeros((horizon, p, m * moves))
-
-    def minimise(self, task: Task, steps: FloatArray) -> Plan:
-        """Return the plan for `task`; `steps` (m Nc,) is the initial guess."""
-        # An estimate far off may overflow along the horizon; the QP's solver then reports it.
-        with np.errstate(over="ignore", invalid="ignore"):
-            return self._minimise(task, steps)
+        shape = tuning.horizon, len(self._weight)
+        self._errors, self._jacobian = np.empty(shape), np.empty((*shape, len(sums)))
 
     def prepare(self) -> None:
-        """Minimise the last task again and drop the result, which fills the caches.
-
-        Later results change by the last digits of PIQP's iterates.
-        """
+        """Minimise the last task again and drop the result, which fills the caches."""
         if self._last:
-            self.minimise(*self._last)
+            self._minimise(self._preparing_qp, *self._last)
 
     def fresh(self) -> GaussNewton:
         """Return the solver as it was before its first call; it shares model and buffers."""
         solver = copy.copy(self)
-        solver._qp = PersistentSolver()
+        solver._qp, solver._preparing_qp = self._qp.fresh(), self._qp.fresh()
         solver._last = None
         return solver
 
-    def _minimise(self, task: Task, steps: FloatArray) -> Plan:
+    def minimise(self, task: Task, steps: FloatArray) -> Plan:
+        """Return the plan for `task`; `steps` (m Nc,) is the initial guess."""
         self._last = task, steps
-        self._model.start(task.state, task.disturbance, task.poses)
-        cost = self._evaluate(task, steps)
+        return self._minimise(self._qp, task, steps)
+
+    def _minimise(self, solver: PersistentSolver, task: Task, steps: FloatArray) -> Plan:
+        cost, qp = self._linearise(task, steps)
         time_s, iteration = 0.0, 0
         while True:
             iteration += 1
-            qp = self._linearised(task, steps)
-            solution = self._qp.solve(qp)
+            solution = solver.solve(qp)
             time_s += solution.report.solve_time_s
             report = replace(solution.report, iterations=iteration, solve_time_s=time_s)
             if solution.x is None:
+                # An estimate far off may overflow along the horizon.
                 fallback = f"QP {report.status}: previous feedback held"
-                return Plan(None, self._model.errors.copy(), report, fallback)
+                return Plan(None, self._errors.copy(), report, fallback)
             change = solution.x - steps
             converged = bool(np.abs(change).max() <= _TOLERANCE)
             if converged or iteration == self._iterations:
                 break
             descent = qp.objective(steps) - qp.objective(solution.x)
-            trial = self._evaluate(task, steps + change)
+            trial, qp = self._linearise(task, steps + change)
             # The first change is not halved: it ends within the bounds wherever the guess lay.
             for _ in range(_HALVINGS if iteration > 1 else 0):
                 if cost - trial >= _SUFFICIENT * descent:
                     break
                 change, descent = 0.5 * change, 0.5 * descent
-                trial = self._evaluate(task, steps + change)
+                trial, qp = self._linearise(task, steps + change)
             steps, cost = steps + change, trial
-        errors = self._model.errors + self._jacobian @ change  # the last change to first order
+        errors = self._errors + self._jacobian @ change  # the last change to first order
         missed = not converged and self._iterations > 1
         fallback = f"not converged in {self._iterations} iterations: last plan driven"
         return Plan(solution.x, errors, report, fallback if missed else "")
 
-    def _evaluate(self, task: Task, steps: FloatArray) -> float:
-        """Run the model under `steps` (m Nc,) and return the cost."""
-        inputs_e = task.inputs_e.copy()
-        inputs_e[:, self._own] = task.previous + self._pick @ steps
-        self._model.evaluate(task.feedforward - inputs_e)
-        tracking = np.sum(self._weight * np.square(self._model.errors))
-        return float(tracking + self._step_weight @ np.square(steps))
-
-    def _linearised(self, task: Task, steps: FloatArray) -> QP:
-        """Return the QP in the steps, linearised at the `steps` (m Nc,) last evaluated."""
-        model, by_steps = self._model, self._by_steps
-        by_input = model.by_input @ self._pick  # (Np, n, m Nc)
-        for j, by_state in enumerate(model.by_state):
-            np.dot(by_state, by_steps[j], out=by_steps[j + 1])
-            by_steps[j + 1] -= by_input[j]  # u = u_r - u_e
-        np.matmul(model.error_by_state, by_steps[1:], out=self._jacobian)
-        jacobian = self._jacobian.reshape(-1, len(steps))  # (Np p, m Nc)
-        weighted = 2.0 * self._weights * jacobian
-        hessian = jacobian.T @ weighted
-        hessian[np.diag_indices(len(steps))] += 2.0 * self._step_weight
-        errors = model.errors.reshape(-1)
-        bounds, shift = task.bounds, np.tile(task.previous, len(steps) // len(task.previous))
-        return QP(
+    def _linearise(self, task: Task, steps: FloatArray) -> tuple[float, QP]:
+        """Return the cost under `steps` (m Nc,), and the QP that is linearised there."""
+        self._model.evaluate(task, steps, self._errors, self._jacobian)
+        gradient, hessian = np.empty_like(steps), np.empty_like(self._sums)
+        cost = condense(
+            self._errors,
+            self._jacobian,
+            self._weight,
+            self._step_weight,
+            steps,
+            hessian,
+            gradient,
+        )
+        bounds, repeats = task.bounds, len(steps) // len(task.previous)
+        shift = np.concatenate([task.previous] * repeats)
+        qp = QP(
             hessian=hessian,
-            gradient=weighted.T @ (errors - jacobian @ steps),
+            gradient=gradient,
             matrix=self._sums,
             lower=bounds.lower - shift,
             upper=bounds.upper - shift,
             step_lower=bounds.step_lower,
             step_upper=bounds.step_upper,
         )
+        return cost, qp

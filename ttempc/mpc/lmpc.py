@@ -30,9 +30,9 @@ class LinearMpc:
 
     def __init__(self, horizon: CondensedHorizon) -> None:
         self._horizon = horizon
-        self._solver = PersistentSolver()
-        # `prepare` has a solver of its own: an update changes the last digits of later results.
-        self._preparing_solver = PersistentSolver()
+        self._solver = PersistentSolver(horizon.solver)
+        # `prepare` has a solver of its own: a solve changes the last digits of later results.
+        self._preparing_solver = PersistentSolver(horizon.solver)
         self._last: tuple[FloatArray, FloatArray] | None = None  # state and input of the last step
 
     def fresh(self) -> LinearMpc:
@@ -45,9 +45,13 @@ class LinearMpc:
         return self._solve(self._solver, k, state, previous)
 
     def prepare(self, k: int) -> None:
-        """Solve tick `k` for the data of the last step and drop the result, to fill the caches."""
+        """Solve tick `k` for the data of the last step and drop the result, to fill the caches.
+
+        Its Hessian, which depends on the tick alone, is factorised for the step to come.
+        """
         if self._last:
             self._solve(self._preparing_solver, k, *self._last)
+            self._solver.hold(self._horizon.hessian(k))
 
     def _solve(
         self, solver: PersistentSolver, k: int, state: FloatArray, previous: FloatArray

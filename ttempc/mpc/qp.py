@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,13 @@ from scipy.optimize import nnls
 from ..errors import InvalidTuning
 from ..models.tracking_error import Error
 from ..types import FloatArray, Input
-from ..validation import check_count, check_vector
+from ..validation import check_choice, check_count, check_vector
 from .admissible_kernel import nearest_admissible
 from .ordered_product import ordered_product
 
 _BLOCK = 32  # ticks whose matrices are computed together: 2 ms, 1 MB with the defaults
+Solver = Literal["piqp", "daqp"]
+SOLVERS: Final = get_args(Solver)
 _ACTIVE = 1e-7  # slack below which a bound counts as active in `QP.residuals`
 
 
@@ -44,6 +46,7 @@ class HorizonTuning:
     input_bound: tuple[float, ...] = (math.radians(12.0), math.radians(6.0), 0.10)
     # [rad/s], [rad/s], [1/s]
     input_rate: tuple[float, ...] = (math.radians(55.0), math.radians(35.0), 0.30)
+    solver: Solver = "piqp"  # of the QP: an interior-point method, or "daqp", a dual active-set one
 
     def __post_init__(self) -> None:
         check_count("horizon", self.horizon)
@@ -51,6 +54,7 @@ class HorizonTuning:
         check_vector("output_weight", self.output_weight, self.outputs, zero=True)
         for name in ("step_weight", "input_bound", "input_rate"):
             check_vector(name, getattr(self, name), len(Input))
+        check_choice("solver", self.solver, SOLVERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,7 +196,7 @@ class CondensedHorizon:
         n, m = b.shape[1:]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
         horizon, moves = tuning.horizon, tuning.moves
-        self.ticks = len(a) - horizon + 1
+        self.ticks, self.solver = len(a) - horizon + 1, tuning.solver
         p = c.shape[1]
         if self.ticks < 1 or len(tuning.output_weight) != p or len(tuning.step_weight) != m:
             raise InvalidTuning(
@@ -231,6 +235,11 @@ class CondensedHorizon:
         return nearest_admissible(
             k, inputs, previous, of.lower, of.upper, of.step_lower, of.step_upper
         )
+
+    def hessian(self, k: int) -> FloatArray:
+        """Return H of the QP of tick `k`, (m Nc, m Nc)."""
+        matrices, tick = self._at(k)
+        return matrices.hessian[tick]
 
     def prediction(self, k: int) -> FloatArray:
         """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""

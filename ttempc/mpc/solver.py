@@ -1,19 +1,21 @@
-"""Exact minimiser of a QP without active bounds, else a persistent PIQP solver, with checks."""
+"""Exact minimiser of a QP without active bounds, else a persistent QP solver, with checks."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final, Protocol
 
 import numpy as np
-import piqp
 
 from ..types import FloatArray, SolverReport
+from .daqp_solver import DaqpSolver
 from .interior_minimum import Outcome, interior_minimum
+from .piqp_solver import PiqpSolver
 from .qp import QP
 
-# PIQP's default of 1e-8 leaves errors of 1e-5 in the first move where bounds are weakly active.
-_TOLERANCE = 1e-11
 # Violation of a bound above which a solution is rejected; below it is clamped.
 _BOUND_TOLERANCE = 1e-6
 
@@ -26,8 +28,25 @@ class QPSolution:
     report: SolverReport
 
 
+class QPSolver(Protocol):
+    """A package's solver, kept between problems of the same size and the same matrix of rows."""
+
+    def hold(self, hessian: FloatArray) -> None:
+        """Factorise the Hessian of the next problem, where the package can; changes no result."""
+        ...
+
+    def solve(self, qp: QP) -> tuple[FloatArray, SolverReport]:
+        """Return the last iterate (n,) and the report, accepted where the package solved `qp`."""
+        ...
+
+
+_SOLVERS: Final = MappingProxyType[str, Callable[[], QPSolver]](
+    {"piqp": PiqpSolver, "daqp": DaqpSolver}
+)
+
+
 class PersistentSolver:
-    """PIQP's dense interior-point solver, set up once and updated from problem to problem.
+    """A QP solver that is set up once and updated from problem to problem.
 
     A problem whose unconstrained minimiser is within all bounds needs no solver: it is answered by
     Cholesky's factorisation, with the status "solved" after 0 iterations in a solver's time of 0
@@ -40,12 +59,23 @@ class PersistentSolver:
     within its bounds, and the solver is built anew after any failure.
 
     Args:
-        tolerance: absolute and relative tolerance of residuals and duality gap.
+        solver: one of `ttempc.mpc.qp.SOLVERS`.
+
+    Raises:
+        MissingPackage: the solver's package is not installed.
     """
 
-    def __init__(self, tolerance: float = _TOLERANCE) -> None:
-        self._tolerance = tolerance
-        self._solver: piqp.DenseSolver | None = None
+    def __init__(self, solver: str = "piqp") -> None:
+        self._name = solver
+        self._solver = _SOLVERS[solver]()
+
+    def fresh(self) -> PersistentSolver:
+        """Return a solver of the same package before its first problem."""
+        return PersistentSolver(self._name)
+
+    def hold(self, hessian: FloatArray) -> None:
+        """Factorise the Hessian (n, n) of the next problem, where the package can."""
+        self._solver.hold(hessian)
 
     def solve(self, qp: QP) -> QPSolution:
         """Return the minimiser of `qp`, or the reason for which there is none."""
@@ -63,65 +93,16 @@ class PersistentSolver:
         if outcome == Outcome.INTERIOR:
             return QPSolution(x, SolverReport("solved", True, 0, 0.0, 0.0, 0.0))
         if outcome != Outcome.BOUNDED:
-            self._solver = None
             finite = outcome == Outcome.NOT_CONVEX
             status = "hessian not convex" if finite else "input not finite"
-            return QPSolution(None, SolverReport(status, False, 0, 0.0, math.inf, math.inf))
-        solver = self._load(qp)
-        status = solver.solve()
-        result = solver.result
-        info = result.info
-        x = result.x.copy()
-        accepted, text = False, "solved"
-        if status != piqp.PIQP_SOLVED:
-            text = status.name.removeprefix("PIQP_").lower()
-        elif _within_bounds(qp, x):
-            accepted = True
-        else:
-            text = "solved outside its bounds"
-        if not accepted:
-            self._solver = None
-        report = SolverReport(
-            status=text,
-            accepted=accepted,
-            iterations=info.iter,
-            solve_time_s=info.solve_time,
-            primal_residual=info.primal_res,
-            dual_residual=info.dual_res,
-        )
-        return QPSolution(x if accepted else None, report)
+            return self._failed(SolverReport(status, False, 0, 0.0, math.inf, math.inf))
+        x, report = self._solver.solve(qp)
+        if not report.accepted:
+            return self._failed(report)
+        if not (np.isfinite(x).all() and (qp.slack(x) >= -_BOUND_TOLERANCE).all()):
+            return self._failed(replace(report, status="solved outside its bounds", accepted=False))
+        return QPSolution(x, report)
 
-    def _load(self, qp: QP) -> piqp.DenseSolver:
-        """Return a solver that holds the problem: the present one, or a new one."""
-        hessian = qp.hessian.T  # symmetric; the transpose has the column order of PIQP
-        if self._solver is not None:
-            self._solver.update(
-                P=hessian,
-                c=qp.gradient,
-                h_l=qp.lower,
-                h_u=qp.upper,
-                x_l=qp.step_lower,
-                x_u=qp.step_upper,
-            )
-            return self._solver
-        solver = piqp.DenseSolver()
-        settings = solver.settings
-        settings.eps_abs = settings.eps_rel = self._tolerance
-        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = self._tolerance
-        settings.compute_timings = True
-        solver.setup(
-            P=hessian,
-            c=qp.gradient,
-            G=np.asfortranarray(qp.matrix),
-            h_l=qp.lower,
-            h_u=qp.upper,
-            x_l=qp.step_lower,
-            x_u=qp.step_upper,
-        )
-        self._solver = solver
-        return solver
-
-
-def _within_bounds(qp: QP, x: FloatArray) -> bool:
-    """Whether `x` (n,) is finite and inside the bounds."""
-    return bool(np.isfinite(x).all() and (qp.slack(x) >= -_BOUND_TOLERANCE).all())
+    def _failed(self, report: SolverReport) -> QPSolution:
+        self._solver = _SOLVERS[self._name]()
+        return QPSolution(None, report)

@@ -5,6 +5,7 @@ Limits on speed are not tested here: a loaded machine would fail them.
 
 import contextlib
 
+import numpy as np
 import pytest
 
 from proving_ground.experiments.benchmarks import (
@@ -13,6 +14,7 @@ from proving_ground.experiments.benchmarks import (
     logging,
     nmpc,
     physics_loop,
+    qp_solvers,
     sweep,
     tube_step,
 )
@@ -54,15 +56,16 @@ def test_logging(capsys):
 
 
 def test_nmpc(capsys, few_ticks, monkeypatch):
-    pytest.importorskip("casadi")
-    monkeypatch.setattr(nmpc, "NAMES", (nmpc.LINEAR, "nmpc"))
-    monkeypatch.setattr(nmpc, "SOLVERS", {"sqpmethod": nmpc.SOLVERS["sqpmethod"]})
-    bare, _, *lines = printed(capsys, nmpc.main)
-    assert bare.startswith("bare QP of ttempc-nominal")
-    assert [line.split()[0] for line in lines] == [nmpc.LINEAR, "nmpc", "sqpmethod"]
-    differences = [float(line.split()[6]) for line in lines]
-    assert differences[1] == 0.0
-    assert differences[2] < 0.01  # the solvers agree on the first move
+    for name, value in (("NAMES", (nmpc.LINEAR, "nmpc")), ("REPEATS", 1), ("WITHOUT_QP", ())):
+        monkeypatch.setattr(nmpc, name, value)
+    share, _, *lines = printed(capsys, nmpc.main)
+    assert share.endswith("of 7 ticks active")  # 12 less those of the warm-up
+    labels = [f"{name}, {solver}" for solver in ("piqp", "daqp") for name in (nmpc.LINEAR, "nmpc")]
+    assert [line.split("  ")[0] for line in lines] == labels
+    linear_piqp, piqp, linear_daqp, daqp = (line.split()[2:] for line in lines)
+    assert float(linear_piqp[3]) == float(linear_daqp[3]) == 1.0
+    assert float(daqp[-1]) == 0.0
+    assert float(piqp[-1]) < 1e-6  # both solvers have the same minimiser
 
 
 def test_physics_loop(capsys, monkeypatch):
@@ -73,6 +76,17 @@ def test_physics_loop(capsys, monkeypatch):
     assert vehicle == "kayacan2016"
     loop_us, bare_us = float(loop.split()[2]), float(bare.split()[2])
     assert float(ratio.split()[1]) == pytest.approx(loop_us / bare_us, abs=0.05)
+
+
+def test_qp_solvers(capsys, monkeypatch):
+    monkeypatch.setattr(qp_solvers, "FIELDS", ("furrows",))
+    monkeypatch.setattr(qp_solvers, "LAP", "path={kind='straight', length_m=20}")
+    _, _, *lines = printed(capsys, qp_solvers.main)
+    assert [line[:14].strip() for line in lines] == ["piqp", "daqp", "daqp, held"]
+    columns = np.array([line[14:].split() for line in lines], dtype=float)
+    assert not columns[:, 2].any()  # each solves all
+    assert columns[0, 4] < 1e-6
+    assert not columns[1:, 4].any()  # holding the Hessian changes no bit
 
 
 def test_sweep_rows(capsys, monkeypatch):

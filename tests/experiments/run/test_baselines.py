@@ -43,8 +43,8 @@ def test_space_based_reference_waits_for_the_vehicle():
     assert 0.0 < error.mean_euclidean_m < 0.5
 
 
-def test_without_casadi_one_line_says_how_to_get_it(monkeypatch, capsys, tmp_path):
-    monkeypatch.setitem(sys.modules, "casadi", None)
+def test_without_daqp_one_line_says_how_to_get_it(monkeypatch, capsys, tmp_path):
+    monkeypatch.setitem(sys.modules, "daqp", None)
     folder = tmp_path / "out"
     assert main(["run", "pavement", "--controller", "nmpc", "--out", str(folder)]) == 2
     assert not folder.exists()

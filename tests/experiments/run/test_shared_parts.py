@@ -25,7 +25,6 @@ def driven(scenario, seed, parts=None):
 
 @pytest.mark.parametrize("name", ["ttempc", "ttempc-tube", "paper", "lqr", "nmpc", "kayacan-nmpc"])
 def test_a_run_on_shared_parts_has_the_bits_of_a_run_of_its_own(name):
-    pytest.importorskip("casadi")
     _, scenario = load("patchy", [f'controller.name="{name}"', *SHORT])
     parts = SharedParts(terrains=1, controllers=1)
     driven(scenario, 1, parts)

@@ -1,10 +1,9 @@
-"""Articulated model on CasADi's symbols against `ttempc.models.kinematics`."""
+"""Compiled articulated model along a horizon against the plain one, and its derivatives."""
 
 from __future__ import annotations
 
 import sys
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -15,30 +14,35 @@ from ttempc.baselines.nmpc_model import (
     TRACTOR,
     TRAILER,
     WHOLE,
-    ArticulatedExpressions,
-    HorizonModel,
+    ArticulatedModel,
+    advance_period,
 )
+from ttempc.baselines.nmpc_problem import Task, condense
 from ttempc.errors import MissingPackage
+from ttempc.estimation.augmented_state_kernel import vehicle_parameters
 from ttempc.guidance.controllers import make_controller
-from ttempc.models.kinematics import articulated, trailer_point
+from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.prediction import rotation
+from ttempc.mpc.qp import QP, StageBounds
 from ttempc.reference.path import straight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import State
 
 PERIOD_S = 0.2
-HORIZON = 20
+HORIZON, MOVES = 20, 6
+NO_BOUNDS = StageBounds(*[np.empty(0)] * 4)
 
 
 @pytest.mark.parametrize("vehicle", [VEHICLE, OTHER])
 @pytest.mark.parametrize("steering_step", [0.02, 2.0])  # within and far beyond the rate limits
-def test_rates_are_those_of_the_numpy_model(vehicle, steering_step):
-    arguments = [ca.SX.sym(name, size) for name, size in (("x", 7), ("u", 3), ("w", 5))]
-    rate = ca.Function("rate", arguments, [ArticulatedExpressions(vehicle).rate(*arguments)])
+def test_a_period_is_that_of_the_plain_model(vehicle, steering_step):
     for state, inputs, disturbance in random_cases(steering_step=steering_step):
-        expected = articulated(state, inputs, vehicle, disturbance)
-        rates = np.asarray(rate(state, inputs, disturbance)).reshape(-1)
-        np.testing.assert_allclose(rates, expected, rtol=1e-12, atol=1e-12)
+        expected, end = state, state.copy()
+        for _ in range(2):
+            expected = advance(expected, inputs, vehicle, PERIOD_S / 2, disturbance)
+        arguments = inputs, disturbance, vehicle_parameters(vehicle), PERIOD_S, 2
+        advance_period(end, *arguments, np.empty((7, 8)))
+        np.testing.assert_allclose(end, expected, rtol=1e-12, atol=1e-12)
 
 
 def gentle(generator):
@@ -69,43 +73,96 @@ def exact(state, inputs, disturbance, poses, vehicle):
     return np.array(errors)
 
 
+def task(subsystem, generator):
+    """Return a task without bounds, and the steps under which it has the inputs of `gentle`."""
+    state, inputs, disturbance, poses = gentle(generator)
+    inputs[MOVES:] = inputs[MOVES - 1]
+    own = list(subsystem.inputs)
+    previous = generator.uniform(-0.05, 0.05, size=len(own))
+    own_e = 0.3 - inputs[:, own]  # u_e under a feedforward of 0.3
+    steps = np.diff(own_e[:MOVES], axis=0, prepend=previous[None]).reshape(-1)
+    feedforward, inputs_e = np.full_like(inputs, 0.3), 0.3 - inputs
+    inputs_e[:, own] = np.nan  # decided, not given
+    disturbance = np.tile(disturbance, (HORIZON, 1))
+    return (
+        Task(state, disturbance, poses, feedforward, inputs_e, previous, NO_BOUNDS),
+        steps,
+        inputs,
+    )
+
+
+def evaluated(subsystem, problem, steps):
+    """Return the outputs (Np, p) and their derivatives by the steps, (Np, p, m Nc)."""
+    errors = np.empty((HORIZON, len(subsystem.outputs)))
+    jacobian = np.empty((*errors.shape, len(steps)))
+    ArticulatedModel(VEHICLE, subsystem, PERIOD_S).evaluate(problem, steps, errors, jacobian)
+    return errors, jacobian
+
+
 def test_coarse_steps_predict_the_position_errors_to_a_millimetre():
     generator = np.random.default_rng(7)
-    model = HorizonModel(ArticulatedExpressions(VEHICLE), WHOLE, HORIZON, PERIOD_S)
     for _ in range(5):
-        state, inputs, disturbance, poses = gentle(generator)
-        model.start(state, disturbance, poses)
-        model.evaluate(inputs)
-        expected = exact(state, inputs, disturbance, poses, VEHICLE)
-        np.testing.assert_allclose(model.errors, expected, atol=1e-3)
+        problem, steps, inputs = task(WHOLE, generator)
+        errors, _ = evaluated(WHOLE, problem, steps)
+        given = problem.state, inputs, problem.disturbance[0], problem.poses
+        np.testing.assert_allclose(errors, exact(*given, VEHICLE), atol=1e-3)
 
 
 @pytest.mark.parametrize("subsystem", [WHOLE, TRACTOR, TRAILER])
 def test_derivatives_along_the_horizon(subsystem):
-    """The last error by the first input, through all stages, and by central differences."""
-    state, inputs, disturbance, poses = gentle(np.random.default_rng(8))
-    inputs[:, :2] *= 0.2  # no rate limit, whose kinks have no derivative
-    model = HorizonModel(ArticulatedExpressions(VEHICLE), subsystem, HORIZON, PERIOD_S)
-    model.start(state, disturbance, poses)
-    own = list(subsystem.inputs)
+    problem, steps, _ = task(subsystem, np.random.default_rng(8))
+    steps *= 0.2  # no rate limit, whose kinks have no derivative
+    _, jacobian = evaluated(subsystem, problem, steps)
+    numeric = central_differences(lambda s: evaluated(subsystem, problem, s)[0].reshape(-1), steps)
+    np.testing.assert_allclose(jacobian.reshape(numeric.shape), numeric, atol=1e-7)
 
-    def last_error(first):
-        changed = inputs.copy()
-        changed[0, own] = first
-        model.evaluate(changed)
-        return model.errors[-1].copy()
 
-    numeric = central_differences(last_error, inputs[0, own])
-    model.evaluate(inputs)
-    by_input = model.by_input[0]
-    for by_state in model.by_state[1:]:
-        by_input = by_state @ by_input
-    np.testing.assert_allclose(model.error_by_state[-1] @ by_input, numeric, atol=1e-7)
+@pytest.mark.parametrize("subsystem", [WHOLE, TRACTOR, TRAILER])
+def test_a_part_has_the_outputs_of_the_whole(subsystem):
+    """Its own outputs under the same inputs, and their derivatives by its own steps."""
+    problem, steps, inputs = task(WHOLE, np.random.default_rng(9))
+    errors, jacobian = evaluated(WHOLE, problem, steps)
+    own, outputs = list(subsystem.inputs), list(subsystem.outputs)
+    part = Task(
+        problem.state,
+        problem.disturbance,
+        problem.poses,
+        problem.feedforward,
+        0.3 - inputs,
+        problem.previous[own],
+        NO_BOUNDS,
+    )
+    own_steps = steps.reshape(MOVES, 3)[:, own].reshape(-1)
+    own_errors, own_jacobian = evaluated(subsystem, part, own_steps)
+    np.testing.assert_allclose(own_errors, errors[:, outputs], atol=1e-12)
+    by_own = jacobian.reshape(HORIZON, 4, MOVES, 3)[:, outputs][..., own]
+    np.testing.assert_allclose(own_jacobian, by_own.reshape(own_jacobian.shape), atol=1e-12)
+
+
+def test_the_condensed_qp_has_the_cost_of_the_linearised_outputs():
+    generator = np.random.default_rng(10)
+    errors, jacobian = generator.normal(size=(5, 2)), generator.normal(size=(5, 2, 6))
+    weight, step_weight = generator.uniform(size=2), generator.uniform(size=6)
+    hessian, gradient = np.empty((6, 6)), np.empty(6)
+    at, other = generator.normal(size=6), generator.normal(size=6)
+    cost = condense(errors, jacobian, weight, step_weight, at, hessian, gradient)
+
+    def linearised(steps):
+        outputs = errors + jacobian @ (steps - at)
+        return np.sum(weight * outputs**2) + np.sum(step_weight * steps**2)
+
+    none = np.empty((0, 6)), *[np.empty(0)] * 4
+    qp = QP(hessian, gradient, *none)
+    assert cost == pytest.approx(linearised(at), rel=1e-12)
+    descent = qp.objective(at) - qp.objective(other)
+    assert descent == pytest.approx(linearised(at) - linearised(other), rel=1e-10)
+    np.testing.assert_array_equal(hessian, hessian.T)
 
 
 @pytest.mark.parametrize("name", ["nmpc", "nmpc-rti", "nmpc-decentralised", "nmpc-distributed"])
-def test_refused_in_one_line_where_casadi_is_not_installed(name, monkeypatch):
-    monkeypatch.setitem(sys.modules, "casadi", None)
+def test_refused_in_one_line_where_daqp_is_not_installed(name, monkeypatch):
+    monkeypatch.setitem(sys.modules, "daqp", None)
     reference = Reference(straight(30.0), VEHICLE, ConstantSpeed(1.0))
     with pytest.raises(MissingPackage, match=r"pip install 'ttempc\[baselines\]'"):
         make_controller(name, VEHICLE, reference, PERIOD_S)
+    make_controller(name, VEHICLE, reference, PERIOD_S, options={"solver": "piqp"})

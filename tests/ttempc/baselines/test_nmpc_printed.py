@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from tests.ttempc.closed_loop import PERIOD_S
 from ttempc.baselines.nmpc_printed import PrintedNmpcOptions, SpaceBasedTargets
-from ttempc.baselines.nmpc_printed_model import PrintedExpressions, WindowModel
+from ttempc.baselines.nmpc_printed_model import (
+    advance_printed,
+    along_window,
+    printed_parameters,
+)
 from ttempc.errors import InvalidReference, InvalidTuning
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.supervisor import Supervisor
@@ -51,9 +54,13 @@ def drawn(seed):
 
 
 def after(z, inputs, disturbance, period_s, hitch_sign=1):
-    expressions = PrintedExpressions(VEHICLE, hitch_sign)
-    end = expressions.after(ca.DM(z), ca.DM(inputs), ca.DM(disturbance), period_s)
-    return end.full().ravel()
+    (delta_t, lam, hp), (*factors, beta, _) = inputs, disturbance
+    end, steering = np.array(z, float), np.array([delta_t, lam - beta, hp, beta])
+    parameters = printed_parameters(VEHICLE, hitch_sign)
+    advance_printed(
+        end, steering, np.array(factors, float), parameters, period_s, np.empty((7, 13))
+    )
+    return end
 
 
 @pytest.mark.parametrize("hitch_sign", [1, -1])
@@ -86,8 +93,8 @@ def test_window_is_the_model_and_its_derivatives_are_its_differences():
     generator = np.random.default_rng(5)
     first = np.array([0.0, 0.0, 0.1, -2.4, 0.0, 0.05, 1.0, 0.9, 0.8, 0.7])
     inputs = np.column_stack([generator.uniform(-0.2, 0.2, (4, 4)), np.full(4, PERIOD_S)])
-    window = WindowModel(VEHICLE, 1, 4)
-    states, jacobian = window.along(first, inputs)
+    parameters = printed_parameters(VEHICLE, 1)
+    states, jacobian = along_window(parameters, first, inputs)
     z = first[:7]
     for row, (delta_t, delta_i, hp, beta, _) in zip(states, inputs, strict=True):
         z = after(z, [delta_t, delta_i + beta, hp], [*first[7:], beta, 0.0], PERIOD_S)
@@ -95,7 +102,9 @@ def test_window_is_the_model_and_its_derivatives_are_its_differences():
     for j in range(10):
         change = np.zeros(10)
         change[j] = 1e-6
-        higher, lower = (window.along(first + sign * change, inputs)[0] for sign in (1.0, -1.0))
+        higher, lower = (
+            along_window(parameters, first + sign * change, inputs)[0] for sign in (1.0, -1.0)
+        )
         np.testing.assert_allclose(jacobian[:, :, j], (higher - lower) / 2e-6, atol=1e-7)
 
 

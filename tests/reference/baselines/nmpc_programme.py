@@ -1,41 +1,100 @@
-"""Sparse nonlinear programme of the NMPC, for CasADi's own solvers.
+"""The NMPC's problem as a sparse nonlinear programme, solved by CasADi's fatrop.
 
-`ttempc.baselines.nmpc_solver` condenses the same problem to its free input steps. Here every
-state is an unknown (multiple shooting), in the order of solvers for optimal control.
+`ttempc.baselines.nmpc_solver` condenses the same problem to its free input steps. Here every state
+is an unknown (multiple shooting), the model is written on CasADi's symbols, and the method is an
+interior-point one.
 """
 
 from __future__ import annotations
 
 import copy
 import math
-from typing import Any, Final
 
+import casadi as ca
 import numpy as np
 
-from ttempc.baselines.nmpc_model import WHOLE, ArticulatedExpressions, Subsystem, load_casadi
-from ttempc.baselines.nmpc_solver import Plan, Task
-from ttempc.errors import InvalidTuning
+from ttempc.baselines.nmpc_model import WHOLE
+from ttempc.baselines.nmpc_problem import Subsystem, Task
+from ttempc.baselines.nmpc_solver import Plan
 from ttempc.mpc.qp import HorizonTuning
 from ttempc.reference.reference import Reference
 from ttempc.types import Disturbance, FloatArray, Input, SolverReport, State
+from ttempc.vehicle import Vehicle
 
 _N, _M, _D = len(State), len(Input), len(Disturbance)
 _NODE = _N + _M  # a state and the u_e that led there
 _GIVEN = _M + _D + 6  # of a period: feedforward, disturbance, poses of the reference at its end
-
-_COMMON: Final = {"print_time": False, "record_time": True, "expand": True}
-_QUIET: Final = {"print_header": False, "print_iteration": False, "print_status": False}
-SOLVERS: Final[dict[str, dict[str, Any]]] = {
-    "ipopt": {**_COMMON, "ipopt": {"print_level": 0, "sb": "yes"}},
-    "fatrop": {**_COMMON, "structure_detection": "auto", "fatrop": {"print_level": 0}},
-    "sqpmethod": {
-        **_COMMON,
-        **_QUIET,
-        "qpsol": "qrqp",
-        "qpsol_options": {"print_iter": False, "print_header": False, "error_on_fail": False},
-    },
+_STEP_PER_LAG = 0.75  # longest Runge-Kutta step, as in `ttempc.baselines.nmpc_model`
+_OPTIONS = {
+    "print_time": False,
+    "expand": True,
+    "structure_detection": "auto",
+    "fatrop": {"print_level": 0, "tol": 1e-10},
 }
-"""Options of CasADi's solvers by name."""
+
+
+class ArticulatedExpressions:
+    """Equations of `ttempc.models.kinematics` on CasADi's symbols."""
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+
+    def rate(self, state, inputs, disturbance):
+        """Return `ttempc.models.kinematics.articulated`, (7,)."""
+        vehicle = self._vehicle
+        _, _, psi_t, psi_i, delta_t, delta_i, v = ca.vertsplit(state)
+        u_t, u_i, hp = ca.vertsplit(inputs)
+        slip_t, slip_i, bias, drive, _ = ca.vertsplit(disturbance)
+        a, d = vehicle.hitch_offset, vehicle.drawbar_length
+        lam = psi_t - psi_i
+        sin_t, cos_t, cos_l, cos_i = ca.sin(psi_t), ca.cos(psi_t), ca.cos(lam), ca.cos(delta_i)
+        rate_t = self._steering(u_t, delta_t, vehicle.steering_lag_t, vehicle.steering_rate_t)
+        rate_i = self._steering(u_i, delta_i, vehicle.steering_lag_i, vehicle.steering_rate_i)
+        yaw_t = v * ca.tan(delta_t + bias) / vehicle.wheelbase
+        across = v * (ca.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
+        yaw_i = (across - d * rate_i * cos_i) / (vehicle.trailer_length + d * cos_i)
+        acceleration = (vehicle.speed_gain * hp - v) / vehicle.speed_time_constant + drive
+        x, y = v * (cos_t - slip_t * sin_t), v * (sin_t + slip_t * cos_t)
+        return ca.vertcat(x, y, yaw_t, yaw_i, rate_t, rate_i, acceleration)
+
+    def after(self, state, inputs, disturbance, period_s: float):
+        """Return the state after a period of constant inputs, (7,), by Runge-Kutta steps."""
+        lag = min(self._vehicle.steering_lag_t, self._vehicle.steering_lag_i)
+        count = math.ceil(period_s / (_STEP_PER_LAG * lag))
+        step = period_s / count
+        for _ in range(count):
+            k1 = self.rate(state, inputs, disturbance)
+            k2 = self.rate(state + 0.5 * step * k1, inputs, disturbance)
+            k3 = self.rate(state + 0.5 * step * k2, inputs, disturbance)
+            k4 = self.rate(state + step * k3, inputs, disturbance)
+            state = state + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+        return state
+
+    def position_errors(self, state, poses):
+        """Return reference less axle points in the frames of the reference, (4,) [m].
+
+        `poses` (6,) is the reference's: x, y, psi of the tractor, then of the trailer.
+        """
+        vehicle = self._vehicle
+        x, y, psi_t, psi_i, _, delta_i, _ = ca.vertsplit(state)
+        x_r, y_r, psi_r, x_i, y_i, psi_i_r = ca.vertsplit(poses)
+        shape = (
+            (vehicle.hitch_offset, psi_t),
+            (vehicle.drawbar_length, psi_i + delta_i),
+            (vehicle.trailer_length, psi_i),
+        )
+        back_x = sum(length * ca.cos(angle) for length, angle in shape)
+        back_y = sum(length * ca.sin(angle) for length, angle in shape)
+        errors = []
+        for dx, dy, psi in (
+            (x_r - x, y_r - y, psi_r),
+            (x_i - x + back_x, y_i - y + back_y, psi_i_r),
+        ):
+            errors += [ca.cos(psi) * dx + ca.sin(psi) * dy, ca.cos(psi) * dy - ca.sin(psi) * dx]
+        return ca.vertcat(*errors)
+
+    def _steering(self, command, angle, lag: float, limit: float):
+        return ca.fmin(ca.fmax((command - angle) / lag, -limit), limit)
 
 
 class Programme:
@@ -47,11 +106,8 @@ class Programme:
         subsystem: Subsystem,
         tuning: HorizonTuning,
         period_s: float,
-        solver: str,
     ) -> None:
-        if subsystem is not WHOLE:
-            raise InvalidTuning("subsystem: the programme covers the whole vehicle only")
-        ca = load_casadi()
+        assert subsystem is WHOLE
         expressions = ArticulatedExpressions(reference.vehicle)
         horizon, moves = tuning.horizon, tuning.moves
         sizes = [*(_NODE, _M) * moves, *(_NODE,) * (horizon + 1 - moves)]
@@ -81,11 +137,9 @@ class Programme:
             outputs.append(errors)
             cost = cost + ca.dot(weights[0], errors**2)
         constraints = ca.vertcat(*gaps)
-        options = dict(SOLVERS[solver])
-        if "structure_detection" in options:
-            options["equality"] = [True] * constraints.numel()
+        options = {**_OPTIONS, "equality": [True] * constraints.numel()}
         problem = {"x": unknowns, "f": cost, "g": constraints, "p": given}
-        self._solve = ca.nlpsol("programme", solver, problem, options)
+        self._solve = ca.nlpsol("programme", "fatrop", problem, options)
         self._errors = ca.Function("errors", [unknowns, given], [ca.horzcat(*outputs)])
         self._solution: FloatArray | None = None
 
@@ -116,7 +170,7 @@ class Programme:
             status="solved" if success else str(stats["return_status"]),
             accepted=success,
             iterations=int(stats.get("iter_count", 0)),
-            solve_time_s=float(stats["t_wall_total"]),
+            solve_time_s=math.nan,
             primal_residual=float(np.abs(np.asarray(result["g"])).max()),
             dual_residual=math.nan,
         )
@@ -125,7 +179,7 @@ class Programme:
         return Plan(np.concatenate([unknowns[step] for step in self._steps]), errors, report)
 
     def prepare(self) -> None:
-        """Do nothing: the benchmark measures with warm caches."""
+        """Do nothing."""
 
     def fresh(self) -> Programme:
         """Return the programme before its first task; it shares CasADi's solver."""
