@@ -289,6 +289,11 @@ class VehicleGuidance(Protocol):
         """Command and diagnostics of the last `step`."""
         ...
 
+    @property
+    def reference_tick(self) -> int:
+        """Tick of the reference that the next step belongs to; it stays where the reference waits."""
+        ...
+
     def warm_up(self) -> None:
         """Compile and load everything before the first tick."""
         ...

@@ -25,6 +25,8 @@ from ..truth import Truth
 from .plant import Plant
 from .termination import MeanSlip, TerminationLimits, check_termination
 
+_LONGEST: Final = 3  # times its own length that a run may take while its reference waits; assumed
+
 
 @dataclass(frozen=True, slots=True)
 class SimulationSetup:
@@ -46,7 +48,7 @@ class SimulationSetup:
     place: Callable[[float, float], float] | None = None
 
     def reference_row(self, step: int, truth: Truth) -> FloatArray:
-        """Return the row of the reference that belongs to the truth at a physics step."""
+        """Return the row of the reference that belongs to the truth at a step of the reference."""
         if self.place is None:
             return self.reference[step // self.record_steps]
         place = self.place(truth.tractor.x, truth.tractor.y)
@@ -69,11 +71,18 @@ class TickContext:
     slip: MeanSlip = field(default_factory=MeanSlip)
     lost: str | None = None
     stopping: tuple[float, str] | None = None  # when and why the supervisor began to stop
-    stopped: str = ""  # why, while the vehicle stands; far from its reference it ends the run
-    far: bool = False  # from its reference
+    stopped: str = ""  # why, where a stop of the supervisor ends the run
+    standing_s: float | None = None  # since when the vehicle that it has stopped stands
+    reference_tick: int = 0  # tick of the reference that this control tick belongs to
+    waits: bool = False  # whether the reference stays there for the period
     estimator_ns: int = 0
     control_ns: int = 0
     plant_ns: int = 0
+
+    def reference_step(self, step: int, control_steps: int) -> int:
+        """Return the physics step of the reference that belongs to one of this period."""
+        begun = 0 if self.waits else step - self.k * control_steps
+        return self.reference_tick * control_steps + begun
 
     @property
     def now(self) -> Truth:
@@ -133,9 +142,11 @@ def estimate(setup: SimulationSetup, tick: TickContext) -> None:
 
 def control(setup: SimulationSetup, tick: TickContext) -> None:
     """Turn the estimate into a command within the vehicle's limits."""
+    tick.reference_tick = setup.guidance.reference_tick
     start = perf_counter_ns()
     tick.command = setup.guidance.step()
     tick.control_ns = perf_counter_ns() - start
+    tick.waits = setup.guidance.reference_tick == tick.reference_tick
     tick.control = setup.guidance.control_step
 
 
@@ -177,7 +188,8 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the truth beside its reference."""
     for step, truth in tick.truths:
         if step % setup.record_steps == 0:
-            reference = setup.reference_row(step, truth).tolist()
+            driven = tick.reference_step(step, setup.control_steps)
+            reference = setup.reference_row(driven, truth).tolist()
             setup.sink.row(channels.STATE, truth.time_s, rows.state_row(truth))
             setup.sink.row(channels.REFERENCE, truth.time_s, reference)
             setup.sink.row(channels.TYRES, truth.time_s, rows.tyres_row(truth))
@@ -201,7 +213,7 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
 def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
     step, truth = tick.truths[-1]
-    x, y = setup.reference_row(step, truth)[:2]
+    x, y = setup.reference_row(tick.reference_step(step, setup.control_steps), truth)[:2]
     limits = setup.termination
     slip = tick.slip.update(truth, limits.stuck_time)
     assert tick.control is not None
@@ -216,8 +228,13 @@ def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     tick.lost = check_termination(
         truth, (float(x), float(y)), setup.terrain, limits, slip, stopping=stopping
     )
-    tick.stopped = reason if stands else ""
-    tick.far = math.hypot(truth.tractor.x - x, truth.tractor.y - y) > limits.deviation
+    if not (reason and stands):
+        tick.standing_s = None
+    elif tick.standing_s is None:
+        tick.standing_s = truth.time_s
+    far = math.hypot(truth.tractor.x - x, truth.tractor.y - y) > limits.deviation
+    waited = tick.standing_s is not None and truth.time_s - tick.standing_s >= limits.wait_time
+    tick.stopped = reason if stands and (far or waited) else ""
 
 
 STAGES: Final[tuple[Stage, ...]] = (
@@ -249,7 +266,10 @@ def drive(
     stages: Sequence[Stage] = STAGES,
     on_tick: Callable[[int], object] = lambda k: None,
 ) -> Outcome:
-    """Run `ticks` control periods, or fewer where the run terminates early.
+    """Run to tick `ticks` of the reference, or until the run terminates early.
+
+    A reference that waits for a vehicle that the supervisor slows or stops makes a run longer, up to
+    three times.
 
     The plant must have been reset to its start. `on_tick` is called after every period. An
     exception in a user's controller, estimator or stage ends the run as invalid; its traceback
@@ -265,7 +285,7 @@ def drive(
     try:
         setup.guidance.warm_up()
         start = perf_counter_ns()
-        for k in range(ticks):
+        for k in range(_LONGEST * ticks):
             tick.k = k
             for stage in stages:
                 stage(setup, tick)
@@ -273,9 +293,13 @@ def drive(
             if tick.lost:
                 status, failure = "lost", tick.lost
                 break
-            if tick.stopped and (tick.far or k == ticks - 1):
+            if tick.stopped:
                 status, failure = "stopped", tick.stopped
                 break
+            if setup.guidance.reference_tick >= ticks:
+                break
+        else:
+            status, failure = "stopped", f"{tick.fallback}: the reference waited too long"
     except (PlantDiverged, GuidanceFailed, StageFailed) as error:
         status, failure = "invalid", str(error)
         if error.__cause__ is not None:

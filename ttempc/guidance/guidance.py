@@ -29,6 +29,8 @@ from ..types import (
 from ..vehicle import Vehicle
 from .controllers import make_controller
 from .dead_time import DeadTimeCompensation, compensated, resume
+from .detection.bank import detectors
+from .detection.detector import Alarm, Monitors, Observation
 from .estimators import EstimatorFactory, estimator_factory
 from .supervisor import SafetyLimits, Supervisor
 from .user_part import user_part
@@ -65,7 +67,11 @@ class Guidance:
 
     Time stamps are seconds on any one clock, of the Unix epoch for example. The first `update`
     defines the start of the reference. Control ticks are counted: tick k, the k-th call of `step`,
-    belongs to k * `period_s` on the reference. A loop that misses a period delays the reference.
+    belongs to k * `period_s` on the reference. A loop that misses a period delays the reference, and
+    where the supervisor slows or stops the vehicle, the reference waits for it (`reference_tick`).
+
+    Detectors compare samples, commands and estimate (`ttempc.guidance.detection`); the supervisor
+    reacts to their alarms.
 
     While it drives it learns parameters of the model (`ttempc.learning`). Where the data contradict
     the given ones, estimator, reference and controller are made anew in another thread and
@@ -152,11 +158,13 @@ class Guidance:
         self._learner = Learner(learn, vehicle, period_s, build)
         self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
+        self._monitors = Monitors(detectors())
+        self._alarms: tuple[Alarm, ...] = ()
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
         self._estimate: Estimate | None = None
         self._control_step: ControlStep | None = None
-        self._tick = 0
+        self._tick = self._reference_tick = 0
 
     @property
     def vehicle(self) -> Vehicle:
@@ -184,9 +192,14 @@ class Guidance:
         return self._tick
 
     @property
+    def reference_tick(self) -> int:
+        """Tick of the reference that the next control tick belongs to: those that waited apart."""
+        return self._reference_tick
+
+    @property
     def finished(self) -> bool:
         """Whether the next tick lies at or beyond the end of the reference."""
-        return self._tick * self._period_s >= self._reference.duration_s - 1e-9
+        return self._reference_tick * self._period_s >= self._reference.duration_s - 1e-9
 
     @property
     def control_step(self) -> ControlStep:
@@ -227,7 +240,7 @@ class Guidance:
             GuidanceFailed: the controller raised.
         """
         with user_part(GuidanceFailed, f"prepare raised at tick {self._tick}"):
-            self._supervisor.prepare(self._tick)
+            self._supervisor.prepare(self._reference_tick)
 
     def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate:
         """Run the estimator to `time_s` and return its estimate.
@@ -260,6 +273,10 @@ class Guidance:
         self._time_s, self._estimate = now, estimate
         psi_t, psi_i = estimate.state[State.PSI_T : State.DELTA_T].tolist()
         tick = RecordedTick(now, tuple(measurements), sent, (psi_t, psi_i))
+        observation = Observation(now, measurements, sent, estimate, self._vehicle)
+        self._alarms = self._monitors.observe(observation)
+        if self._alarms:
+            self._learner.forget()
         self._learner.record(self._tick, tick)
         return replace(estimate, time_s=estimate.time_s + origin) if origin else estimate
 
@@ -272,14 +289,17 @@ class Guidance:
         """
         if self._estimate is None:
             raise GuidanceFailed("step: call update(time_s, measurements) first")
-        step = self._supervisor.step(self._estimate, self._tick, self._time_s)
+        step = self._supervisor.step(
+            self._estimate, self._reference_tick, self._time_s, self._alarms
+        )
         if self._learnt:
             step = replace(step, diagnostics=replace(step.diagnostics, learnt=self._learnt))
             self._learnt = ()
         self._control_step = step
         if isinstance(self._controller, DeadTimeCompensation):
-            self._controller.record(step.command, self._tick)
+            self._controller.record(step.command)
         self._tick += 1
+        self._reference_tick += not self._supervisor.waits
         return step.command
 
     def _run_estimator(

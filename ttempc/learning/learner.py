@@ -137,6 +137,10 @@ class Learner(Generic[_Parts]):
             self._work = executor.submit(self._attempt, self._window)
             executor.shutdown(wait=False)
 
+    def forget(self) -> None:
+        """Drop what was recorded, and an attempt under way: it was of a vehicle with a fault."""
+        self._window, self._since, self._work = [], [], None
+
     def exchange(self, k: int) -> Learnt[_Parts] | None:
         """Return what the last attempt has learnt if tick `k` is the one of its exchange.
 

@@ -1,0 +1,27 @@
+"""The detectors that a guidance has."""
+
+from __future__ import annotations
+
+from ...types import Input, Sensor
+from .detector import Detector, Reaction
+from .innovation_monitor import InnovationMonitor
+from .speed_monitors import MotionMonitor, WheelMonitor
+from .steering_monitor import SteeringMonitor
+
+
+def detectors() -> tuple[Detector, ...]:
+    """Return new detectors, each before its first tick.
+
+    The steering angles have monitors of their own, since a dead time that was not learnt yet makes
+    their innovations large.
+    """
+    return (
+        SteeringMonitor(Input.DELTA_T),
+        SteeringMonitor(Input.DELTA_I),
+        WheelMonitor(),
+        MotionMonitor(),
+        InnovationMonitor("GNSS of the tractor", Sensor.GNSS_TRACTOR, Reaction.SLOW),
+        InnovationMonitor("GNSS of the trailer", Sensor.GNSS_TRAILER, Reaction.SLOW),
+        InnovationMonitor("hitch angle", Sensor.HITCH, Reaction.GO_ON),
+        InnovationMonitor("encoder", Sensor.ENCODER, Reaction.GO_ON),
+    )
