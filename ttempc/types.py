@@ -291,7 +291,7 @@ class VehicleGuidance(Protocol):
 
     @property
     def reference_tick(self) -> int:
-        """Tick of the reference that the next step belongs to; it stays where the reference waits."""
+        """Tick of the reference that the next step belongs to; it stays while that waits."""
         ...
 
     def warm_up(self) -> None:

@@ -268,8 +268,8 @@ def drive(
 ) -> Outcome:
     """Run to tick `ticks` of the reference, or until the run terminates early.
 
-    A reference that waits for a vehicle that the supervisor slows or stops makes a run longer, up to
-    three times.
+    A reference that waits for a vehicle that the supervisor slows or stops makes a run longer, up
+    to three times.
 
     The plant must have been reset to its start. `on_tick` is called after every period. An
     exception in a user's controller, estimator or stage ends the run as invalid; its traceback

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
@@ -27,25 +27,13 @@ from ..types import (
     WarmingUp,
 )
 from ..vehicle import Vehicle
-from .controllers import make_controller
-from .dead_time import DeadTimeCompensation, compensated, resume
+from .dead_time import DeadTimeCompensation, resume
 from .detection.bank import detectors
-from .detection.detector import Alarm, Monitors, Observation
-from .estimators import EstimatorFactory, estimator_factory
+from .detection.detector import Alarm, Detector, Monitors, Observation
+from .estimators import EstimatorFactory
+from .parts import ControllerFactory, Parts, make_estimator, make_guided
 from .supervisor import SafetyLimits, Supervisor
 from .user_part import user_part
-
-ControllerFactory = Callable[..., Controller]
-"""Makes a controller from vehicle, reference and control period [s], options as keywords."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Parts:
-    """Parts of a guidance for one vehicle; None where the user gave an object, which stays."""
-
-    reference: Reference
-    controller: Controller | None
-    estimator: Estimator | None
 
 
 class Guidance:
@@ -67,8 +55,8 @@ class Guidance:
 
     Time stamps are seconds on any one clock, of the Unix epoch for example. The first `update`
     defines the start of the reference. Control ticks are counted: tick k, the k-th call of `step`,
-    belongs to k * `period_s` on the reference. A loop that misses a period delays the reference, and
-    where the supervisor slows or stops the vehicle, the reference waits for it (`reference_tick`).
+    belongs to k * `period_s` on the reference. A loop that misses a period delays the reference.
+    Where the supervisor slows or stops the vehicle, the reference waits for it (`reference_tick`).
 
     Detectors compare samples, commands and estimate (`ttempc.guidance.detection`); the supervisor
     reacts to their alarms.
@@ -95,6 +83,7 @@ class Guidance:
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
         learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
             your own.
+        detect: whether the supervisor reacts to detectors of faults; or detectors of your own.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -119,6 +108,7 @@ class Guidance:
         safety: SafetyLimits | None = None,
         speed_mps: float = 1.0,
         learn: bool | Sequence[Identifier] = True,
+        detect: bool | Sequence[Detector] = True,
     ) -> None:
         if isinstance(reference, Path):
             check_drivable(reference, vehicle)
@@ -130,17 +120,17 @@ class Guidance:
         check_pace(reference, period_s)
         self._vehicle, self._reference, self._period_s = vehicle, reference, period_s
         noise = sensor_noise or SensorNoise()
-        self._estimator = _estimator(estimator, vehicle, noise)
-        self._controller = _controller(controller, reference, period_s, options, tube)
+        self._estimator = make_estimator(estimator, vehicle, noise)
+        self._controller = make_guided(controller, reference, period_s, options, tube)
 
-        def build(learnt: Vehicle, window: Sequence[RecordedTick]) -> _Parts:
+        def build(learnt: Vehicle, window: Sequence[RecordedTick]) -> Parts:
             other = Reference(reference.path, learnt, reference.speed)
             check_drivable(other.path, learnt)
             check_pace(other, period_s)
             design = tube and replace(tube, vehicle=learnt.without_dead_times())
-            made = _controller(controller, other, period_s, options, design)
-            filter_ = _estimator(estimator, learnt, noise)
-            parts = _Parts(
+            made = make_guided(controller, other, period_s, options, design)
+            filter_ = make_estimator(estimator, learnt, noise)
+            parts = Parts(
                 other,
                 None if made is self._controller else made,
                 None if filter_ is self._estimator else filter_,
@@ -158,7 +148,9 @@ class Guidance:
         self._learner = Learner(learn, vehicle, period_s, build)
         self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
-        self._monitors = Monitors(detectors())
+        if isinstance(detect, bool):
+            detect = detectors() if detect else ()
+        self._monitors = Monitors(detect)
         self._alarms: tuple[Alarm, ...] = ()
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
@@ -200,6 +192,11 @@ class Guidance:
     def finished(self) -> bool:
         """Whether the next tick lies at or beyond the end of the reference."""
         return self._reference_tick * self._period_s >= self._reference.duration_s - 1e-9
+
+    @property
+    def detectors(self) -> tuple[Detector, ...]:
+        """Detectors of faults, each with its present statistic."""
+        return self._monitors.detectors
 
     @property
     def control_step(self) -> ControlStep:
@@ -324,7 +321,7 @@ class Guidance:
         if learnt is not None:
             self._take_on(learnt)
 
-    def _take_on(self, learnt: Learnt[_Parts]) -> None:
+    def _take_on(self, learnt: Learnt[Parts]) -> None:
         parts, notes = learnt.parts, [str(change) for change in learnt.changes]
         if parts.estimator is None:
             notes.append("the estimator was given as an object and stays as it is")
@@ -340,31 +337,3 @@ class Guidance:
             self._controller, self._reference = parts.controller, parts.reference
             self._supervisor.exchange(parts.controller, parts.reference)
         self._vehicle, self._learnt = learnt.vehicle, tuple(notes)
-
-
-def _estimator(
-    estimator: str | EstimatorFactory | Estimator, vehicle: Vehicle, noise: SensorNoise
-) -> Estimator:
-    if isinstance(estimator, str):
-        estimator = estimator_factory(estimator)
-    if isinstance(estimator, type) or not hasattr(estimator, "update"):
-        return estimator(vehicle, noise)  # pyright: ignore[reportCallIssue] - a factory
-    return estimator  # pyright: ignore[reportReturnType] - it has `update`
-
-
-def _controller(
-    controller: str | ControllerFactory | Controller,
-    reference: Reference,
-    period_s: float,
-    options: Mapping[str, object] | None,
-    tube: TubeDesign | None,
-) -> Controller:
-    if not isinstance(controller, str | type) and hasattr(controller, "step"):
-        return controller  # pyright: ignore[reportReturnType] - it has `step`
-
-    def make(vehicle: Vehicle, reference: Reference) -> Controller:
-        if isinstance(controller, str):
-            return make_controller(controller, vehicle, reference, period_s, tube, options)
-        return controller(vehicle, reference, period_s, **(options or {}))  # pyright: ignore[reportCallIssue] - a factory
-
-    return compensated(make, reference, period_s)

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Protocol
+from typing import Final, Protocol
 
 from ...types import Command, Estimate, Measurement
 from ...vehicle import Vehicle
 
-_ENDS: float = 0.5  # share of its limit below which a statistic ends an alarm
-_MOST: float = 1.5  # limits at which a sum saturates, so that an alarm ends soon after its cause
+_ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
+_MOST: Final = 1.5  # limits at which a sum saturates, so that an alarm ends soon after its cause
 
 
 class Reaction(IntEnum):
@@ -45,8 +46,7 @@ class Alarm:
 class Detector(Protocol):
     """A statistic that grows with a fault, and the limit at which it is one.
 
-    Limits are those that fault-free drives exceed once in `FALSE_ALARM_H` hours, see
-    `ttempc.guidance.detection.limits`.
+    The limits follow from drives without faults, see `ttempc.guidance.detection.limits`.
     """
 
     name: str
@@ -55,6 +55,11 @@ class Detector(Protocol):
     @property
     def statistic(self) -> float:
         """Present value, 0 or above."""
+        ...
+
+    @property
+    def residual(self) -> float:
+        """Latest value of what the statistic is made from; NaN before the first."""
         ...
 
     def observe(self, observation: Observation) -> None:
@@ -81,9 +86,11 @@ class Cusum:
     def __init__(self, allowance: float, limit: float) -> None:
         self._allowance, self._most = allowance, _MOST * limit
         self.above = self.below = 0.0  # g+, g-
+        self.residual = math.nan  # of the last tick
 
     def add(self, residual: float) -> None:
         """Take in the residual of a tick."""
+        self.residual = residual
         self.above = min(max(0.0, self.above + residual - self._allowance), self._most)
         self.below = min(max(0.0, self.below - residual - self._allowance), self._most)
 

@@ -11,9 +11,8 @@ from .detector import Alarm, Observation, Reaction
 from .limits import INNOVATION
 
 _SPAN_S: Final = 1.0
-# Largest contribution of a sample: what one in 10^4 exceeds, as the gate has it. A single outlier
-# is the gate's business.
-_MOST: Final = {1: 15.1, 2: 18.4}
+# Largest contribution of a sample: a single outlier, which the gate rejects, gives no alarm.
+_MOST: Final = 40.0
 
 
 class InnovationMonitor:
@@ -46,13 +45,18 @@ class InnovationMonitor:
         spread = 2.0 / (9.0 * n)
         return max(0.0, ((total / n) ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread))
 
+    @property
+    def residual(self) -> float:
+        """The statistic itself; NaN without a sample."""
+        return self.statistic if self._terms else math.nan
+
     def observe(self, observation: Observation) -> None:
         """Take in the innovations of a tick."""
         now = observation.time_s
         self._terms.extend(
-            (now, min(item.normalised_squared, _MOST[item.dimension]), item.dimension)
+            (now, min(item.normalised_squared, _MOST), item.dimension)
             for item in observation.estimate.innovations
-            if item.sensor is self._sensor and item.dimension in _MOST
+            if item.sensor is self._sensor
         )
         while self._terms and self._terms[0][0] < now - _SPAN_S + 1e-6:
             self._terms.popleft()

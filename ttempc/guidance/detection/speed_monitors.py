@@ -36,6 +36,11 @@ class WheelMonitor:
         """Larger sum of the residuals [m/s]."""
         return self._cusum.largest
 
+    @property
+    def residual(self) -> float:
+        """Latest residual [m/s]."""
+        return self._cusum.residual
+
     def observe(self, observation: Observation) -> None:
         """Compare the speeds of the last second where there is a new position."""
         for sample in observation.samples:
@@ -84,6 +89,11 @@ class MotionMonitor:
     def statistic(self) -> float:
         """Larger sum of the residuals [m/s]."""
         return self._cusum.largest
+
+    @property
+    def residual(self) -> float:
+        """Latest residual [m/s]."""
+        return self._cusum.residual
 
     def observe(self, observation: Observation) -> None:
         """Continue the plan and compare it with the motion where there is a new position."""
