@@ -22,6 +22,7 @@ from ..recording.sink import Sink
 from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..sensing.sensors import Sensors
 from ..truth import Truth
+from .deadline import STEP_LIMIT_S, CommandQueue, time_limit
 from .plant import Plant
 from .termination import MeanSlip, TerminationLimits, check_termination
 
@@ -46,6 +47,9 @@ class SimulationSetup:
     # Place of a point [m] among the rows of `reference`, with its fraction, where the reference is
     # followed by place; None where it is followed by time.
     place: Callable[[float, float], float] | None = None
+    # Whether the command of a step that took longer than its period acts as much later
+    realtime: bool = False
+    step_limit_s: float = STEP_LIMIT_S  # see `time_limit`
 
     def reference_row(self, step: int, truth: Truth) -> FloatArray:
         """Return the row of the reference that belongs to the truth at a step of the reference."""
@@ -68,6 +72,7 @@ class TickContext:
     control: ControlStep | None = None
     command: Command | None = None  # as it reaches the actuators; until then the previous one
     fallback: str = ""
+    queue: CommandQueue = field(default_factory=CommandQueue)
     slip: MeanSlip = field(default_factory=MeanSlip)
     lost: str | None = None
     stopping: tuple[float, str] | None = None  # when and why the supervisor began to stop
@@ -119,7 +124,8 @@ def log_settings(setup: SimulationSetup, tick: TickContext) -> None:
 
 def prepare(setup: SimulationSetup, tick: TickContext) -> None:
     """Let the guidance do what needs no samples."""
-    setup.guidance.prepare()
+    with time_limit(setup.step_limit_s):
+        setup.guidance.prepare()
 
 
 def sense(setup: SimulationSetup, tick: TickContext) -> None:
@@ -134,18 +140,20 @@ def sense(setup: SimulationSetup, tick: TickContext) -> None:
 
 def estimate(setup: SimulationSetup, tick: TickContext) -> None:
     """Turn measurements into an estimate."""
-    start = perf_counter_ns()
-    tick.estimate = setup.guidance.update(tick.now.time_s, tick.measurements)
-    tick.estimator_ns = perf_counter_ns() - start
+    with time_limit(setup.step_limit_s):
+        start = perf_counter_ns()
+        tick.estimate = setup.guidance.update(tick.now.time_s, tick.measurements)
+        tick.estimator_ns = perf_counter_ns() - start
     setup.sink.row(channels.ESTIMATE, tick.now.time_s, rows.estimate_row(tick.estimate))
 
 
 def control(setup: SimulationSetup, tick: TickContext) -> None:
     """Turn the estimate into a command within the vehicle's limits."""
     tick.reference_tick = setup.guidance.reference_tick
-    start = perf_counter_ns()
-    tick.command = setup.guidance.step()
-    tick.control_ns = perf_counter_ns() - start
+    with time_limit(setup.step_limit_s):
+        start = perf_counter_ns()
+        tick.command = setup.guidance.step()
+        tick.control_ns = perf_counter_ns() - start
     tick.waits = setup.guidance.reference_tick == tick.reference_tick
     tick.control = setup.guidance.control_step
 
@@ -175,13 +183,27 @@ def advance(setup: SimulationSetup, tick: TickContext) -> None:
     """Run the plant for one control period, with stops where a sensor or the record needs it."""
     assert tick.command is not None
     start_step = tick.k * setup.control_steps
+    tick.queue.send(tick.command, start_step + _late_steps(setup, tick))
     stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
     truths = []
     start = perf_counter_ns()
     for step in range(start_step + stride, start_step + setup.control_steps + 1, stride):
-        truths.append((step, setup.plant.advance(tick.command, stride)))
+        command = tick.queue.acting(step - stride)
+        truths.append((step, setup.plant.advance(command, stride)))
     tick.plant_ns = perf_counter_ns() - start
     tick.truths = truths
+
+
+def _late_steps(setup: SimulationSetup, tick: TickContext) -> int:
+    """Return the physics steps by which the command of a tick comes late; log an overrun."""
+    timestep_s = setup.plant.timestep_s
+    period_s = setup.control_steps * timestep_s
+    took_s = 1e-9 * (tick.estimator_ns + tick.control_ns)
+    if took_s <= period_s:
+        return 0
+    text = f"overrun: the step took {took_s:.3f} s, the control period is {period_s:g} s"
+    setup.sink.event(Event(tick.k * period_s, "warning", text))
+    return math.ceil(took_s / timestep_s) if setup.realtime else 0
 
 
 def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
@@ -300,7 +322,7 @@ def drive(
                 break
         else:
             status, failure = "stopped", f"{tick.fallback}: the reference waited too long"
-    except (PlantDiverged, GuidanceFailed, StageFailed) as error:
+    except (PlantDiverged, GuidanceFailed, StageFailed, TimeoutError) as error:
         status, failure = "invalid", str(error)
         if error.__cause__ is not None:
             trace = "".join(traceback.format_exception(error.__cause__))

@@ -66,8 +66,8 @@ EXTRAS: Final = {"gyro_bias": ("sensors.imu.on=true",)}
 """Overrides without which a kind cannot act."""
 
 
-def overrides(case: str) -> list[str]:
-    """Return the changes of the scenario for a case."""
+def overrides(case: str, start_s: float = START_S) -> list[str]:
+    """Return the changes of the scenario for a case that begins at a time [s]."""
     keys = CASES[case]
     extra = [item for kind, items in EXTRAS.items() if f"'{kind}'" in keys for item in items]
-    return [*extra, f"faults=[{{{keys}, start_s={START_S}}}]"]
+    return [*extra, f"faults=[{{{keys}, start_s={start_s}}}]"]

@@ -1,8 +1,9 @@
 """Allowances and limits of the detectors.
 
-An allowance is half of the shift of a residual that is to be detected, as usual for a cumulative sum
-(Montgomery, Introduction to Statistical Quality Control, ch. 9). The shifts are assumed: a steering
-angle 3 deg off its command, and a speed that is 0.6 m/s, in the case of motion 0.7 m/s, off.
+An allowance is half of the shift of a residual that is to be detected, as usual for a cumulative
+sum (Montgomery, Introduction to Statistical Quality Control, ch. 9). The shifts are assumed: a
+steering angle 3 deg off its command, and a speed that is 0.6 m/s, in the case of motion 0.7 m/s,
+off.
 
 The limits are those at which all detectors together give at most one false alarm in ten hours on
 every shipped scenario. `python -m experiments.studies.faults.calibration 80 1 2` gives them, from

@@ -29,9 +29,9 @@ class SteeringMonitor:
 
     The model is that of the vehicle: dead time, rate limit, lag, with the parameters learnt so far.
     The residual is the distance of the mean sample of a tick from the interval that the response
-    has covered in the last 0.4 s, since a dead time may not be learnt yet, widened by three standard
-    deviations of that mean beyond those of the paper's sensor; a `Cusum` sums it up. A valve that
-    is stuck shows as soon as the command leaves its angle by more than the allowance.
+    has covered in the last 0.4 s, since a dead time may not be learnt yet, widened by three
+    standard deviations of that mean beyond those of the paper's sensor; a `Cusum` sums it up. A
+    valve that is stuck shows as soon as the command leaves its angle by more than the allowance.
     """
 
     def __init__(self, axis: Input) -> None:

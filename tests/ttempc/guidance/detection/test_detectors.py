@@ -85,7 +85,8 @@ def angles(k, value, rng, sd_deg=1.0, sensor=Sensor.STEERING_TRACTOR):
     """Return the samples of the period before tick `k`, of an angle as a function of time."""
     times = k * PERIOD_S - 0.04 * np.arange(5)[::-1]
     noise = rng.normal(0.0, math.radians(sd_deg), 5)
-    return [Measurement(t, sensor, (float(value(t) + n),)) for t, n in zip(times, noise)]
+    values = [float(value(t)) + n for t, n in zip(times, noise, strict=True)]
+    return [Measurement(t, sensor, (item,)) for t, item in zip(times, values, strict=True)]
 
 
 def valve(commands, time_s, lag=VEHICLE.steering_lag_t):
@@ -102,7 +103,7 @@ def test_a_valve_that_follows_is_no_fault_however_noisy_its_sensor(sd_deg):
     rng, monitor = np.random.default_rng(1), SteeringMonitor(Input.DELTA_T)
     commands = 0.3 * np.sin(0.15 * np.arange(200))
     for k in range(200):
-        samples = angles(k, lambda t: valve(commands[: k + 1], t), rng, sd_deg)
+        samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t), rng, sd_deg)
         sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
         monitor.observe(observation(k, samples, sent))
         assert monitor.statistic < monitor.limit
@@ -113,7 +114,7 @@ def test_a_dead_time_that_is_not_known_is_no_fault(dead_time):
     rng, monitor = np.random.default_rng(2), SteeringMonitor(Input.DELTA_T)
     commands = 0.25 * np.sin(0.2 * np.arange(200))
     for k in range(200):
-        samples = angles(k, lambda t: valve(commands[: k + 1], t - dead_time), rng)
+        samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t - dead_time), rng)
         sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
         monitor.observe(observation(k, samples, sent))
         assert monitor.statistic < monitor.limit
