@@ -51,8 +51,8 @@ class SafetyLimits:
         6.0
     """
 
-    unseen_slow_s: float = 4.0  # without an accepted GNSS sample, or age of the estimate
-    unseen_stop_s: float = 11.0
+    unseen_slow_s: float = 10.4  # without an accepted GNSS sample, or age of the estimate
+    unseen_stop_s: float = 12.0
     blind_s: float = 1.0  # without a finite estimate: hold the command so long, then stop
     uncertain_slow_m: float = 0.25  # standard deviation of the tractor point
     uncertain_stop_m: float = 0.50

@@ -74,7 +74,7 @@ def sum_limit(values: FloatArray, allowance: float, per_s: int) -> float:
     def log_mean(theta: float) -> float:
         return float(np.log(np.mean(np.exp(theta * (sums - sums.max()))))) + theta * sums.max()
 
-    theta = brentq(log_mean, 1e-6 / sums.max(), 1e3 / sums.max())
+    theta = float(brentq(log_mean, 1e-6 / sums.max(), 1e3 / sums.max()))  # pyright: ignore[reportArgumentType] - a root alone
     return math.log(FALSE_ALARM_S * len(detectors())) / theta
 
 
@@ -111,4 +111,5 @@ def main(seconds: float = 100.0, seeds: Sequence[int] = SEEDS) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(float, sys.argv[1:2]), *([tuple(map(int, sys.argv[2:]))] if sys.argv[2:] else []))
+    length, *given = sys.argv[1:] or ["100"]
+    main(float(length), tuple(map(int, given)) or SEEDS)

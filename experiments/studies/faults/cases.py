@@ -62,7 +62,10 @@ CASES: Final = {
 }
 """Keys of a `[[faults]]` table by the name of a case; `start_s` is added."""
 
-EXTRAS: Final = {"gyro_bias": ("sensors.imu.on=true",)}
+EXTRAS: Final = {
+    "gyro_bias": ("sensors.imu.on=true",),
+    "load_shift": ("plant.vehicle.load_kg=300.0",),
+}
 """Overrides without which a kind cannot act."""
 
 

@@ -57,7 +57,7 @@ def test_another_thread_has_no_limit():
 class SlowOnce:
     """Steps to the left at tick 5, after a pause."""
 
-    def __init__(self, vehicle, reference, period_s, pause_s):
+    def __init__(self, pause_s):
         self.pause_s = pause_s
 
     def step(self, estimate, k):
@@ -68,7 +68,9 @@ class SlowOnce:
 
 def slow_run(pause_s, *overrides):
     scenario = load("pavement", ["path={kind='straight', length_m=12.0}", *overrides])[1]
-    assembly = assemble(scenario, 1, lambda *parts, **options: SlowOnce(*parts, pause_s))
+    assembly = assemble(
+        scenario, 1, lambda vehicle, reference, period_s, **options: SlowOnce(pause_s)
+    )
     recorder = Recorder()
     outcome = drive_into(recorder, replace(assembly, ticks=9), prepared=False)
     return outcome, recorder.record()

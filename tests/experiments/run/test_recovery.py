@@ -55,7 +55,7 @@ def test_without_gnss_the_vehicle_stops_within_ten_metres_and_stands_still():
     )
     assert outcome.status == "stopped", outcome.failure
     assert any("half speed" in text for text in events)
-    assert any("not measured for more than 11 s: stopped" in text for text in events)
+    assert any("not measured for more than 12 s: stopped" in text for text in events)
     state = record[STATE]
     since = state.time_s >= 6.0
     assert np.sum(state["v_mps"][since]) * 0.04 < 10.0

@@ -82,13 +82,13 @@ class Driven:
 
 
 @pytest.mark.parametrize("origin_s", [0.0, EPOCH_S, -50.0])
-def test_lost_gnss_slows_down_after_four_seconds_and_stops_after_eleven(origin_s, monkeypatch):
-    driven = Driven(Guidance(VEHICLE, PATH), origin_s, hidden=range(40, 110))
+def test_lost_gnss_slows_down_after_ten_seconds_and_stops_after_twelve(origin_s, monkeypatch):
+    driven = Driven(Guidance(VEHICLE, PATH), origin_s, hidden=range(40, 115))
     monkeypatch.setattr("tests.ttempc.sensed_drive.make_controller", lambda *arguments: driven)
-    SensedDrive(seed=4, estimator=driven).run(110)
-    assert not any(driven.fallbacks[:59])
-    assert "half speed" in driven.fallbacks[61]
-    assert "not measured for more than 11 s: stopped" in driven.fallbacks[96]
+    SensedDrive(seed=4, estimator=driven).run(115)
+    assert not any(driven.fallbacks[:91])
+    assert "half speed" in driven.fallbacks[93]
+    assert "not measured for more than 12 s: stopped" in driven.fallbacks[101]
     assert driven.sent[-1][2] == 0.0
 
 

@@ -86,14 +86,14 @@ def test_drives_on_after_a_short_blindness():
     ],
 )
 def test_position_that_is_not_measured_slows_down_then_stops_then_goes_on(stale):
-    start, end = 30, 100
+    start, end = 30, 110
     commands, said = drive(
-        supervised(), 120, lambda k: stale(k) if start <= k < end else on_reference(k)
+        supervised(), 130, lambda k: stale(k) if start <= k < end else on_reference(k)
     )
-    assert not any(said[: start + 19])
-    assert "half speed" in said[start + 22]
-    assert commands[start + 28, 2] == pytest.approx(0.5 * commands[0, 2], abs=0.03)
-    assert "not measured for more than 11 s: stopped" in said[end - 1]
+    assert not any(said[: start + 51])
+    assert "half speed" in said[start + 54]
+    assert commands[start + 58, 2] == pytest.approx(0.5 * commands[0, 2], abs=0.03)
+    assert "not measured for more than 12 s: stopped" in said[end - 1]
     assert commands[end - 1, 2] < 0.1
     assert not any(said[end:])
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from ...types import Input, Sensor
 from .detector import Detector, Reaction
 from .innovation_monitor import InnovationMonitor
 from .speed_monitors import MotionMonitor, WheelMonitor
 from .steering_monitor import SteeringMonitor
+
+_GNSS_S: Final = 2.0  # the gate's patience of a second, and the second of the monitor
 
 
 def detectors() -> tuple[Detector, ...]:
@@ -20,8 +24,8 @@ def detectors() -> tuple[Detector, ...]:
         SteeringMonitor(Input.DELTA_I),
         WheelMonitor(),
         MotionMonitor(),
-        InnovationMonitor("GNSS of the tractor", Sensor.GNSS_TRACTOR, Reaction.SLOW),
-        InnovationMonitor("GNSS of the trailer", Sensor.GNSS_TRAILER, Reaction.SLOW),
-        InnovationMonitor("hitch angle", Sensor.HITCH, Reaction.GO_ON),
+        InnovationMonitor("GNSS of the tractor", Sensor.GNSS_TRACTOR, Reaction.SLOW, _GNSS_S),
+        InnovationMonitor("GNSS of the trailer", Sensor.GNSS_TRAILER, Reaction.SLOW, _GNSS_S),
+        InnovationMonitor("hitch angle", Sensor.HITCH, Reaction.SLOW),
         InnovationMonitor("encoder", Sensor.ENCODER, Reaction.GO_ON),
     )

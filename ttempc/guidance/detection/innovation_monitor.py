@@ -12,7 +12,7 @@ from .limits import INNOVATION
 
 _SPAN_S: Final = 1.0
 # Largest contribution of a sample: a single outlier, which the gate rejects, gives no alarm.
-_MOST: Final = 40.0
+_MOST: Final = 25.0
 
 
 class InnovationMonitor:
@@ -27,12 +27,16 @@ class InnovationMonitor:
         what: name of the sensor for the reason.
         sensor: whose innovations count.
         reaction: to an alarm.
+        stops_after_s: time for which an alarm may last before the vehicle stops.
     """
 
-    def __init__(self, what: str, sensor: Sensor, reaction: Reaction) -> None:
+    def __init__(
+        self, what: str, sensor: Sensor, reaction: Reaction, stops_after_s: float = math.inf
+    ) -> None:
         self.name = f"innovations of the {what}"
         self.limit = INNOVATION[sensor]
-        self._sensor, self._what, self._reaction = sensor, what, reaction
+        self._sensor, self._what = sensor, what
+        self._reaction, self._stops_after_s = reaction, stops_after_s
         self._terms: deque[tuple[float, float, int]] = deque()  # time [s], square, entries
 
     @property
@@ -51,16 +55,17 @@ class InnovationMonitor:
         return self.statistic if self._terms else math.nan
 
     def observe(self, observation: Observation) -> None:
-        """Take in the innovations of a tick."""
+        """Take in the innovations of a tick; a refused sample, of a false time say, has none."""
         now = observation.time_s
         self._terms.extend(
             (now, min(item.normalised_squared, _MOST), item.dimension)
             for item in observation.estimate.innovations
-            if item.sensor is self._sensor
+            if item.sensor is self._sensor and math.isfinite(item.normalised_squared)
         )
         while self._terms and self._terms[0][0] < now - _SPAN_S + 1e-6:
             self._terms.popleft()
 
     def alarm(self) -> Alarm:
         """Return the alarm."""
-        return Alarm(self.name, f"{self._what} contradicts the estimate", self._reaction)
+        reason = f"{self._what} contradicts the estimate"
+        return Alarm(self.name, reason, self._reaction, self._stops_after_s)

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+from statistics import median
 from typing import Final
 
 from ...types import Measurement, Sensor
 
 SPAN_S: Final = 1.0
-"""Time over which speeds are compared [s]: with 0.03 m a position, 0.03 m/s of two receivers."""
+"""Time over which speeds are compared [s]."""
 
 _LEAST_S: Final = 0.6  # between the first and the last position of a span
+_FASTEST_MPS: Final = 5.0  # of a vehicle; assumed
+_LARGEST_ERROR_M: Final = 0.5  # of a position that is no outlier; assumed
 _RECEIVERS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 
 
 class SpeedOverGround:
-    """Distance between the first and the last position of a second, over their time.
+    """Slope of the positions of a second over time, by Theil and Sen (Sen 1968, JASA 63).
 
-    The mean of the receivers that have sent enough positions; positions of a time before the last
-    one are left out. It has no sign, and is never below the error of a position over the time.
+    Each axis has the median of the slopes between all pairs of positions, which a single outlier
+    does not move. A position farther from the last one than a vehicle goes is left out, for a
+    second at most. The result is the mean of the receivers that have sent enough positions, without
+    a sign; positions of a time before the last one are left out.
     """
 
     def __init__(self) -> None:
@@ -36,18 +42,31 @@ class SpeedOverGround:
             kept = self._positions.get(sample.sensor)
             if kept is None or not all(map(math.isfinite, sample.value)):
                 continue
-            if not kept or sample.time_s > kept[-1][0]:
+            while kept and kept[0][0] < sample.time_s - SPAN_S - 1e-6:
+                kept.popleft()
+            if not kept or _is_plausible(kept[-1], sample):
                 new = True
                 kept.append((sample.time_s, sample.value[0], sample.value[1]))
-                while kept[0][0] < sample.time_s - SPAN_S - 1e-6:
-                    kept.popleft()
         newest = max((kept[-1][0] for kept in self._positions.values() if kept), default=0.0)
         spans = [
-            (kept[0], kept[-1])
+            kept
             for kept in self._positions.values()
             if kept and kept[-1][0] - kept[0][0] >= _LEAST_S and kept[-1][0] > newest - _LEAST_S
         ]
         if not new or not spans:
             return None
-        speeds = [math.hypot(b[1] - a[1], b[2] - a[2]) / (b[0] - a[0]) for a, b in spans]
-        return sum(speeds) / len(speeds), min(a[0] for a, _ in spans), max(b[0] for _, b in spans)
+        speeds = [math.hypot(_slope(kept, 1), _slope(kept, 2)) for kept in spans]
+        begin_s, end_s = min(kept[0][0] for kept in spans), max(kept[-1][0] for kept in spans)
+        return sum(speeds) / len(speeds), begin_s, end_s
+
+
+def _is_plausible(last: tuple[float, float, float], sample: Measurement) -> bool:
+    """Whether a vehicle may have gone from the last position to that of a later sample."""
+    span_s = sample.time_s - last[0]
+    way = math.hypot(sample.value[0] - last[1], sample.value[1] - last[2])
+    return span_s > 0.0 and way <= _FASTEST_MPS * span_s + _LARGEST_ERROR_M
+
+
+def _slope(positions: Iterable[tuple[float, float, float]], axis: int) -> float:
+    """Return the median slope [m/s] of an axis between all pairs of positions."""
+    return median((b[axis] - a[axis]) / (b[0] - a[0]) for a, b in combinations(positions, 2))
