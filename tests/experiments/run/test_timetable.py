@@ -251,7 +251,7 @@ LONGER = "path={kind='straight', length_m=30}"
     ("fault", "status", "reason"),
     [
         ("kind='gnss_out', start_s=3.0, duration_s=1.5", "completed", None),
-        ("kind='gnss_out', start_s=3.0", "stopped", "position not measured for more than 4 s"),
+        ("kind='gnss_out', start_s=3.0", "stopped", "position not measured for more than 12 s"),
         ("kind='front_steering_hard_over', side='left', start_s=3.0", "stopped", "tractor"),
     ],
 )
