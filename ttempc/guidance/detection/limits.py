@@ -20,9 +20,9 @@ from ...types import Sensor
 STEERING_ALLOWANCE: Final = math.radians(1.5)
 STEERING: Final = 0.040  # [rad]
 WHEELS_ALLOWANCE: Final = 0.30  # [m/s]
-WHEELS: Final = 0.95  # [m/s]
+WHEELS: Final = 1.10  # [m/s]
 MOTION_ALLOWANCE: Final = 0.35  # [m/s]
-MOTION: Final = 0.62  # [m/s]
+MOTION: Final = 0.75  # [m/s]
 INNOVATION: Final = {
     Sensor.GNSS_TRACTOR: 7.3,
     Sensor.GNSS_TRAILER: 7.3,
