@@ -298,6 +298,10 @@ class VehicleGuidance(Protocol):
         """Compile and load everything before the first tick."""
         ...
 
+    def wait(self) -> None:
+        """Wait for work in other threads that the next `update` needs."""
+        ...
+
     def prepare(self) -> None:
         """Do the work of the next `step` that needs no samples."""
         ...

@@ -228,6 +228,13 @@ class Guidance:
                 if isinstance(part, WarmingUp):
                     part.warm_up()
 
+    def wait(self) -> None:
+        """Wait for what was learnt and is due at the next tick; `update` would wait for it.
+
+        For loops that are faster than real time, which give the thread less than its time.
+        """
+        self._learner.wait(self._tick)
+
     def prepare(self) -> None:
         """Do the work of the next `step` that needs no samples, where the controller can.
 
