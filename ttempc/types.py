@@ -289,8 +289,17 @@ class VehicleGuidance(Protocol):
         """Command and diagnostics of the last `step`."""
         ...
 
+    @property
+    def reference_tick(self) -> int:
+        """Tick of the reference that the next step belongs to; it stays while that waits."""
+        ...
+
     def warm_up(self) -> None:
         """Compile and load everything before the first tick."""
+        ...
+
+    def wait(self) -> None:
+        """Wait for work in other threads that the next `update` needs."""
         ...
 
     def prepare(self) -> None:

@@ -25,6 +25,8 @@ from ..studies import (
 from ..studies.ablations import ablation, conditions, limits, recovery
 from ..studies.eight_numbers import tables as eight_numbers
 from ..studies.eight_numbers.study import REPORT_SEEDS
+from ..studies.faults import cases
+from ..studies.faults import study as faults
 from . import comparison_tables, study_tables
 from .comparison_tables import STUDY
 from .entry import Entry
@@ -133,6 +135,18 @@ ENTRIES: Final = (
         seeds=learning.SEEDS,
         probes=((learning.SCENARIO, "ttempc"), (learning.SCENARIO, "ttempc", *learning.PROBE)),
         minutes=4.0,
+    ),
+    _study(
+        "faults",
+        "docs/faults.md",
+        faults.main,
+        seeds=faults.SEEDS,
+        probes=tuple(
+            (faults.SCENARIO, name, *change)
+            for name in faults.CONTROLLERS
+            for change in ((), cases.overrides("front steering stuck", 5.0))
+        ),
+        minutes=130.0,
     ),
     _study(
         "limits",

@@ -34,7 +34,7 @@ from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidScenario
-from ..scenario.control import record_rate, record_steps
+from ..scenario.control import ControlSettings, record_rate, record_steps
 from ..scenario.controller import TRUTH
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
@@ -60,6 +60,7 @@ class Assembly:
     start: Snapshot  # of the plant at the start of the reference, rolling
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
+    control: ControlSettings
     notes: tuple[str, ...] = ()  # on path, tyres and tube, for the log
     stages: tuple[Stage, ...] = STAGES
 
@@ -92,6 +93,8 @@ class Assembly:
             terrain=self.terrain,
             termination=TerminationLimits.of(self.plant.vehicle),
             notes=self.notes,
+            realtime=self.control.realtime,
+            step_limit_s=self.control.step_limit_s,
             place=Projection(rows[:, :2]).place if self.guidance.space_based else None,
         )
 
@@ -188,6 +191,7 @@ def assemble(
             *overload_notes(vehicles.plant),
             *(() if factory else scenario.controller.notes(vehicle, scenario.control.period_s)),
         ),
+        control=scenario.control,
         stages=with_stages([*timetable.stages(plant), *_user_stages(scenario, seed)]),
     )
 

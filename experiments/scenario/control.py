@@ -1,4 +1,4 @@
-"""`[control]`: rate of the control loop, and of the records of the truth that fit it."""
+"""`[control]`: rate and deadline of the control loop, and rates of the truth's records that fit."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.configuration.config_io import STRICT
 from proving_ground.testbed.discretisation import whole_steps
+from proving_ground.testbed.simulation.deadline import STEP_LIMIT_S
 
 from ..errors import InvalidScenario
 
@@ -22,10 +23,15 @@ _RECORD_RATE_HZ = 25.0  # of the truth at least: that of the paper's fastest sen
 
 @dataclass(frozen=True, config=STRICT)
 class ControlSettings:
-    """Rate of estimator and controller."""
+    """Rate and deadline of estimator and controller."""
 
     rate_hz: Annotated[float, Field(ge=5.0, le=25.0)] = 1.0 / PAPER_PERIOD_S
     """Commands per second; a period must be a whole number of physics steps."""
+    realtime: bool = False
+    """Whether the command of a step that took longer than its period, by the clock of this machine,
+    acts as much later. Such a run is not reproducible. An overrun is an event of the log anyway."""
+    step_limit_s: Annotated[float, Field(ge=1.0, le=3600.0)] = STEP_LIMIT_S
+    """Wall-clock time after which a step that does not return ends the run as invalid."""
 
     @property
     def period_s(self) -> float:

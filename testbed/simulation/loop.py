@@ -22,8 +22,11 @@ from ..recording.sink import Sink
 from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..sensing.sensors import Sensors
 from ..truth import Truth
+from .deadline import STEP_LIMIT_S, CommandQueue, time_limit
 from .plant import Plant
 from .termination import MeanSlip, TerminationLimits, check_termination
+
+_LONGEST: Final = 3  # times its own length that a run may take while its reference waits; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +47,12 @@ class SimulationSetup:
     # Place of a point [m] among the rows of `reference`, with its fraction, where the reference is
     # followed by place; None where it is followed by time.
     place: Callable[[float, float], float] | None = None
+    # Whether the command of a step that took longer than its period acts as much later
+    realtime: bool = False
+    step_limit_s: float = STEP_LIMIT_S  # see `time_limit`
 
     def reference_row(self, step: int, truth: Truth) -> FloatArray:
-        """Return the row of the reference that belongs to the truth at a physics step."""
+        """Return the row of the reference that belongs to the truth at a step of the reference."""
         if self.place is None:
             return self.reference[step // self.record_steps]
         place = self.place(truth.tractor.x, truth.tractor.y)
@@ -66,14 +72,22 @@ class TickContext:
     control: ControlStep | None = None
     command: Command | None = None  # as it reaches the actuators; until then the previous one
     fallback: str = ""
+    queue: CommandQueue = field(default_factory=CommandQueue)
     slip: MeanSlip = field(default_factory=MeanSlip)
     lost: str | None = None
     stopping: tuple[float, str] | None = None  # when and why the supervisor began to stop
-    stopped: str = ""  # why, while the vehicle stands; far from its reference it ends the run
-    far: bool = False  # from its reference
+    stopped: str = ""  # why, where a stop of the supervisor ends the run
+    standing_s: float | None = None  # since when the vehicle that it has stopped stands
+    reference_tick: int = 0  # tick of the reference that this control tick belongs to
+    waits: bool = False  # whether the reference stays there for the period
     estimator_ns: int = 0
     control_ns: int = 0
     plant_ns: int = 0
+
+    def reference_step(self, step: int, control_steps: int) -> int:
+        """Return the physics step of the reference that belongs to one of this period."""
+        begun = 0 if self.waits else step - self.k * control_steps
+        return self.reference_tick * control_steps + begun
 
     @property
     def now(self) -> Truth:
@@ -110,7 +124,8 @@ def log_settings(setup: SimulationSetup, tick: TickContext) -> None:
 
 def prepare(setup: SimulationSetup, tick: TickContext) -> None:
     """Let the guidance do what needs no samples."""
-    setup.guidance.prepare()
+    with time_limit(setup.step_limit_s):
+        setup.guidance.prepare()
 
 
 def sense(setup: SimulationSetup, tick: TickContext) -> None:
@@ -125,17 +140,22 @@ def sense(setup: SimulationSetup, tick: TickContext) -> None:
 
 def estimate(setup: SimulationSetup, tick: TickContext) -> None:
     """Turn measurements into an estimate."""
-    start = perf_counter_ns()
-    tick.estimate = setup.guidance.update(tick.now.time_s, tick.measurements)
-    tick.estimator_ns = perf_counter_ns() - start
+    with time_limit(setup.step_limit_s):
+        setup.guidance.wait()  # the simulation is faster than real time: not a part of the step
+        start = perf_counter_ns()
+        tick.estimate = setup.guidance.update(tick.now.time_s, tick.measurements)
+        tick.estimator_ns = perf_counter_ns() - start
     setup.sink.row(channels.ESTIMATE, tick.now.time_s, rows.estimate_row(tick.estimate))
 
 
 def control(setup: SimulationSetup, tick: TickContext) -> None:
     """Turn the estimate into a command within the vehicle's limits."""
-    start = perf_counter_ns()
-    tick.command = setup.guidance.step()
-    tick.control_ns = perf_counter_ns() - start
+    tick.reference_tick = setup.guidance.reference_tick
+    with time_limit(setup.step_limit_s):
+        start = perf_counter_ns()
+        tick.command = setup.guidance.step()
+        tick.control_ns = perf_counter_ns() - start
+    tick.waits = setup.guidance.reference_tick == tick.reference_tick
     tick.control = setup.guidance.control_step
 
 
@@ -164,20 +184,35 @@ def advance(setup: SimulationSetup, tick: TickContext) -> None:
     """Run the plant for one control period, with stops where a sensor or the record needs it."""
     assert tick.command is not None
     start_step = tick.k * setup.control_steps
+    tick.queue.send(tick.command, start_step + _late_steps(setup, tick))
     stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
     truths = []
     start = perf_counter_ns()
     for step in range(start_step + stride, start_step + setup.control_steps + 1, stride):
-        truths.append((step, setup.plant.advance(tick.command, stride)))
+        command = tick.queue.acting(step - stride)
+        truths.append((step, setup.plant.advance(command, stride)))
     tick.plant_ns = perf_counter_ns() - start
     tick.truths = truths
+
+
+def _late_steps(setup: SimulationSetup, tick: TickContext) -> int:
+    """Return the physics steps by which the command of a tick comes late; log an overrun."""
+    timestep_s = setup.plant.timestep_s
+    period_s = setup.control_steps * timestep_s
+    took_s = 1e-9 * (tick.estimator_ns + tick.control_ns)
+    if took_s <= period_s:
+        return 0
+    text = f"overrun: the step took {took_s:.3f} s, the control period is {period_s:g} s"
+    setup.sink.event(Event(tick.k * period_s, "warning", text))
+    return math.ceil(took_s / timestep_s) if setup.realtime else 0
 
 
 def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the truth beside its reference."""
     for step, truth in tick.truths:
         if step % setup.record_steps == 0:
-            reference = setup.reference_row(step, truth).tolist()
+            driven = tick.reference_step(step, setup.control_steps)
+            reference = setup.reference_row(driven, truth).tolist()
             setup.sink.row(channels.STATE, truth.time_s, rows.state_row(truth))
             setup.sink.row(channels.REFERENCE, truth.time_s, reference)
             setup.sink.row(channels.TYRES, truth.time_s, rows.tyres_row(truth))
@@ -201,7 +236,7 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
 def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     """Check the conditions under which a run ends early."""
     step, truth = tick.truths[-1]
-    x, y = setup.reference_row(step, truth)[:2]
+    x, y = setup.reference_row(tick.reference_step(step, setup.control_steps), truth)[:2]
     limits = setup.termination
     slip = tick.slip.update(truth, limits.stuck_time)
     assert tick.control is not None
@@ -216,8 +251,13 @@ def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     tick.lost = check_termination(
         truth, (float(x), float(y)), setup.terrain, limits, slip, stopping=stopping
     )
-    tick.stopped = reason if stands else ""
-    tick.far = math.hypot(truth.tractor.x - x, truth.tractor.y - y) > limits.deviation
+    if not (reason and stands):
+        tick.standing_s = None
+    elif tick.standing_s is None:
+        tick.standing_s = truth.time_s
+    far = math.hypot(truth.tractor.x - x, truth.tractor.y - y) > limits.deviation
+    waited = tick.standing_s is not None and truth.time_s - tick.standing_s >= limits.wait_time
+    tick.stopped = reason if stands and (far or waited) else ""
 
 
 STAGES: Final[tuple[Stage, ...]] = (
@@ -249,7 +289,10 @@ def drive(
     stages: Sequence[Stage] = STAGES,
     on_tick: Callable[[int], object] = lambda k: None,
 ) -> Outcome:
-    """Run `ticks` control periods, or fewer where the run terminates early.
+    """Run to tick `ticks` of the reference, or until the run terminates early.
+
+    A reference that waits for a vehicle that the supervisor slows or stops makes a run longer, up
+    to three times.
 
     The plant must have been reset to its start. `on_tick` is called after every period. An
     exception in a user's controller, estimator or stage ends the run as invalid; its traceback
@@ -265,7 +308,7 @@ def drive(
     try:
         setup.guidance.warm_up()
         start = perf_counter_ns()
-        for k in range(ticks):
+        for k in range(_LONGEST * ticks):
             tick.k = k
             for stage in stages:
                 stage(setup, tick)
@@ -273,10 +316,14 @@ def drive(
             if tick.lost:
                 status, failure = "lost", tick.lost
                 break
-            if tick.stopped and (tick.far or k == ticks - 1):
+            if tick.stopped:
                 status, failure = "stopped", tick.stopped
                 break
-    except (PlantDiverged, GuidanceFailed, StageFailed) as error:
+            if setup.guidance.reference_tick >= ticks:
+                break
+        else:
+            status, failure = "stopped", f"{tick.fallback}: the reference waited too long"
+    except (PlantDiverged, GuidanceFailed, StageFailed, TimeoutError) as error:
         status, failure = "invalid", str(error)
         if error.__cause__ is not None:
             trace = "".join(traceback.format_exception(error.__cause__))

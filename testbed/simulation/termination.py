@@ -32,6 +32,7 @@ class TerminationLimits:
     # A vehicle that the supervisor stops may be farther from its reference, which goes on, but it
     # must stand after this time.
     stop_time: float = 10.0  # [s]
+    wait_time: float = 30.0  # [s] for which it may stand before the run ends
     standing: float = 0.05  # [m/s] largest speed of a vehicle that stands
 
     @classmethod

@@ -100,7 +100,7 @@ class DeadTimeCompensation:
         # Commands as they act together, the newest first; before the start those of the reference.
         count = self._whole + 3 + max(whole for whole, _ in self._late)
         self._commands = deque([start] * count, maxlen=count)
-        self._sent, self._tick = start, -1  # of the last step
+        self._sent: FloatArray | None = None  # by the last step, until it is recorded
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
 
     def warm_up(self) -> None:
@@ -121,20 +121,17 @@ class DeadTimeCompensation:
         if isinstance(step, Command):
             step = ControlStep(step)
         self._commands.appendleft(step.command.as_array())
-        self._tick = k
         self._sent = self._earlier(0, self._hold_back)
         return replace(step, command=Command(*self._sent.tolist()))
 
-    def record(self, sent: Command, k: int | None = None) -> None:
-        """Record the command that was sent at tick `k`, the controller's own or another.
-
-        Without a tick it was sent before the controller's first.
-        """
+    def record(self, sent: Command) -> None:
+        """Record the command of a period: in the place of the last step's, if there was one."""
         command = sent.as_array()
-        if k is None or self._tick != k:
+        if self._sent is None:
             self._commands.appendleft(command)
         elif (command != self._sent).any():
             self._commands[0] = command
+        self._sent = None
 
     def _earlier(self, i: int, by: Sequence[tuple[int, float]]) -> FloatArray:
         """Return the `i`-th newest command, each input as it was earlier by whole periods + s."""

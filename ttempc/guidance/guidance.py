@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
@@ -27,23 +27,13 @@ from ..types import (
     WarmingUp,
 )
 from ..vehicle import Vehicle
-from .controllers import make_controller
-from .dead_time import DeadTimeCompensation, compensated, resume
-from .estimators import EstimatorFactory, estimator_factory
+from .dead_time import DeadTimeCompensation, resume
+from .detection.bank import detectors
+from .detection.detector import Alarm, Detector, Monitors, Observation
+from .estimators import EstimatorFactory
+from .parts import ControllerFactory, Parts, make_estimator, make_guided
 from .supervisor import SafetyLimits, Supervisor
 from .user_part import user_part
-
-ControllerFactory = Callable[..., Controller]
-"""Makes a controller from vehicle, reference and control period [s], options as keywords."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Parts:
-    """Parts of a guidance for one vehicle; None where the user gave an object, which stays."""
-
-    reference: Reference
-    controller: Controller | None
-    estimator: Estimator | None
 
 
 class Guidance:
@@ -66,6 +56,10 @@ class Guidance:
     Time stamps are seconds on any one clock, of the Unix epoch for example. The first `update`
     defines the start of the reference. Control ticks are counted: tick k, the k-th call of `step`,
     belongs to k * `period_s` on the reference. A loop that misses a period delays the reference.
+    Where the supervisor slows or stops the vehicle, the reference waits for it (`reference_tick`).
+
+    Detectors compare samples, commands and estimate (`ttempc.guidance.detection`); the supervisor
+    reacts to their alarms.
 
     While it drives it learns parameters of the model (`ttempc.learning`). Where the data contradict
     the given ones, estimator, reference and controller are made anew in another thread and
@@ -89,6 +83,7 @@ class Guidance:
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
         learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
             your own.
+        detect: whether the supervisor reacts to detectors of faults; or detectors of your own.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -113,6 +108,7 @@ class Guidance:
         safety: SafetyLimits | None = None,
         speed_mps: float = 1.0,
         learn: bool | Sequence[Identifier] = True,
+        detect: bool | Sequence[Detector] = True,
     ) -> None:
         if isinstance(reference, Path):
             check_drivable(reference, vehicle)
@@ -124,17 +120,17 @@ class Guidance:
         check_pace(reference, period_s)
         self._vehicle, self._reference, self._period_s = vehicle, reference, period_s
         noise = sensor_noise or SensorNoise()
-        self._estimator = _estimator(estimator, vehicle, noise)
-        self._controller = _controller(controller, reference, period_s, options, tube)
+        self._estimator = make_estimator(estimator, vehicle, noise)
+        self._controller = make_guided(controller, reference, period_s, options, tube)
 
-        def build(learnt: Vehicle, window: Sequence[RecordedTick]) -> _Parts:
+        def build(learnt: Vehicle, window: Sequence[RecordedTick]) -> Parts:
             other = Reference(reference.path, learnt, reference.speed)
             check_drivable(other.path, learnt)
             check_pace(other, period_s)
             design = tube and replace(tube, vehicle=learnt.without_dead_times())
-            made = _controller(controller, other, period_s, options, design)
-            filter_ = _estimator(estimator, learnt, noise)
-            parts = _Parts(
+            made = make_guided(controller, other, period_s, options, design)
+            filter_ = make_estimator(estimator, learnt, noise)
+            parts = Parts(
                 other,
                 None if made is self._controller else made,
                 None if filter_ is self._estimator else filter_,
@@ -152,11 +148,15 @@ class Guidance:
         self._learner = Learner(learn, vehicle, period_s, build)
         self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
+        if isinstance(detect, bool):
+            detect = detectors() if detect else ()
+        self._monitors = Monitors(detect)
+        self._alarms: tuple[Alarm, ...] = ()
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
         self._estimate: Estimate | None = None
         self._control_step: ControlStep | None = None
-        self._tick = 0
+        self._tick = self._reference_tick = 0
 
     @property
     def vehicle(self) -> Vehicle:
@@ -184,9 +184,19 @@ class Guidance:
         return self._tick
 
     @property
+    def reference_tick(self) -> int:
+        """Tick of the reference that the next control tick belongs to: those that waited apart."""
+        return self._reference_tick
+
+    @property
     def finished(self) -> bool:
         """Whether the next tick lies at or beyond the end of the reference."""
-        return self._tick * self._period_s >= self._reference.duration_s - 1e-9
+        return self._reference_tick * self._period_s >= self._reference.duration_s - 1e-9
+
+    @property
+    def detectors(self) -> tuple[Detector, ...]:
+        """Detectors of faults, each with its present statistic."""
+        return self._monitors.detectors
 
     @property
     def control_step(self) -> ControlStep:
@@ -218,6 +228,13 @@ class Guidance:
                 if isinstance(part, WarmingUp):
                     part.warm_up()
 
+    def wait(self) -> None:
+        """Wait for what was learnt and is due at the next tick; `update` would wait for it.
+
+        For loops that are faster than real time, which give the thread less than its time.
+        """
+        self._learner.wait(self._tick)
+
     def prepare(self) -> None:
         """Do the work of the next `step` that needs no samples, where the controller can.
 
@@ -227,7 +244,7 @@ class Guidance:
             GuidanceFailed: the controller raised.
         """
         with user_part(GuidanceFailed, f"prepare raised at tick {self._tick}"):
-            self._supervisor.prepare(self._tick)
+            self._supervisor.prepare(self._reference_tick)
 
     def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate:
         """Run the estimator to `time_s` and return its estimate.
@@ -260,6 +277,10 @@ class Guidance:
         self._time_s, self._estimate = now, estimate
         psi_t, psi_i = estimate.state[State.PSI_T : State.DELTA_T].tolist()
         tick = RecordedTick(now, tuple(measurements), sent, (psi_t, psi_i))
+        observation = Observation(now, measurements, sent, estimate, self._vehicle)
+        self._alarms = self._monitors.observe(observation)
+        if self._alarms:
+            self._learner.forget()
         self._learner.record(self._tick, tick)
         return replace(estimate, time_s=estimate.time_s + origin) if origin else estimate
 
@@ -272,14 +293,17 @@ class Guidance:
         """
         if self._estimate is None:
             raise GuidanceFailed("step: call update(time_s, measurements) first")
-        step = self._supervisor.step(self._estimate, self._tick, self._time_s)
+        step = self._supervisor.step(
+            self._estimate, self._reference_tick, self._time_s, self._alarms
+        )
         if self._learnt:
             step = replace(step, diagnostics=replace(step.diagnostics, learnt=self._learnt))
             self._learnt = ()
         self._control_step = step
         if isinstance(self._controller, DeadTimeCompensation):
-            self._controller.record(step.command, self._tick)
+            self._controller.record(step.command)
         self._tick += 1
+        self._reference_tick += not self._supervisor.waits
         return step.command
 
     def _run_estimator(
@@ -304,7 +328,7 @@ class Guidance:
         if learnt is not None:
             self._take_on(learnt)
 
-    def _take_on(self, learnt: Learnt[_Parts]) -> None:
+    def _take_on(self, learnt: Learnt[Parts]) -> None:
         parts, notes = learnt.parts, [str(change) for change in learnt.changes]
         if parts.estimator is None:
             notes.append("the estimator was given as an object and stays as it is")
@@ -320,31 +344,3 @@ class Guidance:
             self._controller, self._reference = parts.controller, parts.reference
             self._supervisor.exchange(parts.controller, parts.reference)
         self._vehicle, self._learnt = learnt.vehicle, tuple(notes)
-
-
-def _estimator(
-    estimator: str | EstimatorFactory | Estimator, vehicle: Vehicle, noise: SensorNoise
-) -> Estimator:
-    if isinstance(estimator, str):
-        estimator = estimator_factory(estimator)
-    if isinstance(estimator, type) or not hasattr(estimator, "update"):
-        return estimator(vehicle, noise)  # pyright: ignore[reportCallIssue] - a factory
-    return estimator  # pyright: ignore[reportReturnType] - it has `update`
-
-
-def _controller(
-    controller: str | ControllerFactory | Controller,
-    reference: Reference,
-    period_s: float,
-    options: Mapping[str, object] | None,
-    tube: TubeDesign | None,
-) -> Controller:
-    if not isinstance(controller, str | type) and hasattr(controller, "step"):
-        return controller  # pyright: ignore[reportReturnType] - it has `step`
-
-    def make(vehicle: Vehicle, reference: Reference) -> Controller:
-        if isinstance(controller, str):
-            return make_controller(controller, vehicle, reference, period_s, tube, options)
-        return controller(vehicle, reference, period_s, **(options or {}))  # pyright: ignore[reportCallIssue] - a factory
-
-    return compensated(make, reference, period_s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -27,9 +28,12 @@ from ..types import (
     State,
 )
 from .command_guard import CommandGuard
+from .detection.detector import Alarm, Reaction
+from .detection.reactions import Reactions
 
 _GNSS = frozenset({Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER})
 _SLOW = 0.5  # share of the reference's hydrostat position that is left at half speed
+_UP_TO_SPEED = 0.8  # share of the reference's speed from which on it no longer waits; assumed
 _ROUNDING = 1e-6  # excess of a reference over a limit that is not reported
 
 
@@ -47,8 +51,8 @@ class SafetyLimits:
         6.0
     """
 
-    unseen_slow_s: float = 2.0  # without an accepted GNSS sample, or age of the estimate
-    unseen_stop_s: float = 4.0
+    unseen_slow_s: float = 10.4  # without an accepted GNSS sample, or age of the estimate
+    unseen_stop_s: float = 12.0
     blind_s: float = 1.0  # without a finite estimate: hold the command so long, then stop
     uncertain_slow_m: float = 0.25  # standard deviation of the tractor point
     uncertain_stop_m: float = 0.50
@@ -82,8 +86,10 @@ class Supervisor:
     - No GNSS sample accepted for some time, an old estimate, or an uncertain position: half speed,
       then stop. Both end as soon as the position is known again. An estimator that reports no
       innovation of GNSS is judged by its time stamps and its covariance alone.
+    - An alarm of a detector (`ttempc.guidance.detection`): reported, half speed, or a stop until
+      its cause has ended.
     - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
-      hold there, and the time-based reference goes on.
+      hold there.
     - Errors are those to the reference of the tick, of a `SpaceBased` controller those to the
       nearest tick of the reference.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the
@@ -91,6 +97,9 @@ class Supervisor:
 
     To stop, the hydrostat ramps to 0 at its rate and both steering angles are held. Every action
     is reported in `Diagnostics.fallback`.
+
+    While the supervisor slows or stops the vehicle, and until it is up to speed again, the
+    reference waits at every tick at which it is ahead of the vehicle (`waits`).
     """
 
     def __init__(
@@ -115,9 +124,13 @@ class Supervisor:
         self._seen_s: float | None = None  # time of the last accepted GNSS sample
         self._error: FloatArray | None = None  # z_e of the tick before
         self._stopped = ""  # reason of a stop for good
+        self._reactions = Reactions()
+        self._waiting = False  # whether the reference waits where it is ahead
+        self._waits = False
 
     def _follow(self, controller: Controller, reference: Reference) -> None:
         self._limits = CommandLimits.of(reference.vehicle, self._period_s)
+        self._reverse = reference.vehicle.reverse
         self._preparing = controller if isinstance(controller, Preparing) else None
         grid = reference.on_grid(self._period_s)
         if self.space_based:
@@ -136,23 +149,32 @@ class Supervisor:
         self._guard.exchange(controller, self._limits)
         self._error = None  # to the other reference
 
+    @property
+    def waits(self) -> bool:
+        """Whether the reference stays at the tick of the last step."""
+        return self._waits
+
     def prepare(self, k: int) -> None:
         """Let the controller prepare tick `k`, where it can."""
         if self._preparing:
             self._preparing.prepare(k)
 
-    def step(self, estimate: Estimate, k: int, time_s: float) -> ControlStep:
+    def step(
+        self, estimate: Estimate, k: int, time_s: float, alarms: Sequence[Alarm] = ()
+    ) -> ControlStep:
         """Return the step of tick `k`, its command within the vehicle's limits.
 
         Args:
             estimate: of the vehicle at this tick, possibly old or not finite.
             k: control tick, counted from the start of the reference.
             time_s: present time on the clock of `estimate.time_s` [s].
+            alarms: of the detectors at this tick.
 
         Raises:
             ControllerFailed: as `CommandGuard.step`.
         """
         safety = self._safety
+        self._waits = False
         if self._finite_s is None:
             self._finite_s = time_s
         if not _finite(estimate):
@@ -170,8 +192,11 @@ class Supervisor:
         self._error = error
         self._stopped = self._stopped or _astray(error, safety)
         unseen_s, deviation = self._unseen_s(estimate, time_s), _deviation_m(estimate)
+        reaction, reasons = self._reactions.decide(alarms, float(estimate.state[State.V]), time_s)
         if self._stopped:
             return self._stop(self._stopped, error)
+        if reaction is Reaction.STOP:
+            return self._stop(reasons, error)
         if unseen_s > safety.unseen_stop_s:
             reason = f"position not measured for more than {safety.unseen_stop_s:g} s"
             return self._stop(reason, error)
@@ -183,11 +208,15 @@ class Supervisor:
             slow = f"position not measured for more than {safety.unseen_slow_s:g} s: half speed"
         elif deviation > safety.uncertain_slow_m:
             slow = f"position uncertain by more than {safety.uncertain_slow_m:g} m: half speed"
+        elif reaction is Reaction.SLOW:
+            slow = f"{reasons}: half speed"
+        self._wait(error, sample, estimate.state.item(State.V), slows=bool(slow))
         before, step = self._last.command, self._guard.step(estimate, k)
         if slow or self._overridden:
             largest_hp = _SLOW * abs(self._hp[sample]) if slow else math.inf
             step = self._rejoin(step, before, largest_hp)
-        notes = [self._beyond_limits[sample], jump, slow, step.diagnostics.fallback]
+        alarmed = "" if slow else reasons
+        notes = [self._beyond_limits[sample], jump, slow, alarmed, step.diagnostics.fallback]
         diagnostics = replace(
             step.diagnostics, tracking_error=error, fallback="; ".join(filter(None, notes))
         )
@@ -213,7 +242,21 @@ class Supervisor:
     def _stop(self, reason: str, error: FloatArray | None = None) -> ControlStep:
         step = self._steady(0.0, f"{reason}: stopped", error)
         self._last = replace(step, diagnostics=replace(step.diagnostics, stopping=True))
+        self._waiting = True
+        self._waits = error is None or self._is_ahead(error)
         return self._last
+
+    def _wait(self, error: FloatArray, k: int, speed: float, *, slows: bool) -> None:
+        """Decide whether the reference waits at tick `k` while the vehicle drives."""
+        if slows:
+            self._waiting = True
+        elif abs(speed) >= _UP_TO_SPEED * abs(self._grid.state.item(k, State.V)):
+            self._waiting = False
+        self._waits = self._waiting and self._is_ahead(error)
+
+    def _is_ahead(self, error: FloatArray) -> bool:
+        """Whether the reference is ahead of the vehicle in its direction of travel, or level."""
+        return bool(error[Error.X_T] * (-1.0 if self._reverse else 1.0) >= 0.0)
 
     def _steady(self, hp: float, reason: str, error: FloatArray | None = None) -> ControlStep:
         """Hold both steering angles and move the hydrostat to `hp`, booked as feedforward."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Final, Generic, Protocol, TypeVar
 
@@ -136,6 +136,15 @@ class Learner(Generic[_Parts]):
             executor = ThreadPoolExecutor(1, "ttempc-learning")
             self._work = executor.submit(self._attempt, self._window)
             executor.shutdown(wait=False)
+
+    def wait(self, k: int) -> None:
+        """Wait for the thread if tick `k` is the one of its exchange."""
+        if self._work is not None and k >= self._due:
+            wait([self._work])
+
+    def forget(self) -> None:
+        """Drop what was recorded, and an attempt under way: it was of a vehicle with a fault."""
+        self._window, self._since, self._work = [], [], None
 
     def exchange(self, k: int) -> Learnt[_Parts] | None:
         """Return what the last attempt has learnt if tick `k` is the one of its exchange.

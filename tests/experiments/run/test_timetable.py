@@ -251,8 +251,8 @@ LONGER = "path={kind='straight', length_m=30}"
     ("fault", "status", "reason"),
     [
         ("kind='gnss_out', start_s=3.0, duration_s=1.5", "completed", None),
-        ("kind='gnss_out', start_s=3.0", "stopped", "position not measured for more than 4 s"),
-        ("kind='front_steering_hard_over', side='left', start_s=3.0", "stopped", "tractor"),
+        ("kind='gnss_out', start_s=3.0", "stopped", "position not measured for more than 12 s"),
+        ("kind='front_steering_hard_over', side='left', start_s=3.0", "stopped", "front steering"),
     ],
 )
 def test_a_safe_stop_is_neither_completed_nor_lost(fault, status, reason):

@@ -30,8 +30,11 @@ from proving_ground.experiments.studies.ablations import (
     limits,
     recovery,
 )
+from proving_ground.experiments.studies.faults import calibration
+from proving_ground.experiments.studies.faults import study as faults
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS
+from ttempc.guidance.detection.bank import detectors
 
 STRAIGHT = 'path={kind="straight",length_m=10.0}'
 
@@ -265,3 +268,38 @@ def test_a_law_with_the_right_form_predicts_a_field_that_it_has_not_seen():
     width = np.sqrt(0.02**2 + 0.05**2 * np.sqrt(ground))
     np.testing.assert_allclose(roughness.left_out(ground, width), 1.0)
     assert np.ptp(roughness.left_out(ground, 0.05 * np.sqrt(ground))) > 0.5
+
+
+def test_faults(capsys, monkeypatch):
+    monkeypatch.setattr(faults, "_SECONDS", 32.0)
+    faults.main((1,), ("pid",), ("stone, 150 Ns", "front steering stuck"))
+    head, body = rows(capsys)
+    assert head[1:5] == ["carried on", "degraded", "stopped", "lost"]
+    assert body[0][1] == "1 (3..100 %)"
+    assert body[1][3] == "1 (3..100 %)"
+    noticed, stop = (float(body[1][column].split(",")[0]) for column in (5, 7))
+    assert 0.0 < noticed < 2.0
+    assert 0.5 < stop < 5.0
+
+
+def test_limits_of_detectors():
+    values = calibration.residuals(calibration.Drive("pavement", 1, 4.0))
+    assert values.shape == (20, len(detectors()))
+
+
+def test_the_limit_of_a_sum_is_that_of_white_noise():
+    """For a Gaussian mean of 5 ticks: theta = 2 k / sigma^2, as of a Brownian motion with drift."""
+    rng = np.random.default_rng(1)
+    values = rng.choice([-1.0, 1.0], 500_000) * (5.0 + rng.normal(0.0, 1.0, 500_000))
+    limit = calibration.sum_limit(values, 5.5, per_s=5)
+    level = np.log(calibration.FALSE_ALARM_S * len(detectors()))
+    assert limit == pytest.approx(level / (2.0 * 0.5), rel=0.05)
+
+
+def test_the_limit_of_maxima_is_that_of_a_gumbel_distribution():
+    rng = np.random.default_rng(2)
+    squares = rng.gumbel(10.0, 2.0, 20_000)
+    values = np.sqrt(np.repeat(np.maximum(squares, 0.0), 50))
+    count = calibration.FALSE_ALARM_S / 10.0 * len(detectors())
+    limit = calibration.maximum_limit(values, per_s=5)
+    assert limit == pytest.approx(np.sqrt(10.0 + 2.0 * np.log(count)), rel=0.02)

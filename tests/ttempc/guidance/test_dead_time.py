@@ -160,10 +160,10 @@ def test_a_command_of_another_takes_the_place_of_the_controllers_own():
         controller = DeadTimeCompensation(recorder, reference, PERIOD_S)
         for k in range(4):
             if k < 3 and stop and not stop_asked:
-                controller.record(Command(0.0, 0.0, 0.0), k)
+                controller.record(Command(0.0, 0.0, 0.0))
                 continue
             step = controller.step(estimate, k)
-            controller.record(Command(0.0, 0.0, 0.0) if stop and k < 3 else step.command, k)
+            controller.record(Command(0.0, 0.0, 0.0) if stop and k < 3 else step.command)
         return recorder.estimates[-1].state
 
     np.testing.assert_array_equal(predicted(True, True), predicted(False, True))

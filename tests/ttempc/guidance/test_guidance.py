@@ -82,13 +82,13 @@ class Driven:
 
 
 @pytest.mark.parametrize("origin_s", [0.0, EPOCH_S, -50.0])
-def test_lost_gnss_slows_down_after_two_seconds_and_stops_after_four(origin_s, monkeypatch):
-    driven = Driven(Guidance(VEHICLE, PATH), origin_s, hidden=range(40, 90))
+def test_lost_gnss_slows_down_after_ten_seconds_and_stops_after_twelve(origin_s, monkeypatch):
+    driven = Driven(Guidance(VEHICLE, PATH), origin_s, hidden=range(40, 115))
     monkeypatch.setattr("tests.ttempc.sensed_drive.make_controller", lambda *arguments: driven)
-    SensedDrive(seed=4, estimator=driven).run(90)
-    assert not any(driven.fallbacks[:49])
-    assert "half speed" in driven.fallbacks[51]
-    assert "not measured for more than 4 s: stopped" in driven.fallbacks[61]
+    SensedDrive(seed=4, estimator=driven).run(115)
+    assert not any(driven.fallbacks[:91])
+    assert "half speed" in driven.fallbacks[93]
+    assert "not measured for more than 12 s: stopped" in driven.fallbacks[101]
     assert driven.sent[-1][2] == 0.0
 
 
@@ -136,7 +136,7 @@ def test_names_factories_and_objects_make_the_same_guidance(samples):
 
 
 def test_ticks_are_counted_to_the_end_of_the_reference(samples):
-    guidance = Guidance(VEHICLE, straight(3.0), speed_mps=1.0)
+    guidance = Guidance(VEHICLE, straight(3.0), speed_mps=1.0, detect=False)
     count = 0
     while not guidance.finished:
         guidance.update(count * PERIOD_S, samples[count])

@@ -10,6 +10,7 @@ import pytest
 from tests.ttempc.closed_loop import PERIOD_S, seen_truth
 from ttempc.errors import InvalidTuning
 from ttempc.guidance.controllers import make_controller
+from ttempc.guidance.detection.detector import Alarm, Reaction
 from ttempc.guidance.supervisor import SafetyLimits, Supervisor
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -85,14 +86,14 @@ def test_drives_on_after_a_short_blindness():
     ],
 )
 def test_position_that_is_not_measured_slows_down_then_stops_then_goes_on(stale):
-    start, end = 30, 60
+    start, end = 30, 110
     commands, said = drive(
-        supervised(), 80, lambda k: stale(k) if start <= k < end else on_reference(k)
+        supervised(), 130, lambda k: stale(k) if start <= k < end else on_reference(k)
     )
-    assert not any(said[: start + 9])
-    assert "half speed" in said[start + 12]
-    assert commands[start + 18, 2] == pytest.approx(0.5 * commands[0, 2], abs=0.03)
-    assert "not measured for more than 4 s: stopped" in said[end - 1]
+    assert not any(said[: start + 51])
+    assert "half speed" in said[start + 54]
+    assert commands[start + 58, 2] == pytest.approx(0.5 * commands[0, 2], abs=0.03)
+    assert "not measured for more than 12 s: stopped" in said[end - 1]
     assert commands[end - 1, 2] < 0.1
     assert not any(said[end:])
 
@@ -174,3 +175,41 @@ def test_preparing_changes_no_result():
 def test_limits_must_be_positive():
     with pytest.raises(InvalidTuning, match="cross_m"):
         SafetyLimits(cross_m=0.0)
+
+
+ALARM = Alarm("front steering", "front steering does not follow its command", Reaction.STOP)
+
+
+def test_an_alarm_stops_the_vehicle_and_the_reference_waits_for_it():
+    """The vehicle stands 3 m behind, then 1 m ahead of the reference, and drives on in the end."""
+    supervisor = supervised()
+    for k in range(20):
+        supervisor.step(on_reference(k), k, k * PERIOD_S)
+        assert not supervisor.waits
+
+    def standing(k):
+        estimate = on_reference(k)
+        return replace(estimate, state=estimate.state * [1, 1, 1, 1, 1, 1, 0])
+
+    behind = supervisor.step(standing(10), 20, 4.0, [ALARM])
+    assert behind.diagnostics.stopping
+    assert behind.diagnostics.fallback == f"{ALARM.reason}: stopped"
+    assert supervisor.waits
+    supervisor.step(standing(25), 20, 4.2, [ALARM])
+    assert not supervisor.waits  # the reference catches up
+    after = [supervisor.step(standing(20), 20, 4.2 + PERIOD_S * n) for n in range(1, 15)]
+    stopping = [step.diagnostics.stopping for step in after]
+    assert stopping == [True] * 9 + [False] * 5  # 2 s after the alarm
+    assert supervisor.waits  # until the vehicle is up to speed
+    supervisor.step(replace(on_reference(19), time_s=8.0), 20, 8.0)
+    assert not supervisor.waits
+
+
+def test_the_reference_waits_while_the_vehicle_drives_at_half_speed():
+    slow = Alarm("wheels", "wheels turn", Reaction.SLOW)
+    supervisor = supervised()
+    supervisor.step(on_reference(20), 20, 4.0)
+    step = supervisor.step(on_reference(18), 20, 4.2, [slow])
+    assert supervisor.waits
+    assert "wheels turn: half speed" in step.diagnostics.fallback
+    assert not step.diagnostics.stopping

@@ -1,0 +1,1 @@
+"""Faults: limits of the detectors, and what becomes of runs with a fault."""

@@ -1,0 +1,115 @@
+"""Limits of the detectors of faults, from fault-free drives with tuning seeds.
+
+    python -m experiments.studies.faults.calibration [SECONDS [SEED ...]]     (default: 100 1 2 3)
+
+Drives every shipped scenario with `ttempc` and prints, for each detector, the values of
+`ttempc/guidance/detection/limits.py`: the largest over all scenarios, at which all detectors
+together give at most one false alarm in ten hours.
+
+- Sums: with the residual r of a tick, k its 90 % quantile and S the sum of |r| - k over a second, a
+  cumulative sum exceeds h in a second with probability exp(-theta h) at most, E exp(theta S) = 1
+  (Kingman 1964, "A martingale inequality in the theory of queues", for independent S). Where the
+  allowance in use is above k, the rate is lower.
+- Innovations: the largest squares of the statistic in ten seconds, which is nearly normal, follow a
+  Gumbel distribution, fitted by its moments (Coles 2001, ch. 3).
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.optimize import brentq
+
+from proving_ground.testbed.recording.record import Recorder
+from ttempc.guidance.detection.bank import detectors
+from ttempc.guidance.detection.innovation_monitor import InnovationMonitor
+from ttempc.types import FloatArray
+
+from ...run.assembly import assemble
+from ...run.simulate import drive_into
+from ...scenario.scenario import load, shipped
+from ..batch import run_tasks
+
+SEEDS: Final = (1, 2, 3)
+FALSE_ALARM_S: Final = 36_000.0  # at most one false alarm of all detectors in this time
+_QUANTILE: Final = 0.9
+_BLOCK_S: Final = 10.0  # of the maxima
+_EULER: Final = 0.5772156649015329
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A drive without faults."""
+
+    scenario: str
+    seed: int
+    seconds: float
+
+
+def residuals(drive: Drive) -> FloatArray:
+    """Return the residuals of all detectors at every tick of a drive, (ticks, detectors)."""
+    assembly = assemble(load(drive.scenario)[1], drive.seed)
+    ticks = min(round(drive.seconds / assembly.guidance.period_s), assembly.ticks)
+    rows: list[list[float]] = []
+
+    def observe(k: int) -> None:
+        rows.append([item.residual for item in assembly.guidance.detectors])
+
+    drive_into(Recorder(), replace(assembly, ticks=ticks), on_tick=observe, prepared=False)
+    return np.array(rows)
+
+
+def sum_limit(values: FloatArray, allowance: float, per_s: int) -> float:
+    """Return the limit h of a cumulative sum of |values| (n,) above an allowance."""
+    excess = np.abs(values[np.isfinite(values)]) - allowance
+    sums = excess[: len(excess) // per_s * per_s].reshape(-1, per_s).sum(axis=1)
+    if sums.max() <= 0.0:
+        return 0.0
+
+    def log_mean(theta: float) -> float:
+        return float(np.log(np.mean(np.exp(theta * (sums - sums.max()))))) + theta * sums.max()
+
+    theta = float(brentq(log_mean, 1e-6 / sums.max(), 1e3 / sums.max()))  # pyright: ignore[reportArgumentType] - a root alone
+    return math.log(FALSE_ALARM_S * len(detectors())) / theta
+
+
+def maximum_limit(values: FloatArray, per_s: int) -> float:
+    """Return the level that a statistic (n,) exceeds once in the time of a false alarm."""
+    values, block = values[np.isfinite(values)], round(_BLOCK_S * per_s)
+    maxima = values[: len(values) // block * block].reshape(-1, block).max(axis=1) ** 2
+    scale = float(maxima.std(ddof=1)) * math.sqrt(6.0) / math.pi
+    count = FALSE_ALARM_S / _BLOCK_S * len(detectors())
+    return math.sqrt(float(maxima.mean()) - _EULER * scale + scale * math.log(count))
+
+
+def main(seconds: float = 100.0, seeds: Sequence[int] = SEEDS) -> None:
+    """Drive all shipped scenarios and print allowance and limit of every detector."""
+    names = shipped()
+    drives = [Drive(name, seed, seconds) for name in names for seed in seeds]
+    results = list(run_tasks(residuals, drives, "drives"))
+    fields = {
+        name: np.concatenate(results[n * len(seeds) : (n + 1) * len(seeds)])
+        for n, name in enumerate(names)
+    }
+    print("| detector | 90 % of the residual | limit | on |\n|---|---|---|---|")
+    for n, detector in enumerate(detectors()):
+        columns = {name: rows[:, n] for name, rows in fields.items()}
+        if isinstance(detector, InnovationMonitor):
+            allowance = math.nan
+            limits = {name: maximum_limit(column, 5) for name, column in columns.items()}
+        else:
+            quantiles = (np.nanquantile(np.abs(item), _QUANTILE) for item in columns.values())
+            allowance = float(max(quantiles))
+            limits = {name: sum_limit(column, allowance, 5) for name, column in columns.items()}
+        worst = max(limits, key=limits.__getitem__)
+        print(f"| {detector.name} | {allowance:.4f} | {limits[worst]:.3f} | {worst} |")
+
+
+if __name__ == "__main__":
+    length, *given = sys.argv[1:] or ["100"]
+    main(float(length), tuple(map(int, given)) or SEEDS)

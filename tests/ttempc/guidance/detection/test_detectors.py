@@ -1,0 +1,215 @@
+"""Detectors: closed forms of their statistics, silence without a fault, delay with one."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.ttempc.sensed_drive import SensedDrive
+from ttempc.guidance.detection.bank import detectors
+from ttempc.guidance.detection.detector import Alarm, Cusum, Monitors, Observation, Reaction
+from ttempc.guidance.detection.innovation_monitor import InnovationMonitor
+from ttempc.guidance.detection.reactions import Reactions
+from ttempc.guidance.detection.speed_monitors import MotionMonitor, WheelMonitor
+from ttempc.guidance.detection.steering_monitor import SteeringMonitor
+from ttempc.types import Command, Estimate, Innovation, Input, Measurement, Sensor
+from ttempc.vehicle import Vehicle
+
+PERIOD_S = 0.2
+VEHICLE = Vehicle()
+
+
+def observation(k, samples=(), command=None, innovations=()):
+    nothing = np.zeros(2)
+    estimate = Estimate(
+        k * PERIOD_S, np.zeros(7), np.eye(7), nothing, 0.0, innovations=tuple(innovations)
+    )
+    return Observation(k * PERIOD_S, samples, command, estimate, VEHICLE)
+
+
+def test_a_sum_grows_by_what_exceeds_the_allowance_on_one_side_and_saturates():
+    cusum = Cusum(allowance=0.5, limit=4.0)
+    for _ in range(5):
+        cusum.add(1.5)
+    assert cusum.above == pytest.approx(5.0)
+    assert cusum.below == 0.0
+    for _ in range(5):
+        cusum.add(1.5)
+    assert cusum.above == pytest.approx(6.0)  # 1.5 times the limit
+    cusum.add(-7.0)
+    assert (cusum.above, cusum.below) == (0.0, pytest.approx(6.0))
+
+
+def test_an_alarm_lasts_until_half_the_limit():
+    class Given:
+        name, limit, residual = "given", 4.0, 0.0
+        statistic = 0.0
+
+        def observe(self, observation):
+            self.statistic = values.pop(0)
+
+        def alarm(self):
+            return Alarm("given", f"{self.statistic}", Reaction.STOP)
+
+    values = [3.9, 4.1, 5.0, 2.1, 1.9, 3.9]
+    monitors = Monitors([Given()])
+    alarms = [monitors.observe(observation(k)) for k in range(6)]
+    assert [len(item) for item in alarms] == [0, 1, 1, 1, 0, 0]
+    assert alarms[3][0].reason == "4.1"
+
+
+def test_the_statistic_of_consistent_innovations_is_standard_normal():
+    """Chi-square sums of a second, 5 samples of two entries; the negative half counts as 0."""
+    rng = np.random.default_rng(3)
+    monitor = InnovationMonitor("GNSS", Sensor.GNSS_TRACTOR, Reaction.SLOW)
+    values = []
+    for k in range(40_000):
+        square = float(rng.chisquare(2))
+        monitor.observe(observation(k, innovations=[Innovation(Sensor.GNSS_TRACTOR, square, 2)]))
+        values.append(monitor.statistic)
+    for level, share in ((1.0, 0.1587), (2.0, 0.02275), (3.0, 0.00135)):
+        assert np.mean(np.array(values[5:]) > level) == pytest.approx(share, rel=0.25, abs=4e-4)
+
+
+def test_one_outlier_gives_no_alarm_and_a_second_of_them_does():
+    monitor = InnovationMonitor("GNSS", Sensor.GNSS_TRACTOR, Reaction.SLOW)
+    values = []
+    for k in range(12):
+        square = 1e6 if k == 3 or k >= 7 else 2.0
+        monitor.observe(observation(k, innovations=[Innovation(Sensor.GNSS_TRACTOR, square, 2)]))
+        values.append(monitor.statistic)
+    assert max(values[:7]) < monitor.limit < values[-1]
+
+
+def angles(k, value, rng, sd_deg=1.0, sensor=Sensor.STEERING_TRACTOR):
+    """Return the samples of the period before tick `k`, of an angle as a function of time."""
+    times = k * PERIOD_S - 0.04 * np.arange(5)[::-1]
+    noise = rng.normal(0.0, math.radians(sd_deg), 5)
+    values = [float(value(t)) + n for t, n in zip(times, noise, strict=True)]
+    return [Measurement(t, sensor, (item,)) for t, item in zip(times, values, strict=True)]
+
+
+def valve(commands, time_s, lag=VEHICLE.steering_lag_t):
+    """Return the angle of a valve that follows steps at the ticks with a lag, in closed form."""
+    angle = commands[0]
+    for k, command in enumerate(commands):
+        span = min(max(time_s - k * PERIOD_S, 0.0), PERIOD_S)
+        angle = command + (angle - command) * math.exp(-span / lag)
+    return angle
+
+
+@pytest.mark.parametrize("sd_deg", [1.0, 10.0])
+def test_a_valve_that_follows_is_no_fault_however_noisy_its_sensor(sd_deg):
+    rng, monitor = np.random.default_rng(1), SteeringMonitor(Input.DELTA_T)
+    commands = 0.3 * np.sin(0.15 * np.arange(200))
+    for k in range(200):
+        samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t), rng, sd_deg)
+        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
+        monitor.observe(observation(k, samples, sent))
+        assert monitor.statistic < monitor.limit
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 0.3])
+def test_a_dead_time_that_is_not_known_is_no_fault(dead_time):
+    rng, monitor = np.random.default_rng(2), SteeringMonitor(Input.DELTA_T)
+    commands = 0.25 * np.sin(0.2 * np.arange(200))
+    for k in range(200):
+        samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t - dead_time), rng)
+        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
+        monitor.observe(observation(k, samples, sent))
+        assert monitor.statistic < monitor.limit
+
+
+def test_a_stuck_valve_is_noticed_within_a_second_of_a_command_that_leaves_it():
+    rng, monitor = np.random.default_rng(1), SteeringMonitor(Input.DELTA_T)
+    noticed = []
+    for k in range(80):
+        command = 0.0 if k < 50 else 0.14  # 8 deg: the curve of radius 10 m
+        monitor.observe(observation(k, angles(k, lambda t: 0.0, rng), Command(command, 0.0, 0.7)))
+        noticed += [k] if monitor.statistic > monitor.limit else []
+    assert 50 < noticed[0] <= 50 + round(1.0 / PERIOD_S)
+    assert monitor.alarm().reaction is Reaction.STOP
+
+
+def speeds(k, encoder, ground, rng):
+    """Return the samples of a tick: five of the encoder, one of each receiver on a straight."""
+    times = k * PERIOD_S - 0.04 * np.arange(5)[::-1]
+    wheels = [Measurement(t, Sensor.ENCODER, (encoder + rng.normal(0.0, 0.1),)) for t in times]
+    places = [
+        Measurement(k * PERIOD_S, sensor, (ground + rng.normal(0.0, 0.03), rng.normal(0.0, 0.03)))
+        for sensor in (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
+    ]
+    return [*wheels, *places]
+
+
+@pytest.mark.parametrize(
+    ("encoder", "ground_mps", "reaction"),
+    [
+        (1.0, 0.85, None),
+        (1.0, 0.0, Reaction.STOP),
+        (2.0, 1.1, Reaction.SLOW),
+        (0, 1, Reaction.SLOW),
+    ],
+)
+def test_wheels_against_gnss(encoder, ground_mps, reaction):
+    """From 4 s on the wheels and the vehicle go at the given speeds, before at 1 m/s both."""
+    rng, monitor, place, first = np.random.default_rng(5), WheelMonitor(), 0.0, None
+    for k in range(60):
+        place += PERIOD_S * (1.0 if k < 20 else ground_mps)
+        monitor.observe(observation(k, speeds(k, 1.0 if k < 20 else encoder, place, rng)))
+        if first is None and monitor.statistic > monitor.limit:
+            first = k, monitor.alarm().reaction
+    assert (first and first[1]) is reaction
+    assert first is None or first[0] <= 20 + round(2.0 / PERIOD_S)
+
+
+def test_a_vehicle_that_does_not_obey_its_hydrostat():
+    rng, monitor, place = np.random.default_rng(6), MotionMonitor(), 0.0
+    hp, noticed = 1.0 / VEHICLE.speed_gain, []
+    for k in range(60):
+        place += PERIOD_S * 1.0
+        command = Command(0.0, 0.0, hp if k < 30 else 0.0)
+        monitor.observe(observation(k, speeds(k, 1.0, place, rng), command))
+        noticed += [k] if monitor.statistic > monitor.limit else []
+    assert 30 < noticed[0] < 30 + round(4.0 / PERIOD_S)  # the lag of the hydrostat is 2 s
+
+
+def test_a_drive_without_faults_is_silent():
+    monitors, last = Monitors(detectors()), None
+    drive = SensedDrive(seed=4)
+    drive.run(250)
+    for k, ((samples, command), estimate) in enumerate(
+        zip(drive.received, drive.estimates, strict=True)
+    ):
+        now = Observation(k * PERIOD_S, samples, command, estimate, VEHICLE)
+        assert not monitors.observe(now)
+        last = monitors
+    assert last is not None
+
+
+STOP = (Alarm("steering", "stuck", Reaction.STOP),)
+
+
+def test_a_stop_is_held_until_the_vehicle_stands_and_the_alarm_is_two_seconds_old():
+    reactions = Reactions()
+    assert reactions.decide((), 1.0, 0.0) == (Reaction.GO_ON, "")
+    assert reactions.decide(STOP, 1.0, 1.0) == (Reaction.STOP, "stuck")
+    assert reactions.decide((), 1.0, 5.0)[0] is Reaction.STOP  # still rolls
+    reactions.decide(STOP, 0.0, 6.0)
+    assert reactions.decide((), 0.0, 7.9)[0] is Reaction.STOP
+    assert reactions.decide((), 0.0, 8.0)[0] is Reaction.GO_ON
+
+
+def test_the_second_stop_within_a_minute_is_for_good_a_later_one_is_not():
+    for pause_s, restarts in ((10.0, False), (70.0, True)):
+        reactions = Reactions()
+        reactions.decide(STOP, 1.0, 0.0)
+        assert reactions.decide((), 0.0, 2.0)[0] is Reaction.GO_ON
+        reactions.decide(STOP, 1.0, pause_s)
+        assert (reactions.decide((), 0.0, pause_s + 60.0)[0] is Reaction.GO_ON) == restarts
+
+
+def test_the_strongest_alarm_counts():
+    slow, note = Alarm("a", "A", Reaction.SLOW), Alarm("b", "B", Reaction.GO_ON)
+    assert Reactions().decide((note, slow), 1.0, 0.0) == (Reaction.SLOW, "B; A")
+    assert Reactions().decide((slow, *STOP), 1.0, 0.0) == (Reaction.STOP, "stuck")

@@ -1,0 +1,126 @@
+"""Detector of a fault: a statistic of the observations, a limit, and the reaction to an alarm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import Final, Protocol
+
+from ...types import Command, Estimate, Measurement
+from ...vehicle import Vehicle
+
+_ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
+_MOST: Final = 1.5  # limits at which a sum saturates, so that an alarm ends soon after its cause
+
+
+class Reaction(IntEnum):
+    """Reaction of the supervisor to an alarm, the mildest first."""
+
+    GO_ON = 0  # degraded: the reason is reported
+    SLOW = 1  # half speed
+    STOP = 2  # stop and hold
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """Data of one control tick that a detector may use."""
+
+    time_s: float  # of the tick, from the first one
+    samples: Sequence[Measurement]  # that arrived since the tick before
+    command: Command | None  # of the period before; None at the first tick
+    estimate: Estimate
+    vehicle: Vehicle  # present model parameters
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """A detector's statement that something is wrong."""
+
+    detector: str  # its name
+    reason: str  # for log and driver
+    reaction: Reaction
+    stops_after_s: float = math.inf  # for which it may last before the reaction is a stop
+
+
+class Detector(Protocol):
+    """A statistic that grows with a fault, and the limit at which it is one.
+
+    The limits follow from drives without faults, see `ttempc.guidance.detection.limits`.
+    """
+
+    name: str
+    limit: float
+
+    @property
+    def statistic(self) -> float:
+        """Present value, 0 or above."""
+        ...
+
+    @property
+    def residual(self) -> float:
+        """Latest value of what the statistic is made from; NaN before the first."""
+        ...
+
+    def observe(self, observation: Observation) -> None:
+        """Take in the data of a tick; they are not changed."""
+        ...
+
+    def alarm(self) -> Alarm:
+        """Return the alarm for the present statistic."""
+        ...
+
+
+class Cusum:
+    """Cumulative sums of a residual to both sides (Page 1954, Biometrika 41).
+
+        g+ = max(0, g+ + r - k),   g- = max(0, g- - r - k)
+
+    They grow where the mean residual is above the allowance k, half of the shift to be detected.
+
+    Args:
+        allowance: k, in the unit of the residual.
+        limit: of the sums; they saturate at 1.5 times the limit.
+    """
+
+    def __init__(self, allowance: float, limit: float) -> None:
+        self._allowance, self._most = allowance, _MOST * limit
+        self.above = self.below = 0.0  # g+, g-
+        self.residual = math.nan  # of the last tick
+
+    def add(self, residual: float) -> None:
+        """Take in the residual of a tick."""
+        self.residual = residual
+        self.above = min(max(0.0, self.above + residual - self._allowance), self._most)
+        self.below = min(max(0.0, self.below - residual - self._allowance), self._most)
+
+    @property
+    def largest(self) -> float:
+        """The larger sum."""
+        return max(self.above, self.below)
+
+
+class Monitors:
+    """Runs detectors and keeps their alarms until the causes end.
+
+    An alarm begins where a statistic exceeds its limit and ends where it falls below half of it.
+    """
+
+    def __init__(self, detectors: Sequence[Detector]) -> None:
+        self.detectors = tuple(detectors)
+        self._active: dict[str, tuple[float, Alarm]] = {}  # since when, by detector
+
+    def observe(self, observation: Observation) -> tuple[Alarm, ...]:
+        """Return the alarms that stand after the data of a tick."""
+        now = observation.time_s
+        for detector in self.detectors:
+            detector.observe(observation)
+            if detector.statistic > detector.limit:
+                self._active.setdefault(detector.name, (now, detector.alarm()))
+            elif detector.statistic < _ENDS * detector.limit:
+                self._active.pop(detector.name, None)
+        return tuple(
+            replace(alarm, reaction=Reaction.STOP) if now - since_s > alarm.stops_after_s else alarm
+            for since_s, alarm in self._active.values()
+        )

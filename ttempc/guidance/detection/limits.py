@@ -1,0 +1,32 @@
+"""Allowances and limits of the detectors.
+
+An allowance is half of the shift of a residual that is to be detected, as usual for a cumulative
+sum (Montgomery, Introduction to Statistical Quality Control, ch. 9). The shifts are assumed: a
+steering angle 3 deg off its command, and a speed that is 0.6 m/s, in the case of motion 0.7 m/s,
+off.
+
+The limits are those at which all detectors together give at most one false alarm in ten hours on
+every shipped scenario. `python -m experiments.studies.faults.calibration 80 1 2` gives them, from
+tuning seeds; both steering angles, and both receivers, have the larger one of the two.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from ...types import Sensor
+
+STEERING_ALLOWANCE: Final = math.radians(1.5)
+STEERING: Final = 0.040  # [rad]
+WHEELS_ALLOWANCE: Final = 0.30  # [m/s]
+WHEELS: Final = 1.10  # [m/s]
+MOTION_ALLOWANCE: Final = 0.35  # [m/s]
+MOTION: Final = 0.75  # [m/s]
+INNOVATION: Final = {
+    Sensor.GNSS_TRACTOR: 7.3,
+    Sensor.GNSS_TRAILER: 7.3,
+    Sensor.HITCH: 8.3,
+    Sensor.ENCODER: 3.8,
+}
+"""Standard normal equivalents."""

@@ -1,0 +1,113 @@
+"""Steering command against measured angle: valves that are stuck, hard over, slow or free."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+from typing import Final
+
+from ...types import Command, Input, Sensor
+from ...vehicle import Vehicle
+from .detector import Alarm, Cusum, Observation, Reaction
+from .limits import STEERING, STEERING_ALLOWANCE
+
+_UNKNOWN_S: Final = 0.4  # of dead time that was not learnt: two periods of the paper; assumed
+_STEP_S: Final = 0.02  # of the model's integration: an eighth of the paper's shortest lag
+_KEPT_S: Final = 1.0  # of the response, for samples that come late
+_SCATTER: Final = 25  # samples of which the noise is estimated: a second of the paper's sensors
+_QUIET: Final = math.radians(3.0) / math.sqrt(5.0)  # 3 sd of a mean of five of the paper's samples
+_SENSORS: Final = {
+    Input.DELTA_T: Sensor.STEERING_TRACTOR,
+    Input.DELTA_I: Sensor.STEERING_TRAILER,
+}
+_NAMES: Final = {Input.DELTA_T: "front steering", Input.DELTA_I: "trailer steering"}
+
+
+class SteeringMonitor:
+    """Compares one measured steering angle with the response of a model to the commands.
+
+    The model is that of the vehicle: dead time, rate limit, lag, with the parameters learnt so far.
+    The residual is the distance of the mean sample of a tick from the interval that the response
+    has covered in the last 0.4 s, since a dead time may not be learnt yet, widened by three
+    standard deviations of that mean beyond those of the paper's sensor; a `Cusum` sums it up. A
+    valve that is stuck shows as soon as the command leaves its angle by more than the allowance.
+    """
+
+    def __init__(self, axis: Input) -> None:
+        self.name = _NAMES[axis]
+        self.limit = STEERING
+        self._axis = axis
+        self._cusum = Cusum(STEERING_ALLOWANCE, STEERING)
+        self._sent: deque[tuple[float, float]] = deque()  # start of a command [s], its value
+        self._response: deque[tuple[float, float]] = deque()  # time [s] and angle [rad]
+        self._valve = self._angle = math.nan
+        self._samples: deque[float] = deque(maxlen=_SCATTER)
+
+    @property
+    def statistic(self) -> float:
+        """Larger sum of the residuals [rad]."""
+        return self._cusum.largest
+
+    @property
+    def residual(self) -> float:
+        """Latest residual [rad]."""
+        return self._cusum.residual
+
+    def observe(self, observation: Observation) -> None:
+        """Advance the model by the last command and compare it with the samples."""
+        if observation.command is not None:
+            self._advance(observation.time_s, observation.command, observation.vehicle)
+        values = [
+            (sample.time_s, sample.value[0])
+            for sample in observation.samples
+            if sample.sensor is _SENSORS[self._axis] and math.isfinite(sample.value[0])
+        ]
+        if not values:
+            return
+        mean = sum(value for _, value in values) / len(values)
+        if math.isnan(self._angle):
+            self._valve = self._angle = mean
+            self._response.append((observation.time_s, mean))
+            return
+        self._samples.extend(value for _, value in values)
+        begin, end = min(values)[0] - _UNKNOWN_S, max(values)[0]
+        band = [angle for time_s, angle in self._response if begin <= time_s <= end + _STEP_S]
+        if band:
+            residual = mean - min(max(mean, min(band)), max(band))
+            excess = abs(residual) - max(0.0, 3.0 * self._noise(len(values)) - _QUIET)
+            self._cusum.add(math.copysign(max(0.0, excess), residual))
+
+    def _noise(self, count: int) -> float:
+        """Return the sd of the mean of `count` samples, from the differences of recent ones."""
+        squares = [(b - a) ** 2 for a, b in pairwise(self._samples)]
+        return math.sqrt(sum(squares) / (2.0 * max(1, len(squares)) * count))
+
+    def _advance(self, time_s: float, command: Command, vehicle: Vehicle) -> None:
+        """Continue the response to `time_s` under the `command` sent at the tick before."""
+        if not self._response:
+            return
+        now = self._response[-1][0]
+        self._sent.append((now, float(command.as_array()[self._axis])))
+        front = self._axis is Input.DELTA_T
+        lag = vehicle.steering_lag_t if front else vehicle.steering_lag_i
+        rate = vehicle.steering_rate_t if front else vehicle.steering_rate_i
+        dead_time = vehicle.dead_time_t if front else vehicle.dead_time_i
+        steps = max(1, math.ceil((time_s - now) / _STEP_S - 1e-9))
+        step = (time_s - now) / steps
+        share = 1.0 - math.exp(-step / lag)
+        for n in range(steps):
+            acting_s = now + n * step - dead_time
+            while len(self._sent) > 1 and self._sent[1][0] <= acting_s + 1e-9:
+                self._sent.popleft()
+            if self._sent[0][0] <= acting_s + 1e-9:
+                way = self._sent[0][1] - self._valve
+                self._valve += math.copysign(min(abs(way), rate * step), way)
+            self._angle += share * (self._valve - self._angle)
+            self._response.append((now + (n + 1) * step, self._angle))
+        while self._response[0][0] < time_s - _UNKNOWN_S - _KEPT_S:
+            self._response.popleft()
+
+    def alarm(self) -> Alarm:
+        """Return the alarm: a vehicle that cannot be steered stops."""
+        return Alarm(self.name, f"{self.name} does not follow its command", Reaction.STOP)
