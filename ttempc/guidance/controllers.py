@@ -26,6 +26,7 @@ from ..laws.tube_mpc import TubeMpcOptions, tube_controller
 from ..paper.composition import paper_controller, printed_sign_controller
 from ..paper.options import PaperOptions, PrintedSignOptions
 from ..reference.reference import Reference
+from ..suggestion import did_you_mean
 from ..tube.reference_tube import TubeDesign
 from ..vehicle import Vehicle
 from .options import parse_options
@@ -129,6 +130,7 @@ def controller_entry(name: str) -> ControllerEntry:
     if name not in CONTROLLERS:
         raise UnknownController(
             f"controller {name!r} does not exist; allowed are {', '.join(sorted(CONTROLLERS))}"
+            f"{did_you_mean(name, CONTROLLERS)}"
         )
     return CONTROLLERS[name]
 
