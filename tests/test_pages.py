@@ -143,6 +143,8 @@ def test_the_ros_node_brings_a_vehicle_onto_its_path(monkeypatch, tmp_path):
 
     vehicle, radius_m = Vehicle(), guidance_node.REAR_WHEEL_RADIUS_M
     node = guidance_node.GuidanceNode(vehicle, straight(30.0))
+    node.tick()
+    assert not node.published  # nothing is driven before there are positions
     state = node.guidance.reference.at(0.0).state.copy()
     state[1] += 0.3  # [m] to the left of the path
     while not node.guidance.finished:
