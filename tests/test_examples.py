@@ -35,21 +35,6 @@ def test_the_library_alone_drives_a_lap_within_centimetres(tmp_path):
     assert not any(tmp_path.iterdir())
 
 
-def test_a_controller_from_scratch_stays_on_its_path(tmp_path):
-    lines = run("own_controller.py", tmp_path).splitlines()
-    assert [line.partition(",")[0] for line in lines] == [
-        "ttempc: completed",
-        "__main__:Stanley: completed",
-    ]
-    for line in lines:
-        assert max(map(float, re.findall(r"([\d.]+) cm", line))) < 10.0
-
-
-def test_run_and_plot_writes_its_figure(tmp_path):
-    assert "completed" in run("run_and_plot.py", tmp_path, "figure.png")
-    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
-
-
 def test_the_double_integrator_keeps_its_constraints(tmp_path):
     output = run("double_integrator.py", tmp_path, "figure.png")
     assert "K [-0.6609 -1.3261]" in output

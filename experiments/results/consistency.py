@@ -55,9 +55,10 @@ class Consistency:
 
     @property
     def nis(self) -> float:
-        """Mean normalised innovation squared per entry of all samples."""
+        """Mean normalised innovation squared per entry of all samples; NaN without any."""
         entries = sum(sensor.entries for sensor in self.sensors)
-        return sum(item.entries * item.nis for item in self.sensors) / entries
+        weighted = sum(item.entries * item.nis for item in self.sensors)
+        return weighted / entries if entries else math.nan
 
     @property
     def log_likelihood(self) -> float:

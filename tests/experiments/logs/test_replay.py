@@ -1,6 +1,7 @@
 """Replay of a log through an estimator, and its figures."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from proving_ground.experiments.logs.replay import (
     same_as_recorded,
     ticks,
 )
-from proving_ground.experiments.results.consistency import consistency
+from proving_ground.experiments.results.consistency import consistency, format_consistency
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import ESTIMATE, MEASUREMENT, STATE
@@ -60,6 +61,15 @@ def test_another_assumed_noise_gives_other_estimates_of_the_same_samples(run, lo
     assert not same_as_recorded(other, record)
     nis = {item.name: item.nis for item in consistency(other, record).sensors}
     assert nis[Sensor.GNSS_TRACTOR] < 0.6  # of four where GNSS alone is uncertain, so near 1/4
+
+
+def test_an_estimator_without_innovations_has_no_consistency_of_its_sensors(run):
+    record, scenario = run
+    estimates = replay(record, estimator_of(scenario))
+    silent = consistency([replace(estimate, innovations=()) for estimate in estimates], record)
+    assert math.isnan(silent.nis)
+    assert any("nan" in line for line in format_consistency(silent))
+    assert silent.tractor_m == consistency(estimates, record).tractor_m
 
 
 def test_every_sample_of_the_log_reaches_the_estimator_once(run):
