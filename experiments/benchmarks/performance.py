@@ -9,9 +9,11 @@ from typing import Final
 from . import closed_loop, control_step, latency, memory, start_up, sweep, tube_step
 from .figure import BenchmarkFigure, Parts, machine, markdown, released, to_json
 
+_LATENCY: Final = "latency"
+
 PARTS: Final[Mapping[str, Callable[[], list[BenchmarkFigure]]]] = {
     "control-step": control_step.figures,
-    "latency": latency.figures,
+    _LATENCY: latency.figures,
     "tube-step": tube_step.figures,
     "closed-loop": closed_loop.figures,
     "start-up": start_up.figures,
@@ -20,7 +22,7 @@ PARTS: Final[Mapping[str, Callable[[], list[BenchmarkFigure]]]] = {
 }
 """Benchmarks by name; each returns its figures."""
 
-_PICTURE: Final = "performance/latency.png"
+_PICTURE: Final = "performance/latency.png"  # beside the page
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,3 +57,13 @@ def measure(
         on_part(name)
         parts[name] = PARTS[name]()
     return Performance(parts, where)
+
+
+def page() -> tuple[str, dict[str, bytes]]:
+    """Run all benchmarks and return the block of their page, and its picture."""
+    times = latency.latencies()
+    others = measure([name for name in PARTS if name != _LATENCY])
+    parts = {**others.parts, _LATENCY: latency.figures(times)}
+    table = Performance({name: parts[name] for name in PARTS}, others.where).table()
+    alt = "Latency of a control step after 20 ms of idle, without and with preparation"
+    return f"{table}\n\n![{alt}]({_PICTURE})", {_PICTURE: latency.histograms(times)}

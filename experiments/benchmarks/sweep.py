@@ -43,8 +43,8 @@ def _sweep(plan: SweepPlan, workers: int, parent: Path) -> tuple[float, list[Row
     """Return the time of a sweep on warm workers [s], its rows, and a worker's peak memory [MB]."""
     taken = 0.0
     with engine(workers) as cores:
-        for part in (_plan(workers), plan):
-            folder = SweepFolder(parent / f"{workers}-{part.size}", Origin.here("", part.size))
+        for name, part in (("first", _plan(max(1, workers))), ("measured", plan)):
+            folder = SweepFolder(parent / f"{name}-{workers}", Origin.here("", part.size))
             folder.path.mkdir()
             begin = time.perf_counter()
             sweep(part, folder, cores)
@@ -85,17 +85,21 @@ def figures() -> list[BenchmarkFigure]:
         result.append(
             BenchmarkFigure("parallel efficiency", efficiency, "", Limit(LEAST_EFFICIENCY, True))
         )
-        plan = _plan(ROWS // 2)
-        folder = SweepFolder(Path(parent) / "rows", Origin.here("", plan.size))
-        folder.path.mkdir()
-        before = peak_mb()
-        begin = time.perf_counter()
-        with engine(0) as here:
-            sweep(plan, folder, here, work=synthetic_row)
-        row_ms = 1e3 * (time.perf_counter() - begin) / ROWS
-        grown_kb = 1024.0 * (peak_mb() - before) / ROWS
+        return [*result, *row_figures(Path(parent))]
+
+
+def row_figures(parent: Path) -> list[BenchmarkFigure]:
+    """Return time and memory of rows without runs, in this process."""
+    plan = _plan(ROWS // 2)
+    folder = SweepFolder(parent / "rows", Origin.here("", plan.size))
+    folder.path.mkdir()
+    before = peak_mb()
+    begin = time.perf_counter()
+    with engine(0) as here:
+        sweep(plan, folder, here, work=synthetic_row)
+    row_ms = 1e3 * (time.perf_counter() - begin) / ROWS
+    grown_kb = 1024.0 * (peak_mb() - before) / ROWS
     return [
-        *result,
         BenchmarkFigure("a row without a run", row_ms, "ms"),
         BenchmarkFigure("growth of the driver's peak memory a row", grown_kb, "kB"),
     ]
