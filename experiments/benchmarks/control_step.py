@@ -8,7 +8,7 @@ effect of other processes. The figures are medians over the steps.
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any, Final
@@ -29,7 +29,7 @@ from ttempc.mpc.qp import CondensedHorizon
 from ttempc.mpc.solver import PersistentSolver
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import Controller, Estimate, FloatArray, Preparing
+from ttempc.types import Estimate, FloatArray
 from ttempc.vehicle import Vehicle
 
 from .figure import BenchmarkFigure, Limit
@@ -38,7 +38,7 @@ PERIOD_S: Final = 0.2
 TICKS = 340  # half a lap at 1 m/s
 SEED: Final = 1
 NOISE: Final = np.array([0.01, 0.01, 0.005, 0.005, 0.002, 0.002, 0.01])  # m, rad, m/s
-REPEATS = 12
+REPEATS = 40
 
 LARGEST_OVER_QP_US: Final = 25.0
 LARGEST_WITHOUT_SOLVER_US: Final = 40.0
@@ -60,7 +60,7 @@ class _PartClock:
     """Time spent in each part, without the parts that it calls."""
 
     def __init__(self) -> None:
-        self.spent: Counter[str] = Counter()
+        self.spent: defaultdict[str, float] = defaultdict(float)  # [s]
         self._inner_s: list[float] = []  # of the parts called by each part that is under way
 
     @contextmanager
@@ -117,7 +117,7 @@ def estimates_along(name: str, vehicle: Vehicle, reference: Reference) -> list[E
 
 
 def timed(
-    controller: Controller,
+    controller: TrackingController,
     estimates: Sequence[Estimate],
     pause_s: float = 0.0,
     prepared: bool = False,
@@ -127,7 +127,7 @@ def timed(
     for k, estimate in enumerate(estimates):
         if pause_s:
             time.sleep(pause_s)
-        if prepared and isinstance(controller, Preparing):
+        if prepared:
             controller.prepare(k)
         begin = time.perf_counter()
         result = controller.step(estimate, k)
@@ -165,10 +165,10 @@ def figures() -> list[BenchmarkFigure]:
     rest[0] = False
     qp_us = parts_us[:, list(_PARTS).index(_QP)]
 
-    def row(name: str, values: FloatArray, limit: float | None = None) -> BenchmarkFigure:
-        return BenchmarkFigure(name, float(np.median(values)), "us", limit and Limit(limit))
+    def row(name: str, values: FloatArray, limit: Limit | None = None) -> BenchmarkFigure:
+        return BenchmarkFigure(name, float(np.median(values)), "us", limit)
 
-    over, without = LARGEST_OVER_QP_US, LARGEST_WITHOUT_SOLVER_US
+    over, without = Limit(LARGEST_OVER_QP_US), Limit(LARGEST_WITHOUT_SOLVER_US)
     result = [
         row("`ttempc` step with PIQP", whole_us[solved]),
         row("`ttempc` step, QP without active bounds", whole_us[rest], without),
