@@ -65,6 +65,13 @@ def add_overrides(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_json(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add the choice to print `what` as JSON, for scripts."""
+    parser.add_argument(
+        "--json", action="store_true", help=f"print {what} as JSON, and nothing else, to stdout"
+    )
+
+
 def add_controller_and_seed(parser: argparse.ArgumentParser) -> None:
     """Add the controller and the seed of a run."""
     # Imported here because only some commands need it, and it loads SciPy and Numba.
@@ -115,7 +122,7 @@ def load_scenario(arguments: argparse.Namespace) -> tuple[str, Scenario]:
     if getattr(arguments, "controller", None) is not None:
         merge_tables(changes, {"controller": {"name": arguments.controller}})
     source = read_scenario(arguments.scenario)
-    scenario = source.scenario(changes)
+    scenario = source.scenario(changes, changed_by="--set")
     if not arguments.trust:
         refuse_untrusted(source.file, named_parts(scenario), changes)
     return source.name, scenario

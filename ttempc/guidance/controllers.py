@@ -26,6 +26,7 @@ from ..laws.tube_mpc import TubeMpcOptions, tube_controller
 from ..paper.composition import paper_controller, printed_sign_controller
 from ..paper.options import PaperOptions, PrintedSignOptions
 from ..reference.reference import Reference
+from ..suggestion import did_you_mean
 from ..tube.reference_tube import TubeDesign
 from ..vehicle import Vehicle
 from .options import parse_options
@@ -129,6 +130,7 @@ def controller_entry(name: str) -> ControllerEntry:
     if name not in CONTROLLERS:
         raise UnknownController(
             f"controller {name!r} does not exist; allowed are {', '.join(sorted(CONTROLLERS))}"
+            f"{did_you_mean(name, CONTROLLERS)}"
         )
     return CONTROLLERS[name]
 
@@ -167,7 +169,7 @@ def make_controller(
         InvalidTuning: an option is unknown, of another type, or out of its range.
         InvalidTube: there is no design, or it does not fit vehicle and reference.
 
-    Example:
+    Examples:
         >>> from ttempc import ConstantSpeed, figure_eight
         >>> vehicle = Vehicle()
         >>> reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
