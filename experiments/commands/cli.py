@@ -43,6 +43,7 @@ _COMMANDS: Final = {
     "log": _Command("log", "show, export, check, recover or replay a log"),
     "video": _Command("pictures.video", "film a run from its log"),
     "frame": _Command("pictures.frame", "take one picture of a run from its log"),
+    "mjcf": _Command("mjcf", "export a scenario's vehicle and ground for MuJoCo"),
     "card": _Command("card", "validate the plant of one scenario"),
     "reproduce": _Command("reproduce", "make or check the tables of the documentation"),
     "fit-tube": _Command("fit_tube", "fit a tube to the logs of runs"),

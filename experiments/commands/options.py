@@ -82,6 +82,11 @@ def add_controller_and_seed(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"controller: {', '.join(CONTROLLERS)}, or package.module:factory of your own",
     )
+    add_seed(parser)
+
+
+def add_seed(parser: argparse.ArgumentParser) -> None:
+    """Add the seed of a run."""
     parser.add_argument(
         "--seed",
         type=whole_number(0, 2**32 - 1),
