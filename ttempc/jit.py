@@ -63,7 +63,7 @@ class Compilation(event.TimingListener):
     def on_start(self, event: event.Event) -> None:
         """Count a kernel; announce the first, unless a line said already that none is kept."""
         if not (self.kernels or _warn_of_no_cache.cache_info().currsize):
-            _LOG.warning("compiling kernels, in some 40 s: later processes load them")
+            _LOG.warning("compiling kernels, in some 25 s: later processes load them")
         self.kernels += 1
         super().on_start(event)
 
@@ -77,7 +77,7 @@ def _warn_of_no_cache() -> None:
     """Log, once a process, that kernels are not kept on disk."""
     _LOG.warning(
         "no folder for compiled kernels can be written to: this process compiles its own, in some "
-        "40 s; set NUMBA_CACHE_DIR to a folder that can"
+        "25 s; set NUMBA_CACHE_DIR to a folder that can"
     )
 
 
