@@ -14,6 +14,7 @@ from PIL import Image
 from proving_ground.testbed.recording.channels import TUBE
 from proving_ground.testbed.recording.record import Record
 
+from .cross_track import cross_track_figure
 from .path import path_figure
 from .signals import signals_figure
 from .style import DPI
@@ -25,6 +26,7 @@ from .tyres import tyres_figure
 FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
     "path": path_figure,
     "error": error_figure,
+    "cross-track": cross_track_figure,
     "signals": signals_figure,
     "tyres": tyres_figure,
     "timing": timing_figure,
@@ -35,6 +37,7 @@ CAPTIONS: Final = {
     "path": "Reference and driven paths; below, where the error of an axle point is largest.",
     "error": "Distance to the time-based reference. Shaded: curves; red, with names: faults. "
     "Means leave out the start-up.",
+    "cross-track": "Error to the left of the reference over the length of the path.",
     "signals": "The three actions, their sum, and the command sent. Dashed: the vehicle's bounds.",
     "tyres": "Slip of the driven wheels, slip angles of the trailer's wheels, loads of all wheels.",
     "tube": "Offset of the true vehicle to the left of the nominal one, and the tube of the "
@@ -47,20 +50,21 @@ _PALETTE: Final = 128  # colours
 
 
 def draw(record: Record) -> dict[str, bytes]:
-    """Return all figures of a run as contents of PNG files, by the figure's name.
-
-    A run without a tube has no tube figure.
-    """
-    names = [name for name in FIGURES if name != "tube" or len(record[TUBE])]
-    return {name: png(FIGURES[name](record)) for name in names}
+    """Return all figures of a run as contents of PNG files, by the figure's name."""
+    return {name: png(FIGURES[name](record)) for name in shown_figures(record)}
 
 
-def png(figure: Figure) -> bytes:
+def shown_figures(record: Record) -> list[str]:
+    """Return the names of the figures of a run. A run without a tube has no tube figure."""
+    return [name for name in FIGURES if name != "tube" or len(record[TUBE])]
+
+
+def png(figure: Figure, dpi: float = DPI) -> bytes:
     """Return the content of a PNG file of a figure. Equal figures give equal bytes."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     buffer = io.BytesIO()
     # A palette makes the file three times smaller, invisibly in a plot of a few colours.
-    picture.quantize(_PALETTE).save(buffer, format="png", optimize=True, dpi=(DPI, DPI))
+    picture.quantize(_PALETTE).save(buffer, format="png", optimize=True, dpi=(dpi, dpi))
     return buffer.getvalue()
