@@ -2,13 +2,16 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run test lint docs wheels clean
+.PHONY: run test bench lint docs wheels clean
 
 run: $(VENV)/.ready          ## drive the default scenario to its end
 	$(BIN)/ttempc run grass
 
 test: $(VENV)/.ready         ## the whole suite, a process per core
 	$(BIN)/python -m pytest -n logical --maxprocesses 8
+
+bench: $(VENV)/.ready        ## cost and speed beside their limits; leave the machine idle
+	$(BIN)/python -m proving_ground.experiments.benchmarks
 
 lint: $(VENV)/.ready         ## ruff and pyright
 	$(BIN)/ruff check .

@@ -180,7 +180,7 @@ def test_the_ros_node_brings_a_vehicle_onto_its_path(monkeypatch, tmp_path):
     assert node.published[-1].position[2] == 0.0  # at the end the vehicle stops
 
 
-@pytest.mark.parametrize("target", ["run", "test", "lint", "docs"])
+@pytest.mark.parametrize("target", ["run", "test", "bench", "lint", "docs"])
 def test_the_make_targets_exist(target):
     done = subprocess.run(
         ["make", "-n", target], cwd=ROOT, capture_output=True, text=True, check=False

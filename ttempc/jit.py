@@ -8,12 +8,15 @@ import logging
 from collections.abc import Callable
 from enum import EnumType
 from types import FunctionType, ModuleType
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Final, ParamSpec, TypeVar
 
 import numba
+from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import ExternalFunction
+
+_LOG: Final = logging.getLogger("ttempc")
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -27,8 +30,8 @@ def cached_njit(
     The cache of `numba.njit(cache=True)` looks at the file and the byte code of the function alone:
     it still loads the old machine code when a kernel or a constant that the function imports from
     another module has changed. The key of this cache includes the `fingerprint` of the function.
-    Where numba finds no folder that it can write to, kernels are compiled anew in every process,
-    and a line of the logger `ttempc` says so.
+    A process that compiles says so in a line of the logger `ttempc`. Where numba finds no folder
+    that it can write to, kernels are compiled anew in every process, and the line says that.
 
     Args:
         options: keyword options of `numba.njit` but for `cache`.
@@ -47,12 +50,34 @@ def cached_njit(
     return compiled
 
 
+class Compilation(event.TimingListener):
+    """Kernels that this process compiled, and the time that it took.
+
+    `done` is whether there was one, `duration` the time [s].
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.kernels = 0
+
+    def on_start(self, event: event.Event) -> None:
+        """Count a kernel; announce the first, unless a line said already that none is kept."""
+        if not (self.kernels or _warn_of_no_cache.cache_info().currsize):
+            _LOG.warning("compiling kernels, in some 25 s: later processes load them")
+        self.kernels += 1
+        super().on_start(event)
+
+
+COMPILATION: Final = Compilation()
+event.register("numba:compile", COMPILATION)
+
+
 @functools.cache
 def _warn_of_no_cache() -> None:
     """Log, once a process, that kernels are not kept on disk."""
-    logging.getLogger("ttempc").warning(
+    _LOG.warning(
         "no folder for compiled kernels can be written to: this process compiles its own, in some "
-        "20 s; set NUMBA_CACHE_DIR to a folder that can"
+        "25 s; set NUMBA_CACHE_DIR to a folder that can"
     )
 
 

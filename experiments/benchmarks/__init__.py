@@ -1,1 +1,1 @@
-"""Benchmarks of cost and speed; each module prints its figures and their limits."""
+"""Benchmarks of cost and speed; `python -m proving_ground.experiments.benchmarks` runs them all."""

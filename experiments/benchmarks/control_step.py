@@ -1,41 +1,96 @@
-"""Cost of a control step relative to the bare solve of its quadratic programme.
+"""Cost of a control step, by part.
 
-    python -m experiments.benchmarks.control_step [CONTROLLER ...]     (default: paper ttempc)
-
-Replays the estimates of half a lap of the figure eight to a controller: back to back (warm), with a
-pause of 20 ms before each step, in which the caches go cold as between control periods (cold), and
-the same with the controller's preparation between pause and step (prepared). Each warm step counts
-with its fastest of several replays, which reduces the effect of other processes. The bare solve is
-the time that PIQP reports for the same steps. It and the ratio leave out steps whose QP needs no
-solver.
+Replays the estimates of half a lap of the figure eight to supervisor and controller, back to back.
+Every step, and every part of it, counts with its fastest of several replays, which reduces the
+effect of other processes. The figures are medians over the steps.
 """
 
 from __future__ import annotations
 
-import sys
 import time
-from typing import Final
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Any, Final
+from unittest.mock import patch
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from ttempc.guidance.controllers import make_controller
+from ttempc.guidance.supervisor import SafetyLimits, Supervisor
+from ttempc.laws.articulated_mpc import ArticulatedFeedback
+from ttempc.laws.lq_robust_law import LqRobustLaw
+from ttempc.laws.one_step_monitor import OneStepMonitor
 from ttempc.laws.tracking_controller import TrackingController
 from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
+from ttempc.mpc.prediction import PredictedPath
+from ttempc.mpc.qp import CondensedHorizon
+from ttempc.mpc.solver import PersistentSolver
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Estimate, FloatArray
 from ttempc.vehicle import Vehicle
 
-PERIOD_S = 0.2
-TICKS = 340  # half a lap at 1 m/s
-SEED = 1
-NOISE = np.array([0.01, 0.01, 0.005, 0.005, 0.002, 0.002, 0.01])  # of the estimates; m, rad, m/s
-REPEATS = 12  # warm replays
-COLD_TICKS = 150
-PAUSE_S = 0.02
+from .figure import BenchmarkFigure, Limit
 
-LARGEST_RATIO: Final = 3.0  # of a whole warm step of `ttempc` to its bare solve
+PERIOD_S: Final = 0.2
+TICKS = 340  # half a lap at 1 m/s
+SEED: Final = 1
+NOISE: Final = np.array([0.01, 0.01, 0.005, 0.005, 0.002, 0.002, 0.01])  # m, rad, m/s
+REPEATS = 40
+
+LARGEST_OVER_QP_US: Final = 25.0
+LARGEST_WITHOUT_SOLVER_US: Final = 40.0
+
+_QP: Final = "QP"
+_PARTS: Final[dict[str, tuple[tuple[type, str], ...]]] = {
+    "supervisor and command guard": ((Supervisor, "step"),),
+    "feedforward, limits, diagnostics": ((TrackingController, "step"),),
+    "QP matrices": ((CondensedHorizon, "qp"),),
+    _QP: ((PersistentSolver, "solve"),),
+    "robust law": ((LqRobustLaw, "step"), (LqRobustLaw, "record_feedback")),
+    "predicted path and one-step monitor": ((PredictedPath, "of"), (OneStepMonitor, "report")),
+    "rest of the feedback law": ((ArticulatedFeedback, "step"),),
+}
+"""Methods by the part in which they count, what they call of other parts apart."""
+
+
+class _PartClock:
+    """Time spent in each part, without the parts that it calls."""
+
+    def __init__(self) -> None:
+        self.spent: defaultdict[str, float] = defaultdict(float)  # [s]
+        self._inner_s: list[float] = []  # of the parts called by each part that is under way
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Let the methods of all parts count."""
+        with ExitStack() as stack:
+            for part, methods in _PARTS.items():
+                for owner, name in methods:
+                    timed = self._timed(part, getattr(owner, name))
+                    stack.enter_context(patch.object(owner, name, timed))
+            yield
+
+    def _timed(self, part: str, method: Callable[..., Any]) -> Callable[..., Any]:
+        def timed(*arguments: Any, **keywords: Any) -> Any:  # noqa: ANN401 - of any method
+            self._inner_s.append(0.0)
+            begin = time.perf_counter()
+            result = method(*arguments, **keywords)
+            taken = time.perf_counter() - begin
+            self.spent[part] += taken - self._inner_s.pop()
+            if self._inner_s:
+                self._inner_s[-1] += taken
+            return result
+
+        return timed
+
+
+def default_reference() -> tuple[Vehicle, Reference]:
+    """Return the default vehicle and a figure eight at 1 m/s."""
+    vehicle = Vehicle()
+    return vehicle, Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
 
 
 def estimates_along(name: str, vehicle: Vehicle, reference: Reference) -> list[Estimate]:
@@ -62,10 +117,13 @@ def estimates_along(name: str, vehicle: Vehicle, reference: Reference) -> list[E
 
 
 def timed(
-    controller: TrackingController, estimates: list[Estimate], pause_s: float, prepared: bool
+    controller: TrackingController,
+    estimates: Sequence[Estimate],
+    pause_s: float = 0.0,
+    prepared: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the times of whole steps and of their bare solves, (N,) [s] each."""
-    steps, solves = np.zeros(len(estimates)), np.zeros(len(estimates))
+    """Return the times of whole steps [s] and their solver iterations, (N,) each."""
+    steps, iterations = np.zeros(len(estimates)), np.zeros(len(estimates))
     for k, estimate in enumerate(estimates):
         if pause_s:
             time.sleep(pause_s)
@@ -75,52 +133,51 @@ def timed(
         result = controller.step(estimate, k)
         steps[k] = time.perf_counter() - begin
         report = result.diagnostics.solver
-        solves[k] = (report.solve_time_s if report else 0.0) or np.nan
-    return steps, solves
+        iterations[k] = report.iterations if report else 0
+    return steps, iterations
 
 
-def main(names: list[str]) -> None:
-    """Print medians, tails and ratios; exit code 1 if `ttempc` exceeds its largest ratio."""
-    vehicle = Vehicle()
-    reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
-    print(
-        f"{'us':24s}{'step: median':>14s}{'p99':>8s}{'solve: median':>16s}{'p99':>8s}  step/solve"
-    )
-    too_slow = False
-    for name in names:
-        estimates = estimates_along(name, vehicle, reference)
-        for kind, repeats, ticks, pause_s in (
-            ("warm", REPEATS, TICKS, 0.0),
-            ("cold", 1, COLD_TICKS, PAUSE_S),
-            ("prepared", 1, COLD_TICKS, PAUSE_S),
-        ):
-            runs = [
-                timed(
-                    make_controller(name, vehicle, reference, PERIOD_S),
-                    estimates[:ticks],
-                    pause_s,
-                    kind == "prepared",
-                )
-                for _ in range(repeats)
-            ]
-            steps, solves = (np.min(times, axis=0) for times in zip(*runs, strict=True))
-            middle, tail = 1e6 * np.quantile(steps[1:], (0.5, 0.99))
-            solved = np.isfinite(solves[1:])  # the rest has no active bound and needs no solver
-            if not solved.any():
-                print(
-                    f"{name + ', ' + kind:24s}{middle:14.1f}{tail:8.1f}   no QP with active bounds"
-                )
-                continue
-            solve, solve_tail = 1e6 * np.quantile(solves[1:][solved], (0.5, 0.99))
-            ratio = float(np.median(steps[1:][solved] / solves[1:][solved]))
-            print(
-                f"{name + ', ' + kind:24s}{middle:14.1f}{tail:8.1f}{solve:16.1f}{solve_tail:8.1f}"
-                f"{ratio:12.2f}"
-            )
-            too_slow |= name == "ttempc" and kind == "warm" and ratio > LARGEST_RATIO
-    if too_slow:
-        raise SystemExit(1)
+def figures() -> list[BenchmarkFigure]:
+    """Return the medians of whole steps of `ttempc` and of their parts, of PIQP's ticks apart."""
+    vehicle, reference = default_reference()
+    estimates = estimates_along("ttempc", vehicle, reference)
+    wholes, parts = [], []
+    solved = np.zeros(len(estimates), dtype=bool)
+    for _ in range(REPEATS):
+        controller = make_controller("ttempc", vehicle, reference, PERIOD_S)
+        supervisor = Supervisor(controller, reference, PERIOD_S, SafetyLimits())
+        steps, clock = [], _PartClock()
+        with clock.running():
+            for k, estimate in enumerate(estimates):
+                clock.spent.clear()
+                supervisor.step(estimate, k, estimate.time_s)
+                steps.append([clock.spent[part] for part in _PARTS])
+        parts.append(steps)
+        whole, iterations = timed(
+            make_controller("ttempc", vehicle, reference, PERIOD_S), estimates
+        )
+        wholes.append(whole)
+        solved = iterations > 0
+    whole_us = 1e6 * np.min(wholes, axis=0)
+    parts_us = 1e6 * np.min(parts, axis=0)
+    solved[0] = False  # sets the solver up
+    rest = ~solved
+    rest[0] = False
+    qp_us = parts_us[:, list(_PARTS).index(_QP)]
 
+    def row(name: str, values: FloatArray, limit: Limit | None = None) -> BenchmarkFigure:
+        return BenchmarkFigure(name, float(np.median(values)), "us", limit)
 
-if __name__ == "__main__":
-    main(sys.argv[1:] or ["paper", "ttempc"])
+    over, without = Limit(LARGEST_OVER_QP_US), Limit(LARGEST_WITHOUT_SOLVER_US)
+    result = [
+        row("`ttempc` step with PIQP", whole_us[solved]),
+        row("`ttempc` step, QP without active bounds", whole_us[rest], without),
+        row("`ttempc` step without its QP", (whole_us - qp_us)[1:], over),
+    ]
+    for part, values in zip(_PARTS, parts_us.T, strict=True):
+        if part == _QP:
+            result.append(row("- QP, by PIQP", values[solved]))
+            result.append(row("- QP, without active bounds", values[rest]))
+        else:
+            result.append(row(f"- {part}", values[1:]))
+    return result

@@ -82,6 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments[:1] == ["calibrate"]:  # the action of a log by its short name
         arguments = ["log", *arguments]
     previous = _catch_termination()
+    compiled_before = _compiled()[0]
     try:
         parsed = _parser(arguments).parse_args(arguments)
         return parsed.command(parsed)
@@ -102,8 +103,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except RecursionError:
         return _refuse("the input is nested too deeply")
     finally:
+        kernels, seconds = _compiled()
+        if kernels > compiled_before:
+            print(f"ttempc: compiled {kernels} kernels in {seconds:.1f} s", file=sys.stderr)
         if previous is not None:
             signal.signal(signal.SIGTERM, previous)
+
+
+def _compiled() -> tuple[int, float]:
+    """Return how many kernels this process has compiled, and in what time [s]."""
+    jit = sys.modules.get("ttempc.jit")  # it loads numba, which help and refusals do without
+    if jit is None or not jit.COMPILATION.done:
+        return 0, 0.0
+    return jit.COMPILATION.kernels, jit.COMPILATION.duration
 
 
 def _refuse(reason: str) -> int:

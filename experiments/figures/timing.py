@@ -31,11 +31,12 @@ def timing_figure(record: Record) -> Figure:
     for axes, (field, title) in zip(figure.subplots(2, 2).flat, _PARTS, strict=True):
         cost_us = record[TIMING][field]
         dress(axes, "wall-clock time [us]", "control periods", title)
-        _histogram(axes, cost_us[np.isfinite(cost_us) & (cost_us > 0.0)])
+        histogram(axes, cost_us[np.isfinite(cost_us) & (cost_us > 0.0)])
     return figure
 
 
-def _histogram(axes: Axes, cost_us: FloatArray) -> None:
+def histogram(axes: Axes, cost_us: FloatArray) -> None:
+    """Draw the distribution of times [us] with median, 99th percentile and maximum."""
     if not len(cost_us):
         note(axes, 0.5, 0.5, "not recorded", ha="center", color=GREY)
         axes.set(xticks=[], yticks=[])

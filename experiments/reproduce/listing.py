@@ -266,6 +266,12 @@ ENTRIES: Final = (
         probes=tuple((name, "ttempc") for name in shipped()),
         minutes=5.0,
     ),
+    Entry(
+        name="performance",
+        page="docs/performance.md",
+        make=study_tables.performance,
+        minutes=4.0,
+    ),
 )
 """All tables, in the order in which `ttempc reproduce all` makes them."""
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from proving_ground.testbed.recording.provenance import code_digest
 
+from ..benchmarks.performance import page
 from ..results.leads import RunError, leads_sentence
 from ..studies import cards, containment, front, ranking
 from ..studies.evidence.page import evidence_page
@@ -30,6 +31,11 @@ CONTAINMENT_LAPS = 12
 
 RANKING_DRAWS = 12
 """Drawn plants of the ranking, each with a seed of its own."""
+
+
+def performance(driver: Driver) -> Product:
+    """Return the benchmarks of cost and speed on this machine."""
+    return Product(*page())
 
 
 def sweep_page(study: str) -> Callable[[Driver], Product]:

@@ -118,10 +118,6 @@ def run(
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             nothing is written.
     """
-    # Here, because matplotlib takes a second to load, and workers that only simulate need none.
-    from ..figures import draw
-    from ..report.run_report import render_run_report
-
     refuse_existing(folder)
     scenario, sources = _with_controller(scenario, factory, options)
     assembly = assemble(scenario, seed, factory)
@@ -149,6 +145,10 @@ def run(
     summary = summarise(record, facts)
     files["summary"] = folder / "summary.json"
     write_file(files["summary"], summary.to_json())
+    # Here, because matplotlib takes a second to load: a run starts without it.
+    from ..figures import draw
+    from ..report.run_report import render_run_report
+
     pictures = draw(record)
     for figure, content in pictures.items():
         files[figure] = folder / f"{figure}.png"

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from proving_ground import load, simulate
 from proving_ground.experiments.commands.cli import main
 from proving_ground.testbed.log.log_reader import read_log
 from proving_ground.testbed.recording.channels import STATE
@@ -44,23 +45,54 @@ def test_a_run_writes_its_files_and_prints_their_paths(finished):
     assert "Tracking error" in done.stdout
 
 
-def test_json_goes_to_stdout_alone(finished):
+def test_json_goes_to_stdout_alone_and_another_process_has_the_same_bits(finished, tmp_path):
     _, folder = finished
-    done = ttempc("run", "--json", "--seed", "3", *SHORT, cwd=folder)
+    done = ttempc("run", "--json", "--seed", "3", "--out", "again", *SHORT, cwd=tmp_path)
     assert done.returncode == 0
     printed = json.loads(done.stdout)
     written = json.loads((folder / "summary.json").read_text())
     for part in ("tracking", "estimation", "inputs", "slip", "run_id"):
         assert printed[part] == written[part], "same scenario and seed, another process"
+    again = read_log(tmp_path / "again" / "log.mcap")[STATE].values
+    assert np.array_equal(again, read_log(folder / "log.mcap")[STATE].values)
 
 
-def test_same_seed_same_bits_across_processes_and_another_seed_other_bits(finished, tmp_path):
+def test_another_seed_has_other_bits(finished):
     _, folder = finished
-    for seed, equal in (("3", True), ("4", False)):
-        done = ttempc("run", "--seed", seed, "--out", seed, *SHORT, cwd=tmp_path)
-        assert done.returncode == 0
-        mine = read_log(tmp_path / seed / "log.mcap")[STATE].values
-        assert np.array_equal(mine, read_log(folder / "log.mcap")[STATE].values) == equal
+    _, record = simulate(*load("grass", [SHORT[1]]), seed=4)
+    assert not np.array_equal(record[STATE].values, read_log(folder / "log.mcap")[STATE].values)
+
+
+def test_help_loads_no_library_that_takes_time(tmp_path):
+    """A process without other tests: only it shows what help loads."""
+    for arguments in (["--help"], ["report", "--help"]):
+        code = (
+            "import contextlib, sys\n"
+            "from proving_ground.experiments.commands.cli import main\n"
+            f"with contextlib.suppress(SystemExit): main({arguments})\n"
+            "print(sorted(SLOW & set(sys.modules)))\n"
+        )
+        slow = "SLOW = {'mujoco', 'numba', 'scipy', 'matplotlib', 'pydantic', 'dask'}\n"
+        done = subprocess.run(
+            [sys.executable, "-c", slow + code], capture_output=True, text=True, check=True
+        )
+        assert "usage: ttempc" in done.stdout
+        assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_run_reaches_its_first_physics_step_without_figures():
+    code = (
+        "import sys\n"
+        "import proving_ground.experiments.commands.run\n"
+        "import proving_ground.experiments.results.table\n"
+        "from proving_ground import load\n"
+        "from proving_ground.experiments.run import simulate\n"
+        "simulate.assemble(load('grass', sys.argv[1:])[1], seed=1)\n"
+        "print(sorted({'matplotlib', 'scipy.stats', 'casadi', 'dask'} & set(sys.modules)))\n"
+    )
+    command = [sys.executable, "-c", code, SHORT[1]]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
 
 
 def test_a_resolved_scenario_drives_the_same_run(finished, tmp_path):

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from ..errors import InvalidTube
 from ..types import FloatArray
@@ -47,7 +47,7 @@ class Calibration:
         predictors", proposition 2a.
         """
         tails = 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence)
-        low, high = beta.ppf(tails, self.rank, self.count + 1 - self.rank)
+        low, high = betaincinv(self.rank, self.count + 1 - self.rank, tails)
         return float(low), float(high)
 
 
