@@ -189,6 +189,7 @@ class Diagnostics:
     solver: SolverReport | None = None  # None where the controller solves no QP
     fallback: str = ""  # reason why another law than the controller's own acted, else empty
     tube: TubeReport | None = None  # None for a controller without a tube
+    leaves_corridor: bool = False  # whether the predicted path leaves the corridor of the reference
     # Model parameters that were learnt and act from this tick on, in words
     learnt: tuple[str, ...] = ()
 

@@ -175,7 +175,7 @@ def assemble(
         sensors=sensors,
         guidance=guidance,
         terrain=terrain,
-        reference=Reference(mission.path, driven, mission.speed),
+        reference=replace(reference, vehicle=driven),
         start=plant.snapshot(),
         ticks=_ticks(reference, scenario),
         mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
@@ -237,7 +237,8 @@ def _way(
     strength_map = scenario.soil.strength_map()
     if strength_map:
         _check_covered(path, strength_map, "soil map", "soil.map")
-    return Reference(path, vehicle, mission.speed), strength_map
+    corridor = scenario.kept_corridor()
+    return Reference(path, vehicle, mission.speed, corridor=corridor), strength_map
 
 
 def _check_pull(

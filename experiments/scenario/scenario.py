@@ -22,11 +22,13 @@ from proving_ground.testbed.sensing.sensor_presets import with_preset
 from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from proving_ground.testbed.wheels.soil_law import RADIAL, SoilLaw
 from ttempc.errors import InvalidTuning
+from ttempc.reference.corridor import Corridor
 
 from ..errors import InvalidScenario
 from .assumed_noise import NoiseSettings
 from .control import ControlSettings
 from .controller import ControllerSettings
+from .corridor import CorridorSettings
 from .path import AnyPath, FigureEight
 from .plant import PlantSettings
 from .soil import SoilSettings
@@ -47,6 +49,8 @@ class Scenario:
     """One sentence for lists of scenarios."""
     path: AnyPath = FigureEight()
     """Reference path and speed."""
+    corridor: CorridorSettings | None = None
+    """Corridor about the path; absent: free ground."""
     terrain: TerrainSettings = TerrainSettings()
     """Shape of the ground."""
     soil: SoilSettings = SoilSettings()
@@ -65,6 +69,15 @@ class Scenario:
     """Controller, estimator and their model."""
     stages: tuple[StageSettings, ...] = ()
     """Stages of a user in the simulation loop, such as faults."""
+
+    def kept_corridor(self) -> Corridor | None:
+        """Return the corridor that the vehicle is to keep to, None without one.
+
+        Raises:
+            InvalidTuning: its intervals do not increase.
+        """
+        behind = self.implement.behind_m if self.implement else None
+        return self.corridor.corridor(behind) if self.corridor else None
 
     def vehicles(self) -> Vehicles:
         """Return plant and model of the vehicle; reads the vehicle file.
@@ -112,6 +125,7 @@ class ScenarioFile:
             content["path"].setdefault("kind", FigureEight.kind)
         try:
             scenario = validated(Scenario, content, InvalidScenario, self.file.parent)
+            scenario.kept_corridor()
             plant, controller = scenario.plant, scenario.controller
             plant_vehicle, model_vehicle = fill_in(plant.vehicle, controller.vehicle)
             controller = controller.with_defaults()

@@ -84,6 +84,8 @@ class Supervisor:
       innovation of GNSS is judged by its time stamps and its covariance alone.
     - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
       hold there, and the time-based reference goes on.
+    - A controller whose predicted path leaves the corridor: half speed until it does not. On the
+      time-based reference the vehicle lags behind meanwhile, and catches up afterwards.
     - Errors are those to the reference of the tick, of a `SpaceBased` controller those to the
       nearest tick of the reference.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the
@@ -184,6 +186,8 @@ class Supervisor:
         elif deviation > safety.uncertain_slow_m:
             slow = f"position uncertain by more than {safety.uncertain_slow_m:g} m: half speed"
         before, step = self._last.command, self._guard.step(estimate, k)
+        if not slow and step.diagnostics.leaves_corridor:
+            slow = "corridor cannot be kept: half speed"
         if slow or self._overridden:
             largest_hp = _SLOW * abs(self._hp[sample]) if slow else math.inf
             step = self._rejoin(step, before, largest_hp)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Self
 
 from ..mpc.qp import HorizonTuning
-from ..validation import check_flag
+from ..validation import check_flag, check_vector
 from ..vehicle import Vehicle
 from .lq_robust_law import LqRobustTuning
 
@@ -78,10 +78,16 @@ class NominalOptions(MpcOptions):
     """
 
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
+    corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
+    # By which the corridor is narrower for the prediction of tractor and trailer [m]: the half
+    # widths of a tube across the path.
+    corridor_margin_m: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         MpcOptions.__post_init__(self)
         check_flag("disturbances", self.disturbances)
+        check_flag("corridor", self.corridor)
+        check_vector("corridor_margin_m", self.corridor_margin_m, 2, zero=True)
 
 
 @dataclass(frozen=True)

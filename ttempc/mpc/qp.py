@@ -16,6 +16,7 @@ from ..models.tracking_error import Error
 from ..types import FloatArray, Input
 from ..validation import check_count, check_vector
 from .ordered_product import ordered_product
+from .soft_rows import FREE, PENALTY, OutputBounds, SoftRows
 
 _BLOCK = 32  # ticks whose matrices are computed together: 2 ms, 1 MB with the defaults
 _ACTIVE = 1e-7  # slack below which a bound counts as active in `QP.residuals`
@@ -71,6 +72,35 @@ class QP:
     upper: FloatArray  # (m,)
     step_lower: FloatArray  # (n,)
     step_upper: FloatArray  # (n,)
+    soft: SoftRows | None = None  # further rows, which only `hardened` takes into account
+
+    def hardened(self) -> QP:
+        """Return the problem in (x, s) with the slacks s of its soft rows, whose bounds are hard.
+
+        Without soft rows it is this problem.
+        """
+        soft = self.soft
+        if soft is None:
+            return self
+        n, r = len(self.gradient), soft.outputs
+        hessian = PENALTY * np.eye(n + r)
+        hessian[:n, :n] = self.hessian
+        slack = soft.slack_columns
+        return QP(
+            hessian=hessian,
+            gradient=np.concatenate([self.gradient, np.full(r, PENALTY)]),
+            matrix=np.block(
+                [
+                    [self.matrix, np.zeros((len(self.matrix), r))],
+                    [soft.matrix, -slack],
+                    [-soft.matrix, -slack],
+                ]
+            ),
+            lower=np.concatenate([self.lower, np.full(2 * len(soft.lower), -np.inf)]),
+            upper=np.concatenate([self.upper, soft.upper, -soft.lower]),
+            step_lower=np.concatenate([self.step_lower, np.zeros(r)]),
+            step_upper=np.concatenate([self.step_upper, np.full(r, np.inf)]),
+        )
 
     def objective(self, x: FloatArray) -> float:
         """Return the cost at `x` (n,)."""
@@ -147,6 +177,7 @@ class _Matrices:
     prediction: FloatArray  # C Z_1 ... C Z_Np (ticks, Np, p, n + m + m Nc)
     gradient: FloatArray  # over (z_k, u_{k-1}), (ticks, m Nc, n + m)
     hessian: FloatArray  # (ticks, m Nc, m Nc)
+    soft: FloatArray | None  # S Z_1 ... S Z_Np of the soft bounds (ticks, Np r, n + m + m Nc)
 
 
 class CondensedHorizon:
@@ -171,6 +202,7 @@ class CondensedHorizon:
         period_s: control period [s].
         outputs: C (N + 1, p, n); without them, the outputs are the states.
         bounds: (N, m) each, in addition to those of the tuning.
+        soft: bounds on outputs of the states z_{k+1} ... z_{k+Np}, kept as far as possible.
 
     Raises:
         InvalidTuning: shapes do not fit, or the cost of a tick is not finite and convex.
@@ -184,6 +216,7 @@ class CondensedHorizon:
         period_s: float,
         outputs: FloatArray | None = None,
         bounds: StageBounds | None = None,
+        soft: OutputBounds | None = None,
     ) -> None:
         n, m = b.shape[1:]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
@@ -195,7 +228,7 @@ class CondensedHorizon:
                 f"{len(a)} stages of {p} outputs and {m} inputs do not fit a horizon of {horizon}, "
                 f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
             )
-        self._a, self._b, self._c, self._tuning = a, b, c, tuning
+        self._a, self._b, self._c, self._soft, self._tuning = a, b, c, soft, tuning
         self._moves = moves
         sums = np.tril(np.ones((moves, moves)))
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
@@ -219,6 +252,27 @@ class CondensedHorizon:
             upper=bounds.upper[k] - shift,
             step_lower=bounds.step_lower[k],
             step_upper=bounds.step_upper[k],
+            soft=self._soft_rows(k, given),
+        )
+
+    def _soft_rows(self, k: int, given: FloatArray) -> SoftRows | None:
+        """Return the soft rows of tick `k`, None where no bound of its stages is finite."""
+        if self._soft is None:
+            return None
+        first = min(self._soft.first, self._tuning.horizon)
+        stages = slice(k + first, k + 1 + self._tuning.horizon)
+        lower, upper = self._soft.lower[stages], self._soft.upper[stages]
+        if not (np.isfinite(lower).any() or np.isfinite(upper).any()):
+            return None
+        matrices, tick = self._at(k)
+        assert matrices.soft is not None
+        rows = matrices.soft[tick, (first - 1) * lower.shape[1] :]
+        offset = ordered_product(rows[:, : len(given)], given)
+        return SoftRows(
+            matrix=rows[:, len(given) :],
+            lower=np.maximum(lower.ravel(), -FREE) - offset,
+            upper=np.minimum(upper.ravel(), FREE) - offset,
+            outputs=lower.shape[1],
         )
 
     def prediction(self, k: int) -> FloatArray:
@@ -243,12 +297,16 @@ class CondensedHorizon:
         state[:, :, :n] = np.eye(n)
         stages = np.empty((ticks, horizon + 1, p, given + m * moves))  # C Z_0 ... C Z_Np
         stages[:, 0] = self._c[start : start + ticks] @ state
+        soft = []
         for j in range(horizon):
             steps = np.arange(moves) <= j
             pick = np.hstack([np.zeros((m, n)), np.eye(m), np.kron(steps, np.eye(m))])  # U_j
             window = slice(start + j, start + j + ticks)
             state = self._a[window] @ state + self._b[window] @ pick
-            stages[:, j + 1] = self._c[start + j + 1 : start + j + 1 + ticks] @ state
+            ahead = slice(start + j + 1, start + j + 1 + ticks)
+            stages[:, j + 1] = self._c[ahead] @ state
+            if self._soft:
+                soft.append(self._soft.rows[ahead] @ state)
         weighted = np.asarray(tuning.output_weight)[:, None] * stages
         flat = (ticks, (horizon + 1) * p, -1)
         transposed = stages[..., given:].reshape(flat).transpose(0, 2, 1)
@@ -259,6 +317,7 @@ class CondensedHorizon:
             prediction=stages[:, 1:],
             gradient=np.ascontiguousarray(cost[:, :, :given]),
             hessian=0.5 * (hessian + hessian.transpose(0, 2, 1)),
+            soft=np.concatenate(soft, axis=1) if soft else None,
         )
 
     @staticmethod

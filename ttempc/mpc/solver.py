@@ -22,7 +22,9 @@ _BOUND_TOLERANCE = 1e-6
 class QPSolution:
     """Accepted minimiser of a QP, if any, and the solver's report."""
 
-    x: FloatArray | None  # (n,), None where the result was not accepted
+    # (n,), with soft rows that are active or violated (n + r,), see `QP.hardened`; None where the
+    # result was not accepted
+    x: FloatArray | None
     report: SolverReport
 
 
@@ -46,6 +48,7 @@ class PersistentSolver:
     def __init__(self, tolerance: float = _TOLERANCE) -> None:
         self._tolerance = tolerance
         self._solver: piqp.DenseSolver | None = None
+        self._shape = (0, 0)  # of the constraints' matrix in the solver
 
     def solve(self, qp: QP) -> QPSolution:
         """Return the minimiser of `qp`, or the reason for which there is none."""
@@ -60,14 +63,16 @@ class PersistentSolver:
             qp.step_upper,
             x,
         )
-        if outcome == Outcome.INTERIOR:
+        if outcome == Outcome.INTERIOR and (qp.soft is None or qp.soft.hold(x)):
             return QPSolution(x, SolverReport("solved", True, 0, 0.0, 0.0, 0.0))
-        if outcome != Outcome.BOUNDED:
+        if outcome not in (Outcome.BOUNDED, Outcome.INTERIOR):
             self._solver = None
             finite = outcome == Outcome.NOT_CONVEX
             status = "hessian not convex" if finite else "input not finite"
             return QPSolution(None, SolverReport(status, False, 0, 0.0, math.inf, math.inf))
-        solver = self._load(qp)
+        varying = qp.soft is not None  # the rows of the inputs are the same at every tick
+        qp = qp.hardened()
+        solver = self._load(qp, varying=varying)
         status = solver.solve()
         result = solver.result
         info = result.info
@@ -91,13 +96,17 @@ class PersistentSolver:
         )
         return QPSolution(x if accepted else None, report)
 
-    def _load(self, qp: QP) -> piqp.DenseSolver:
-        """Return a solver that holds the problem: the present one, or a new one."""
+    def _load(self, qp: QP, *, varying: bool) -> piqp.DenseSolver:
+        """Return a solver that holds the problem: the present one, or a new one.
+
+        `varying` tells whether the matrix of the rows differs from problem to problem.
+        """
         hessian = qp.hessian.T  # symmetric; the transpose has the column order of PIQP
-        if self._solver is not None:
+        if self._solver is not None and self._shape == qp.matrix.shape:
             self._solver.update(
                 P=hessian,
                 c=qp.gradient,
+                G=np.asfortranarray(qp.matrix) if varying else None,
                 h_l=qp.lower,
                 h_u=qp.upper,
                 x_l=qp.step_lower,
@@ -118,7 +127,7 @@ class PersistentSolver:
             x_l=qp.step_lower,
             x_u=qp.step_upper,
         )
-        self._solver = solver
+        self._solver, self._shape = solver, qp.matrix.shape
         return solver
 
 

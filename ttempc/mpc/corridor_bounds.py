@@ -1,0 +1,78 @@
+"""Corridor and hitch limit as soft bounds on outputs of the articulated error model."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from ..errors import InvalidTuning
+from ..reference.corridor import Corridor
+from ..reference.reference import ReferenceSample
+from ..types import FloatArray, State
+from .soft_rows import OutputBounds
+
+_ACROSS: Final = [1, 3]  # rows of C with the cross-track errors of tractor and trailer point
+
+
+def corridor_bounds(
+    corridor: Corridor,
+    grid: ReferenceSample,
+    outputs: FloatArray,
+    margin_m: FloatArray,
+    first: int,
+) -> OutputBounds:
+    """Return the bounds on the predicted error that keep the vehicle in its corridor.
+
+    The rows are the cross-track errors of tractor and trailer point, that of the tool point where
+    there is one, and the error of the hitch angle where it is limited. With a tool l behind the
+    trailer point and beta = psi_t - psi_i - delta_i, they are to first order
+
+        y_tool = y_i - l psi_i,    beta_e = psi_t - psi_i - delta_i    of the error z_e,
+
+    and |beta_r - beta_e| is at most the limit. Errors are those to the reference of the same time:
+    on a curve the vehicle has to be near it along the path, too.
+
+    Args:
+        corridor: to keep to.
+        grid: the reference at N + 1 ticks.
+        outputs: C (N + 1, 4, n) of `error_dynamics`.
+        margin_m: by which the corridor is narrower for tractor and trailer point, (2,) or
+            (N + 1, 2) [m]: the half widths of a tube across the path. The tool's is the trailer's.
+
+    Raises:
+        InvalidTuning: the margin leaves no corridor, or the reference itself is beyond the limit
+            of the hitch angle; with the numbers.
+    """
+    ticks, _, n = outputs.shape
+    margin = np.broadcast_to(margin_m, (ticks, 2))
+    worst = float(margin.max())
+    if worst >= corridor.half_width_m:
+        raise InvalidTuning(
+            f"corridor: the margin takes {100.0 * worst:.1f} cm of a half width of "
+            f"{100.0 * corridor.half_width_m:.1f} cm, must be less"
+        )
+    half_width = corridor.half_width(grid.distance_m)
+    rows = [outputs[:, row] for row in _ACROSS]
+    upper = [half_width - margin[:, 0], half_width - margin[:, 1]]
+    if corridor.tool_behind_m is not None:
+        behind = np.zeros(n)
+        behind[State.PSI_I] = corridor.tool_behind_m
+        rows.append(rows[1] - behind)
+        upper.append(upper[1])
+    lower = [-bound for bound in upper]
+    if corridor.hitch_limit is not None:
+        beta, limit = grid.hitch_angle, corridor.hitch_limit
+        largest = float(np.abs(beta).max())
+        if largest >= limit:
+            raise InvalidTuning(
+                f"corridor: the hitch angle of the reference reaches {math.degrees(largest):.1f} "
+                f"deg, the limit is {math.degrees(limit):.1f} deg"
+            )
+        hitch = np.zeros((ticks, n))
+        hitch[:, [State.PSI_T, State.PSI_I, State.DELTA_I]] = 1.0, -1.0, -1.0
+        rows.append(hitch)
+        lower.append(beta - limit)
+        upper.append(beta + limit)
+    return OutputBounds(np.stack(rows, 1), np.stack(lower, 1), np.stack(upper, 1), first)
