@@ -11,9 +11,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from proving_ground.testbed.recording.channels import TUBE
+from proving_ground.testbed.recording.channels import CORRIDOR, TUBE
 from proving_ground.testbed.recording.record import Record
 
+from .corridor import corridor_figure
 from .path import path_figure
 from .signals import signals_figure
 from .style import DPI
@@ -29,6 +30,7 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
     "tyres": tyres_figure,
     "timing": timing_figure,
     "tube": tube_figure,
+    "corridor": corridor_figure,
 }
 
 CAPTIONS: Final = {
@@ -39,6 +41,7 @@ CAPTIONS: Final = {
     "tube": "Offset of the true vehicle to the left of the nominal one, and the tube of the "
     "controller. The tube of `ttempc` is that of one step, predicted from the last estimate. "
     "Below: margin of the estimate, 1 at the centre of the tube, 0 on its boundary.",
+    "corridor": "Offset of the true points to the left of their paths, and the corridor.",
     "timing": "Wall-clock time of the parts of a control period, on the machine of the run.",
 }
 
@@ -48,9 +51,14 @@ _PALETTE: Final = 128  # colours
 def draw(record: Record) -> dict[str, bytes]:
     """Return all figures of a run as contents of PNG files, by the figure's name.
 
-    A run without a tube has no tube figure.
+    A run without a tube or a corridor has no figure of it.
     """
-    names = [name for name in FIGURES if name != "tube" or len(record[TUBE])]
+    absent = {
+        name
+        for name, channel in (("tube", TUBE), ("corridor", CORRIDOR))
+        if not len(record[channel])
+    }
+    names = [name for name in FIGURES if name not in absent]
     return {name: png(FIGURES[name](record)) for name in names}
 
 

@@ -22,6 +22,7 @@ from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
 from proving_ground.testbed.simulation.plant import Plant, Snapshot
 from proving_ground.testbed.simulation.termination import TerminationLimits
+from proving_ground.testbed.truth import Truth
 from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.controllers import controller_options
 from ttempc.guidance.guidance import Guidance
@@ -39,6 +40,7 @@ from ..scenario.controller import TRUTH
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
+from .corridor_judge import CorridorJudge
 from .shared_parts import SharedParts
 from .user_code import is_user_code, load_factory, named_estimator, user_controller, user_stage
 
@@ -92,7 +94,17 @@ class Assembly:
             termination=TerminationLimits.of(self.plant.vehicle),
             notes=self.notes,
             place=Projection(rows[:, :2]).place if self.guidance.space_based else None,
+            corridor_row=self._corridor_row(rows, record_hz),
         )
+
+    def _corridor_row(
+        self, rows: FloatArray, record_hz: float
+    ) -> Callable[[Truth], list[float]] | None:
+        reference = self.reference
+        if reference.corridor is None:
+            return None
+        distance, _, _ = reference.speed.travel(np.arange(len(rows)) / record_hz)
+        return CorridorJudge(reference.corridor, rows, distance).row
 
     def reference_path(self, step_m: float) -> FloatArray:
         """Return points on the path, one every `step_m` [m], (n, 2) [m]."""
@@ -237,8 +249,11 @@ def _way(
     strength_map = scenario.soil.strength_map()
     if strength_map:
         _check_covered(path, strength_map, "soil map", "soil.map")
-    corridor = scenario.kept_corridor()
-    return Reference(path, vehicle, mission.speed, corridor=corridor), strength_map
+    reference = Reference(path, vehicle, mission.speed, corridor=scenario.kept_corridor())
+    if reference.corridor and reference.corridor.hitch_limit is not None:
+        grid = reference.on_grid(scenario.control.period_s)
+        reference.corridor.require_hitch(grid.hitch_angle)
+    return reference, strength_map
 
 
 def _check_pull(
@@ -302,7 +317,9 @@ def _check_guidance(scenario: Scenario, vehicle: Vehicle) -> None:
     if is_user_code(settings.name):
         load_factory(settings.name, "controller")
     else:
-        controller_options(settings.name, settings.options)
+        options = controller_options(settings.name, settings.options)
+        if (corridor := scenario.kept_corridor()) and "corridor_margin_m" in options:
+            corridor.require_margin(options["corridor_margin_m"])  # pyright: ignore[reportArgumentType] - options are checked
         settings.design(vehicle, scenario.control.period_s)
     if is_user_code(settings.estimator):
         load_factory(settings.estimator, "estimator")

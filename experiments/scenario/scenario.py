@@ -28,7 +28,7 @@ from ..errors import InvalidScenario
 from .assumed_noise import NoiseSettings
 from .control import ControlSettings
 from .controller import ControllerSettings
-from .corridor import CorridorSettings
+from .mission import CorridorSettings
 from .path import AnyPath, FigureEight
 from .plant import PlantSettings
 from .soil import SoilSettings

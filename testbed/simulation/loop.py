@@ -44,6 +44,7 @@ class SimulationSetup:
     # Place of a point [m] among the rows of `reference`, with its fraction, where the reference is
     # followed by place; None where it is followed by time.
     place: Callable[[float, float], float] | None = None
+    corridor_row: Callable[[Truth], list[float]] | None = None  # None on free ground
 
     def reference_row(self, step: int, truth: Truth) -> FloatArray:
         """Return the row of the reference that belongs to the truth at a physics step."""
@@ -182,6 +183,8 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
             if truth.tool is not None:
                 row = rows.tool_row(truth.tool, reference)
                 setup.sink.row(channels.TOOL, truth.time_s, row)
+            if setup.corridor_row is not None:
+                setup.sink.row(channels.CORRIDOR, truth.time_s, setup.corridor_row(truth))
             setup.sink.scene(truth)
 
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 import numpy as np
 
-from ..errors import InvalidTuning
 from ..reference.corridor import Corridor
 from ..reference.reference import ReferenceSample
 from ..types import FloatArray, State
-from .soft_rows import OutputBounds
+from .qp import OutputBounds
 
 _ACROSS: Final = [1, 3]  # rows of C with the cross-track errors of tractor and trailer point
 
@@ -40,6 +38,7 @@ def corridor_bounds(
         outputs: C (N + 1, 4, n) of `error_dynamics`.
         margin_m: by which the corridor is narrower for tractor and trailer point, (2,) or
             (N + 1, 2) [m]: the half widths of a tube across the path. The tool's is the trailer's.
+        first: stage of the horizon from which on the bounds hold.
 
     Raises:
         InvalidTuning: the margin leaves no corridor, or the reference itself is beyond the limit
@@ -47,12 +46,8 @@ def corridor_bounds(
     """
     ticks, _, n = outputs.shape
     margin = np.broadcast_to(margin_m, (ticks, 2))
-    worst = float(margin.max())
-    if worst >= corridor.half_width_m:
-        raise InvalidTuning(
-            f"corridor: the margin takes {100.0 * worst:.1f} cm of a half width of "
-            f"{100.0 * corridor.half_width_m:.1f} cm, must be less"
-        )
+    corridor.require_margin(margin)
+    corridor.require_hitch(grid.hitch_angle)
     half_width = corridor.half_width(grid.distance_m)
     rows = [outputs[:, row] for row in _ACROSS]
     upper = [half_width - margin[:, 0], half_width - margin[:, 1]]
@@ -64,12 +59,6 @@ def corridor_bounds(
     lower = [-bound for bound in upper]
     if corridor.hitch_limit is not None:
         beta, limit = grid.hitch_angle, corridor.hitch_limit
-        largest = float(np.abs(beta).max())
-        if largest >= limit:
-            raise InvalidTuning(
-                f"corridor: the hitch angle of the reference reaches {math.degrees(largest):.1f} "
-                f"deg, the limit is {math.degrees(limit):.1f} deg"
-            )
         hitch = np.zeros((ticks, n))
         hitch[:, [State.PSI_T, State.PSI_I, State.DELTA_I]] = 1.0, -1.0, -1.0
         rows.append(hitch)

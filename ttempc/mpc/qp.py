@@ -9,17 +9,15 @@ from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from ..errors import InvalidTuning
 from ..models.tracking_error import Error
 from ..types import FloatArray, Input
 from ..validation import check_count, check_vector
 from .ordered_product import ordered_product
-from .soft_rows import FREE, PENALTY, OutputBounds, SoftRows
+from .quadratic_programme import FREE, QP, SoftRows
 
 _BLOCK = 32  # ticks whose matrices are computed together: 2 ms, 1 MB with the defaults
-_ACTIVE = 1e-7  # slack below which a bound counts as active in `QP.residuals`
 
 
 @dataclass(frozen=True)
@@ -54,80 +52,6 @@ class HorizonTuning:
 
 
 @dataclass(frozen=True, slots=True)
-class QPResiduals:
-    """Residuals of the Karush-Kuhn-Tucker conditions of a QP at a point."""
-
-    primal: float  # largest violation of a bound
-    stationarity: float  # smallest |gradient of the Lagrangian| over admissible multipliers
-
-
-@dataclass(frozen=True, slots=True)
-class QP:
-    """Minimise 1/2 x'Hx + g'x subject to lower <= G x <= upper, step_lower <= x <= step_upper."""
-
-    hessian: FloatArray  # H (n, n)
-    gradient: FloatArray  # g (n,)
-    matrix: FloatArray  # G (m, n)
-    lower: FloatArray  # (m,)
-    upper: FloatArray  # (m,)
-    step_lower: FloatArray  # (n,)
-    step_upper: FloatArray  # (n,)
-    soft: SoftRows | None = None  # further rows, which only `hardened` takes into account
-
-    def hardened(self) -> QP:
-        """Return the problem in (x, s) with the slacks s of its soft rows, whose bounds are hard.
-
-        Without soft rows it is this problem.
-        """
-        soft = self.soft
-        if soft is None:
-            return self
-        n, r = len(self.gradient), soft.outputs
-        hessian = PENALTY * np.eye(n + r)
-        hessian[:n, :n] = self.hessian
-        slack = soft.slack_columns
-        return QP(
-            hessian=hessian,
-            gradient=np.concatenate([self.gradient, np.full(r, PENALTY)]),
-            matrix=np.block(
-                [
-                    [self.matrix, np.zeros((len(self.matrix), r))],
-                    [soft.matrix, -slack],
-                    [-soft.matrix, -slack],
-                ]
-            ),
-            lower=np.concatenate([self.lower, np.full(2 * len(soft.lower), -np.inf)]),
-            upper=np.concatenate([self.upper, soft.upper, -soft.lower]),
-            step_lower=np.concatenate([self.step_lower, np.zeros(r)]),
-            step_upper=np.concatenate([self.step_upper, np.full(r, np.inf)]),
-        )
-
-    def objective(self, x: FloatArray) -> float:
-        """Return the cost at `x` (n,)."""
-        return float(0.5 * x @ self.hessian @ x + self.gradient @ x)
-
-    def slack(self, x: FloatArray) -> FloatArray:
-        """Return the distances of `x` (n,) to all bounds, negative beyond one, (2 m + 2 n,).
-
-        In the order upper, lower, step_upper, step_lower.
-        """
-        rows = self.matrix @ x
-        return np.concatenate(
-            [self.upper - rows, rows - self.lower, self.step_upper - x, x - self.step_lower]
-        )
-
-    def residuals(self, x: FloatArray) -> QPResiduals:
-        """Return by how much `x` (n,) misses the optimality conditions; no solver is involved."""
-        rows = np.vstack([self.matrix, -self.matrix, np.eye(len(x)), -np.eye(len(x))])
-        slack = self.slack(x)
-        slope = self.hessian @ x + self.gradient
-        active = slack < _ACTIVE
-        # Optimal means -slope = sum of active rows with multipliers >= 0.
-        rest = nnls(rows[active].T, -slope)[1] if active.any() else float(np.linalg.norm(slope))
-        return QPResiduals(primal=float(max(0.0, -slack.min())), stationarity=float(rest))
-
-
-@dataclass(frozen=True, slots=True)
 class StageBounds:
     """Bounds on the input u_e of every tick and on its change from the previous one, (N, m)."""
 
@@ -139,6 +63,16 @@ class StageBounds:
     def at(self, *index: int | slice | NDArray[np.intp]) -> StageBounds:
         """Return the bounds at an index of the arrays."""
         return _each(self, lambda values: values[index])
+
+
+@dataclass(frozen=True, slots=True)
+class OutputBounds:
+    """Bounds lower <= S z <= upper on r outputs of the state at N + 1 ticks; infinite: free."""
+
+    rows: FloatArray  # S (N + 1, r, n)
+    lower: FloatArray  # (N + 1, r)
+    upper: FloatArray  # (N + 1, r)
+    first: int = 1  # stage of the horizon from which on they hold
 
 
 @dataclass(frozen=True, slots=True)

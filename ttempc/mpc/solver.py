@@ -10,7 +10,7 @@ import piqp
 
 from ..types import FloatArray, SolverReport
 from .interior_minimum import Outcome, interior_minimum
-from .qp import QP
+from .quadratic_programme import QP
 
 # PIQP's default of 1e-8 leaves errors of 1e-5 in the first move where bounds are weakly active.
 _TOLERANCE = 1e-11

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +42,32 @@ class Corridor:
         if not (np.isfinite(ends).all() and (np.diff(ends) > 0.0).all()):
             intervals = [list(interval) for interval in self.along_m]
             raise InvalidTuning(f"corridor: along_m: got {intervals}, distances must increase")
+
+    def require_margin(self, margin_m: ArrayLike) -> None:
+        """Refuse margins [m] that leave no corridor.
+
+        Raises:
+            InvalidTuning: with the numbers.
+        """
+        worst = float(np.max(margin_m))
+        if worst >= self.half_width_m:
+            raise InvalidTuning(
+                f"corridor_margin_m: got {worst:g} of a corridor of half_width_m "
+                f"{self.half_width_m:g}, must be less"
+            )
+
+    def require_hitch(self, hitch_angle: FloatArray) -> None:
+        """Refuse a limit that the `hitch_angle` (N,) [rad] of the reference itself exceeds.
+
+        Raises:
+            InvalidTuning: with the numbers.
+        """
+        largest = float(np.abs(hitch_angle).max())
+        if self.hitch_limit is not None and largest >= self.hitch_limit:
+            raise InvalidTuning(
+                f"corridor: hitch_limit: got {math.degrees(self.hitch_limit):.1f} deg, must exceed "
+                f"the hitch angle of the reference, {math.degrees(largest):.1f} deg"
+            )
 
     def half_width(self, distance_m: ArrayLike) -> FloatArray:
         """Return the half width at arc lengths (...) of the tractor point [m]; inf: free ground."""
