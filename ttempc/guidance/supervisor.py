@@ -30,6 +30,7 @@ from .command_guard import CommandGuard
 
 _GNSS = frozenset({Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER})
 _SLOW = 0.5  # share of the reference's hydrostat position that is left at half speed
+_LAG_M = 1.0  # behind the reference, up to which a corridor slows the vehicle down; assumed
 _ROUNDING = 1e-6  # excess of a reference over a limit that is not reported
 
 
@@ -84,8 +85,8 @@ class Supervisor:
       innovation of GNSS is judged by its time stamps and its covariance alone.
     - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
       hold there, and the time-based reference goes on.
-    - A controller whose predicted path leaves the corridor: half speed until it does not. On the
-      time-based reference the vehicle lags behind meanwhile, and catches up afterwards.
+    - A controller whose predicted path leaves the corridor: half speed until it does not, or until
+      the vehicle lags a metre behind its time-based reference, with which it catches up later.
     - Errors are those to the reference of the tick, of a `SpaceBased` controller those to the
       nearest tick of the reference.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the
@@ -185,11 +186,13 @@ class Supervisor:
             slow = f"position not measured for more than {safety.unseen_slow_s:g} s: half speed"
         elif deviation > safety.uncertain_slow_m:
             slow = f"position uncertain by more than {safety.uncertain_slow_m:g} m: half speed"
+        lagging = False
         before, step = self._last.command, self._guard.step(estimate, k)
         if not slow and step.diagnostics.leaves_corridor:
-            slow = "corridor cannot be kept: half speed"
+            slow = f"corridor cannot be kept: half speed until {_LAG_M:g} m behind the reference"
+            lagging = error[Error.X_T] * math.copysign(1.0, self._hp[sample]) > _LAG_M
         if slow or self._overridden:
-            largest_hp = _SLOW * abs(self._hp[sample]) if slow else math.inf
+            largest_hp = _SLOW * abs(self._hp[sample]) if slow and not lagging else math.inf
             step = self._rejoin(step, before, largest_hp)
         notes = [self._beyond_limits[sample], jump, slow, step.diagnostics.fallback]
         diagnostics = replace(
