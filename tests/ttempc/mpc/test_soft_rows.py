@@ -1,4 +1,4 @@
-"""Soft rows of the QP: the rows are the rolled model, the penalty is exact, slacks are violations."""
+"""Soft rows of the QP: rolled model, exactness of the penalty, slack."""
 
 from __future__ import annotations
 
