@@ -14,7 +14,7 @@ _ACTIVE = 1e-7  # slack below which a bound counts as active in `QP.residuals`
 # Of a slack s: cost PENALTY s + PENALTY s^2 / 2. The penalty is exact, that is the slack is 0 where
 # the hard problem has a solution, if it exceeds the sum of that problem's multipliers of the output
 # (Kerrigan and Maciejowski 2000). Assumed: not proven to be exact. With 1 the slack exceeds 1 mm
-# in three times as many intervals on `rows`; with 1000 noise of the estimate saturates the steering.
+# three times as often on `rows`; with 1000 noise of the estimate saturates the steering.
 PENALTY: Final = 10.0
 FREE: Final = 1e3
 """Bound in the place of an infinite one: of rows without a bound PIQP drops the coefficients."""
