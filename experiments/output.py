@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from proving_ground.testbed.atomic_write import partial_path
+from proving_ground.testbed.atomic_write import atomic_write, partial_path
 
 from .errors import OutputExists
 
@@ -32,6 +32,20 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True)
     except OSError as error:
         raise OutputExists(f"output folder {folder}: cannot be made: {error.strerror}") from None
+
+
+def write_file(file: Path, content: str | bytes) -> None:
+    """Write a file whole or not at all, in a folder that is made.
+
+    Raises:
+        OutputExists: it cannot be written, as on a full disk; no file is left.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(file) as stream:
+            stream.write(content.encode() if isinstance(content, str) else content)
+    except OSError as error:
+        raise OutputExists(f"output {file}: cannot be written: {error.strerror}") from None
 
 
 def create_partial(file: Path) -> Path:

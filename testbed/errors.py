@@ -20,6 +20,10 @@ class InvalidPlant(TestbedError):
     """A vehicle or a plant setting is impossible."""
 
 
+class InvalidFault(TestbedError):
+    """A fault cannot act in its scenario, or has no place in it."""
+
+
 class PlantDiverged(TestbedError):
     """The simulation has no valid state: NaN, a reset of MuJoCo, or a solver warning."""
 

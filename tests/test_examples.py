@@ -1,5 +1,7 @@
 """Examples of docs/examples, run as they stand there, in an empty folder."""
 
+import contextlib
+import io
 import os
 import re
 import subprocess
@@ -46,6 +48,34 @@ def test_a_controller_from_scratch_stays_on_its_path(tmp_path):
 def test_run_and_plot_writes_its_figure(tmp_path):
     assert "completed" in run("run_and_plot.py", tmp_path, "figure.png")
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_double_integrator_keeps_its_constraints(tmp_path):
+    output = run("double_integrator.py", tmp_path, "figure.png")
+    assert "K [-0.6609 -1.3261]" in output
+    x_2, u, last = map(float, re.findall(r"\d\.\d{3}", output.splitlines()[-1]))
+    assert 1.9 < x_2 <= 2.0  # the constraint is active, and holds
+    assert 0.9 < u <= 1.0
+    assert last <= 1.0
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_fresh_flights_of_the_drone_stay_in_its_tube(tmp_path):
+    output = run("planar_drone.py", tmp_path)
+    first, searched = (float(x) for x in re.findall(r"gain: x \+-([\d.]+) m", output))
+    assert searched < first
+    inside, flights = map(int, re.findall(r"(\d+) of (\d+)", output)[0])
+    assert flights == 200
+    assert inside >= 0.95 * flights
+
+
+def test_the_code_of_the_tube_page_prints_what_stands_there():
+    page = (EXAMPLES.parent / "tube-library.md").read_text()
+    code, expected = re.findall(r"^```(?:python|text)\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        exec(code, {})
+    assert output.getvalue() == expected
 
 
 @pytest.mark.parametrize("example", sorted(path.name for path in EXAMPLES.glob("*.py")))

@@ -62,7 +62,7 @@ def test_the_scenario_example_is_accepted(tmp_path):
 def test_the_path_example_is_accepted(tmp_path):
     (tmp_path / "field.csv").write_text("x,y,speed\n-20,0,0.8\n0,0,1.0\n20,0,0.8\n")
     (tmp_path / "mine.toml").write_text(blocks("toml")[1])
-    mission = load(str(tmp_path / "mine.toml"))[1].path.mission()
+    mission = load(str(tmp_path / "mine.toml"))[1].mission()
     assert mission.path.length_m == pytest.approx(40.0)
 
 

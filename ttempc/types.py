@@ -116,6 +116,9 @@ class Estimate:
     # (3,) mu, kappa, eta of the printed model (`ttempc.baselines.nmpc_printed_model`); None where
     # the estimator has none
     slip_factors: FloatArray | None = None
+    # (3,) learnt factors of the noise variances, see `ttempc.estimation.noise.NoiseScale`; None
+    # where the estimator learns none
+    noise_factors: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +191,7 @@ class Diagnostics:
     predicted_path: FloatArray | None = None  # (N, 4) predicted x_t, y_t, x_i, y_i [m], map frame
     solver: SolverReport | None = None  # None where the controller solves no QP
     fallback: str = ""  # reason why another law than the controller's own acted, else empty
+    stopping: bool = False  # whether the supervisor stops the vehicle, or holds it at rest
     tube: TubeReport | None = None  # None for a controller without a tube
     leaves_corridor: bool = False  # whether the predicted path leaves the corridor of the reference
     # Model parameters that were learnt and act from this tick on, in words

@@ -2,13 +2,15 @@
 
     python -m experiments.benchmarks.tube_step
 
-Replays the same estimates of half a lap to `ttempc-nominal` and `ttempc-tube`, in turns, so that
-the ratio of their medians does not depend on the machine. Then measures the tube of a figure eight.
+Replays the same estimates of half a lap to `ttempc-nominal`, `ttempc`, `ttempc` tightened by the
+tube, and `ttempc-tube`, in turns, so that the ratios of their medians do not depend on the machine.
+Then measures the tube of a figure eight.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -30,20 +32,27 @@ def main() -> None:
     reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
     estimates = estimates_along("ttempc-nominal", vehicle, reference)
     design = read_tube("grass").design()
-    steps: dict[str, list[float]] = {"ttempc-nominal": [], "ttempc-tube": []}
+    options: dict[str, Mapping[str, object]] = {
+        "ttempc-nominal": {},
+        "ttempc": {},
+        "ttempc, tightening = tube": {"tightening": "tube"},
+        "ttempc-tube": {},
+    }
+    steps: dict[str, list[float]] = {label: [] for label in options}
     for _ in range(REPEATS):
-        for name, times in steps.items():
-            controller = make_controller(name, vehicle, reference, PERIOD_S, design)
+        for label, times in steps.items():
+            name = label.split(",")[0]
+            controller = make_controller(name, vehicle, reference, PERIOD_S, design, options[label])
             times.extend(timed(controller, estimates, pause_s=0.0, prepared=False)[0])
-    medians = {name: 1e6 * float(np.median(times)) for name, times in steps.items()}
-    for name, median in medians.items():
-        print(f"{name:<16}{median:8.1f} us (median)")
-    print(f"ratio           {medians['ttempc-tube'] / medians['ttempc-nominal']:8.2f}")
+    medians = {label: 1e6 * float(np.median(times)) for label, times in steps.items()}
+    for label, median in medians.items():
+        ratio = median / medians["ttempc-nominal"]
+        print(f"{label:<28}{median:8.1f} us (median), ratio {ratio:.2f}")
     begin = time.perf_counter()
     ticks = int(reference.duration_s / PERIOD_S)
     along = ReferenceTube.along(design, reference, ticks)
     print(
-        f"tube            {time.perf_counter() - begin:8.2f} s for {ticks} ticks, "
+        f"{'tube':<28}{time.perf_counter() - begin:8.2f} s for {ticks} ticks, "
         f"alpha {along.tube.certificate.alpha:.3f}"
     )
 

@@ -36,14 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _card(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..scenario.scenario import load
     from ..validation.plant_validation import format_check, summary_line
     from ..validation.validation_report import write_plant_validation
 
-    overrides = list(arguments.overrides)
     if arguments.wheels is not None:
-        overrides.append(f'plant.wheels="{arguments.wheels}"')
-    name, scenario = load(arguments.scenario, overrides)
+        arguments.overrides.append(f'plant.wheels="{arguments.wheels}"')
+    name, scenario = options.load_scenario(arguments)
     stem = f"{name}-card-{scenario.plant.wheels}"
     folder = arguments.out or options.unused_path(Path("runs"), stem)
     validation = write_plant_validation(

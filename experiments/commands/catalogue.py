@@ -39,7 +39,11 @@ def _list(arguments: argparse.Namespace) -> int:
     print(f"  {'package.module:factory':<20} your own, importable from the current folder")
     print("\nTubes (controller.tube; ttempc-tube requires one, ttempc monitors one):")
     for name in shipped_tubes():
-        provenance = read_tube(name).provenance
-        scenarios = ", ".join(provenance.scenarios)
-        print(f"  {name:<14} {scenarios}, coverage {provenance.coverage:g}")
+        tube = read_tube(name)
+        scenarios = ", ".join(tube.provenance.scenarios)
+        whole = tube.calibration
+        text = f"{scenarios}, coverage {tube.provenance.coverage:g} of the windows"
+        if whole is not None:
+            text += f", calibrated for {whole.guaranteed:.3g} of the runs of {whole.scenario}"
+        print(f"  {name:<14} {text}")
     return 0

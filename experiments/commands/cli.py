@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
-from typing import Final, NoReturn
+from types import FrameType
+from typing import Any, Final, NoReturn
 
 from proving_ground.testbed.errors import TestbedError
+from proving_ground.testbed.terminal import one_line
 from ttempc.errors import TtempcError
 
 from ..errors import ExperimentError
@@ -59,7 +63,8 @@ field in MuJoCo, under the controller of your choice.
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        self.exit(EXIT_BAD_INPUT, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+        line = one_line(f"{self.prog}: error: {message} (see {self.prog} --help)")
+        self.exit(EXIT_BAD_INPUT, f"{line}\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -67,18 +72,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else arguments
     if arguments[:1] == ["calibrate"]:  # the action of a log by its short name
         arguments = ["log", *arguments]
-    parsed = _parser(arguments).parse_args(arguments)
+    previous = _catch_termination()
     try:
+        parsed = _parser(arguments).parse_args(arguments)
         return parsed.command(parsed)
     except (ExperimentError, TestbedError, TtempcError) as error:
-        print(f"ttempc: error: {error}", file=sys.stderr)
-        return EXIT_BAD_INPUT
+        return _refuse(str(error))
     except KeyboardInterrupt:
-        print("ttempc: interrupted; what was logged so far is in *.mcap.part", file=sys.stderr)
+        print(
+            "ttempc: interrupted; the log of an unfinished run is its *.mcap.part", file=sys.stderr
+        )
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of the output has closed it, as in `| head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # a full disk, a name that is too long, no permission
+        return _refuse(f"{error.filename or 'output'}: {error.strerror or error}")
+    except MemoryError as error:
+        return _refuse(f"more memory is needed than there is: {error}")
+    except RecursionError:
+        return _refuse("the input is nested too deeply")
+    finally:
+        if previous is not None:
+            signal.signal(signal.SIGTERM, previous)
+
+
+def _refuse(reason: str) -> int:
+    print(one_line(f"ttempc: error: {reason}"), file=sys.stderr)
+    return EXIT_BAD_INPUT
+
+
+def _catch_termination() -> Any:  # noqa: ANN401 - as of `signal.signal`
+    """Let SIGTERM, as from Slurm or systemd, end a command as Ctrl-C does; return the handler."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once: the way out is not interrupted
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        return None
+    return signal.signal(signal.SIGTERM, interrupt)
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

@@ -46,7 +46,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..figures import png
     from ..figures.comparison_figures import COMPARISONS
-    from ..output import make_folder, refuse_existing
+    from ..output import make_folder, refuse_existing, write_file
     from ..results.run_comparison import comparison_csv, format_comparison, read_compared
 
     folder = arguments.out or options.unused_path(Path("runs"), "comparison")
@@ -57,9 +57,9 @@ def _compare(arguments: argparse.Namespace) -> int:
     print(format_comparison(runs) + "\n")
     files = {name: folder / f"{name}.png" for name in COMPARISONS}
     for name, figure in COMPARISONS.items():
-        files[name].write_bytes(png(figure(runs)))
+        write_file(files[name], png(figure(runs)))
     files["figures"] = folder / "comparison.csv"
-    files["figures"].write_text(comparison_csv(runs), encoding="utf-8")
+    write_file(files["figures"], comparison_csv(runs))
     if setup is not None:
         files["film"] = folder / "comparison.mp4"
         options.write_with_progress(setup, files["film"], arguments.workers)

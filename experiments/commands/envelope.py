@@ -6,8 +6,9 @@ import argparse
 import json
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
-from ..output import create_partial, refuse_existing
+from ..output import create_partial, refuse_existing, write_file
 from . import options
 
 ABOUT = """\
@@ -59,6 +60,7 @@ def _envelope(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and Dask.
     from proving_ground.testbed.recording.provenance import versions
 
+    from ..run.trust import named_parts, refuse_untrusted
     from ..scenario.scenario import parse_overrides, read_scenario
     from ..sweep.engine import engine
     from ..sweep.envelope import QUANTITIES, EnvelopeFile, Question, envelope
@@ -70,6 +72,9 @@ def _envelope(arguments: argparse.Namespace) -> int:
         Path("runs"), f"envelope-{draft.name}-{name}", ".json"
     )
     refuse_existing(file)
+    for controller in (arguments.controller or [None]) if not arguments.trust else ():
+        changes = settings if controller is None else _with_controller(settings, controller)
+        refuse_untrusted(draft.file, named_parts(draft.scenario(changes)), changes)
     questions = [
         Question(
             scenario=arguments.scenario,
@@ -94,7 +99,11 @@ def _envelope(arguments: argparse.Namespace) -> int:
             print(results[-1], flush=True)
             content = asdict(EnvelopeFile(versions(), tuple(results)))
             text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-            partial.write_text(text, encoding="utf-8")
+            write_file(partial, text)
     partial.rename(file)
     print(f"values    {file}")
     return 0
+
+
+def _with_controller(settings: dict[str, Any], name: str) -> dict[str, Any]:
+    return {**settings, "controller": {**settings.get("controller", {}), "name": name}}

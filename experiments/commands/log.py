@@ -6,6 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from proving_ground.testbed.terminal import one_line
+
 from . import options
 
 ABOUT = """\
@@ -61,6 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--estimator", metavar="NAME", help="ekf, nmhe, or package.module:factory of your own"
     )
     options.add_overrides(replay)
+    options.add_trust(replay)
     replay.set_defaults(command=_replay)
     calibrate = actions.add_parser("calibrate", help="fit the lengths of the vehicle")
     calibrate.add_argument(
@@ -76,7 +79,7 @@ def _info(arguments: argparse.Namespace) -> int:
 
     from ..logs.log_check import format_log_info
 
-    print("\n".join(format_log_info(read_content(arguments.log))))
+    print("\n".join(map(one_line, format_log_info(read_content(arguments.log)))))
     return 0
 
 
@@ -89,7 +92,7 @@ def _export(arguments: argparse.Namespace) -> int:
     folder = arguments.out or arguments.log.with_name(f"{arguments.log.stem}-{arguments.form}")
     files = export_log(content, folder, arguments.form)
     if content.salvage is not None:
-        print(f"torn or damaged: {content.salvage}", file=sys.stderr)
+        print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
     print("\n".join(map(str, files)))
     return 0
 
@@ -104,7 +107,7 @@ def _check(arguments: argparse.Namespace) -> int:
     checks = check_log(content)
     if arguments.recover is not None:
         recover(content, arguments.recover)
-    print("\n".join(map(str, checks)))
+    print("\n".join(one_line(str(check)) for check in checks))
     if arguments.recover is not None:
         print(f"recovered to {arguments.recover}")
     return 0 if all(check.passed for check in checks) else options.EXIT_CHECK_FAILED
@@ -113,17 +116,25 @@ def _check(arguments: argparse.Namespace) -> int:
 def _replay(arguments: argparse.Namespace) -> int:
     from ..logs.replay import estimator_of, read_run, replay, same_as_recorded
     from ..results.consistency import consistency, format_consistency
+    from ..run.trust import refuse_untrusted
+    from ..scenario.scenario import merge_tables, parse_overrides
 
-    overrides = list(arguments.overrides)
+    changes = parse_overrides(arguments.overrides)
     if arguments.estimator is not None:
-        overrides.append(f'controller.estimator="{arguments.estimator}"')
-    record, scenario = read_run(arguments.log, overrides)
+        merge_tables(changes, {"controller": {"estimator": arguments.estimator}})
+    record, scenario = read_run(arguments.log, changes)
+    if not arguments.trust:
+        estimator = ("controller.estimator", scenario.controller.estimator)
+        refuse_untrusted(arguments.log, [estimator], changes)
     estimates = replay(record, estimator_of(scenario))
     same = same_as_recorded(estimates, record)
     print(
-        f"{record.metadata['scenario']}, seed {record.metadata['seed']}, estimator "
-        f"{scenario.controller.estimator}: {'the' if same else 'other than the'} estimates of the "
-        "run\n"
+        one_line(
+            f"{record.metadata['scenario']}, seed {record.metadata['seed']}, estimator "
+            f"{scenario.controller.estimator}: {'the' if same else 'other than the'} estimates of "
+            "the run"
+        ),
+        end="\n\n",
     )
     print("\n".join(format_consistency(consistency(estimates, record))))
     return 0

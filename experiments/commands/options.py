@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXIT_CHECK_FAILED: Final = 1
 EXIT_BAD_INPUT: Final = 2
-EXIT_LOST: Final = 3  # the run ended early: roll-over, jack-knife, off the field, stuck, diverged
+EXIT_LOST: Final = 3  # the run ended early: stopped, roll-over, jack-knife, off the field, stuck
 EXIT_INTERRUPTED: Final = 130
 
 
@@ -40,6 +40,17 @@ def add_scenario(parser: argparse.ArgumentParser, writes: bool = True) -> None:
             help="folder to make (default: a new one in runs/); an existing one is refused",
         )
     add_overrides(parser)
+    add_trust(parser)
+
+
+def add_trust(parser: argparse.ArgumentParser) -> None:
+    """Add the permission to run code that a file names."""
+    parser.add_argument(
+        "--trust",
+        action="store_true",
+        help="run the code of controllers, estimators and stages that the file names as "
+        "package.module:factory; what you name yourself is run without",
+    )
 
 
 def add_overrides(parser: argparse.ArgumentParser) -> None:
@@ -83,7 +94,10 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
         help="processes on this machine (default: one per core; 0: in this process)",
     )
     where.add_argument(
-        "--dask", metavar="ADDRESS", help="address of a Dask scheduler: tcp://HOST:PORT"
+        "--dask",
+        metavar="ADDRESS",
+        help="address of a Dask scheduler: tls:// or tcp://HOST:PORT. tcp:// has neither password "
+        "nor encryption: everyone who reaches the scheduler runs code here and on the workers",
     )
 
 
@@ -91,14 +105,20 @@ def load_scenario(arguments: argparse.Namespace) -> tuple[str, Scenario]:
     """Return name and settings of the scenario with all changes, the controller among them.
 
     Raises:
-        InvalidScenario: the scenario or a change is invalid.
+        InvalidScenario: the scenario or a change is invalid, or the file names code that the user
+            does not.
     """
-    from ..scenario.scenario import load
+    from ..run.trust import named_parts, refuse_untrusted
+    from ..scenario.scenario import merge_tables, parse_overrides, read_scenario
 
-    overrides = list(arguments.overrides)
-    if arguments.controller is not None:
-        overrides.append(f'controller.name="{arguments.controller}"')
-    return load(arguments.scenario, overrides)
+    changes = parse_overrides(arguments.overrides)
+    if getattr(arguments, "controller", None) is not None:
+        merge_tables(changes, {"controller": {"name": arguments.controller}})
+    source = read_scenario(arguments.scenario)
+    scenario = source.scenario(changes)
+    if not arguments.trust:
+        refuse_untrusted(source.file, named_parts(scenario), changes)
+    return source.name, scenario
 
 
 def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:

@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument("study", metavar="STUDY", help="name of a shipped study or a .toml file")
     options.add_workers(parser)
+    options.add_trust(parser)
     parser.add_argument(
         "-o",
         "--out",
@@ -58,7 +59,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
     from ..sweep.sweep import sweep
 
     name, study = load_study(arguments.study)
-    plan = SweepPlan(name, study)
+    plan = SweepPlan(name, study, trusted=arguments.trust)
     extent = plan.extent()
     folder = arguments.out or Path("runs") / f"sweep-{name}"
     if arguments.dry_run or not is_begun(folder):

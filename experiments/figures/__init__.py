@@ -35,12 +35,13 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
 
 CAPTIONS: Final = {
     "path": "Reference and driven paths; below, where the error of an axle point is largest.",
-    "error": "Distance to the time-based reference. Shaded: curves. Means leave out the start-up.",
+    "error": "Distance to the time-based reference. Shaded: curves; red, with names: faults. "
+    "Means leave out the start-up.",
     "signals": "The three actions, their sum, and the command sent. Dashed: the vehicle's bounds.",
     "tyres": "Slip of the driven wheels, slip angles of the trailer's wheels, loads of all wheels.",
     "tube": "Offset of the true vehicle to the left of the nominal one, and the tube of the "
     "controller. The tube of `ttempc` is that of one step, predicted from the last estimate. "
-    "Below: margin of the estimate, 1 at the centre of the tube, 0 on its boundary.",
+    "Below: margin of both true axle points, 1 at the centre of the tube, 0 on its boundary.",
     "corridor": "Offset of the true points to the left of their paths, and the corridor.",
     "timing": "Wall-clock time of the parts of a control period, on the machine of the run.",
 }

@@ -67,8 +67,11 @@ def _draw_paths(axes: Axes, record: Record) -> None:
 def _zoom(
     axes: Axes, whole: Axes, record: Record, errors: TrackingErrors, rows: NDArray[np.intp]
 ) -> None:
-    """Show both bodies and their references at the largest tractor error among `rows`."""
-    worst = int(rows[np.argmax(errors.tractor.euclidean_m[rows])])
+    """Show both bodies and their references at the largest error of either among `rows`."""
+    largest_m = {body: errors.by_point[body].euclidean_m[rows].max() for body in BODIES}
+    centre = max(BODIES, key=largest_m.__getitem__)
+    error_m = float(largest_m[centre])
+    worst = int(rows[np.argmax(errors.by_point[centre].euclidean_m[rows])])
     _, state, reference = rows_at_same_time(record, STATE, REFERENCE)
     _draw_paths(axes, record)
     ends = []
@@ -79,17 +82,19 @@ def _zoom(
         axes.plot(*zip(actual, desired, strict=True), color=BODY_COLOURS[body], linewidth=1.0)
         axes.plot(*actual, "o", color=BODY_COLOURS[body], markersize=5)
         axes.plot(*desired, "o", markeredgecolor=BLACK, markerfacecolor="white", markersize=5)
-        if body == "tractor":
+        if body == centre:
             ends = [actual, desired]
     x, y = np.mean(ends, axis=0)
-    error_m = float(errors.tractor.euclidean_m[worst])
     half_height = min(max(_ZOOM_ERRORS * error_m, _ZOOM_MIN_M), _ZOOM_MAX_M)
     half_width = _ZOOM_SHAPE * half_height
     axes.set_xlim(x - half_width, x + half_width)
     axes.set_ylim(y - half_height, y + half_height)
     axes.set_box_aspect(1.0 / _ZOOM_SHAPE)
     note(
-        axes, 0.02, 0.03, f"t = {errors.time_s[worst]:.1f} s: tractor off by {100 * error_m:.1f} cm"
+        axes,
+        0.02,
+        0.03,
+        f"t = {errors.time_s[worst]:.1f} s: {centre} off by {100 * error_m:.1f} cm",
     )
     corner = (x - half_width, y - half_height)
     whole.add_patch(Rectangle(corner, 2 * half_width, 2 * half_height, fill=False, edgecolor=GREY))

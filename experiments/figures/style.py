@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -9,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from proving_ground.testbed.recording.record import FaultSpan
 from ttempc.types import FloatArray
 
 PAGE_WIDTH_IN: Final = 7.2  # two columns of a journal page
@@ -31,6 +33,7 @@ _SERIES_MARKERS: Final = "osD^vP"
 BODY_COLOURS: Final = {"tractor": BLUE, "trailer": RED, "tool": GREEN}
 CURVE_SHADE: Final = "#EDEDE6"
 HATCH: Final = "#CFCFCF"
+FAULT_SHADE: Final = "#F7D3C4"
 GRID: Final = "#DDDDDD"
 
 _FONT_PT: Final = 8.5
@@ -98,3 +101,11 @@ def shade(
         linewidth=0.0,
         zorder=0,
     )
+
+
+def mark_faults(axes: Axes, spans: Sequence[FaultSpan], end_s: float) -> None:
+    """Shade the time in which faults acted, up to the end of the run [s], with their names."""
+    for span in spans:
+        axes.axvspan(span.start_s, min(span.end_s, end_s), color=FAULT_SHADE, lw=0.0, zorder=0)
+        place = {"x": span.start_s, "y": 0.02, "transform": axes.get_xaxis_transform()}
+        axes.text(s=span.name, rotation=90, va="bottom", fontsize=_FONT_PT - 2.0, **place)

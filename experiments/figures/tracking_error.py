@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from proving_ground.testbed.recording.record import Record
+from proving_ground.testbed.recording.record import Record, fault_spans
 
 from ..results.tracking_errors import START_UP_S, BodyError, TrackingErrors, tracking_errors
-from .style import BODY_COLOURS, GREY, blank, dress, note, shade
+from .style import BODY_COLOURS, GREY, blank, dress, mark_faults, note, shade
 
 
 def error_figure(record: Record) -> Figure:
@@ -21,6 +21,7 @@ def error_figure(record: Record) -> Figure:
     for axes, (body, error) in zip(rows, points.items(), strict=True):
         shade(axes, errors.time_s, errors.curved)
         shade(axes, errors.time_s, errors.time_s < START_UP_S, hatch="////")
+        mark_faults(axes, fault_spans(record.events), float(errors.time_s[-1]))
         axes.plot(errors.time_s, 100 * error.euclidean_m, color=BODY_COLOURS[body], linewidth=1.0)
         dress(axes, "", f"{body} error [cm]")
         _draw_means(axes, errors, error)

@@ -6,30 +6,27 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from proving_ground.testbed.recording.channels import TUBE
 from proving_ground.testbed.recording.record import Record
-from ttempc.types import FloatArray
 
 from ..results.containment import Containment, containment, leftward
 from .style import BLACK, BODY_COLOURS, GREY, PALE, blank, dress, legend, note, shade
 
 
 def tube_figure(record: Record) -> Figure:
-    """Return the cross-track deviation of both true axle points, and the margin of the estimate."""
+    """Return the cross-track deviation of both true axle points, and their margin in the tube."""
     contained = containment(record)
     figure = blank(5.4)
     *rows, last = figure.subplots(3, 1, sharex=True)
     for axes, (body, column) in zip(rows, contained.ACROSS.items(), strict=True):
         _draw_deviation(axes, contained, column, body)
     shade(last, contained.time_s, contained.curved)
-    counted = record[TUBE].time_s >= contained.time_s.min(initial=np.inf)
-    margin: FloatArray = record[TUBE]["margin"][counted]
-    last.plot(record[TUBE].time_s[counted], margin, color=BLACK, linewidth=0.8)
+    margin = contained.margin
+    last.plot(contained.time_s, margin, color=BLACK, linewidth=0.8)
     last.axhline(0.0, color=GREY, linewidth=0.8)
-    dress(last, "time [s] (shaded: curves)", "margin of estimate [1]")
+    dress(last, "time [s] (shaded: curves)", "margin [1]")
     last.margins(x=0.0)
     inside = 100.0 * np.mean(margin >= 0.0) if margin.size else np.nan
-    note(last, 0.02, 0.06, f"inside {inside:.1f} % of the ticks")
+    note(last, 0.02, 0.06, f"both true axle points inside at {inside:.2f} % of the ticks")
     return figure
 
 

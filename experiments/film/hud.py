@@ -11,6 +11,7 @@ import numpy as np
 from PIL import Image
 
 from proving_ground.testbed.recording.channels import CONTROL, STATE
+from proving_ground.testbed.recording.record import fault_spans
 
 from ..results.tracking_errors import BODIES, BodyError
 from .colours import (
@@ -80,6 +81,9 @@ class Overlay:
         self._headline(self._replay.title).paste_onto(picture, margin, margin)
         clock = self._clock(time_s)
         clock.paste_onto(picture, width - margin - clock.image.width, margin)
+        faults = self._faults(time_s)
+        if faults is not None:
+            faults.paste_onto(picture, margin, clock.image.height + 1.5 * margin)
         bars = self._bars(time_s)
         bars.paste_onto(picture, margin, height - margin - bars.image.height)
         if not self._brief:
@@ -96,9 +100,15 @@ class Overlay:
         film_speed = f"  {self._speed:g}x" if self._speed else ""
         return self._headline(f"{time_s:6.1f} s   {speed:4.2f} m/s{film_speed}")
 
-    def _headline(self, text: str) -> OverlayBox:
+    def _faults(self, time_s: float) -> OverlayBox | None:
+        """Return the names of the faults that act, None without any."""
+        spans = fault_spans(self._replay.record.events)
+        names = [span.name for span in spans if span.start_s <= time_s < span.end_s]
+        return self._headline(f"fault: {', '.join(names)}", ALARM) if names else None
+
+    def _headline(self, text: str, colour: Rgb = INK) -> OverlayBox:
         box = OverlayBox(24.0 + text_length(text, 15, bold=True), 34.0, self.scale)
-        box.text(12.0, 17.0, text, points=15, bold=True)
+        box.text(12.0, 17.0, text, points=15, bold=True, colour=colour)
         return box
 
     def _bars(self, time_s: float) -> OverlayBox:

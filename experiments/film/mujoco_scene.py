@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from proving_ground.testbed.errors import first_line
 from proving_ground.testbed.recording.channels import REFERENCE as REFERENCE_ROWS
 from proving_ground.testbed.truth import WHEELS
 from proving_ground.testbed.vehicle.appearance import paint_ground
@@ -124,8 +125,14 @@ class MujocoScene:
             spec = mujoco.MjSpec.from_string(self.replay.mjcf)
             for light in list(spec.lights):
                 spec.delete(light)
-        except ValueError as error:
-            raise InvalidFilm(f"{self.replay.file}: its model cannot be read: {error}") from None
+            return self._dressed(spec).compile()
+        except (ValueError, KeyError, AttributeError) as error:
+            raise InvalidFilm(
+                f"{self.replay.file}: its model cannot be used: {first_line(error)}"
+            ) from None
+
+    def _dressed(self, spec: mujoco.MjSpec) -> mujoco.MjSpec:
+        """Add ground, light and lines of a film to a model."""
         unit, visual = self.camera.unit, spec.visual
         ground = spec.texture("ground")
         ground.width, ground.height = _TEXTURE
@@ -167,7 +174,7 @@ class MujocoScene:
         visual.map.znear, visual.map.zfar = 0.05, 60.0
         visual.map.fogstart, visual.map.fogend = 12.0, 55.0
         visual.map.shadowclip = 1.0
-        return spec.compile()
+        return spec
 
     def _body_ids(self) -> NDArray[np.intp]:
         """Return the model's ids of the bodies in the order of the log, (n,)."""

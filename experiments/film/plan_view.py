@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from proving_ground.testbed.errors import first_line
 from proving_ground.testbed.recording.channels import REFERENCE as REFERENCE_ROWS
 from proving_ground.testbed.truth import WHEELS
 from proving_ground.testbed.vehicle.appearance import ground_colours
@@ -33,6 +34,7 @@ _CLOSE: Final = (0.695, 0.09, 0.29)  # left and top of the close-up, its side ov
 _CLOSE_SPAN: Final = 9.0  # [m] across the close-up for a vehicle of the paper's length
 _BEYOND: Final = (84, 94, 58)  # colour of the ground beyond the field
 _PIXELS_PER_M: Final = 16.0  # of the picture of the ground
+_MOST_PIXELS: Final = 100_000_000  # of that picture
 _SHAPES: Final = (  # of the vehicle, lower ones first: geom, colour
     ("bed", (88, 138, 96)),
     ("gearbox", (60, 62, 66)),
@@ -172,6 +174,10 @@ def _draw_line(
 def _ground_image(replay: Replay) -> Image.Image:
     terrain = replay.ground.terrain
     columns, rows = (math.ceil(_PIXELS_PER_M * side) for side in terrain.size_m)
+    if columns * rows > _MOST_PIXELS:
+        raise InvalidFilm(
+            f"{replay.file}: the plan has {columns} x {rows} pixels, at most {_MOST_PIXELS} in all"
+        )
     colours = ground_colours(terrain, replay.ground.cone_index, rows, columns)
     return Image.fromarray((255.0 * colours[::-1]).astype(np.uint8))
 
@@ -192,7 +198,9 @@ def _outlines(replay: Replay) -> tuple[list[Outline], float]:
             corners = signs * half if wheel >= 0 else rotation(geom.quat).apply(signs * half)
             outlines.append(Outline(body, corners + geom.pos, colour, wheel))
     except (ValueError, KeyError) as error:
-        raise InvalidFilm(f"{replay.file}: its model cannot be drawn: {error}") from None
+        raise InvalidFilm(
+            f"{replay.file}: its model cannot be drawn: {first_line(error)}"
+        ) from None
     return outlines, FollowCamera(replay, 1.0).unit
 
 

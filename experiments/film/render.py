@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -83,11 +86,26 @@ def render_frames(setup: FilmSetup, workers: int) -> Iterator[NDArray[np.uint8]]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, context, _prepare, (setup, workers)) as pool:
         try:
-            yield from pool.map(_picture, times)
+            with _ignored_interrupts():  # the pool starts its processes here
+                pictures = pool.map(_picture, times)
+            yield from pictures
         except BrokenProcessPool:
             raise InvalidFilm("a rendering process was killed: try --workers 1") from None
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _ignored_interrupts() -> Iterator[None]:
+    """Start processes that ignore Ctrl-C: this process handles it, and ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # is inherited
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
 
 
 _setup: FilmSetup | None = None  # of this process: sent once, not with each frame

@@ -18,9 +18,9 @@ from proving_ground.testbed.log.log_reader import record_of
 from proving_ground.testbed.log.log_scene import (
     Line,
     Motion,
-    attachment,
     ground_of,
     lines_of,
+    model_of,
     motion_of,
 )
 from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE, TYRES, Channel
@@ -38,7 +38,6 @@ from ttempc.types import FloatArray
 from ..errors import InvalidFilm
 from ..results.tracking_errors import BODIES, TrackingErrors, position_fields, tracking_errors
 
-_MODEL_FILE: Final = "model.xml"
 _CHANNELS: Final = (STATE, REFERENCE, CONTROL, TYRES)
 _PREDICTED_PATHS: Final = (PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC)
 _POSITIONS: Final = tuple(field for body in BODIES for field in position_fields(body))
@@ -181,7 +180,7 @@ def read_replay(file: Path) -> Replay:
         record=record,
         motion=motion,
         ground=ground_of(content),
-        mjcf=attachment(content, _MODEL_FILE).decode(),
+        mjcf=model_of(content),
         path=path[0].points[:, :2],
         predicted=(tractor, trailer),
     )

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from proving_ground.testbed.atomic_write import partial_path
 from proving_ground.testbed.configuration.config_io import validated
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.vehicle.vehicle import PlantVehicle
@@ -17,7 +18,7 @@ from ttempc.learning.learner import LENGTHS, ParameterChange
 from ttempc.learning.lengths import KNOWN_SD, fit_lengths
 
 from ..errors import InvalidReplay
-from ..output import create_partial
+from ..output import refuse_existing, write_file
 from ..run.assembly import model_vehicle
 from ..scenario.vehicle import LENGTH_KEYS, edited_file
 from .replay import read_run, ticks
@@ -49,7 +50,7 @@ def calibrate(log: Path) -> Calibration:
             do not fit together with the rest of the vehicle.
     """
     record, scenario = read_run(log)
-    vehicle = model_vehicle(scenario.path.mission(), scenario, scenario.vehicles())
+    vehicle = model_vehicle(scenario.mission(), scenario, scenario.vehicles())
     window = list(ticks(record))
     driven_s = window[-1].time_s - window[0].time_s
     if driven_s < _LEAST_S:
@@ -88,6 +89,5 @@ def write_vehicle(calibration: Calibration, file: Path) -> None:
     Raises:
         OutputExists: the file exists or cannot be written.
     """
-    partial = create_partial(file)
-    partial.write_text(calibration.file, encoding="utf-8")
-    partial.rename(file)
+    refuse_existing(file, partial_path(file))
+    write_file(file, calibration.file)

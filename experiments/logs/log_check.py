@@ -44,6 +44,7 @@ def check_log(content: Content) -> list[LogCheck]:
         _check_attachments(content),
         _check_topics(content),
         *_check_times(content, record),
+        _check_state(content, record),
     ]
 
 
@@ -84,6 +85,24 @@ def _check_times(content: Content, record: Record) -> Iterator[LogCheck]:
     if not regular:
         detail += f", but once nothing for {1e3 * longest_s:g} ms"
     yield LogCheck("truth", regular, detail)
+
+
+def _check_state(content: Content, record: Record) -> LogCheck:
+    """Check that the truth is that of a run: it starts at 0, goes on, and has finite poses."""
+    state = record[STATE]
+    written_s = np.array([message.log_time for message in content.messages[STATE.topic]]) / 1e9
+    detail = f"{len(state)} rows, finite, with the times of their messages"
+    if len(state) < 2 or not np.all(np.diff(state.time_s) > 0.0):
+        detail = f"{len(state)} rows, must be two or more of rising time"
+    elif not (np.isfinite(state.values).all() and state.time_s[0] == 0.0):
+        detail = "must start at 0 s and be finite"
+    elif not np.allclose(state.time_s, written_s, rtol=0.0, atol=1e-6):
+        detail = "times of rows and messages differ"
+    elif not np.any(state.values):
+        detail = "all zero"
+    else:
+        return LogCheck("state", True, detail)
+    return LogCheck("state", False, detail)
 
 
 def format_log_info(content: Content) -> list[str]:

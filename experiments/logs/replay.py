@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 
+from proving_ground.testbed.configuration.config_io import parse_toml
 from proving_ground.testbed.log.log_content import read_content
 from proving_ground.testbed.log.log_reader import record_of
 from proving_ground.testbed.recording import record_rows as rows
@@ -28,7 +29,7 @@ from ..errors import InvalidReplay
 from ..run.assembly import model_vehicle
 from ..run.user_code import named_estimator
 from ..scenario.controller import TRUTH
-from ..scenario.scenario import Scenario, ScenarioFile, parse_overrides
+from ..scenario.scenario import Scenario, ScenarioFile
 
 _CHANNELS: Final = (STATE, MEASUREMENT, ESTIMATE, CONTROL)
 _COMMAND: Final = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
@@ -38,8 +39,10 @@ _SCENARIO: Final = "scenario.toml"
 _ORDER: Final = sorted(MEASUREMENT_COLUMNS, key=lambda sensor: not sensor.startswith("imu"))
 
 
-def read_run(log: Path, overrides: Sequence[str] = ()) -> tuple[Record, Scenario]:
-    """Return the record of a logged run, and its scenario with changes `key.key=value`.
+def read_run(
+    log: Path, changes: Mapping[str, Any] = MappingProxyType({})
+) -> tuple[Record, Scenario]:
+    """Return the record of a logged run, and its scenario with tables that replace its values.
 
     Raises:
         LogError: no such file, not a log of this project, or of another version of it.
@@ -48,11 +51,12 @@ def read_run(log: Path, overrides: Sequence[str] = ()) -> tuple[Record, Scenario
     """
     topics = {channel.topic for channel in _CHANNELS}
     content = read_content(log, topics.__contains__)
-    text = content.attachments.get(_SCENARIO)
-    if text is None:
+    data = content.attachments.get(_SCENARIO)
+    if data is None:
         raise InvalidReplay(f"{log}: has no {_SCENARIO}, as a log that was cut before its settings")
-    source = ScenarioFile(log, tomllib.loads(text.decode()))
-    return record_of(content, _CHANNELS), source.scenario(parse_overrides(overrides))
+    text = data.decode(errors="replace")
+    source = ScenarioFile(log, parse_toml(text, InvalidReplay, f"{log}: {_SCENARIO}"))
+    return record_of(content, _CHANNELS), source.scenario(changes)
 
 
 def estimator_of(scenario: Scenario) -> Estimator:
@@ -67,7 +71,7 @@ def estimator_of(scenario: Scenario) -> Estimator:
         raise InvalidReplay(
             f"controller.estimator: {TRUTH} needs the plant and cannot be replayed; choose another"
         )
-    vehicle = model_vehicle(scenario.path.mission(), scenario, scenario.vehicles())
+    vehicle = model_vehicle(scenario.mission(), scenario, scenario.vehicles())
     noise = settings.noise.sensor_noise(scenario.sensors)
     return named_estimator(settings.estimator, vehicle, noise)
 

@@ -26,7 +26,7 @@ FAMILY: Final = ("ttempc", "ttempc-nominal", "ttempc-tube")
 """Variants of one controller; the others are its rivals."""
 
 LEVEL: Final = 0.05  # of the tests, after Holm's correction
-_ENDED_EARLY: Final = {"lost", "invalid", "failed", "crashed"}  # `RowStatus`
+_ENDED_EARLY: Final = {"stopped", "lost", "invalid", "failed", "crashed"}  # `RowStatus`
 _POINTS: Final = tuple(f"tracking.all.{body}.mean_euclidean_m" for body in ("tractor", "trailer"))
 
 

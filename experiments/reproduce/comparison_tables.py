@@ -196,9 +196,13 @@ def _verdicts(comparison: Comparison) -> str:
                 significant[winner].append(f"`{field}`")
     count_all = sum(map(len, ahead.values()))
     sentences = [
-        f"`{name}` has the smaller mean error of both points on {len(fields)} of {count_all} "
-        f"fields ({', '.join(fields) or 'none'}), significantly on "
-        f"{', '.join(significant[name]) or 'none'}."
+        f"`{name}` has the smaller mean error of both points on "
+        + (
+            f"{len(fields)} of {count_all} fields ({', '.join(fields)}), significantly on "
+            f"{', '.join(significant[name]) or 'none'}."
+            if fields
+            else "no field."
+        )
         for name, fields in ahead.items()
     ]
     over, count = comparison.over_fields(_RIVAL)

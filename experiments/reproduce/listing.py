@@ -227,7 +227,7 @@ ENTRIES: Final = (
         probes=tuple(
             (name, "ttempc-tube") for name in ("grass", "pavement", "wet-grass", "side-slope")
         ),
-        minutes=9.0,
+        minutes=13.0,
     ),
     Entry(
         name="ranking",

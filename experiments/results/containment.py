@@ -54,6 +54,11 @@ class Containment:
         """Absolute deviation over half width, (n, 9); at most 1 inside the tube."""
         return np.abs(self.deviation) / self.half_width
 
+    @property
+    def margin(self) -> FloatArray:
+        """1 minus the largest normalised deviation of both true axle points, (n,); inside: >= 0."""
+        return 1.0 - self.normalised_deviation[:, self.POINTS].max(axis=1)
+
 
 def containment(record: Record) -> Containment:
     """Return the containment of a run at the common times of state, reference and tube."""

@@ -20,7 +20,7 @@ from proving_ground.testbed.recording.channels import (
 from proving_ground.testbed.recording.record import LEARNT, Record
 from ttempc.types import FloatArray
 
-from .containment import Containment, containment
+from .containment import containment
 from .summary import (
     BodyStatistics,
     CorridorStatistics,
@@ -183,8 +183,7 @@ def _spread(cost_us: FloatArray) -> Spread:
 def _tube(record: Record) -> TubeStatistics | None:
     if not len(record[TUBE]):
         return None
-    deviation = containment(record).normalised_deviation[:, Containment.POINTS]
-    margin = 1.0 - deviation.max(axis=1)
+    margin = containment(record).margin
     inside = margin >= 0.0
     return TubeStatistics(_mean(inside), _number(margin.min()) if margin.size else None)
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Final, Literal
 
-Status = Literal["completed", "lost", "invalid"]
+Status = Literal["completed", "stopped", "lost", "invalid"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,8 +103,8 @@ def _other_numbers(summary: Summary) -> list[str]:
     tube = summary.tube
     if tube is not None and tube.contained_fraction is not None and tube.margin_min is not None:
         lines.append(
-            f"In the tube {100.0 * tube.contained_fraction:.2f} % of the ticks, smallest margin "
-            f"{tube.margin_min:.2f}"
+            f"Both true axle points in the tube at {100.0 * tube.contained_fraction:.2f} % of the "
+            f"ticks, smallest margin {tube.margin_min:.2f}"
         )
     if summary.corridor is not None:
         lines += textwrap.wrap(format_corridor(summary.corridor), WIDTH, subsequent_indent="  ")

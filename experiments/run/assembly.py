@@ -17,12 +17,11 @@ from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.implement.mounted import check_pull
 from proving_ground.testbed.randomness import generator
 from proving_ground.testbed.recording.sink import Sink
-from proving_ground.testbed.sensing.sensors import SensorSuite
+from proving_ground.testbed.sensing.sensors import Sensors, SensorSuite
 from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
 from proving_ground.testbed.simulation.plant import Plant, Snapshot
 from proving_ground.testbed.simulation.termination import TerminationLimits
-from proving_ground.testbed.truth import Truth
 from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.controllers import controller_options
 from ttempc.guidance.guidance import Guidance
@@ -40,8 +39,9 @@ from ..scenario.controller import TRUTH
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
-from .corridor_judge import CorridorJudge
+from .corridor_judge import corridor_row
 from .shared_parts import SharedParts
+from .timetable import Timetable
 from .user_code import is_user_code, load_factory, named_estimator, user_controller, user_stage
 
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
@@ -54,7 +54,7 @@ class Assembly:
     """A run, ready to go but for the sink that listens to it."""
 
     plant: Plant
-    sensors: SensorSuite
+    sensors: Sensors
     guidance: Guidance
     terrain: Terrain
     reference: Reference  # of the plant's lengths: by it a run is judged
@@ -94,17 +94,8 @@ class Assembly:
             termination=TerminationLimits.of(self.plant.vehicle),
             notes=self.notes,
             place=Projection(rows[:, :2]).place if self.guidance.space_based else None,
-            corridor_row=self._corridor_row(rows, record_hz),
+            corridor_row=corridor_row(self.reference, rows, record_hz),
         )
-
-    def _corridor_row(
-        self, rows: FloatArray, record_hz: float
-    ) -> Callable[[Truth], list[float]] | None:
-        reference = self.reference
-        if reference.corridor is None:
-            return None
-        distance, _, _ = reference.speed.travel(np.arange(len(rows)) / record_hz)
-        return CorridorJudge(reference.corridor, rows, distance).row
 
     def reference_path(self, step_m: float) -> FloatArray:
         """Return points on the path, one every `step_m` [m], (n, 2) [m]."""
@@ -157,7 +148,7 @@ def assemble(
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             the message says what, where and what is allowed.
     """
-    mission = scenario.path.mission()
+    mission = scenario.mission()
     vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
     parts = parts or SharedParts()
@@ -168,6 +159,8 @@ def assemble(
     record_rate(timestep, scenario.control.period_s)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
     _check_pull(scenario, vehicles, mission, soil.background)
+    timetable = Timetable.of(scenario, vehicles.plant, reference, _ticks(reference, scenario))
+    terrain, soil = timetable.ground(terrain, soil)
     plant = Plant(
         vehicles.plant,
         terrain,
@@ -178,21 +171,22 @@ def assemble(
         actuators=scenario.actuators,
         implement=scenario.implement,
     )
-    sensors = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
+    timetable.damage(plant)
+    suite = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
     guidance = _guidance(scenario, reference, plant, factory, parts)
     x, y, yaw, *_, speed = reference.at(0.0).state.tolist()
     plant.reset(x, y, yaw, speed)  # refused here, before anything is written
     return Assembly(
         plant=plant,
-        sensors=sensors,
+        sensors=timetable.sensors(suite, timestep, seed),
         guidance=guidance,
         terrain=terrain,
         reference=replace(reference, vehicle=driven),
         start=plant.snapshot(),
-        ticks=_ticks(reference, scenario),
+        ticks=timetable.ticks,
         mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=(*mission.notes, *overload_notes(vehicles.plant)),
-        stages=_stages(scenario, seed),
+        stages=with_stages([*timetable.stages(plant), *_user_stages(scenario, seed)]),
     )
 
 
@@ -205,7 +199,7 @@ def check(scenario: Scenario) -> int:
     Raises:
         ExperimentError, TestbedError, TtempcError: as `assemble`.
     """
-    mission = scenario.path.mission()
+    mission = scenario.mission()
     vehicles = scenario.vehicles()
     vehicle = model_vehicle(mission, scenario, vehicles)
     level = replace(scenario.terrain, iso_class="flat").terrain(seed=0)
@@ -223,7 +217,10 @@ def check(scenario: Scenario) -> int:
     trailer_stop = math.radians(vehicles.plant.trailer_steering.limit_deg)
     Actuators(scenario.actuators, timestep_s, (front_stop, trailer_stop))
     SensorSuite(scenario.sensors, timestep_s, 0, np.zeros((2, 3)))
-    return _ticks(reference, scenario)
+    ticks = _ticks(reference, scenario)
+    ground, soil = Timetable.of(scenario, vehicles.plant, reference, ticks).ground(level, soil)
+    soil.rasterised(ground)
+    return ticks
 
 
 def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> Vehicle:
@@ -302,13 +299,13 @@ def _guidance(
     )
 
 
-def _stages(scenario: Scenario, seed: int) -> tuple[Stage, ...]:
-    """Return the stages of the loop with those of the scenario, each with its own generator."""
-    extra = []
+def _user_stages(scenario: Scenario, seed: int) -> list[tuple[str, Stage]]:
+    """Return the stages of the scenario, each with its own generator, and where they stand."""
+    stages = []
     for number, settings in enumerate(scenario.stages):
         draws = generator(seed, f"stage {number} {settings.make}")
-        extra.append((settings.after, user_stage(settings, draws)))
-    return with_stages(extra)
+        stages.append((settings.after, user_stage(settings, draws)))
+    return stages
 
 
 def _check_guidance(scenario: Scenario, vehicle: Vehicle) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -10,9 +11,20 @@ from proving_ground.testbed.recording.channels import REFERENCE
 from proving_ground.testbed.truth import Truth
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.projection import Projection
+from ttempc.reference.reference import Reference
 from ttempc.types import FloatArray
 
 _NAN = math.nan
+
+
+def corridor_row(
+    reference: Reference, rows: FloatArray, record_hz: float
+) -> Callable[[Truth], list[float]] | None:
+    """Return `CorridorJudge.row` for the `rows` of a reference, None on free ground."""
+    if reference.corridor is None:
+        return None
+    distance, _, _ = reference.speed.travel(np.arange(len(rows)) / record_hz)
+    return CorridorJudge(reference.corridor, rows, distance).row
 
 
 class CorridorJudge:

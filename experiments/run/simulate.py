@@ -18,7 +18,7 @@ from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
 from proving_ground.testbed.simulation.loop import Outcome, drive, prepare
 from proving_ground.testbed.viewers.live import LiveView
 
-from ..output import make_folder, refuse_existing
+from ..output import make_folder, refuse_existing, write_file
 from ..results.metrics import summarise
 from ..results.published import PublishedError, applies_to, compare
 from ..results.summary import RunFacts, Summary
@@ -132,7 +132,7 @@ def run(
         make_folder(folder)
         resolved = dump(scenario)
         files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
-        files["scenario"].write_text(resolved, encoding="utf-8")
+        write_file(files["scenario"], resolved)
         metadata = describe(name, scenario, seed, assembly, sources)
         recorder = Recorder()
         log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
@@ -147,15 +147,15 @@ def run(
     facts = _facts(name, scenario, seed, outcome, files["log"].name, sources)
     summary = summarise(record, facts)
     files["summary"] = folder / "summary.json"
-    files["summary"].write_text(summary.to_json(), encoding="utf-8")
+    write_file(files["summary"], summary.to_json())
     pictures = draw(record)
     for figure, content in pictures.items():
         files[figure] = folder / f"{figure}.png"
-        files[figure].write_bytes(content)
+        write_file(files[figure], content)
     files["report"] = folder / "report.html"
     comparison = compare(summary) if applies_to(scenario) else ()
     page = render_run_report(summary, record.events, resolved, pictures, mismatch, comparison)
-    files["report"].write_text(page, encoding="utf-8")
+    write_file(files["report"], page)
     return Finished(summary, record, files, mismatch, notes, comparison)
 
 

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -25,8 +25,6 @@ from ttempc.vehicle import Vehicle
 from ..errors import InvalidController
 from ..scenario.scenario import Scenario
 from ..scenario.stages import StageSettings
-
-_SITE: Final = ("site-packages", "dist-packages")
 
 
 def is_user_code(name: str) -> bool:
@@ -60,7 +58,9 @@ def load_factory(name: str, what: str) -> Callable[..., object]:
             f"{what} {name!r}: no module {error.name!r}; it is looked for in {folder} and among "
             "the installed packages"
         ) from None
-    except Exception as error:  # a user's module may raise anything
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a user's module may raise anything, SystemExit too
         raise InvalidController(
             f"{what} {name!r}: importing {module_name} raised {_in_a_line(error)}"
         ) from error
@@ -90,11 +90,7 @@ def user_controller(
             without a method `step`.
     """
     controller = _call(name, "controller", factory, (vehicle, reference, period_s), options)
-    if not callable(getattr(controller, "step", None)):
-        raise InvalidController(
-            f"controller {name!r}: the factory returned {type(controller).__name__}, which has no "
-            "method step(estimate, k)"
-        )
+    _check_method(name, "controller", controller, "step(estimate, k)")
     return controller  # pyright: ignore[reportReturnType] - it has the method
 
 
@@ -110,11 +106,7 @@ def named_estimator(name: str, vehicle: Vehicle, sensor_noise: SensorNoise) -> E
         return estimator_factory(name)(vehicle, sensor_noise)
     factory = load_factory(name, "estimator")
     estimator = _call(name, "estimator", factory, (vehicle, sensor_noise), {})
-    if not callable(getattr(estimator, "update", None)):
-        raise InvalidController(
-            f"estimator {name!r}: the factory returned {type(estimator).__name__}, which has no "
-            "method update(time_s, measurements, command)"
-        )
+    _check_method(name, "estimator", estimator, "update(time_s, measurements, command)")
     return estimator  # pyright: ignore[reportReturnType] - it has the method
 
 
@@ -137,7 +129,9 @@ def user_stage(settings: StageSettings, generator: np.random.Generator) -> Stage
     def run(setup: SimulationSetup, tick: TickContext) -> None:
         try:
             stage(setup, tick)
-        except Exception as error:  # a user's stage may raise anything
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # a user's stage may raise anything, SystemExit too
             raise StageFailed(
                 f"the stage {name} raised at tick {tick.k}: {type(error).__name__}: {error}"
             ) from error
@@ -227,19 +221,37 @@ def _call(
         pass
     try:
         return factory(*arguments, **options)
-    except Exception as error:  # a user's factory may raise anything
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a user's factory may raise anything, SystemExit too
         raise InvalidController(f"{what} {name!r}: raised {_in_a_line(error)}") from error
 
 
+def _check_method(name: str, what: str, part: object, method: str) -> None:
+    """Refuse an object without a method, given with its arguments.
+
+    Raises:
+        InvalidController: there is no such method, or a property of its name raises.
+    """
+    try:
+        found = callable(getattr(part, method.partition("(")[0], None))
+    except Exception as error:
+        raise InvalidController(f"{what} {name!r}: raised {_in_a_line(error)}") from error
+    if not found:
+        raise InvalidController(
+            f"{what} {name!r}: the factory returned {type(part).__name__}, which has no method "
+            f"{method}"
+        )
+
+
 def _search_working_directory() -> str:
-    """Let modules of the working directory be found, after the standard library; return it."""
+    """Let modules of the working directory be found, after all installed ones; return it."""
     folder = os.getcwd()
     if folder not in sys.path:
-        sites = (i for i, path in enumerate(sys.path) if Path(path).name in _SITE)
-        sys.path.insert(next(sites, len(sys.path)), folder)
+        sys.path.append(folder)
     importlib.invalidate_caches()
     return folder
 
 
-def _in_a_line(error: Exception) -> str:
+def _in_a_line(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())}"

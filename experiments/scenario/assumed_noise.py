@@ -14,7 +14,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, NotNegative, Positive
+from proving_ground.testbed.configuration.config_io import STRICT, DurationS, NotNegative, Positive
 from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from ttempc.estimation.noise import SensorNoise
 
@@ -25,7 +25,7 @@ _MIN_SD: Final = 1e-3  # [m], [rad], [m/s]
 _MIN_SHARE: Final = 1e-2
 _MIN_YAW_RATE_DEGPS: Final = 1e-3
 
-AssumedSd = Annotated[float, Field(ge=_MIN_SD)]
+AssumedSd = Annotated[float, Field(ge=_MIN_SD, le=1e6)]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -43,7 +43,7 @@ class NoiseSettings:
     """Speed of the encoder."""
     gnss_white_share: Annotated[float, Field(gt=0, le=1)] | None = None
     """White share of the variance of a position; the rest is correlated over time."""
-    gnss_correlation_time_s: Positive | None = None
+    gnss_correlation_time_s: DurationS | None = None
     """Correlation time of that rest."""
     yaw_rate_sd_degps: NotNegative | None = None
     """Yaw rate of both IMUs, where there are any; 0: the estimator does not use it."""

@@ -37,8 +37,9 @@ class ControllerSettings:
     tube: NameOrFile | None = None
     """Name of a shipped tube, or path of a file relative to the scenario.
 
-    `ttempc-tube` stays inside it, `ttempc` monitors its deviation from it. The default is the tube
-    of grass; a controller that only monitors has none if its vehicle differs from that of grass.
+    `ttempc-tube` stays inside it. `ttempc` monitors its deviation from it and, with the option
+    `tightening = "tube"`, leaves it its share of the inputs. The default is the tube of grass;
+    `ttempc` has none if its vehicle differs from that of grass.
     """
     options: dict[str, OptionValue] = Field(default_factory=dict)
     """Options of the controller, such as `horizon`; keyword arguments of a user's factory."""
@@ -57,6 +58,11 @@ class ControllerSettings:
                 "package.module:factory"
             )
 
+    @property
+    def tube_name(self) -> str:
+        """Name or path of the tube, the default where none is given."""
+        return self.tube or _DEFAULT_TUBE
+
     def design(self, vehicle: Vehicle, period_s: float) -> TubeDesign | None:
         """Return the design of the tube that the controller needs or monitors, None without one.
 
@@ -67,7 +73,7 @@ class ControllerSettings:
         entry = CONTROLLERS.get(self.name)
         if entry is None or entry.tube is None:
             return None
-        design = read_tube(self.tube or _DEFAULT_TUBE).design()
+        design = read_tube(self.tube_name).design()
         if entry.tube == "monitor" and self.tube is None and design.differing(vehicle, period_s):
             return None
         design.require(vehicle, period_s)

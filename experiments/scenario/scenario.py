@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -13,9 +12,10 @@ import tomli_w
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.actuation.actuators import ActuatorSpecification
-from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
+from proving_ground.testbed.configuration.config_io import STRICT, parse_toml, read_toml, validated
 from proving_ground.testbed.configuration.resources import ShippedFiles
 from proving_ground.testbed.errors import InvalidPlant
+from proving_ground.testbed.faults.registry import AnyFault
 from proving_ground.testbed.implement.implement import Implement
 from proving_ground.testbed.recording.provenance import run_id
 from proving_ground.testbed.sensing.sensor_presets import with_preset
@@ -28,8 +28,8 @@ from ..errors import InvalidScenario
 from .assumed_noise import NoiseSettings
 from .control import ControlSettings
 from .controller import ControllerSettings
-from .mission import CorridorSettings
-from .path import AnyPath, FigureEight
+from .mission import CorridorSettings, Mission
+from .path import AnyPath, FigureEight, FilePath
 from .plant import PlantSettings
 from .soil import SoilSettings
 from .stages import StageSettings
@@ -39,6 +39,13 @@ from .vehicle import Vehicles, fill_in, read_vehicles
 _SCENARIOS: Final = ShippedFiles(
     "scenario", "proving_ground.experiments", "scenarios", ".toml", InvalidScenario
 )
+
+
+MOST_M: Final = 100_000
+"""Longest path: a day at 1 m/s."""
+MOST_TICKS: Final = 1_000_000
+"""Largest number of control ticks: two days at 5 Hz, a gigabyte of rows."""
+_SHOWN: Final = 300  # characters of a wrong line
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -67,8 +74,32 @@ class Scenario:
     """Rate of the control loop."""
     controller: ControllerSettings = ControllerSettings()
     """Controller, estimator and their model."""
+    faults: tuple[AnyFault, ...] = ()
+    """Faults of sensors, actuators, plant and ground, each at its time."""
     stages: tuple[StageSettings, ...] = ()
-    """Stages of a user in the simulation loop, such as faults."""
+    """Stages of a user in the simulation loop."""
+
+    def mission(self) -> Mission:
+        """Return path, speed and gear.
+
+        Raises:
+            InvalidScenario: the path lies beyond the field, or takes longer than can be driven.
+            InvalidWaypoints, InvalidPath, InvalidReference: as `FilePath.mission`.
+        """
+        terrain = self.terrain
+        if isinstance(self.path, FilePath) and not terrain.height_map:
+            mission = self.path.mission((terrain.size_x_m, terrain.size_y_m))
+        else:
+            mission = self.path.mission()
+        length_m = mission.path.length_m
+        ticks = mission.speed.duration_s(length_m) / self.control.period_s
+        for what, count, limit in (("m", length_m, MOST_M), ("control ticks", ticks, MOST_TICKS)):
+            if not count <= limit:
+                raise InvalidScenario(
+                    f"path: {count:.6g} {what}, must be {limit} or fewer: a shorter path, fewer "
+                    "laps or a higher speed"
+                )
+        return mission
 
     def kept_corridor(self) -> Corridor | None:
         """Return the corridor that the vehicle is to keep to, None without one.
@@ -195,23 +226,61 @@ def identity(scenario_toml: str, seed: int, code: dict[str, str]) -> str:
 
 
 def _parse_override(line: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(line)
-    except tomllib.TOMLDecodeError as error:
-        raise InvalidScenario(
-            f"--set {line}: must be key.key=value with a TOML value "
-            f'(numbers 1.5, words "grass"): {error}'
-        ) from None
+    where = f"--set {line[:_SHOWN]}: must be key.key=value with a TOML value"
+    return parse_toml(line, InvalidScenario, f'{where} (numbers 1.5, words "grass")')
 
 
 def merge_tables(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Replace values of nested tables in place by those of other tables."""
+    """Replace values of nested tables in place by those of other tables.
+
+    A table with the key of a list holds changes of its tables by their numbers or names, see
+    `list_index`.
+    """
     for key, value in changes.items():
         below = content.get(key)
-        if isinstance(value, Mapping) and isinstance(below, dict):
+        if isinstance(value, Mapping) and isinstance(below, list):
+            for entry, table in value.items():
+                _replace_in(below, list_index(key, below, entry), table)
+        elif isinstance(value, Mapping) and isinstance(below, dict):
             merge_tables(below, value)
         else:
             content[key] = copy.deepcopy(value)
+
+
+def _replace_in(entries: list[Any], index: int, value: Any) -> None:  # noqa: ANN401
+    """Replace an entry of a list in place; of a table, the values that the other one has."""
+    if isinstance(value, Mapping) and isinstance(entries[index], dict):
+        merge_tables(entries[index], value)
+    else:
+        entries[index] = copy.deepcopy(value)
+
+
+def list_index(key: str, entries: Sequence[Any], entry: str) -> int:
+    """Return the place in a list of tables that a part of a dotted key means.
+
+    Args:
+        key: of the list.
+        entries: tables, or objects with attributes.
+        entry: number from 0, `name` or, where one alone has it, `kind` of a table.
+
+    Raises:
+        InvalidScenario: there is no such table, or there are several.
+    """
+    names = [_label(item) for item in entries]
+    if entry.isdecimal() and int(entry) < len(entries):
+        return int(entry)
+    if names.count(entry) != 1:
+        raise InvalidScenario(
+            f"{key}.{entry}: must be a number below {len(entries)} or the name of one table; "
+            f"names here: {', '.join(names) or 'none'}"
+        )
+    return names.index(entry)
+
+
+def _label(item: Any) -> str:  # noqa: ANN401 - a table or an object
+    keys = ("name", "kind")
+    values = [item.get(k) if isinstance(item, Mapping) else getattr(item, k, "") for k in keys]
+    return str(values[0] or values[1] or "")
 
 
 def without_none(value: Any) -> Any:  # noqa: ANN401 - any TOML value

@@ -7,7 +7,13 @@ from typing import Final
 
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, DataFile, Positive
+from proving_ground.testbed.configuration.config_io import (
+    STRICT,
+    DataFile,
+    LengthM,
+    PlaceM,
+    StrengthKpa,
+)
 from proving_ground.testbed.ground.soil import Layer, SoilMap
 from proving_ground.testbed.ground.soil_layers import (
     Gradient,
@@ -30,11 +36,11 @@ class StrengthMapFile:
 
     file: DataFile
     """Grid of cone index [kPa] (.npy, .csv, .txt), first row in the south."""
-    spacing_m: Positive
+    spacing_m: LengthM
     """Distance between neighbouring points."""
-    x_m: float = 0.0
+    x_m: PlaceM = 0.0
     """Middle of the grid, map frame."""
-    y_m: float = 0.0
+    y_m: PlaceM = 0.0
     """Middle of the grid, map frame."""
 
     def read(self) -> StrengthMap:
@@ -56,7 +62,7 @@ class SoilSettings:
 
     name: str | None = None
     """Name of a soil in testbed/ground/soil.py."""
-    cone_index_kpa: Positive | None = None
+    cone_index_kpa: StrengthKpa | None = None
     """Cone index of the background; 600 if there is neither a name nor a cone index."""
     gradient: Gradient | None = None
     """Linear change of strength."""

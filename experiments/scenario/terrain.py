@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, DataFile
+from proving_ground.testbed.configuration.config_io import STRICT, BearingDeg, DataFile
 from proving_ground.testbed.ground.features import AnyFeature
 from proving_ground.testbed.ground.terrain import Terrain, flat, rough
 from proving_ground.testbed.randomness import generator
@@ -23,7 +23,7 @@ class TerrainSettings:
     """Roughness class of ISO 8608, geometric mean."""
     slope_rad: Annotated[float, Field(ge=0, le=0.6)] = 0.0
     """Slope of the whole field."""
-    uphill_deg: float = 90.0
+    uphill_deg: BearingDeg = 90.0
     """Direction in which the slope rises, counter-clockwise from east."""
     size_x_m: Annotated[float, Field(gt=0, le=400)] = 80.0
     """Extent of the field from west to east."""

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, Positive
+from proving_ground.testbed.configuration.config_io import STRICT, BearingDeg, LengthM, PlaceM
 from proving_ground.testbed.ground.tramlines import Tracks, Tramlines, parallel_lines
 from ttempc.reference.path import Path
 
@@ -37,7 +37,7 @@ class LineTramlines(Tracks):
 
     kind: Literal["line"] = "line"
     """Kind of tramlines."""
-    points_m: tuple[tuple[float, float], ...]
+    points_m: tuple[tuple[PlaceM, PlaceM], ...]
     """Points (x, y), map frame."""
 
     def tramlines(self, path: Path) -> Tramlines:
@@ -55,17 +55,17 @@ class PassesTramlines(Tracks):
 
     kind: Literal["passes"] = "passes"
     """Kind of tramlines."""
-    x_m: float
+    x_m: PlaceM
     """Start of the first pass, map frame."""
-    y_m: float
+    y_m: PlaceM
     """Start of the first pass, map frame."""
-    heading_deg: float = 0.0
+    heading_deg: BearingDeg = 0.0
     """Direction of the passes, counter-clockwise from east."""
-    length_m: Positive
+    length_m: LengthM
     """Length of each pass."""
     passes: Annotated[int, Field(ge=1, le=200)] = 1
     """Number of passes."""
-    spacing_m: Positive = 3.0
+    spacing_m: LengthM = 3.0
     """Distance from pass to pass, to the left."""
 
     def tramlines(self, path: Path) -> Tramlines:

@@ -21,6 +21,7 @@ from ttempc.types import FloatArray, State
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidFit
+from .path import AnyPath
 
 _TUBES: Final = ShippedFiles(
     "tube", "proving_ground.experiments", "fitted", ".json", InvalidFit, "`ttempc fit-tube`"
@@ -30,6 +31,7 @@ _Row = Annotated[list[float], Field(min_length=_DIMENSION, max_length=_DIMENSION
 _Matrix = Annotated[list[_Row], Field(min_length=_DIMENSION, max_length=_DIMENSION)]
 _Fraction = Annotated[float, Field(gt=0, lt=1)]
 _Count = Annotated[int, Field(ge=0)]
+_Width = Annotated[float, Field(gt=0)]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -63,8 +65,9 @@ class WeightsTable:
 class HoldOut:
     """Windows of held-out runs inside the fitted set, with the interval of their share.
 
-    The interval is that of Clopper and Pearson; consecutive windows without overlap are taken as
-    independent.
+    The interval is that of Clopper and Pearson for independent windows. Windows of one run are
+    not: it is too narrow. They do not overlap, and those of the estimate's error, a set of single
+    steps, are as far apart as those of the disturbance.
     """
 
     windows: _Count
@@ -102,6 +105,35 @@ class Provenance:
 
 
 @dataclass(frozen=True, config=STRICT)
+class PointHalfWidths:
+    """Half widths of the true positions of both axle points about the nominal ones [m]."""
+
+    tractor_along_m: _Width
+    tractor_across_m: _Width
+    trailer_along_m: _Width
+    trailer_across_m: _Width
+
+
+@dataclass(frozen=True, config=STRICT)
+class RunCalibration:
+    """Half widths that the next run keeps as a whole with a given probability, and their premise.
+
+    The premise: the next run is of the same scenario with a seed of its own. See
+    `ttempc.tube.conformal`; the first 8 s of a run do not count.
+    """
+
+    scenario: str
+    controller: str
+    reference: dict[str, str]  # path and speed as in the scenario
+    coverage: _Fraction  # required
+    guaranteed: _Fraction  # k / (n + 1) of n scored runs
+    scored_seeds: list[int]
+    scale_seeds: list[int]
+    half_widths: PointHalfWidths
+    versions: dict[str, str]
+
+
+@dataclass(frozen=True, config=STRICT)
 class TubeFile:
     """The content of a `tube.json`."""
 
@@ -113,6 +145,7 @@ class TubeFile:
     estimate_error: SetTable
     weights: WeightsTable
     provenance: Provenance
+    calibration: RunCalibration | None = None
 
     def design(self) -> TubeDesign:
         """Return the design of the tube.
@@ -143,6 +176,13 @@ def tube_file(design: TubeDesign, about: str, provenance: Provenance) -> TubeFil
     )
 
 
+def path_table(path: AnyPath) -> dict[str, str]:
+    """Return path and speed of a scenario as text."""
+    return {
+        name: str(value) for name, value in sorted(vars(path).items()) if not name.startswith("_")
+    }
+
+
 def residual_table(samples: FloatArray) -> ResidualTable:
     """Return the sizes of residuals (n, 7)."""
     largest = np.abs(samples).max(axis=0)
@@ -168,7 +208,7 @@ def read_tube(name: str) -> TubeFile:
     file = _TUBES.find(name)
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InvalidFit(f"{file}: cannot be read as JSON: {error}") from None
     if not isinstance(content, Mapping):
         raise InvalidFit(f"{file}: must be a table")

@@ -19,9 +19,13 @@ from proving_ground.testbed.actuation.actuators import DeadTime
 from proving_ground.testbed.configuration.config_io import (
     STRICT,
     AngleDeg,
+    DurationS,
+    LengthM,
+    MassKg,
     NameOrFile,
-    NotNegative,
+    PlaceM,
     Positive,
+    SpeedMps,
     validated,
 )
 from proving_ground.testbed.errors import InvalidPlant
@@ -69,21 +73,21 @@ class PlantVehicleSettings:
 
     file: NameOrFile = DEFAULT_VEHICLE
     """Name of a shipped vehicle, or path of a TOML file relative to the scenario."""
-    hitch_offset_m: Positive | None = None
+    hitch_offset_m: LengthM | None = None
     """Distance from the rear axle to the hitch point RJ1."""
-    drawbar_m: Positive | None = None
+    drawbar_m: LengthM | None = None
     """Distance from RJ1 to the pivot RJ2 of the trailer."""
-    trailer_m: Positive | None = None
+    trailer_m: LengthM | None = None
     """Distance from RJ2 to the trailer axle."""
-    load_kg: NotNegative | None = None
+    load_kg: MassKg | None = None
     """Load of the trailer, without the mass of the trailer."""
-    load_height_m: Positive | None = None
+    load_height_m: LengthM | None = None
     """Centre of the load above the ground."""
-    load_forward_m: float | None = None
+    load_forward_m: PlaceM | None = None
     """Centre of the load ahead of the trailer axle."""
-    speed_gain_mps: Positive | None = None
+    speed_gain_mps: SpeedMps | None = None
     """Steady speed at hydrostat position 1, K."""
-    speed_time_constant_s: Positive | None = None
+    speed_time_constant_s: DurationS | None = None
     """Time constant of the speed, tau."""
     parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Other numbers of the plant that differ from the vehicle file, by its tables and keys."""
@@ -132,31 +136,31 @@ class PlantVehicleSettings:
 class ModelVehicleSettings:
     """Parameters of the model that controller and estimator use; absent: as in the vehicle file."""
 
-    wheelbase_m: Positive | None = None
+    wheelbase_m: LengthM | None = None
     """Distance from the rear to the front axle."""
-    hitch_offset_m: Positive | None = None
+    hitch_offset_m: LengthM | None = None
     """Distance from the rear axle to the hitch point RJ1."""
-    drawbar_m: Positive | None = None
+    drawbar_m: LengthM | None = None
     """Distance from RJ1 to the pivot RJ2 of the trailer."""
-    trailer_m: Positive | None = None
+    trailer_m: LengthM | None = None
     """Distance from RJ2 to the trailer axle."""
-    speed_gain_mps: Positive | None = None
+    speed_gain_mps: SpeedMps | None = None
     """Steady speed at hydrostat position 1, K."""
-    speed_time_constant_s: Positive | None = None
+    speed_time_constant_s: DurationS | None = None
     """Time constant of the speed, tau."""
-    hp_rate_per_s: Positive | None = None
+    hp_rate_per_s: DurationS | None = None
     """Rate limit of the hydrostat position."""
     front_limit_deg: AngleDeg | None = None
     """Largest front steering angle to each side."""
     front_rate_degps: Positive | None = None
     """Rate limit of the front steering."""
-    front_lag_s: Positive | None = None
+    front_lag_s: DurationS | None = None
     """Time constant of the front steering."""
     trailer_limit_deg: AngleDeg | None = None
     """Largest trailer steering angle to each side."""
     trailer_rate_degps: Positive | None = None
     """Rate limit of the trailer steering."""
-    trailer_lag_s: Positive | None = None
+    trailer_lag_s: DurationS | None = None
     """Time constant of the trailer steering."""
     front_dead_time_s: DeadTime = 0.0
     """Time from a command to the first movement of the front steering."""

@@ -11,6 +11,7 @@ from typing import Any, Final, Never
 
 import numpy as np
 
+from proving_ground.testbed.bounded_read import MOST_TEXT_BYTES, read_bounded
 from proving_ground.testbed.geodesy import east_north
 from ttempc.types import FloatArray
 
@@ -32,6 +33,8 @@ _NAMES: Final = {  # of a header, in lower case and without unit
     **dict.fromkeys(("t", "time"), "time"),
 }
 _USED: Final = ("x", "y", "speed", "time", "angle", "extent", "direction")
+_MOST_LINES: Final = 100_000  # 10 km with a point every 10 cm
+_SHOWN: Final = 100  # characters of a wrong value
 _UNIT: Final = re.compile(r"(_mps|_m|_s)$|\s*\[.*\]$")
 
 
@@ -67,8 +70,10 @@ def read_waypoints(
             and the allowed content.
     """
     try:
-        text = file.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_bounded(file, MOST_TEXT_BYTES).decode("utf-8-sig")
+    except OSError as error:
+        raise InvalidWaypoints(f"{file}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
         raise InvalidWaypoints(f"{file}: cannot be read as text: {error}") from None
     try:
         if file.suffix.lower() in _GEOJSON:
@@ -85,6 +90,8 @@ def read_waypoints(
 
 
 def _columns_waypoints(text: str, origin_m: tuple[float, float]) -> Waypoints:
+    if (count := text.count("\n")) > _MOST_LINES:
+        raise InvalidWaypoints(f"holds {count} lines, at most {_MOST_LINES} are read")
     lines = [(number, _words(line)) for number, line in enumerate(text.splitlines(), 1)]
     lines = [(number, words) for number, words in lines if words]
     names, lines = _header(lines)
@@ -149,7 +156,7 @@ def _rows(lines: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> Itera
         for name, word, needed in zip(names, words, used, strict=True):
             if needed and not (_is_number(word) and np.isfinite(float(word))):
                 raise InvalidWaypoints(
-                    f"line {number}: {name} is {word!r}, must be a finite number"
+                    f"line {number}: {name} is {word[:_SHOWN]!r}, must be a finite number"
                 )
             row.append(float(word) if needed else 0.0)
         yield row
@@ -209,20 +216,24 @@ def _fields2cover_waypoints(
 def _geojson_points(text: str, origin_deg: tuple[float, float] | None) -> FloatArray:
     try:
         content = json.loads(text)
+        lines = list(_line_strings(content))
     except ValueError as error:
         raise InvalidWaypoints(f"is no JSON: {error}") from None
-    lines = list(_line_strings(content))
+    except RecursionError:
+        raise InvalidWaypoints("is nested too deeply") from None
     if len(lines) != 1:
         raise InvalidWaypoints(f"holds {len(lines)} LineStrings, must be one")
     places = []
     for index, place in enumerate(lines[0] if isinstance(lines[0], list) else _no_points()):
         numbers = place if isinstance(place, list) else []
         good = len(numbers) in (2, 3) and all(
-            isinstance(value, int | float) and np.isfinite(value) for value in numbers
+            isinstance(value, int | float) and not isinstance(value, bool) for value in numbers
         )
-        if not good or abs(numbers[0]) > 180.0 or abs(numbers[1]) > 90.0:
+        # "not <=" refuses NaN, too
+        if not (good and abs(numbers[0]) <= 180.0 and abs(numbers[1]) <= 90.0):
             raise InvalidWaypoints(
-                f"point {index} is {place!r}, must be [longitude, latitude] in degrees (WGS84)"
+                f"point {index} is {str(place)[:_SHOWN]}, must be [longitude, latitude] in degrees "
+                "(WGS84)"
             )
         places.append(numbers[:2])
     if not places:
@@ -242,7 +253,8 @@ def _line_strings(content: Any) -> Iterator[Any]:  # noqa: ANN401 - any JSON val
         case "Feature":
             yield from _line_strings(content.get("geometry"))
         case "FeatureCollection":
-            for feature in content.get("features") or ():
+            features = content.get("features")
+            for feature in features if isinstance(features, list) else ():
                 yield from _line_strings(feature)
 
 

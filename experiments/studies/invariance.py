@@ -2,9 +2,9 @@
 
     python -m experiments.studies.invariance [TUBE]
 
-100,000 deviations start at zero, at ticks all along the figure eight, and are disturbed over the
+91,000 deviations start at zero, at ticks all along the figure eight, and are disturbed over the
 memory of the tube. Most disturbances are noise, noise of full size with random sign, and square
-waves, each scaled so that its largest window fills the set. The rest are worst cases for a
+waves, each scaled so that its fullest sliding window fills the set. The rest are worst cases for a
 direction, drawn at random or along a state, an output or an input. Prints the largest normalised
 deviation, and the ratio of both sides of the invariance condition in dense directions. Neither may
 exceed 1.
@@ -28,7 +28,7 @@ from ..scenario.tube_file import read_tube
 
 SEED = 1
 RANDOM = 90_000
-WORST = 10_000
+WORST = 1_000
 BATCH = 1_000  # trajectories that end at the same tick
 DIRECTIONS = 1_000  # in which the condition is checked at a tick
 STRIDE = 20  # ticks between checks of the condition

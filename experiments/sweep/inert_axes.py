@@ -82,5 +82,6 @@ def fingerprint(scenario: Scenario) -> str:
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
     vehicles = (plant.vehicle, assembly.vehicle, plant.actuators.specification)
+    digest.update(repr(scenario.faults).encode())  # refused where it cannot act, later than this
     digest.update(repr((*vehicles, plant.timestep_s, assembly.ticks)).encode())
     return digest.hexdigest()

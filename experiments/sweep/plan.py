@@ -17,13 +17,22 @@ from typing import Any
 from proving_ground.testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
-from ..errors import ExperimentError, InvalidStudy
+from ..errors import ExperimentError, InvalidScenario, InvalidStudy
 from ..run.assembly import check
+from ..run.trust import named_parts, refuse_untrusted
 from ..run.user_code import user_sources
-from ..scenario.scenario import Scenario, ScenarioFile, dump, identity, merge_tables, read_scenario
+from ..scenario.scenario import (
+    Scenario,
+    ScenarioFile,
+    dump,
+    identity,
+    list_index,
+    merge_tables,
+    read_scenario,
+)
 from .dimensions import Change, Dimension, dimensions
 from .row import Value
-from .study import Scalar, Study
+from .study import MOST_RUNS, Scalar, Study
 
 _CACHED = 64  # scenarios: those of one point, for all its seeds
 
@@ -66,13 +75,15 @@ class SweepPlan:
     Args:
         name: of the study.
         study: content of its file.
+        trusted: whether code that study or scenario names as package.module:factory may run.
 
     Raises:
         InvalidScenario: no such scenario.
+        InvalidStudy: it has too many runs.
     """
 
-    def __init__(self, name: str, study: Study) -> None:
-        self.name, self.study = name, study
+    def __init__(self, name: str, study: Study, *, trusted: bool = True) -> None:
+        self.name, self.study, self._trusted = name, study, trusted
         factors = dimensions(study)
         self._shared = [factor for factor in factors if not factor.selects_controller]
         self._controllers = next((f for f in factors if f.selects_controller), Dimension([{}]))
@@ -84,6 +95,8 @@ class SweepPlan:
             for entry in dimension.entries:
                 self._draft(str(entry.get("scenario", study.scenario)))
         self.points = math.prod(len(dimension.entries) for dimension in self._shared)
+        if self.size > MOST_RUNS:
+            raise InvalidStudy(f"study {name}: {self.size} runs, must be {MOST_RUNS} or fewer")
         self._setting = functools.lru_cache(_CACHED)(self._make_setting)
 
     @property
@@ -218,6 +231,8 @@ class SweepPlan:
                     value = self._scaled(draft, key, value)
                 _set(tables, key, value)
             scenario = draft.scenario(tables)
+            if not self._trusted:
+                refuse_untrusted(draft.file, named_parts(scenario), {})
         except ExperimentError as error:
             raise self._refusal(changes, error) from None
         axes = {key: _get(scenario, key, draft.name) for key in changes}
@@ -233,7 +248,10 @@ class SweepPlan:
 
     def _lacks(self, draft: ScenarioFile, key: str) -> bool:
         """Return whether the scenario has no such key without any axis."""
-        return _get(draft.scenario(self.study.set), key, draft.name) is None
+        try:
+            return _get(draft.scenario(self.study.set), key, draft.name) is None
+        except InvalidScenario:  # a table that its list does not have
+            return True
 
     def _scaled(self, draft: ScenarioFile, key: str, factor: Scalar) -> float:
         """Return the factor times the value of the key in the scenario without any axis."""
@@ -267,7 +285,10 @@ def _get(scenario: Scenario, key: str, name: str) -> Value:
         return name
     value: Any = scenario
     for part in ("controller", "name") if key == "controller" else key.split("."):
-        value = getattr(value, part, None)
+        if isinstance(value, tuple):
+            value = value[list_index(key, value, part)]
+        else:
+            value = getattr(value, part, None)
     if value is not None and not isinstance(value, (str, float, int)):
         raise InvalidStudy(f"axis {key}: is a table, give one of its keys")
     return value

@@ -46,7 +46,7 @@ class Results:
                 break
             try:
                 self._done[json.loads(text)["run"]] = 1
-            except (ValueError, KeyError, TypeError, IndexError):
+            except (ValueError, KeyError, TypeError, IndexError, RecursionError):
                 self._stream.close()
                 raise SweepRefused(f"{file}: line {number} is no row of this study") from None
             whole += len(text)

@@ -16,7 +16,7 @@ from ..results.summary import Summary
 
 Value = str | float | int | bool | None
 Row = dict[str, Value]
-RowStatus = Literal["completed", "lost", "invalid", "failed", "crashed"]
+RowStatus = Literal["completed", "stopped", "lost", "invalid", "failed", "crashed"]
 
 _IDENTITY: Final = ("run_id", "scenario", "controller", "seed", "status", "failure", "log")
 _LEADING: Final = ("run", "point", "run_id", "scenario", "controller", "seed")

@@ -21,8 +21,14 @@ _STUDIES: Final = ShippedFiles(
     "study", "proving_ground.experiments", "sweeps", ".toml", InvalidStudy
 )
 
+MOST: Final = 1_000_000
+"""Largest number of seeds, samples or values of an axis."""
+MOST_RUNS: Final = 10_000_000
+"""Largest number of runs of a study."""
+
 Scalar = bool | int | float | str
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
+Count = Annotated[int, Field(ge=1, le=MOST)]
 Distribution = Literal["uniform", "log-uniform", "normal"]
 
 BY_NAME: Final = ("scenario", "controller")
@@ -78,7 +84,7 @@ class GridAxis(AxisKeys):
     kind: Literal["grid"]
     low: float
     high: float
-    count: Annotated[int, Field(ge=2)]
+    count: Annotated[int, Field(ge=2, le=MOST)]
     spacing: Literal["linear", "log"] = "linear"
 
     def __post_init__(self) -> None:
@@ -116,11 +122,13 @@ class Study:
 
     description: str = ""
     scenario: str = "grass"
-    seeds: Annotated[int, Field(ge=1)] | Annotated[tuple[Seed, ...], Field(min_length=1)] = 1
-    samples: Annotated[int, Field(ge=1)] | None = None  # of all drawn axes together
+    seeds: (
+        Annotated[int, Field(ge=1, le=MOST)] | Annotated[tuple[Seed, ...], Field(min_length=1)]
+    ) = 1
+    samples: Count | None = None  # of all drawn axes together
     draw: Seed = 1  # seed of the drawn values
     keep: Literal["none", "all", "failed", "worst"] = "none"
-    worst: Annotated[int, Field(ge=1)] = 5
+    worst: Count = 5
     worst_by: str = "tracking.all.trailer.cross_p95_m"
     skip_refused: bool = False  # leave out what a scenario or a controller refuses
     set: dict[str, Any] = Field(default_factory=dict)

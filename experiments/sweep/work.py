@@ -96,7 +96,9 @@ def run_job(job: SweepJob) -> Row:
             part.replace(log)
     except LogError as error:
         raise SweepStopped(f"run {job.run}: {error}") from None
-    except Exception as error:  # a run may fail in any way, a controller's own included
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a run may fail in any way, a controller's own included
         reason = f"{type(error).__name__}: {error}".partition("\n")[0]
         return job.row("failed", reason, no_figures(), perf_counter() - start)
     finally:

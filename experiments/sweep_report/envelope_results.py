@@ -66,7 +66,7 @@ def _read(file: Path) -> EnvelopeFile:
         content = json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidRows(f"{file}: cannot be read: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise InvalidRows(foreign) from None
     if not isinstance(content, Mapping):
         raise InvalidRows(foreign)

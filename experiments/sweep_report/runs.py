@@ -183,7 +183,7 @@ def _origin(file: Path) -> dict[str, Any]:
         origin = json.loads(file.read_text(encoding="utf-8"))
         if isinstance(origin["runs"], int) and isinstance(origin["versions"], dict):
             return origin
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass
     raise InvalidRows(f"{file}: is not what `ttempc sweep` writes")
 

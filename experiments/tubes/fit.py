@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from proving_ground.testbed.errors import LogError
-from proving_ground.testbed.log.log_reader import read_log
 from proving_ground.testbed.recording.provenance import versions
 from proving_ground.testbed.recording.record import Record
 from ttempc.limits import CommandLimits
@@ -19,17 +16,25 @@ from ttempc.reference.reference import Reference
 from ttempc.tube.ancillary import AncillaryWeights, InputMargin, search_weights
 from ttempc.tube.disturbance_set import DisturbanceSet, Shape
 from ttempc.tube.reference_tube import ReferenceTube, TubeDesign
+from ttempc.tube.residual_set import fit_set
 from ttempc.types import FloatArray, State
 
-from ..errors import InvalidFit, InvalidScenario
+from ..errors import InvalidFit
 from ..results.containment import Containment
 from ..results.statistics import fewest_samples
-from ..run.assembly import model_vehicle
 from ..scenario.control import PAPER_PERIOD_S
-from ..scenario.scenario import Scenario, load
-from ..scenario.tube_file import HoldOut, Provenance, TubeFile, residual_table, tube_file
+from ..scenario.scenario import Scenario
+from ..scenario.tube_file import (
+    HoldOut,
+    Provenance,
+    TubeFile,
+    path_table,
+    residual_table,
+    tube_file,
+)
+from .logged_runs import LoggedRun, logged_run, require_alike
 from .residuals import Residuals, RunErrors, residuals, run_errors
-from .set_fit import fit_set, hold_out
+from .set_fit import contradiction, hold_out
 
 WINDOW_STEPS = 10  # two seconds, in which the vehicle moves by two thirds of its length
 COVERAGE = 0.9
@@ -39,14 +44,9 @@ _N = len(State)
 
 
 @dataclass(frozen=True)
-class FitRun:
+class FitRun(LoggedRun):
     """Data of one run for a fit."""
 
-    scenario: str
-    controller: str
-    seed: int
-    settings: Scenario
-    reference: Reference
     errors: RunErrors
     residuals: Residuals
 
@@ -59,61 +59,23 @@ class Fit:
     along: ReferenceTube
     straight: int  # tick of the smallest curvature of the reference
     curve: int  # tick in the middle of the longest sharpest curve
+    warnings: tuple[str, ...] = ()  # reasons not to rely on it, a sentence each
 
 
 def fit_run(record: Record, scenario: Scenario) -> FitRun:
     """Return the data of one run for a fit.
 
     Raises:
-        InvalidFit: the run is too short, or was driven at another control rate.
+        InvalidFit: the run is too short, was driven at another control rate, or ended before its
+            path.
     """
-    if scenario.control.period_s != PAPER_PERIOD_S:
-        raise InvalidFit(
-            f"control.rate_hz = {scenario.control.rate_hz:g}: a tube is fitted to runs at "
-            f"{1.0 / PAPER_PERIOD_S:g} Hz"
-        )
-    mission = scenario.path.mission()
-    vehicle = model_vehicle(mission, scenario, scenario.vehicles())
-    reference = Reference(mission.path, vehicle, mission.speed)
-    errors = run_errors(record, reference, PAPER_PERIOD_S)
+    run = logged_run(record, scenario)
+    errors = run_errors(record, run.reference, PAPER_PERIOD_S)
     return FitRun(
-        scenario=record.metadata["scenario"],
-        controller=record.metadata["controller"],
-        seed=int(record.metadata["seed"]),
-        settings=scenario,
-        reference=reference,
+        **vars(run),
         errors=errors,
-        residuals=residuals(errors, reference, PAPER_PERIOD_S),
+        residuals=residuals(errors, run.reference, PAPER_PERIOD_S),
     )
-
-
-def read_fit_runs(folders: Sequence[Path]) -> list[FitRun]:
-    """Read all runs in the folders and their subfolders, sorted by name within each folder.
-
-    Raises:
-        InvalidFit: a folder holds no run, a log or its scenario cannot be read, a run is too
-            short, or the runs have different vehicles.
-    """
-    runs = []
-    for folder in folders:
-        logs = sorted(folder.rglob("log.mcap"))
-        if not logs:
-            raise InvalidFit(f"{folder}: there is no log.mcap in it or below")
-        for log in logs:
-            try:
-                _, scenario = load(str(log.parent / "scenario.toml"))
-                runs.append(fit_run(read_log(log), scenario))
-            except (LogError, InvalidScenario) as error:
-                raise InvalidFit(str(error)) from None
-            except InvalidFit as error:
-                raise InvalidFit(f"{log}: {error}") from None
-    for run in runs:
-        if run.reference.vehicle != runs[0].reference.vehicle:
-            raise InvalidFit(
-                f"{run.scenario}, seed {run.seed}: is of another vehicle than {runs[0].scenario}, "
-                f"seed {runs[0].seed}: a tube is for one"
-            )
-    return runs
 
 
 def fit_tube(
@@ -133,9 +95,11 @@ def fit_tube(
         confidence: of the intervals of the hold-out counts, and of the least amount of data.
 
     Raises:
-        InvalidFit: there are too few data for the coverage. The message gives the numbers.
+        InvalidFit: there are too few data for the coverage, or the runs are not of one field and
+            controller with a seed of its own each. The message gives the numbers.
         InvalidTube: no gain yields a tube within the input limits. The message gives the numbers.
     """
+    require_alike(runs)
     fitted = [run for number, run in enumerate(runs, 1) if number % _HOLD_OUT_EVERY]
     held_out = [run for number, run in enumerate(runs, 1) if number % _HOLD_OUT_EVERY == 0]
     _require_enough(fitted, held_out, coverage, window, confidence)
@@ -154,15 +118,11 @@ def fit_tube(
         controllers=sorted({run.controller for run in runs}),
         fitted_seeds=[run.seed for run in fitted],
         held_out_seeds=[run.seed for run in held_out],
-        reference={
-            name: str(value)
-            for name, value in sorted(vars(runs[0].settings.path).items())
-            if not name.startswith("_")
-        },
+        reference=path_table(runs[0].settings.path),
         coverage=coverage,
         confidence=confidence,
-        disturbance=hold_out(disturbance, held_residuals, confidence),
-        estimate_error=hold_out(estimate_error, held_estimation, confidence),
+        disturbance=hold_out(disturbance, held_residuals, confidence, window),
+        estimate_error=hold_out(estimate_error, held_estimation, confidence, window),
         seen=residual_table(np.concatenate([run.residuals.estimated for run in runs])),
         true=residual_table(np.concatenate([run.residuals.true for run in runs])),
         estimation=residual_table(np.concatenate([run.errors.estimation for run in runs])),
@@ -170,7 +130,17 @@ def fit_tube(
     )
     about = "Tube for the controller ttempc-tube, written by ttempc fit-tube"
     along = ReferenceTube.along(design, reference, ticks)
-    return Fit(tube_file(design, about, provenance), along, straight, curve)
+    warnings = [
+        contradiction(provenance.disturbance, "disturbance", coverage, confidence),
+        contradiction(provenance.estimate_error, "error of the estimate", coverage, confidence),
+    ]
+    if not runs[0].drives_in_a_tube:
+        warnings.append(
+            f"the runs were driven by {runs[0].controller}, which does not drive in a tube: drive "
+            "in this tube and fit again"
+        )
+    file = tube_file(design, about, provenance)
+    return Fit(file, along, straight, curve, tuple(filter(None, warnings)))
 
 
 def design_weights(

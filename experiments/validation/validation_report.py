@@ -14,7 +14,7 @@ from proving_ground.testbed.inspection.check import Chart, Check
 
 from ..figures import png
 from ..figures.style import BLACK, BLUE, DPI, GREEN, PAGE_WIDTH_IN, RED, dress, legend
-from ..output import make_folder, refuse_existing
+from ..output import make_folder, refuse_existing, write_file
 from ..report.html import Picture, environment
 from ..scenario.scenario import Scenario, dump
 from .plant_validation import PlantValidation, figure_text, validate_plant
@@ -41,16 +41,16 @@ def write_plant_validation(
     refuse_existing(folder)
     validation = validate_plant(name, scenario, on_check=on_check)
     make_folder(folder)
-    (folder / "card.json").write_text(validation.to_json(), encoding="utf-8")
+    write_file(folder / "card.json", validation.to_json())
     pictures = []
     for check in validation.checks:
         if check.chart is not None:
             content = png(chart_figure(check.chart))
             picture = Picture.of(_file_stem(check.chart), check.chart.title, content)
-            (folder / f"{picture.name}.png").write_bytes(content)
+            write_file(folder / f"{picture.name}.png", content)
             pictures.append(picture)
     page = render_page(validation, dump(scenario), pictures)
-    (folder / "card.html").write_text(page, encoding="utf-8")
+    write_file(folder / "card.html", page)
     return validation
 
 

@@ -15,7 +15,7 @@ crosses the play; the crossing itself takes no time.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple, Protocol
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -112,6 +112,37 @@ class ActuatorState(NamedTuple):
     def set_points(self) -> tuple[float, float, float]:
         """Set points of the servos: front and trailer angle [rad], position of the hydrostat."""
         return self.front.set_point, self.trailer.set_point, self.hydrostat.set_point
+
+
+class PathState(Protocol):
+    """State of a command path, never changed in place."""
+
+    @property
+    def set_points(self) -> tuple[float, float, float]:
+        """Set points of the servos: front and trailer angle [rad], position of the hydrostat."""
+        ...
+
+
+class CommandPath(Protocol):
+    """Anything between a command and the servos; `Actuators` is one."""
+
+    @property
+    def specification(self) -> ActuatorSpecification:
+        """Specification of each axis."""
+        ...
+
+    @property
+    def passive(self) -> bool:
+        """Whether every command is a set point at once."""
+        ...
+
+    def start(self, hp: float) -> PathState:
+        """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
+        ...
+
+    def step(self, state: Any, command: Command, delta_t: float, delta_i: float) -> PathState:  # noqa: ANN401 - of its own
+        """Return the state after one physics step; the arguments are the present angles [rad]."""
+        ...
 
 
 class _Axis(NamedTuple):

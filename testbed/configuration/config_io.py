@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
 
@@ -17,6 +18,7 @@ from pydantic import (
     ValidationInfo,
 )
 
+from ..bounded_read import read_bounded
 from .validation_errors import format_validation_error
 
 STRICT: Final = ConfigDict(
@@ -24,10 +26,27 @@ STRICT: Final = ConfigDict(
 )
 """Configuration of every table: no unknown key, no conversion of types, finite numbers only."""
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+# Ranges of keys by their quantity: wide enough for any machine and field, narrow enough that no
+# computation overflows. A key with a range of its own says so where it is declared.
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+NotNegative = Annotated[float, Field(ge=0, le=1e6)]
+Signed = Annotated[float, Field(ge=-1e6, le=1e6)]
+LengthM = Annotated[float, Field(ge=1e-3, le=10_000)]
+PlaceM = Annotated[float, Field(ge=-10_000, le=10_000)]
+SpeedMps = Annotated[float, Field(ge=0.01, le=50)]
+DurationS = Annotated[float, Field(ge=1e-3, le=10_000)]
+RateHz = Annotated[float, Field(ge=0.01, le=10_000)]
+BearingDeg = Annotated[float, Field(ge=-360, le=360)]
+MassKg = Annotated[float, Field(ge=0, le=100_000)]
+StrengthKpa = Annotated[float, Field(ge=1, le=100_000)]
 AngleDeg = Annotated[float, Field(gt=0, lt=90)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+
+_MOST_BYTES: Final = 4 * 2**20  # of a file; those that ship have 4,000
+_MOST_LEVELS: Final = 20  # of tables and lists inside each other
+_MOST_CHARACTERS: Final = 10_000  # of a text
+_SMALLEST, _LARGEST = 1e-12, 1e12  # magnitudes of numbers; the ranges of most keys are narrower
+_TOO_DEEP: Final = f"tables and lists nested more than {_MOST_LEVELS} deep"
 
 Table = TypeVar("Table")
 
@@ -52,12 +71,73 @@ def read_toml(file: Path, error: type[Exception]) -> dict[str, Any]:
     """Return the content of a TOML file.
 
     Raises:
-        Exception: `error` with one line, if the file is missing or is no TOML.
+        Exception: `error` with one line, if the file is missing, too large or no TOML, or holds
+            what no file of this project needs: see `parse_toml`.
     """
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as reason:
+        text = read_bounded(file, _MOST_BYTES).decode()
+    except OSError as reason:
+        raise error(f"{file}: cannot be read as TOML: {reason.strerror}") from None
+    except UnicodeDecodeError as reason:
         raise error(f"{file}: cannot be read as TOML: {reason}") from None
+    return parse_toml(text, error, str(file))
+
+
+def parse_toml(text: str, error: type[Exception], where: str) -> dict[str, Any]:
+    """Return the content of a text in TOML.
+
+    Raises:
+        Exception: `error` with one line that starts with `where`: no TOML, nested more deeply than
+            any file of this project, a number beyond all ranges, a text with a NUL.
+    """
+    try:
+        content = tomllib.loads(text)
+        _check_values(content)
+    except ValueError as reason:  # of tomllib, or of a whole number with too many digits
+        raise error(f"{where}: cannot be read as TOML: {reason}") from None
+    except RecursionError:
+        raise error(f"{where}: cannot be read as TOML: {_TOO_DEEP}") from None
+    return content
+
+
+def _check_values(content: Mapping[str, Any]) -> None:
+    """Refuse values that no key allows, before anything computes with them.
+
+    Raises:
+        ValueError: with the key, the limit and the value.
+    """
+    level: list[tuple[str, Any]] = [("", content)]
+    for _ in range(_MOST_LEVELS):
+        level = [pair for where, value in level for pair in _below(where, value)]
+        for where, value in level:
+            if isinstance(value, str) and ("\0" in value or len(value) > _MOST_CHARACTERS):
+                raise ValueError(
+                    f"{where}: must be text without NUL, {_MOST_CHARACTERS} characters at most"
+                )
+            if isinstance(value, int) and abs(value) >= 2**63:
+                raise ValueError(f"{where}: must be a whole number of 64 bits")
+            if isinstance(value, float) and not _is_sane(value):
+                raise ValueError(
+                    f"{where}: got {value!r}, must be 0 or from {_SMALLEST:g} to {_LARGEST:g} in "
+                    "magnitude"
+                )
+    if level:
+        raise ValueError(_TOO_DEEP)
+
+
+def _below(where: str, value: object) -> Iterator[tuple[str, Any]]:
+    """Yield the values inside a table or a list, each with its key."""
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield (f"{where}.{key}" if where else str(key)), item
+    elif isinstance(value, list):
+        for number, item in enumerate(value):
+            yield f"{where}.{number}", item
+
+
+def _is_sane(value: float) -> bool:
+    # NaN and infinities have a message of their own, which names the allowed range.
+    return value == 0.0 or not math.isfinite(value) or _SMALLEST <= abs(value) <= _LARGEST
 
 
 def validated(

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any, get_args, get_type_hints
+from typing import Any, Final, get_args, get_type_hints
 
 from pydantic import ValidationError
+
+_MOST_SHOWN: Final = 300  # characters of a wrong value
 
 
 def format_validation_error(error: ValidationError, root: type) -> str:
@@ -30,10 +32,15 @@ def format_validation_error(error: ValidationError, root: type) -> str:
         allowed = ", ".join(field.name for field in fields(tables[0]))
         return f"{where}: unknown key; allowed here: {allowed}"
     value = first["input"]
-    given = "" if isinstance(value, Mapping) else f", got {value!r}"
+    given = "" if isinstance(value, Mapping) else f", got {_shown(value)}"
     if first["type"] == "union_tag_not_found":
         return f"{where}: kind is missing, must be one of {', '.join(_kinds(tables))}{given}"
     return f"{where}: {first['msg'].removeprefix('Value error, ')}{given}"
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}…"
 
 
 def _descend(location: Sequence[str | int], root: type) -> tuple[list[str], list[Any]]:
@@ -65,4 +72,4 @@ def _tables(hint: Any) -> list[Any]:  # noqa: ANN401 - any type
 def _kinds(tables: Sequence[Any]) -> dict[str, Any]:
     """Return the dataclasses that have a field `kind`, by the value of that field."""
     hints = ((table, get_type_hints(table).get("kind")) for table in tables)
-    return {get_args(kind)[0]: table for table, kind in hints if kind}
+    return {name: table for table, kind in hints for name in get_args(kind)}

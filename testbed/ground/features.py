@@ -19,7 +19,7 @@ from pydantic.dataclasses import dataclass
 
 from ttempc.types import FloatArray
 
-from ..configuration.config_io import STRICT, NotNegative, Positive
+from ..configuration.config_io import STRICT, BearingDeg, LengthM, NotNegative, PlaceM
 
 Profile = Literal["cosine", "cylinder"]
 
@@ -61,17 +61,17 @@ class Rise:
 
     kind: Literal["rise"] = "rise"
     """Kind of feature."""
-    x_m: float
+    x_m: PlaceM
     """Start of the rise, map frame."""
-    y_m: float
+    y_m: PlaceM
     """Start of the rise, map frame."""
     slope_rad: Annotated[float, Field(ge=-STEEPEST_RISE_RAD, le=STEEPEST_RISE_RAD)]
     """Largest slope; negative where the ground falls."""
-    length_m: Positive
+    length_m: LengthM
     """Distance between the level parts."""
-    rounding_m: Positive = 2.0
+    rounding_m: LengthM = 2.0
     """Length of the valley and of the crest."""
-    uphill_deg: float = 0.0
+    uphill_deg: BearingDeg = 0.0
     """Direction of the rise, counter-clockwise from east."""
 
     def __post_init__(self) -> None:
@@ -112,11 +112,11 @@ class Furrows:
 
     kind: Literal["furrows"] = "furrows"
     """Kind of feature."""
-    period_m: Positive
+    period_m: LengthM
     """Distance from ridge to ridge."""
-    depth_m: Positive
+    depth_m: LengthM
     """Height of a ridge above a furrow."""
-    along_deg: float = 90.0
+    along_deg: BearingDeg = 90.0
     """Direction of the furrows, counter-clockwise from east."""
 
     def __post_init__(self) -> None:
@@ -150,17 +150,17 @@ class Bump:
 
     kind: Literal["bump"] = "bump"
     """Kind of feature."""
-    x_m: float
+    x_m: PlaceM
     """Middle of the line, map frame."""
-    y_m: float
+    y_m: PlaceM
     """Middle of the line, map frame."""
-    height_m: Positive
+    height_m: LengthM
     """Height on the line."""
-    width_m: Positive
+    width_m: LengthM
     """Width across the line."""
     length_m: NotNegative = 0.0
     """Length of the line without the round ends; 0: a round bump."""
-    along_deg: float = 90.0
+    along_deg: BearingDeg = 90.0
     """Direction of the line, counter-clockwise from east."""
     profile: Profile = "cosine"
     """Shape of a section across the line."""
@@ -193,17 +193,17 @@ class Ditch:
 
     kind: Literal["ditch"] = "ditch"
     """Kind of feature."""
-    x_m: float
+    x_m: PlaceM
     """Middle of the line, map frame."""
-    y_m: float
+    y_m: PlaceM
     """Middle of the line, map frame."""
-    depth_m: Positive
+    depth_m: LengthM
     """Depth on the line."""
-    width_m: Positive
+    width_m: LengthM
     """Width across the line, at the top."""
     length_m: NotNegative = 0.0
     """Length of the line without the round ends; 0: a round hole."""
-    along_deg: float = 90.0
+    along_deg: BearingDeg = 90.0
     """Direction of the line, counter-clockwise from east."""
 
     def __post_init__(self) -> None:
@@ -230,15 +230,15 @@ class Step:
 
     kind: Literal["step"] = "step"
     """Kind of feature."""
-    x_m: float
+    x_m: PlaceM
     """Start of the ramp, map frame."""
-    y_m: float
+    y_m: PlaceM
     """Start of the ramp, map frame."""
-    height_m: float
+    height_m: PlaceM
     """Height behind the ramp; negative for a step down."""
-    ramp_m: Positive
+    ramp_m: LengthM
     """Length of the ramp."""
-    uphill_deg: float = 0.0
+    uphill_deg: BearingDeg = 0.0
     """Direction across the step, counter-clockwise from east."""
 
     def __post_init__(self) -> None:
@@ -265,7 +265,7 @@ AnyFeature = Annotated[Rise | Furrows | Bump | Ditch | Step, Field(discriminator
 
 
 def _rotated(
-    origin: tuple[float, float], direction_deg: float, x: ArrayLike, y: ArrayLike
+    origin: tuple[PlaceM, PlaceM], direction_deg: float, x: ArrayLike, y: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
     """Return the coordinates of (x, y) [m] along and across a direction through an origin."""
     dx, dy = np.asarray(x) - origin[0], np.asarray(y) - origin[1]

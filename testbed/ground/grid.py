@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import BinaryIO, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ttempc.types import FloatArray
 
+from ..bounded_read import MOST_TEXT_BYTES, read_bounded
 from ..errors import InvalidField, first_line
+
+MOST_POINTS: Final = 20_000_000
+"""Largest number of points of a grid: 160 MB, and eight times that while roughness is drawn."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,13 +62,18 @@ class Grid:
         where = f"{cls.what} file {path}"
         try:
             if path.suffix == ".npy":
-                values = np.load(path, allow_pickle=False)
+                data = read_bounded(path, 8 * MOST_POINTS + 4096)
+                check_array_header(io.BytesIO(data), len(data))
+                values = np.load(io.BytesIO(data), allow_pickle=False)
             else:
-                lines = path.read_text(encoding="utf-8").replace(",", " ").splitlines()
+                text = read_bounded(path, MOST_TEXT_BYTES).decode()
+                lines = text.replace(",", " ").splitlines()
                 some = any(map(str.strip, lines))
                 values = np.loadtxt(lines, ndmin=2) if some else np.empty((0, 0))
             values = np.asarray(values, dtype=np.float64)
-        except (OSError, ValueError, TypeError) as error:
+        except OSError as error:
+            raise InvalidField(f"{where}: {error.strerror}") from error
+        except (ValueError, TypeError, EOFError) as error:
             raise InvalidField(f"{where}: {first_line(error)}") from error
         try:
             middle = cls(values, spacing_m, (0.0, 0.0)).centre
@@ -131,3 +141,30 @@ class Grid:
             raise InvalidField(
                 f"{self.what}: got {values[row, column]} at row {row}, column {column}, {allowed}"
             )
+
+
+def check_points(nx: int, ny: int, what: str) -> None:
+    """Refuse a grid that takes too much memory, before it is made.
+
+    Raises:
+        InvalidField: with the number of points and the limit.
+    """
+    if nx * ny > MOST_POINTS:
+        raise InvalidField(
+            f"{what}: {nx} x {ny} points, must be {MOST_POINTS} in all or fewer: a smaller "
+            "field or a larger spacing"
+        )
+
+
+def check_array_header(stream: BinaryIO, size: int) -> None:
+    """Refuse a .npy array of `size` bytes that declares another size, before it is allocated.
+
+    Raises:
+        ValueError: with the declared size.
+    """
+    if np.lib.format.read_magic(stream) != (1, 0):
+        raise ValueError("format of the array is not 1.0")
+    shape, _, kind = np.lib.format.read_array_header_1_0(stream)
+    declared = math.prod(shape) * kind.itemsize
+    if declared != size - stream.tell():
+        raise ValueError(f"declares {declared} bytes, has {size - stream.tell()}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,9 +13,25 @@ import numpy as np
 from ttempc.types import FloatArray
 
 from ..errors import InvalidField
+from .grid import MOST_POINTS, check_array_header
 from .terrain import Terrain
 
 GROUND_FILE: Final = "ground.npz"  # the attachment of a log
+
+_MOST_BYTES: Final = 8 * MOST_POINTS  # of both grids in single precision
+_FOREIGN: Final = (
+    KeyError,
+    ValueError,
+    TypeError,
+    OSError,
+    EOFError,
+    MemoryError,
+    RuntimeError,
+    OverflowError,
+    zipfile.BadZipFile,
+    zlib.error,
+    InvalidField,
+)  # raised by archives of someone else
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +84,12 @@ class Ground:
             InvalidField: the bytes are not such an archive.
         """
         try:
+            _check_archive(data)
             with np.load(io.BytesIO(data), allow_pickle=False) as archive:
                 x, y = archive["origin_m"].tolist()
                 terrain = Terrain(archive["heights_m"], float(archive["spacing_m"]), (x, y))
                 cone_index = archive["cone_index_kpa"].astype(float)  # (ny, nx)
-        except (KeyError, ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile) as error:
+        except _FOREIGN as error:
             raise InvalidField(f"ground: not the ground of a log ({error})") from error
         if cone_index.shape != terrain.heights.shape:
             raise InvalidField(
@@ -79,3 +97,19 @@ class Ground:
                 f"{cone_index.shape}, must be of one shape"
             )
         return cls(terrain, cone_index)
+
+
+def _check_archive(data: bytes) -> None:
+    """Refuse an archive whose arrays declare other sizes than they have, or too large ones.
+
+    Raises:
+        ValueError: with the size and the limit.
+    """
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = archive.infolist()
+        total = sum(member.file_size for member in members)
+        if total > _MOST_BYTES + 4096:
+            raise ValueError(f"{total} bytes once decompressed, at most {_MOST_BYTES}")
+        for member in members:
+            with archive.open(member) as stream:
+                check_array_header(io.BytesIO(stream.read(4096)), member.file_size)

@@ -12,7 +12,7 @@ from pydantic.dataclasses import dataclass
 
 from ttempc.types import FloatArray
 
-from ..configuration.config_io import STRICT, Positive
+from ..configuration.config_io import STRICT, BearingDeg, LengthM, PlaceM, StrengthKpa
 from ..errors import InvalidField
 from .grid import Grid
 
@@ -24,13 +24,13 @@ _FAST: Final = 64  # Fourier transforms are fast for multiples of this size
 class Patch:
     """A round patch of soil of another strength."""
 
-    x_m: float
+    x_m: PlaceM
     """Centre, map frame."""
-    y_m: float
+    y_m: PlaceM
     """Centre, map frame."""
-    radius_m: Positive
+    radius_m: LengthM
     """Radius."""
-    cone_index_kpa: Positive
+    cone_index_kpa: StrengthKpa
     """Cone index inside the patch."""
 
     @property
@@ -52,17 +52,17 @@ class Gradient:
     The first value holds up to (x, y) along the direction, the second one behind the distance.
     """
 
-    from_kpa: Positive
+    from_kpa: StrengthKpa
     """Cone index before the gradient."""
-    to_kpa: Positive
+    to_kpa: StrengthKpa
     """Cone index behind the gradient."""
-    distance_m: Positive
+    distance_m: LengthM
     """Length of the gradient; a very small one makes an edge between two soils."""
-    x_m: float = 0.0
+    x_m: PlaceM = 0.0
     """Start of the gradient, map frame."""
-    y_m: float = 0.0
+    y_m: PlaceM = 0.0
     """Start of the gradient, map frame."""
-    towards_deg: float = 0.0
+    towards_deg: BearingDeg = 0.0
     """Direction of the gradient, counter-clockwise from east."""
 
     @property
@@ -130,7 +130,7 @@ class RandomStrength:
 
     coefficient_of_variation: Annotated[float, Field(ge=0, le=2)] = 0.3
     """Standard deviation over mean; assumed."""
-    correlation_m: Positive = 5.0
+    correlation_m: LengthM = 5.0
     """Correlation length; assumed."""
 
     def draw(self, generator: np.random.Generator, grid: Grid) -> RandomField:

@@ -14,7 +14,7 @@ from ttempc.types import FloatArray
 
 from ..errors import InvalidField
 from .features import Feature
-from .grid import Grid
+from .grid import Grid, check_points
 
 # Geometric means G_d(n0) of the classes [m^3] at n0 = 0.1 cycle/m; ISO 8608:2016, table C.1.
 # (The class limits are half and double these; some public code returns the upper limit.)
@@ -137,6 +137,7 @@ def _grid(
     if not all(2.0 <= side <= 1000.0 for side in size_m):
         raise InvalidField(f"terrain: got size {size_m} m, each side must be in [2, 1000]")
     nx, ny = (round(side / spacing_m) + 1 for side in size_m)
+    check_points(nx, ny, "terrain")
     origin = (
         centre[0] - 0.5 * (nx - 1) * spacing_m,
         centre[1] - 0.5 * (ny - 1) * spacing_m,

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 
 from ttempc.types import FloatArray
 
-from ..configuration.config_io import STRICT
+from ..configuration.config_io import STRICT, PlaceM
 from ..errors import InvalidField
 
 _STEP_OF_WIDTH: Final = 0.2  # of the points along a track: its edge is short by 1 % of its width
@@ -28,9 +28,9 @@ class Tracks:
 
     # Descriptions instead of docstrings, because subclasses do not inherit those.
     track_m: Annotated[
-        float, Field(gt=0, description="Distance between the middles of both tracks.")
+        float, Field(ge=1e-3, le=100, description="Distance between the middles of both tracks.")
     ] = 0.95
-    width_m: Annotated[float, Field(gt=0, description="Width of each track.")] = 0.3
+    width_m: Annotated[float, Field(ge=1e-3, le=100, description="Width of each track.")] = 0.3
     strength_factor: Annotated[
         float,
         Field(ge=0.05, le=20, description="Cone index in a track over that beside it; assumed."),
@@ -103,7 +103,7 @@ class Tramlines:
 
 
 def parallel_lines(
-    start: tuple[float, float], heading: float, length: float, count: int, spacing: float
+    start: tuple[PlaceM, PlaceM], heading: float, length: float, count: int, spacing: float
 ) -> tuple[FloatArray, ...]:
     """Return parallel straight lines (2, 2) [m], each to the left of the last.
 

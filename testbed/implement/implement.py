@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass
 
 from ttempc.types import FloatArray
 
-from ..configuration.config_io import STRICT, NotNegative, Positive
+from ..configuration.config_io import STRICT, DurationS, LengthM, NotNegative, Positive
 from .draft import ImplementType, Texture, draft_equation
 
 POINTS: Final = 5  # across the width, each with its own depth and forces
@@ -34,13 +34,13 @@ class Implement:
     """Working depth on level ground."""
     texture: Texture = "medium"
     """Texture of the soil: fine (clay), medium (loam) or coarse (sand)."""
-    spacing_m: Positive | None = None
+    spacing_m: LengthM | None = None
     """Distance between tools; absent: that of the type. A disk harrow has none."""
     behind_m: Annotated[float, Field(ge=0, le=10)] = 0.6
     """Distance of the tools behind the trailer's axle; assumed."""
-    clearance_m: Positive = 0.15
+    clearance_m: LengthM = 0.15
     """Height of the raised tools above level ground; assumed."""
-    lift_s: Positive = 2.0
+    lift_s: DurationS = 2.0
     """Time to lower or raise the tools; assumed."""
     work_m: tuple[tuple[NotNegative, NotNegative], ...] = ()
     """Intervals [from, to] of the distance driven in which the tools work; empty: always."""

@@ -75,15 +75,15 @@ class LogWriter(Publisher):
         refuse_existing_log(path)
         with self._writing():
             self._stream = open(self.part, "xb")  # noqa: SIM115 - closed by __exit__
-        self._mcap = McapFile(self._stream, library=PROGRAM)
-        self._mcap.add_metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT})
-        for name, content in attachments.items():
-            data = content.encode() if isinstance(content, str) else content
-            self._mcap.add_attachment(name, media_type(name), data)
-        self._ids = {
-            topic.name: self._mcap.add_topic(topic.name, topic.schema_name, topic.schema)
-            for topic in topics_of(channels)
-        }
+            self._mcap = McapFile(self._stream, library=PROGRAM)
+            self._mcap.add_metadata(RUN_METADATA, {**metadata, FORMAT_KEY: FORMAT})
+            for name, content in attachments.items():
+                data = content.encode() if isinstance(content, str) else content
+                self._mcap.add_attachment(name, media_type(name), data)
+            self._ids = {
+                topic.name: self._mcap.add_topic(topic.name, topic.schema_name, topic.schema)
+                for topic in topics_of(channels)
+            }
         self._next_flush_s = _FLUSH_PERIOD_S
         super().__init__(scenery or Scenery(), channels)
 

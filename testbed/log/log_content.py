@@ -4,42 +4,70 @@ from __future__ import annotations
 
 import io
 import struct
+import zlib
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+import zstandard
 from google.protobuf.message import DecodeError
-from mcap.exceptions import EndOfFile, McapError
-from mcap.reader import SeekingReader
-from mcap.records import Attachment, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Chunk, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.records import Channel as Topic
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
+from ..bounded_read import read_bounded
 from ..errors import LogError
+from .integrity import integrity_error
 from .log import FORMAT, FORMAT_KEY, RUN_METADATA
 
-DAMAGE: Final = (
+# A file can be a thousand times larger once decompressed. A run logs 250 messages and 20 kB per
+# simulated second.
+_MOST_FILE_BYTES: Final = 2 * 2**30
+_MOST_BYTES: Final = 2 * 2**30  # of all chunks, decompressed
+_MOST_RATIO: Final = 64  # of decompressed bytes to those of the file
+_SMALL_BYTES: Final = 64 * 2**20  # decompressed, at any ratio
+_MOST_MESSAGES: Final = 10_000_000  # read into memory
+
+_HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
+_MESSAGE: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_CRC_BYTES: Final = 4
+_RECORDS: Final[Mapping[int, type[McapRecord]]] = {
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.CHANNEL: Topic,
+    Opcode.CHUNK: Chunk,
+    Opcode.METADATA: Metadata,
+    Opcode.SCHEMA: Schema,
+    Opcode.STATISTICS: Statistics,
+}
+
+_DAMAGE: Final = (
     McapError,
-    CRCValidationError,
     ZstdError,
     DecodeError,
     struct.error,
-    ValueError,
+    AttributeError,
+    IndexError,
     KeyError,
     OverflowError,
+    TypeError,
+    ValueError,
 )
-"""Exceptions that truncated or damaged bytes raise in the reader."""
+# Exceptions that truncated, damaged or foreign bytes raise in their readers.
 
 
 @dataclass(frozen=True, slots=True)
 class Salvage:
     """Extent of what was recovered from a truncated or damaged log."""
 
+    reason: str  # why the log is not whole
     chunks: int  # recovered, each complete and with a correct checksum
-    damaged: int  # chunks of full length with a wrong checksum, left out
+    damaged: int  # chunks and attachments of full length with a wrong checksum, left out
     kept_bytes: int  # up to the end of the last whole MCAP record
     total_bytes: int
     last_time_s: float  # of the newest message recovered
@@ -48,7 +76,7 @@ class Salvage:
         damaged = f", {self.damaged} damaged left out" if self.damaged else ""
         return (
             f"{self.chunks} whole chunks{damaged}, up to {self.last_time_s:.2f} s, "
-            f"{self.kept_bytes} of {self.total_bytes} bytes"
+            f"{self.kept_bytes} of {self.total_bytes} bytes; {self.reason}"
         )
 
 
@@ -67,49 +95,63 @@ class Content:
 def read_content(path: Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
     """Return the content of a log on the topics for which `is_read` is true.
 
-    A log that is truncated or damaged gives the content of its complete chunks.
+    A log that is truncated or damaged gives the content of its complete chunks and attachments,
+    and the reason in `salvage`.
 
     Raises:
-        LogError: no such file, not a log of this project, or of another format of it.
+        LogError: no such file, not a log of this project, of another format of it, or larger than
+            can be read.
     """
     data = _bytes(path)
-    if data.endswith(MCAP0_MAGIC):
+    collector = _Collector(path, is_read)
+    limit = min(_MOST_BYTES, max(_SMALL_BYTES, _MOST_RATIO * len(data)))
+    chunks, damaged, unpacked, last_ns, kept = 0, 0, 0, 0, len(MCAP0_MAGIC)
+    statistics: Statistics | None = None
+    for opcode, start, end in _whole_records(data, len(MCAP0_MAGIC)):
+        kept = end
         try:
-            return _whole(path, data, is_read)
-        except DAMAGE:
-            pass  # complete in length, damaged inside
-    return salvage_content(path, is_read)
-
-
-def salvage_content(path: Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
-    """Return the content of every complete chunk of a log, with `salvage` set.
-
-    Raises:
-        LogError: as `read_content`.
-    """
-    data = _bytes(path)
-    stream, collector = io.BytesIO(data), _Collector(path, is_read)
-    chunks, damaged, kept_bytes, last_ns = 0, 0, len(MCAP0_MAGIC), 0
-    for record in _whole_records(stream, len(data)):
-        kept_bytes = stream.tell()
-        if not isinstance(record, Chunk):
-            collector.add(record)
-            continue
-        try:
-            parts = breakup_chunk(record, validate_crc=True)
-        except DAMAGE:
+            record = _record(opcode, data[start:end])
+            if isinstance(record, Chunk):
+                unpacked += record.uncompressed_size
+                if unpacked > limit:
+                    raise LogError(
+                        f"{path}: declares {unpacked} bytes of messages or more, at most {limit} "
+                        f"are read from {len(data)}"
+                    )
+                collector.add_chunk(_unpacked(record))
+                chunks, last_ns = chunks + 1, max(last_ns, record.message_end_time)
+            elif isinstance(record, Statistics):
+                statistics = record
+            elif record is not None:
+                collector.add(record)
+        except _DAMAGE:
             damaged += 1
-            continue
-        chunks += 1
-        last_ns = max(last_ns, record.message_end_time)
-        for part in parts:
-            collector.add(part)
-    return collector.content(Salvage(chunks, damaged, kept_bytes, len(data), last_ns / 1e9))
+    reason = integrity_error(data)
+    if not reason and damaged:
+        reason = "not as this program writes it"
+    if not reason and (statistics is None or statistics.channel_message_counts != collector.counts):
+        reason = "the numbers of messages are not those of its statistics"
+    if not reason:
+        return collector.content(None)
+    return collector.content(Salvage(reason, chunks, damaged, kept, len(data), last_ns / 1e9))
+
+
+@contextmanager
+def decoding(path: Path, what: str) -> Iterator[None]:
+    """Convert what foreign bytes raise in a decoder to one line.
+
+    Raises:
+        LogError: with the file and `what` was decoded.
+    """
+    try:
+        yield
+    except _DAMAGE as error:
+        raise LogError(f"{path}: {what} is not as this program writes it: {error}") from error
 
 
 def _bytes(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
+        data = read_bounded(path, _MOST_FILE_BYTES)
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}") from error
     if not data.startswith(MCAP0_MAGIC):
@@ -117,53 +159,71 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
-def _whole(path: Path, data: bytes, is_read: Callable[[str], bool]) -> Content:
-    collector = _Collector(path, is_read)
-    reader = SeekingReader(io.BytesIO(data), validate_crcs=True)
-    summary = reader.get_summary()
-    if summary is None:
-        raise EndOfFile
-    described = (*reader.iter_metadata(), *reader.iter_attachments())
-    for record in (*described, *summary.schemas.values(), *summary.channels.values()):
-        collector.add(record)
-    topics = [item.topic for item in summary.channels.values() if is_read(item.topic)]
-    if topics:  # the reader takes an empty list for all of them
-        # In the order of the file: the order in which the rows came, whatever their times.
-        for _, _, message in reader.iter_messages(topics, log_time_order=False):
-            collector.add(message)
-    return collector.content(None)
-
-
-def _whole_records(stream: io.BytesIO, total_bytes: int) -> Iterator[McapRecord]:
-    """Yield MCAP records from the start of the stream up to the first that is incomplete."""
-    # Without the limit a damaged length could request gigabytes.
-    reader = StreamReader(stream, emit_chunks=True, record_size_limit=total_bytes)
-    records = reader.records
-    while True:
-        try:
-            record = next(records)
-        except (StopIteration, *DAMAGE):
+def _whole_records(data: bytes, place: int) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, start and end of MCAP records up to the first that is incomplete."""
+    while place + _HEAD.size <= len(data):
+        opcode, length = _HEAD.unpack_from(data, place)
+        start, place = place + _HEAD.size, place + _HEAD.size + length
+        if place > len(data):
             return
-        yield record
+        yield opcode, start, place
+        if opcode == Opcode.FOOTER:
+            return
+
+
+def _record(opcode: int, body: bytes) -> McapRecord | None:
+    """Return a record of a kind that matters here.
+
+    Raises:
+        ValueError: an attachment with a wrong checksum; other bytes raise others of `_DAMAGE`.
+    """
+    kind = _RECORDS.get(opcode)
+    if kind is None:
+        return None
+    if kind is Attachment:  # its checksum is not read by `mcap`
+        expected = int.from_bytes(body[-_CRC_BYTES:], "little")
+        if zlib.crc32(body[:-_CRC_BYTES]) != expected:
+            raise ValueError("checksum of an attachment")
+    return kind.read(ReadDataStream(io.BytesIO(body)))
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """Return the records of a chunk.
+
+    Raises:
+        ValueError: wrong size, checksum or compression; a compression that is not
+            understood raises `ZstdError`.
+    """
+    data = chunk.data
+    if chunk.compression == "zstd":
+        # Before any allocation: `decompress` trusts the size in the compressed data.
+        if zstandard.frame_content_size(data) != chunk.uncompressed_size:
+            raise ValueError("size of a chunk")
+        data = zstandard.decompress(data)
+    elif chunk.compression:
+        raise ValueError(f"compression {chunk.compression!r}")
+    if len(data) != chunk.uncompressed_size or zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ValueError("checksum of a chunk")
+    return data
 
 
 @dataclass(slots=True)
 class _Collector:
-    """Collector of MCAP records in any order, from which a `Content` is made."""
+    """Collector of MCAP records in the order of the file, from which a `Content` is made."""
 
     path: Path
     is_read: Callable[[str], bool]
     schemas: dict[int, Schema] = field(default_factory=dict)
     topics: dict[int, Topic] = field(default_factory=dict)
-    messages: list[Message] = field(default_factory=list)
+    messages: dict[int, list[Message]] = field(default_factory=dict)  # by channel
+    counts: dict[int, int] = field(default_factory=dict)  # of all messages, by channel
+    kept: int = 0  # messages
     attachments: dict[str, bytes] = field(default_factory=dict)
     metadata: dict[str, str] | None = None
 
     def add(self, record: McapRecord) -> None:
         """Add one MCAP record; kinds that do not describe the run are ignored."""
-        if isinstance(record, Message):
-            self.messages.append(record)
-        elif isinstance(record, Topic):
+        if isinstance(record, Topic):
             self.topics[record.id] = record
         elif isinstance(record, Schema):
             self.schemas[record.id] = record
@@ -172,6 +232,26 @@ class _Collector:
         elif isinstance(record, Metadata) and record.name == RUN_METADATA:
             self.metadata = dict(record.metadata)
 
+    def add_chunk(self, data: bytes) -> None:
+        """Add the messages of a chunk.
+
+        Raises:
+            LogError: more messages than are read into memory.
+            ValueError, struct.error: there is something else in it.
+        """
+        for opcode, start, end in _whole_records(data, 0):
+            if opcode != Opcode.MESSAGE:
+                raise ValueError(f"record of kind {opcode} in a chunk")
+            channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, start)
+            self.counts[channel] = self.counts.get(channel, 0) + 1
+            if channel in self.topics and self.is_read(self.topics[channel].topic):
+                body = data[start + _MESSAGE.size : end]
+                message = Message(channel, log_time, body, publish_time, sequence)
+                self.messages.setdefault(channel, []).append(message)
+                self.kept += 1
+                if self.kept > _MOST_MESSAGES:
+                    raise LogError(f"{self.path}: more than {_MOST_MESSAGES} messages, the limit")
+
     def content(self, salvage: Salvage | None) -> Content:
         """Return the content.
 
@@ -179,11 +259,11 @@ class _Collector:
             LogError: the log is not of this project, or of another format.
         """
         metadata = self._own_metadata()
-        messages = {item.topic: [] for item in self.topics.values() if self.is_read(item.topic)}
-        for message in self.messages:
-            topic = self.topics.get(message.channel_id)  # None where a damaged chunk held it
-            if topic is not None and topic.topic in messages:
-                messages[topic.topic].append(message)
+        messages = {
+            topic.topic: self.messages.get(number, [])
+            for number, topic in self.topics.items()
+            if self.is_read(topic.topic)
+        }
         schemas = {
             topic.topic: self.schemas[topic.schema_id]
             for topic in self.topics.values()

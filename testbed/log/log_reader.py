@@ -20,7 +20,7 @@ from ..messages.viewer_messages import LEVELS
 from ..recording.channels import CHANNELS, Channel
 from ..recording.record import Event, Record, Table
 from ..recording.topics import EVENT_TOPIC
-from .log_content import Content, read_content
+from .log_content import Content, decoding, read_content
 
 SALVAGED_KEY: Final = "salvaged"  # metadata of a truncated log: extent of what was read
 
@@ -45,15 +45,15 @@ def record_of(content: Content, channels: Sequence[Channel] = CHANNELS) -> Recor
     """Return the rows and events of the content of a log.
 
     Raises:
-        LogError: a channel has other fields than in this version.
+        LogError: a channel has other fields than in this version, or its messages do not decode.
     """
+    tables = {}
     for channel in channels:
-        _check_fields(content, channel)
-    tables = {
-        channel.topic: _table(channel, content.messages.get(channel.topic, []))
-        for channel in channels
-    }
-    events = tuple(_event(message) for message in content.messages.get(EVENT_TOPIC, []))
+        with decoding(content.path, channel.topic):
+            _check_fields(content, channel)
+            tables[channel.topic] = _table(channel, content.messages.get(channel.topic, []))
+    with decoding(content.path, EVENT_TOPIC):
+        events = tuple(_event(message) for message in content.messages.get(EVENT_TOPIC, []))
     return Record(tables, events, content.metadata)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -15,7 +16,10 @@ from ttempc.types import FloatArray
 from ..errors import InvalidField, LogError
 from ..ground.ground import GROUND_FILE, Ground
 from ..recording.topics import TRANSFORMS_TOPIC
-from .log_content import Content
+from .log_content import Content, decoding
+from .model_whitelist import check_model
+
+MODEL_FILE: Final = "model.xml"  # the attachment of a log
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +61,33 @@ def attachment(content: Content, name: str) -> bytes:
         raise LogError(f"{content.path}: holds no {name}") from None
 
 
+def model_of(content: Content) -> str:
+    """Return the MuJoCo model of the vehicle as XML, which opens no file and has a bounded size.
+
+    Raises:
+        LogError: the log has none, or it holds what this program does not write.
+    """
+    data = attachment(content, MODEL_FILE)
+    try:
+        text = data.decode()
+        check_model(text)
+    except ValueError as error:
+        raise LogError(f"{content.path}: {MODEL_FILE}: {error}") from None
+    return text
+
+
 def motion_of(content: Content) -> Motion:
     """Return the motion of every body.
 
     Raises:
-        LogError: the log has no transforms.
+        LogError: the log has no transforms, or they do not decode.
     """
     messages = _messages(content, TRANSFORMS_TOPIC)
+    with decoding(content.path, TRANSFORMS_TOPIC):
+        return _motion(messages)
+
+
+def _motion(messages: Sequence[Message]) -> Motion:
     names = tuple(
         transform.child_frame_id
         for transform in FrameTransforms.FromString(messages[0].data).transforms
@@ -76,12 +100,19 @@ def motion_of(content: Content) -> Motion:
             for at, turn in ((each.translation, each.rotation) for each in transforms)
         ]
     time_s = np.array([message.log_time for message in messages]) / 1e9
+    if not (names and np.isfinite(places).all() and np.any(places[..., 3:], axis=2).all()):
+        raise ValueError("no poses")
     return Motion(names, time_s, places[..., :3].copy(), places[..., 3:].copy())
 
 
 def lines_of(content: Content, topic: str) -> Sequence[Line]:
-    """Return the paths of a topic in the order of their times; empty where there are none."""
-    return [_line(message) for message in content.messages.get(topic, [])]
+    """Return the paths of a topic in the order of their times; empty where there are none.
+
+    Raises:
+        LogError: they do not decode.
+    """
+    with decoding(content.path, topic):
+        return [_line(message) for message in content.messages.get(topic, [])]
 
 
 def _ground(content: Content, data: bytes) -> Ground:

@@ -72,7 +72,8 @@ class McapFile:
         self._counts: dict[int, int] = {}
         self._buffer = bytearray()
         self._places: list[array] = []  # by channel: time [ns] and offset of every message
-        stream.write(MCAP0_MAGIC)
+        self._crc = 0  # of all bytes written so far
+        self._put(MCAP0_MAGIC)
         self._write(Header("", library))
 
     def add_metadata(self, name: str, content: Mapping[str, str]) -> None:
@@ -145,7 +146,7 @@ class McapFile:
     def finish(self) -> None:
         """Write the last chunk and the indexes; the stream stays open."""
         self.flush()
-        self._write(DataEnd(0))
+        self._write(DataEnd(self._crc))
         start, summary, offsets = self._stream.tell(), RecordBuilder(), []
         for opcode, records in self._summary().items():
             place = summary.count
@@ -167,8 +168,12 @@ class McapFile:
         builder = RecordBuilder()
         record.write(builder)
         data = builder.end()
-        self._stream.write(data)
+        self._put(data)
         return len(data)
+
+    def _put(self, data: bytes) -> None:
+        self._stream.write(data)
+        self._crc = zlib.crc32(data, self._crc)
 
     def _end_chunk(self) -> None:
         data, self._buffer = bytes(self._buffer), bytearray()
@@ -196,7 +201,7 @@ class McapFile:
                 pairs = places.tobytes()
                 content_bytes = _MESSAGE_INDEX_HEAD_BYTES + len(pairs)
                 head = _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, content_bytes, number, len(pairs))
-                self._stream.write(head + pairs)
+                self._put(head + pairs)
                 self._places[number - 1] = array("Q")
         self._chunks.append(
             ChunkIndex(

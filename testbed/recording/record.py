@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,6 +17,13 @@ from .channels import CHANNELS, Channel
 
 LEARNT: Final = "learnt: "
 """Beginning of the text of an event that tells which model parameters were learnt."""
+
+
+FAULT: Final = "fault: "
+"""Beginning of the text of an event that tells that a fault begins or ends."""
+
+BEGINS: Final = " begins"
+ENDS: Final = " ends"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +72,27 @@ class Record:
 
     def __getitem__(self, channel: Channel) -> Table:
         return self.tables[channel.topic]
+
+
+@dataclass(frozen=True, slots=True)
+class FaultSpan:
+    """Time in which a fault acted."""
+
+    name: str
+    start_s: float
+    end_s: float  # infinite where it did not end before the run
+
+
+def fault_spans(events: Sequence[Event]) -> tuple[FaultSpan, ...]:
+    """Return the times in which faults acted, in the order of their starts."""
+    spans = []
+    for number, event in enumerate(events):
+        if event.text.startswith(FAULT) and event.text.endswith(BEGINS):
+            name = event.text.removeprefix(FAULT).removesuffix(BEGINS)
+            end = f"{FAULT}{name}{ENDS}"
+            times = (later.time_s for later in events[number:] if later.text == end)
+            spans.append(FaultSpan(name, event.time_s, next(times, math.inf)))
+    return tuple(spans)
 
 
 class Recorder:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Final
@@ -15,6 +16,7 @@ from ttempc.types import (
     Estimate,
     FloatArray,
     Measurement,
+    Sensor,
     TubeReport,
 )
 from ttempc.vehicle import Vehicle
@@ -93,12 +95,21 @@ def tool_row(tool: Tool, reference: Sequence[float]) -> list[float]:
     ]
 
 
-def measurement_row(samples: Sequence[Measurement]) -> list[float]:
-    """Return the row of `channels.MEASUREMENT` for samples that are delivered at one moment."""
-    row = [NAN] * len(MEASUREMENT.fields)
+def measurement_rows(samples: Sequence[Measurement]) -> list[list[float]]:
+    """Return the rows of `channels.MEASUREMENT` for samples that are delivered at one moment.
+
+    A row holds one sample of a sensor: there are more rows than one where a sensor delivers several
+    samples.
+    """
+    rows: list[list[float]] = []
+    filled: Counter[Sensor] = Counter()  # rows with a sample of each sensor
     for sample in samples:
-        row[MEASUREMENT_COLUMNS[sample.sensor]] = (*sample.value, sample.time_s)
-    return row
+        number = filled[sample.sensor]
+        filled[sample.sensor] += 1
+        if number == len(rows):
+            rows.append([NAN] * len(MEASUREMENT.fields))
+        rows[number][MEASUREMENT_COLUMNS[sample.sensor]] = (*sample.value, sample.time_s)
+    return rows
 
 
 def estimate_row(estimate: Estimate) -> list[float]:

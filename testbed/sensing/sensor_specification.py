@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from ..configuration.config_io import STRICT, Fraction, NotNegative, Positive
+from ..configuration.config_io import STRICT, DurationS, Fraction, NotNegative, RateHz
 from .sensor_presets import SensorPreset
 
 GnssError = Literal["white", "correlated", "non-gaussian"]
@@ -30,7 +30,7 @@ class ImuSpecification:
 
     on: bool = False
     """Whether the vehicle has these sensors."""
-    rate_hz: Positive = 25.0
+    rate_hz: RateHz = 25.0
     """Sampling rate."""
     angle_sd_deg: NotNegative = 0.2
     """Standard deviation of roll and pitch, each sample."""
@@ -75,14 +75,14 @@ class SensorSpecification:
     """Preset that gives the absent keys of a file: "paper", white noise at the axle points, or
     "field", GNSS with correlated errors, antennas on masts, an IMU and latency
     (`testbed/sensing/sensor_presets.py`). A change of preset drops the file's other keys."""
-    gnss_rate_hz: Positive = 5.0
+    gnss_rate_hz: RateHz = 5.0
     """Sampling rate of both RTK receivers."""
     gnss_sd_m: NotNegative = 0.03
     """Standard deviation of the whole error of an axis, for every kind of error."""
     gnss_error: GnssError = "white"
     """Kind of error, see `testbed.sensing.sensor_errors`."""
     # Between the 10 and 900 s by which carrier multipath is bounded (Joerger, Pervan 2020).
-    gnss_correlation_time_s: Positive = 60.0
+    gnss_correlation_time_s: DurationS = 60.0
     """Correlation time of the coloured part of a correlated error; assumed."""
     gnss_white_share: Fraction = 0.1
     """White share of the variance of a correlated error; assumed."""
@@ -92,7 +92,7 @@ class SensorSpecification:
     """Time from sampling to delivery."""
     gnss_resolution_m: NotNegative = 0.0
     """Resolution of a position; 0: not quantised."""
-    angle_rate_hz: Positive = 25.0
+    angle_rate_hz: RateHz = 25.0
     """Sampling rate of both steering angles and of the hitch angle."""
     angle_sd_deg: NotNegative = 1.0
     """Standard deviation of these angles."""
@@ -100,7 +100,7 @@ class SensorSpecification:
     """Time from sampling to delivery."""
     angle_resolution_deg: NotNegative = 0.0
     """Resolution of these angles; 0: not quantised."""
-    encoder_rate_hz: Positive = 25.0
+    encoder_rate_hz: RateHz = 25.0
     """Sampling rate of the speed encoder."""
     encoder_sd_mps: NotNegative = 0.1
     """Standard deviation of the speed."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -68,6 +68,24 @@ class _SampledSensor:
     every: int  # physics steps from sample to sample
     delay: int  # physics steps from sample to delivery
     resolution: tuple[float, ...]  # of each component
+
+
+class Sensors(Protocol):
+    """Anything that samples the truth; `SensorSuite` is one."""
+
+    @property
+    def specification(self) -> SensorSpecification:
+        """Specification of rates, errors and latencies."""
+        ...
+
+    @property
+    def every(self) -> int:
+        """Physics steps between two moments at which any sensor samples or delivers."""
+        ...
+
+    def sample(self, truth: Truth, step: int) -> list[Measurement]:
+        """Sample what is due at physics step `step`; return the samples delivered."""
+        ...
 
 
 class SensorSuite:

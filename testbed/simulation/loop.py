@@ -20,7 +20,7 @@ from ..recording import record_rows as rows
 from ..recording.record import LEARNT, Event
 from ..recording.sink import Sink
 from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
-from ..sensing.sensors import SensorSuite
+from ..sensing.sensors import Sensors
 from ..truth import Truth
 from .plant import Plant
 from .termination import MeanSlip, TerminationLimits, check_termination
@@ -31,7 +31,7 @@ class SimulationSetup:
     """All parts of one run."""
 
     plant: Plant
-    sensors: SensorSuite
+    sensors: Sensors
     guidance: VehicleGuidance
     vehicle: Vehicle  # model parameters; they give the input bounds in the log
     sink: Sink
@@ -69,6 +69,9 @@ class TickContext:
     fallback: str = ""
     slip: MeanSlip = field(default_factory=MeanSlip)
     lost: str | None = None
+    stopping: tuple[float, str] | None = None  # when and why the supervisor began to stop
+    stopped: str = ""  # why, while the vehicle stands; far from its reference it ends the run
+    far: bool = False  # from its reference
     estimator_ns: int = 0
     control_ns: int = 0
     plant_ns: int = 0
@@ -86,7 +89,7 @@ Stage = Callable[[SimulationSetup, TickContext], None]
 class Outcome:
     """How a run ended."""
 
-    status: Literal["completed", "lost", "invalid"]
+    status: Literal["completed", "stopped", "lost", "invalid"]
     failure: str | None  # why, where it did not complete
     duration_s: float  # simulated
     wall_s: float
@@ -116,10 +119,9 @@ def sense(setup: SimulationSetup, tick: TickContext) -> None:
     tick.measurements = []
     for step, truth in tick.truths:
         samples = setup.sensors.sample(truth, step)
-        if samples:
-            row = rows.measurement_row(samples)
+        for row in rows.measurement_rows(samples):
             setup.sink.row(channels.MEASUREMENT, truth.time_s, row)
-            tick.measurements += samples
+        tick.measurements += samples
 
 
 def estimate(setup: SimulationSetup, tick: TickContext) -> None:
@@ -192,7 +194,8 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the computation times of the period."""
     assert tick.control is not None
     report = tick.control.diagnostics.solver
-    qp_us = rows.NAN if report is None else 1e6 * report.solve_time_s
+    # A QP that was answered without the solver (time 0) has no time of one.
+    qp_us = 1e6 * report.solve_time_s if report and report.solve_time_s else rows.NAN
     plant_us = 1e-3 * tick.plant_ns / setup.control_steps
     row = (1e-3 * tick.estimator_ns, 1e-3 * tick.control_ns, qp_us, plant_us)
     setup.sink.row(channels.TIMING, tick.now.time_s, row)
@@ -204,7 +207,20 @@ def terminate(setup: SimulationSetup, tick: TickContext) -> None:
     x, y = setup.reference_row(step, truth)[:2]
     limits = setup.termination
     slip = tick.slip.update(truth, limits.stuck_time)
-    tick.lost = check_termination(truth, (float(x), float(y)), setup.terrain, limits, slip)
+    assert tick.control is not None
+    diagnostics = tick.control.diagnostics
+    stands = abs(truth.speed) < limits.standing
+    if not diagnostics.stopping:
+        tick.stopping = None
+    elif tick.stopping is None:
+        tick.stopping = truth.time_s, diagnostics.fallback
+    since_s, reason = tick.stopping or (-math.inf, "")
+    stopping = bool(tick.stopping) and (stands or truth.time_s - since_s <= limits.stop_time)
+    tick.lost = check_termination(
+        truth, (float(x), float(y)), setup.terrain, limits, slip, stopping=stopping
+    )
+    tick.stopped = reason if stands else ""
+    tick.far = math.hypot(truth.tractor.x - x, truth.tractor.y - y) > limits.deviation
 
 
 STAGES: Final[tuple[Stage, ...]] = (
@@ -242,15 +258,16 @@ def drive(
     exception in a user's controller, estimator or stage ends the run as invalid; its traceback
     goes into the log.
     """
-    setup.guidance.warm_up()
-    start = perf_counter_ns()
     tick = TickContext(truths=[(0, setup.plant.truth())])
     log_settings(setup, tick)
     log_truth(setup, tick)
-    status: Literal["completed", "lost", "invalid"] = "completed"
+    status: Literal["completed", "stopped", "lost", "invalid"] = "completed"
     failure: str | None = None
     trace: str | None = None
+    start = perf_counter_ns()
     try:
+        setup.guidance.warm_up()
+        start = perf_counter_ns()
         for k in range(ticks):
             tick.k = k
             for stage in stages:
@@ -258,6 +275,9 @@ def drive(
             on_tick(k)
             if tick.lost:
                 status, failure = "lost", tick.lost
+                break
+            if tick.stopped and (tick.far or k == ticks - 1):
+                status, failure = "stopped", tick.stopped
                 break
     except (PlantDiverged, GuidanceFailed, StageFailed) as error:
         status, failure = "invalid", str(error)

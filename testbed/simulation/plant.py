@@ -16,7 +16,7 @@ import numpy as np
 
 from ttempc.types import Command, FloatArray
 
-from ..actuation.actuators import Actuators, ActuatorSpecification, ActuatorState
+from ..actuation.actuators import Actuators, ActuatorSpecification, CommandPath, PathState
 from ..errors import InvalidPlant, PlantDiverged
 from ..ground.ground import Ground
 from ..ground.soil import SoilMap
@@ -52,7 +52,7 @@ class Snapshot:
     wheel_state: FloatArray  # `WheelModel.state`
     output: FloatArray  # (6, 7) last report of the wheels
     implement: FloatArray  # `MountedImplement.state`, empty without an implement
-    valves: ActuatorState  # commands that are still in the command path
+    valves: PathState  # commands that are still in the command path
 
 
 class Plant:
@@ -113,10 +113,10 @@ class Plant:
         steering = [model.joint(name) for name in ("steer", "rj2_yaw")]
         self._steering_angles = [int(joint.qposadr[0]) for joint in steering]
         front_stop, trailer_stop = (float(joint.range[1]) for joint in steering)
-        self.actuators = Actuators(
+        self.actuators: CommandPath = Actuators(
             actuators or ActuatorSpecification(), timestep_s, (front_stop, trailer_stop)
         )
-        self._valves = self.actuators.start(hp=0.0)
+        self._valves: PathState = self.actuators.start(hp=0.0)
 
     def reset(self, x: float, y: float, yaw: float, speed: float) -> Truth:
         """Put the vehicle on the ground, in line, rolling.

@@ -29,6 +29,10 @@ class TerminationLimits:
     stuck_slip: float = 0.4
     stuck_time: float = 5.0  # [s]
     stuck_deviation: float = 4.0  # [m]
+    # A vehicle that the supervisor stops may be farther from its reference, which goes on, but it
+    # must stand after this time.
+    stop_time: float = 10.0  # [s]
+    standing: float = 0.05  # [m/s] largest speed of a vehicle that stands
 
     @classmethod
     def of(cls, vehicle: PlantVehicle) -> TerminationLimits:
@@ -67,6 +71,8 @@ def check_termination(
     terrain: Terrain,
     limits: TerminationLimits,
     slip: float = 0.0,
+    *,
+    stopping: bool = False,
 ) -> str | None:
     """Return the reason to terminate the run as text, None if there is none.
 
@@ -76,6 +82,8 @@ def check_termination(
         terrain: the field.
         limits: termination limits.
         slip: `MeanSlip` of the last `limits.stuck_time`.
+        stopping: the supervisor has stopped the vehicle for `limits.stop_time` at most, or it
+            stands: it may be far from its reference.
     """
     for body, pose in (("tractor", truth.tractor), ("trailer", truth.trailer)):
         if max(abs(pose.roll), abs(pose.pitch)) > limits.tilt:
@@ -90,6 +98,6 @@ def check_termination(
             f"stuck: slip {slip:.2f} over {min(truth.time_s, limits.stuck_time):g} s, "
             f"the tractor is {distance:.1f} m from its reference"
         )
-    if distance > limits.deviation:
+    if distance > limits.deviation and not stopping:
         return f"diverged, the tractor is {distance:.1f} m from its reference"
     return None

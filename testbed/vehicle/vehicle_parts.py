@@ -11,7 +11,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from ..configuration.config_io import STRICT, AngleDeg, NotNegative, Positive
+from ..configuration.config_io import STRICT, AngleDeg, NotNegative, PlaceM, Positive
 
 InertiaKgm2 = tuple[Positive, Positive, Positive]
 
@@ -24,7 +24,7 @@ class Tractor:
     rear_track_m: Positive  # between the centres of the rear tyres
     engine_width_m: Positive  # of the body between the front wheels
     mass_kg: Positive
-    centre_forward_m: float  # centre of mass ahead of the rear axle
+    centre_forward_m: PlaceM  # centre of mass ahead of the rear axle
     centre_height_m: Positive
     chassis_inertia_kgm2: InertiaKgm2 | None = None  # about x, y, z; absent: from the shapes
 
@@ -79,7 +79,7 @@ class Trailer:
     length_m: Positive  # L^i, RJ2 to axle
     track_m: Positive
     mass_kg: Positive
-    centre_forward_m: float  # centre of mass ahead of the axle
+    centre_forward_m: PlaceM  # centre of mass ahead of the axle
     centre_height_m: Positive
     chassis_inertia_kgm2: InertiaKgm2 | None = None  # about x, y, z; absent: from the shapes
 
@@ -92,7 +92,7 @@ class Box:
     width_m: Positive
     height_m: Positive
     floor_m: Positive  # underside above the ground
-    forward_m: float  # middle ahead of the trailer axle
+    forward_m: PlaceM  # middle ahead of the trailer axle
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -101,7 +101,7 @@ class Load:
 
     mass_kg: NotNegative
     height_m: Positive  # of the centre
-    forward_m: float  # centre ahead of the trailer axle
+    forward_m: PlaceM  # centre ahead of the trailer axle
 
 
 @dataclass(frozen=True, config=STRICT)

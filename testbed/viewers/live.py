@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import secrets
 import socket
 import time
 from collections.abc import Sequence
@@ -22,11 +23,12 @@ from ..recording.topics import (
     REFERENCE_PATH_TOPIC,
     SCENE_TOPIC,
 )
+from .origin_gate import OriginGate
 
 if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client, ServerListener
 
-HOST: Final = "127.0.0.1"  # of this machine only: the server has no access control
+HOST: Final = "127.0.0.1"  # of this machine only
 DEFAULT_PORT: Final = 8765  # Foxglove's default
 
 # Rarely published: a viewer that joins later gets the latest message.
@@ -74,7 +76,8 @@ class LiveView(Publisher):
             from foxglove.websocket import Capability
         except ImportError:
             raise LiveError("live view: needs foxglove-sdk, pip install 'ttempc[live]'") from None
-        _refuse_taken(port)
+        listener = _listener(port)
+        host = _hidden_host()
         self._speed = speed
         self._due_ns = 0
         context = self._context = foxglove.Context()  # its channels close when it is deleted
@@ -94,20 +97,23 @@ class LiveView(Publisher):
         try:
             self._server = foxglove.start_server(
                 name=name,
-                host=HOST,
-                port=port,
+                host=host,
+                port=0,
                 capabilities=[Capability.Time],
                 server_listener=_welcome(self),
                 context=context,
             )
         except (OSError, RuntimeError) as error:
+            listener.close()
             raise LiveError(f"live view: port {port} cannot be opened: {error}") from error
+        self._port: int = listener.getsockname()[1]
+        self._gate = OriginGate(listener, (host, self._server.port))
         self._start_s = time.monotonic()
 
     @property
     def url(self) -> str:
         """Address of the server for viewers."""
-        return f"ws://{HOST}:{self._server.port}"
+        return f"ws://{HOST}:{self._port}"
 
     def __enter__(self) -> Self:
         return self
@@ -118,6 +124,7 @@ class LiveView(Publisher):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._gate.close()
         self._server.stop()
 
     def _send(self, topic: str, time_ns: int, data: bytes) -> None:
@@ -155,17 +162,34 @@ def _welcome(view: LiveView) -> ServerListener:
     return Welcome()
 
 
-def _refuse_taken(port: int) -> None:
-    """Refuse a port that is in use.
+def _listener(port: int) -> socket.socket:
+    """Return a listening socket.
 
     Raises:
         LiveError: the port is in use.
     """
+    listener = socket.socket()
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((HOST, port))
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise LiveError(
+            f"live view: port {port} is not free ({error.strerror}), give another with --port"
+        ) from None
+    return listener
+
+
+def _hidden_host() -> str:
+    """Return an address of this machine that nobody guesses: one of 16 million of 127.0.0.0/8.
+
+    Where only 127.0.0.1 is such an address, as on macOS, it is that, with a random port.
+    """
+    host = ".".join(["127", *(str(1 + secrets.randbelow(254)) for _ in range(3))])
     with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does
         try:
-            probe.bind((HOST, port))
-        except OSError as error:
-            raise LiveError(
-                f"live view: port {port} is not free ({error.strerror}), give another with --port"
-            ) from None
+            probe.bind((host, 0))
+        except OSError:
+            return HOST
+    return host

@@ -143,17 +143,17 @@ def test_early_termination_is_exit_code_3_with_log_and_summary(tmp_path):
         "--controller",
         "paper-printed-sign",
         "--out",
-        "lost",
+        "ended",
         "--set",
         "path.laps=1",
         cwd=tmp_path,
     )
     assert done.returncode == 3, done.stdout
-    summary = json.loads((tmp_path / "lost" / "summary.json").read_text())
-    assert summary["status"] == "lost"
+    summary = json.loads((tmp_path / "ended" / "summary.json").read_text())
+    assert summary["status"] == "stopped"  # 2 m beside its reference
     assert summary["failure"]
     assert summary["failure"] in done.stdout
-    assert read_log(tmp_path / "lost" / "log.mcap").events[-1].text == summary["failure"]
+    assert read_log(tmp_path / "ended" / "log.mcap").events[-1].text == summary["failure"]
 
 
 def test_the_list_names_what_run_takes(tmp_path):

@@ -161,12 +161,14 @@ def estimate_of(
     vehicle: Vehicle,
     innovations: tuple[Innovation, ...],
     unfollowed: FloatArray | None = None,
+    noise_factors: FloatArray | None = None,
 ) -> Estimate:
     """Return the estimate for a controller from an augmented state (22,).
 
     `covariance` (22, 22) is carried to the state (7, 7) to first order; the
     variances `unfollowed` (7,) of what no state follows are added. The drive disturbance of
     the estimate moves v as the rim speed, its disturbance and the wheel slip do together.
+    `noise_factors` (3,) are handed on.
     """
     total = slips(augmented)
     state = augmented[:STATES].copy()
@@ -200,4 +202,5 @@ def estimate_of(
         disturbance=np.array([total.tractor, total.trailer, bias, drive_v, total.wheel]),
         innovations=innovations,
         map_disturbance=np.array(of_map),
+        noise_factors=noise_factors,
     )

@@ -204,6 +204,7 @@ class ExtendedKalmanFilter:
             self._vehicle,
             innovations,
             unfollowed,
+            scales.copy(),
         )
 
     def predict(self, state: FilterState, time_s: float) -> None:

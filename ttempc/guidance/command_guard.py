@@ -17,7 +17,9 @@ from ..types import (
     Estimate,
     FloatArray,
     SolverReport,
+    TubeReport,
 )
+from .user_part import user_part
 
 _SHAPES: Final[dict[str, tuple[int | None, ...]]] = {
     "feedforward": (3,),
@@ -28,6 +30,16 @@ _SHAPES: Final[dict[str, tuple[int | None, ...]]] = {
     "modelling_error": (4,),
     "predicted_path": (None, 4),
 }
+_TUBE_SHAPES: Final = {"nominal": (9,), "half_width": (9,)}
+_SOLVER_NUMBERS: Final = (
+    "accepted",
+    "iterations",
+    "primal_residual",
+    "dual_residual",
+    "solve_time_s",
+)
+_MOST_POINTS: Final = 10_000  # of a predicted path
+_MOST_TEXT: Final = 1000  # characters of a reason
 _OPTIONAL: Final = {"tracking_error", "modelling_error", "predicted_path"}
 _ROUNDING: Final = 1e-9  # an excess over a limit below this is not reported
 
@@ -56,12 +68,8 @@ class CommandGuard:
             ControllerFailed: the controller raised, or returned neither a `Command` nor a
                 `ControlStep` with numbers and arrays of the documented shapes.
         """
-        try:
+        with user_part(ControllerFailed, f"the controller raised at tick {k}"):
             answer: object = self._controller.step(estimate, k)
-        except Exception as error:  # a user's controller may raise anything
-            raise ControllerFailed(
-                f"the controller raised at tick {k}: {type(error).__name__}: {error}"
-            ) from error
         step = _checked(answer, k)
         desired = _numbers(step.command, k)
         allowed = self._allowed(desired)
@@ -103,16 +111,29 @@ def _checked(answer: object, k: int) -> ControlStep:
         raise ControllerFailed(f"{about}: must hold a Command and Diagnostics, got {answer!r}")
     for name, shape in _SHAPES.items():
         value = getattr(diagnostics, name)
-        if value is None and name in _OPTIONAL:
-            continue
-        if not isinstance(value, np.ndarray) or not _fits(value.shape, shape):
-            raise ControllerFailed(
-                f"{about}: diagnostics.{name} must be an array of shape {shape}, got {value!r}"
-            )
-    if not isinstance(diagnostics.solver, SolverReport | None):
+        if not (value is None and name in _OPTIONAL):
+            _check_array(f"{about}: diagnostics.{name}", value, shape)
+    path, tube, solver = diagnostics.predicted_path, diagnostics.tube, diagnostics.solver
+    if path is not None and not (len(path) <= _MOST_POINTS and np.isfinite(path).all()):
+        raise ControllerFailed(
+            f"{about}: diagnostics.predicted_path must be finite, {_MOST_POINTS} points at most"
+        )
+    if not isinstance(tube, TubeReport | None):
+        raise ControllerFailed(f"{about}: diagnostics.tube must be a TubeReport or None")
+    for name, shape in _TUBE_SHAPES.items() if tube else ():
+        _check_array(f"{about}: diagnostics.tube.{name}", getattr(tube, name), shape)
+    if not isinstance(solver, SolverReport | None):
         raise ControllerFailed(f"{about}: diagnostics.solver must be a SolverReport or None")
-    if not isinstance(diagnostics.fallback, str):
-        raise ControllerFailed(f"{about}: diagnostics.fallback must be text")
+    numbers = [getattr(solver, name) for name in _SOLVER_NUMBERS] if solver else []
+    numbers += [tube.margin, tube.inside] if tube else []
+    if not all(isinstance(value, int | float | np.number | np.bool_) for value in numbers):
+        raise ControllerFailed(f"{about}: diagnostics: {numbers} must be numbers")
+    if not _is_text(diagnostics.fallback):
+        raise ControllerFailed(
+            f"{about}: diagnostics.fallback must be text of {_MOST_TEXT} characters at most"
+        )
+    if not all(map(_is_text, diagnostics.learnt)):
+        raise ControllerFailed(f"{about}: diagnostics.learnt must be texts")
     return answer
 
 
@@ -123,6 +144,23 @@ def _numbers(command: Command, k: int) -> FloatArray:
         raise ControllerFailed(
             f"the controller's step at tick {k}: {command} is not of numbers: {error}"
         ) from None
+
+
+def _check_array(what: str, value: object, shape: tuple[int | None, ...]) -> None:
+    """Refuse what is not an array of real numbers of a shape; None stands for any length."""
+    if not isinstance(value, np.ndarray) or not _fits(value.shape, shape):
+        raise ControllerFailed(f"{what} must be an array of shape {shape}, got {value!r:.200}")
+    if value.dtype.kind not in "biuf":
+        raise ControllerFailed(f"{what} must hold numbers, got {value.dtype}")
+
+
+def _is_text(value: object) -> bool:
+    """Whether a value is text that can be logged; lone surrogates cannot be encoded."""
+    return (
+        isinstance(value, str)
+        and len(value) <= _MOST_TEXT
+        and not any("\ud800" <= letter <= "\udfff" for letter in value)
+    )
 
 
 def _fits(shape: tuple[int, ...], allowed: tuple[int | None, ...]) -> bool:

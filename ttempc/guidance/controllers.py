@@ -48,7 +48,8 @@ class ControllerEntry:
     # (vehicle, reference, period [s]) -> TrackingController; `options` and `design` as keywords
     make: Callable[..., TrackingController]
     options: type | None = None  # dataclass of its options; None where it has none
-    # Whether it needs the design of a tube, or monitors its place in one where one is given.
+    # Whether it needs the design of a tube, or uses one where one is given: monitors its place in
+    # it, and is tightened by it if its options say so.
     tube: Literal["required", "monitor"] | None = None
 
 

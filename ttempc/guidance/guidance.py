@@ -31,6 +31,7 @@ from .controllers import make_controller
 from .dead_time import DeadTimeCompensation, compensated, resume
 from .estimators import EstimatorFactory, estimator_factory
 from .supervisor import SafetyLimits, Supervisor
+from .user_part import user_part
 
 ControllerFactory = Callable[..., Controller]
 """Makes a controller from vehicle, reference and control period [s], options as keywords."""
@@ -86,7 +87,8 @@ class Guidance:
         tube: design of the tube for controllers that need or monitor one.
         safety: where the supervisor slows down and stops.
         speed_mps: speed along a `Path` [m/s]; a `Reference` has its own.
-        learn: whether lengths of the model are learnt; or identifiers of your own.
+        learn: whether dead times, lags and lengths of the model are learnt; or identifiers of
+            your own.
 
     Raises:
         InvalidReference: the vehicle cannot follow the reference: curvature, steering rates,
@@ -207,17 +209,25 @@ class Guidance:
 
         The first call on a machine compiles for some ten seconds, later ones load the result in a
         fraction of a second. Without it the first ticks take that time.
+
+        Raises:
+            GuidanceFailed: the estimator or the controller raised.
         """
-        for part in (self._estimator, self._controller, self._learner):
-            if isinstance(part, WarmingUp):
-                part.warm_up()
+        with user_part(GuidanceFailed, "warm_up raised"):
+            for part in (self._estimator, self._controller, self._learner):
+                if isinstance(part, WarmingUp):
+                    part.warm_up()
 
     def prepare(self) -> None:
         """Do the work of the next `step` that needs no samples, where the controller can.
 
         Optional: call it while waiting for the samples of the next tick.
+
+        Raises:
+            GuidanceFailed: the controller raised.
         """
-        self._supervisor.prepare(self._tick)
+        with user_part(GuidanceFailed, f"prepare raised at tick {self._tick}"):
+            self._supervisor.prepare(self._tick)
 
     def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate:
         """Run the estimator to `time_s` and return its estimate.
@@ -275,12 +285,8 @@ class Guidance:
     def _run_estimator(
         self, time_s: float, measurements: Sequence[Measurement], command: Command | None
     ) -> Estimate:
-        try:
+        with user_part(EstimatorFailed, f"the estimator raised at {time_s:.3f} s"):
             estimate: object = self._estimator.update(time_s, measurements, command)
-        except Exception as error:  # a user's estimator may raise anything
-            raise EstimatorFailed(
-                f"the estimator raised at {time_s:.3f} s: {type(error).__name__}: {error}"
-            ) from error
         if not isinstance(estimate, Estimate):
             raise EstimatorFailed(
                 f"the estimator returned {type(estimate).__name__} at {time_s:.3f} s, must be an "

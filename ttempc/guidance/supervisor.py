@@ -218,7 +218,9 @@ class Supervisor:
         return ControlStep(Command(*command.tolist()), diagnostics)
 
     def _stop(self, reason: str, error: FloatArray | None = None) -> ControlStep:
-        return self._steady(0.0, f"{reason}: stopped", error)
+        step = self._steady(0.0, f"{reason}: stopped", error)
+        self._last = replace(step, diagnostics=replace(step.diagnostics, stopping=True))
+        return self._last
 
     def _steady(self, hp: float, reason: str, error: FloatArray | None = None) -> ControlStep:
         """Hold both steering angles and move the hydrostat to `hp`, booked as feedforward."""

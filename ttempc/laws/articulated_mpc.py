@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,10 +15,12 @@ from ..mpc.lmpc import FeedbackAction, LinearMpc
 from ..mpc.prediction import PredictedPath
 from ..mpc.qp import CondensedHorizon, HorizonTuning
 from ..reference.reference import Reference, ReferenceSample
+from ..tube.growing_tube import GrowingTube
 from ..tube.reference_tube import TubeDesign, tightened
 from ..types import Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 from .articulated_options import ArticulatedOptions, NominalOptions
+from .kept_plan import KeptPlan
 from .lq_robust_law import LqRobustLaw, LqRobustTuning, RobustAction
 from .one_step_monitor import OneStepMonitor
 from .tracking_controller import Actions, TrackingController, around_exact_feedforward
@@ -38,7 +41,7 @@ class ArticulatedFeedback:
         tuning: of the MPC.
         robust: of the robust law; None leaves it out.
         options: whether the MPC uses the estimated disturbances, and how it keeps to a corridor.
-        design: tube for the one-step monitor; None leaves it out.
+        design: tube for the one-step monitor and for `tightening = "tube"`; None leaves both out.
 
     Raises:
         InvalidTube: the law is to have its authority free and the feedforward leaves less.
@@ -58,15 +61,20 @@ class ArticulatedFeedback:
         a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
         self._feedforward = feedforward
         bounds = remaining_bounds(feedforward, CommandLimits.of(reference.vehicle, period_s))
-        if robust and robust.tightened:
+        tube = None
+        if robust and robust.tightening == "saturation":
             reserved = np.tile(robust.saturation, (len(feedforward), 1))
             bounds = tightened(bounds, reserved, np.zeros_like(reserved), period_s)
+        elif robust and robust.tightening == "tube" and design:
+            tube = GrowingTube.along(design, a, b, c, feedforward, tuning)
         soft = None
         if reference.corridor and options.corridor:
             margin = np.array(options.corridor_margin_m)
             first = math.ceil(_RESPONSE_S / period_s - 1e-9)
             soft = corridor_bounds(reference.corridor, grid, c, margin, first)
-        horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, soft)
+        of_plan = tube.bounds if tube else None
+        horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, of_plan, soft)
+        self._plan = KeptPlan(tube, a, b) if tube else None
         self._mpc = LinearMpc(horizon)
         self._robust = LqRobustLaw(a, b, c, period_s, robust) if robust else None
         one_step = robust is not None and robust.nominal == "one-step"
@@ -81,6 +89,7 @@ class ArticulatedFeedback:
         law = copy.copy(self)
         law._mpc = self._mpc.fresh()
         law._robust = self._robust.fresh() if self._robust else None
+        law._plan = self._plan.fresh() if self._plan else None
         return law
 
     def resume(self, previous: object) -> None:
@@ -97,18 +106,48 @@ class ArticulatedFeedback:
             return self._actions(k, self._mpc.step(k, state, previous))
         robust = self._robust.step(k, state, previous)
         feedback = self._mpc.step(k, robust.mpc_state, robust.mpc_previous)
+        action = robust.input
+        if self._plan:
+            feedback, action = self._keep_viable(self._plan, k, feedback, robust)
         self._robust.record_feedback(k, robust.mpc_state, feedback.input)
-        return self._actions(k, feedback, robust)
+        return self._actions(k, feedback, robust, action)
+
+    def _keep_viable(
+        self, plan: KeptPlan, k: int, feedback: FeedbackAction, robust: RobustAction
+    ) -> tuple[FeedbackAction, FloatArray]:
+        """Return feedback and robust action (3,) with a sum from which all later plans exist.
+
+        The robust action saturates there, and where the next input of the plan would be more than a
+        step away. Without a solution of the QP, the last plan is kept, and its ancillary gain is
+        the robust action.
+        """
+        state, previous, action = robust.mpc_state, robust.mpc_previous, robust.input
+        kept = plan.inputs(k, state) if feedback.fallback else None
+        if kept is not None:
+            note = f"QP {feedback.report.status}: last plan kept by the ancillary gain"
+            feedback = replace(feedback, input=kept[0], fallback=note)
+            action = -kept[1]
+        total = feedback.input - action
+        if not feedback.fallback:
+            total = self._horizon.before_next(k, total, feedback.plan)
+        total = self._horizon.admissible(k, total, previous)
+        if not feedback.fallback:
+            plan.record(k, state, total, feedback.plan)
+        return feedback, feedback.input - total
 
     def _actions(
-        self, k: int, feedback: FeedbackAction, robust: RobustAction | None = None
+        self,
+        k: int,
+        feedback: FeedbackAction,
+        robust: RobustAction | None = None,
+        action: FloatArray | None = None,
     ) -> Actions:
         tube = None
         if robust and self._monitor:
             tube = self._monitor.report(k, robust.nominal, robust.deviation)
         return Actions(
             feedback=-feedback.input,
-            robust=robust.input if robust else np.zeros(_M),
+            robust=np.zeros(_M) if action is None else action,
             modelling_error=robust.modelling_error if robust else None,
             predicted_path=self._path.of(k, self._horizon.prediction(k), feedback.plan),
             solver=feedback.report,
@@ -132,11 +171,12 @@ def articulated_controller(
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
     With a `design`, the one-step monitor logs the containment of each step's residual in the set
-    of that tube, in the one-step reading of the robust law; it changes no command.
+    of that tube, in the one-step reading of the robust law; it changes no command. The tightening
+    "tube" of the robust law does, see `ttempc.tube.growing_tube`.
 
     Raises:
         InvalidTube: the design was made for another vehicle, or the law is to have its authority
-            free (`ArticulatedOptions.tightened`) and the feedforward leaves less.
+            free (`tightening = "saturation"`) and the feedforward leaves less.
     """
     if design:
         design.require(vehicle, period_s)

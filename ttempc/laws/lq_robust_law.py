@@ -5,15 +5,18 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, replace
-from typing import Self, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 
+from ..errors import InvalidTuning
 from ..mpc.riccati import riccati_gains
 from ..types import FloatArray, Input, State
-from ..validation import check_choice, check_flag, check_positive, check_vector
+from ..validation import check_choice, check_positive, check_vector
 from ..vehicle import Vehicle
 from .nominal_state import NominalState, Reading
+
+Tightening = Literal["none", "saturation", "tube"]
 
 _N, _M = len(State), len(Input)
 # Largest argument of tanh in the tube reading. Beyond it the law cannot bring the vehicle back.
@@ -37,9 +40,10 @@ class LqRobustTuning:
     # weigh as much as 2 deg of steering or 4 % of the hydrostat. For the vehicle of the paper up to
     # 1 m/s; see `for_speed`.
     input_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
-    # Whether the MPC leaves k_s of every input free, so that the limits never cut the sum of both:
-    # the law's exact tightening. It reserves authority that the law seldom uses.
-    tightened: bool = False
+    # What the MPC leaves free. "saturation": k_s of every input, so that the limits never cut the
+    # sum of both; it reserves authority that the law seldom uses. "tube": at stage j of the horizon
+    # what the tube of `ttempc.tube.growing_tube` takes; nothing without a tube.
+    tightening: Tightening = "none"
     # In the one-step reading: time constant of the autocorrelation's average [s].
     memory_s: float = 5.0
 
@@ -47,8 +51,13 @@ class LqRobustTuning:
         check_choice("nominal", self.nominal, get_args(Reading))
         check_vector("saturation", self.saturation, _M)
         check_vector("input_weight", self.input_weight, _M)
-        check_flag("tightened", self.tightened)
+        check_choice("tightening", self.tightening, get_args(Tightening))
         check_positive("memory_s", self.memory_s)
+        if self.tightening == "tube" and self.nominal == "tube":
+            raise InvalidTuning(
+                "tightening: 'tube' grows from the estimate and needs nominal = 'one-step', "
+                "got nominal = 'tube'"
+            )
 
     def for_speed(self, vehicle: Vehicle, speed_mps: float) -> Self:
         """Return the tuning for a vehicle and the largest speed of its reference [m/s].

@@ -41,10 +41,12 @@ class TubeFeedback:
         zbar(k+1) = A zbar(k) + B ubar(k) - E s(k),   u_e = ubar + K (zhat - zbar).
 
     The deviation zhat - zbar of the estimate then obeys A + B K under the disturbance of each step,
-    and stays in the tube as long as that disturbance stays in its set. The nominal error depends on
-    no estimate of the state: noise reaches the commands through K only. The constraints are those
-    of the inputs, and the reference satisfies them: every tick has a solution, and no terminal set
-    is needed. Where the deviation leaves the tube, as after a push or on ground unlike that of the
+    and stays in the tube as long as the windows of that disturbance stay in their set. The nominal
+    error depends on no estimate of the state: noise reaches the commands through K only. The
+    constraints are those of the inputs at the free stages, and the reference satisfies them: every
+    tick has a solution, and no terminal set is needed. Stability with active constraints is not
+    proven. Membership is tested by half widths, in a box around the set. Where the deviation leaves
+    that box, as after a push or on ground unlike that of the
     data, the nominal error restarts at the estimate, and the fallback of the tick says so.
 
     Args:

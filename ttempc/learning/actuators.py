@@ -19,6 +19,9 @@ LONGEST_S: Final = 1.2
 """Longest dead time that is identified [s]; the search begins at sixteen places up to it."""
 
 _LEAST_S: Final = 5.0  # of driving
+_LEAST_LAGS: Final = (
+    10.0  # of driving, in lags of the actuator: an output that lags drifts; assumed
+)
 _SETTLING_S: Final = 2.0  # of a window: what was sent before it still acts
 _CORRELATED_S: Final = 1.0  # over which residuals may be correlated
 _BOUNDS: Final = ((0.0, LONGEST_S), (0.02, 5.0), (0.0, math.radians(4.0)))
@@ -89,7 +92,7 @@ class ActuatorFit:
 def fit_actuator(
     window: Sequence[RecordedTick], vehicle: Vehicle, actuator: Input
 ) -> ActuatorFit | None:
-    """Return dead time, lag and play of least squared residuals; None for less than 5 s of data.
+    """Return dead time, lag and play of least squared residuals; None for less than 5 s or 10 lags.
 
     The model of `respond` is compared with the samples of a steering angle, its bias fitted beside,
     or with the rim speed, gain, offset and decay of the start fitted beside (Ljung 1999, System
@@ -174,7 +177,8 @@ class _Response:
                 and begin + _SETTLING_S <= sample.time_s <= end
             }
         )
-        if end - begin < _LEAST_S or len(measured) < _LEAST_S:
+        least = max(_LEAST_S, _LEAST_LAGS * getattr(vehicle, actuator.lag))
+        if end - begin < least or len(measured) < _LEAST_S:
             return None
         starts, commands = np.array(sent).T
         times, samples = np.array(measured).T

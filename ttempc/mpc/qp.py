@@ -136,6 +136,8 @@ class CondensedHorizon:
         period_s: control period [s].
         outputs: C (N + 1, p, n); without them, the outputs are the states.
         bounds: (N, m) each, in addition to those of the tuning.
+        free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of
+            the tuning and `bounds`.
         soft: bounds on outputs of the states z_{k+1} ... z_{k+Np}, kept as far as possible.
 
     Raises:
@@ -150,6 +152,7 @@ class CondensedHorizon:
         period_s: float,
         outputs: FloatArray | None = None,
         bounds: StageBounds | None = None,
+        free_bounds: StageBounds | None = None,
         soft: OutputBounds | None = None,
     ) -> None:
         n, m = b.shape[1:]
@@ -166,7 +169,7 @@ class CondensedHorizon:
         self._moves = moves
         sums = np.tril(np.ones((moves, moves)))
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
-        self._bounds = move_bounds(tuning, period_s, len(a), bounds)
+        self._bounds = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
         self.first = FirstInputs.of(self._bounds.at(slice(None), slice(m)))
         self._first_tick = 0  # of the present block
         self._block = self._matrices(0)
@@ -208,6 +211,26 @@ class CondensedHorizon:
             upper=np.minimum(upper.ravel(), FREE) - offset,
             outputs=lower.shape[1],
         )
+
+    def admissible(self, k: int, inputs: FloatArray, previous: FloatArray) -> FloatArray:
+        """Return the first input of tick `k` nearest to `inputs` (m,) within bounds and a step."""
+        m, bounds = len(inputs), self._bounds
+        lower = np.maximum(bounds.lower[k, :m], previous + bounds.step_lower[k, :m])
+        upper = np.minimum(bounds.upper[k, :m], previous + bounds.step_upper[k, :m])
+        return np.maximum(np.minimum(inputs, upper), lower)
+
+    def before_next(self, k: int, inputs: FloatArray, plan: FloatArray) -> FloatArray:
+        """Return the first input nearest to `inputs` (m,) a step before the second of the `plan`.
+
+        The plan is w of tick `k`; one with a single free step has no second input.
+        """
+        m, bounds = len(inputs), self._bounds
+        if self._moves == 1:
+            return inputs
+        first = len(plan) - m * (self._moves + 1)
+        second = plan[first : first + 3 * m].reshape(3, m).sum(axis=0)  # u_{k-1} and two steps
+        lower = second - bounds.step_upper[k, m : 2 * m]
+        return np.maximum(np.minimum(inputs, second - bounds.step_lower[k, m : 2 * m]), lower)
 
     def prediction(self, k: int) -> FloatArray:
         """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""
@@ -281,8 +304,8 @@ def move_bounds(
     """
     ticks = stages - tuning.horizon + 1
     free = np.arange(ticks)[:, None] + np.arange(tuning.moves)  # (ticks, Nc)
-    stage_bounds = _intersection(tuning, period_s, stages, bounds)
-    return _each(stage_bounds, lambda values: values[free].reshape(ticks, -1))
+    of_stages = stage_bounds(tuning, period_s, stages, bounds)
+    return _each(of_stages, lambda values: values[free].reshape(ticks, -1))
 
 
 def _each(bounds: StageBounds, change: Callable[[FloatArray], FloatArray]) -> StageBounds:
@@ -294,8 +317,8 @@ def _each(bounds: StageBounds, change: Callable[[FloatArray], FloatArray]) -> St
     )
 
 
-def _intersection(
-    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None
+def stage_bounds(
+    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None = None
 ) -> StageBounds:
     """Return the tuning's bounds on every stage, intersected with `bounds` if given."""
     bound = np.tile(tuning.input_bound, (stages, 1))

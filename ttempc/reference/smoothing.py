@@ -19,6 +19,7 @@ _WEIGHT_AT_ENDS = 1e4  # so that path and polygon have the same ends
 # Penalty of the spline for samples 1 m apart: features shorter than about 2 pi penalty^(1/4) m are
 # smoothed out. The range spans noise of millimetres to the length of a field.
 _LEAST_PENALTY, _LARGEST_PENALTY = 1e-6, 1e6
+_MOST_SAMPLES = 40_000  # 10 km in steps of 0.25 m; a minute of smoothing
 _HALVINGS = 30  # bisection steps on the logarithm of the penalty
 _CORRECTIONS = 2  # of the drift of the integrated curvature; each reduces it to a hundredth
 _LEAST_PACE = 0.2  # metres of path per metre of polygon; below, the polygon turns back
@@ -51,7 +52,7 @@ def smooth(points: FloatArray, max_deviation_m: float) -> SmoothedPath:
     Raises:
         InvalidPath: fewer than two points, a point that is not finite or repeated, or a polygon
             that turns back on itself, with index, place and length along the polygon; or
-            `max_deviation_m` is not above 0 or too small for the points.
+            `max_deviation_m` is not above 0 or too small for the points, or the line is too long.
 
     Example:
         >>> points = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 8.0]])
@@ -113,7 +114,17 @@ def _lengths(points: FloatArray) -> FloatArray:
 
 
 def _sampled(along: FloatArray) -> FloatArray:
-    """Return the lengths of the samples (m,) [m]: those of all points and some in between."""
+    """Return the lengths of the samples (m,) [m]: those of all points and some in between.
+
+    Raises:
+        InvalidPath: there are too many.
+    """
+    counts = np.maximum(1.0, np.ceil(np.diff(along) / _SPACING_M))
+    if counts.sum() > _MOST_SAMPLES:
+        raise InvalidPath(
+            f"path: {len(along)} points over {along[-1]:.6g} m make {counts.sum():.6g} samples "
+            f"of the line, at most {_MOST_SAMPLES}: one a point, and one every {_SPACING_M} m"
+        )
     parts = [
         np.linspace(first, last, max(1, math.ceil((last - first) / _SPACING_M)), endpoint=False)
         for first, last in pairwise(along)

@@ -1,8 +1,6 @@
-"""Ancillary gain of a tube: an LQR along the reference with searched weights.
+"""Ancillary gain of the vehicle's tube: an LQR along the reference with searched weights.
 
-The quadratic cost does not contain the tube, but every choice of weights gives a stabilising gain.
-Among these gains the search finds one whose tube is narrow across the track and leaves the inputs
-their reserve.
+The search finds weights whose tube is narrow across the track and leaves the inputs their reserve.
 """
 
 from __future__ import annotations
@@ -10,18 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
-from ..errors import InvalidTube, InvalidTuning
+from ..errors import InvalidTube
 from ..limits import CommandLimits
-from ..mpc.riccati import riccati_gains
 from ..types import FloatArray, Input
 from .disturbance_set import DisturbanceSet
-from .tube import TrackingSystem, Tube, invariant_tube
+from .gain import feedback_gains, search_tube
+from .tube import TrackingSystem, Tube
 
 _CROSS = (1, 3)  # cross-track errors among the outputs x_t, y_t, x_i, y_i
-_COARSE = 0.2  # alpha of the tubes of the search: at most 20 % too wide, five times as fast
-_SLOWEST = 0.98  # largest modulus of a mode: a time constant of ten seconds leaves no narrow tube
 _EVALUATIONS = 700  # of each simplex, at most
 _START = (0.1, 2.5, 0.05, 2.5, 0.01, 0.01, 0.01, 0.01, 0.01, 0.3, 1.5, 0.9)  # weights
 _HYDROSTAT_SHARE = 0.8  # largest share of the hydrostat's margin that the tube may take
@@ -30,8 +25,6 @@ _HYDROSTAT_SHARE = 0.8  # largest share of the hydrostat's margin that the tube 
 _RATE_SHARE = 0.9
 _PENALTY = 3.0  # [m] for exceeding a margin by 100 %
 _SECONDARY = 0.02  # weight of the other half widths beside the largest cross-track one
-_NO_TUBE = 1e3  # cost of weights that give no tube [m]
-_FIRST_SIMPLEX = 1.0  # edge, in logarithms of the weights
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +75,8 @@ def gain_schedule(
     outputs, states = np.array(weights.outputs), np.diag([0.0, 0.0, *weights.states])
     cost = c.transpose(0, 2, 1) @ (outputs[:, None] * c) + states  # (T, n, n)
     try:
-        return -riccati_gains(a, b, cost, np.array(weights.inputs))
-    except InvalidTuning as reason:
+        return feedback_gains(a, b, cost, np.array(weights.inputs))
+    except InvalidTube as reason:
         raise InvalidTube(f"no ancillary gain minimises {weights}: {reason}") from None
 
 
@@ -111,10 +104,9 @@ def search_weights(
 ) -> AncillaryWeights:
     """Return weights whose tube is narrow across the track, at T stationary motions.
 
-    Nelder and Mead's simplex over the logarithms of the weights minimises the largest cross-track
-    half width of the two axle points. The other half widths enter with a small weight. Penalties
-    keep free the `reserve` of each input, a fifth of the hydrostat's margin, and a tenth of every
-    change in a period.
+    `search_tube` minimises the largest cross-track half width of the two axle points. The other
+    half widths enter with a small weight. Penalties keep free the `reserve` of each input, a fifth
+    of the hydrostat's margin, and a tenth of every change in a period.
 
     Args:
         a: A (T, n, n), one motion each.
@@ -132,26 +124,13 @@ def search_weights(
     amplitudes[:, Input.HP] *= _HYDROSTAT_SHARE
     amplitudes = np.maximum(amplitudes, 1e-3)
 
-    def tube(flat: FloatArray) -> Tube | None:
-        try:
-            weights = AncillaryWeights.of(np.exp(flat))
-            gains = np.concatenate(
-                [
-                    gain_schedule(a[motion], b[motion], c[motion], weights)
-                    for motion in (slice(k, k + 1) for k in range(len(a)))
-                ]
-            )
-            system = TrackingSystem(a, b, c, gains, np.arange(len(a)))
-            if np.abs(np.linalg.eigvals(system.closed)).max() > _SLOWEST:
-                return None
-            return invariant_tube(system, disturbance, _COARSE)
-        except InvalidTube:
-            return None
+    def system_of(flat: FloatArray) -> TrackingSystem:
+        weights = AncillaryWeights.of(flat)
+        motions = [slice(k, k + 1) for k in range(len(a))]
+        gains = [gain_schedule(a[motion], b[motion], c[motion], weights) for motion in motions]
+        return TrackingSystem(a, b, c, np.concatenate(gains), np.arange(len(a)))
 
-    def cost(flat: FloatArray) -> float:
-        candidate = tube(flat)
-        if candidate is None:
-            return _NO_TUBE
+    def cost(candidate: Tube) -> float:
         outputs = candidate.outputs
         cross = outputs[:, _CROSS]
         amplitude = np.maximum(candidate.inputs / amplitudes - 1.0, 0.0).sum()
@@ -159,11 +138,5 @@ def search_weights(
         others = _SECONDARY * cross.sum() + _SECONDARY * outputs.max()
         return float(cross.max() + _PENALTY * (amplitude + rate) + others)
 
-    at = np.log(_START if start is None else start.flat)
-    for _ in range(2):  # the second simplex starts where the first one has stalled
-        simplex = np.vstack([at, at + _FIRST_SIMPLEX * np.eye(len(at))])
-        options = {"maxfev": _EVALUATIONS, "adaptive": True, "initial_simplex": simplex}
-        at = minimize(cost, at, method="Nelder-Mead", options=options).x
-    if tube(at) is None:
-        raise InvalidTube("no weights of the ancillary gain were found that give a tube")
-    return AncillaryWeights.of(np.exp(at))
+    first = np.array(_START) if start is None else start.flat
+    return AncillaryWeights.of(search_tube(system_of, cost, disturbance, first, _EVALUATIONS))

@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
+from scipy.linalg import null_space
 
 from ..errors import InvalidTube
 from ..types import FloatArray
 
 Shape = Literal["box", "zonotope", "ellipsoid"]
+
+_ITERATIONS = 100  # of `worst`: within 1 % of the largest sum along the tubes of this project
+_NOTHING = 1e-300  # multiplier of a step that no window limits
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,8 @@ class DisturbanceSet:
     more tightly: by a factor of 0.62 for white Gaussian noise, N = 5 and a coverage of 99.9 %.
 
     Raises:
-        InvalidTube: the axes are not a regular square matrix or the window is not positive.
+        InvalidTube: the axes are not a regular square matrix, the window is not positive, or there
+            is no such shape.
     """
 
     axes: FloatArray  # (n, n) a column for each axis, its length the half width along it
@@ -40,6 +45,8 @@ class DisturbanceSet:
     def __post_init__(self) -> None:
         if self.window < 1:
             raise InvalidTube(f"window: got {self.window} steps, must be 1 or more")
+        if self.shape not in get_args(Shape):
+            raise InvalidTube(f"shape: got {self.shape!r}, must be one of {get_args(Shape)}")
         square = self.axes.ndim == 2 and self.axes.shape[0] == self.axes.shape[1]
         regular = square and bool(np.isfinite(self.axes).all())
         if not regular or np.linalg.matrix_rank(_scaled(self.axes)) < len(self.axes):
@@ -47,6 +54,25 @@ class DisturbanceSet:
                 f"axes: got {self.axes.shape} with the lengths "
                 f"{np.linalg.norm(self.axes, axis=0).tolist()}, must be square and of full rank"
             )
+
+    @classmethod
+    def through(
+        cls, directions: FloatArray, floor: float, window: int = 1, shape: Shape = "zonotope"
+    ) -> DisturbanceSet:
+        """Return the set of w = E d, widened to full rank by `floor` along all other directions.
+
+        The certificate of a tube needs a set with an interior; a small `floor` costs little width.
+
+        Args:
+            directions: E (n, g), a column for each entry of d, its length the half width along it.
+            floor: half width along the orthogonal complement of the columns, above 0.
+            window: N [steps].
+            shape: of the set, see the class.
+
+        Raises:
+            InvalidTube: the columns depend on each other, or the floor is not above 0.
+        """
+        return cls(np.hstack([directions, floor * null_space(directions.T)]), window, shape)
 
     @property
     def dimension(self) -> int:
@@ -93,11 +119,31 @@ class DisturbanceSet:
         return self._inverse, inner
 
     def worst(self, coefficients: FloatArray) -> FloatArray:
-        """Return the window w (N, n) with the largest sum of `coefficients` (N, n) times w."""
-        along = coefficients @ self.axes  # (N, n)
-        axis = None if self.shape == "ellipsoid" else 0
-        length = np.sqrt((along**2).sum(axis=axis, keepdims=True))
-        return np.divide(along, length, out=np.zeros_like(along), where=length > 0.0) @ self.axes.T
+        """Return an admissible run w (T, n) with a large sum of `coefficients` (T, n) times w.
+
+        Every sliding window of the run lies in the set. Up to T = N the sum is the largest one. For
+        more steps the dual problem, one multiplier for each window, is minimised by its majoriser:
+        a multiplier is multiplied by the root of the energy in its window. The sum converges to the
+        largest one from below.
+        """
+        along, axis = coefficients @ self.axes, 1 if self.shape == "ellipsoid" else None
+        window = min(self.window, len(along))
+        multipliers = np.ones((len(along) - window + 1, 1 if axis else along.shape[1]))
+        y, energy = along, multipliers
+        for _ in range(_ITERATIONS if len(along) > window else 1):
+            multipliers = multipliers * np.sqrt(energy)
+            padded = np.pad(multipliers, ((window - 1,) * 2, (0, 0)))
+            covering = _sliding_sums(padded, window)
+            y = np.divide(along, covering, out=np.zeros_like(along), where=covering > _NOTHING)
+            energy = _sliding_sums(y**2, window)
+            energy = energy.sum(axis=1, keepdims=True) if axis else energy
+        length = np.sqrt(energy.max(axis=0))
+        return np.divide(y, length, out=np.zeros_like(y), where=length > 0.0) @ self.axes.T
+
+
+def _sliding_sums(values: FloatArray, window: int) -> FloatArray:
+    """Return the sums over every `window` successive rows, (k - window + 1, ...) for (k, ...)."""
+    return np.lib.stride_tricks.sliding_window_view(values, window, axis=0).sum(axis=-1)
 
 
 def _scaled(matrix: FloatArray) -> FloatArray:

@@ -123,8 +123,7 @@ def tracking_system(
         InvalidTube: no gain minimises the cost of `weights`.
     """
     a, b, c = a[:, :_N, :_N], b[:, :_N], c[: len(a), :, :_N]
-    before = np.maximum(np.arange(len(a)) - 1, 0)
-    return TrackingSystem(a, b, c, gain_schedule(a, b, c, weights), before)
+    return TrackingSystem.along(a, b, gain_schedule(a, b, c, weights), c)
 
 
 def report_rows(outputs: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Invariant tubes of a disturbed linear system around its nominal state.
+"""Reachable tubes of a disturbed linear system around its nominal state.
 
 The deviation m of a system from its nominal state obeys m(k+1) = A_K(k) m(k) + w(k), A_K = A + B K.
 For one matrix A_K, Rakovic, Kerrigan, Kouramas and Mayne (2005) give an invariant outer
@@ -11,7 +11,9 @@ from 0, the same argument gives
 
     Phi(k+N, k) S_k + V_{k+N}  is inside  S_{k+N}   if   Phi(k, k-JN) V_{k-JN}  is inside  alpha W,
 
-because V contains W. The first stage is taken to hold before the first tick.
+because V contains W. The first stage is taken to hold before the first tick. With N = 1 the sets
+are robust positively invariant. With longer windows they hold every m(k) that is reached from 0.
+From another point of S_k, m(k+N) lies in S_{k+N}, and the ticks between need not.
 """
 
 from __future__ import annotations
@@ -25,18 +27,20 @@ from numpy.typing import NDArray
 from ..errors import InvalidTube
 from ..types import FloatArray
 from .disturbance_set import DisturbanceSet
-from .sets import SupportSet
+from .sets import ConvexSet, SupportSet
 
-_MOST_STEPS = 1500  # five minutes; a slower system has no useful tube
 _EXPLODED = 1e6  # alpha above which the series counts as divergent
 
 
 @dataclass(frozen=True)
 class TrackingSystem:
-    """Error dynamics along a reference, closed by a gain at every tick.
+    """Linear dynamics in n dimensions, closed by a gain at every tick.
 
     z(k+1) = A_k z(k) + B_k u(k), u = K_k z, outputs C_k z. `before` is the index of the stage that
     precedes each: k - 1, or k itself where every stage is a stationary motion.
+
+    Raises:
+        InvalidTube: the shapes do not fit, or a value is not finite.
     """
 
     a: FloatArray  # (T, n, n)
@@ -44,6 +48,36 @@ class TrackingSystem:
     c: FloatArray  # (T, p, n)
     gains: FloatArray  # (T, m, n)
     before: NDArray[np.intp]  # (T,)
+
+    def __post_init__(self) -> None:
+        matrices = (self.a, self.b, self.c, self.gains)
+        shapes = [matrix.shape for matrix in matrices]
+        if [len(shape) for shape in shapes] != [3] * 4 or self.before.ndim != 1:
+            raise InvalidTube(f"A, B, C, K: got {shapes}, must be a stack of matrices each")
+        (ticks, n), m, p = self.a.shape[:2], self.b.shape[2], self.c.shape[1]
+        expected = [(ticks, n, n), (ticks, n, m), (ticks, p, n), (ticks, m, n)]
+        if shapes != expected or self.before.shape != (ticks,):
+            raise InvalidTube(
+                f"A, B, C, K, before: got {[*shapes, self.before.shape]}, must be "
+                f"{[*expected, (ticks,)]}"
+            )
+        if not all(np.isfinite(matrix).all() for matrix in matrices):
+            raise InvalidTube("A, B, C, K: must be finite")
+
+    @classmethod
+    def along(
+        cls, a: FloatArray, b: FloatArray, gains: FloatArray, c: FloatArray | None = None
+    ) -> TrackingSystem:
+        """Return a time-varying system of T ticks, whose first stage holds before the first tick.
+
+        Args:
+            a: A (T, n, n); T = 1 is a time-invariant system.
+            b: B (T, n, m).
+            gains: K (T, m, n) of u = K z.
+            c: outputs C (T, p, n); by default none.
+        """
+        c = np.zeros((len(a), 0, a.shape[-1])) if c is None else c
+        return cls(a, b, c, gains, np.maximum(np.arange(len(a)) - 1, 0))
 
     @cached_property
     def closed(self) -> FloatArray:
@@ -53,10 +87,10 @@ class TrackingSystem:
 
 @dataclass(frozen=True)
 class Certificate:
-    """Numbers that prove the invariance of a tube."""
+    """Numbers that prove the inclusion of a tube, see the module."""
 
-    # The first term left out lies in alpha W. Each half width exceeds that of the minimal RPI set
-    # by at most a share alpha.
+    # The first term left out lies in alpha W. Each half width exceeds that of the sum of
+    # all terms, for N = 1 the minimal RPI set, by at most a share alpha.
     alpha: float
     terms: int  # J
     window: int  # N [steps]
@@ -76,12 +110,38 @@ class Tube:
 
     def at(self, k: int) -> SupportSet:
         """Return S_k."""
-        return SupportSet(self.system.a.shape[1], lambda rows: self._support(k, rows))
+        return SupportSet(
+            self.system.a.shape[1], lambda rows: self._support(np.array([k]), rows[None])[0]
+        )
+
+    def support(self, rows: FloatArray) -> FloatArray:
+        """Return the support function of every S_k, (T, r) in the directions `rows` (T, r, n)."""
+        return self._support(np.arange(len(self.states)), rows)
+
+    def generators(self, k: int) -> FloatArray:
+        """Return G (n, g): S_k = {G x : |x| <= 1 in each entry}, a zonotope.
+
+        With it, "z - zbar in S_k" is a linear constraint of an optimisation: z - zbar = G x.
+
+        Raises:
+            InvalidTube: the disturbance is an ellipsoid or has a window of several steps.
+        """
+        if self.disturbance.window > 1 or self.disturbance.shape == "ellipsoid":
+            raise InvalidTube(
+                f"generators: got an {self.disturbance.shape} in windows of "
+                f"{self.disturbance.window}, must be a box or a zonotope of single steps"
+            )
+        steps = range(self.certificate.terms)
+        terms = [self.transition(k, step) @ self.disturbance.axes for step in steps]
+        return np.hstack(terms) / (1.0 - self.certificate.alpha)
 
     def last_window(self, k: int) -> SupportSet:
         """Return V_k, the deviations that the last N steps reach from 0."""
         return SupportSet(
-            self.system.a.shape[1], lambda rows: self._terms(k, rows, terms=1).sum(axis=0)
+            self.system.a.shape[1],
+            lambda rows: _reached(
+                self.system, self.disturbance, np.array([k]), rows[None], self.certificate.window
+            )[0][0],
         )
 
     def transition(self, k: int, steps: int) -> FloatArray:
@@ -93,52 +153,104 @@ class Tube:
         return phi
 
     def worst_case(self, k: int, direction: FloatArray) -> FloatArray:
-        """Return the disturbances up to tick `k` that reach farthest along `direction`, (J N, n).
+        """Return disturbances up to tick `k` that reach far along `direction`, (J N, n).
 
-        Oldest first. From m = 0 they lead to direction'm(k) = (1 - alpha) h(direction).
+        Oldest first. Every sliding window of them lies in the disturbance set, see
+        `DisturbanceSet.worst`. From m = 0 they lead to direction'm(k) <= (1 - alpha) h(direction),
+        with equality for windows of one step. The sets of longer windows are wider than what
+        sliding windows reach, because their terms fill windows side by side.
         """
-        window, row, tick = self.certificate.window, direction, k
-        blocks = []
-        for _ in range(self.certificate.terms):
-            coefficients = np.zeros((window, len(direction)))
-            for step in range(window):
-                coefficients[step] = row
-                tick = self.system.before[tick]
-                row = row @ self.system.closed[tick]
-            blocks.append(self.disturbance.worst(coefficients))
-        return np.concatenate(blocks)[::-1]
+        steps = self.certificate.terms * self.certificate.window
+        row, tick = direction, k
+        coefficients = np.zeros((steps, len(direction)))
+        for step in range(steps):
+            coefficients[step] = row
+            tick = self.system.before[tick]
+            row = row @ self.system.closed[tick]
+        return self.disturbance.worst(coefficients)[::-1]
 
-    def _support(self, k: int, rows: FloatArray) -> FloatArray:
-        terms = self._terms(k, rows, self.certificate.terms)
-        return terms.sum(axis=0) / (1.0 - self.certificate.alpha)
+    def _support(self, ticks: NDArray[np.intp], rows: FloatArray) -> FloatArray:
+        steps = self.certificate.terms * self.certificate.window
+        reached, _ = _reached(self.system, self.disturbance, ticks, rows, steps)
+        return reached / (1.0 - self.certificate.alpha)
 
-    def _terms(self, k: int, rows: FloatArray, terms: int) -> FloatArray:
-        """Return the contribution of each of the last windows to h of `rows` (r, n), (terms, r)."""
-        added, tick = [], k
-        for _ in range(terms):
-            energy = np.zeros_like(rows)
-            for _ in range(self.certificate.window):
-                energy += (rows @ self.disturbance.axes) ** 2
-                tick = self.system.before[tick]
-                rows = rows @ self.system.closed[tick]
-            added.append(self.disturbance.reach(energy))
-        return np.array(added)
+
+def _reached(
+    system: TrackingSystem,
+    disturbance: DisturbanceSet,
+    ticks: NDArray[np.intp],
+    rows: FloatArray,
+    steps: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return what the last steps add to `rows` (t, r, n) at `ticks` (t,), and the rows before.
+
+    The disturbances of the steps reach (t, r) at most, in windows counted backwards; the rows on
+    the state before them, (t, r, n), are `rows` times the transition.
+    """
+    reached = np.zeros(rows.shape[:2])
+    for begin in range(0, steps, disturbance.window):
+        energy = np.zeros(rows.shape)
+        for _ in range(min(disturbance.window, steps - begin)):
+            energy += (rows @ disturbance.axes) ** 2
+            ticks = system.before[ticks]
+            rows = rows @ system.closed[ticks]
+        reached += disturbance.reach(energy)
+    return reached, rows
+
+
+def reachable_set(
+    system: TrackingSystem,
+    disturbance: DisturbanceSet,
+    k: int,
+    initial: ConvexSet | None = None,
+) -> SupportSet:
+    """Return the set of the deviations at tick `k` that start in `initial` at tick 0.
+
+    It needs no contraction. It is exact for windows of one step. For longer ones it is an outer
+    bound: a partial window at the start may take the energy of a whole one.
+
+    Args:
+        system: the time-varying system; tick `k` in it.
+        disturbance: acts on the state in every step.
+        k: tick, from 0.
+        initial: set of the deviations at tick 0, by default the origin.
+
+    Raises:
+        InvalidTube: the system has no tick `k`.
+    """
+    if not 0 <= k < len(system.a):
+        raise InvalidTube(f"tick: got {k}, must be 0 to {len(system.a) - 1}")
+
+    def support(rows: FloatArray) -> FloatArray:
+        reached, before = _reached(system, disturbance, np.array([k]), rows[None], k)
+        return reached[0] + (0.0 if initial is None else initial.support(before[0]))
+
+    return SupportSet(system.a.shape[1], support)
 
 
 def invariant_tube(
-    system: TrackingSystem, disturbance: DisturbanceSet, tolerance: float = 0.02
+    system: TrackingSystem,
+    disturbance: DisturbanceSet,
+    tolerance: float = 0.02,
+    most_steps: int = 1500,
 ) -> Tube:
     """Return the tube of `system` under `disturbance`, all ticks at once.
 
     Args:
         system: the error dynamics with their gains.
         disturbance: acts on the state in every step.
-        tolerance: largest alpha, the share by which the tube may be too wide.
+        tolerance: largest alpha, the share by which the tube may be too wide, between 0 and 1.
+        most_steps: number of steps after which a disturbance must have decayed to alpha.
 
     Raises:
-        InvalidTube: A + B K does not contract; with the modulus of its largest eigenvalue.
+        InvalidTube: A + B K does not contract, with the modulus of its largest eigenvalue; the
+            disturbance has another dimension than the state; or the tolerance is out of range.
     """
+    if not 0.0 < tolerance < 1.0:
+        raise InvalidTube(f"tolerance: got {tolerance}, must be between 0 and 1")
     ticks, n = system.a.shape[:2]
+    if disturbance.dimension != n:
+        raise InvalidTube(f"disturbance: got {disturbance.dimension} dimensions, must be {n}")
     gains, closed, axes = system.gains, system.closed, disturbance.axes
     m, p = gains.shape[1], system.c.shape[1]
     faces, inner = disturbance.faces
@@ -148,7 +260,7 @@ def invariant_tube(
     rates, face = slice(n + p + m, n + p + 2 * m), slice(n + p + 2 * m, None)
     total, energy = np.zeros(rows.shape[:2]), np.zeros(rows.shape)
     tick, step, alpha = np.arange(ticks), 0, np.inf
-    for step in range(_MOST_STEPS):
+    for step in range(most_steps):
         energy += (rows @ axes) ** 2
         tick = system.before[tick]
         rows = rows @ closed[tick]

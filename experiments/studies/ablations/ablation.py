@@ -40,7 +40,7 @@ VARIANTS: Final[dict[str, ControllerFactory]] = {
     "+ LMPC, robust": _variant(disturbances=False),
     "+ LMPC, disturbance (`ttempc-nominal`)": _variant(robust=False),
     "+ LMPC, disturbance, robust (`ttempc`)": _variant(),
-    "the same, MPC tightened by the law's authority": _variant(tightened=True),
+    "the same, MPC tightened by the law's authority": _variant(tightening="saturation"),
     "robust in the tube reading": _variant(nominal="tube"),
     "no robust, step weights 1, 1, 0.02": _variant(robust=False, step_weight=(1.0, 1.0, 0.02)),
     "no robust, step weights 0.05, 0.05, 0.1": _variant(

@@ -255,7 +255,7 @@ def revisit(laps: int = 3) -> list[Evidence]:
     name, scenario = load("pavement", (*path, *FIELD_SENSORS))
     record = simulate(name, scenario, FIRST_SEED)[1]
     errors = tracking_errors(record)
-    lap_s = scenario.path.mission().path.lap_m  # at 1 m/s
+    lap_s = scenario.mission().path.lap_m  # at 1 m/s
     offset = relative_error(errors.time_s, errors.tractor.cross_m, ~errors.curved, lap_s)
     check = between(
         f"relative cross-track error of the tractor, 95th percentile, revisit after {lap_s:.0f} s",

@@ -86,7 +86,8 @@ def test_tube_step(capsys, few_ticks, monkeypatch):
     lines = printed(capsys, tube_step.main)
     assert [line.split()[0] for line in lines] == [
         "ttempc-nominal",
+        "ttempc",
+        "ttempc,",
         "ttempc-tube",
-        "ratio",
         "tube",
     ]

@@ -1,6 +1,7 @@
 """Films and pictures of logs: poses and projections as logged, formats, refusals."""
 
 import ctypes.util
+import dataclasses
 import math
 import shutil
 import sys
@@ -18,6 +19,7 @@ from proving_ground.experiments.film.body_poses import place_bodies
 from proving_ground.experiments.film.camera import FIELD_OF_VIEW
 from proving_ground.experiments.film.composition import FilmSetup
 from proving_ground.experiments.film.field import FieldMesh
+from proving_ground.experiments.film.hud import Overlay
 from proving_ground.experiments.film.mujoco_scene import MujocoScene
 from proving_ground.experiments.film.render import render_frames
 from proving_ground.experiments.film.replay import read_replay
@@ -26,6 +28,7 @@ from proving_ground.experiments.film.shot import FRAME_RATE, Shot
 from proving_ground.experiments.film.writer import FilmWriter
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.recording.channels import STATE
+from proving_ground.testbed.recording.record import Event
 
 SMALL = (320, 180)
 needs_gl = pytest.mark.skipif(
@@ -287,3 +290,18 @@ def test_bad_input_is_refused_in_one_line(bad_logs, line, words, monkeypatch, ca
     assert printed.out == ""
     assert sorted(bad_logs.iterdir()) == before
     assert (bad_logs / "taken.mp4").read_text() == "mine"
+
+
+def test_the_overlay_names_a_fault_while_it_acts(replay):
+    events = (Event(2.0, "warning", "fault: gust begins"), Event(4.0, "info", "fault: gust ends"))
+    faulty = dataclasses.replace(replay, record=dataclasses.replace(replay.record, events=events))
+
+    def shown(film, time_s):
+        picture = Image.new("RGB", (640, 360))
+        Overlay(film, picture.size, 0.0, 0.4).draw_onto(picture, time_s)
+        return np.asarray(picture)
+
+    assert np.array_equal(shown(replay, 1.9), shown(faulty, 1.9))
+    top = slice(0, 120), slice(0, 200)  # below the headline, beside the caption of the event
+    assert not np.array_equal(shown(replay, 3.9)[top], shown(faulty, 3.9)[top])
+    assert np.array_equal(shown(replay, 7.5), shown(faulty, 7.5))

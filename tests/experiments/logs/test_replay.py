@@ -54,7 +54,7 @@ def test_late_samples_are_replayed_at_the_time_at_which_they_were_taken():
 
 
 def test_another_assumed_noise_gives_other_estimates_of_the_same_samples(run, log):
-    record, scenario = read_run(log, ["controller.noise.gnss_sd_m=0.06"])
+    record, scenario = read_run(log, {"controller": {"noise": {"gnss_sd_m": 0.06}}})
     assert list(ticks(record)) == list(ticks(run[0]))
     other = replay(record, estimator_of(scenario))
     assert not same_as_recorded(other, record)

@@ -74,8 +74,11 @@ def test_no_table_reports_on_seeds_of_the_design():
 
 def test_the_shipped_tubes_were_fitted_with_declared_seeds():
     for file in (ROOT / "experiments" / "fitted").glob("*.json"):
-        provenance = json.loads(file.read_text())["provenance"]
+        tube = json.loads(file.read_text())
+        provenance, calibration = tube["provenance"], tube.get("calibration") or {}
         seeds = provenance["fitted_seeds"] + provenance["held_out_seeds"]
+        assert not {*seeds} & {*calibration.get("scored_seeds", [])}
+        seeds += calibration.get("scored_seeds", []) + calibration.get("scale_seeds", [])
         assert all(seed in FITTING or seed in TUNING for seed in seeds)
 
 

@@ -119,6 +119,44 @@ def test_an_exception_in_the_run_ends_it_and_keeps_log_and_summary(package, caps
     assert "raised at tick 10: RuntimeError: lost my way" in summary
 
 
+ENDS = """
+from ttempc.types import Command, ControlStep
+
+class Base:
+    def __init__(self, vehicle, reference, period_s):
+        pass
+    def step(self, estimate, k):
+        return Command(0.0, 0.0, 0.5)
+
+class Exits(Base):
+    def step(self, estimate, k):
+        raise SystemExit(0)
+
+class Unprepared(Base):
+    def prepare(self, k):
+        raise SystemExit(0)
+
+class Cold(Base):
+    def warm_up(self):
+        raise RuntimeError("too cold")
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("Exits", "SystemExit"), ("Unprepared", "SystemExit"), ("Cold", "too cold")],
+)
+def test_no_method_of_a_controller_ends_the_program(package, capsys, name, reason):
+    (package / "lawn" / "ends.py").write_text(ENDS)
+    command = ["run", "--controller", f"lawn.ends:{name}", "--out", "out", "--set", SHORT[0]]
+    assert main([*command, "--set", SHORT[1]]) == 3
+    assert reason in capsys.readouterr().err  # the traceback
+    assert f"{reason}" in (package / "out" / "summary.json").read_text()
+    events = [event.text for event in read_log(package / "out" / "log.mcap").events]
+    assert any("Traceback" in text and "lawn/ends.py" in text for text in events)
+    assert not (package / "out" / "log.mcap.part").exists()
+
+
 def test_options_of_a_scenario_reach_a_users_controller(package):
     (package / "lawn" / "tuned.py").write_text(
         "from ttempc.types import Command\n"

@@ -41,7 +41,10 @@ def test_a_path_of_another_kind_replaces_the_figure_eight():
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("soil.cone_index_kpa=-3", "soil.cone_index_kpa: Input should be greater than 0, got -3"),
+        (
+            "soil.cone_index_kpa=-3",
+            "soil.cone_index_kpa: Input should be greater than or equal to 1",
+        ),
         ("soil.cone_index_kpa=nan", "soil.cone_index_kpa: Input should be a finite number"),
         ("path.radius_m=inf", "path.radius_m: Input should be a finite number"),
         ("path.radius_m='wide'", "path.radius_m: Input should be a valid number, got 'wide'"),
@@ -71,7 +74,7 @@ def test_a_path_of_another_kind_replaces_the_figure_eight():
         ),
         (
             "terrain.features=[{kind='bump', x_m=1, y_m=1, height_m=0.1, width_m=-1}]",
-            "terrain.features.0.width_m: Input should be greater than 0, got -1",
+            "terrain.features.0.width_m: Input should be greater than or equal to 0.001, got -1",
         ),
         (
             "terrain.features=[{kind='rise', x_m=nan, y_m=0, slope_rad=0.1, length_m=9}]",

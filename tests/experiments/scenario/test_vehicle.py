@@ -108,7 +108,7 @@ def test_any_number_of_the_vehicle_file_can_be_changed_in_the_plant():
     [
         ("plant.vehicle.file='tank'", "no such vehicle; shipped are farm4500, kayacan2016"),
         ("plant.vehicle.file='none.toml'", "none.toml': no such file"),
-        ("plant.vehicle.drawbar_m=-1.0", "plant.vehicle.drawbar_m: Input should be greater than 0"),
+        ("plant.vehicle.drawbar_m=-1.0", "plant.vehicle.drawbar_m: Input should be greater than"),
         ("plant.vehicle.hitch_offset_m=0.1", "plant.vehicle over kayacan2016: hitch.yaw_limit_deg"),
         ("plant.vehicle.width_m=1.0", "plant.vehicle.width_m: unknown key; allowed here: file"),
         ("plant.vehicle.parts.wagon.mass_kg=1.0", "kayacan2016: wagon: unknown key"),

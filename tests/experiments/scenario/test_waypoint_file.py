@@ -185,12 +185,13 @@ def test_a_path_beside_the_scenario_is_driven_at_its_speeds(tmp_path, monkeypatc
             "",
             "point 2 at x = 10.00, y = 0.00 m, 10.00 m along the line repeats",
         ),
-        ("0 0\n60 0\n", "", "leaves at s = 36."),
+        ("0 0\n38 0\n", "", "leaves at s = 36."),
+        ("0 0\n60 0\n", "", "point 1 of 2 at x = 60, y = 0 m lies beyond the field"),
         ("0 0 0 0 1 9 -1 1\n9 0 0 0 1 9 -1 1\n", "", "set path.reverse = true"),
         (
             "0 0\n10 0\n",
             "max_deviation_m = 0.0",
-            "path.max_deviation_m: Input should be greater than 0",
+            "path.max_deviation_m: Input should be greater than",
         ),
     ],
 )

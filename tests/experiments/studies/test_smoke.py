@@ -21,6 +21,7 @@ from proving_ground.experiments.studies import (
     learning,
     paper_tube,
     ranking,
+    roughness,
 )
 from proving_ground.experiments.studies.ablations import ablation, conditions, limits, recovery
 from proving_ground.experiments.sweep.engine import engine
@@ -160,7 +161,7 @@ def test_containment(tmp_path, capsys, monkeypatch):
     borrowed = containment.Case("grass", tube_of="own", path=STRAIGHT)
     monkeypatch.setattr(containment, "CASES", {"own": own, "borrowed": borrowed})
     (tmp_path / "own.json").write_text(to_json(read_tube("grass")))
-    arguments = [str(tmp_path), "--laps", "1"]
+    arguments = [str(tmp_path), "--laps", "1", "--calibration-laps", "0"]
     for _ in range(2):  # the second time every lap is there
         containment.main(arguments)
         lines = capsys.readouterr().out.splitlines()
@@ -232,3 +233,20 @@ def test_a_draw_of_the_ranking_stays_within_half_of_the_values_that_ship():
         assert law.relaxation_lat_m == factor * shipped.plant.wheel_law.relaxation_lat_m
         assert vehicle.plant.tractor.mass_kg == factor * shipped.vehicles().plant.tractor.mass_kg
         assert vehicle.mismatch == ()
+
+
+def test_roughness(capsys, monkeypatch):
+    fields = dict(list(roughness.FIELDS.items())[:3])
+    monkeypatch.setattr(roughness, "FIELDS", fields)
+    monkeypatch.setattr(roughness, "PATH", STRAIGHT)
+    roughness.main(1)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split("|")[1].strip() for line in lines[2:5]] == [*fields]
+    assert lines[-1].startswith("Exponent of the ground factor: tractor ")
+
+
+def test_a_law_with_the_right_form_predicts_a_field_that_it_has_not_seen():
+    ground = np.array([0.03, 0.2, 1.0, 5.0, 40.0])
+    width = np.sqrt(0.02**2 + 0.05**2 * np.sqrt(ground))
+    np.testing.assert_allclose(roughness.left_out(ground, width), 1.0)
+    assert np.ptp(roughness.left_out(ground, 0.05 * np.sqrt(ground))) > 0.5

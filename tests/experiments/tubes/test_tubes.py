@@ -11,7 +11,7 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFit
 from proving_ground.experiments.figures.tube import tube_figure
-from proving_ground.experiments.results.containment import QUANTITIES, containment
+from proving_ground.experiments.results.containment import QUANTITIES, Containment, containment
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.experiments.run.assembly import check, model_vehicle
@@ -19,8 +19,16 @@ from proving_ground.experiments.run.simulate import run, simulate
 from proving_ground.experiments.scenario.control import PAPER_PERIOD_S
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes, to_json
-from proving_ground.experiments.tubes.fit import fit_run, fit_tube, format_fit, read_fit_runs
-from proving_ground.experiments.tubes.set_fit import fit_set, hold_out
+from proving_ground.experiments.tubes.calibration import (
+    DrivenRun,
+    calibrate_tube,
+    calibrated_widths,
+    driven_run,
+    format_calibration,
+)
+from proving_ground.experiments.tubes.fit import fit_run, fit_tube, format_fit
+from proving_ground.experiments.tubes.logged_runs import read_runs
+from proving_ground.experiments.tubes.set_fit import hold_out
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     CONTROL,
@@ -39,12 +47,13 @@ from ttempc.mpc.prediction import rotation
 from ttempc.reference.feedforward import exact_feedforward
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.tube.reference_tube import ReferenceTube
+from ttempc.tube.residual_set import fit_set
 from ttempc.types import Disturbance, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
 NAME, SCENARIO = load("grass", ["path.laps=1"])
-REFERENCE_PATH = Reference(SCENARIO.path.mission().path, Vehicle(), ConstantSpeed(1.0))
-TICKS = 600
+REFERENCE_PATH = Reference(SCENARIO.mission().path, Vehicle(), ConstantSpeed(1.0))
+TICKS = 684  # one lap
 FIELDS = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
 INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
 DYNAMICS = error_dynamics(REFERENCE_PATH, PAPER_PERIOD_S, TICKS)
@@ -133,7 +142,7 @@ def test_a_fitted_set_has_its_coverage_on_fresh_data(shape, window):
     fitted_set = fit_set(draw[:2], 0.95, window, shape)
     fresh = np.concatenate([fitted_set.fill(run) for run in draw[2:]])
     assert (fresh <= 1.0).mean() == pytest.approx(0.95, abs=0.015)
-    count = hold_out(fitted_set, draw[2:], 0.95)
+    count = hold_out(fitted_set, draw[2:], 0.95, window)
     assert count.windows == sum(-(-len(fitted_set.fill(run)) // window) for run in draw[2:])
     assert count.low <= 0.95 <= count.high
 
@@ -261,7 +270,7 @@ def test_ttempc_monitors_the_default_tube_if_the_vehicle_matches(scenario, overr
         with pytest.raises(InvalidTube, match="made for another vehicle"):
             check(settings)
     else:
-        vehicle = model_vehicle(settings.path.mission(), settings, settings.vehicles())
+        vehicle = model_vehicle(settings.mission(), settings, settings.vehicles())
         assert (settings.controller.design(vehicle, PAPER_PERIOD_S) is not None) == monitored
 
 
@@ -305,7 +314,7 @@ def test_a_run_stays_in_its_tube_and_one_run_is_too_few_for_a_fit(tmp_path, caps
     assert asdict(finished.summary)["tube"]["contained_fraction"] == 1.0
     assert len(finished.record[TUBE]) == len(finished.record[CONTROL])
     assert finished.files["tube"].exists()
-    assert len(read_fit_runs([tmp_path])) == 1
+    assert len(read_runs([tmp_path], fit_run)) == 1
     out = tmp_path / "tube.json"
     assert main(["fit-tube", str(tmp_path), "-o", str(out)]) == 2
     assert "got 1 runs, at least 3 are needed" in capsys.readouterr().err
@@ -314,9 +323,104 @@ def test_a_run_stays_in_its_tube_and_one_run_is_too_few_for_a_fit(tmp_path, caps
     assert main(["fit-tube", str(tmp_path), "-o", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
     assert main(["fit-tube", str(tmp_path / "nothing")]) == 2
+    assert main(["fit-tube", "--laps-coverage", "0.95", "--window", "5", str(tmp_path)]) == 2
+    assert "--window: not with --laps-coverage" in capsys.readouterr().err
+    calibrate = ["fit-tube", "--laps-coverage", "0.95", str(tmp_path), "-o", str(tmp_path / "new")]
+    assert main(calibrate) == 2
+    assert "got 1 runs, a coverage of 0.95 for the next run takes 23" in capsys.readouterr().err
+    assert main(["fit-tube", str(tmp_path / "nothing")]) == 2
     assert "there is no log.mcap in it or below" in capsys.readouterr().err
 
 
-def test_constant_residuals_are_refused():
-    with pytest.raises(InvalidFit, match="residuals without spread"):
-        fit_set([np.zeros((50, 7))], 0.9, 1, "box")
+def test_runs_of_a_fit_must_be_alike_complete_and_of_different_seeds():
+    runs = fitted(4)
+    softer = replace(SCENARIO, soil=replace(SCENARIO.soil, cone_index_kpa=300.0))
+    with pytest.raises(InvalidFit, match=r"seed 1: soil.cone_index_kpa = 300.0, but 600.0 in .*0:"):
+        fit_tube([runs[0], replace(runs[1], settings=softer), *runs[2:]])
+    other = replace(SCENARIO, controller=replace(SCENARIO.controller, name="pid"))
+    with pytest.raises(InvalidFit, match=r"seed 2: controller.name = 'pid', but 'ttempc' in"):
+        fit_tube([*runs[:2], replace(runs[2], settings=other)])
+    with pytest.raises(InvalidFit, match="grass, seed 1: there twice"):
+        fit_tube([*runs[:2], runs[1]])
+    record = RUNS[0][0]
+    short = {
+        t: replace(x, time_s=x.time_s[:500], values=x.values[:500])
+        for t, x in record.tables.items()
+    }
+    with pytest.raises(InvalidFit, match=r"ended after 99.8 s of 136.7 s: runs must complete"):
+        fit_run(replace(record, tables=short), SCENARIO)
+
+
+def test_a_fit_that_its_hold_out_contradicts_says_so(monkeypatch):
+    monkeypatch.setattr("ttempc.tube.ancillary._EVALUATIONS", 40)
+    wilder = fit_run(made_up(9, spread=2.0 * SPREAD)[0], SCENARIO)
+    fit = fit_tube([*fitted(2), wilder])
+    first, *_ = fit.warnings
+    assert first.startswith(f"{fit.file.provenance.disturbance.inside} of 64 held-out windows")
+    assert "driven by made-up, which does not drive in a tube" in fit.warnings[-1]
+    sound = fit_tube(fitted())
+    assert len(sound.warnings) == 1  # that of the controller
+
+
+def driven(seed, largest=(0.03, 0.05, 0.03, 0.04)):
+    generator = np.random.default_rng(seed)
+    settings = load("grass", ["path.laps=1", 'controller.name="ttempc-tube"'])[1]
+    tick = np.arange(40, 60)
+    return DrivenRun(
+        "grass",
+        "ttempc-tube",
+        seed,
+        settings,
+        REFERENCE_PATH,
+        largest=np.array(largest) * generator.uniform(0.5, 1.5),
+        tick=tick,
+        half_width=ALONG_GRASS.half_widths[tick][:, Containment.POINTS],
+    )
+
+
+ALONG_GRASS = ReferenceTube.along(read_tube("grass").design(), REFERENCE_PATH, 60)
+
+
+def test_calibrated_half_widths_hold_the_promised_share_of_fresh_runs():
+    generator = np.random.default_rng(3)
+    inside = []
+    for _ in range(300):
+        largest = generator.gamma(3.0, [0.01, 0.03, 0.01, 0.02], (31, 4))
+        widths, calibration = calibrated_widths(largest[:-1], 0.9)
+        inside.append(bool(np.all(largest[-1] <= widths)))
+    assert calibration.count == 24
+    expected = calibration.coverage  # 23 / 25
+    assert np.mean(inside) == pytest.approx(expected, abs=3.0 * np.sqrt(0.08 * 0.92 / 300))
+
+
+def test_a_tube_is_calibrated_on_runs_in_it_and_keeps_its_design(tmp_path):
+    runs = [driven(seed) for seed in range(1, 31)]
+    tube = calibrate_tube(runs, 0.9)
+    calibration = tube.calibration
+    assert calibration is not None
+    assert calibration.scale_seeds == [5, 10, 15, 20, 25, 30]
+    assert calibration.guaranteed == 23 / 25
+    widths = np.array(list(asdict(calibration.half_widths).values()))
+    outside = [run for run in runs if run.seed % 5 and np.any(run.largest > widths)]
+    assert len(outside) == 1  # the 23rd of 24
+    assert replace(tube, calibration=None) == replace(read_tube("grass"), calibration=None)
+    text = format_calibration(tube)
+    assert "24 scored, 6 for the scale" in text
+    assert f"{calibration.half_widths.trailer_across_m:.4f}" in text.splitlines()[-1]
+    file = tmp_path / "tube.json"
+    file.write_text(to_json(tube))
+    assert read_tube(str(file)) == tube
+
+
+def test_runs_that_calibrate_nothing_are_refused():
+    runs = [driven(seed) for seed in range(1, 31)]
+    with pytest.raises(InvalidFit, match=r"got 20 runs, a coverage of 0.95 .* takes 23 at least"):
+        calibrate_tube(runs[:20], 0.95)
+    assert calibrate_tube(runs[:23], 0.95).calibration is not None
+    with pytest.raises(InvalidFit, match="seed 1: there twice"):
+        calibrate_tube([*runs, runs[0]], 0.9)
+    other = replace(runs[7], half_width=1.1 * runs[7].half_width)
+    with pytest.raises(InvalidFit, match=r"seed 8: driven in another tube than grass .* 10.0 %"):
+        calibrate_tube([*runs[:7], other, *runs[8:]], 0.9)
+    with pytest.raises(InvalidFit, match="made-up does not drive in a tube"):
+        driven_run(RUNS[0][0], SCENARIO)

@@ -75,7 +75,7 @@ def test_a_line_that_turns_back_or_pauses_is_a_line():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"width_m": 0.0}, r"width_m\n.*greater than 0"),
+        ({"width_m": 0.0}, r"width_m\n.*greater than or equal to 0\.001"),
         ({"width_m": 1.1}, r"tracks 1\.1 m wide and 1\.0 m apart"),
         ({"track_m": math.nan}, r"track_m\n.*finite"),
         ({"width_m": math.nan}, r"width_m\n.*finite"),

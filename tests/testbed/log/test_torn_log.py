@@ -13,7 +13,7 @@ import pytest
 from mcap.stream_reader import StreamReader
 
 from proving_ground.testbed.errors import LogError, PlantDiverged
-from proving_ground.testbed.log.log_content import salvage_content
+from proving_ground.testbed.log.log_content import read_content
 from proving_ground.testbed.log.log_reader import SALVAGED_KEY, read_log, record_of
 from proving_ground.testbed.log.log_recovery import recover
 from proving_ground.testbed.recording.channels import STATE
@@ -40,7 +40,7 @@ def test_at_most_a_flush_period_is_lost_wherever_the_log_is_torn(logged, tmp_pat
     places |= set(range(len(data) - 45, len(data)))  # and everywhere in footer and magic
     for place in sorted(places):
         truncated.write_bytes(data[:place])
-        content = salvage_content(truncated)
+        content = read_content(truncated)
         salvage, recovered = content.salvage, record_of(content)
         assert salvage.chunks == sum(end <= place for end in ends)
         assert salvage.damaged == 0
@@ -68,7 +68,7 @@ def test_a_damaged_chunk_costs_no_other(logged, tmp_path):
     ends, _ = chunk_ends(bytes(data))
     data[ends[1] - 1000] ^= 0xFF
     damaged.write_bytes(data)
-    salvage = salvage_content(damaged).salvage
+    salvage = read_content(damaged).salvage
     assert (salvage.chunks, salvage.damaged) == (len(ends) - 1, 1)
     recovered = read_log(damaged)
     assert "1 damaged left out" in recovered.metadata[SALVAGED_KEY]
@@ -104,7 +104,7 @@ def test_recovery_refuses_to_write_over_the_partial_log_that_it_reads(logged, tm
     truncated.write_bytes(path.read_bytes()[:-1000])
     before = truncated.read_bytes()
     with pytest.raises(LogError, match=r"log\.mcap\.part: exists already"):
-        recover(salvage_content(truncated), tmp_path / "log.mcap")
+        recover(read_content(truncated), tmp_path / "log.mcap")
     assert truncated.read_bytes() == before
 
 

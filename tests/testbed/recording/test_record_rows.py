@@ -14,7 +14,7 @@ from proving_ground.testbed.recording.channels import (
 )
 from proving_ground.testbed.recording.record_rows import (
     estimate_row,
-    measurement_row,
+    measurement_rows,
     state_row,
     tyres_row,
 )
@@ -51,7 +51,8 @@ def test_every_sensor_has_components_and_columns_of_its_own():
 @pytest.mark.parametrize("sensor", Sensor)
 def test_a_sample_stands_under_the_names_of_its_components_beside_its_time(sensor):
     value = tuple(10.0 + k for k in range(len(COMPONENTS[sensor])))
-    row = named(MEASUREMENT, measurement_row([Measurement(0.7, sensor, value)]))
+    (only,) = measurement_rows([Measurement(0.7, sensor, value)])
+    row = named(MEASUREMENT, only)
     parts = zip((*COMPONENTS[sensor], "time_s"), (*value, 0.7), strict=True)
     expected = {f"{sensor}_{part}": number for part, number in parts}
     assert {name: number for name, number in row.items() if not math.isnan(number)} == expected

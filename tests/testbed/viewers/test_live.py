@@ -1,6 +1,7 @@
 """Live view: the messages of a log, paced by the clock, without effect on the run."""
 
 import base64
+import contextlib
 import json
 import socket
 import struct
@@ -11,6 +12,7 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from proving_ground.testbed.errors import LiveError
@@ -158,3 +160,35 @@ def test_without_the_extra_one_line_names_it(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "foxglove", None)
     with pytest.raises(LiveError, match=r"pip install 'ttempc\[live\]'"):
         view()
+
+
+@pytest.mark.parametrize(
+    ("origin", "allowed"),
+    [
+        (None, True),
+        ("https://app.foxglove.dev", True),
+        ("http://localhost:8080", True),
+        ("file://", True),
+        ("http://evil.example", False),
+        ("https://foxglove.dev.evil.example", False),
+        ("https://evil.example/https://app.foxglove.dev", False),
+        ("null", False),
+    ],
+)
+def test_pages_of_other_sites_do_not_get_the_run(origin, allowed):
+    with LiveView(Scenery(), port=0) as view:
+        if allowed:
+            with connect(view.url, subprotocols=["foxglove.sdk.v1"], origin=origin) as client:
+                assert json.loads(client.recv())["op"] == "serverInfo"
+        else:
+            with pytest.raises(InvalidStatus, match="403"):
+                connect(view.url, subprotocols=["foxglove.sdk.v1"], origin=origin)
+
+
+def test_rubbish_at_the_port_does_not_reach_the_server():
+    with LiveView(Scenery(), port=0) as view, socket.socket() as client:
+        client.connect(("127.0.0.1", int(view.url.rpartition(":")[2])))
+        client.sendall(b"A" * 100_000)
+        client.settimeout(5.0)
+        with contextlib.suppress(ConnectionError):
+            assert client.recv(1) == b""

@@ -8,7 +8,7 @@ import pytest
 from ttempc.errors import ControllerFailed
 from ttempc.guidance.command_guard import CommandGuard
 from ttempc.limits import CommandLimits
-from ttempc.types import Command, ControlStep, Diagnostics, Estimate
+from ttempc.types import Command, ControlStep, Diagnostics, Estimate, SolverReport, TubeReport
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
@@ -95,3 +95,60 @@ def test_a_bare_command_is_a_step_without_diagnostics():
     assert step.command == Command(0.1, -0.1, 0.5)
     assert np.isnan(step.diagnostics.total).all()
     assert not step.diagnostics.limited.any()
+
+
+class Malicious(BaseException):
+    """Derives from no `Exception`."""
+
+
+@pytest.mark.parametrize("error", [SystemExit(0), Malicious("no"), GeneratorExit(), MemoryError()])
+def test_whatever_a_controller_raises_is_a_failure_of_the_controller(error):
+    class Raising:
+        def step(self, estimate, k):
+            raise error
+
+    with pytest.raises(ControllerFailed, match=rf"at tick 4: {type(error).__name__}") as failure:
+        CommandGuard(Raising(), LIMITS).step(ESTIMATE, 4)
+    assert failure.value.__cause__ is error
+
+
+def test_an_interrupt_is_not_the_controllers():
+    class Interrupted:
+        def step(self, estimate, k):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        CommandGuard(Interrupted(), LIMITS).step(ESTIMATE, 4)
+
+
+TUBE = TubeReport(True, 0.5, np.zeros(9), np.zeros(9))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"feedforward": np.array(["a", "b", "c"])},
+        {"feedback": np.zeros(3, dtype=complex)},
+        {"robust": np.array([None, None, None])},
+        {"predicted_path": np.full((3, 4), np.nan)},
+        {"predicted_path": np.zeros((10**7, 4), dtype=np.uint8)},
+        {"fallback": "a\ud800"},
+        {"fallback": 10**6 * "a"},
+        {"tube": "none"},
+        {"tube": replace(TUBE, nominal=np.zeros(3))},
+        {"tube": replace(TUBE, margin="a")},
+        {"solver": SolverReport("solved", True, "many", 0.0, 0.0, 0.0)},
+        {"learnt": (1,)},
+    ],
+    ids=range(12),
+)
+def test_diagnostics_that_cannot_be_logged_are_refused(changes):
+    with pytest.raises(ControllerFailed, match="diagnostics") as failure:
+        guarded(ControlStep(Command(0.0, 0.0, 0.5), replace(EMPTY, **changes)))
+    assert len(str(failure.value)) < 500
+
+
+def test_diagnostics_of_the_documented_kinds_pass():
+    full = replace(EMPTY, tube=TUBE, predicted_path=np.zeros((5, 4)), learnt=("drawbar",))
+    step = ControlStep(Command(0.0, 0.0, 0.5), full)
+    assert guarded(step) is step

@@ -100,7 +100,7 @@ def test_the_set_of_another_vehicle_is_refused():
 
 def test_tightened_by_its_authority_no_sum_of_mpc_and_law_is_limited():
     """However far off: whatever the law adds at most, the front wheels stay off their stops."""
-    options = ArticulatedOptions(tightened=True)
+    options = ArticulatedOptions(tightening="saturation")
     tight = articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options)
     generator = np.random.default_rng(73)
     left = []
@@ -113,6 +113,6 @@ def test_tightened_by_its_authority_no_sum_of_mpc_and_law_is_limited():
 
 
 def test_an_authority_that_the_feedforward_does_not_leave_free_is_refused():
-    options = ArticulatedOptions(saturation=(0.2, 0.6, 0.1), tightened=True)
+    options = ArticulatedOptions(saturation=(0.2, 0.6, 0.1), tightening="saturation")
     with pytest.raises(InvalidTube, match=r"tightened set is empty: .* of the delta_i"):
         articulated_controller(VEHICLE, REFERENCE, PERIOD_S, options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from tests.reference.ttempc.zonotope import Zonotope
 from tests.ttempc.tubes import admissible
@@ -44,6 +45,30 @@ def test_reach_bounds_every_window_and_the_worst_one_attains_it(shape, window, g
     worst = disturbance.worst(coefficients)
     assert disturbance.fill(worst)[0] == pytest.approx(1.0)
     assert (coefficients * worst).sum() == pytest.approx(bound)
+
+
+@pytest.mark.parametrize("shape", ["zonotope", "ellipsoid"])
+def test_the_worst_long_run_is_admissible_and_nearly_the_largest(shape, generator):
+    """A general solver of convex programmes reaches no more than 1 % above it."""
+    disturbance = DisturbanceSet(np.eye(2), 3, shape)
+    coefficients = generator.standard_normal((9, 2))
+    run = disturbance.worst(coefficients)
+    assert disturbance.fill(run).max() == pytest.approx(1.0)
+
+    def spare(flat):
+        squares = flat.reshape(9, 2) ** 2
+        sums = np.array([squares[k : k + 3].sum(axis=0) for k in range(7)])
+        return (1.0 - (sums.sum(axis=1) if shape == "ellipsoid" else sums)).ravel()
+
+    best = minimize(
+        lambda flat: -(coefficients.ravel() @ flat),
+        0.1 * coefficients.ravel(),
+        jac=lambda flat: -coefficients.ravel(),
+        constraints={"type": "ineq", "fun": spare},
+        method="SLSQP",
+    )
+    assert best.success
+    assert 0.99 * -best.fun <= (coefficients * run).sum() <= -best.fun * (1.0 + 1e-6)
 
 
 @pytest.mark.parametrize("shape", ["zonotope", "ellipsoid"])

@@ -95,8 +95,13 @@ def test_no_trajectory_leaves_and_the_worst_ones_reach_the_boundary(name, genera
     rows = np.concatenate([np.eye(7), tube.system.c[k], tube.system.gains[k]])
     bounds = np.concatenate([tube.states[k], tube.outputs[k], tube.inputs[k]])
     for row, bound in zip(rows, bounds, strict=True):
-        worst = row @ driven(tube, k, tube.worst_case(k, row))[-1]
-        assert worst == pytest.approx(bound * (1.0 - tube.certificate.alpha))
+        run = tube.worst_case(k, row)
+        assert tube.disturbance.fill(run).max() == pytest.approx(1.0)
+        share = row @ driven(tube, k, run)[-1] / (bound * (1.0 - tube.certificate.alpha))
+        if tube.certificate.window == 1:
+            assert share == pytest.approx(1.0)
+        else:
+            assert 0.92 < share < 1.0
 
 
 def test_curves_are_not_straights():

@@ -1,0 +1,183 @@
+"""Timetable of a run: the faults of a scenario, each at its time and place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final, TypeVar
+
+import numpy as np
+
+from proving_ground.testbed.errors import InvalidFault
+from proving_ground.testbed.faults.command_faults import BusFault, ValveFault
+from proving_ground.testbed.faults.fault import Fault, FaultContext, LastingFault, Window
+from proving_ground.testbed.faults.faulty_actuators import FaultyActuators
+from proving_ground.testbed.faults.faulty_sensors import FaultySensors
+from proving_ground.testbed.faults.ground_faults import GroundFault
+from proving_ground.testbed.faults.plant_faults import Effect, PlantFault
+from proving_ground.testbed.faults.sensor_faults import SensorFault
+from proving_ground.testbed.ground.soil import SoilMap
+from proving_ground.testbed.ground.soil_layers import Patch
+from proving_ground.testbed.ground.terrain import Terrain
+from proving_ground.testbed.recording.record import BEGINS, ENDS, FAULT, Event
+from proving_ground.testbed.sensing.sensors import Sensors
+from proving_ground.testbed.simulation.loop import SimulationSetup, Stage, TickContext
+from proving_ground.testbed.simulation.plant import Plant
+from proving_ground.testbed.vehicle.vehicle import PlantVehicle
+from ttempc.reference.reference import Reference
+
+from ..scenario.controller import TRUTH
+from ..scenario.scenario import Scenario
+
+_SAME_TIME: Final = 1e-9  # in control periods
+
+Kind = TypeVar("Kind", bound=Fault)
+
+
+@dataclass(frozen=True)
+class Timetable:
+    """Faults of a run with their windows, in the order of the scenario.
+
+    Raises:
+        InvalidFault: a fault cannot act, or two have one name.
+    """
+
+    faults: tuple[Fault, ...]
+    reference: Reference
+    ticks: int
+    context: FaultContext
+
+    @classmethod
+    def of(
+        cls, scenario: Scenario, vehicle: PlantVehicle, reference: Reference, ticks: int
+    ) -> Timetable:
+        """Return the timetable of a scenario; `ticks` are its control periods."""
+        context = FaultContext(
+            period_s=scenario.control.period_s,
+            sensors=scenario.sensors,
+            vehicle=vehicle,
+            soil_wheels=scenario.plant.wheels == "soil",
+            true_state=scenario.controller.estimator == TRUTH,
+        )
+        return cls(scenario.faults, reference, ticks, context)
+
+    def __post_init__(self) -> None:
+        labels = [fault.label for fault in self.faults]
+        for number, (fault, window) in enumerate(zip(self.faults, self.windows, strict=True)):
+            refusal = self._refusal(fault, window) or fault.refusal(window, self.context)
+            if not refusal and labels.count(fault.label) > 1:
+                refusal = "another fault has this name; give each a name of its own"
+            if refusal:
+                raise InvalidFault(f"faults.{number} ({fault.label}): {refusal}")
+
+    def _refusal(self, fault: Fault, window: Window) -> str:
+        end_s, length_m = self.ticks * self.context.period_s, self._distances[-1]
+        if fault.at_m is not None and fault.at_m >= length_m:
+            return f"got at_m {fault.at_m:g}, must be below the end of the path, {length_m:.1f}"
+        if window.start_s >= end_s:
+            return f"got start_s {window.start_s:g}, must be below the end of the run, {end_s:.1f}"
+        return ""
+
+    @cached_property
+    def windows(self) -> tuple[Window, ...]:
+        """When each fault acts."""
+        return tuple(self._window(fault) for fault in self.faults)
+
+    def _window(self, fault: Fault) -> Window:
+        start_s = fault.start_s
+        if start_s is None:
+            start_s = float(np.interp(fault.at_m or 0.0, self._distances, self._times_s))
+        lasts_s = fault.duration_s if isinstance(fault, LastingFault) else None
+        return Window(start_s, math.inf if lasts_s is None else start_s + lasts_s)
+
+    @cached_property
+    def _times_s(self) -> np.ndarray:
+        return np.arange(self.ticks + 1) * self.context.period_s
+
+    @cached_property
+    def _distances(self) -> np.ndarray:
+        """Distance along the path [m] at each tick."""
+        distances = self.reference.speed.travel(self._times_s)[0]
+        return np.minimum(np.abs(distances - distances[0]), self.reference.path.length_m)
+
+    def _of(self, family: type[Kind]) -> Iterator[tuple[int, Kind, Window]]:
+        for number, fault in enumerate(self.faults):
+            if isinstance(fault, family):
+                yield number, fault, self.windows[number]
+
+    def ground(self, terrain: Terrain, soil: SoilMap) -> tuple[Terrain, SoilMap]:
+        """Return the ground with what lies across the path.
+
+        Raises:
+            InvalidField: a feature does not fit the field or its grid.
+        """
+        features, patches = [], []
+        for _, fault, window in self._of(GroundFault):
+            x, y, yaw, *_ = self.reference.at(window.start_s).state.tolist()
+            item = fault.lay((x, y, yaw))
+            (patches if isinstance(item, Patch) else features).append(item)
+        if features:
+            terrain = terrain.shaped(features)
+        if patches:
+            soil = replace(soil, layers=(*soil.layers, *patches))
+        return terrain, soil
+
+    def sensors(self, sensors: Sensors, timestep: float, seed: int) -> Sensors:
+        """Return the sensors with their faults."""
+        faults = list(self._of(SensorFault))
+        return FaultySensors(sensors, faults, timestep, seed) if faults else sensors
+
+    def damage(self, plant: Plant) -> None:
+        """Give the faults of its command path to a plant that was not reset yet."""
+        bus, valves = self._of(BusFault), self._of(ValveFault)
+        faults = [(fault, window) for _, fault, window in sorted((*bus, *valves), key=_number)]
+        if faults:
+            vehicle, timestep = self.context.vehicle, plant.timestep_s
+            stops_deg = vehicle.front_steering.limit_deg, vehicle.trailer_steering.limit_deg
+            front, trailer = map(math.radians, stops_deg)
+            plant.actuators = FaultyActuators(plant.actuators, faults, timestep, (front, trailer))
+
+    def stages(self, plant: Plant) -> list[tuple[str, Stage]]:
+        """Return the stages that work and log the faults, each after the stage of a name."""
+        stages: list[tuple[str, Stage]] = []
+        effects = [(fault.attach(plant), window) for _, fault, window in self._of(PlantFault)]
+        if effects:
+            stages.append(("control", _plant_stage(effects, self.context.period_s)))
+        if self.faults:
+            stages.append(("advance", self._log_stage()))
+        return stages
+
+    def _log_stage(self) -> Stage:
+        """Return the stage that logs starts and ends; the tick of each follows from its time."""
+        events: dict[int, list[Event]] = {}
+        for fault, window in zip(self.faults, self.windows, strict=True):
+            for time_s, level, what in (
+                (window.start_s, "warning", BEGINS),
+                (window.end_s, "info", ENDS),
+            ):
+                if math.isfinite(time_s):
+                    tick = max(math.ceil(time_s / self.context.period_s - _SAME_TIME) - 1, 0)
+                    text = f"{FAULT}{fault.label}{what}"
+                    events.setdefault(tick, []).append(Event(time_s, level, text))
+
+        def log_faults(setup: SimulationSetup, tick: TickContext) -> None:
+            for event in sorted(events.get(tick.k, ()), key=lambda event: event.time_s):
+                setup.sink.event(event)
+
+        return log_faults
+
+
+def _number(item: tuple[int, Fault, Window]) -> int:
+    return item[0]
+
+
+def _plant_stage(effects: list[tuple[Effect, Window]], period_s: float) -> Stage:
+    def work_faults(setup: SimulationSetup, tick: TickContext) -> None:
+        setup.plant.data.qfrc_applied[:] = 0.0
+        since_s = tick.k * period_s
+        for effect, window in effects:
+            effect(window.share(since_s, since_s + period_s))
+
+    return work_faults

@@ -1,0 +1,299 @@
+"""Files of strangers and ends of processes: one line, exit code 2 or 3, nothing half written."""
+
+import os
+import resource
+import signal
+import sys
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import (
+    ExperimentError,
+    InvalidScenario,
+    InvalidStudy,
+    InvalidWaypoints,
+    OutputExists,
+)
+from proving_ground.experiments.output import write_file
+from proving_ground.experiments.scenario.scenario import Scenario, dump, load, read_scenario
+from proving_ground.experiments.scenario.schema import json_schema
+from proving_ground.experiments.scenario.waypoint_file import read_waypoints
+from proving_ground.experiments.sweep.study import load_study
+from proving_ground.testbed.errors import InvalidField, InvalidPlant, TestbedError
+from proving_ground.testbed.ground.terrain import Terrain
+from proving_ground.testbed.terminal import one_line
+from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from ttempc.errors import InvalidPath, TtempcError
+from ttempc.reference.smoothing import smooth
+
+REFUSALS = (ExperimentError, TestbedError, TtempcError)
+
+SETTINGS = [
+    "path.laps=" + 5000 * "1",
+    "path.laps=0x" + 6000 * "f",
+    "path=" + 2000 * "[",
+    "path=" + 100 * "{a=" + "1" + 100 * "}",
+    ".".join(3000 * "a") + "=1",
+    'path={kind="file", file="a\\u0000b"}',
+    'terrain.height_map="a\\u0000b"',
+    f'plant.vehicle.file="{300 * "a"}.toml"',
+    f'controller.tube="{300 * "a"}.json"',
+    'path={kind="file", file="/dev/zero"}',
+    'terrain.height_map="/dev/zero"',
+    'plant.vehicle.file="/dev/zero.toml"',
+    "sensors.gnss_sd_m=1e200",
+    "sensors.gnss_resolution_m=1e-320",
+    "actuators.front.resolution_deg=1e-320",
+    "controller.vehicle.front_lag_s=1e308",
+    "controller.vehicle.speed_time_constant_s=1e-308",
+    "path.speed_mps=1e-6",
+    "path={kind='straight', length_m=1e12}",
+    "path.blend_m=1e300",
+    "path={kind='headland', passes=200, length_m=10000, width_m=10.0}",
+    "terrain={size_x_m=400, size_y_m=400, spacing_m=0.02}",
+    "soil.cone_index_kpa=1e308",
+    "plant.vehicle.load_kg=1e308",
+    "plant.vehicle.parts.tractor.mass_kg=1e308",
+    "terrain.uphill_deg=1e308",
+    "nowhere.\u001b[2J\nforged=1",
+    '"\\u001b[2J\\nInjected line: all good"=1',
+]
+
+
+@pytest.mark.parametrize("setting", SETTINGS, ids=lambda text: text[:30])
+def test_bad_settings_get_one_short_line_and_leave_nothing(setting, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "--set", setting, "--out", "new"]) == 2
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1
+    assert "\x1b" not in printed
+    assert len(printed) < 2100
+    assert not any(tmp_path.iterdir())
+
+
+def test_names_that_are_too_long_get_one_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "--out", 300 * "a"]) == 2
+    assert main(["run", 300 * "a" + ".toml"]) == 2
+    assert main(["log", "info", 300 * "a" + ".mcap"]) == 2
+    assert capsys.readouterr().err.count("\n") == 3
+
+
+def test_an_option_is_a_value_and_no_toml(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    forged = 'paper"\nterrain.iso_class="A'
+    assert main(["run", "--controller", forged, "--out", "new"]) == 2
+    assert "paper" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        '[controller]\nname = "evil:make"',
+        '[controller]\nestimator = "evil:make"',
+        '[[stages]]\nmake = "evil:make"\nafter = "sense"',
+    ],
+)
+def test_code_that_a_file_names_runs_only_on_trust(table, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "evil.py").write_text("raise SystemExit(0)\n")
+    (tmp_path / "theirs.toml").write_text(table)
+    (tmp_path / "study.toml").write_text('scenario = "theirs.toml"\n')
+    for command in (
+        ["run", "theirs.toml"],
+        ["card", "theirs.toml"],
+        ["view", "theirs.toml"],
+        ["envelope", "speed", "theirs.toml"],
+        ["sweep", "study.toml", "--dry-run"],
+    ):
+        assert main(command) == 2
+        printed = capsys.readouterr().err
+        assert "is code that this file asks to run" in printed
+        assert printed.count("\n") == 1
+    assert "evil" not in sys.modules
+    assert main(["run", "theirs.toml", "--trust", "--out", "new"]) == 2
+    assert "importing evil raised SystemExit" in capsys.readouterr().err
+    if "name" in table:
+        assert main(["run", "theirs.toml", "--controller", "evil:make", "--out", "new"]) == 2
+        assert "importing evil raised SystemExit" in capsys.readouterr().err
+
+
+def test_a_module_of_the_working_directory_hides_no_installed_one(tmp_path, monkeypatch):
+    from proving_ground.experiments.run.user_code import load_factory
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "tomli_w.py").write_text("raise SystemExit(0)\n")
+    (tmp_path / "mine.py").write_text("import tomli_w\nmake = tomli_w.dumps\n")
+    monkeypatch.delitem(sys.modules, "tomli_w")
+    assert load_factory("mine:make", "controller")({"a": 1}) == "a = 1\n"
+    del sys.modules["mine"]
+
+
+def test_termination_is_an_interrupt(monkeypatch, capsys):
+    def command(parsed):
+        os.kill(os.getpid(), signal.SIGTERM)
+        raise AssertionError
+
+    monkeypatch.setattr("argparse.ArgumentParser.parse_args", lambda *_: Parsed(command))
+    before = signal.getsignal(signal.SIGTERM)
+    assert main(["list"]) == 130
+    assert capsys.readouterr().err.startswith("ttempc: interrupted")
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+class Parsed:
+    def __init__(self, command):
+        self.command = command
+
+
+def test_a_full_disk_leaves_no_file(tmp_path):
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+        with pytest.raises(OutputExists, match=r"summary\.json: cannot be written: File too large"):
+            write_file(tmp_path / "summary.json", 2000 * "a")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, handler)
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("x,y\n0,0\n100000,0\n", "point 1 of 2 at x = 100000"),
+        ("x,y\n0,0\n1e308,0\n", "beyond the field"),
+        ("0 0\n" * 100_002, "holds 100002 lines, at most 100000"),
+    ],
+)
+def test_a_path_is_checked_against_the_field_before_it_is_smoothed(text, reason, tmp_path):
+    (tmp_path / "path.csv").write_text(text)
+    (tmp_path / "mine.toml").write_text('[path]\nkind = "file"\nfile = "path.csv"\n')
+    _, scenario = load(str(tmp_path / "mine.toml"))
+    with pytest.raises(REFUSALS, match=reason):
+        scenario.mission()
+
+
+def test_the_samples_of_a_smoothed_path_are_limited():
+    with pytest.raises(InvalidPath, match="make 400000 samples of the line, at most 40000"):
+        smooth(np.array([[0.0, 0.0], [100_000.0, 0.0]]), 0.1)
+
+
+GEOJSON = '{"type": "LineString", "coordinates": [[%s, 0.0], [1.0, 1.0]]}'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        GEOJSON % ("1" * 400),
+        GEOJSON % ("1" * 5000),
+        GEOJSON % "true",
+        GEOJSON % "NaN",
+        "[" * 100_000,
+        '{"type": "FeatureCollection", "features": 5}',
+        5000 * '{"type": "Feature", "geometry": ' + "{}" + 5000 * "}",
+    ],
+    ids=range(7),
+)
+def test_geojson_of_any_kind_gets_one_line(text, tmp_path):
+    file = tmp_path / "path.geojson"
+    file.write_text(text)
+    with pytest.raises(InvalidWaypoints) as refusal:
+        read_waypoints(file)
+    assert len(str(refusal.value)) < 500
+
+
+@pytest.mark.parametrize("key", ["seeds = 1000000000", "seeds = 1\nsamples = 1000000000"])
+def test_studies_are_limited(key, tmp_path):
+    (tmp_path / "study.toml").write_text(key)
+    with pytest.raises(InvalidStudy, match=r"less than or equal to 1000000|samples"):
+        load_study(str(tmp_path / "study.toml"))
+
+
+def test_a_pipe_as_height_map_does_not_hang(tmp_path):
+    os.mkfifo(tmp_path / "pipe.npy")
+    with pytest.raises(InvalidField, match="not a regular file"):
+        Terrain.from_file(tmp_path / "pipe.npy", 0.1)
+
+
+def test_every_number_of_the_schema_has_a_range():
+    unbounded = [key for key in _unbounded("", json_schema()) if "options" not in key]
+    assert unbounded == ["PlantVehicleSettings.parts"]  # checked with the vehicle file's own ranges
+
+
+def _unbounded(where, node):
+    """Yield the keys of numbers without a least or a largest value."""
+    if isinstance(node, list):
+        for item in node:
+            yield from _unbounded(where, item)
+    if not isinstance(node, dict):
+        return
+    if node.get("type") in ("number", "integer") and not (
+        {"minimum", "exclusiveMinimum"} & {*node} and {"maximum", "exclusiveMaximum"} & {*node}
+    ):
+        yield where
+    for name, table in node.get("$defs", {}).items():
+        yield from _unbounded(name, table)
+    for key, table in node.get("properties", {}).items():
+        yield from _unbounded(f"{where}.{key}" if where else key, table)
+    for word in ("anyOf", "oneOf", "items", "prefixItems", "additionalProperties"):
+        yield from _unbounded(where, node.get(word))
+
+
+def test_text_on_a_terminal_is_shown_and_not_obeyed():
+    assert one_line("a\x1b[2J\nb\u202e") == r"a\x1b[2J\nb\u202e"
+    assert one_line("grün – über") == "grün – über"
+    assert one_line(1000 * "a") == 300 * "a" + "…"
+    assert len(one_line(5000 * "a ")) == 2001
+
+
+VALUES = st.recursive(
+    st.booleans()
+    | st.integers(-(10**30), 10**30)
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(st.characters(blacklist_categories=("Cs",)), max_size=20),
+    lambda below: st.lists(below, max_size=4) | st.dictionaries(st.text(max_size=8), below),
+    max_leaves=8,
+)
+KEYS = st.sampled_from(sorted(Scenario.__dataclass_fields__))
+QUICK = settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@QUICK
+@given(st.text(max_size=60))
+def test_any_text_is_a_setting_or_is_refused(text):
+    with suppress(InvalidScenario):  # nothing else may come out
+        load("grass", [text])
+
+
+@QUICK
+@given(KEYS, st.text(alphabet="abcdefghijklmnopqrstuvwxyz_", max_size=12), VALUES)
+def test_any_value_of_a_scenario_is_refused_or_loads_to_the_same(
+    tmp_path_factory, key, below, value
+):
+    try:
+        scenario = read_scenario("grass").scenario({key: {below: value} if below else value})
+    except REFUSALS:
+        return
+    file = tmp_path_factory.mktemp("again") / "again.toml"
+    file.write_text(dump(scenario))
+    assert load(str(file))[1] == scenario
+
+
+@QUICK
+@given(st.binary(max_size=200), st.sampled_from([".csv", ".geojson", ".toml"]))
+def test_any_bytes_are_a_file_or_are_refused(tmp_path_factory, data, suffix):
+    file = tmp_path_factory.mktemp("bytes") / f"a{suffix}"
+    file.write_bytes(data)
+    readers = {".toml": [lambda: read_vehicle(str(file)), lambda: load_study(str(file))]}
+    for read in readers.get(suffix, [lambda: read_waypoints(file)]):
+        with suppress(InvalidWaypoints, InvalidPlant, InvalidStudy):  # nothing else may come out
+            read()

@@ -1,0 +1,272 @@
+"""Faults of a scenario: all kinds, when and where they act, refusals, marks, axes of sweeps."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.errors import InvalidScenario
+from proving_ground.experiments.figures import FIGURES
+from proving_ground.experiments.logs.replay import estimator_of, replay, same_as_recorded
+from proving_ground.experiments.run.assembly import assemble, check
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.testbed.errors import InvalidFault
+from proving_ground.testbed.faults.registry import KINDS
+from proving_ground.testbed.recording.channels import CHANNELS, CONTROL, MEASUREMENT, STATE, TIMING
+from proving_ground.testbed.recording.record import Event, FaultSpan, fault_spans
+from tests.experiments.study_files import plan_of
+from tests.records import record as made_record
+
+SHORT = "path={kind='straight', length_m=8}"
+BENT = "path={kind='figure-eight', laps=1}"
+IMU, LOADED = "sensors.imu.on=true", "plant.vehicle.load_kg=300"
+WINDOW = "start_s = 2.0, duration_s = 2.0"
+FOR_TIME = {
+    "gnss_out": "",
+    "gnss_frozen": "",
+    "gnss_jump": "offset_m = 0.5",
+    "gnss_drift": "rate_mps = 0.1",
+    "gnss_outlier": "offset_m = 2.0",
+    "gnss_float": "",
+    "gnss_late": "delay_s = 0.4",
+    "antennas_swapped": "",
+    "angle_stuck": "sensor = 'hitch'",
+    "angle_bias": "sensor = 'steering_tractor', bias_deg = 3.0",
+    "angle_drift": "sensor = 'steering_trailer', rate_degps = 1.0",
+    "angle_noise": "sensor = 'hitch', sd_deg = 5.0",
+    "gyro_bias": "body = 'tractor', bias_degps = 2.0",
+    "encoder_dead": "",
+    "encoder_scaled": "factor = 2.0",
+    "samples_duplicated": "",
+    "stamps_backward": "",
+    "stamps_shifted": "offset_s = -0.3",
+    "commands_lost": "",
+    "commands_late": "delay_s = 0.4",
+    "front_steering_stuck": "",
+    "trailer_steering_stuck": "",
+    "hydrostat_stuck": "",
+    "front_steering_slow": "rate_degps = 0.5",
+    "trailer_steering_slow": "rate_degps = 0.5",
+    "front_steering_hard_over": "side = 'left'",
+    "trailer_steering_hard_over": "side = 'right'",
+    "front_steering_play": "play_deg = 2.0",
+    "trailer_steering_play": "play_deg = 2.0",
+    "hydrostat_cut": "",
+    "hydrostat_sluggish": "time_constant_s = 2.0",
+    "front_steering_free": "",
+    "trailer_steering_free": "",
+    "load_shift": "left_m = 0.1",
+    "tyre_flat": "wheel = 'trailer_left'",
+    "gust": "force_n = 800.0, direction_deg = 90.0",
+    "stone": "wheel = 'front_left', impulse_ns = 200.0",
+}
+ON_THE_WAY = {
+    "soil_patch": "radius_m = 1.0, cone_index_kpa = 100.0",
+    "ditch": "depth_m = 0.1, width_m = 1.0",
+    "step": "height_m = 0.1, ramp_m = 0.5",
+}
+
+
+def table(kind):
+    if kind in ON_THE_WAY:
+        return f"faults=[{{kind = '{kind}', at_m = 5.0, {ON_THE_WAY[kind]}}}]"
+    keys = ", ".join(filter(None, (WINDOW, FOR_TIME[kind])))
+    return f"faults=[{{kind = '{kind}', {keys}}}]"
+
+
+def scenario(*overrides):
+    return load("grass", [SHORT, IMU, LOADED, *overrides])[1]
+
+
+def run(*overrides):
+    return simulate("grass", scenario(*overrides), seed=3)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return run()[1]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_accepted_where_it_can_act(kind):
+    assert set(KINDS) == {*FOR_TIME, *ON_THE_WAY}
+    assert check(scenario(table(kind))) > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_acts_in_the_loop_from_its_start_on(kind, plain):
+    summary, record = run(table(kind))
+    assert summary.status in {"completed", "lost"}
+    assert np.isfinite(record[CONTROL]["hp_command"]).all()
+    before = 1.0 if kind in ON_THE_WAY else 2.0  # the front wheels come first
+    changed = False
+    for channel in (STATE, MEASUREMENT):
+        one, other = plain[channel], record[channel]
+        rows = one.time_s < before - 1e-6
+        np.testing.assert_array_equal(one.values[rows], other.values[: rows.sum()])
+        changed |= not np.array_equal(one.values, other.values, equal_nan=True)
+    assert changed
+
+
+def test_a_run_is_bit_identical_until_its_faults_begin_and_marks_them(plain):
+    fault = "kind = 'front_steering_stuck', start_s = 6.1, duration_s = 1.0"
+    record = run(f"faults=[{{{fault}}}]")[1]
+    for channel in CHANNELS:
+        if channel is not TIMING:
+            rows = plain[channel].time_s < 6.05
+            one, other = plain[channel].values[rows], record[channel].values[: rows.sum()]
+            np.testing.assert_array_equal(one, other)
+    assert not np.array_equal(plain[STATE].values, record[STATE].values)
+    assert fault_spans(record.events) == (FaultSpan("front_steering_stuck", 6.1, 7.1),)
+
+
+def test_faults_are_those_of_the_seed_and_a_replay_has_the_faulty_samples():
+    faults = (
+        "faults=[{kind='gnss_float', start_s=2.0}, {kind='samples_duplicated', start_s=3.0}, "
+        "{kind='gnss_late', start_s=4.0, duration_s=1.0, delay_s=0.3}]"
+    )
+    overrides = (faults, "controller.learn=false")
+    record, again = run(*overrides)[1], run(*overrides)[1]
+    np.testing.assert_array_equal(record[STATE].values, again[STATE].values)
+    assert same_as_recorded(replay(record, estimator_of(scenario(*overrides))), record)
+
+
+def test_at_m_is_the_distance_of_the_reference_over_all_laps():
+    ditch = "faults=[{kind='ditch', at_m=20.0, depth_m=0.2, width_m=2.0}]"
+    speed = "path.speed_mps=0.8"
+    assembly = assemble(load("grass", [BENT, speed, ditch])[1], seed=1)
+    level = assemble(load("grass", [BENT, speed])[1], seed=1).terrain
+    x, y, yaw = assembly.reference.path.pose(20.0).tolist()
+    across = np.array([-3.0, 0.0, 3.0])
+    places = x - across * math.sin(yaw), y + across * math.cos(yaw)
+    depth = level.height(*places) - assembly.terrain.height(*places)
+    np.testing.assert_allclose(depth, 0.2, atol=0.02)
+    np.testing.assert_array_equal(level.heights[0], assembly.terrain.heights[0])
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("kind='gnss_out', start_s=8.0", r"faults\.0 \(gnss_out\): got start_s 8, must be below"),
+        ("kind='gnss_out', at_m=9.0", r"got at_m 9, must be below the end of the path, 8\.0"),
+        ("kind='gnss_out', start_s=2.05, duration_s=0.1", "no sample of gnss_tractor is taken"),
+        ("kind='commands_lost', start_s=2.05, duration_s=0.1", "no command is sent"),
+        ("kind='front_steering_slow', start_s=2.0, rate_degps=90.0", "must be below that of"),
+        ("kind='trailer_steering_play', start_s=2.0, play_deg=80.0", "must be below the stop"),
+        ("kind='load_shift', start_s=2.0", "left_m and forward_m are 0"),
+        ("kind='load_shift', start_s=2.0, left_m=3.0", "half the box"),
+        ("kind='encoder_scaled', start_s=2.0, factor=1.0", "factor is 1"),
+        ("kind='tyre_flat', start_s=2.0, wheel='rear_left', radius_loss_m=0.4", "half the radius"),
+    ],
+)
+def test_a_fault_that_cannot_act_is_refused_before_the_run(fault, message):
+    for refuse in (check, lambda one: assemble(one, seed=1)):
+        with pytest.raises(InvalidFault, match=message) as caught:
+            refuse(scenario(f"faults=[{{{fault}}}]"))
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (("sensors.imu.on=false", table("gyro_bias")), "there is no IMU"),
+        (("plant.vehicle.load_kg=0", table("load_shift")), "the trailer is empty"),
+        (("plant.wheels='contact'", table("tyre_flat")), 'plant.wheels must be "soil"'),
+        (("controller.estimator='truth'", table("gnss_out")), "no sample is read"),
+        (
+            ("faults=[{kind='gnss_out',start_s=1.0},{kind='gnss_out',start_s=3.0}]",),
+            "has this name",
+        ),
+    ],
+)
+def test_a_fault_of_what_the_scenario_lacks_is_refused(overrides, message):
+    with pytest.raises(InvalidFault, match=message):
+        check(scenario(*overrides))
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("kind='gnss_out'", "give start_s or at_m"),
+        ("kind='gnss_out', start_s=1.0, at_m=1.0", "give start_s or at_m"),
+        ("kind='gnss_frozen', start_s=1.0, size_m=1.0", r"faults\.0\.size_m: unknown key"),
+        ("kind='ditch', at_m=1.0, depth_m=1.0, width_m=0.5", "must be at most as high as long"),
+        ("kind='gnss_jump', start_s=1.0, offset_m=-1.0", r"faults\.0\.offset_m: .*greater than 0"),
+        ("kind='ditch', at_m=1.0, duration_s=1.0, depth_m=0.1, width_m=1.0", "unknown key"),
+    ],
+)
+def test_wrong_tables_are_refused_in_one_line(fault, message):
+    with pytest.raises(InvalidScenario, match=message) as caught:
+        scenario(f"faults=[{{{fault}}}]")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_fault_is_an_axis_by_number_and_by_name(tmp_path):
+    faults = """
+[set]
+path = {kind = "straight", length_m = 8.0}
+faults = [
+    {kind = "gnss_out", start_s = 1.0, duration_s = 1.0},
+    {kind = "gnss_jump", name = "jump", start_s = 2.0, offset_m = 1.0},
+]
+"""
+    axes = "".join(
+        f'[[axis]]\nkind = "list"\nkey = "{key}"\nvalues = [2.0, 3.0]\n'
+        for key in ("faults.0.duration_s", "faults.jump.offset_m")
+    )
+    plan = plan_of(tmp_path, faults, axes)
+    values = {
+        tuple((fault.duration_s, getattr(fault, "offset_m", None)) for fault in faults)
+        for faults in (plan[run].setting.scenario.faults for run in range(plan.size))
+    }
+    assert values == {((a, None), (None, b)) for a in (2.0, 3.0) for b in (2.0, 3.0)}
+    with pytest.raises(InvalidScenario, match=r"faults\.gust: .* names here: gnss_out"):
+        load("grass", ["faults=[{kind='gnss_out', start_s=1.0}]", "faults.gust.force_n=3.0"])
+
+
+def test_spans_end_with_the_run_where_the_fault_does_not():
+    events = (
+        Event(1.0, "warning", "fault: a begins"),
+        Event(2.0, "warning", "fault: b begins"),
+        Event(3.0, "info", "fault: a ends"),
+    )
+    assert fault_spans(events) == (FaultSpan("a", 1.0, 3.0), FaultSpan("b", 2.0, math.inf))
+
+
+def test_the_error_figure_names_the_fault():
+    events = (Event(10.0, "warning", "fault: encoder_dead begins"),)
+    axes = FIGURES["error"](dataclasses.replace(made_record(duration_s=20.0), events=events)).axes[
+        0
+    ]
+    assert "encoder_dead" in [text.get_text() for text in axes.texts]
+
+
+LONGER = "path={kind='straight', length_m=30}"
+
+
+@pytest.mark.parametrize(
+    ("fault", "status", "reason"),
+    [
+        ("kind='gnss_out', start_s=3.0, duration_s=1.5", "completed", None),
+        ("kind='gnss_out', start_s=3.0", "stopped", "position not measured for more than 4 s"),
+        ("kind='front_steering_hard_over', side='left', start_s=3.0", "stopped", "tractor"),
+    ],
+)
+def test_a_safe_stop_is_neither_completed_nor_lost(fault, status, reason):
+    overrides = (LONGER, "plant.vehicle.load_kg=0", f"faults=[{{{fault}}}]")
+    summary, record = run(*overrides)
+    assert summary.status == status
+    assert (summary.failure or "").startswith(reason or "")
+    speed = record[STATE]["v_mps"][-1]
+    assert (abs(speed) < 0.05) == (status == "stopped")
+
+
+def test_a_vehicle_that_does_not_obey_the_stop_is_lost():
+    stuck = "{kind='hydrostat_stuck', start_s=3.0}"
+    faults = f"faults=[{{kind='gnss_out', start_s=3.0}}, {stuck}]"
+    summary, record = run(LONGER, faults, "path.speed_mps=1.0")
+    assert summary.status != "stopped"
+    assert record[STATE]["v_mps"][-1] > 0.5

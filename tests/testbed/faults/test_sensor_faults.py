@@ -1,0 +1,190 @@
+"""Faults of sensors on samples with known values."""
+
+import math
+
+import numpy as np
+import pytest
+
+from proving_ground.testbed.faults.fault import Window
+from proving_ground.testbed.faults.faulty_sensors import FaultySensors
+from proving_ground.testbed.faults.registry import KINDS
+from proving_ground.testbed.sensing.sensor_specification import (
+    ImuSpecification,
+    SensorSpecification,
+)
+from proving_ground.testbed.sensing.sensors import COMPONENTS
+from ttempc.types import Measurement, Sensor
+
+DT, EVERY = 0.02, 10  # five samples a second of each sensor
+START_S, END_S = 1.0, 2.0
+GNSS = {Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER}
+
+
+class Clockwork:
+    """Sensors whose readings are known: number of the sensor + 0.1 per second, no noise."""
+
+    specification = SensorSpecification(imu=ImuSpecification(on=True))
+    every = EVERY
+
+    def sample(self, truth, step):
+        time_s = step * DT
+        return [Measurement(time_s, sensor, value(sensor, time_s)) for sensor in Sensor]
+
+
+def value(sensor, time_s):
+    first = list(Sensor).index(sensor) + 0.1 * time_s
+    return tuple(first + 10.0 * k for k in range(len(COMPONENTS[sensor])))
+
+
+def delivered(seed=1, **keys):
+    """Return what arrives with one fault from 1 to 2 s: pairs of arrival time and sample."""
+    fault = KINDS[keys["kind"]](start_s=START_S, **keys)
+    sensors = FaultySensors(Clockwork(), [(0, fault, Window(START_S, END_S))], DT, seed)
+    return [
+        (step * DT, sample)
+        for step in range(0, 160, EVERY)
+        for sample in sensors.sample(None, step)
+    ]
+
+
+def errors(sensor, samples):
+    """Return sampling times and errors (n, m) of the samples of one sensor."""
+    mine = [sample for _, sample in samples if sample.sensor == sensor]
+    times = np.array([sample.time_s for sample in mine])
+    wrong = [np.subtract(sample.value, value(sensor, sample.time_s)) for sample in mine]
+    return times, np.array(wrong)
+
+
+def acting(times):
+    return (times > START_S - 1e-6) & (times < END_S - 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("keys", "sensors"),
+    [
+        ({"kind": "gnss_frozen"}, GNSS),
+        ({"kind": "gnss_jump", "offset_m": 0.5, "receiver": "trailer"}, {Sensor.GNSS_TRAILER}),
+        ({"kind": "gnss_drift", "rate_mps": 0.1}, GNSS),
+        ({"kind": "gnss_outlier", "offset_m": 2.0}, GNSS),
+        ({"kind": "gnss_float"}, GNSS),
+        ({"kind": "angle_stuck", "sensor": "hitch"}, {Sensor.HITCH}),
+        ({"kind": "angle_bias", "sensor": "hitch", "bias_deg": 3.0}, {Sensor.HITCH}),
+        (
+            {"kind": "angle_drift", "sensor": "steering_tractor", "rate_degps": 1.0},
+            {Sensor.STEERING_TRACTOR},
+        ),
+        (
+            {"kind": "angle_noise", "sensor": "steering_trailer", "sd_deg": 1.0},
+            {Sensor.STEERING_TRAILER},
+        ),
+        ({"kind": "gyro_bias", "body": "trailer", "bias_degps": 1.0}, {Sensor.IMU_TRAILER}),
+        ({"kind": "encoder_dead"}, {Sensor.ENCODER}),
+        ({"kind": "encoder_scaled", "factor": -1.0}, {Sensor.ENCODER}),
+    ],
+)
+def test_only_the_samples_of_the_faulty_sensor_in_the_window_are_wrong(keys, sensors):
+    samples = delivered(**keys)
+    for sensor in Sensor:
+        times, wrong = errors(sensor, samples)
+        assert len(times) == 16
+        differs = np.abs(wrong).max(axis=1) > 1e-9
+        inside = acting(times)
+        if "frozen" in keys["kind"] or "stuck" in keys["kind"] or "drift" in keys["kind"]:
+            inside &= times > START_S + 1e-6  # the error grows from 0
+        assert np.array_equal(differs, inside if sensor in sensors else np.zeros(16, bool))
+
+
+def test_a_lost_fix_gives_no_samples_of_that_receiver():
+    samples = delivered(kind="gnss_out", receiver="tractor")
+    times, _ = errors(Sensor.GNSS_TRACTOR, samples)
+    assert len(times) == 16 - 5
+    assert not acting(times).any()
+    assert len(errors(Sensor.GNSS_TRAILER, samples)[0]) == 16
+
+
+def test_a_jump_has_its_length_and_direction():
+    times, wrong = errors(
+        Sensor.GNSS_TRACTOR, delivered(kind="gnss_jump", offset_m=0.5, direction_deg=90.0)
+    )
+    np.testing.assert_allclose(wrong[acting(times)], [[0.0, 0.5]] * 5, atol=1e-12)
+
+
+def test_a_drift_grows_with_its_rate():
+    times, wrong = errors(Sensor.GNSS_TRAILER, delivered(kind="gnss_drift", rate_mps=0.2))
+    inside = acting(times)
+    np.testing.assert_allclose(wrong[inside, 0], 0.2 * (times[inside] - START_S), atol=1e-12)
+
+
+def test_outliers_have_one_length_and_are_those_of_the_seed():
+    def offsets(seed):
+        times, wrong = errors(
+            Sensor.GNSS_TRACTOR, delivered(seed, kind="gnss_outlier", offset_m=3.0)
+        )
+        return wrong[acting(times)]
+
+    np.testing.assert_allclose(np.hypot(*offsets(1).T), 3.0)
+    np.testing.assert_array_equal(offsets(1), offsets(1))
+    assert (offsets(1) != offsets(2)).all()
+
+
+def test_stuck_sensors_repeat_their_first_reading_under_new_stamps():
+    for kind, sensor in (("gnss_frozen", Sensor.GNSS_TRACTOR), ("angle_stuck", Sensor.HITCH)):
+        keys = {"sensor": "hitch"} if kind == "angle_stuck" else {}
+        mine = [s for _, s in delivered(kind=kind, **keys) if s.sensor == sensor]
+        inside = [s for s in mine if acting(np.array(s.time_s))]
+        assert {s.value for s in inside} == {value(sensor, START_S)}
+        assert len({s.time_s for s in inside}) == 5
+
+
+def test_an_angle_bias_is_in_degrees():
+    times, wrong = errors(Sensor.HITCH, delivered(kind="angle_bias", sensor="hitch", bias_deg=-2.0))
+    np.testing.assert_allclose(np.degrees(wrong[acting(times)]), -2.0)
+
+
+def test_a_gyro_bias_leaves_roll_and_pitch():
+    times, wrong = errors(
+        Sensor.IMU_TRACTOR, delivered(kind="gyro_bias", body="tractor", bias_degps=1.0)
+    )
+    expected = [[math.radians(1.0), 0.0, 0.0]] * 5
+    np.testing.assert_allclose(wrong[acting(times)], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("factor", [2.0, -1.0, 0.0])
+def test_an_encoder_reads_a_multiple(factor):
+    keys = {"kind": "encoder_scaled", "factor": factor} if factor else {"kind": "encoder_dead"}
+    mine = [s for _, s in delivered(**keys) if s.sensor == Sensor.ENCODER]
+    for sample in mine:
+        expected = value(Sensor.ENCODER, sample.time_s)[0]
+        inside = acting(np.array(sample.time_s))
+        assert sample.value[0] == pytest.approx(factor * expected if inside else expected)
+
+
+def test_swapped_antennas_exchange_their_positions():
+    for _, sample in delivered(kind="antennas_swapped"):
+        if sample.sensor in GNSS and acting(np.array(sample.time_s)):
+            (other,) = GNSS - {sample.sensor}
+            assert sample.value == value(other, sample.time_s)
+
+
+def test_late_samples_keep_value_and_stamp():
+    for arrival, sample in delivered(kind="gnss_late", delay_s=0.4):
+        late = sample.sensor in GNSS and acting(np.array(sample.time_s))
+        assert arrival - sample.time_s == pytest.approx(0.4 if late else 0.0)
+        assert sample.value == value(sample.sensor, sample.time_s)
+
+
+def test_duplicates_arrive_together():
+    samples = [(arrival, s) for arrival, s in delivered(kind="samples_duplicated", group="encoder")]
+    inside = [item for item in samples if acting(np.array(item[0]))]
+    for sensor in Sensor:
+        count = sum(s.sensor == sensor for _, s in inside)
+        assert count == (10 if sensor == Sensor.ENCODER else 5)
+
+
+def test_stamps_are_shifted_or_run_backward():
+    shifted = [s for t, s in delivered(kind="stamps_shifted", offset_s=-0.3) if acting(np.array(t))]
+    mine = [s.time_s for s in shifted if s.sensor == Sensor.ENCODER]
+    np.testing.assert_allclose(mine, START_S - 0.3 + 0.2 * np.arange(5))
+    backward = [s for t, s in delivered(kind="stamps_backward") if acting(np.array(t))]
+    mine = [s.time_s for s in backward if s.sensor == Sensor.HITCH]
+    np.testing.assert_allclose(mine, START_S - 0.2 * np.arange(5))

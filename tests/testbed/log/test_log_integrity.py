@@ -1,0 +1,205 @@
+"""Damaged and foreign logs: no change of a bit is silent, no byte opens a file or takes memory."""
+
+import io
+import random
+import struct
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+import zstandard
+
+from proving_ground.testbed.errors import InvalidField, LogError
+from proving_ground.testbed.ground.ground import Ground
+from proving_ground.testbed.ground.terrain import flat
+from proving_ground.testbed.log.integrity import integrity_error
+from proving_ground.testbed.log.log_content import read_content
+from proving_ground.testbed.log.log_reader import read_log, record_of
+from proving_ground.testbed.log.log_scene import lines_of, motion_of
+from proving_ground.testbed.log.mcap_file import McapFile
+from proving_ground.testbed.log.model_whitelist import check_model
+from proving_ground.testbed.recording.channels import STATE
+from proving_ground.testbed.recording.topics import EVENT_TOPIC, REFERENCE_PATH_TOPIC
+from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
+from proving_ground.testbed.vehicle.vehicle_model import build_spec, level_mjcf, level_model
+from proving_ground.testbed.wheels.soil_law import SoilLaw
+from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS
+from tests.testbed.logs import feed, writer
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """The bytes of a log of 0.4 s."""
+    file = tmp_path_factory.mktemp("short") / "log.mcap"
+    with writer(file) as log:
+        feed(log, 0.4)
+    return file.read_bytes()
+
+
+def test_no_flip_of_a_bit_is_silent(short, tmp_path):
+    file, draw, reasons = tmp_path / "log.mcap", random.Random(1), []
+    places = {draw.randrange(8 * len(short)) for _ in range(400)}
+    places |= {8 * place + 3 for place in range(len(short) - 60, len(short))}  # footer, magic
+    for place in places:
+        damaged = bytearray(short)
+        damaged[place // 8] ^= 1 << place % 8
+        assert integrity_error(bytes(damaged)) is not None
+        file.write_bytes(damaged)
+        try:
+            content = read_content(file)
+            assert content.salvage is not None
+            record_of(content)
+            motion_of(content)
+            lines_of(content, REFERENCE_PATH_TOPIC)
+        except LogError as error:  # the only exception that may come out
+            reasons.append(str(error))
+    assert "\n" not in "".join(reasons)
+
+
+def test_bytes_of_someone_else_raise_nothing_but_one_line(short, tmp_path):
+    file, draw, reasons = tmp_path / "log.mcap", random.Random(2), []
+    for _ in range(100):
+        damaged = bytearray(short)
+        for _ in range(draw.randrange(1, 60)):
+            damaged[draw.randrange(8, len(damaged))] = draw.randrange(256)
+        start = draw.randrange(8, len(damaged))
+        del damaged[start : start + draw.choice((0, 1, 500))]
+        file.write_bytes(damaged)
+        try:
+            read_log(file)
+        except LogError as error:
+            reasons.append(str(error))
+    assert "\n" not in "".join(reasons)
+
+
+@pytest.mark.parametrize("topic", [STATE.topic, EVENT_TOPIC, REFERENCE_PATH_TOPIC])
+def test_messages_that_do_not_decode_are_refused_although_every_checksum_is_right(
+    short, tmp_path, topic
+):
+    file = tmp_path / "short.mcap"
+    file.write_bytes(short)
+    content = read_content(file)
+    with (tmp_path / "evil.mcap").open("wb") as stream:
+        mcap = McapFile(stream, "evil")
+        mcap.add_metadata("run", {**content.metadata, "log_format": "1"})
+        schema = content.schemas[topic]
+        number = mcap.add_topic(topic, schema.name, schema.data)
+        mcap.add_message(number, 0, b"\xff\xff\xff")
+        mcap.finish()
+    evil = read_content(tmp_path / "evil.mcap")
+    assert evil.salvage is None
+    decode = lines_of if topic == REFERENCE_PATH_TOPIC else lambda content, _: record_of(content)
+    with pytest.raises(LogError, match=topic):
+        decode(evil, topic)
+
+
+def packed_log(chunk: bytes, declared: int) -> bytes:
+    """Return a log that consists of its start and one chunk."""
+    stream = io.BytesIO()
+    McapFile(stream, "evil").add_metadata("run", {"log_format": "1"})
+    head = struct.pack("<QQQII", 0, 0, declared, 0, 4) + b"zstd" + struct.pack("<Q", len(chunk))
+    record = head + chunk
+    return stream.getvalue() + struct.pack("<BQ", 6, len(record)) + record
+
+
+@pytest.mark.parametrize("declared", [2**32, 2**44, 2**63])
+def test_the_declared_size_of_a_chunk_is_limited_before_it_is_allocated(tmp_path, declared):
+    file = tmp_path / "log.mcap"
+    # a frame that declares `declared` bytes: magic, descriptor (8 bytes of size, one segment)
+    frame = b"\x28\xb5\x2f\xfd" + bytes([0xE0]) + struct.pack("<Q", declared) + b"\x01\x00\x00"
+    assert zstandard.frame_content_size(frame) == declared or declared == 2**63
+    file.write_bytes(packed_log(frame, declared))
+    with pytest.raises(LogError, match=rf"declares {declared} bytes of messages or more, at most"):
+        read_content(file)
+
+
+def test_a_frame_that_declares_another_size_than_its_chunk_is_damage(tmp_path):
+    file, data = tmp_path / "log.mcap", bytes(2**20)
+    file.write_bytes(packed_log(zstandard.compress(data), 100))
+    salvage = read_content(file).salvage
+    assert salvage is not None
+    assert (salvage.chunks, salvage.damaged) == (0, 1)
+
+
+def test_statistics_must_be_those_of_the_messages(tmp_path, monkeypatch):
+    honest = McapFile._end_chunk
+
+    def forged(mcap):
+        honest(mcap)
+        mcap._counts = {number: count + 1 for number, count in mcap._counts.items()}
+
+    monkeypatch.setattr(McapFile, "_end_chunk", forged)
+    with writer(tmp_path / "log.mcap") as log:
+        feed(log, 0.4)
+    assert "numbers of messages" in str(read_content(tmp_path / "log.mcap").salvage)
+
+
+@pytest.mark.parametrize(
+    ("inside", "reason"),
+    [
+        ('<include file="/etc/passwd"/>', "include"),
+        ('<asset><mesh name="a" file="/dev/stdin"/></asset>', "attribute file"),
+        ('<asset><texture name="a" type="2d" fileright="x.png"/></asset>', "attribute fileright"),
+        ('<asset><hfield name="a" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>', "60000"),
+        ('<asset><texture name="a" width="60000" height="2" builtin="flat"/></asset>', "60000"),
+        (
+            '<worldbody><replicate count="100000000"><geom size="1"/></replicate></worldbody>',
+            "repl",
+        ),
+        ('<extension><plugin plugin="mujoco.pid"/></extension>', "extension"),
+        ('<size memory="900G"/>', "900G"),
+        ("<worldbody>" + 40 * "<body>" + 40 * "</body>" + "</worldbody>", "inside each other"),
+        ("<worldbody>", "is no XML"),
+        ('<asset><mesh name="a" vertex="' + 4_000_000 * "0" + '"/></asset>', "characters"),
+    ],
+)
+def test_a_model_that_opens_files_or_takes_memory_is_refused(inside, reason):
+    with pytest.raises(ValueError, match=reason):
+        check_model(f"<mujoco>{inside}</mujoco>")
+
+
+@pytest.mark.parametrize("wheels", WHEEL_MODELS)
+@pytest.mark.parametrize("vehicle", shipped_vehicles())
+def test_models_of_this_program_pass(vehicle, wheels):
+    plant = read_vehicle(vehicle)
+    _, spec = level_model(build_spec(plant, flat((4.0, 4.0)), wheels, SoilLaw(), 0.002))
+    check_model(level_mjcf(spec, (501, 801)))
+
+
+def test_entities_are_refused():
+    with pytest.raises(ValueError, match="document type"):
+        check_model('<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><mujoco>&b;</mujoco>')
+
+
+def npz(heights: bytes) -> bytes:
+    good, stream = Ground(flat((4.0, 4.0)), np.ones((41, 41))).to_npz(), io.BytesIO()
+
+    with zipfile.ZipFile(io.BytesIO(good)) as old, zipfile.ZipFile(stream, "w", 8) as new:
+        for name in old.namelist():
+            new.writestr(name, heights if name == "heights_m.npy" else old.read(name))
+    return stream.getvalue()
+
+
+def header(shape: str) -> bytes:
+    text = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode()
+
+
+@pytest.mark.parametrize(
+    ("heights", "reason"),
+    [
+        (header("(1000000, 2000000)") + bytes(64), "declares 8000000000000 bytes, has 64"),
+        (header("(8000, 6000)") + bytes(192_000_000), "bytes once decompressed, at most"),
+        (b"\x93NUMPY", "not the ground"),
+    ],
+)
+def test_the_ground_of_a_log_is_limited_before_it_is_allocated(heights, reason):
+    with pytest.raises(InvalidField, match=reason):
+        Ground.from_npz(npz(heights))
+
+
+def test_checksums_are_those_of_the_format(short):
+    """The reference reader validates them too; here by hand from the specification."""
+    start = struct.unpack_from("<Q", short, len(short) - 28)[0]
+    assert struct.unpack_from("<I", short, start - 4)[0] == zlib.crc32(short[: start - 13])
