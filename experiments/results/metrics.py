@@ -37,6 +37,7 @@ from .summary import (
     Summary,
     TimingStatistics,
     TrackingStatistics,
+    TubeHalfWidths,
     TubeStatistics,
 )
 from .tracking_errors import (
@@ -183,9 +184,17 @@ def _spread(cost_us: FloatArray) -> Spread:
 def _tube(record: Record) -> TubeStatistics | None:
     if not len(record[TUBE]):
         return None
-    margin = containment(record).margin
-    inside = margin >= 0.0
-    return TubeStatistics(_mean(inside), _number(margin.min()) if margin.size else None)
+    deviations = containment(record)
+    margin = deviations.margin
+    if not margin.size:
+        return TubeStatistics(None, None, None)
+    across = {
+        body: float(deviations.half_width[:, column].max())
+        for body, column in deviations.ACROSS.items()
+    }
+    return TubeStatistics(
+        _mean(margin >= 0.0), _number(margin.min()), half_width_max_m=TubeHalfWidths(**across)
+    )
 
 
 def corridor_statistics(record: Record) -> CorridorStatistics | None:

@@ -150,6 +150,14 @@ class ImplementStatistics:
 
 
 @dataclass(frozen=True, slots=True)
+class TubeHalfWidths:
+    """Largest half widths of a tube across the path [m]."""
+
+    tractor: float
+    trailer: float
+
+
+@dataclass(frozen=True, slots=True)
 class TubeStatistics:
     """Containment of both true axle points in the controller's tube after start-up.
 
@@ -159,6 +167,7 @@ class TubeStatistics:
 
     contained_fraction: float | None  # of the control ticks
     margin_min: float | None
+    half_width_max_m: TubeHalfWidths | None  # across the path
 
 
 @dataclass(frozen=True, slots=True)

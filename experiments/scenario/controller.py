@@ -9,8 +9,9 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.configuration.config_io import STRICT, NameOrFile
-from ttempc.guidance.controllers import CONTROLLERS, controller_options
+from ttempc.guidance.controllers import CONTROLLERS, controller_options, speed_tube
 from ttempc.guidance.estimators import ESTIMATORS
+from ttempc.reference.corridor import SpeedTube
 from ttempc.tube.reference_tube import TubeDesign
 from ttempc.vehicle import Vehicle
 
@@ -78,6 +79,10 @@ class ControllerSettings:
             return None
         design.require(vehicle, period_s)
         return design
+
+    def speed_tube(self) -> SpeedTube | None:
+        """Return the half widths that the controller keeps over speed, None where it has none."""
+        return speed_tube(self.name, self.options) if self.name in CONTROLLERS else None
 
     def with_defaults(self) -> ControllerSettings:
         """Return the same with every option of a shipped controller filled in.

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as validated_dataclass
 
 from proving_ground.testbed.configuration.config_io import STRICT, NotNegative, Positive
-from ttempc.reference.corridor import Corridor
+from ttempc.reference.corridor import Corridor, SpeedTube
 from ttempc.reference.path import Path
 from ttempc.reference.reference import SpeedProfile
-from ttempc.reference.speed import Backward
+from ttempc.reference.speed import Backward, limited_in_corridor
+
+_ROUNDING = 1e-9  # of half widths
 
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """Path, speed and gear of a run; they do not depend on the controller."""
+    """Path, speed and gear of a run."""
 
     path: Path  # in the direction of the vehicle's heading
     speed: SpeedProfile
@@ -33,6 +35,24 @@ class Mission:
         if reverse:
             path, speed = path.reversed(), Backward(speed, path.length_m)
         return cls(path, speed, reverse, notes)
+
+    def in_corridor(self, corridor: Corridor, tube: SpeedTube) -> Mission:
+        """Return the mission at speeds at which a tube fits into a corridor, where it can."""
+        half_width = corridor.half_width_m
+        limit = tube.speed_within(half_width)
+        speed = limited_in_corridor(self.speed, self.path.length_m, corridor, limit)
+        if speed is self.speed:
+            return self
+        widths = tube.half_width(limit)
+        kept = ", ".join(f"{100.0 * width:.1f}" for width in widths)
+        late = speed.duration_s(self.path.length_m) - self.speed.duration_s(self.path.length_m)
+        note = (
+            f"corridor of +-{100.0 * half_width:.1f} cm: {limit:.2f} m/s, at which tractor and "
+            f"trailer keep +-({kept}) cm; {late:.0f} s more"
+        )
+        if widths.max() > half_width * (1.0 + _ROUNDING):
+            note += "; corridor cannot be kept at any speed"
+        return replace(self, speed=speed, notes=(*self.notes, note))
 
 
 @validated_dataclass(frozen=True, config=STRICT)

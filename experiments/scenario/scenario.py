@@ -82,7 +82,10 @@ class Scenario:
     def mission(self) -> Mission:
         """Return path, speed and gear.
 
+        In a corridor the speed is that at which the tube of the controller fits into it.
+
         Raises:
+            InvalidTuning: the corridor is not possible, or an option of the controller.
             InvalidScenario: the path lies beyond the field, or takes longer than can be driven.
             InvalidWaypoints, InvalidPath, InvalidReference: as `FilePath.mission`.
         """
@@ -91,6 +94,8 @@ class Scenario:
             mission = self.path.mission((terrain.size_x_m, terrain.size_y_m))
         else:
             mission = self.path.mission()
+        if (corridor := self.kept_corridor()) and (tube := self.controller.speed_tube()):
+            mission = mission.in_corridor(corridor, tube)
         length_m = mission.path.length_m
         ticks = mission.speed.duration_s(length_m) / self.control.period_s
         for what, count, limit in (("m", length_m, MOST_M), ("control ticks", ticks, MOST_TICKS)):

@@ -4,13 +4,57 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidTuning
 from ..types import FloatArray
-from ..validation import check_positive
+from ..validation import check_positive, check_vector
+
+_SLOWEST_MPS: Final = 0.2  # assumed: below it wheels and valves of the plant are not tested
+
+
+@dataclass(frozen=True)
+class SpeedTube:
+    """Half widths across the path that tractor and trailer point keep at a speed v,
+
+        h(v) = h_0 + h_1 v    for each of them.
+
+    h_0 is due to the noise of the sensors, which filter and controller follow at any speed. A push,
+    by a slip angle for example, moves a point sideways in proportion to v, while the time until
+    filter and steering have answered does not depend on it. Both are measured on runs of the
+    controller on ground alike (docs/corridor.md); linear is assumed.
+
+    Raises:
+        InvalidTuning: a value is not finite or negative.
+
+    Example:
+        >>> SpeedTube((0.05, 0.03), (0.1, 0.05)).half_width(0.5).tolist()
+        [0.1, 0.055]
+    """
+
+    at_rest_m: tuple[float, float] = (0.0, 0.0)  # h_0 of tractor, trailer
+    per_speed_s: tuple[float, float] = (0.0, 0.0)  # h_1 of tractor, trailer [m per m/s]
+
+    def __post_init__(self) -> None:
+        check_vector("corridor_at_rest_m", self.at_rest_m, 2, zero=True)
+        check_vector("corridor_per_speed_s", self.per_speed_s, 2, zero=True)
+
+    def half_width(self, speed_mps: float) -> FloatArray:
+        """Return the half widths of tractor and trailer point at a speed, (2,) [m]."""
+        return np.array(self.at_rest_m) + np.array(self.per_speed_s) * speed_mps
+
+    def speed_within(self, half_width_m: float) -> float:
+        """Return the largest speed [m/s] at which the tube fits into a corridor.
+
+        Infinite where it fits at any speed, at least 0.2 m/s where it fits at none.
+        """
+        left = half_width_m - np.array(self.at_rest_m)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            speeds = np.where(left >= 0.0, left / np.array(self.per_speed_s), 0.0)
+        return max(float(np.nan_to_num(speeds, nan=math.inf, posinf=math.inf).min()), _SLOWEST_MPS)
 
 
 @dataclass(frozen=True)

@@ -140,3 +140,41 @@ def test_impossible_corridors_are_refused_before_a_run(override, error, named):
     for build in (check, lambda scenario: assemble(scenario, 1)):
         with pytest.raises(error, match=named):
             build(load("grass", override.split("\n"))[1])
+
+
+SLOWER = (
+    "path={kind='straight', length_m=36}",
+    "corridor={half_width_m=0.1, along_m=[[15, 25]]}",
+    "controller.options.corridor_at_rest_m=[0.05, 0.02]",
+    "controller.options.corridor_per_speed_s=[0.1, 0.2]",
+)
+
+
+def test_the_reference_is_as_slow_as_the_controllers_half_widths_ask_for():
+    """0.02 m + 0.2 s v of the trailer point fit into 0.1 m up to 0.4 m/s."""
+    scenario = load("grass", SLOWER)[1]
+    mission = scenario.mission()
+    distance, speed, _ = mission.speed.travel(np.linspace(0.0, 60.0, 2001))
+    held = (distance >= 15.0) & (distance < 25.0)
+    assert speed[held].max() == pytest.approx(0.4)
+    assert speed[distance < 5.0].min() == pytest.approx(1.0)
+    (note,) = mission.notes
+    assert "0.40 m/s" in note
+    assert "cannot" not in note
+    assert check(scenario) * scenario.control.period_s > 26.0 / 1.0 + 10.0 / 0.4
+
+
+@pytest.mark.parametrize("override", ['controller.name="pid"', "controller.options.corridor=false"])
+def test_controllers_without_half_widths_keep_the_speed_of_the_mission(override):
+    lines = SLOWER[:2] if "pid" in override else SLOWER
+    mission = load("grass", [*lines, override])[1].mission()
+    assert mission.speed.duration_s(36.0) == 36.0
+    assert mission.notes == ()
+
+
+def test_a_corridor_that_no_speed_keeps_is_driven_slowly_and_noted():
+    narrow = "corridor={half_width_m=0.04}"
+    mission = load("grass", [*SLOWER, narrow])[1].mission()
+    distance, speed, _ = mission.speed.travel(np.linspace(0.0, 90.0, 901))
+    assert speed[(distance >= 15.0) & (distance < 25.0)].max() < 0.3
+    assert "cannot be kept at any speed" in mission.notes[0]

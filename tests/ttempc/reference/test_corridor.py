@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ttempc.errors import InvalidTuning
-from ttempc.reference.corridor import Corridor
+from ttempc.reference.corridor import Corridor, SpeedTube
 
 
 def test_half_width_is_infinite_outside_the_intervals():
@@ -44,3 +44,16 @@ def test_a_margin_that_leaves_nothing_and_a_hitch_limit_below_the_reference_are_
         corridor.require_margin((0.0, 0.1))
     with pytest.raises(InvalidTuning, match=r"got 20.0 deg, must exceed .* 21.0 deg"):
         corridor.require_hitch(np.radians([3.0, -21.0]))
+
+
+def test_the_speed_within_a_corridor_is_the_largest_at_which_the_tube_fits():
+    tube = SpeedTube((0.05, 0.02), (0.08, 0.2))
+    for half_width in (0.07, 0.1, 0.3):
+        speed = tube.speed_within(half_width)
+        assert tube.half_width(speed).max() == pytest.approx(half_width)
+    assert SpeedTube().speed_within(0.001) == math.inf
+    assert SpeedTube((0.1, 0.0)).speed_within(0.1) == math.inf
+    slowest = SpeedTube((0.2, 0.0)).speed_within(0.1)
+    assert 0.0 < slowest == tube.speed_within(0.051)  # no tube of 0.1 m fits: still driven, slowly
+    with pytest.raises(InvalidTuning, match="corridor_at_rest_m"):
+        SpeedTube((-0.1, 0.0))
