@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: run test lint wheels clean
+.PHONY: run test lint docs wheels clean
 
 run: $(VENV)/.ready          ## drive the default scenario to its end
 	$(BIN)/ttempc run grass
@@ -14,6 +14,9 @@ lint: $(VENV)/.ready         ## ruff and pyright
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+
+docs: $(VENV)/.ready         ## the documentation site: dist/site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 wheels: $(VENV)/.ready       ## dist/: the control library alone, and the proving ground
 	cd packaging/ttempc && $(CURDIR)/$(BIN)/python -m hatchling build -t wheel -d $(CURDIR)/dist

@@ -72,7 +72,7 @@ def test_the_implement_example_is_accepted(tmp_path):
     assert load(str(file))[1].implement.work_m == ((3.0, 130.0),)
 
 
-@pytest.mark.parametrize("target", ["run", "test", "lint"])
+@pytest.mark.parametrize("target", ["run", "test", "lint", "docs"])
 def test_the_make_targets_exist(target):
     done = subprocess.run(
         ["make", "-n", target], cwd=ROOT, capture_output=True, text=True, check=False

@@ -19,7 +19,7 @@ class CommandLimits:
 
     All arrays are (3,) in the order of `Input`: [rad], [rad] and a fraction.
 
-    Example:
+    Examples:
         >>> limits = CommandLimits.of(Vehicle(), period_s=0.2)
         >>> command, limited = limits.apply(np.array([0.5, 0.0, 0.7]), np.array([0.0, 0.0, 0.7]))
         >>> round(float(command[0]), 3), limited.tolist()  # 55 deg/s over 0.2 s

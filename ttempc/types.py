@@ -79,7 +79,7 @@ class Sensor(StrEnum):
 class Measurement:
     """One sample of one sensor.
 
-    Example:
+    Examples:
         >>> Measurement(time_s=1763775600.2, sensor=Sensor.GNSS_TRACTOR, value=(12.31, -4.02)).value
         (12.31, -4.02)
     """
@@ -125,7 +125,7 @@ class Estimate:
 class Command:
     """Command to the vehicle for one control period.
 
-    Example:
+    Examples:
         >>> Command(delta_t=0.1, delta_i=-0.05, hp=0.7).as_array()
         array([ 0.1 , -0.05,  0.7 ])
     """

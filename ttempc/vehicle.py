@@ -25,7 +25,7 @@ class Vehicle:
     Raises:
         InvalidVehicle: a value is not finite or out of its range.
 
-    Example:
+    Examples:
         >>> vehicle = Vehicle(wheelbase=1.6, trailer_length=2.0)  # [m]
         >>> vehicle.input_max  # front steering [rad], trailer steering [rad], hydrostat
         array([0.61086524, 0.43633231, 1.        ])

@@ -27,7 +27,7 @@ _BEYOND_S = 30.0
 class LqrOptions:
     """Options of `lqr`; every field is a key that a scenario may set.
 
-    The hydrostat's steps weigh more than in the MPC. With the MPC's weights the LQR, which has no
+    The hydrostat's steps weigh more than in the MPC. With a weight of 0.02 the LQR, which has no
     bounds, runs into the rates of the valves from an offset of some decimetres and cycles there by
     metres.
 
@@ -37,7 +37,7 @@ class LqrOptions:
 
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)  # [1/m^2]
     # [1/rad^2], [1/rad^2], for a hydrostat position as a fraction
-    step_weight: tuple[float, ...] = (1.0, 1.0, 1.0)
+    step_weight: tuple[float, ...] = (0.3, 0.1, 0.3)
 
     def __post_init__(self) -> None:
         check_vector("output_weight", self.output_weight, _OUTPUTS, zero=True)

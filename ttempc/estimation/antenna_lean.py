@@ -30,7 +30,7 @@ class AntennaLean:
         heights_m: of the antennas of tractor and trailer above the axle points [m].
         memory_s: time for which samples of the IMUs are kept, at least the latency of GNSS.
 
-    Example:
+    Examples:
         >>> lean = AntennaLean((2.0, 0.0), memory_s=1.0)
         >>> imu = Measurement(0.2, Sensor.IMU_TRACTOR, (0.0, 0.1, 0.0))  # left side up by 0.1 rad
         >>> gnss = Measurement(0.2, Sensor.GNSS_TRACTOR, (5.0, 3.0))

@@ -57,7 +57,7 @@ class ExtendedKalmanFilter:
     Raises:
         InvalidTuning: the gate's probability is not between 0 and 1, or the memory not above 0.
 
-    Example:
+    Examples:
         >>> ekf = ExtendedKalmanFilter(Vehicle())
         >>> estimate = ekf.update(0.0, [], None)  # no sample yet: the state is not known
         >>> estimate.state.shape, bool(np.isnan(estimate.state).all())

@@ -34,7 +34,7 @@ class SensorNoise:
     Raises:
         InvalidTuning: a value is not finite or not above 0.
 
-    Example:
+    Examples:
         >>> SensorNoise(gnss=0.015).of(Sensor.GNSS_TRACTOR)  # RTK of 1.5 cm
         0.015
     """

@@ -178,7 +178,7 @@ def make_controller(
         InvalidTuning: an option is unknown, of another type, or out of its range.
         InvalidTube: there is no design, or it does not fit vehicle and reference.
 
-    Example:
+    Examples:
         >>> from ttempc import ConstantSpeed, figure_eight
         >>> vehicle = Vehicle()
         >>> reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))

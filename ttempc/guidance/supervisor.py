@@ -43,7 +43,7 @@ class SafetyLimits:
     Raises:
         InvalidTuning: a value is not above 0.
 
-    Example:
+    Examples:
         >>> SafetyLimits(unseen_stop_s=6.0).unseen_stop_s
         6.0
     """

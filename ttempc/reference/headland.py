@@ -42,7 +42,7 @@ def headland(
     Raises:
         InvalidPath: a length is not finite or not above 0, or `passes` is below 1.
 
-    Example:
+    Examples:
         >>> path = headland(length_m=30.0, width_m=4.0, passes=2)
         >>> bool(path.length_m > 60.0)
         True

@@ -54,7 +54,7 @@ class Path:
         InvalidPath: a length or curvature is not finite, the curvature jumps, or a closed path
             does not meet its own beginning.
 
-    Example:
+    Examples:
         >>> turn = Path((Segment(5.0, 0.0, 0.1), Segment(10.0, 0.1, 0.1)))  # clothoid, arc
         >>> round(float(turn.pose(15.0)[2]), 3)  # heading [rad]: the integral of the curvature
         1.25
@@ -213,7 +213,7 @@ def _arc(heading: FloatArray, curvature: FloatArray, length: FloatArray) -> Floa
 def straight(length_m: float) -> Path:
     """Return a straight line from the origin along the x axis.
 
-    Example:
+    Examples:
         >>> float(straight(20.0).length_m)
         20.0
     """
@@ -245,7 +245,7 @@ def figure_eight(
     Raises:
         InvalidPath: a length or `laps` is not positive, or the circles are too close together.
 
-    Example:
+    Examples:
         >>> path = figure_eight(radius_m=10.0, laps=1)
         >>> round(float(path.length_m), 1)
         136.7

@@ -103,7 +103,7 @@ class Reference:
         InvalidReference: the top speed of the profile is above that of the hydrostat, or the
             profile drives forward and the vehicle is in reverse gear, or the other way round.
 
-    Example:
+    Examples:
         >>> from ttempc import Vehicle, figure_eight
         >>> reference = Reference(figure_eight(laps=1), Vehicle(), ConstantSpeed(1.0))
         >>> sample = reference.at([0.0, 10.0])  # state: (..., 7), inputs: (..., 3)

@@ -54,7 +54,7 @@ def smooth(points: FloatArray, max_deviation_m: float) -> SmoothedPath:
             that turns back on itself, with index, place and length along the polygon; or
             `max_deviation_m` is not above 0 or too small for the points, or the line is too long.
 
-    Example:
+    Examples:
         >>> points = np.array([[0.0, 0.0], [20.0, 0.0], [40.0, 8.0]])
         >>> smoothed = smooth(points, max_deviation_m=0.3)
         >>> smoothed.deviation_m <= 0.3

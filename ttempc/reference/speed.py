@@ -58,7 +58,7 @@ class PlannedSpeed:
         InvalidReference: a speed or the acceleration is not finite or not above 0, with the index
             of the place and its arc length; or the arc lengths do not increase.
 
-    Example:
+    Examples:
         >>> speed = PlannedSpeed(np.array([0.0, 50.0, 100.0]), np.array([1.0, 0.5, 1.0]))
         >>> distance, speed_mps, _ = speed.travel(np.array([0.0, 20.0]))
         >>> bool(speed_mps[1] <= 1.0)

@@ -75,7 +75,7 @@ def fewest_scores(coverage: float) -> int:
     Raises:
         InvalidTube: the coverage is not between 0 and 1.
 
-    Example:
+    Examples:
         >>> fewest_scores(0.95), fewest_scores(0.99)
         (19, 99)
     """
@@ -96,7 +96,7 @@ def calibrate(scores: Sequence[float] | FloatArray, coverage: float) -> Calibrat
         InvalidTube: there are too few scores for the coverage, with the number that is needed; a
             score is NaN; or the coverage is not between 0 and 1.
 
-    Example:
+    Examples:
         >>> calibrate([0.4, 0.1, 0.3, 0.2], coverage=0.6).factor
         0.3
     """

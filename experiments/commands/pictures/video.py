@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from . import options
+from .. import options
 
 ABOUT = """\
 Films a run from its log alone; nothing is simulated again. Renders in software
@@ -39,9 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _video(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..film.composition import FilmSetup
-    from ..film.replay import read_replay
-    from ..film.shot import FRAME_RATE, make_shot
+    from ...film.composition import FilmSetup
+    from ...film.replay import read_replay
+    from ...film.shot import FRAME_RATE, make_shot
 
     file = arguments.out or options.path_beside(arguments.log, f"{arguments.camera}.mp4")
     replay = read_replay(arguments.log)

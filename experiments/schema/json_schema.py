@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from .path import FigureEight
-from .scenario import Scenario
+from ..scenario.path import FigureEight
+from ..scenario.scenario import Scenario
 
 # Units by the last words of a key; the longest suffix that fits counts.
 _UNITS: Final[Mapping[str, str]] = MappingProxyType(

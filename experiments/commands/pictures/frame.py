@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from . import options
+from .. import options
 
 ABOUT = """\
 Takes one picture of a run from its log alone, like one frame of `ttempc video`.
@@ -34,10 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _frame(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..film.composition import FilmSetup
-    from ..film.render import write_still
-    from ..film.replay import read_replay
-    from ..film.shot import Shot, check_within
+    from ...film.composition import FilmSetup
+    from ...film.render import write_still
+    from ...film.replay import read_replay
+    from ...film.shot import Shot, check_within
 
     name = f"{arguments.camera}-{arguments.at_s:g}.png"
     file = arguments.out or options.path_beside(arguments.log, name)

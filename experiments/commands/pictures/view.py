@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from . import options
+from .. import options
 
 ABOUT = """\
 Drives a run in real time in a window of MuJoCo's viewer; nothing is written.
@@ -31,8 +31,8 @@ def _view(arguments: argparse.Namespace) -> int:
     from proving_ground.testbed.errors import WindowClosed
     from proving_ground.testbed.viewers.window import Window
 
-    from ..run.assembly import assemble
-    from ..run.simulate import drive_into
+    from ...run.assembly import assemble
+    from ...run.simulate import drive_into
 
     _, scenario = options.load_scenario(arguments)
     assembly = assemble(scenario, arguments.seed)

@@ -1,0 +1,1 @@
+"""Commands that show a run: a film, a picture, a view."""
