@@ -130,9 +130,7 @@ ENTRIES: Final = (
         "docs/corridor.md",
         corridor.main,
         seeds=report_seeds(corridor.LAPS),
-        probes=tuple(
-            (corridor.SCENARIO, name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")
-        ),
+        probes=tuple((corridor.SCENARIO, name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")),
         minutes=50.0,
     ),
     _study(

@@ -314,9 +314,7 @@ def _check_guidance(scenario: Scenario, vehicle: Vehicle) -> None:
     if is_user_code(settings.name):
         load_factory(settings.name, "controller")
     else:
-        options = controller_options(settings.name, settings.options)
-        if (corridor := scenario.kept_corridor()) and "corridor_margin_m" in options:
-            corridor.require_margin(options["corridor_margin_m"])  # pyright: ignore[reportArgumentType] - options are checked
+        controller_options(settings.name, settings.options)
         settings.design(vehicle, scenario.control.period_s)
     if is_user_code(settings.estimator):
         load_factory(settings.estimator, "estimator")

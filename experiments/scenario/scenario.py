@@ -94,8 +94,13 @@ class Scenario:
             mission = self.path.mission((terrain.size_x_m, terrain.size_y_m))
         else:
             mission = self.path.mission()
+        self._check_size(mission)
         if (corridor := self.kept_corridor()) and (tube := self.controller.speed_tube()):
             mission = mission.in_corridor(corridor, tube)
+            self._check_size(mission)
+        return mission
+
+    def _check_size(self, mission: Mission) -> None:
         length_m = mission.path.length_m
         ticks = mission.speed.duration_s(length_m) / self.control.period_s
         for what, count, limit in (("m", length_m, MOST_M), ("control ticks", ticks, MOST_TICKS)):
@@ -104,7 +109,6 @@ class Scenario:
                     f"path: {count:.6g} {what}, must be {limit} or fewer: a shorter path, fewer "
                     "laps or a higher speed"
                 )
-        return mission
 
     def kept_corridor(self) -> Corridor | None:
         """Return the corridor that the vehicle is to keep to, None without one.

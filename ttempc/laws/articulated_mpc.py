@@ -69,9 +69,8 @@ class ArticulatedFeedback:
             tube = GrowingTube.along(design, a, b, c, feedforward, tuning)
         soft = None
         if reference.corridor and options.corridor:
-            margin = np.array(options.corridor_margin_m)
             first = math.ceil(_RESPONSE_S / period_s - 1e-9)
-            soft = corridor_bounds(reference.corridor, grid, c, margin, first)
+            soft = corridor_bounds(reference.corridor, grid, c, first)
         of_plan = tube.bounds if tube else None
         horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, of_plan, soft)
         self._plan = KeptPlan(tube, a, b) if tube else None

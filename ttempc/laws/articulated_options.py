@@ -11,7 +11,7 @@ from typing import ClassVar, Final, Self
 
 from ..mpc.qp import HorizonTuning
 from ..reference.corridor import SpeedTube
-from ..validation import check_flag, check_vector
+from ..validation import check_flag
 from ..vehicle import Vehicle
 from .lq_robust_law import LqRobustTuning
 
@@ -80,9 +80,6 @@ class NominalOptions(MpcOptions):
 
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
     corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
-    # By which the corridor is narrower for the prediction of tractor and trailer [m]: the half
-    # widths of a tube across the path.
-    corridor_margin_m: tuple[float, float] = (0.0, 0.0)
     # Half widths that tractor and trailer keep about the path: h_0, and h_1 by which they grow with
     # the speed. Whoever plans the reference drives a corridor as slowly as they ask, see
     # `ttempc.reference.corridor.SpeedTube`.
@@ -100,7 +97,6 @@ class NominalOptions(MpcOptions):
         MpcOptions.__post_init__(self)
         check_flag("disturbances", self.disturbances)
         check_flag("corridor", self.corridor)
-        check_vector("corridor_margin_m", self.corridor_margin_m, 2, zero=True)
         SpeedTube(self.corridor_at_rest_m, self.corridor_per_speed_s)
 
 

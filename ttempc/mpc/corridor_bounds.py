@@ -18,7 +18,6 @@ def corridor_bounds(
     corridor: Corridor,
     grid: ReferenceSample,
     outputs: FloatArray,
-    margin_m: FloatArray,
     first: int,
 ) -> OutputBounds:
     """Return the bounds on the predicted error that keep the vehicle in its corridor.
@@ -36,26 +35,21 @@ def corridor_bounds(
         corridor: to keep to.
         grid: the reference at N + 1 ticks.
         outputs: C (N + 1, 4, n) of `error_dynamics`.
-        margin_m: by which the corridor is narrower for tractor and trailer point, (2,) or
-            (N + 1, 2) [m]: the half widths of a tube across the path. The tool's is the trailer's.
         first: stage of the horizon from which on the bounds hold.
 
     Raises:
-        InvalidTuning: the margin leaves no corridor, or the reference itself is beyond the limit
-            of the hitch angle; with the numbers.
+        InvalidTuning: the reference itself is beyond the limit of the hitch angle, with numbers.
     """
     ticks, _, n = outputs.shape
-    margin = np.broadcast_to(margin_m, (ticks, 2))
-    corridor.require_margin(margin)
     corridor.require_hitch(grid.hitch_angle)
     half_width = corridor.half_width(grid.distance_m)
     rows = [outputs[:, row] for row in _ACROSS]
-    upper = [half_width - margin[:, 0], half_width - margin[:, 1]]
+    upper = [half_width, half_width]
     if corridor.tool_behind_m is not None:
         behind = np.zeros(n)
         behind[State.PSI_I] = corridor.tool_behind_m
         rows.append(rows[1] - behind)
-        upper.append(upper[1])
+        upper.append(half_width)
     lower = [-bound for bound in upper]
     if corridor.hitch_limit is not None:
         beta, limit = grid.hitch_angle, corridor.hitch_limit

@@ -87,19 +87,6 @@ class Corridor:
             intervals = [list(interval) for interval in self.along_m]
             raise InvalidTuning(f"corridor: along_m: got {intervals}, distances must increase")
 
-    def require_margin(self, margin_m: ArrayLike) -> None:
-        """Refuse margins [m] that leave no corridor.
-
-        Raises:
-            InvalidTuning: with the numbers.
-        """
-        worst = float(np.max(margin_m))
-        if worst >= self.half_width_m:
-            raise InvalidTuning(
-                f"corridor_margin_m: got {worst:g} of a corridor of half_width_m "
-                f"{self.half_width_m:g}, must be less"
-            )
-
     def require_hitch(self, hitch_angle: FloatArray) -> None:
         """Refuse a limit that the `hitch_angle` (N,) [rad] of the reference itself exceeds.
 

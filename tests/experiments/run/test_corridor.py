@@ -129,11 +129,7 @@ def test_a_run_logs_its_corridor_and_free_ground_has_none():
         ("corridor={}", InvalidScenario, "corridor.half_width_m"),
         ("corridor={half_width_m=0.1, along_m=[[5, 2]]}", InvalidScenario, "along_m"),
         ("corridor={half_width_m=0.1, hitch_limit_deg=2}", InvalidTuning, "hitch_limit: got 2.0"),
-        (
-            "corridor={half_width_m=0.05}\ncontroller.options.corridor_margin_m=[0.06, 0.0]",
-            InvalidTuning,
-            "corridor_margin_m: got 0.06",
-        ),
+        ("controller.options.corridor_at_rest_m=[-0.1, 0]", InvalidScenario, "corridor_at_rest_m"),
     ],
 )
 def test_impossible_corridors_are_refused_before_a_run(override, error, named):

@@ -64,7 +64,6 @@ CHANGES = {
         "tightening": "saturation",
         "disturbances": False,
         "corridor": False,
-        "corridor_margin_m": (0.06, 0.06),
     },
     PaperOptions: {
         "horizon": 5,

@@ -36,12 +36,9 @@ def test_impossible_corridors_are_refused(values, named):
         Corridor(**values)
 
 
-def test_a_margin_that_leaves_nothing_and_a_hitch_limit_below_the_reference_are_refused():
+def test_a_hitch_limit_below_the_reference_is_refused():
     corridor = Corridor(0.1, hitch_limit=math.radians(20.0))
-    corridor.require_margin((0.09, 0.0))
     corridor.require_hitch(np.radians([-19.0, 19.0]))
-    with pytest.raises(InvalidTuning, match=r"got 0.1 of a corridor of half_width_m 0.1"):
-        corridor.require_margin((0.0, 0.1))
     with pytest.raises(InvalidTuning, match=r"got 20.0 deg, must exceed .* 21.0 deg"):
         corridor.require_hitch(np.radians([3.0, -21.0]))
 
