@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="wheel model to inspect: the project's own on soil or MuJoCo's contact (default: "
         "the scenario's)",
     )
+    options.add_json(parser, "the checks")
     parser.set_defaults(command=_card)
 
 
@@ -45,7 +46,13 @@ def _card(arguments: argparse.Namespace) -> int:
     stem = f"{name}-card-{scenario.plant.wheels}"
     folder = arguments.out or options.unused_path(Path("runs"), stem)
     validation = write_plant_validation(
-        name, scenario, folder, lambda check: print(format_check(check), flush=True)
+        name,
+        scenario,
+        folder,
+        lambda check: None if arguments.json else print(format_check(check), flush=True),
     )
-    print(f"\n{summary_line(validation)}\npage      {folder / 'card.html'}")
+    if arguments.json:
+        print(validation.to_json(), end="")
+    else:
+        print(f"\n{summary_line(validation)}\npage      {folder / 'card.html'}")
     return 0 if validation.passed else options.EXIT_CHECK_FAILED

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import signal
 import sys
 import threading
@@ -17,6 +18,7 @@ from typing import Any, Final, NoReturn
 from proving_ground.testbed.errors import TestbedError
 from proving_ground.testbed.terminal import one_line
 from ttempc.errors import TtempcError
+from ttempc.suggestion import did_you_mean
 
 from ..errors import ExperimentError
 from .options import EXIT_BAD_INPUT, EXIT_INTERRUPTED
@@ -32,6 +34,7 @@ _COMMANDS: Final = {
     "run": _Command("run", "drive one scenario to its end"),
     "view": _Command("pictures.view", "watch a run in MuJoCo's viewer"),
     "list": _Command("catalogue", "list what ships with the project"),
+    "new": _Command("new", "start a controller, a scenario or a study from a template"),
     "schema": _Command("schema", "print the JSON schema of a scenario, for editors"),
     "sweep": _Command("sweep", "drive all runs of a study"),
     "report": _Command("report", "report the results of a sweep"),
@@ -40,6 +43,7 @@ _COMMANDS: Final = {
     "log": _Command("log", "show, export, check, recover or replay a log"),
     "video": _Command("pictures.video", "film a run from its log"),
     "frame": _Command("pictures.frame", "take one picture of a run from its log"),
+    "mjcf": _Command("mjcf", "export a scenario's vehicle and ground for MuJoCo"),
     "card": _Command("card", "validate the plant of one scenario"),
     "reproduce": _Command("reproduce", "make or check the tables of the documentation"),
     "fit-tube": _Command("fit_tube", "fit a tube to the logs of runs"),
@@ -53,6 +57,7 @@ field in MuJoCo, under the controller of your choice.
   ttempc run wet-slope --seed 7     another field, another draw of terrain and noise
   ttempc run my-field.toml          your own scenario; `ttempc list` shows the shipped ones
   ttempc run grass --set soil.cone_index_kpa=250 --set path.laps=1
+  ttempc new controller mine        a controller of your own, to start from
   ttempc sweep terrain-slip         thousands of runs on all cores
   ttempc report runs/sweep-terrain-slip    one page with tables and charts of a sweep
   ttempc card wet-slope             validation of the plant: is it my controller or the simulator?
@@ -64,6 +69,8 @@ field in MuJoCo, under the controller of your choice.
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
+        if unknown := re.match(r"argument COMMAND: invalid choice: '([^']*)'", message):
+            message += did_you_mean(unknown[1], _COMMANDS)
         line = one_line(f"{self.prog}: error: {message} (see {self.prog} --help)")
         self.exit(EXIT_BAD_INPUT, f"{line}\n")
 

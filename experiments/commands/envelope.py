@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="runs per value (default: 3)",
     )
     options.add_workers(parser)
+    options.add_json(parser, "the values")
     parser.set_defaults(command=_envelope)
 
 
@@ -74,7 +75,7 @@ def _envelope(arguments: argparse.Namespace) -> int:
     refuse_existing(file)
     for controller in (arguments.controller or [None]) if not arguments.trust else ():
         changes = settings if controller is None else _with_controller(settings, controller)
-        refuse_untrusted(draft.file, named_parts(draft.scenario(changes)), changes)
+        refuse_untrusted(draft.file, named_parts(draft.scenario(changes, "--set")), changes)
     questions = [
         Question(
             scenario=arguments.scenario,
@@ -91,17 +92,18 @@ def _envelope(arguments: argparse.Namespace) -> int:
     ]
     for question in questions:
         question.check()
-    results = []
+    results, text = [], ""
     with engine(arguments.workers, arguments.dask) as run_jobs:
         partial = create_partial(file)
         for question in questions:
             results.append(envelope(question, run_jobs))
-            print(results[-1], flush=True)
+            if not arguments.json:
+                print(results[-1], flush=True)
             content = asdict(EnvelopeFile(versions(), tuple(results)))
             text = json.dumps(content, indent=2, allow_nan=False) + "\n"
             write_file(partial, text)
     partial.rename(file)
-    print(f"values    {file}")
+    print(text if arguments.json else f"values    {file}\n", end="")
     return 0
 
 

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from .options import EXIT_CHECK_FAILED
+from .options import EXIT_CHECK_FAILED, add_json
 
 ABOUT = """\
 Reads the logs of runs of one scenario, which differ in their seeds, computes the
@@ -14,7 +14,7 @@ one-step residuals of its error model, and writes a tube: the disturbance set, t
 set of estimation errors, the weights of the ancillary gain, and the provenance of
 the data. Every third run is held out to check the fit. To drive in the tube:
 
-  ttempc run --controller ttempc-tube --set controller.tube='"tube.json"'
+  ttempc run --controller ttempc-tube --set controller.tube=tube.json
 
 With --laps-coverage it does not fit: it takes the tube that the runs were driven
 in, and adds the half widths that the next run of the scenario keeps as a whole
@@ -62,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SHARE",
         help="calibrate the tube of the runs for the next run as a whole",
     )
+    add_json(parser, "the tube file")
     parser.set_defaults(command=_fit_tube)
 
 
@@ -89,8 +90,9 @@ def _fit_tube(arguments: argparse.Namespace) -> int:
     else:
         fit = fit_tube(read_runs(arguments.folders, fit_run), **options)
         file, warnings, text = fit.file, fit.warnings, format_fit(fit)
-    write_file(arguments.out, to_json(file))
-    print(f"{text}\n\ntube      {arguments.out}")
+    written = to_json(file)
+    write_file(arguments.out, written)
+    print(written if arguments.json else f"{text}\n\ntube      {arguments.out}\n", end="")
     for warning in warnings:
         print(f"ttempc: warning: {warning}", file=sys.stderr)
     return EXIT_CHECK_FAILED if warnings else 0

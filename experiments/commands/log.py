@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
@@ -42,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     actions = parser.add_subparsers(required=True, metavar="ACTION")
     info = actions.add_parser("info", help="run, duration, failure, topics, events")
+    options.add_json(info, "them")
     info.set_defaults(command=_info)
     export = actions.add_parser("export", help="tables, one file per topic")
     export.add_argument(
@@ -77,9 +79,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _info(arguments: argparse.Namespace) -> int:
     from proving_ground.testbed.log.log_content import read_content
 
-    from ..logs.log_check import format_log_info
+    from ..logs.log_check import format_log_info, log_info
 
-    print("\n".join(map(one_line, format_log_info(read_content(arguments.log)))))
+    info = log_info(read_content(arguments.log))
+    if arguments.json:
+        print(json.dumps(info, indent=2, ensure_ascii=True))
+    else:
+        print("\n".join(map(one_line, format_log_info(info))))
     return 0
 
 

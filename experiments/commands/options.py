@@ -65,6 +65,13 @@ def add_overrides(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_json(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add the choice to print `what` as JSON, for scripts."""
+    parser.add_argument(
+        "--json", action="store_true", help=f"print {what} as JSON, and nothing else, to stdout"
+    )
+
+
 def add_controller_and_seed(parser: argparse.ArgumentParser) -> None:
     """Add the controller and the seed of a run."""
     # Imported here because only some commands need it, and it loads SciPy and Numba.
@@ -75,6 +82,11 @@ def add_controller_and_seed(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"controller: {', '.join(CONTROLLERS)}, or package.module:factory of your own",
     )
+    add_seed(parser)
+
+
+def add_seed(parser: argparse.ArgumentParser) -> None:
+    """Add the seed of a run."""
     parser.add_argument(
         "--seed",
         type=whole_number(0, 2**32 - 1),
@@ -115,7 +127,7 @@ def load_scenario(arguments: argparse.Namespace) -> tuple[str, Scenario]:
     if getattr(arguments, "controller", None) is not None:
         merge_tables(changes, {"controller": {"name": arguments.controller}})
     source = read_scenario(arguments.scenario)
-    scenario = source.scenario(changes)
+    scenario = source.scenario(changes, changed_by="--set")
     if not arguments.trust:
         refuse_untrusted(source.file, named_parts(scenario), changes)
     return source.name, scenario

@@ -33,9 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     options.add_scenario(parser)
     options.add_controller_and_seed(parser)
-    parser.add_argument(
-        "--json", action="store_true", help="print summary.json, and nothing else, to stdout"
-    )
+    options.add_json(parser, "the summary")
     parser.add_argument(
         "--record-rate",
         type=float,

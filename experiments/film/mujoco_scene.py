@@ -92,6 +92,7 @@ class MujocoScene:
         self._scene = mujoco.MjvScene(self.model, self.model.ngeom + 8)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
         self._options = mujoco.MjvOption()
+        self._options.sitegroup[:] = 0  # a replay moves bodies only: sites would stay at the start
 
     def picture(self, camera: str, time_s: float) -> NDArray[np.uint8]:
         """Return the picture of a camera of `camera.VIEWS` at a time, (height, width, 3)."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -105,8 +105,11 @@ def _check_state(content: Content, record: Record) -> LogCheck:
     return LogCheck("state", False, detail)
 
 
-def format_log_info(content: Content) -> list[str]:
-    """Return the description of a log as lines: run, duration, failure, topics and events.
+def log_info(content: Content) -> dict[str, Any]:
+    """Return what a log holds, in types of JSON.
+
+    Keys: `log`, `state` ("whole", or what is torn), `run` (its metadata), `duration_s`, `failures`,
+    `topics` (name, messages, `per_s` or null, schema) and `events` (`time_s`, level, text).
 
     Raises:
         LogError: the log is of another version of this project.
@@ -114,16 +117,42 @@ def format_log_info(content: Content) -> list[str]:
     record = record_of(content)
     last_times = [group[-1].log_time for group in content.messages.values() if group]
     end_s = max(last_times, default=0) / 1e9
-    state = "whole" if content.salvage is None else f"torn or damaged: {content.salvage}"
-    errors = [event.text for event in record.events if event.level == "error"]
-    lines = [f"{'log':<14}{content.path}, {state}"]
-    lines += [f"{key:<14}{value}" for key, value in content.metadata.items()]
-    lines += [f"{'duration':<14}{end_s:.2f} s", f"{'failure':<14}{'; '.join(errors) or 'none'}"]
+    return {
+        "log": str(content.path),
+        "state": "whole" if content.salvage is None else f"torn or damaged: {content.salvage}",
+        "run": dict(content.metadata),
+        "duration_s": end_s,
+        "failures": [event.text for event in record.events if event.level == "error"],
+        "topics": [
+            {
+                "name": topic,
+                "messages": len(messages),
+                "per_s": (len(messages) - 1) / end_s if len(messages) > 1 and end_s else None,
+                "schema": content.schemas[topic].name,
+            }
+            for topic, messages in content.messages.items()
+        ],
+        "events": [
+            {"time_s": event.time_s, "level": event.level, "text": event.text}
+            for event in record.events
+        ],
+    }
+
+
+def format_log_info(info: Mapping[str, Any]) -> list[str]:
+    """Return the result of `log_info` as lines."""
+    lines = [f"{'log':<14}{info['log']}, {info['state']}"]
+    lines += [f"{key:<14}{value}" for key, value in info["run"].items()]
+    lines += [f"{'duration':<14}{info['duration_s']:.2f} s"]
+    lines += [f"{'failure':<14}{'; '.join(info['failures']) or 'none'}"]
     lines += ["", f"{'topic':<30}{'messages':>9}{'per s':>8}  schema"]
-    for topic, messages in content.messages.items():
-        rate = f"{(len(messages) - 1) / end_s:.1f}" if len(messages) > 1 and end_s else "-"
-        lines.append(f"{topic:<30}{len(messages):>9}{rate:>8}  {content.schemas[topic].name}")
-    if record.events:
+    for topic in info["topics"]:
+        rate = "-" if topic["per_s"] is None else f"{topic['per_s']:.1f}"
+        lines.append(f"{topic['name']:<30}{topic['messages']:>9}{rate:>8}  {topic['schema']}")
+    if info["events"]:
         lines += ["", "events"]
-        lines += [f"{event.time_s:8.2f} s  {event.level:<8}{event.text}" for event in record.events]
+        lines += [
+            f"{event['time_s']:8.2f} s  {event['level']:<8}{event['text']}"
+            for event in info["events"]
+        ]
     return lines

@@ -56,7 +56,7 @@ def read_run(
         raise InvalidReplay(f"{log}: has no {_SCENARIO}, as a log that was cut before its settings")
     text = data.decode(errors="replace")
     source = ScenarioFile(log, parse_toml(text, InvalidReplay, f"{log}: {_SCENARIO}"))
-    return record_of(content, _CHANNELS), source.scenario(changes)
+    return record_of(content, _CHANNELS), source.scenario(changes, "--set")
 
 
 def estimator_of(scenario: Scenario) -> Estimator:

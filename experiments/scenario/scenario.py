@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -45,7 +46,11 @@ MOST_M: Final = 100_000
 """Longest path: a day at 1 m/s."""
 MOST_TICKS: Final = 1_000_000
 """Largest number of control ticks: two days at 5 Hz, a gigabyte of rows."""
+FILE_KEYS: Final = ("file", "height_map", "tube")
+"""Last parts of the keys whose value is a file."""
 _SHOWN: Final = 300  # characters of a wrong line
+_BARE_WORD: Final = re.compile(r"[A-Za-z_./~][\w.:/-]*")
+_TOML_WORDS: Final = ("true", "false", "inf", "nan")
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -147,11 +152,14 @@ class ScenarioFile:
         """Name of the scenario."""
         return self.file.stem
 
-    def scenario(self, changes: Mapping[str, Any] | None = None) -> Scenario:
+    def scenario(
+        self, changes: Mapping[str, Any] | None = None, changed_by: str = "changes"
+    ) -> Scenario:
         """Return the validated scenario, every absent key filled in and every path absolute.
 
         Args:
             changes: tables that replace values of the file.
+            changed_by: what makes the changes, for messages.
 
         Raises:
             InvalidScenario: a key or a value is not allowed, or the vehicle is not possible.
@@ -170,6 +178,9 @@ class ScenarioFile:
             plant_vehicle, model_vehicle = fill_in(plant.vehicle, controller.vehicle)
             controller = controller.with_defaults()
         except (InvalidScenario, InvalidPlant, InvalidTuning) as error:
+            if changes:
+                self.scenario()  # raises where the file itself is not valid
+                raise InvalidScenario(f"{changed_by}: {error}") from None
             raise InvalidScenario(f"{self.file}: {error}") from None
         return replace(
             scenario,
@@ -200,17 +211,20 @@ def load(name: str, overrides: Sequence[str] = ()) -> tuple[str, Scenario]:
 
     Args:
         name: name of a shipped scenario, or path of a TOML file.
-        overrides: lines `key.key=value` with TOML values, which replace values of the file.
+        overrides: see `parse_overrides`; they replace values of the file.
 
     Raises:
         InvalidScenario: there is no such scenario, or a key or a value is not allowed.
     """
     source = read_scenario(name)
-    return source.name, source.scenario(parse_overrides(overrides))
+    return source.name, source.scenario(parse_overrides(overrides), changed_by="--set")
 
 
 def parse_overrides(lines: Sequence[str]) -> dict[str, Any]:
     """Return lines `key.key=value` as tables.
+
+    Values are TOML; a name or a path needs no quotation marks. A path is relative to the present
+    folder, not to that of the scenario.
 
     Raises:
         InvalidScenario: a line is no TOML.
@@ -235,8 +249,25 @@ def identity(scenario_toml: str, seed: int, code: dict[str, str]) -> str:
 
 
 def _parse_override(line: str) -> dict[str, Any]:
+    key, _, value = line.partition("=")
+    if _BARE_WORD.fullmatch(word := value.strip()) and word not in _TOML_WORDS:
+        line = f'{key}="{word}"'
     where = f"--set {line[:_SHOWN]}: must be key.key=value with a TOML value"
-    return parse_toml(line, InvalidScenario, f'{where} (numbers 1.5, words "grass")')
+    return _from_here(parse_toml(line, InvalidScenario, f'{where} (numbers 1.5, words "grass")'))
+
+
+def _from_here(content: Any) -> Any:  # noqa: ANN401 - any TOML value
+    """Return tables with the paths of files made absolute from the present folder."""
+    if isinstance(content, list):
+        return [_from_here(item) for item in content]
+    if not isinstance(content, Mapping):
+        return content
+    return {
+        key: str(Path(value).resolve())
+        if key in FILE_KEYS and isinstance(value, str) and Path(value).suffix
+        else _from_here(value)
+        for key, value in content.items()
+    }
 
 
 def merge_tables(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
@@ -302,6 +333,7 @@ def without_none(value: Any) -> Any:  # noqa: ANN401 - any TOML value
 # Tables with a key that selects the values of other keys: the table, that key with its default, and
 # the other keys, None for all.
 _SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | None]]] = (
+    (("path",), "kind", FigureEight.kind, None),
     (("controller",), "name", ControllerSettings().name, ("options",)),
     (("controller", "noise"), "assumed", NoiseSettings().assumed, None),
     (("sensors",), "preset", SensorSpecification().preset, None),
@@ -312,8 +344,8 @@ _SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | N
 def _drop_unselected(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
     """Drop the file's values that belong to another selection than that of the changes.
 
-    They are the options of another controller, the values of another preset and the coefficients of
-    another kind of tyre.
+    They are the keys of another kind of path, the options of another controller, the values of
+    another preset and the coefficients of another kind of tyre.
     """
     for tables, key, default, dependent in _SELECTIONS:
         below, above = _table(content, tables), _table(changes, tables)

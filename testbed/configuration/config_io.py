@@ -60,10 +60,11 @@ def _absolute_unless_name(file: str, info: ValidationInfo) -> str:
     return _absolute(file, info) if Path(file).suffix else file
 
 
-DataFile = Annotated[str, AfterValidator(_absolute)]
+_FILE: Final = Field(json_schema_extra={"format": "path"})
+DataFile = Annotated[str, AfterValidator(_absolute), _FILE]
 """Path of a file; `validated` makes it absolute from the folder of the configuration file."""
 
-NameOrFile = Annotated[str, AfterValidator(_absolute_unless_name)]
+NameOrFile = Annotated[str, AfterValidator(_absolute_unless_name), _FILE]
 """Name of a shipped file, or a `DataFile`. A name has no suffix."""
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
+from ttempc.suggestion import did_you_mean
+
 
 def resource(package: str, name: str = "") -> Path:
     """Return the path of the file or folder `name` that ships inside `package`.
@@ -50,5 +52,5 @@ class ShippedFiles:
         written = f" that {self.made_by} has written" if self.made_by else ""
         raise self.error(
             f"{self.kind} {name!r}: no such {missing}; shipped are {', '.join(self.names())}, "
-            f"or give the path of a {self.suffix} file{written}"
+            f"or give the path of a {self.suffix} file{written}{did_you_mean(name, self.names())}"
         )

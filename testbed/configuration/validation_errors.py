@@ -8,6 +8,8 @@ from typing import Any, Final, get_args, get_type_hints
 
 from pydantic import ValidationError
 
+from ttempc.suggestion import did_you_mean
+
 _MOST_SHOWN: Final = 300  # characters of a wrong value
 
 
@@ -29,8 +31,9 @@ def format_validation_error(error: ValidationError, root: type) -> str:
     keys, tables = _descend(first["loc"], root)
     where = ".".join(keys)
     if first["type"] == "unexpected_keyword_argument":
-        allowed = ", ".join(field.name for field in fields(tables[0]))
-        return f"{where}: unknown key; allowed here: {allowed}"
+        names = [field.name for field in fields(tables[0])]
+        meant = did_you_mean(keys[-1], names)
+        return f"{where}: unknown key; allowed here: {', '.join(names)}{meant}"
     value = first["input"]
     given = "" if isinstance(value, Mapping) else f", got {_shown(value)}"
     if first["type"] == "union_tag_not_found":

@@ -27,6 +27,7 @@ from ..paper.composition import paper_controller, printed_sign_controller
 from ..paper.options import PaperOptions, PrintedSignOptions
 from ..reference.corridor import SpeedTube
 from ..reference.reference import Reference
+from ..suggestion import did_you_mean
 from ..tube.reference_tube import TubeDesign
 from ..vehicle import Vehicle
 from .options import parse_options
@@ -130,6 +131,7 @@ def controller_entry(name: str) -> ControllerEntry:
     if name not in CONTROLLERS:
         raise UnknownController(
             f"controller {name!r} does not exist; allowed are {', '.join(sorted(CONTROLLERS))}"
+            f"{did_you_mean(name, CONTROLLERS)}"
         )
     return CONTROLLERS[name]
 

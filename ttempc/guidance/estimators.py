@@ -11,6 +11,7 @@ from ..baselines.nmhe_printed import PrintedEstimator
 from ..errors import UnknownEstimator
 from ..estimation.ekf import ExtendedKalmanFilter
 from ..estimation.noise import SensorNoise
+from ..suggestion import did_you_mean
 from ..types import Estimator
 from ..vehicle import Vehicle
 
@@ -35,5 +36,6 @@ def estimator_factory(name: str) -> EstimatorFactory:
     if name not in ESTIMATORS:
         raise UnknownEstimator(
             f"estimator {name!r} does not exist; allowed are {', '.join(sorted(ESTIMATORS))}"
+            f"{did_you_mean(name, ESTIMATORS)}"
         )
     return ESTIMATORS[name]

@@ -154,6 +154,19 @@ def test_the_cameras_show_the_tractor_at_its_projected_position(replay):
 
 
 @needs_gl
+def test_no_site_is_drawn(replay):
+    """Sites do not move with the bodies of a replay."""
+    scene = MujocoScene(replay, SMALL, 1.0)
+    try:
+        before = scene.picture("side", 6.0)
+        scene.model.site_rgba[:] = (1.0, 0.0, 1.0, 1.0)
+        scene.model.site_size[:] = 1.0
+        np.testing.assert_array_equal(scene.picture("side", 6.0), before)
+    finally:
+        scene.close()
+
+
+@needs_gl
 @pytest.mark.parametrize("camera", ["chase", "side"])
 def test_a_frame_shows_field_sky_and_vehicle_and_depends_on_its_time_alone(camera, log, tmp_path):
     line = ["frame", str(log), "--at", "6", "--camera", camera, "--size", "320x180"]

@@ -1,13 +1,17 @@
+import json
+
 import pytest
 
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.scenario.path import FigureEight, Straight
 from proving_ground.experiments.scenario.scenario import (
+    FILE_KEYS,
     Scenario,
     dump,
     load,
     shipped,
 )
+from proving_ground.experiments.schema.json_schema import json_schema
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -135,3 +139,56 @@ def test_a_torn_file_is_refused(tmp_path):
     file.write_text("[soil\ncone_index_kpa = 3")
     with pytest.raises(InvalidScenario, match=r"torn\.toml: cannot be read as TOML"):
         load(str(file))
+
+
+def test_a_name_in_a_change_needs_no_quotation_marks():
+    quoted = load("grass", ['controller.name="paper"', 'terrain.iso_class="B"'])
+    assert load("grass", ["controller.name=paper", "terrain.iso_class=B"]) == quoted
+
+
+def test_a_path_in_a_change_starts_where_the_user_stands(tmp_path, monkeypatch):
+    (tmp_path / "field.csv").write_text("x,y\n-20,0\n0,0\n20,0\n")
+    monkeypatch.chdir(tmp_path)
+    for line in ("path={kind='file', file='field.csv'}", "path={kind='file', file='./field.csv'}"):
+        assert load("grass", [line])[1].path.file == str(tmp_path / "field.csv")
+    assert load("grass", ["terrain.height_map=h.npy"])[1].terrain.height_map == str(
+        tmp_path / "h.npy"
+    )
+
+
+def test_the_keys_of_files_are_those_whose_paths_the_schema_marks():
+    def marked(table):
+        for key, value in table.get("properties", {}).items():
+            if '"format": "path"' in json.dumps(value):
+                yield key
+
+    schema = json_schema()
+    found = {key for table in schema["$defs"].values() for key in marked(table)}
+    assert found == set(FILE_KEYS)
+
+
+def test_a_refused_change_names_the_change_and_not_the_file():
+    with pytest.raises(InvalidScenario, match=r"^--set: path\.laps"):
+        load("grass", ["path.laps=0"])
+
+
+def test_another_kind_of_path_drops_the_keys_of_the_kind_in_the_file(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text("[path]\nradius_m = 9.0\nspeed_mps = 0.8\n")
+    assert load(str(file), ["path.kind=straight"])[1].path == Straight()
+
+
+def test_a_fault_of_the_file_is_told_before_the_change(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text("[path]\nlaps = 0\n")
+    with pytest.raises(InvalidScenario, match=r"mine\.toml: path.laps"):
+        load(str(file), ["soil.cone_index_kpa=300"])
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "meant"),
+    [("gras", [], "grass"), ("grass", ["soil.patchs=[]"], "patches")],
+)
+def test_a_misspelt_name_gets_a_suggestion(name, overrides, meant):
+    with pytest.raises(InvalidScenario, match=rf"\(did you mean {meant}\?\)$"):
+        load(name, overrides)

@@ -1,0 +1,23 @@
+"""Suggestion of a name for a misspelt one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+def did_you_mean(word: str, names: Iterable[str]) -> str:
+    """Return the end of a message, ` (did you mean NAME?)`, empty where no name is close.
+
+    Args:
+        word: what was given.
+        names: that are allowed.
+
+    Examples:
+        >>> did_you_mean("gras", ["pavement", "grass"])
+        ' (did you mean grass?)'
+        >>> did_you_mean("moon", ["pavement", "grass"])
+        ''
+    """
+    close = get_close_matches(word, list(names), n=1)
+    return f" (did you mean {close[0]}?)" if close else ""
