@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as validated_dataclass
@@ -15,6 +15,12 @@ from ttempc.reference.path import Path
 from ttempc.reference.reference import SpeedProfile
 from ttempc.reference.speed import Backward, limited_in_corridor
 
+from ..errors import InvalidScenario
+
+MOST_M: Final = 100_000
+"""Longest path: a day at 1 m/s."""
+MOST_TICKS: Final = 1_000_000
+"""Largest number of control ticks: two days at 5 Hz, a gigabyte of rows."""
 _ROUNDING = 1e-9  # of half widths
 
 
@@ -35,6 +41,21 @@ class Mission:
         if reverse:
             path, speed = path.reversed(), Backward(speed, path.length_m)
         return cls(path, speed, reverse, notes)
+
+    def check_size(self, period_s: float) -> None:
+        """Refuse a path that is too long for a run with this control period [s].
+
+        Raises:
+            InvalidScenario: with its length or its ticks, and the limit.
+        """
+        length_m = self.path.length_m
+        ticks = self.speed.duration_s(length_m) / period_s
+        for what, count, limit in (("m", length_m, MOST_M), ("control ticks", ticks, MOST_TICKS)):
+            if not count <= limit:
+                raise InvalidScenario(
+                    f"path: {count:.6g} {what}, must be {limit} or fewer: a shorter path, fewer "
+                    "laps or a higher speed"
+                )
 
     def in_corridor(self, corridor: Corridor, tube: SpeedTube) -> Mission:
         """Return the mission at speeds at which a tube fits into a corridor, where it can."""

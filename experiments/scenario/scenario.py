@@ -42,10 +42,6 @@ _SCENARIOS: Final = ShippedFiles(
 )
 
 
-MOST_M: Final = 100_000
-"""Longest path: a day at 1 m/s."""
-MOST_TICKS: Final = 1_000_000
-"""Largest number of control ticks: two days at 5 Hz, a gigabyte of rows."""
 FILE_KEYS: Final = ("file", "height_map", "tube")
 """Last parts of the keys whose value is a file."""
 _SHOWN: Final = 300  # characters of a wrong line
@@ -99,21 +95,11 @@ class Scenario:
             mission = self.path.mission((terrain.size_x_m, terrain.size_y_m))
         else:
             mission = self.path.mission()
-        self._check_size(mission)
+        mission.check_size(self.control.period_s)
         if (corridor := self.kept_corridor()) and (tube := self.controller.speed_tube()):
             mission = mission.in_corridor(corridor, tube)
-            self._check_size(mission)
+            mission.check_size(self.control.period_s)
         return mission
-
-    def _check_size(self, mission: Mission) -> None:
-        length_m = mission.path.length_m
-        ticks = mission.speed.duration_s(length_m) / self.control.period_s
-        for what, count, limit in (("m", length_m, MOST_M), ("control ticks", ticks, MOST_TICKS)):
-            if not count <= limit:
-                raise InvalidScenario(
-                    f"path: {count:.6g} {what}, must be {limit} or fewer: a shorter path, fewer "
-                    "laps or a higher speed"
-                )
 
     def kept_corridor(self) -> Corridor | None:
         """Return the corridor that the vehicle is to keep to, None without one.
