@@ -42,6 +42,7 @@ _COMMANDS: Final = {
     "compare": _Command("compare", "compare several runs on one reference"),
     "log": _Command("log", "show, export, check, recover or replay a log"),
     "video": _Command("pictures.video", "film a run from its log"),
+    "figures": _Command("pictures.figures", "figures of a run for a paper, and their data"),
     "frame": _Command("pictures.frame", "take one picture of a run from its log"),
     "mjcf": _Command("mjcf", "export a scenario's vehicle and ground for MuJoCo"),
     "card": _Command("card", "validate the plant of one scenario"),

@@ -15,6 +15,7 @@ from proving_ground.testbed.recording.channels import CORRIDOR, TUBE
 from proving_ground.testbed.recording.record import Record
 
 from .corridor import corridor_figure
+from .cross_track import cross_track_figure
 from .path import path_figure
 from .signals import signals_figure
 from .style import DPI
@@ -26,6 +27,7 @@ from .tyres import tyres_figure
 FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
     "path": path_figure,
     "error": error_figure,
+    "cross-track": cross_track_figure,
     "signals": signals_figure,
     "tyres": tyres_figure,
     "timing": timing_figure,
@@ -37,6 +39,7 @@ CAPTIONS: Final = {
     "path": "Reference and driven paths; below, where the error of an axle point is largest.",
     "error": "Distance to the time-based reference. Shaded: curves; red, with names: faults. "
     "Means leave out the start-up.",
+    "cross-track": "Error to the left of the reference over the length of the path.",
     "signals": "The three actions, their sum, and the command sent. Dashed: the vehicle's bounds.",
     "tyres": "Slip of the driven wheels, slip angles of the trailer's wheels, loads of all wheels.",
     "tube": "Offset of the true vehicle to the left of the nominal one, and the tube of the "
@@ -50,25 +53,22 @@ _PALETTE: Final = 128  # colours
 
 
 def draw(record: Record) -> dict[str, bytes]:
-    """Return all figures of a run as contents of PNG files, by the figure's name.
-
-    A run without a tube or a corridor has no figure of it.
-    """
-    absent = {
-        name
-        for name, channel in (("tube", TUBE), ("corridor", CORRIDOR))
-        if not len(record[channel])
-    }
-    names = [name for name in FIGURES if name not in absent]
-    return {name: png(FIGURES[name](record)) for name in names}
+    """Return all figures of a run as contents of PNG files, by the figure's name."""
+    return {name: png(FIGURES[name](record)) for name in shown_figures(record)}
 
 
-def png(figure: Figure) -> bytes:
+def shown_figures(record: Record) -> list[str]:
+    """Return the names of the figures of a run; without tube or corridor it has none of them."""
+    channels = {"tube": TUBE, "corridor": CORRIDOR}
+    return [name for name in FIGURES if name not in channels or len(record[channels[name]])]
+
+
+def png(figure: Figure, dpi: float = DPI) -> bytes:
     """Return the content of a PNG file of a figure. Equal figures give equal bytes."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     buffer = io.BytesIO()
     # A palette makes the file three times smaller, invisibly in a plot of a few colours.
-    picture.quantize(_PALETTE).save(buffer, format="png", optimize=True, dpi=(DPI, DPI))
+    picture.quantize(_PALETTE).save(buffer, format="png", optimize=True, dpi=(dpi, dpi))
     return buffer.getvalue()

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from proving_ground.testbed.recording.channels import CONTROL
 from proving_ground.testbed.recording.record import Record
 
-from .style import BLACK, BLUE, GREY, RED, SKY, blank, dress, legend
+from .style import BLACK, BLUE, GREY, RED, SKY, blank, dress, legend, wrapped
 
 INPUTS: Final = (  # field, label, factor from the field's unit to the label's
     ("delta_t_rad", "front steering [deg]", np.degrees(1.0)),
@@ -61,5 +61,5 @@ def signals_figure(record: Record) -> Figure:
         dress(axes, "", label)
         axes.margins(x=0.0, y=_HEADROOM)
     legend(rows[0], 6)
-    rows[-1].set_xlabel("time [s]", fontsize=8.5)
+    rows[-1].set_xlabel(wrapped(rows[-1], "time [s]"), fontsize=8.5)
     return figure

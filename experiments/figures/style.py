@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from textwrap import fill
 from typing import Any, Final
 
 import numpy as np
@@ -37,11 +40,33 @@ FAULT_SHADE: Final = "#F7D3C4"
 GRID: Final = "#DDDDDD"
 
 _FONT_PT: Final = 8.5
+_CHARACTERS_PER_IN: Final = 13.0  # of this font
+_BOLD_PER_IN: Final = 10.0  # of titles
+_width_in: ContextVar[float] = ContextVar("width of figures [in]", default=PAGE_WIDTH_IN)
+
+
+@contextmanager
+def figure_width(width_in: float) -> Iterator[None]:
+    """Draw the figures inside the block with another width than that of the page."""
+    token = _width_in.set(width_in)
+    try:
+        yield
+    finally:
+        _width_in.reset(token)
 
 
 def blank(height_in: float) -> Figure:
-    """Return an empty figure of page width, independent of pyplot."""
-    return Figure(figsize=(PAGE_WIDTH_IN, height_in), dpi=DPI, layout="constrained")
+    """Return an empty figure of page width, or of `figure_width`, independent of pyplot."""
+    return Figure(figsize=(_width_in.get(), height_in), dpi=DPI, layout="constrained")
+
+
+def wrapped(axes: Axes, text: str, per_in: float = _CHARACTERS_PER_IN) -> str:
+    """Return a text with line breaks, so that it is not wider than the axes."""
+    place, share = axes.get_subplotspec(), 1.0
+    if place is not None:
+        share = len(place.colspan) / place.get_gridspec().ncols
+    width_in = share * axes.figure.get_figwidth()
+    return fill(text, max(12, int(per_in * width_in)))
 
 
 def series(number: int) -> dict[str, Any]:
@@ -55,10 +80,15 @@ def series(number: int) -> dict[str, Any]:
 
 def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
     """Set labels and title of axes, draw a light grid and remove the box."""
-    axes.set_xlabel(x_label, fontsize=_FONT_PT)
+    axes.set_xlabel(wrapped(axes, x_label), fontsize=_FONT_PT)
     axes.set_ylabel(y_label, fontsize=_FONT_PT)
     if title:
-        axes.set_title(title, fontsize=_FONT_PT + 0.5, loc="left", fontweight="bold")
+        axes.set_title(
+            wrapped(axes, title, _BOLD_PER_IN),
+            fontsize=_FONT_PT + 0.5,
+            loc="left",
+            fontweight="bold",
+        )
     axes.tick_params(labelsize=_FONT_PT - 0.5, length=3)
     axes.grid(color=GRID, linewidth=0.6)
     axes.set_axisbelow(True)
@@ -66,11 +96,12 @@ def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
 
 
 def legend(axes: Axes, columns: int) -> None:
-    """Add a legend above the axes, where it covers no line."""
+    """Add a legend of at most `columns` above the axes, where it covers no line."""
+    narrower = axes.figure.get_figwidth() / PAGE_WIDTH_IN
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=columns,
+        ncols=min(columns, max(2, int(columns * narrower))),
         frameon=False,
         fontsize=_FONT_PT - 0.5,
         handlelength=1.6,
@@ -82,7 +113,8 @@ def legend(axes: Axes, columns: int) -> None:
 def note(axes: Axes, x: float, y: float, text: str, **style: Any) -> None:  # noqa: ANN401
     """Write a short text at (x, y) in fractions of the axes."""
     box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
-    axes.text(x, y, text, transform=axes.transAxes, fontsize=_FONT_PT - 0.5, bbox=box, **style)
+    fitted = "\n".join(wrapped(axes, line) for line in text.splitlines())
+    axes.text(x, y, fitted, transform=axes.transAxes, fontsize=_FONT_PT - 0.5, bbox=box, **style)
 
 
 def shade(

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from proving_ground.testbed.recording.record import Record, fault_spans
 
 from ..results.tracking_errors import START_UP_S, BodyError, TrackingErrors, tracking_errors
-from .style import BODY_COLOURS, GREY, blank, dress, mark_faults, note, shade
+from .style import BODY_COLOURS, GREY, blank, dress, mark_faults, note, shade, wrapped
 
 
 def error_figure(record: Record) -> Figure:
@@ -28,7 +28,9 @@ def error_figure(record: Record) -> Figure:
         axes.margins(x=0.0)
     rows[0].set_ylim(bottom=0.0)
     rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # space for the text of the means
-    rows[-1].set_xlabel("time [s] (hatched: start-up, not counted; shaded: curves)", fontsize=8.5)
+    rows[-1].set_xlabel(
+        wrapped(rows[-1], "time [s] (hatched: start-up, not counted; shaded: curves)"), fontsize=8.5
+    )
     return figure
 
 

@@ -12,7 +12,7 @@ from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
 from ..results.tracking_errors import tracking_errors
-from .style import BLUE, GREEN, RED, blank, dress, legend, shade
+from .style import BLUE, GREEN, RED, blank, dress, legend, shade, wrapped
 
 _AXLES: Final = {"front": GREEN, "rear": BLUE, "trailer": RED}
 _SIDES: Final = {"left": "-", "right": (0, (2, 1))}
@@ -50,7 +50,10 @@ def tyres_figure(record: Record) -> Figure:
         dress(axes, "", label)
         axes.margins(x=0.0)
         legend(axes, 6)
-    rows[-1].set_xlabel("time [s] (shaded: curves; bands: minimum to maximum in 1 s)", fontsize=8.5)
+    rows[-1].set_xlabel(
+        wrapped(rows[-1], "time [s] (shaded: curves; bands: minimum to maximum in 1 s)"),
+        fontsize=8.5,
+    )
     return figure
 
 

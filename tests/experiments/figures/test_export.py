@@ -1,0 +1,96 @@
+"""Figures for papers: widths, formats with editable text, and the data that they show."""
+
+import csv
+import io
+import re
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.figures import FIGURES
+from proving_ground.experiments.figures.export import export_figures, figure_csv
+from proving_ground.experiments.results.tracking_errors import tracking_errors
+from proving_ground.testbed.log.log_reader import read_log
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run") / "run"
+    path = "path={kind='straight',length_m=15}"
+    assert main(["run", "grass", "--set", path, "--out", str(folder)]) == 0
+    return folder / "log.mcap"
+
+
+@pytest.fixture(scope="module")
+def record(log):
+    return read_log(log)
+
+
+def data(record, name):
+    """Points of a figure by chart and line."""
+    points = {}
+    for row in csv.DictReader(io.StringIO(figure_csv(FIGURES[name](record)))):
+        points.setdefault((int(row["chart"]), row["line"]), []).append(
+            (float(row["x"]), float(row["y"]))
+        )
+    return {key: np.array(value) for key, value in points.items()}
+
+
+def test_the_csv_has_the_errors_that_the_figure_shows(record):
+    errors = tracking_errors(record)
+    lines = data(record, "cross-track")
+    for point in ("tractor", "trailer"):
+        shown = lines[0, point]
+        np.testing.assert_allclose(shown[:, 1], 100 * errors.by_point[point].cross_m, rtol=1e-8)
+    assert lines[0, "tractor"][-1, 0] == pytest.approx(15.0, abs=0.5)  # length of the path [m]
+
+
+def test_the_csv_has_the_bars_of_histograms(record):
+    counts = [points[:, 1].sum() for (_, line), points in data(record, "timing").items()]
+    assert counts
+    assert all(count == int(count) for count in counts)
+
+
+@pytest.mark.parametrize(("width", "inches"), [("single", 8.8 / 2.54), ("12.7", 5.0)])
+def test_the_width_is_that_of_the_file(log, tmp_path, width, inches):
+    folder = tmp_path / "figures"
+    line = ["figures", str(log), "-o", str(folder), "--format", "svg", "--width", width]
+    assert main([*line, "--only", "error"]) == 0
+    svg = (folder / "error.svg").read_text()
+    assert float(re.search(r'width="([\d.]+)pt"', svg)[1]) == pytest.approx(72 * inches, abs=0.1)
+    assert sorted(file.name for file in folder.iterdir()) == ["error.csv", "error.svg"]
+
+
+def test_text_stays_text_and_equal_figures_give_equal_files(record):
+    files = dict(export_figures(record, ["pdf", "svg"], only=["error"]))
+    assert b">tractor error [cm]<" in files["error.svg"]
+    assert b"/FontFile2" in files["error.pdf"]  # TrueType, not outlines
+    assert dict(export_figures(record, ["pdf", "svg"], only=["error"])) == files
+
+
+def test_a_style_changes_the_font(record, tmp_path):
+    style = tmp_path / "mine.mplstyle"
+    style.write_text("font.family: monospace\n")
+    (_, svg), _ = export_figures(record, ["svg"], style=str(style), only=["error"])
+    assert b"monospace" in svg
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--width", "3"), "must be from 4 to 100"),
+        (("--width", "wide"), "must be a finite number"),
+        (("--style", "nowhere"), "is no file and no style"),
+        (("--format", "gif"), "invalid choice"),
+        (("--dpi", "1e9"), "must be from 30 to 2400"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(arguments, words, log, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["figures", str(log), "-o", str(tmp_path / "f"), *arguments])
+    assert stop.value.code == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "f").exists()
