@@ -31,6 +31,7 @@ TUNED_FIELDS: Final = {
         "old-valves",
     ),
     "tube": ("grass",),
+    "half widths over speed": ("rows",),
     "field": ("kayacan2016",),
 }
 """Scenarios whose tuning seeds were used, by what was tuned; `field`: the field itself was."""

@@ -7,6 +7,7 @@ import numpy as np
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     CONTROL,
+    CORRIDOR,
     ESTIMATE,
     REFERENCE,
     STATE,
@@ -99,6 +100,7 @@ def record(
         ),
         TYRES: (t, _tyres(t, rng)),
         TUBE: (t[:0], {}),  # kept to by few controllers
+        CORRIDOR: (t[:0], {}),  # of few fields
         TOOL: _tool(t, reference, tool) if tool else (t[:0], {}),
     }
     return Record(

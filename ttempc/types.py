@@ -193,6 +193,7 @@ class Diagnostics:
     fallback: str = ""  # reason why another law than the controller's own acted, else empty
     stopping: bool = False  # whether the supervisor stops the vehicle, or holds it at rest
     tube: TubeReport | None = None  # None for a controller without a tube
+    leaves_corridor: bool = False  # whether the predicted path leaves the corridor of the reference
     # Model parameters that were learnt and act from this tick on, in words
     learnt: tuple[str, ...] = ()
 

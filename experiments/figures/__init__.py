@@ -11,9 +11,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from proving_ground.testbed.recording.channels import TUBE
+from proving_ground.testbed.recording.channels import CORRIDOR, TUBE
 from proving_ground.testbed.recording.record import Record
 
+from .corridor import corridor_figure
 from .cross_track import cross_track_figure
 from .path import path_figure
 from .signals import signals_figure
@@ -31,6 +32,7 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
     "tyres": tyres_figure,
     "timing": timing_figure,
     "tube": tube_figure,
+    "corridor": corridor_figure,
 }
 
 CAPTIONS: Final = {
@@ -43,6 +45,7 @@ CAPTIONS: Final = {
     "tube": "Offset of the true vehicle to the left of the nominal one, and the tube of the "
     "controller. The tube of `ttempc` is that of one step, predicted from the last estimate. "
     "Below: margin of both true axle points, 1 at the centre of the tube, 0 on its boundary.",
+    "corridor": "Offset of the true points to the left of their paths, and the corridor.",
     "timing": "Wall-clock time of the parts of a control period, on the machine of the run.",
 }
 
@@ -55,8 +58,9 @@ def draw(record: Record) -> dict[str, bytes]:
 
 
 def shown_figures(record: Record) -> list[str]:
-    """Return the names of the figures of a run. A run without a tube has no tube figure."""
-    return [name for name in FIGURES if name != "tube" or len(record[TUBE])]
+    """Return the names of the figures of a run; without tube or corridor it has none of them."""
+    channels = {"tube": TUBE, "corridor": CORRIDOR}
+    return [name for name in FIGURES if name not in channels or len(record[channels[name]])]
 
 
 def png(figure: Figure, dpi: float = DPI) -> bytes:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib import style as styles
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -86,11 +87,13 @@ def figure_csv(figure: Figure) -> str:
     for chart, axes in enumerate(figure.axes):
         quantity = (axes.get_title(loc="left") or axes.get_ylabel()).replace("\n", " ")
         for number, line in enumerate(axes.get_lines()):
-            points = line.get_xydata()
+            points = np.asarray(line.get_xydata())
             label = str(line.get_label())
             label = f"line {number}" if label.startswith("_") else label
             if len(points) > 2:
-                writer.writerows((chart, quantity, label, *_text(point)) for point in points)
+                writer.writerows(
+                    (chart, quantity, label, *_text(point)) for point in points.tolist()
+                )
         bars = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
         places = [(bar.get_x() + 0.5 * bar.get_width(), bar.get_height()) for bar in bars]
         if len(places) > 2:

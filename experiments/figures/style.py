@@ -60,12 +60,17 @@ def blank(height_in: float) -> Figure:
     return Figure(figsize=(_width_in.get(), height_in), dpi=DPI, layout="constrained")
 
 
+def figure_width_in(axes: Axes) -> float:
+    """Return the width of the figure that holds the axes [in]."""
+    return axes.figure.bbox.width / axes.figure.dpi
+
+
 def wrapped(axes: Axes, text: str, per_in: float = _CHARACTERS_PER_IN) -> str:
     """Return a text with line breaks, so that it is not wider than the axes."""
     place, share = axes.get_subplotspec(), 1.0
     if place is not None:
         share = len(place.colspan) / place.get_gridspec().ncols
-    width_in = share * axes.figure.get_figwidth()
+    width_in = share * figure_width_in(axes)
     return fill(text, max(12, int(per_in * width_in)))
 
 
@@ -97,7 +102,7 @@ def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
 
 def legend(axes: Axes, columns: int) -> None:
     """Add a legend of at most `columns` above the axes, where it covers no line."""
-    narrower = axes.figure.get_figwidth() / PAGE_WIDTH_IN
+    narrower = figure_width_in(axes) / PAGE_WIDTH_IN
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),

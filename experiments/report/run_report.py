@@ -11,7 +11,7 @@ from proving_ground.testbed.recording.record import Event
 from ..figures import CAPTIONS
 from ..results.published import CAVEAT, PublishedError
 from ..results.summary import ImplementStatistics, InputStatistics, Spread, Summary
-from ..results.table import centimetres
+from ..results.table import centimetres, format_corridor
 from ..results.tracking_errors import START_UP_S
 from ..scenario.vehicle import ParameterMismatch
 from .html import Picture, environment
@@ -94,6 +94,7 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
             f"{_number(slip.trailer_slip_angle_p95_rad, '{:.3f}')} rad (p95)",
         ),
         *([("implement", _implement(implement))] if implement else []),
+        *([("corridor", format_corridor(summary.corridor))] if summary.corridor else []),
     ]
 
 

@@ -22,7 +22,7 @@ from ..studies import (
     ranking,
     retuned,
 )
-from ..studies.ablations import ablation, conditions, limits, recovery
+from ..studies.ablations import ablation, conditions, corridor, limits, recovery
 from ..studies.eight_numbers import tables as eight_numbers
 from ..studies.eight_numbers.study import REPORT_SEEDS
 from ..studies.faults import cases
@@ -126,6 +126,14 @@ ENTRIES: Final = (
         seeds=recovery.SEEDS,
         probes=tuple((name, "ttempc") for name in recovery.SCENARIOS),
         minutes=0.3,
+    ),
+    _study(
+        "corridor",
+        "docs/corridor.md",
+        corridor.main,
+        seeds=report_seeds(corridor.LAPS),
+        probes=tuple((corridor.SCENARIO, name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")),
+        minutes=50.0,
     ),
     _study(
         "learning",

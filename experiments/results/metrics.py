@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from proving_ground.testbed.recording.channels import (
     CONTROL,
+    CORRIDOR,
     ESTIMATE,
     STATE,
     TIMING,
@@ -22,18 +23,21 @@ from ttempc.types import FloatArray
 from .containment import containment
 from .summary import (
     BodyStatistics,
+    CorridorStatistics,
     ErrorStatistics,
     EstimationStatistics,
     ImplementStatistics,
     InputsStatistics,
     InputStatistics,
     MeanError,
+    OutsideStatistics,
     RunFacts,
     SlipStatistics,
     Spread,
     Summary,
     TimingStatistics,
     TrackingStatistics,
+    TubeHalfWidths,
     TubeStatistics,
 )
 from .tracking_errors import (
@@ -72,6 +76,7 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
         timing=_timing(record, duration_s, facts.wall_s),
         inputs=input_statistics(record),
         tube=_tube(record),
+        corridor=corridor_statistics(record),
         slip=_slip(record),
         implement=_implement(record),
         learnt=[
@@ -179,9 +184,44 @@ def _spread(cost_us: FloatArray) -> Spread:
 def _tube(record: Record) -> TubeStatistics | None:
     if not len(record[TUBE]):
         return None
-    margin = containment(record).margin
-    inside = margin >= 0.0
-    return TubeStatistics(_mean(inside), _number(margin.min()) if margin.size else None)
+    deviations = containment(record)
+    margin = deviations.margin
+    if not margin.size:
+        return TubeStatistics(None, None, None)
+    across = {
+        body: float(deviations.half_width[:, column].max())
+        for body, column in deviations.ACROSS.items()
+    }
+    return TubeStatistics(
+        _mean(margin >= 0.0), _number(margin.min()), half_width_max_m=TubeHalfWidths(**across)
+    )
+
+
+def corridor_statistics(record: Record) -> CorridorStatistics | None:
+    """Return the departure from the corridor after the start-up, None on free ground."""
+    table = record.tables.get(CORRIDOR.topic)  # logs of earlier versions have none
+    if table is None or not len(table):
+        return None
+    counted = table.time_s >= START_UP_S
+
+    def outside(point: str) -> OutsideStatistics:
+        offset = np.abs(table[f"{point}_m"])
+        rows = counted & np.isfinite(table["half_width_m"]) & np.isfinite(offset)
+        return OutsideStatistics(
+            outside_fraction=_mean(offset[rows] > table["half_width_m"][rows]),
+            max_m=_percentile(offset[rows], 100.0),
+        )
+
+    _, state, rows = rows_at_same_time(record, STATE, CORRIDOR)
+    limit = table["hitch_limit_rad"][rows]
+    limited = counted[rows] & np.isfinite(limit)
+    beta = np.abs(record[STATE]["beta_rad"][state])
+    return CorridorStatistics(
+        tractor=outside("tractor"),
+        trailer=outside("trailer"),
+        tool=outside("tool") if len(record[TOOL]) else None,
+        hitch_outside_fraction=_mean(beta[limited] > limit[limited]),
+    )
 
 
 def _slip(record: Record) -> SlipStatistics:

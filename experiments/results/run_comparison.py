@@ -18,9 +18,9 @@ from proving_ground.testbed.recording.channels import REFERENCE, STATE
 from proving_ground.testbed.recording.record import Record
 
 from ..errors import NotComparable
-from .metrics import input_statistics, tracking_statistics
+from .metrics import corridor_statistics, input_statistics, tracking_statistics
 from .summary import ACTUATOR_USE, ErrorStatistics, TrackingStatistics
-from .table import centimetres
+from .table import centimetres, format_corridor
 from .tracking_errors import BODIES, TrackingErrors, position_fields, tracking_errors
 
 MAX_RUNS: Final = 6  # more lines in one figure cannot be told apart
@@ -93,6 +93,12 @@ def format_comparison(runs: Sequence[ComparedRun]) -> str:
                 continue
             cells = (centimetres(getattr(error, name)) for name in _COLUMNS.values())
             blocks.append(run.label.ljust(width) + "".join(cell.rjust(10) for cell in cells))
+    corridors = {run.label: corridor_statistics(run.record) for run in runs}
+    if any(corridors.values()):
+        blocks.append("")
+    for label, corridor in corridors.items():
+        if corridor is not None:
+            blocks.append(f"{label.ljust(width)}{format_corridor(corridor)}")
     blocks += ["", "Use of the actuators, whole run"]
     for run in runs:
         inputs = asdict(input_statistics(run.record))

@@ -150,6 +150,14 @@ class ImplementStatistics:
 
 
 @dataclass(frozen=True, slots=True)
+class TubeHalfWidths:
+    """Largest half widths of a tube across the path [m]."""
+
+    tractor: float
+    trailer: float
+
+
+@dataclass(frozen=True, slots=True)
 class TubeStatistics:
     """Containment of both true axle points in the controller's tube after start-up.
 
@@ -159,6 +167,25 @@ class TubeStatistics:
 
     contained_fraction: float | None  # of the control ticks
     margin_min: float | None
+    half_width_max_m: TubeHalfWidths | None  # across the path
+
+
+@dataclass(frozen=True, slots=True)
+class OutsideStatistics:
+    """Departure of one true point from the corridor after start-up, where the corridor holds."""
+
+    outside_fraction: float | None  # of the time
+    max_m: float | None  # largest distance from the path
+
+
+@dataclass(frozen=True, slots=True)
+class CorridorStatistics:
+    """Departure from the corridor."""
+
+    tractor: OutsideStatistics
+    trailer: OutsideStatistics
+    tool: OutsideStatistics | None  # None if the run has no implement
+    hitch_outside_fraction: float | None  # of the time; None if the hitch angle is not limited
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +205,7 @@ class Summary:
     timing: TimingStatistics
     inputs: InputsStatistics
     tube: TubeStatistics | None  # None if the run has no tube
+    corridor: CorridorStatistics | None  # None on free ground
     slip: SlipStatistics
     implement: ImplementStatistics | None  # None if the run has no implement
     learnt: list[str]  # time and change of model parameters that were learnt

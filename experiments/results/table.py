@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from .published import CAVEAT, PublishedError
-from .summary import BodyStatistics, ErrorStatistics, Summary
+from .summary import BodyStatistics, CorridorStatistics, ErrorStatistics, Summary
 
 WIDTH: Final = 80
 
@@ -47,6 +47,20 @@ def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> s
     if summary.failure:
         lines += ["", *textwrap.wrap(f"{summary.status}: {summary.failure}", WIDTH)]
     return "\n".join(lines)
+
+
+def format_corridor(corridor: CorridorStatistics) -> str:
+    """Return the departure from the corridor as one line of text."""
+    points = {"tractor": corridor.tractor, "trailer": corridor.trailer, "tool": corridor.tool}
+    parts = [
+        f"{name} {100.0 * point.outside_fraction:.2f} % "
+        f"(largest distance {centimetres(point.max_m)} cm)"
+        for name, point in points.items()
+        if point is not None and point.outside_fraction is not None
+    ]
+    if corridor.hitch_outside_fraction is not None:
+        parts.append(f"hitch angle {100.0 * corridor.hitch_outside_fraction:.2f} %")
+    return f"Outside the corridor: {', '.join(parts) or 'nothing counted'}"
 
 
 def centimetres(metres: float | None, decimals: int = 1) -> str:
@@ -92,6 +106,8 @@ def _other_numbers(summary: Summary) -> list[str]:
             f"Both true axle points in the tube at {100.0 * tube.contained_fraction:.2f} % of the "
             f"ticks, smallest margin {tube.margin_min:.2f}"
         )
+    if summary.corridor is not None:
+        lines += textwrap.wrap(format_corridor(summary.corridor), WIDTH, subsequent_indent="  ")
     if factor is not None:
         lines.append(f"Simulated {factor:.0f} times faster than real time")
     return lines

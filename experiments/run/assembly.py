@@ -39,6 +39,7 @@ from ..scenario.controller import TRUTH
 from ..scenario.mission import Mission
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
+from .corridor_judge import corridor_row
 from .shared_parts import SharedParts
 from .timetable import Timetable
 from .user_code import is_user_code, load_factory, named_estimator, user_controller, user_stage
@@ -96,6 +97,7 @@ class Assembly:
             realtime=self.control.realtime,
             step_limit_s=self.control.step_limit_s,
             place=Projection(rows[:, :2]).place if self.guidance.space_based else None,
+            corridor_row=corridor_row(self.reference, rows, record_hz),
         )
 
     def reference_path(self, step_m: float) -> FloatArray:
@@ -182,7 +184,7 @@ def assemble(
         sensors=timetable.sensors(suite, timestep, seed),
         guidance=guidance,
         terrain=terrain,
-        reference=Reference(mission.path, driven, mission.speed),
+        reference=replace(reference, vehicle=driven),
         start=plant.snapshot(),
         ticks=timetable.ticks,
         mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
@@ -252,7 +254,11 @@ def _way(
     strength_map = scenario.soil.strength_map()
     if strength_map:
         _check_covered(path, strength_map, "soil map", "soil.map")
-    return Reference(path, vehicle, mission.speed), strength_map
+    reference = Reference(path, vehicle, mission.speed, corridor=scenario.kept_corridor())
+    if reference.corridor and reference.corridor.hitch_limit is not None:
+        grid = reference.on_grid(scenario.control.period_s)
+        reference.corridor.require_hitch(grid.hitch_angle)
+    return reference, strength_map
 
 
 def _check_pull(

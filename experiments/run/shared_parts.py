@@ -91,5 +91,5 @@ class SharedParts:
         if vehicle != given.without_dead_times() or reference.lead_s != lead_s(given):
             return make()
         # The reference follows from path and vehicle; of the settings, options have no hash.
-        key = scenario.path, given, period_s, repr(settings)
+        key = scenario.path, reference.corridor, given, period_s, repr(settings)
         return self.controllers.get(key, make).fresh()

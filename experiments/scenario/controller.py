@@ -9,8 +9,9 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from proving_ground.testbed.configuration.config_io import STRICT, NameOrFile
-from ttempc.guidance.controllers import CONTROLLERS, controller_options
+from ttempc.guidance.controllers import CONTROLLERS, controller_options, speed_tube
 from ttempc.guidance.estimators import ESTIMATORS
+from ttempc.reference.corridor import SpeedTube
 from ttempc.tube.reference_tube import TubeDesign
 from ttempc.vehicle import Vehicle
 
@@ -91,6 +92,10 @@ class ControllerSettings:
             f"inputs of {self.name} are not tightened: the tube of {_DEFAULT_TUBE} is for another "
             "vehicle or control period, and controller.tube names no other",
         )
+
+    def speed_tube(self) -> SpeedTube | None:
+        """Return the half widths that the controller keeps over speed, None where it has none."""
+        return speed_tube(self.name, self.options) if self.name in CONTROLLERS else None
 
     def with_defaults(self) -> ControllerSettings:
         """Return the same with every option of a shipped controller filled in.

@@ -23,12 +23,13 @@ from proving_ground.testbed.sensing.sensor_presets import with_preset
 from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from proving_ground.testbed.wheels.soil_law import RADIAL, SoilLaw
 from ttempc.errors import InvalidTuning
+from ttempc.reference.corridor import Corridor
 
 from ..errors import InvalidScenario
 from .assumed_noise import NoiseSettings
 from .control import ControlSettings
 from .controller import ControllerSettings
-from .mission import Mission
+from .mission import CorridorSettings, Mission
 from .path import AnyPath, FigureEight, FilePath
 from .plant import PlantSettings
 from .soil import SoilSettings
@@ -41,10 +42,6 @@ _SCENARIOS: Final = ShippedFiles(
 )
 
 
-MOST_M: Final = 100_000
-"""Longest path: a day at 1 m/s."""
-MOST_TICKS: Final = 1_000_000
-"""Largest number of control ticks: two days at 5 Hz, a gigabyte of rows."""
 FILE_KEYS: Final = ("file", "height_map", "tube")
 """Last parts of the keys whose value is a file."""
 _SHOWN: Final = 300  # characters of a wrong line
@@ -60,6 +57,8 @@ class Scenario:
     """One sentence for lists of scenarios."""
     path: AnyPath = FigureEight()
     """Reference path and speed."""
+    corridor: CorridorSettings | None = None
+    """Corridor about the path; absent: free ground."""
     terrain: TerrainSettings = TerrainSettings()
     """Shape of the ground."""
     soil: SoilSettings = SoilSettings()
@@ -84,7 +83,10 @@ class Scenario:
     def mission(self) -> Mission:
         """Return path, speed and gear.
 
+        In a corridor the speed is that at which the tube of the controller fits into it.
+
         Raises:
+            InvalidTuning: the corridor is not possible, or an option of the controller.
             InvalidScenario: the path lies beyond the field, or takes longer than can be driven.
             InvalidWaypoints, InvalidPath, InvalidReference: as `FilePath.mission`.
         """
@@ -93,15 +95,20 @@ class Scenario:
             mission = self.path.mission((terrain.size_x_m, terrain.size_y_m))
         else:
             mission = self.path.mission()
-        length_m = mission.path.length_m
-        ticks = mission.speed.duration_s(length_m) / self.control.period_s
-        for what, count, limit in (("m", length_m, MOST_M), ("control ticks", ticks, MOST_TICKS)):
-            if not count <= limit:
-                raise InvalidScenario(
-                    f"path: {count:.6g} {what}, must be {limit} or fewer: a shorter path, fewer "
-                    "laps or a higher speed"
-                )
+        mission.check_size(self.control.period_s)
+        if (corridor := self.kept_corridor()) and (tube := self.controller.speed_tube()):
+            mission = mission.in_corridor(corridor, tube)
+            mission.check_size(self.control.period_s)
         return mission
+
+    def kept_corridor(self) -> Corridor | None:
+        """Return the corridor that the vehicle is to keep to, None without one.
+
+        Raises:
+            InvalidTuning: its intervals do not increase.
+        """
+        behind = self.implement.behind_m if self.implement else None
+        return self.corridor.corridor(behind) if self.corridor else None
 
     def vehicles(self) -> Vehicles:
         """Return plant and model of the vehicle; reads the vehicle file.
@@ -152,6 +159,7 @@ class ScenarioFile:
             content["path"].setdefault("kind", FigureEight.kind)
         try:
             scenario = validated(Scenario, content, InvalidScenario, self.file.parent)
+            scenario.kept_corridor()
             plant, controller = scenario.plant, scenario.controller
             plant_vehicle, model_vehicle = fill_in(plant.vehicle, controller.vehicle)
             controller = controller.with_defaults()

@@ -195,6 +195,12 @@ TOOL: Final = Channel(
         "distance_m",
     ),
 )
+CORRIDOR: Final = Channel(
+    "/corridor",
+    "corridor about the path: its half width at the tractor point (NaN: free ground), offsets of "
+    "the true points to the left of their paths (tool: NaN where it is raised), limit of |beta|",
+    ("half_width_m", "tractor_m", "trailer_m", "tool_m", "hitch_limit_rad"),
+)
 
 CHANNELS: Final = (
     STATE,
@@ -208,4 +214,5 @@ CHANNELS: Final = (
     TIMING,
     TYRES,
     TOOL,
+    CORRIDOR,
 )

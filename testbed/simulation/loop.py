@@ -50,6 +50,7 @@ class SimulationSetup:
     # Whether the command of a step that took longer than its period acts as much later
     realtime: bool = False
     step_limit_s: float = STEP_LIMIT_S  # see `time_limit`
+    corridor_row: Callable[[Truth], list[float]] | None = None  # None on free ground
 
     def reference_row(self, step: int, truth: Truth) -> FloatArray:
         """Return the row of the reference that belongs to the truth at a step of the reference."""
@@ -219,6 +220,8 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
             if truth.tool is not None:
                 row = rows.tool_row(truth.tool, reference)
                 setup.sink.row(channels.TOOL, truth.time_s, row)
+            if setup.corridor_row is not None:
+                setup.sink.row(channels.CORRIDOR, truth.time_s, setup.corridor_row(truth))
             setup.sink.scene(truth)
 
 

@@ -25,6 +25,7 @@ from ..laws.tracking_controller import NoFeedback, TrackingController, around_ex
 from ..laws.tube_mpc import TubeMpcOptions, tube_controller
 from ..paper.composition import paper_controller, printed_sign_controller
 from ..paper.options import PaperOptions, PrintedSignOptions
+from ..reference.corridor import SpeedTube
 from ..reference.reference import Reference
 from ..suggestion import did_you_mean
 from ..tube.reference_tube import TubeDesign
@@ -144,6 +145,16 @@ def controller_options(name: str, values: Mapping[str, object]) -> dict[str, obj
     """
     options = _options(name, values)
     return {} if options is None else asdict(options)
+
+
+def speed_tube(name: str, values: Mapping[str, object]) -> SpeedTube | None:
+    """Return the half widths over speed of the controller called `name`, None where it has none.
+
+    Raises:
+        UnknownController, InvalidTuning: as `controller_options`.
+    """
+    options = _options(name, values)
+    return options.speed_tube if isinstance(options, NominalOptions) else None
 
 
 def make_controller(

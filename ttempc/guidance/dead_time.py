@@ -129,8 +129,9 @@ class DeadTimeCompensation:
         command = sent.as_array()
         if self._sent is None:
             self._commands.appendleft(command)
-        elif (command != self._sent).any():
-            self._commands[0] = command
+        else:  # an input that is held back and was sent as it was has its newest command
+            changed = command != self._sent
+            self._commands[0] = np.where(changed, command, self._commands[0])
         self._sent = None
 
     def _earlier(self, i: int, by: Sequence[tuple[int, float]]) -> FloatArray:

@@ -124,7 +124,7 @@ class Guidance:
         self._controller = make_guided(controller, reference, period_s, options, tube)
 
         def build(learnt: Vehicle, window: Sequence[RecordedTick]) -> Parts:
-            other = Reference(reference.path, learnt, reference.speed)
+            other = replace(reference, vehicle=learnt)
             check_drivable(other.path, learnt)
             check_pace(other, period_s)
             design = tube and replace(tube, vehicle=learnt.without_dead_times())

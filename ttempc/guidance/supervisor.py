@@ -34,6 +34,7 @@ from .detection.reactions import Reactions
 _GNSS = frozenset({Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER})
 _SLOW = 0.5  # share of the reference's hydrostat position that is left at half speed
 _UP_TO_SPEED = 0.8  # share of the reference's speed from which on it no longer waits; assumed
+_LAG_M = 1.0  # behind the reference, up to which a corridor slows the vehicle down; assumed
 _ROUNDING = 1e-6  # excess of a reference over a limit that is not reported
 
 
@@ -90,6 +91,8 @@ class Supervisor:
       its cause has ended.
     - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
       hold there.
+    - A controller whose predicted path leaves the corridor: half speed until it does not, or until
+      the vehicle lags a metre behind its time-based reference, with which it catches up later.
     - Errors are those to the reference of the tick, of a `SpaceBased` controller those to the
       nearest tick of the reference.
     - A jump of the error, and a reference beyond the limits: reported, and driven within the
@@ -211,9 +214,13 @@ class Supervisor:
         elif reaction is Reaction.SLOW:
             slow = f"{reasons}: half speed"
         self._wait(error, sample, estimate.state.item(State.V), slows=bool(slow))
+        lagging = False
         before, step = self._last.command, self._guard.step(estimate, k)
+        if not slow and step.diagnostics.leaves_corridor:
+            slow = f"corridor cannot be kept: half speed until {_LAG_M:g} m behind the reference"
+            lagging = error[Error.X_T] * math.copysign(1.0, self._hp[sample]) > _LAG_M
         if slow or self._overridden:
-            largest_hp = _SLOW * abs(self._hp[sample]) if slow else math.inf
+            largest_hp = _SLOW * abs(self._hp[sample]) if slow and not lagging else math.inf
             step = self._rejoin(step, before, largest_hp)
         alarmed = "" if slow else reasons
         notes = [self._beyond_limits[sample], jump, slow, alarmed, step.diagnostics.fallback]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from ..limits import CommandLimits
 from ..mpc.articulated_error import error_dynamics, error_state, remaining_bounds
+from ..mpc.corridor_bounds import corridor_bounds
 from ..mpc.lmpc import FeedbackAction, LinearMpc
 from ..mpc.prediction import PredictedPath
 from ..mpc.qp import CondensedHorizon, HorizonTuning
@@ -24,6 +26,8 @@ from .one_step_monitor import OneStepMonitor
 from .tracking_controller import Actions, TrackingController, around_exact_feedforward
 
 _N, _M = len(State), len(Input)
+_RESPONSE_S = 0.8
+_EXCESS = 1e-3  # [m], [rad] violation of the corridor from which it counts as left; assumed
 
 
 class ArticulatedFeedback:
@@ -36,7 +40,7 @@ class ArticulatedFeedback:
         period_s: control period [s].
         tuning: of the MPC.
         robust: of the robust law; None leaves it out.
-        disturbances: whether the MPC uses the estimated disturbances.
+        options: whether the MPC uses the estimated disturbances, and how it keeps to a corridor.
         design: tube for the one-step monitor and for `tightening = "tube"`; None leaves both out.
 
     Raises:
@@ -51,7 +55,7 @@ class ArticulatedFeedback:
         period_s: float,
         tuning: HorizonTuning,
         robust: LqRobustTuning | None,
-        disturbances: bool,
+        options: NominalOptions,
         design: TubeDesign | None,
     ) -> None:
         a, b, c = error_dynamics(reference, period_s, len(grid.time_s) - 1)
@@ -63,14 +67,18 @@ class ArticulatedFeedback:
             bounds = tightened(bounds, reserved, np.zeros_like(reserved), period_s)
         elif robust and robust.tightening == "tube" and design:
             tube = GrowingTube.along(design, a, b, c, feedforward, tuning)
+        soft = None
+        if reference.corridor and options.corridor:
+            first = math.ceil(_RESPONSE_S / period_s - 1e-9)
+            soft = corridor_bounds(reference.corridor, grid, c, first)
         of_plan = tube.bounds if tube else None
-        horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, of_plan)
+        horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, of_plan, soft)
         self._plan = KeptPlan(tube, a, b) if tube else None
         self._mpc = LinearMpc(horizon)
         self._robust = LqRobustLaw(a, b, c, period_s, robust) if robust else None
         one_step = robust is not None and robust.nominal == "one-step"
         self._monitor = OneStepMonitor(design, c[:-1, :, :_N]) if design and one_step else None
-        self._disturbance_scale = 1.0 if disturbances else 0.0
+        self._disturbance_scale = 1.0 if options.disturbances else 0.0
         self._state = grid.state
         self._vehicle = reference.vehicle
         self._path, self._horizon = PredictedPath(grid), horizon
@@ -140,6 +148,7 @@ class ArticulatedFeedback:
             solver=feedback.report,
             fallback=feedback.fallback or (robust.fallback if robust else ""),
             tube=tube,
+            leaves_corridor=feedback.excess is not None and bool((feedback.excess > _EXCESS).any()),
         )
 
     def prepare(self, k: int) -> None:
@@ -202,7 +211,7 @@ def _compose(
             period_s=period_s,
             tuning=tuning,
             robust=robust,
-            disturbances=options.disturbances,
+            options=options,
             design=design,
         )
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Self
 
 from ..mpc.qp import HorizonTuning
+from ..reference.corridor import SpeedTube
 from ..validation import check_flag
 from ..vehicle import Vehicle
 from .lq_robust_law import LqRobustTuning
@@ -78,10 +79,25 @@ class NominalOptions(MpcOptions):
     """
 
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
+    corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
+    # Half widths that tractor and trailer keep about the path: h_0, and h_1 by which they grow with
+    # the speed. Whoever plans the reference drives a corridor as slowly as they ask, see
+    # `ttempc.reference.corridor.SpeedTube`.
+    corridor_at_rest_m: tuple[float, float] = (0.0, 0.0)
+    corridor_per_speed_s: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def speed_tube(self) -> SpeedTube | None:
+        """Return the half widths over speed; None where the MPC does not keep to a corridor."""
+        if not self.corridor:
+            return None
+        return SpeedTube(self.corridor_at_rest_m, self.corridor_per_speed_s)
 
     def __post_init__(self) -> None:
         MpcOptions.__post_init__(self)
         check_flag("disturbances", self.disturbances)
+        check_flag("corridor", self.corridor)
+        SpeedTube(self.corridor_at_rest_m, self.corridor_per_speed_s)
 
 
 @dataclass(frozen=True)

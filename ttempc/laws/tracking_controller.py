@@ -40,6 +40,7 @@ class Actions:
     solver: SolverReport | None = None  # None where no QP is solved
     fallback: str = ""  # why another law than the stated one acted
     tube: TubeReport | None = None  # None where no tube is followed or monitored
+    leaves_corridor: bool = False  # whether the predicted path leaves the corridor
 
 
 class FeedbackLaw(Protocol):
@@ -190,6 +191,7 @@ class TrackingController:
                 solver=actions.solver,
                 fallback=actions.fallback,
                 tube=actions.tube,
+                leaves_corridor=actions.leaves_corridor,
             ),
         )
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import MissingPackage
 from ..types import FloatArray, SolverReport
-from .qp import QP
+from .quadratic_programme import QP
 
 _SETTINGS: Final = MappingProxyType({"primal_tol": 1e-11, "dual_tol": 1e-12})
 # Exit flags of DAQP's documentation.
@@ -49,11 +49,14 @@ class DaqpSolver:
         self._package = daqp
         self._model: Any = None
         self._held = b""  # the Hessian in the model, by its bytes
+        self._matrix: FloatArray = np.empty((0, 0))  # of the rows in the model
 
     def hold(self, hessian: FloatArray) -> None:
         """Factorise the Hessian (n, n) of the next problem, unless the model holds it."""
         # Always apart from gradient and bounds, so that the time of it changes no bit of a result.
-        if self._model is not None and (content := hessian.tobytes()) != self._held:
+        if self._model is None or len(hessian) != self._matrix.shape[1]:
+            return
+        if (content := hessian.tobytes()) != self._held:
             self._model.update(H=np.ascontiguousarray(hessian))
             self._held = content
 
@@ -61,8 +64,10 @@ class DaqpSolver:
         """Return the minimiser (n,), or an arbitrary point, and DAQP's report."""
         lower = np.concatenate([qp.step_lower, qp.lower])
         upper = np.concatenate([qp.step_upper, qp.upper])
-        if self._model is None:
-            self._model = self._package.Model()
+        # The rows of the inputs are one array for all ticks; soft rows are new ones at each tick.
+        known, self._matrix = self._matrix, qp.matrix
+        if self._model is None or known.shape != qp.matrix.shape:
+            self._model, self._held = self._package.Model(), b""
             flag, _ = self._model.setup(
                 np.ascontiguousarray(qp.hessian),
                 qp.gradient,
@@ -73,6 +78,8 @@ class DaqpSolver:
             if flag < 0:
                 return qp.gradient, _report(flag, 0, 0.0)
             self._model.settings = dict(_SETTINGS)
+        elif qp.matrix is not known:
+            self._model.update(A=np.ascontiguousarray(qp.matrix))
         self.hold(qp.hessian)
         # Without `sense` it starts from the last active set, and the last bits of a result depend
         # on the problems before.

@@ -33,7 +33,7 @@ def interior_minimum(
 ) -> int:
     """Write -H^-1 g into `x` (n,), by Cholesky's factorisation, and return an `Outcome`.
 
-    The other arguments are those of `ttempc.mpc.qp.QP`.
+    The other arguments are those of `ttempc.mpc.quadratic_programme.QP`.
     """
     n = gradient.size
     for i in range(n):

@@ -19,6 +19,7 @@ class FeedbackAction:
     plan: FloatArray  # (n + m + m Nc,) w of `CondensedHorizon`: state, previous input, input steps
     report: SolverReport
     fallback: str  # why the input is not the minimiser; empty where it is
+    excess: FloatArray | None = None  # (r,) violation of the soft bounds; None where there is none
 
 
 class LinearMpc:
@@ -58,13 +59,16 @@ class LinearMpc:
     ) -> FeedbackAction:
         previous = self._horizon.first.clamp_previous(k, previous)
         qp = self._horizon.qp(k, state, previous)
+        n = len(qp.gradient)
         solution = solver.solve(qp)
+        excess = None
         if solution.x is None:
             steps = np.zeros_like(qp.gradient)
             fallback = f"QP {solution.report.status}: previous feedback held"
         else:
-            steps = np.minimum(np.maximum(solution.x, qp.step_lower), qp.step_upper)
+            steps = np.minimum(np.maximum(solution.x[:n], qp.step_lower), qp.step_upper)
+            excess = solution.x[n:] if len(solution.x) > n else None
             fallback = ""
         u = self._horizon.first.clamp(k, previous + steps[: len(previous)])
         plan = np.concatenate([state, previous, steps])
-        return FeedbackAction(u, plan, solution.report, fallback)
+        return FeedbackAction(u, plan, solution.report, fallback, excess)

@@ -6,7 +6,7 @@ import numpy as np
 import piqp
 
 from ..types import FloatArray, SolverReport
-from .qp import QP
+from .quadratic_programme import QP
 
 # PIQP's default of 1e-8 leaves errors of 1e-5 in the first move where bounds are weakly active.
 _TOLERANCE = 1e-12
@@ -17,6 +17,7 @@ class PiqpSolver:
 
     def __init__(self) -> None:
         self._solver: piqp.DenseSolver | None = None
+        self._matrix: FloatArray = np.empty((0, 0))  # of the rows in the solver
 
     def hold(self, hessian: FloatArray) -> None:
         """Do nothing: every iteration has a factorisation of its own."""
@@ -40,10 +41,13 @@ class PiqpSolver:
     def _load(self, qp: QP) -> piqp.DenseSolver:
         """Return a solver that holds the problem: the present one, or a new one."""
         hessian = qp.hessian.T  # symmetric; the transpose has the column order of PIQP
-        if self._solver is not None:
+        # The rows of the inputs are one array for all ticks; soft rows are new ones at each tick.
+        known, self._matrix = self._matrix, qp.matrix
+        if self._solver is not None and known.shape == qp.matrix.shape:
             self._solver.update(
                 P=hessian,
                 c=qp.gradient,
+                G=None if qp.matrix is known else np.asfortranarray(qp.matrix),
                 h_l=qp.lower,
                 h_u=qp.upper,
                 x_l=qp.step_lower,

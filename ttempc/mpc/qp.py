@@ -9,7 +9,6 @@ from typing import ClassVar, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from ..errors import InvalidTuning
 from ..models.tracking_error import Error
@@ -17,11 +16,11 @@ from ..types import FloatArray, Input
 from ..validation import check_choice, check_count, check_vector
 from .admissible_kernel import nearest_admissible
 from .ordered_product import ordered_product
+from .quadratic_programme import FREE, QP, SoftRows
 
 _BLOCK = 32  # ticks whose matrices are computed together: 2 ms, 1 MB with the defaults
 Solver = Literal["piqp", "daqp"]
 SOLVERS: Final = get_args(Solver)
-_ACTIVE = 1e-7  # slack below which a bound counts as active in `QP.residuals`
 
 
 @dataclass(frozen=True)
@@ -58,51 +57,6 @@ class HorizonTuning:
 
 
 @dataclass(frozen=True, slots=True)
-class QPResiduals:
-    """Residuals of the Karush-Kuhn-Tucker conditions of a QP at a point."""
-
-    primal: float  # largest violation of a bound
-    stationarity: float  # smallest |gradient of the Lagrangian| over admissible multipliers
-
-
-@dataclass(frozen=True, slots=True)
-class QP:
-    """Minimise 1/2 x'Hx + g'x subject to lower <= G x <= upper, step_lower <= x <= step_upper."""
-
-    hessian: FloatArray  # H (n, n)
-    gradient: FloatArray  # g (n,)
-    matrix: FloatArray  # G (m, n)
-    lower: FloatArray  # (m,)
-    upper: FloatArray  # (m,)
-    step_lower: FloatArray  # (n,)
-    step_upper: FloatArray  # (n,)
-
-    def objective(self, x: FloatArray) -> float:
-        """Return the cost at `x` (n,)."""
-        return float(0.5 * x @ self.hessian @ x + self.gradient @ x)
-
-    def slack(self, x: FloatArray) -> FloatArray:
-        """Return the distances of `x` (n,) to all bounds, negative beyond one, (2 m + 2 n,).
-
-        In the order upper, lower, step_upper, step_lower.
-        """
-        rows = self.matrix @ x
-        return np.concatenate(
-            [self.upper - rows, rows - self.lower, self.step_upper - x, x - self.step_lower]
-        )
-
-    def residuals(self, x: FloatArray) -> QPResiduals:
-        """Return by how much `x` (n,) misses the optimality conditions; no solver is involved."""
-        rows = np.vstack([self.matrix, -self.matrix, np.eye(len(x)), -np.eye(len(x))])
-        slack = self.slack(x)
-        slope = self.hessian @ x + self.gradient
-        active = slack < _ACTIVE
-        # Optimal means -slope = sum of active rows with multipliers >= 0.
-        rest = nnls(rows[active].T, -slope)[1] if active.any() else float(np.linalg.norm(slope))
-        return QPResiduals(primal=float(max(0.0, -slack.min())), stationarity=float(rest))
-
-
-@dataclass(frozen=True, slots=True)
 class StageBounds:
     """Bounds on the input u_e of every tick and on its change from the previous one, (N, m)."""
 
@@ -114,6 +68,16 @@ class StageBounds:
     def at(self, *index: int | slice | NDArray[np.intp]) -> StageBounds:
         """Return the bounds at an index of the arrays."""
         return _each(self, lambda values: values[index])
+
+
+@dataclass(frozen=True, slots=True)
+class OutputBounds:
+    """Bounds lower <= S z <= upper on r outputs of the state at N + 1 ticks; infinite: free."""
+
+    rows: FloatArray  # S (N + 1, r, n)
+    lower: FloatArray  # (N + 1, r)
+    upper: FloatArray  # (N + 1, r)
+    first: int = 1  # stage of the horizon from which on they hold
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +116,7 @@ class _Matrices:
     prediction: FloatArray  # C Z_1 ... C Z_Np (ticks, Np, p, n + m + m Nc)
     gradient: FloatArray  # over (z_k, u_{k-1}), (ticks, m Nc, n + m)
     hessian: FloatArray  # (ticks, m Nc, m Nc)
+    soft: FloatArray | None  # S Z_1 ... S Z_Np of the soft bounds (ticks, Np r, n + m + m Nc)
 
 
 class CondensedHorizon:
@@ -178,6 +143,7 @@ class CondensedHorizon:
         bounds: (N, m) each, in addition to those of the tuning.
         free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of
             the tuning and `bounds`.
+        soft: bounds on outputs of the states z_{k+1} ... z_{k+Np}, kept as far as possible.
 
     Raises:
         InvalidTuning: shapes do not fit, or the cost of a tick is not finite and convex.
@@ -192,6 +158,7 @@ class CondensedHorizon:
         outputs: FloatArray | None = None,
         bounds: StageBounds | None = None,
         free_bounds: StageBounds | None = None,
+        soft: OutputBounds | None = None,
     ) -> None:
         n, m = b.shape[1:]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
@@ -203,7 +170,7 @@ class CondensedHorizon:
                 f"{len(a)} stages of {p} outputs and {m} inputs do not fit a horizon of {horizon}, "
                 f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
             )
-        self._a, self._b, self._c, self._tuning = a, b, c, tuning
+        self._a, self._b, self._c, self._soft, self._tuning = a, b, c, soft, tuning
         self._moves = moves
         sums = np.tril(np.ones((moves, moves)))
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
@@ -227,6 +194,27 @@ class CondensedHorizon:
             upper=bounds.upper[k] - shift,
             step_lower=bounds.step_lower[k],
             step_upper=bounds.step_upper[k],
+            soft=self._soft_rows(k, given),
+        )
+
+    def _soft_rows(self, k: int, given: FloatArray) -> SoftRows | None:
+        """Return the soft rows of tick `k`, None where no bound of its stages is finite."""
+        if self._soft is None:
+            return None
+        first = min(self._soft.first, self._tuning.horizon)
+        stages = slice(k + first, k + 1 + self._tuning.horizon)
+        lower, upper = self._soft.lower[stages], self._soft.upper[stages]
+        if not (np.isfinite(lower).any() or np.isfinite(upper).any()):
+            return None
+        matrices, tick = self._at(k)
+        assert matrices.soft is not None
+        rows = matrices.soft[tick, (first - 1) * lower.shape[1] :]
+        offset = ordered_product(rows[:, : len(given)], given)
+        return SoftRows(
+            matrix=rows[:, len(given) :],
+            lower=np.maximum(lower.ravel(), -FREE) - offset,
+            upper=np.minimum(upper.ravel(), FREE) - offset,
+            outputs=lower.shape[1],
         )
 
     def admissible(self, k: int, inputs: FloatArray, previous: FloatArray) -> FloatArray:
@@ -263,12 +251,16 @@ class CondensedHorizon:
         state[:, :, :n] = np.eye(n)
         stages = np.empty((ticks, horizon + 1, p, given + m * moves))  # C Z_0 ... C Z_Np
         stages[:, 0] = self._c[start : start + ticks] @ state
+        soft = []
         for j in range(horizon):
             steps = np.arange(moves) <= j
             pick = np.hstack([np.zeros((m, n)), np.eye(m), np.kron(steps, np.eye(m))])  # U_j
             window = slice(start + j, start + j + ticks)
             state = self._a[window] @ state + self._b[window] @ pick
-            stages[:, j + 1] = self._c[start + j + 1 : start + j + 1 + ticks] @ state
+            ahead = slice(start + j + 1, start + j + 1 + ticks)
+            stages[:, j + 1] = self._c[ahead] @ state
+            if self._soft:
+                soft.append(self._soft.rows[ahead] @ state)
         weighted = np.asarray(tuning.output_weight)[:, None] * stages
         flat = (ticks, (horizon + 1) * p, -1)
         transposed = stages[..., given:].reshape(flat).transpose(0, 2, 1)
@@ -279,6 +271,7 @@ class CondensedHorizon:
             prediction=stages[:, 1:],
             gradient=np.ascontiguousarray(cost[:, :, :given]),
             hessian=0.5 * (hessian + hessian.transpose(0, 2, 1)),
+            soft=np.concatenate(soft, axis=1) if soft else None,
         )
 
     @staticmethod

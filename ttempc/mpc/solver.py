@@ -14,7 +14,7 @@ from ..types import FloatArray, SolverReport
 from .daqp_solver import DaqpSolver
 from .interior_minimum import Outcome, interior_minimum
 from .piqp_solver import PiqpSolver
-from .qp import QP
+from .quadratic_programme import QP
 
 # Violation of a bound above which a solution is rejected; below it is clamped.
 _BOUND_TOLERANCE = 1e-6
@@ -24,12 +24,14 @@ _BOUND_TOLERANCE = 1e-6
 class QPSolution:
     """Accepted minimiser of a QP, if any, and the solver's report."""
 
-    x: FloatArray | None  # (n,), None where the result was not accepted
+    # (n,), with soft rows that are active or violated (n + r,), see `QP.hardened`; None where the
+    # result was not accepted
+    x: FloatArray | None
     report: SolverReport
 
 
 class QPSolver(Protocol):
-    """A package's solver, kept between problems of the same size and the same matrix of rows."""
+    """A package's solver, kept between problems of the same size."""
 
     def hold(self, hessian: FloatArray) -> None:
         """Factorise the Hessian of the next problem, where the package can; changes no result."""
@@ -90,16 +92,17 @@ class PersistentSolver:
             qp.step_upper,
             x,
         )
-        if outcome == Outcome.INTERIOR:
+        if outcome == Outcome.INTERIOR and (qp.soft is None or qp.soft.hold(x)):
             return QPSolution(x, SolverReport("solved", True, 0, 0.0, 0.0, 0.0))
-        if outcome != Outcome.BOUNDED:
+        if outcome not in (Outcome.BOUNDED, Outcome.INTERIOR):
             finite = outcome == Outcome.NOT_CONVEX
             status = "hessian not convex" if finite else "input not finite"
             return self._failed(SolverReport(status, False, 0, 0.0, math.inf, math.inf))
-        x, report = self._solver.solve(qp)
+        hard = qp.hardened()
+        x, report = self._solver.solve(hard)
         if not report.accepted:
             return self._failed(report)
-        if not (np.isfinite(x).all() and (qp.slack(x) >= -_BOUND_TOLERANCE).all()):
+        if not (np.isfinite(x).all() and (hard.slack(x) >= -_BOUND_TOLERANCE).all()):
             return self._failed(replace(report, status="solved outside its bounds", accepted=False))
         return QPSolution(x, report)
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..errors import InvalidReference
 from ..types import FloatArray, Input, State
 from ..vehicle import Vehicle
+from .corridor import Corridor
 from .path import Path
 from .posture import posture_on_path
 
@@ -114,6 +115,7 @@ class Reference:
     vehicle: Vehicle
     speed: SpeedProfile
     lead_s: float = 0.0  # by which the time on the path is ahead of that of `at` [s]
+    corridor: Corridor | None = None  # which the vehicle is to keep to; None: free ground
 
     def __post_init__(self) -> None:
         if self.speed.top_speed > self.vehicle.speed_gain:

@@ -7,14 +7,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+from scipy.ndimage import minimum_filter1d
 
 from ..errors import InvalidReference
 from ..types import FloatArray
+from .corridor import Corridor
 from .reference import SpeedProfile
 
 _STEP_M = 0.05  # between the samples of the speed along the path
 _STEP_S = 0.05  # between the knots of the speed in time
 _SMOOTHING_S = 2.0  # window of the moving average of the speed
+_PLACE_M = 0.1  # between the places at which a speed is limited
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +127,42 @@ class PlannedSpeed:
         """Return the arc length [m] at times within the knots."""
         travel = self._speed.antiderivative()
         return self.distance_m[0] + travel(times_s) - travel(0.0)
+
+
+def limited_in_corridor(
+    speed: SpeedProfile, length_m: float, corridor: Corridor, limit_mps: float
+) -> SpeedProfile:
+    """Return a profile that is nowhere faster than `speed`, and within a limit in a corridor.
+
+    It changes its speed in the manner of `PlannedSpeed`, before and behind the places where the
+    corridor holds. A profile within the limit is returned as it is.
+
+    Args:
+        speed: forward or in reverse.
+        length_m: of the path.
+        corridor: in which the limit holds.
+        limit_mps: largest magnitude of the speed [m/s].
+
+    Example:
+        >>> from ttempc import ConstantSpeed
+        >>> corridor = Corridor(0.1, ((20.0, 40.0),))
+        >>> slower = limited_in_corridor(ConstantSpeed(1.0), 60.0, corridor, 0.5)
+        >>> slower.duration_s(60.0) > 80.0
+        True
+    """
+    count = max(2, math.ceil(length_m / _PLACE_M) + 1)
+    arc, along, _ = speed.travel(np.linspace(0.0, speed.duration_s(length_m), count))
+    travelled = np.linspace(0.0, length_m, count)
+    driven = np.abs(arc - arc[0])
+    place, desired = np.interp(travelled, driven, arc), np.interp(travelled, driven, np.abs(along))
+    cap = np.where(np.isfinite(corridor.half_width(place)), limit_mps, math.inf)
+    # The moving average reaches half its window ahead and back, and speeds are linear to the next.
+    reach = math.ceil(0.5 * _SMOOTHING_S * speed.top_speed / (length_m / (count - 1))) + 1
+    limited = np.minimum(desired, minimum_filter1d(cap, 2 * reach + 1, mode="nearest"))
+    if np.array_equal(limited, desired):
+        return speed
+    planned = PlannedSpeed(travelled, limited)
+    return Backward(planned, float(arc[0])) if along[0] < 0.0 else planned
 
 
 def _within(speed: FloatArray, step_m: float, limit: float) -> FloatArray:

@@ -15,6 +15,7 @@ from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.testbed.recording.channels import (
     CONTROL,
+    CORRIDOR,
     REFERENCE,
     STATE,
     TIMING,
@@ -36,7 +37,11 @@ def run():
     columns = {f"{name}_nominal": np.zeros(len(time_s)) for name in QUANTITIES}
     columns |= {f"{name}_half_width": np.full(len(time_s), HALF_WIDTH_M) for name in QUANTITIES}
     columns["margin"] = np.linspace(-1.0, 1.0, len(time_s))
-    tables = made_up.tables | {TUBE.topic: table_of(TUBE, time_s, columns)}
+    offsets = {"half_width_m": np.full(len(time_s), 0.1), "tractor_m": np.zeros(len(time_s))}
+    tables = made_up.tables | {
+        TUBE.topic: table_of(TUBE, time_s, columns),
+        CORRIDOR.topic: table_of(CORRIDOR, time_s, offsets),
+    }
     return replace(made_up, tables=tables)
 
 
@@ -194,7 +199,7 @@ def test_the_tube_figure_shows_offsets_to_the_left_and_the_margin(run):
 )
 def test_a_run_without_curves_or_counted_time_has_figures_with_a_note(curvature, duration_s, texts):
     short = record(curvature, duration_s)
-    assert set(draw(short)) == set(FIGURES) - {"tube"}
+    assert set(draw(short)) == set(FIGURES) - {"tube", "corridor"}
     for name, text in texts.items():
         notes = [note.get_text() for axes in FIGURES[name](short).axes for note in axes.texts]
         assert any(text in note for note in notes), notes
@@ -202,7 +207,7 @@ def test_a_run_without_curves_or_counted_time_has_figures_with_a_note(curvature,
 
 def test_figures_are_small_png_files_as_wide_as_a_page():
     pictures = draw(record(duration_s=273.0, noise_m=0.03))
-    assert set(pictures) == set(FIGURES) - {"tube"}
+    assert set(pictures) == set(FIGURES) - {"tube", "corridor"}
     assert set(CAPTIONS) == set(FIGURES)
     for content in pictures.values():
         assert len(content) < MAX_BYTES

@@ -17,7 +17,7 @@ from proving_ground.experiments.reproduce.ledger import read_ledger
 from proving_ground.experiments.reproduce.listing import ENTRIES
 from proving_ground.experiments.reproduce.pages import ROOT, blocks, with_block
 from proving_ground.experiments.reproduce.probes import Fingerprint, Probe, fingerprint, probe
-from proving_ground.experiments.scenario.scenario import shipped
+from proving_ground.experiments.scenario.scenario import load, shipped
 from proving_ground.experiments.seeds import FITTING, TUNING, design_seeds
 from proving_ground.experiments.sweep.study import ListAxis, load_study, shipped_studies
 from tests.experiments.study_files import CONTROLLERS, SHORT
@@ -82,10 +82,11 @@ def test_the_shipped_tubes_were_fitted_with_declared_seeds():
         assert all(seed in FITTING or seed in TUNING for seed in seeds)
 
 
-def test_the_comparison_drives_every_shipped_scenario():
+def test_the_comparison_drives_every_shipped_scenario_at_one_speed():
+    """In a corridor each controller has a speed of its own, and errors would not be comparable."""
     axis = load_study("compare")[1].axis[0]
     assert isinstance(axis, ListAxis)
-    assert set(axis.values) == set(shipped())
+    assert set(axis.values) == {name for name in shipped() if load(name)[1].corridor is None}
 
 
 def test_all_shipped_studies_are_behind_a_table():

@@ -183,6 +183,7 @@ def test_summary_has_exactly_the_keys_of_the_interface():
         "timing",
         "inputs",
         "tube",
+        "corridor",
         "slip",
         "implement",
         "learnt",
@@ -210,6 +211,7 @@ def test_summary_has_exactly_the_keys_of_the_interface():
     for use in summary["inputs"].values():
         assert set(use) == {"saturated_fraction", "rms_rate", "travel_per_m"}
     assert summary["tube"] is None
+    assert summary["corridor"] is None
     assert set(summary["slip"]) == {"rear_mean", "rear_p95", "trailer_slip_angle_p95_rad"}
     assert summary["implement"] is None
 

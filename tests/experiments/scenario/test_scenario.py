@@ -59,7 +59,7 @@ def test_a_path_of_another_kind_replaces_the_figure_eight():
             "soil.softness: unknown key; allowed here: name, cone_index_kpa",
         ),
         ("path.length_m=3", "path.length_m: unknown key; allowed here: kind, radius_m"),
-        ("tyres.width_m=1", "tyres: unknown key; allowed here: description, path, terrain"),
+        ("tyres.width_m=1", "tyres: unknown key; allowed here: description, path, corridor"),
         ("soil.patches=[{x_m=1.0, y_m=2.0}]", "soil.patches.0.radius_m: Field required"),
         ("plant.vehicle.load_kg=true", "plant.vehicle.load_kg: Input should be a valid number"),
         ("terrain.iso_class='G'", "terrain.iso_class: Input should be 'A', 'B', 'C'"),

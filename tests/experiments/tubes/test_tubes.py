@@ -305,6 +305,9 @@ def test_containment_is_counted_on_the_truth():
     left = np.column_stack([-np.sin(heading), np.cos(heading)])
     np.testing.assert_allclose(drawn, 100.0 * np.sum(left * (actual - desired), axis=1), atol=1e-9)
     assert statistics.margin_min == pytest.approx(-1.0)
+    largest = statistics.half_width_max_m
+    assert largest.tractor == width["y_t_e_m_half_width"][40:].max()
+    assert largest.trailer == 100.0
 
 
 def test_a_run_stays_in_its_tube_and_one_run_is_too_few_for_a_fit(tmp_path, capsys):

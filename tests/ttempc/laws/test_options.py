@@ -27,11 +27,12 @@ from ttempc.laws.articulated_options import ArticulatedOptions, NominalOptions
 from ttempc.laws.tube_mpc import TubeMpcOptions, tube_controller
 from ttempc.paper.composition import paper_controller, printed_sign_controller
 from ttempc.paper.options import PaperOptions, PrintedSignOptions
+from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.vehicle import Vehicle
 
-REFERENCE = Reference(straight(20.0), VEHICLE, ConstantSpeed(1.0))
+REFERENCE = Reference(straight(20.0), VEHICLE, ConstantSpeed(1.0), corridor=Corridor(0.08))
 BEND = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
 INTO_THE_BEND = 60  # tick at which the curvature and its change are not 0
 OFFSET = np.array([0.05, 0.1, 0.05, -0.05, 0.01, 0.01, 0.05])
@@ -62,6 +63,7 @@ CHANGES = {
         "memory_s": 0.5,
         "tightening": "saturation",
         "disturbances": False,
+        "corridor": False,
     },
     PaperOptions: {
         "horizon": 5,

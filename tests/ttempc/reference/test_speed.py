@@ -8,10 +8,11 @@ import pytest
 from tests.reference.models.kinematics import advance
 from ttempc.errors import InvalidReference
 from ttempc.models.kinematics import trailer_point
+from ttempc.reference.corridor import Corridor
 from ttempc.reference.headland import headland
 from ttempc.reference.path import Path, Segment, figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference, check_pace
-from ttempc.reference.speed import Backward, PlannedSpeed
+from ttempc.reference.speed import Backward, PlannedSpeed, limited_in_corridor
 from ttempc.vehicle import Vehicle
 
 PLACES = np.array([0.0, 20.0, 20.5, 40.0, 41.0, 60.0])
@@ -154,3 +155,34 @@ def test_references_too_fast_for_the_actuators_are_refused_with_their_place(blen
 def test_the_shipped_paths_are_within_the_actuator_limits():
     for path in (figure_eight(), headland(), figure_eight(6.0, 22.0)):
         check_pace(Reference(path, Vehicle(), ConstantSpeed(1.3)), 0.2)
+
+
+@pytest.mark.parametrize("limit", [0.3, 0.55])
+def test_a_limit_holds_in_the_corridor_and_the_desired_speed_far_from_it(profile, limit):
+    corridor = Corridor(0.1, ((12.0, 18.0), (40.2, 48.0)))
+    slower = limited_in_corridor(profile, 60.0, corridor, limit)
+    t = np.linspace(0.0, slower.duration_s(60.0), 20001)
+    place, speed, _ = slower.travel(t)
+    _, desired, _ = profile.travel(np.linspace(0.0, profile.duration_s(60.0), 20001))
+    assert place[0] == pytest.approx(profile.travel(np.zeros(1))[0][0])
+    assert np.sign(speed).min() == np.sign(speed).max() == np.sign(desired[0])
+    held = np.isfinite(corridor.half_width(place))
+    assert np.abs(speed[held]).max() <= limit + 1e-9
+    # 2 v a s of distance are needed to brake, and the moving average reaches 1 s ahead.
+    far = (place > 25.0) & (place < 31.0)
+    unlimited = np.interp(place[far], *sorted_travel(profile))
+    assert np.all(np.abs(speed[far]) <= unlimited + 1e-3)
+    if unlimited.max() < 0.8:
+        np.testing.assert_allclose(np.abs(speed[far]), unlimited, atol=0.12)
+
+
+def sorted_travel(profile):
+    place, speed, _ = profile.travel(np.linspace(0.0, profile.duration_s(60.0), 20001))
+    order = np.argsort(place)
+    return place[order], np.abs(speed[order])
+
+
+def test_a_profile_within_the_limit_stays_the_same(profile):
+    corridor = Corridor(0.1, ((12.0, 18.0),))
+    assert limited_in_corridor(profile, 60.0, corridor, 2.0) is profile
+    assert limited_in_corridor(profile, 60.0, corridor, math.inf) is profile

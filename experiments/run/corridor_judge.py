@@ -1,0 +1,78 @@
+"""Distances of the true vehicle from its path, against the corridor of the scenario."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from proving_ground.testbed.recording.channels import REFERENCE
+from proving_ground.testbed.truth import Truth
+from ttempc.reference.corridor import Corridor
+from ttempc.reference.projection import Projection
+from ttempc.reference.reference import Reference
+from ttempc.types import FloatArray
+
+_NAN = math.nan
+
+
+def corridor_row(
+    reference: Reference, rows: FloatArray, record_hz: float
+) -> Callable[[Truth], list[float]] | None:
+    """Return `CorridorJudge.row` for the `rows` of a reference, None on free ground."""
+    if reference.corridor is None:
+        return None
+    distance, _, _ = reference.speed.travel(np.arange(len(rows)) / record_hz)
+    return CorridorJudge(reference.corridor, rows, distance).row
+
+
+class CorridorJudge:
+    """Rows of `channels.CORRIDOR` for the truth of a run.
+
+    A corridor is a place: each point is compared with the nearest place of its own reference path,
+    whatever the time. The tool's path lies behind the trailer's, as in `channels.TOOL`.
+
+    Args:
+        corridor: of the scenario.
+        reference: rows of `channels.REFERENCE` (n, fields).
+        distance_m: arc length of the tractor point at these rows, (n,).
+    """
+
+    def __init__(self, corridor: Corridor, reference: FloatArray, distance_m: FloatArray) -> None:
+        self._half_width = corridor.half_width(distance_m)
+        self._hitch_limit = _NAN if corridor.hitch_limit is None else corridor.hitch_limit
+        column = {name: reference[:, i] for i, name in enumerate(REFERENCE.fields)}
+        trailer = np.column_stack([column["x_i_m"], column["y_i_m"]])
+        yaw, behind = column["psi_i_rad"], corridor.tool_behind_m or 0.0
+        self._tractor = _Line(np.column_stack([column["x_t_m"], column["y_t_m"]]))
+        self._trailer = _Line(trailer)
+        self._tool = _Line(trailer - behind * np.column_stack([np.cos(yaw), np.sin(yaw)]))
+
+    def row(self, truth: Truth) -> list[float]:
+        """Return the row at one moment; call it in the order of time."""
+        place, tractor = self._tractor.offset(truth.tractor.x, truth.tractor.y)
+        _, trailer = self._trailer.offset(truth.trailer.x, truth.trailer.y)
+        tool = _NAN
+        if truth.tool is not None:
+            _, tool = self._tool.offset(truth.tool.x, truth.tool.y)
+            tool = tool if truth.tool.lowered == 1.0 else _NAN
+        half_width = float(self._half_width[round(place)])
+        half_width = half_width if math.isfinite(half_width) else _NAN
+        return [half_width, tractor, trailer, tool, self._hitch_limit]
+
+
+class _Line:
+    """A polyline (n, 2) [m] that a point follows."""
+
+    def __init__(self, points: FloatArray) -> None:
+        self._points, self._projection = points, Projection(points)
+
+    def offset(self, x: float, y: float) -> tuple[float, float]:
+        """Return the place of a point, see `Projection`, and its offset to the left [m]."""
+        place = self._projection.place(x, y)
+        k = min(int(place), len(self._points) - 2)
+        (x_0, y_0), (x_1, y_1) = self._points[k : k + 2].tolist()
+        along, across = x_1 - x_0, y_1 - y_0
+        length = math.hypot(along, across)
+        return place, (along * (y - y_0) - across * (x - x_0)) / length if length else _NAN

@@ -1,0 +1,110 @@
+"""MPC in a corridor: bounds on exact geometry, closed loop, half speed where it cannot be kept."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
+from ttempc.guidance.controllers import make_controller
+from ttempc.guidance.supervisor import Supervisor
+from ttempc.models.kinematics import trailer_point
+from ttempc.mpc.articulated_error import error_dynamics
+from ttempc.mpc.corridor_bounds import corridor_bounds
+from ttempc.reference.corridor import Corridor
+from ttempc.reference.path import figure_eight, straight
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.types import Disturbance, Input, State
+from ttempc.vehicle import Vehicle
+
+VEHICLE = Vehicle()
+LINE = Reference(straight(80.0), VEHICLE, ConstantSpeed(1.0))
+BESIDE = {"output_weight": [1.0, 0.0, 1.0, 1.0]}  # the tractor may be beside its path
+
+
+def kept(half_width_m, reference=LINE, options=None, **corridor):
+    along = replace(reference, corridor=Corridor(half_width_m, **corridor))
+    return make_controller("ttempc-nominal", VEHICLE, along, PERIOD_S, options=options or BESIDE)
+
+
+def test_bounds_are_those_of_the_exact_geometry_to_first_order():
+    """Errors of the points across their reference and of the hitch angle, by finite differences."""
+    reference = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
+    _, _, c = error_dynamics(reference, PERIOD_S, 150)
+    grid = reference.at(np.arange(151) * PERIOD_S)
+    behind, limit = 0.7, math.radians(60.0)
+    corridor = Corridor(0.1, hitch_limit=limit, tool_behind_m=behind)
+    bounds = corridor_bounds(corridor, grid, c, first=1)
+
+    def outputs(state):
+        x_i, y_i = trailer_point(state, VEHICLE)
+        psi_i = state[State.PSI_I]
+        tool = x_i - behind * math.cos(psi_i), y_i - behind * math.sin(psi_i)
+        return (*state[:2], x_i, y_i, *tool, state[State.PSI_T] - psi_i - state[State.DELTA_I])
+
+    generator = np.random.default_rng(2)
+    for k in (0, 60, 110, 150):
+        state = grid.state[k]
+        error = 1e-5 * generator.normal(size=7)
+        moved = np.subtract(outputs(state), outputs(state - error))  # z_r - z = error
+        psi_t, psi_i = state[State.PSI_T], state[State.PSI_I]
+        expected = [
+            -math.sin(psi) * moved[2 * i] + math.cos(psi) * moved[2 * i + 1]
+            for i, psi in enumerate((psi_t, psi_i, psi_i))
+        ]
+        turned, cos, sin = np.zeros(16), math.cos(psi_t), math.sin(psi_t)
+        turned[:7] = error
+        turned[:2] = cos * error[0] + sin * error[1], cos * error[1] - sin * error[0]
+        np.testing.assert_allclose(bounds.rows[k] @ turned, [*expected, moved[6]], atol=1e-9)
+        beta = outputs(state)[6]
+        np.testing.assert_allclose(bounds.upper[k], [0.1, 0.1, 0.1, beta + limit], atol=1e-9)
+        np.testing.assert_allclose(bounds.lower[k], [-0.1, -0.1, -0.1, beta - limit], atol=1e-9)
+
+
+def test_a_tractor_that_may_stray_is_kept_in_the_corridor_where_it_holds():
+    """Side slip of the trailer: with the tractor's error free, the tractor moves aside."""
+    slip = np.zeros(5)
+    slip[[Disturbance.SLIP_T, Disturbance.SLIP_I]] = 0.0, 0.06
+    free = make_controller("ttempc-nominal", VEHICLE, LINE, PERIOD_S, options=BESIDE)
+    strayed = drive(free, LINE, ticks=300, disturbance=slip).tractor_m
+    half_width = 0.5 * strayed.max()
+    inside = drive(kept(half_width), LINE, ticks=300, disturbance=slip).tractor_m
+    assert inside.max() < 1.05 * half_width
+    assert inside.max() > 0.9 * half_width  # the corridor is used
+    closing = kept(half_width, along_m=((30.0, 80.0),))
+    later = drive(closing, LINE, ticks=300, disturbance=slip).tractor_m
+    np.testing.assert_array_equal(later[:129], strayed[:129])  # a horizon before 30 m
+    assert strayed[150:].max() > 1.3 * half_width
+    assert later[150:].max() < 1.05 * half_width
+
+
+def test_off_and_open_corridors_change_no_bit():
+    slip = np.zeros(5)
+    slip[Disturbance.SLIP_I] = 0.05
+    free = make_controller("ttempc-nominal", VEHICLE, LINE, PERIOD_S, options=BESIDE)
+    expected = drive(free, LINE, ticks=60, disturbance=slip).commands
+    for controller in (
+        kept(0.01, options={**BESIDE, "corridor": False}),
+        kept(0.01, along_m=((70.0, 80.0),)),
+    ):
+        np.testing.assert_array_equal(
+            drive(controller, LINE, ticks=60, disturbance=slip).commands, expected
+        )
+
+
+def test_half_speed_and_a_reason_while_the_corridor_cannot_be_kept():
+    along = replace(LINE, corridor=Corridor(0.05))
+    controller = make_controller("ttempc", VEHICLE, along, PERIOD_S)
+    supervisor = Supervisor(controller, along, PERIOD_S)
+    nominal_hp = LINE.at(0.0).inputs[Input.HP]
+    for k in range(60):
+        state = LINE.at(k * PERIOD_S).state
+        if 10 <= k < 30:
+            state[State.Y] += 0.5
+        step = supervisor.step(seen_truth(state, k * PERIOD_S, VEHICLE), k, k * PERIOD_S)
+        assert ("corridor cannot be kept" in step.diagnostics.fallback) == (10 <= k < 30)
+        if 20 <= k < 30:
+            assert step.command.hp <= 0.5 * nominal_hp + 1e-12
+    assert step.command.hp > 0.9 * nominal_hp
