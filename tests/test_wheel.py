@@ -74,6 +74,8 @@ def installed(folder, *wheels):
         for kernel in source.rglob("__pycache__/*.nb[ci]") if (folder / top).is_dir() else ():
             module = kernel.parents[1] / f"{kernel.name.partition('.')[0]}.py"
             copy = folder / top / module.relative_to(source)
+            if not copy.exists():  # machine code of a module that is gone
+                continue
             os.utime(copy, ns=(0, module.stat().st_mtime_ns))
             copy.with_name("__pycache__").mkdir(exist_ok=True)
             shutil.copy(kernel, copy.with_name("__pycache__"))

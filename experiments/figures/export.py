@@ -7,7 +7,7 @@ import io
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -25,7 +25,11 @@ WIDTHS_CM: Final = {"single": 8.8, "double": 18.1}
 """Widths of one and two columns of an IEEE journal page."""
 
 # Text stays text: TrueType in PDF, <text> in SVG. A date would make equal figures differ.
-_EDITABLE: Final = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "ttempc"}
+_EDITABLE: Final[dict[Any, Any]] = {
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "ttempc",
+}
 _NO_DATE: Final = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 _CM_PER_IN: Final = 2.54
 

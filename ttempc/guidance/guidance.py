@@ -29,7 +29,7 @@ from ..types import (
 from ..vehicle import Vehicle
 from .dead_time import DeadTimeCompensation, resume
 from .detection.bank import detectors
-from .detection.detector import Alarm, Detector, Monitors, Observation
+from .detection.detector import Alarm, Detector, Monitors, Observation, Reaction
 from .estimators import EstimatorFactory
 from .parts import ControllerFactory, Parts, make_estimator, make_guided
 from .supervisor import SafetyLimits, Supervisor
@@ -279,7 +279,7 @@ class Guidance:
         tick = RecordedTick(now, tuple(measurements), sent, (psi_t, psi_i))
         observation = Observation(now, measurements, sent, estimate, self._vehicle)
         self._alarms = self._monitors.observe(observation)
-        if self._alarms:
+        if any(alarm.reaction > Reaction.GO_ON for alarm in self._alarms):
             self._learner.forget()
         self._learner.record(self._tick, tick)
         return replace(estimate, time_s=estimate.time_s + origin) if origin else estimate

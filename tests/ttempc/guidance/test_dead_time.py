@@ -183,7 +183,7 @@ def test_a_hydrostat_of_another_leaves_the_steering_the_controllers_own():
         controller, sent = DeadTimeCompensation(Ramp(), reference_of(vehicle), PERIOD_S), []
         for k in range(12):
             command = controller.step(estimate, k).command
-            controller.record(replace(command, hp=0.2) if limited else command, k)
+            controller.record(replace(command, hp=0.2) if limited else command)
             sent.append(command.as_array()[:2])
         return np.array(sent)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, Protocol
 
@@ -41,7 +41,6 @@ class Alarm:
     detector: str  # its name
     reason: str  # for log and driver
     reaction: Reaction
-    stops_after_s: float = math.inf  # for which it may last before the reaction is a stop
 
 
 class Detector(Protocol):
@@ -109,18 +108,14 @@ class Monitors:
 
     def __init__(self, detectors: Sequence[Detector]) -> None:
         self.detectors = tuple(detectors)
-        self._active: dict[str, tuple[float, Alarm]] = {}  # since when, by detector
+        self._active: dict[str, Alarm] = {}  # by detector
 
     def observe(self, observation: Observation) -> tuple[Alarm, ...]:
         """Return the alarms that stand after the data of a tick."""
-        now = observation.time_s
         for detector in self.detectors:
             detector.observe(observation)
             if detector.statistic > detector.limit:
-                self._active.setdefault(detector.name, (now, detector.alarm()))
+                self._active.setdefault(detector.name, detector.alarm())
             elif detector.statistic < _ENDS * detector.limit:
                 self._active.pop(detector.name, None)
-        return tuple(
-            replace(alarm, reaction=Reaction.STOP) if now - since_s > alarm.stops_after_s else alarm
-            for since_s, alarm in self._active.values()
-        )
+        return tuple(self._active.values())

@@ -26,17 +26,12 @@ class InnovationMonitor:
     Args:
         what: name of the sensor for the reason.
         sensor: whose innovations count.
-        reaction: to an alarm.
-        stops_after_s: time for which an alarm may last before the vehicle stops.
     """
 
-    def __init__(
-        self, what: str, sensor: Sensor, reaction: Reaction, stops_after_s: float = math.inf
-    ) -> None:
+    def __init__(self, what: str, sensor: Sensor) -> None:
         self.name = f"innovations of the {what}"
         self.limit = INNOVATION[sensor]
         self._sensor, self._what = sensor, what
-        self._reaction, self._stops_after_s = reaction, stops_after_s
         self._terms: deque[tuple[float, float, int]] = deque()  # time [s], square, entries
 
     @property
@@ -68,4 +63,4 @@ class InnovationMonitor:
     def alarm(self) -> Alarm:
         """Return the alarm."""
         reason = f"{self._what} contradicts the estimate"
-        return Alarm(self.name, reason, self._reaction, self._stops_after_s)
+        return Alarm(self.name, reason, Reaction.GO_ON)

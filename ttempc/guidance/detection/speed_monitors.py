@@ -9,9 +9,10 @@ from typing import Final
 from ...types import Input, Sensor
 from .detector import Alarm, Cusum, Observation, Reaction
 from .limits import MOTION, MOTION_ALLOWANCE, WHEELS, WHEELS_ALLOWANCE
-from .speed_over_ground import SPAN_S, SpeedOverGround
+from .speed_over_ground import SPAN_S, GroundSpeed, SpeedOverGround
 
 _KEPT_S: Final = 3.0  # of speeds, for positions that come late
+_SIGMAS: Final = 3.0
 _STANDS: Final = 0.5  # share of the encoder's speed below which a vehicle makes no way
 
 
@@ -51,11 +52,10 @@ class WheelMonitor:
         ground = self._ground.speed(observation.samples)
         if ground is None:
             return
-        speed, begin_s, end_s = ground
-        wheels = [value for time_s, value in self._encoder if begin_s <= time_s <= end_s]
+        wheels = [value for t, value in self._encoder if ground.begin_s <= t <= ground.end_s]
         if wheels:
-            self._speeds = abs(sum(wheels)) / len(wheels), speed
-            self._cusum.add(self._speeds[0] - speed)
+            self._speeds = abs(sum(wheels)) / len(wheels), ground.mps
+            self._cusum.add(_beyond_noise(self._speeds[0] - ground.mps, ground, WHEELS_ALLOWANCE))
 
     def alarm(self) -> Alarm:
         """Return the alarm: a vehicle that makes no way stops, one with a wrong encoder goes on."""
@@ -115,11 +115,10 @@ class MotionMonitor:
         ground = self._ground.speed(observation.samples)
         if ground is None:
             return
-        speed, begin_s, end_s = ground
-        planned = [value for time_s, value in self._plan if begin_s <= time_s <= end_s]
+        planned = [value for t, value in self._plan if ground.begin_s <= t <= ground.end_s]
         if planned:
-            self._speeds = sum(planned) / len(planned), speed
-            self._cusum.add(self._speeds[0] - speed)
+            self._speeds = sum(planned) / len(planned), ground.mps
+            self._cusum.add(_beyond_noise(self._speeds[0] - ground.mps, ground, MOTION_ALLOWANCE))
 
     def alarm(self) -> Alarm:
         """Return the alarm: a vehicle that does not move as commanded stops."""
@@ -129,3 +128,13 @@ class MotionMonitor:
             f"planned speed {planned:.2f} m/s, GNSS moves at {speed:.2f} m/s",
             Reaction.STOP,
         )
+
+
+def _beyond_noise(residual: float, ground: GroundSpeed, allowance: float) -> float:
+    """Return a residual [m/s] less what the noise of the receivers explains beyond the allowance.
+
+    The allowance holds for three standard deviations of the speed, as with a noise of the positions
+    of 10 cm. With more noise the residual is that much smaller, so that it gives no alarm.
+    """
+    explained = max(0.0, _SIGMAS * ground.sd_mps - allowance)
+    return math.copysign(max(0.0, abs(residual) - explained), residual)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from statistics import median
 from typing import Final
@@ -18,6 +19,20 @@ _LEAST_S: Final = 0.6  # between the first and the last position of a span
 _FASTEST_MPS: Final = 5.0  # of a vehicle; assumed
 _LARGEST_ERROR_M: Final = 0.5  # of a position that is no outlier; assumed
 _RECEIVERS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
+# Of second differences of positions, from which their noise is estimated.
+_LEAST_DIFFERENCES: Final = 20
+_MOST_DIFFERENCES: Final = 200  # 20 s of both axes at 5 Hz
+_MEDIAN_TO_SD: Final = 1.4826 / math.sqrt(6.0)  # x(k+1) - 2 x(k) + x(k-1) of white noise
+
+
+@dataclass(frozen=True, slots=True)
+class GroundSpeed:
+    """Speed over a span of time."""
+
+    mps: float
+    begin_s: float
+    end_s: float
+    sd_mps: float  # by the scatter of the positions of the last 20 s; 0 before there are enough
 
 
 class SpeedOverGround:
@@ -31,9 +46,10 @@ class SpeedOverGround:
 
     def __init__(self) -> None:
         self._positions = {sensor: deque[tuple[float, float, float]]() for sensor in _RECEIVERS}
+        self._differences = deque[float](maxlen=_MOST_DIFFERENCES)  # second ones, unsigned [m]
 
-    def speed(self, samples: Sequence[Measurement]) -> tuple[float, float, float] | None:
-        """Take in samples; return the speed [m/s] and begin and end of its span [s].
+    def speed(self, samples: Sequence[Measurement]) -> GroundSpeed | None:
+        """Take in samples; return the speed of the span that ends with the newest.
 
         None where no receiver has sent positions over 0.6 s, or none of them is new.
         """
@@ -47,6 +63,11 @@ class SpeedOverGround:
             if not kept or _is_plausible(kept[-1], sample):
                 new = True
                 kept.append((sample.time_s, sample.value[0], sample.value[1]))
+                if len(kept) > 2:
+                    self._differences.extend(
+                        abs(kept[-1][axis] - 2.0 * kept[-2][axis] + kept[-3][axis])
+                        for axis in (1, 2)
+                    )
         newest = max((kept[-1][0] for kept in self._positions.values() if kept), default=0.0)
         spans = [
             kept
@@ -57,7 +78,19 @@ class SpeedOverGround:
             return None
         speeds = [math.hypot(_slope(kept, 1), _slope(kept, 2)) for kept in spans]
         begin_s, end_s = min(kept[0][0] for kept in spans), max(kept[-1][0] for kept in spans)
-        return sum(speeds) / len(speeds), begin_s, end_s
+        return GroundSpeed(sum(speeds) / len(speeds), begin_s, end_s, self._sd_mps(spans))
+
+    def _sd_mps(self, spans: Sequence[Sequence[tuple[float, float, float]]]) -> float:
+        """Return the standard deviation of a speed by least squares, for white noise [m/s]."""
+        if len(self._differences) < _LEAST_DIFFERENCES:
+            return 0.0
+        noise_m = _MEDIAN_TO_SD * median(self._differences)
+        means = [sum(position[0] for position in kept) / len(kept) for kept in spans]
+        squares = (
+            sum((position[0] - mean) ** 2 for position in kept)
+            for kept, mean in zip(spans, means, strict=True)
+        )
+        return noise_m * math.sqrt(sum(1.0 / square for square in squares)) / len(spans)
 
 
 def _is_plausible(last: tuple[float, float, float], sample: Measurement) -> bool:

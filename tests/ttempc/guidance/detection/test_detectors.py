@@ -11,6 +11,7 @@ from ttempc.guidance.detection.detector import Alarm, Cusum, Monitors, Observati
 from ttempc.guidance.detection.innovation_monitor import InnovationMonitor
 from ttempc.guidance.detection.reactions import Reactions
 from ttempc.guidance.detection.speed_monitors import MotionMonitor, WheelMonitor
+from ttempc.guidance.detection.speed_over_ground import SpeedOverGround
 from ttempc.guidance.detection.steering_monitor import SteeringMonitor
 from ttempc.types import Command, Estimate, Innovation, Input, Measurement, Sensor
 from ttempc.vehicle import Vehicle
@@ -61,7 +62,7 @@ def test_an_alarm_lasts_until_half_the_limit():
 def test_the_statistic_of_consistent_innovations_is_standard_normal():
     """Chi-square sums of a second, 5 samples of two entries; the negative half counts as 0."""
     rng = np.random.default_rng(3)
-    monitor = InnovationMonitor("GNSS", Sensor.GNSS_TRACTOR, Reaction.SLOW)
+    monitor = InnovationMonitor("GNSS", Sensor.GNSS_TRACTOR)
     values = []
     for k in range(40_000):
         square = float(rng.chisquare(2))
@@ -72,7 +73,7 @@ def test_the_statistic_of_consistent_innovations_is_standard_normal():
 
 
 def test_one_outlier_gives_no_alarm_and_a_second_of_them_does():
-    monitor = InnovationMonitor("GNSS", Sensor.GNSS_TRACTOR, Reaction.SLOW)
+    monitor = InnovationMonitor("GNSS", Sensor.GNSS_TRACTOR)
     values = []
     for k in range(12):
         square = 1e6 if k == 3 or k >= 7 else 2.0
@@ -213,3 +214,27 @@ def test_the_strongest_alarm_counts():
     slow, note = Alarm("a", "A", Reaction.SLOW), Alarm("b", "B", Reaction.GO_ON)
     assert Reactions().decide((note, slow), 1.0, 0.0) == (Reaction.SLOW, "B; A")
     assert Reactions().decide((slow, *STOP), 1.0, 0.0) == (Reaction.STOP, "stuck")
+
+
+@pytest.mark.parametrize("sd_m", [0.03, 0.3])
+def test_the_sd_of_a_speed_over_ground_is_that_of_its_scatter(sd_m):
+    """And speeds whose noise is far above the allowance give no alarm."""
+    rng, ground, wheels = np.random.default_rng(3), SpeedOverGround(), WheelMonitor()
+    along, claimed = [], []
+    for k in range(600):
+        place = 1.0 * k * PERIOD_S
+        samples = [
+            Measurement(k * PERIOD_S, sensor, (place + sd_m * x, sd_m * y))
+            for sensor, (x, y) in zip(
+                (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER), rng.normal(size=(2, 2)), strict=True
+            )
+        ]
+        speed = ground.speed(samples)
+        if speed is not None and speed.sd_mps > 0.0:
+            along.append(speed.mps)
+            claimed.append(speed.sd_mps)
+        encoder = Measurement(k * PERIOD_S, Sensor.ENCODER, (1.0,))
+        wheels.observe(observation(k, [*samples, encoder]))
+        assert wheels.statistic < wheels.limit
+    if sd_m < 0.1:  # with more noise the length of the velocity is no longer normal
+        assert np.median(claimed) == pytest.approx(np.std(along), rel=0.3)
