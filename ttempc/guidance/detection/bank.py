@@ -6,6 +6,7 @@ from ...types import Input, Sensor
 from .detector import Detector
 from .innovation_monitor import InnovationMonitor
 from .speed_monitors import MotionMonitor, WheelMonitor
+from .speed_over_ground import SpeedOverGround
 from .steering_monitor import SteeringMonitor
 
 
@@ -16,11 +17,12 @@ def detectors() -> tuple[Detector, ...]:
     their innovations large. Innovations of the others grow with a fault of the sensor, and as much
     with wrong lengths or an assumed noise that is too small: the vehicle goes on, and learns.
     """
+    ground = SpeedOverGround()
     return (
         SteeringMonitor(Input.DELTA_T),
         SteeringMonitor(Input.DELTA_I),
-        WheelMonitor(),
-        MotionMonitor(),
+        WheelMonitor(ground),
+        MotionMonitor(ground),
         InnovationMonitor("GNSS of the tractor", Sensor.GNSS_TRACTOR),
         InnovationMonitor("GNSS of the trailer", Sensor.GNSS_TRAILER),
         InnovationMonitor("hitch angle", Sensor.HITCH),

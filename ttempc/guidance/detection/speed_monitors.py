@@ -21,14 +21,17 @@ class WheelMonitor:
 
     The residual is the difference of both mean speeds of a second. Above: the wheels spin, or the
     receivers repeat a position. Below: the encoder reads too little.
+
+    Args:
+        ground: speed over ground, if other monitors use it too.
     """
 
     name = "wheels"
     limit = WHEELS
 
-    def __init__(self) -> None:
+    def __init__(self, ground: SpeedOverGround | None = None) -> None:
         self._cusum = Cusum(WHEELS_ALLOWANCE, WHEELS)
-        self._ground = SpeedOverGround()
+        self._ground = ground or SpeedOverGround()
         self._encoder: deque[tuple[float, float]] = deque()
         self._speeds = 0.0, 0.0  # of the wheels, over ground [m/s]
 
@@ -73,14 +76,17 @@ class MotionMonitor:
 
     The planned speed is that of the vehicle model: K hp after the dead time and the lag of the
     hydrostat, as its mean over the second of the positions.
+
+    Args:
+        ground: speed over ground, if other monitors use it too.
     """
 
     name = "motion"
     limit = MOTION
 
-    def __init__(self) -> None:
+    def __init__(self, ground: SpeedOverGround | None = None) -> None:
         self._cusum = Cusum(MOTION_ALLOWANCE, MOTION)
-        self._ground = SpeedOverGround()
+        self._ground = ground or SpeedOverGround()
         self._sent: deque[tuple[float, float]] = deque()  # end of a command [s], its value
         self._plan: deque[tuple[float, float]] = deque()  # time [s], speed [m/s]
         self._speeds = 0.0, 0.0  # planned, over ground [m/s]

@@ -47,12 +47,20 @@ class SpeedOverGround:
     def __init__(self) -> None:
         self._positions = {sensor: deque[tuple[float, float, float]]() for sensor in _RECEIVERS}
         self._differences = deque[float](maxlen=_MOST_DIFFERENCES)  # second ones, unsigned [m]
+        self._seen: Sequence[Measurement] | None = None  # samples of the last call
+        self._last: GroundSpeed | None = None  # its result
 
     def speed(self, samples: Sequence[Measurement]) -> GroundSpeed | None:
         """Take in samples; return the speed of the span that ends with the newest.
 
-        None where no receiver has sent positions over 0.6 s, or none of them is new.
+        None where no receiver has sent positions over 0.6 s, or none of them is new. Several
+        monitors may ask with the same samples.
         """
+        if samples is not self._seen:
+            self._seen, self._last = samples, self._speed(samples)
+        return self._last
+
+    def _speed(self, samples: Sequence[Measurement]) -> GroundSpeed | None:
         new = False
         for sample in samples:
             kept = self._positions.get(sample.sensor)
