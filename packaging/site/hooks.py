@@ -36,6 +36,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
     pages["scenario-reference.md"] = scenario_reference()
     pages |= _api_pages()
+    shim = Path(__file__).with_name("iframe-worker.js")
+    pages[f"assets/{shim.name}"] = shim.read_text()
     for path, content in pages.items():
         files.append(File.generated(config, path, content=content))
     return files
