@@ -13,7 +13,7 @@ from ..errors import InvalidTuning
 from ..limits import CommandLimits
 from ..models.tracking_error import Error, estimated_error
 from ..reference.projection import Projection
-from ..reference.reference import Reference, ReferenceSample
+from ..reference.reference import Reference
 from ..types import (
     Command,
     Controller,
@@ -30,12 +30,12 @@ from ..types import (
 from .command_guard import CommandGuard
 from .detection.detector import Alarm, Reaction
 from .detection.reactions import Reactions
+from .reference_limits import beyond_limits
 
 _GNSS = frozenset({Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER})
 _SLOW = 0.5  # share of the reference's hydrostat position that is left at half speed
 _UP_TO_SPEED = 0.8  # share of the reference's speed from which on it no longer waits; assumed
 _LAG_M = 1.0  # behind the reference, up to which a corridor slows the vehicle down; assumed
-_ROUNDING = 1e-6  # excess of a reference over a limit that is not reported
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class Supervisor:
       then stop. Both end as soon as the position is known again. An estimator that reports no
       innovation of GNSS is judged by its time stamps and its covariance alone.
     - An alarm of a detector (`ttempc.guidance.detection`): reported, half speed, or a stop until
-      its cause has ended.
+      its cause has ended, in which the controller steers unless the steering is the cause.
     - Metres away from the reference, or a large yaw error: stop for good. A linear model does not
       hold there.
     - A controller whose predicted path leaves the corridor: half speed until it does not, or until
@@ -141,7 +141,7 @@ class Supervisor:
         self._grid = grid
         self._speed = float(np.abs(self._grid.state[:, State.V]).max())
         self._hp = self._grid.inputs[:, Input.HP]
-        self._beyond_limits = _beyond_limits(self._grid, self._limits)
+        self._beyond_limits = beyond_limits(self._grid, self._limits)
 
     def exchange(self, controller: Controller, reference: Reference) -> None:
         """Go on with another controller and a reference of the same path and speed.
@@ -206,6 +206,8 @@ class Supervisor:
         if deviation > safety.uncertain_stop_m:
             reason = f"position uncertain by more than {safety.uncertain_stop_m:g} m"
             return self._stop(reason, error)
+        if reaction is Reaction.STOP_ON_PATH:
+            return self._stop_on_path(estimate, k, reasons, error)
         slow = ""
         if unseen_s > safety.unseen_slow_s:
             slow = f"position not measured for more than {safety.unseen_slow_s:g} s: half speed"
@@ -251,6 +253,19 @@ class Supervisor:
         self._last = replace(step, diagnostics=replace(step.diagnostics, stopping=True))
         self._waiting = True
         self._waits = error is None or self._is_ahead(error)
+        return self._last
+
+    def _stop_on_path(
+        self, estimate: Estimate, k: int, reason: str, error: FloatArray
+    ) -> ControlStep:
+        """Move the hydrostat to 0 and let the controller steer."""
+        step = self._rejoin(self._guard.step(estimate, k), self._last.command, largest_hp=0.0)
+        diagnostics = replace(
+            step.diagnostics, tracking_error=error, fallback=f"{reason}: stopped", stopping=True
+        )
+        self._last = ControlStep(step.command, diagnostics)
+        self._overridden = self._waiting = True
+        self._waits = self._is_ahead(error)
         return self._last
 
     def _wait(self, error: FloatArray, k: int, speed: float, *, slows: bool) -> None:
@@ -324,16 +339,3 @@ def _astray(error: FloatArray, safety: SafetyLimits) -> str:
         if abs(yaw) > safety.yaw:
             return f"{body} turned by more than {math.degrees(safety.yaw):.0f} deg"
     return ""
-
-
-def _beyond_limits(grid: ReferenceSample, limits: CommandLimits) -> list[str]:
-    """Return for every tick the inputs of the reference beyond the limits, "" where none is."""
-    inputs = grid.inputs
-    over = (inputs > limits.upper + _ROUNDING) | (inputs < limits.lower - _ROUNDING)
-    fast = np.abs(np.diff(inputs, axis=0, prepend=inputs[:1])) > limits.step + _ROUNDING
-    names = np.array([item.name.lower() for item in Input])
-    notes = np.full(len(inputs), "", dtype=object)
-    for k in np.flatnonzero(over.any(axis=1) | fast.any(axis=1)):
-        excess = ", ".join(names[over[k] | fast[k]])
-        notes[k] = f"reference asks for more {excess} than the limits allow: driving at the limit"
-    return notes.tolist()

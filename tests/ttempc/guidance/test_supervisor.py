@@ -213,3 +213,20 @@ def test_the_reference_waits_while_the_vehicle_drives_at_half_speed():
     assert supervisor.waits
     assert "wheels turn: half speed" in step.diagnostics.fallback
     assert not step.diagnostics.stopping
+
+
+def test_a_vehicle_that_makes_no_way_stops_and_steers_on_where_it_may():
+    """A stop on the path leaves the steering to the controller, another one holds it."""
+    for way, steers in ((Reaction.STOP_ON_PATH, True), (Reaction.STOP, False)):
+        supervisor = Supervisor(
+            make_controller("pid", VEHICLE, REFERENCE, PERIOD_S), REFERENCE, PERIOD_S
+        )
+        commands = []
+        for k in range(40):
+            alarms = (Alarm("given", "given", way),) if k >= 10 else ()
+            commands.append(supervisor.step(on_reference(k), k, k * PERIOD_S, alarms).command)
+        hp = [command.hp for command in commands]
+        assert hp[9] > 0.5
+        assert hp[-1] == 0.0
+        assert np.all(np.diff(hp[9:]) <= 0.0)
+        assert (len({command.delta_t for command in commands[12:]}) > 1) is steers

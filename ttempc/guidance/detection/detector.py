@@ -20,7 +20,8 @@ class Reaction(IntEnum):
 
     GO_ON = 0  # degraded: the reason is reported
     SLOW = 1  # half speed
-    STOP = 2  # stop and hold
+    STOP_ON_PATH = 2  # stop, and steer along the path for as long as the vehicle rolls
+    STOP = 3  # stop and hold the steering
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,7 @@ class Reactions:
 
     def __init__(self) -> None:
         self._stopped = ""  # reason of the stop that is held
+        self._way = Reaction.STOP  # of that stop
         self._last_s = -math.inf  # time of the last alarm that asked for a stop
         self._restarts = 0
 
@@ -36,16 +37,18 @@ class Reactions:
             speed: estimated [m/s].
             time_s: present time.
         """
-        stops = [alarm.reason for alarm in alarms if alarm.reaction is Reaction.STOP]
+        stops = [alarm for alarm in alarms if alarm.reaction >= Reaction.STOP_ON_PATH]
         if stops:
+            strongest = max(alarm.reaction for alarm in stops)
             if not self._stopped and time_s - self._last_s > _FORGOTTEN_S:
                 self._restarts = 0
-            self._stopped, self._last_s = self._stopped or stops[0], time_s
+            self._way = max(self._way, strongest) if self._stopped else strongest
+            self._stopped, self._last_s = self._stopped or stops[0].reason, time_s
         elif self._stopped:
             rests = abs(speed) <= _STANDING and time_s - self._last_s >= _QUIET_S
             if rests and self._restarts < _RESTARTS:
                 self._stopped, self._restarts = "", self._restarts + 1
         if self._stopped:
-            return Reaction.STOP, self._stopped
+            return self._way, self._stopped
         reaction = max((alarm.reaction for alarm in alarms), default=Reaction.GO_ON)
         return reaction, "; ".join(alarm.reason for alarm in alarms)

@@ -67,7 +67,7 @@ class WheelMonitor:
         return Alarm(
             self.name,
             f"wheels turn at {wheels:.2f} m/s, GNSS moves at {speed:.2f} m/s",
-            Reaction.STOP if spins else Reaction.SLOW,
+            Reaction.STOP_ON_PATH if spins else Reaction.SLOW,
         )
 
 
@@ -132,7 +132,7 @@ class MotionMonitor:
         return Alarm(
             self.name,
             f"planned speed {planned:.2f} m/s, GNSS moves at {speed:.2f} m/s",
-            Reaction.STOP,
+            Reaction.STOP_ON_PATH,
         )
 
 

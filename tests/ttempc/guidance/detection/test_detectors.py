@@ -147,7 +147,7 @@ def speeds(k, encoder, ground, rng):
     ("encoder", "ground_mps", "reaction"),
     [
         (1.0, 0.85, None),
-        (1.0, 0.0, Reaction.STOP),
+        (1.0, 0.0, Reaction.STOP_ON_PATH),
         (2.0, 1.1, Reaction.SLOW),
         (0, 1, Reaction.SLOW),
     ],
