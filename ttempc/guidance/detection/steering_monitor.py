@@ -16,7 +16,7 @@ _UNKNOWN_S: Final = 0.4  # of dead time that was not learnt: two periods of the 
 _STEP_S: Final = 0.02  # of the model's integration: an eighth of the paper's shortest lag
 _KEPT_S: Final = 1.0  # of the response, for samples that come late
 _SCATTER: Final = 25  # samples of which the noise is estimated: a second of the paper's sensors
-_QUIET: Final = math.radians(3.0) / math.sqrt(5.0)  # 3 sd of a mean of five of the paper's samples
+_QUIET: Final = math.radians(1.0) / math.sqrt(5.0)  # sd of a mean of five of the paper's samples
 _SENSORS: Final = {
     Input.DELTA_T: Sensor.STEERING_TRACTOR,
     Input.DELTA_I: Sensor.STEERING_TRAILER,
@@ -29,9 +29,10 @@ class SteeringMonitor:
 
     The model is that of the vehicle: dead time, rate limit, lag, with the parameters learnt so far.
     The residual is the distance of the mean sample of a tick from the interval that the response
-    has covered in the last 0.4 s, since a dead time may not be learnt yet, widened by three
-    standard deviations of that mean beyond those of the paper's sensor; a `Cusum` sums it up. A
-    valve that is stuck shows as soon as the command leaves its angle by more than the allowance.
+    has covered in the last 0.4 s, since a dead time may not be learnt yet; a `Cusum` sums it up. It
+    is divided by the noise of that mean over that of the paper's sensor where it is larger, so that
+    allowance and limit remain the same multiples of the noise. A valve that is stuck shows as soon
+    as the command leaves its angle by more than the allowance.
     """
 
     def __init__(self, axis: Input) -> None:
@@ -75,8 +76,7 @@ class SteeringMonitor:
         band = [angle for time_s, angle in self._response if begin <= time_s <= end + _STEP_S]
         if band:
             residual = mean - min(max(mean, min(band)), max(band))
-            excess = abs(residual) - max(0.0, 3.0 * self._noise(len(values)) - _QUIET)
-            self._cusum.add(math.copysign(max(0.0, excess), residual))
+            self._cusum.add(residual / max(1.0, self._noise(len(values)) / _QUIET))
 
     def _noise(self, count: int) -> float:
         """Return the sd of the mean of `count` samples, from the differences of recent ones."""

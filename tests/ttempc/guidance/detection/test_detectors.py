@@ -102,9 +102,12 @@ def valve(commands, time_s, lag=VEHICLE.steering_lag_t):
 @pytest.mark.parametrize("sd_deg", [1.0, 10.0])
 def test_a_valve_that_follows_is_no_fault_however_noisy_its_sensor(sd_deg):
     rng, monitor = np.random.default_rng(1), SteeringMonitor(Input.DELTA_T)
-    commands = 0.3 * np.sin(0.15 * np.arange(200))
-    for k in range(200):
-        samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t), rng, sd_deg)
+    commands = 0.3 * np.sin(0.15 * np.arange(3000))
+    for k in range(3000):
+        recent = max(0, k - 30)  # a step of 30 periods before has no effect on the angle
+        samples = angles(
+            k, lambda t, k=k, n=recent: valve(commands[n : k + 1], t - n * PERIOD_S), rng, sd_deg
+        )
         sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
         monitor.observe(observation(k, samples, sent))
         assert monitor.statistic < monitor.limit
