@@ -19,7 +19,7 @@ from proving_ground.experiments.sweep.sweep import sweep
 from proving_ground.testbed.randomness import generator
 
 FIELDS = ("grass", "old-valves", "split", "wet-slope")
-FACTORS = {"ttempc": 1.0, "pid": 1.25, "paper": 10.0, "lqr": 1.0}
+FACTORS = {"ttempc": 1.0, "pid": 1.25, "paper": 10.0, "lqr": 1.0, "nmpc-rti": 1.1}
 
 
 def synthetic_row(job):
@@ -113,7 +113,8 @@ def test_the_table_by_field_says_where_the_rival_is_better(driver):
     assert lines(text, "`old-valves`")[4] == "`pid`"
     assert lines(text, "`grass`")[1] == "filter, tube"
     assert "Ahead of `ttempc`: `pid` on `old-valves` (" in text
-    assert "fields none of `pid`, `paper`, `lqr` is ahead of `ttempc` by more than 0.05 cm" in text
+    rivals = "`pid`, `paper`, `lqr`, `nmpc-rti`"
+    assert f"fields none of {rivals} is ahead of `ttempc` by more than 0.05 cm" in text
     assert "on 1 of 4 fields (`old-valves`), significantly on `old-valves`." in text
     assert "fields (`grass`, `split`, `wet-slope`), significantly on `grass`, `split`" in text
 
