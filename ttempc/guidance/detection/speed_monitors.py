@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from typing import Final
 
 from ...types import Input, Sensor
@@ -16,7 +17,41 @@ _SIGMAS: Final = 3.0
 _STANDS: Final = 0.5  # share of the encoder's speed below which a vehicle makes no way
 
 
-class WheelMonitor:
+class _SpeedMonitor:
+    """Cumulative sum of the difference of a speed from that over ground.
+
+    Args:
+        allowance: of the sum, and of the noise of the speed over ground [m/s].
+        limit: of the sum [m/s].
+        ground: speed over ground, if other monitors use it too.
+    """
+
+    def __init__(self, allowance: float, limit: float, ground: SpeedOverGround | None) -> None:
+        self._allowance = allowance
+        self._cusum = Cusum(allowance, limit)
+        self._ground = ground or SpeedOverGround()
+        self._speeds = 0.0, 0.0  # compared at last: the speed in question, over ground [m/s]
+
+    @property
+    def statistic(self) -> float:
+        """Larger sum of the residuals [m/s]."""
+        return self._cusum.largest
+
+    @property
+    def residual(self) -> float:
+        """Latest residual [m/s]."""
+        return self._cusum.residual
+
+    def _compare(self, history: Iterable[tuple[float, float]], ground: GroundSpeed) -> None:
+        """Add the difference of the mean of a `history` of times and speeds over the span."""
+        values = [value for time_s, value in history if ground.begin_s <= time_s <= ground.end_s]
+        if values:
+            self._speeds = abs(sum(values)) / len(values), ground.mps
+            residual = self._speeds[0] - ground.mps
+            self._cusum.add(_beyond_noise(residual, ground, self._allowance))
+
+
+class WheelMonitor(_SpeedMonitor):
     """Compares the speed of the driven wheels with that over ground.
 
     The residual is the difference of both mean speeds of a second. Above: the wheels spin, or the
@@ -30,20 +65,8 @@ class WheelMonitor:
     limit = WHEELS
 
     def __init__(self, ground: SpeedOverGround | None = None) -> None:
-        self._cusum = Cusum(WHEELS_ALLOWANCE, WHEELS)
-        self._ground = ground or SpeedOverGround()
+        super().__init__(WHEELS_ALLOWANCE, WHEELS, ground)
         self._encoder: deque[tuple[float, float]] = deque()
-        self._speeds = 0.0, 0.0  # of the wheels, over ground [m/s]
-
-    @property
-    def statistic(self) -> float:
-        """Larger sum of the residuals [m/s]."""
-        return self._cusum.largest
-
-    @property
-    def residual(self) -> float:
-        """Latest residual [m/s]."""
-        return self._cusum.residual
 
     def observe(self, observation: Observation) -> None:
         """Compare the speeds of the last second where there is a new position."""
@@ -53,12 +76,8 @@ class WheelMonitor:
         while self._encoder and self._encoder[0][0] < observation.time_s - _KEPT_S:
             self._encoder.popleft()
         ground = self._ground.speed(observation.samples)
-        if ground is None:
-            return
-        wheels = [value for t, value in self._encoder if ground.begin_s <= t <= ground.end_s]
-        if wheels:
-            self._speeds = abs(sum(wheels)) / len(wheels), ground.mps
-            self._cusum.add(_beyond_noise(self._speeds[0] - ground.mps, ground, WHEELS_ALLOWANCE))
+        if ground is not None:
+            self._compare(self._encoder, ground)
 
     def alarm(self) -> Alarm:
         """Return the alarm: a vehicle that makes no way stops, one with a wrong encoder goes on."""
@@ -71,7 +90,7 @@ class WheelMonitor:
         )
 
 
-class MotionMonitor:
+class MotionMonitor(_SpeedMonitor):
     """Compares the speed that the hydrostat's commands ask for with that over ground.
 
     The planned speed is that of the vehicle model: K hp after the dead time and the lag of the
@@ -85,21 +104,9 @@ class MotionMonitor:
     limit = MOTION
 
     def __init__(self, ground: SpeedOverGround | None = None) -> None:
-        self._cusum = Cusum(MOTION_ALLOWANCE, MOTION)
-        self._ground = ground or SpeedOverGround()
+        super().__init__(MOTION_ALLOWANCE, MOTION, ground)
         self._sent: deque[tuple[float, float]] = deque()  # end of a command [s], its value
         self._plan: deque[tuple[float, float]] = deque()  # time [s], speed [m/s]
-        self._speeds = 0.0, 0.0  # planned, over ground [m/s]
-
-    @property
-    def statistic(self) -> float:
-        """Larger sum of the residuals [m/s]."""
-        return self._cusum.largest
-
-    @property
-    def residual(self) -> float:
-        """Latest residual [m/s]."""
-        return self._cusum.residual
 
     def observe(self, observation: Observation) -> None:
         """Continue the plan and compare it with the motion where there is a new position."""
@@ -119,12 +126,8 @@ class MotionMonitor:
             while self._plan[0][0] < now - _KEPT_S - SPAN_S:
                 self._plan.popleft()
         ground = self._ground.speed(observation.samples)
-        if ground is None:
-            return
-        planned = [value for t, value in self._plan if ground.begin_s <= t <= ground.end_s]
-        if planned:
-            self._speeds = sum(planned) / len(planned), ground.mps
-            self._cusum.add(_beyond_noise(self._speeds[0] - ground.mps, ground, MOTION_ALLOWANCE))
+        if ground is not None:
+            self._compare(self._plan, ground)
 
     def alarm(self) -> Alarm:
         """Return the alarm: a vehicle that does not move as commanded stops."""
