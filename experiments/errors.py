@@ -58,7 +58,7 @@ class InvalidRows(ExperimentError):
 
 
 class InvalidScoreCard(ExperimentError):
-    """The score card of field trials is invalid or is not comparable. The message names the file."""
+    """The score card is invalid or not comparable. The message names the file or what differs."""
 
 
 class InvalidFit(ExperimentError):

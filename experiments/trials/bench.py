@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,7 +26,7 @@ from .definition import VERSION, frozen_probes, identifier, trial_files
 from .draws import Draws
 from .plant_probe import differing, probe
 from .score import TrialRun, score
-from .score_card import ScoreCard
+from .score_card import ScoreCard, entry_label
 
 _COLUMNS: Final = {  # key of a run: column of a row
     "trailer_p95_m": "tracking.all.trailer.cross_p95_m",
@@ -59,8 +60,8 @@ class Entrant:
         if changes or not isinstance(settings, dict) or "name" in settings:
             wrong = next(iter(changes), "controller.name")
             raise BadOptions(
-                f"bench --set {wrong}: the trials are frozen; keys of [controller] are allowed, such "
-                "as controller.options.horizon=20, but for its name"
+                f"bench --set {wrong}: must be a key of [controller] other than its name, such as "
+                "controller.options.horizon=20; the trials are frozen"
             )
         if settings.get("estimator") == TRUTH:
             raise BadOptions(f"bench --set controller.estimator={TRUTH}: is not allowed in a trial")
@@ -73,8 +74,9 @@ class Entrant:
 
     @property
     def stem(self) -> str:
-        """Return the name as part of a file name."""
-        return self.controller.replace(":", ".")
+        """Return controller and settings as part of a file name."""
+        label = entry_label(self.controller, self.settings)
+        return re.sub(r"[^\w.=-]+", "-", label).strip("-")
 
     def plan(self, draws: Draws) -> SweepPlan:
         """Return all runs of the entry.
@@ -88,8 +90,8 @@ class Entrant:
             scenario = read_scenario(str(file)).scenario(self.changes, changed_by="--set")
             if scenario.corridor is not None and scenario.controller.speed_tube() is not None:
                 raise BadOptions(
-                    f"bench {self.controller}: controller.options has half widths over speed, which "
-                    f"change the speed of {name}; the speed of a trial is fixed"
+                    f"bench {self.controller}: controller.options must have no half widths over "
+                    f"speed: they change the speed of {name}, which is fixed"
                 )
         assert draws.seeds is not None
         study = Study(
@@ -171,4 +173,3 @@ def trial_run(row: Row) -> TrialRun:
 
 def _rounded(value: object) -> float | None:
     return round(float(value), 6) if isinstance(value, int | float) else None
-

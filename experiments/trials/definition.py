@@ -6,20 +6,18 @@ import functools
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
 from proving_ground.testbed.configuration.resources import resource
 from proving_ground.testbed.recording.provenance import code_digest
 
-from ..scenario.scenario import Scenario, read_scenario, without_none
+from ..scenario.scenario import Scenario, read_scenario
 
 VERSION: Final = "v1"
 """Version of the field trials; other scenarios, seeds or scores are another version."""
 
 _PROBES: Final = "plant.json"
-_OF_THE_ENTRY: Final = ("description", "controller")  # tables that are not part of a trial
 
 
 def trial_files() -> dict[str, Path]:
@@ -42,22 +40,23 @@ def frozen_probes() -> dict[str, tuple[float, ...]]:
 def frozen_identifier() -> str:
     """Return version and content hash of the trials.
 
-    The hash is that of the resolved scenarios without controller, so that a changed default counts,
-    and of the frozen results of the plant's probes, so that a change of the plant's behaviour
-    counts once these are frozen anew.
+    The hash is that of the scenario files without their descriptions, and of the frozen results of
+    the plant's probes, in which defaults, vehicle and plant count. A new key that is off by default
+    changes neither.
     """
-    return identifier_of({name: trial(name) for name in trial_files()}, frozen_probes())
+    contents = {name: read_scenario(str(file)).content for name, file in trial_files().items()}
+    return identifier_of(contents, frozen_probes())
 
 
 def identifier_of(
-    scenarios: Mapping[str, Scenario], probes: Mapping[str, tuple[float, ...]]
+    contents: Mapping[str, Mapping[str, Any]], probes: Mapping[str, tuple[float, ...]]
 ) -> str:
-    """Return the identifier of scenarios and probe results."""
-    content: dict[str, Any] = {name: without_none(asdict(item)) for name, item in scenarios.items()}
-    for table in content.values():
-        for key in _OF_THE_ENTRY:
-            table.pop(key, None)
-    text = json.dumps([content, {**probes}], sort_keys=True)
+    """Return the identifier of the tables of scenario files and of probe results."""
+    trials = {
+        name: {key: value for key, value in content.items() if key != "description"}
+        for name, content in contents.items()
+    }
+    text = json.dumps([trials, {**probes}], sort_keys=True)
     return f"{VERSION}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 

@@ -17,6 +17,9 @@ from ..output import refuse_existing, write_file
 from ..seeds import TRIALS
 from ..sweep.study import Seed
 
+PUBLIC: Final = tuple(TRIALS)
+"""The public seeds."""
+
 MOST: Final = 1000
 """Largest number of seeds of a file."""
 
@@ -35,10 +38,10 @@ class Draws:
     """The seeds; absent in the score card of hidden ones."""
 
 
-def public_draws(quick: bool = False) -> Draws:
-    """Return the public seeds, with `quick` the first of them."""
-    seeds = (*TRIALS,)[:1] if quick else (*TRIALS,)
-    return Draws("quick" if quick else "public", seeds_hash(seeds), len(seeds), seeds)
+def public_draws(seeds: tuple[int, ...] = PUBLIC) -> Draws:
+    """Return public seeds; others than all of them make a quick bench."""
+    kind = "public" if seeds == PUBLIC else "quick"
+    return Draws(kind, seeds_hash(seeds), len(seeds), seeds)
 
 
 def hidden_draws(file: Path) -> Draws:
@@ -75,7 +78,7 @@ def draw_hidden(file: Path) -> Draws:
     """
     refuse_existing(file)
     seeds: dict[int, None] = {}
-    while len(seeds) < len(TRIALS):
+    while len(seeds) < len(PUBLIC):
         seeds[secrets.randbits(32)] = None
     write_file(file, _text((*seeds,)))
     return hidden_draws(file)

@@ -39,8 +39,8 @@ _NOT_DRIVEN: Final = ("prepare", "estimate", "log_control", "log_timing", "termi
 def probe(name: str) -> tuple[float, ...]:
     """Drive the probe of a trial and return the means and the last values of its channels.
 
-    Channels: true state, samples of the sensors, tool and corridor; numbers that do not exist are
-    left out.
+    Channels: reference of the whole path, true state, samples of the sensors, tool and corridor;
+    numbers that do not exist are left out.
     """
     changes = {"controller": {"name": "feedforward"}}
     scenario = read_scenario(str(trial_files()[name])).scenario(changes)
@@ -58,9 +58,10 @@ def probe(name: str) -> tuple[float, ...]:
         for stage in stages:
             stage(setup, tick)
     record = recorder.record()
+    channels = (record[channel].values for channel in (STATE, MEASUREMENT, TOOL, CORRIDOR))
     values: list[float] = []
-    for channel in (STATE, MEASUREMENT, TOOL, CORRIDOR):
-        for column in record[channel].values.T:
+    for table in (grid.state, grid.trailer_xy, grid.inputs, *channels):
+        for column in table.T:
             numbers = column[np.isfinite(column)]
             values += [float(numbers.mean()), float(numbers[-1])] if len(numbers) else []
     return tuple(values)
@@ -83,7 +84,9 @@ def fixed_law(grid: ReferenceSample, k: int, tick: TickContext) -> Command:
     return Command(max(-0.5, min(0.5, delta_t)), delta_i, max(-1.0, min(1.0, hp)))
 
 
-def differing(results: Mapping[str, tuple[float, ...]], frozen: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
+def differing(
+    results: Mapping[str, tuple[float, ...]], frozen: Mapping[str, tuple[float, ...]]
+) -> tuple[str, ...]:
     """Return the trials whose probes differ by more than rounding of another processor."""
 
     def same(one: tuple[float, ...], other: tuple[float, ...]) -> bool:

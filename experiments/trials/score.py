@@ -1,11 +1,12 @@
 """Scores of the field trials: cost of a run, of a trial, of an entry.
 
 The cost of a run is a length: the 95 % cross-track error of the working point, which is the tool
-where there is one and else the trailer. A run that does not complete costs `LOSS_M`, and so does the
-share of the time outside the corridor. Over seeds the mean counts, as the expected cost: a loss
-counts with its frequency. Over trials the geometric mean counts: the order of two entries does not
-depend on the scale of a trial (Fleming and Wallace 1986, "How not to lie with statistics: the
-correct way to summarize benchmark results", CACM 29(3)), and no hard trial outweighs the others.
+where there is one and else the trailer. A run that does not complete costs `LOSS_M`, and so does
+the share of the time outside the corridor. Over seeds the mean counts, as the expected cost: a
+loss counts with its frequency. Over trials the geometric mean counts: the order of two entries
+does not depend on the scale of a trial (Fleming and Wallace 1986, "How not to lie with statistics:
+the correct way to summarize benchmark results", CACM 29(3)), and no hard trial outweighs the
+others.
 """
 
 from __future__ import annotations

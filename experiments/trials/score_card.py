@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import typing
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
@@ -52,14 +53,15 @@ class ScoreCard:
     @property
     def label(self) -> str:
         """Return the controller with its settings, in one line."""
-        parts = (f"{key}={_plain(value)}" for key, value in sorted(_leaves(self.settings).items()))
-        return " ".join((self.controller, *parts))
+        return entry_label(self.controller, self.settings)
 
     @property
     def badge(self) -> str:
         """Return identifier, entry and score in one line."""
         cost, lost = self.score.cost_m, self.score.not_completed
-        ends = "" if cost.low is None else f" ({100 * cost.low:.2f} to {100 * (cost.high or 0):.2f})"
+        ends = (
+            "" if cost.low is None else f" ({100 * cost.low:.2f} to {100 * (cost.high or 0):.2f})"
+        )
         seeds = {"public": "", "quick": ", quick", "hidden": f", hidden {self.draws.sha256[:8]}"}
         return (
             f"field trials {self.identifier}{seeds[self.draws.kind]} | {self.label} | "
@@ -74,6 +76,12 @@ class ScoreCard:
         by_trial = (f"  {json.dumps(name)}: {_compact(runs)}" for name, runs in trials.items())
         lines.append(' "trials": {\n' + ",\n".join(by_trial) + "\n }")
         return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def entry_label(controller: str, settings: Mapping[str, Any]) -> str:
+    """Return a controller with its settings, in one line."""
+    leaves = sorted(_leaves(settings).items())
+    return " ".join((controller, *(f"{key}={_plain(value)}" for key, value in leaves)))
 
 
 def read_score_card(file: Path) -> ScoreCard:
@@ -110,7 +118,7 @@ def card_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
 
-def _leaves(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+def _leaves(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     leaves: dict[str, Any] = {}
     for key, value in table.items():
         inside = isinstance(value, dict)

@@ -1,4 +1,4 @@
-"""Tables of score cards: of one entry as text, Markdown and HTML, of all entries as a leaderboard."""
+"""Tables of score cards: one entry as text and HTML, all entries as a leaderboard."""
 
 from __future__ import annotations
 
@@ -30,9 +30,7 @@ HEADS: Final = (
 
 def trial_rows(card: ScoreCard) -> list[tuple[str, ...]]:
     """Return a row of cells for each trial, under `HEADS`."""
-    return [
-        (name, *_cells(item, card.draws.count)) for name, item in card.score.trials.items()
-    ]
+    return [(name, *_cells(item, card.draws.count)) for name, item in card.score.trials.items()]
 
 
 def format_card(card: ScoreCard) -> str:
@@ -52,7 +50,8 @@ def format_card(card: ScoreCard) -> str:
 def card_page(card: ScoreCard) -> str:
     """Return the score card as an HTML page."""
     template = environment().get_template("score.html.j2")
-    about = {name: trial(name).description for name in trial_files()}
+    files = trial_files()
+    about = {name: trial(name).description for name in card.trials if name in files}
     return template.render(
         card=card,
         heads=HEADS,
@@ -82,7 +81,10 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
         )
     names = [*trial_files()]
     by_trial = [
-        (f"`{card.label}`", *(f"{100 * card.score.trials[name].cost_m.value:.1f}" for name in names))
+        (
+            f"`{card.label}`",
+            *(f"{100 * card.score.trials[name].cost_m.value:.1f}" for name in names),
+        )
         for card in ordered
     ]
     machines = sorted({f"{card.machine['processor']} ({card.machine['system']})" for card in cards})

@@ -138,10 +138,10 @@ def _draws(arguments: argparse.Namespace) -> Draws:
         BadOptions: they are given twice, or the file is not understood.
     """
     from ...errors import BadOptions
-    from ...trials.draws import hidden_draws, public_draws
+    from ...trials.draws import PUBLIC, hidden_draws, public_draws
 
     if arguments.seeds_file is None:
-        return public_draws(arguments.quick)
+        return public_draws(PUBLIC[:1] if arguments.quick else PUBLIC)
     if arguments.quick:
         raise BadOptions("bench: --quick and --seeds-file exclude each other")
     return hidden_draws(arguments.seeds_file)
