@@ -60,9 +60,11 @@ def field_trials(driver: Driver) -> Product:
     for file in sorted((ROOT / "docs" / CARDS).glob("*.json")):
         if f"{CARDS}/{file.name}" not in cards:
             others.append(read_score_card(file))
-    same = [card for card in others if card.identifier == shown[0].identifier]
+    first = shown[0].identifier, shown[0].draws.sha256
+    same = [card for card in others if (card.identifier, card.draws.sha256) == first]
     left_out = [f"`{card.label}` ({card.identifier})" for card in others if card not in same]
-    parts = [f"Field trials `{shown[0].identifier}`.", leaderboard([*shown, *same])]
+    count = f"{draws.count} seed{'s' if draws.count > 1 else ''}"
+    parts = [f"Field trials `{first[0]}`, {count}.", leaderboard([*shown, *same])]
     if left_out:
-        parts.append(f"Of other trials, not shown: {', '.join(left_out)}.")
+        parts.append(f"Of other trials or seeds, not shown: {', '.join(left_out)}.")
     return Product("\n\n".join(parts), files)

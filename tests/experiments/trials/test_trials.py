@@ -10,11 +10,13 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import BadOptions, InvalidScoreCard
+from proving_ground.experiments.reproduce import trial_tables
+from proving_ground.experiments.reproduce.driver import Driver
 from proving_ground.experiments.reproduce.pages import ROOT
 from proving_ground.experiments.seeds import design_seeds
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.experiments.trials import bench as module
-from proving_ground.experiments.trials import definition, plant_probe
+from proving_ground.experiments.trials import definition, plant_probe, tables
 from proving_ground.experiments.trials.comparison import compare_cards
 from proving_ground.experiments.trials.draws import PUBLIC, hidden_draws, public_draws, seeds_hash
 from proving_ground.experiments.trials.score import LOSS_M, TrialRun, score
@@ -277,6 +279,29 @@ def test_the_leaderboard_has_the_least_cost_first():
     cards = [card_of(np.full((trials, 2), error), name) for error, name in ((0.2, "b"), (0.1, "a"))]
     lines = leaderboard(cards).splitlines()
     assert [line.split("|")[1].strip() for line in lines[2:4]] == ["`a`", "`b`"]
+
+
+def test_the_leaderboard_is_made_of_runs_and_of_cards_of_others(
+    one_short_trial, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(tables, "trial_files", definition.trial_files)
+    monkeypatch.setattr(trial_tables, "SHIPPED", (("pid",), ("feedforward",)))
+    monkeypatch.setattr(trial_tables, "EXAMPLES", (("casadi_mpc:CasadiMpc",),))
+    monkeypatch.setattr(trial_tables, "ROOT", tmp_path)
+    monkeypatch.syspath_prepend(ROOT / "docs" / "examples")
+    folder = tmp_path / "docs" / "field-trials"
+    folder.mkdir(parents=True)
+    (folder / "theirs.json").write_text(card_of([[0.05]], "theirs").to_json())
+    (folder / "old.json").write_text(card_of([[0.05]], "old", identifier="v0-0").to_json())
+    product = trial_tables.field_trials(Driver(tmp_path / "rows", workers=0, seeds=PUBLIC[:1]))
+    names = {"pid.json", "feedforward.json", "casadi_mpc-CasadiMpc.json"}
+    assert {*product.files} == {f"field-trials/{name}" for name in names}
+    file = tmp_path / "pid.json"
+    file.write_bytes(product.files["field-trials/pid.json"])
+    assert read_score_card(file).draws.seeds == PUBLIC[:1]
+    assert product.block.count("| `theirs` |") == 2
+    assert product.block.count("| `casadi_mpc:CasadiMpc` |") == 2
+    assert "not shown: `old` (v0-0)" in product.block
 
 
 def test_the_page_lists_every_trial():
