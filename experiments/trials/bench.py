@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -88,7 +89,8 @@ class Entrant:
         files = trial_files()
         for name, file in files.items():
             scenario = read_scenario(str(file)).scenario(self.changes, changed_by="--set")
-            if scenario.corridor is not None and scenario.controller.speed_tube() is not None:
+            tube, corridor = scenario.controller.speed_tube(), scenario.corridor
+            if tube and corridor and tube.speed_within(corridor.half_width_m) < math.inf:
                 raise BadOptions(
                     f"bench {self.controller}: controller.options must have no half widths over "
                     f"speed: they change the speed of {name}, which is fixed"
@@ -154,7 +156,9 @@ def runs_of(
     runs = {}
     for point, name in enumerate(trial_files()):
         error = plan.refusals.get((point, 0))
-        refused = TrialRun(status="refused", failure=str(error)) if error else None
+        # Without study and axes: the path of the scenario is of this machine.
+        reason = str(error).split(": ", 2)[-1]
+        refused = TrialRun(status="refused", failure=reason) if error else None
         runs[name] = tuple(refused or by_run[name, seed] for seed in draws.seeds)
     return runs
 

@@ -15,6 +15,7 @@ from proving_ground.experiments.reproduce.driver import Driver
 from proving_ground.experiments.reproduce.pages import ROOT
 from proving_ground.experiments.seeds import design_seeds
 from proving_ground.experiments.sweep.engine import engine
+from proving_ground.experiments.sweep.row import columns
 from proving_ground.experiments.trials import bench as module
 from proving_ground.experiments.trials import definition, plant_probe, tables
 from proving_ground.experiments.trials.comparison import compare_cards
@@ -229,6 +230,30 @@ def test_bad_input_gets_one_line_before_any_run(tmp_path, monkeypatch, capsys, w
     assert line.count("\n") == 1
     assert reason in line
     assert not any(tmp_path.iterdir())
+
+
+def test_a_refused_trial_counts_as_lost():
+    """The shipped tube is one for driving forward."""
+    draws = public_draws(PUBLIC[:2])
+    plan = module.Entrant.of("ttempc-tube", []).plan(draws)
+    empty = dict.fromkeys(columns(()))
+    rows = [
+        {**empty, "scenario": plan[run].setting.name, "seed": plan[run].seed}
+        | {"status": "completed", "failure": "", "tracking.all.trailer.cross_p95_m": 0.05}
+        for run in plan.runs()
+    ]
+    runs = module.runs_of(rows, plan, draws)
+    costs = {name: [run.cost_m for run in own] for name, own in runs.items()}
+    assert costs.pop("reverse") == [LOSS_M] * 2
+    assert all(cost == [0.05] * 2 for cost in costs.values())
+    assert {run.failure for run in runs["reverse"]} == {
+        "the tube was made for another vehicle: reverse 0 (here 1)"
+    }
+
+
+def test_the_default_controller_is_refused_nowhere():
+    plan = module.Entrant.of("ttempc", []).plan(public_draws())
+    assert plan.run_count == len(definition.trial_files()) * len(PUBLIC)
 
 
 def test_a_bench_drives_resumes_and_keeps_hidden_seeds_hidden(one_short_trial, tmp_path):
