@@ -5,7 +5,10 @@ algorithms, CMAME 186, 2000, doi 10.1016/S0045-7825(99)00389-8), with failure as
 two that fail, the less severe is better; one that fails is better than one that holds; of two that
 hold, the less robust is better. The optimiser uses the order alone: CMA-ES (Hansen, The CMA
 evolution strategy: a tutorial, arXiv 1604.00772), restarted with twice the population when it has
-converged (Auger and Hansen, CEC 2005, doi 10.1109/CEC.2005.1554902).
+converged (Auger and Hansen, CEC 2005, doi 10.1109/CEC.2005.1554902). Every new best failure is
+simplified, as in delta debugging (Zeller and Hildebrandt, IEEE TSE 28, 2002, doi
+10.1109/32.988498): without one of its deviations, and with a share of all; CMA-ES then goes on from
+the mildest.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 
 _SIGMA: Final = 0.2  # first standard deviation, of the bounds
 _EXPLORED: Final = 2  # generations of the first, space-filling sample
+_SHARES: Final = (0.5, 0.75, 0.9, 0.97)  # of the deviations of a failure
 _REFUSED: Final = 4.0  # cost, above that of every run
 
 
@@ -66,8 +70,7 @@ def falsify(
 ) -> list[Case]:
     """Search for the least severe failure; return all cases in the order of their runs.
 
-    First come the points of a Latin hypercube, then generations of CMA-ES, last points between the
-    nominal and the least severe failure. The cases depend on space, budget and seed alone, not on
+    The cases depend on space, budget and seed alone, not on
     how `evaluate` shares its work.
 
     Args:
@@ -104,20 +107,26 @@ def falsify(
         return cmaes.CMA(mean, _SIGMA, bounds=bounds, seed=state, population_size=population)
 
     population = 4 + int(3.0 * np.log(size))  # Hansen's default
-    explored = min(_EXPLORED * population, budget)
-    add(qmc.LatinHypercube(size, rng=rng).random(explored))
+    add(qmc.LatinHypercube(size, rng=rng).random(min(_EXPLORED * population, budget)))
     optimiser = strategy(best(cases).point, population)
-    while len(cases) + 2 * population <= budget:  # a generation, and the points between
-        points = np.array([optimiser.ask() for _ in range(population)])
-        optimiser.tell([(case.point, case.cost) for case in add(points)])
+    simplified: Case | None = None
+    while (rest := budget - len(cases)) > 0:
+        known = best(cases)
+        if known.failed and known.severity == 0.0:
+            break  # at a place where the nominal values fail
+        if known.failed and known is not simplified:
+            simplified = known
+            add(milder(space, known.point)[:rest])
+            if best(cases) is not known:
+                optimiser = strategy(best(cases).point, population)
+            continue
+        points = np.array([optimiser.ask() for _ in range(min(population, rest))])
+        new = add(points)
+        if len(new) == population:
+            optimiser.tell([(case.point, case.cost) for case in new])
         if optimiser.should_stop():
             population *= 2
             optimiser = strategy(rng.random(size), population)
-    rest = budget - len(cases)
-    if rest > 0 and best(cases).failed:
-        add(_between(space, best(cases).point, rest))
-    elif rest > 0:
-        add(np.array([optimiser.ask() for _ in range(rest)]))
     return cases
 
 
@@ -143,8 +152,13 @@ def distinct(space: Space, cases: Sequence[Case], most: int, apart: float = 0.2)
     return chosen[:most]
 
 
-def _between(space: Space, point: FloatArray, count: int) -> FloatArray:
-    """Return evenly spaced points from the nominal to a point, whose free parameters they share."""
-    start = np.where(space.counted > 0.0, space.nominal, point)
-    shares = np.arange(1, count + 1)[:, None] / (count + 1)
-    return start + shares * (point - start)
+def milder(space: Space, point: FloatArray) -> FloatArray:
+    """Return milder points, (m, n), that share the free parameters of a point.
+
+    Each lacks the deviation of one parameter, or has a share of all deviations.
+    """
+    deviation = np.where(space.counted > 0.0, point - space.nominal, 0.0)
+    counted = np.flatnonzero(deviation)
+    without = [np.where(np.arange(len(point)) == i, deviation, 0.0) for i in counted]
+    removed = without if len(counted) > 1 else []
+    return np.array([point - part for part in (*removed, *((1 - s) * deviation for s in _SHARES))])

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from proving_ground.experiments.search.falsification import Case, best, distinct, falsify
+from proving_ground.experiments.search.falsification import Case, best, distinct, falsify, milder
 from proving_ground.experiments.search.robustness import Outcome
 from proving_ground.experiments.search.space import Parameter, Space
 
@@ -73,6 +73,13 @@ def test_without_a_failure_the_least_robust_case_is_best():
     assert distinct(SPACE, cases, 3) == []
 
 
+def test_where_a_place_alone_fails_the_severity_goes_to_0():
+    def by_place(points):
+        return [Outcome(place > 0.5, float(place <= 0.5)) for *_, place in points]
+
+    assert best(search(60, outcomes=by_place)).severity < 0.01
+
+
 def test_refused_points_are_no_failures():
     def mostly_refused(points):
         pairs = zip(points, evaluate(points), strict=True)
@@ -91,3 +98,22 @@ def test_distinct_failures_are_ordered_and_apart():
     assert severities == sorted(severities)
     for case, other in itertools.pairwise(chosen):
         assert np.linalg.norm(case.point - other.point) >= 0.2 * np.sqrt(3)
+
+
+def test_milder_points_are_milder_and_at_the_same_place():
+    point = np.array([0.9, 0.5, 0.3])
+    severities = [SPACE.severity(other) for other in milder(SPACE, point)]
+    assert max(severities) < SPACE.severity(point)
+    assert (milder(SPACE, point)[:, 2] == 0.3).all()
+    assert milder(SPACE, point)[:2] == pytest.approx(np.array([[0.0, 0.5, 0.3], [0.9, 0.0, 0.3]]))
+
+
+def test_a_deviation_that_is_not_needed_is_dropped():
+    """Only the force matters: the delay of the least severe failure is nominal."""
+
+    def by_force(points):
+        return [Outcome(force >= 0.5, float(force < 0.5)) for force, *_ in points]
+
+    case = best(search(60, outcomes=by_force))
+    assert case.point[1] == 0.0
+    assert 0.5 <= case.point[0] < 0.53

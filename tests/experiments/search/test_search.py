@@ -1,26 +1,27 @@
 """Search on a plant: rows, resuming, files that replay."""
 
+import functools
 import json
 
 import pytest
+from scipy.stats import norm
 
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load, parse_overrides, read_scenario
 from proving_ground.experiments.search.quantities import read_subject
 from proving_ground.experiments.search.robustness import Specification
 from proving_ground.experiments.search.search import Search
+from proving_ground.experiments.sweep import plan, points
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.experiments.sweep.failure import ERROR
 from proving_ground.experiments.sweep.results import rows
-from proving_ground.experiments.sweep.row import figures, no_figures
+from proving_ground.experiments.sweep.row import FIGURES, no_figures
 
 SHORT = ["path={kind='straight', length_m=10.0}", "controller.name=pid"]
 WORDS = ["gust", "faults.gust.at_m=2:5:free"]
-COMMAND = ["falsify", *WORDS, "grass", "--set", SHORT[0], "--controller", "pid", "--workers", "0"]
 
 
-def search(folder=None, workers=0, budget=14):
+def search(folder=None, workers=0, budget=10):
     subject = read_subject(read_scenario("grass"), "grass", parse_overrides(SHORT), WORDS)
     with engine(workers) as runs:
         found = Search(subject, runs, seed=3, folder=folder)
@@ -35,30 +36,30 @@ def folder(tmp_path_factory):
     return folder
 
 
+def dig(summary, name):
+    return functools.reduce(lambda table, key: table and table[key], name.split("."), summary)
+
+
 def results(folder):
     files = sorted(folder.glob("generations/*/results.jsonl"))
     return [row for file in files for row in sorted(rows(file), key=lambda row: row["run"])]
 
 
-def test_the_file_of_a_worst_case_replays_its_failure(folder):
+def test_the_file_of_a_worst_case_replays_its_failure(folder, tmp_path, capsys):
     """Every figure but those of wall-clock time is the same, and so is the identity of the run."""
     report = json.loads((folder / "falsification.json").read_text())
     case = report["cases"][0]
     assert case["failure"]
-    assert report["runs"] == len(results(folder)) == 14
-    summary, _ = simulate(*load(str(folder / case["file"])), seed=report["seed"])
-    assert f"{summary.status}: {summary.failure}" == case["failure"]
-    (row,) = (row for row in results(folder) if row["run_id"] == summary.run_id)
-    same = {name: value for name, value in figures(summary).items() if "timing" not in name}
-    assert same == {name: row[name] for name in same}
-
-
-def test_the_command_runs_a_case_into_a_folder(folder, tmp_path, capsys):
-    case = json.loads((folder / "falsification.json").read_text())["cases"][0]
-    out = ["--seed", "3", "--out", str(tmp_path / "run"), "--json"]
-    assert main(["run", str(folder / case["file"]), *out]) == 3
-    assert json.loads(capsys.readouterr().out)["failure"] in case["failure"]
-    assert (tmp_path / "run" / "log.mcap").exists()
+    assert report["runs"] == len(results(folder)) == 10
+    command = ["run", str(folder / case["file"]), "--seed", str(report["seed"]), "--json"]
+    assert main([*command, "--out", str(tmp_path / "run")]) == 3
+    summary = json.loads(capsys.readouterr().out)
+    assert f"{summary['status']}: {summary['failure']}" == case["failure"]
+    (row,) = (row for row in results(folder) if row["run_id"] == summary["run_id"])
+    for name in FIGURES:
+        if not name.startswith("timing."):
+            assert row[name] == dig(summary, name), name
+    assert (tmp_path / "run" / "log.mcap").exists()  # for the film
 
 
 def test_an_interrupted_search_goes_on_to_the_same_cases(folder, tmp_path):
@@ -73,8 +74,7 @@ def test_an_interrupted_search_goes_on_to_the_same_cases(folder, tmp_path):
             (again / "generations" / source.name / name).write_text("".join(lines))
     kept = results(again)
     search(again)
-    for name in ("falsification.json",):
-        assert (again / name).read_text() == (folder / name).read_text()
+    assert (again / "falsification.json").read_text() == (folder / "falsification.json").read_text()
     assert [row for row in results(again) if row in kept] == kept  # wall-clock times among them
 
 
@@ -84,6 +84,27 @@ def test_two_workers_find_the_same_bits(folder, tmp_path):
     assert (tmp_path / "two" / "falsification.json").read_text() == (
         folder / "falsification.json"
     ).read_text()
+
+
+def test_the_probability_is_that_of_the_stated_distribution(monkeypatch):
+    """A vehicle that is lost above 4492.5 N: 2.25 sd of a normal truncated at 3 sd on one side."""
+
+    def rows_of(engine, jobs, work=None):
+        for job in jobs:
+            force = job.axes["faults.gust.force_n"]
+            figures = {**no_figures(), "extremes.tilt_rad": force / 4492.5}
+            yield job.row("lost" if force > 4492.5 else "completed", None, figures, 0.1)
+
+    monkeypatch.setattr(points, "imap_rows", rows_of)
+    monkeypatch.setattr(plan, "check", lambda scenario: 1)
+    subject = read_subject(read_scenario("grass"), "grass", parse_overrides(SHORT), WORDS)
+    exact = (norm.cdf(3.0) - norm.cdf(3.0 * 4482.5 / 5990.0)) / (norm.cdf(3.0) - 0.5)
+    covered = 0
+    with engine(0) as here:
+        for seed in range(5):
+            found = Search(subject, here, seed).probability(50)
+            covered += found.low <= exact <= found.high
+    assert covered >= 4
 
 
 def row(**changes):
