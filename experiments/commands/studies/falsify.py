@@ -100,7 +100,7 @@ def _falsify(arguments: argparse.Namespace) -> int:
 
     def show(runs: int) -> None:
         if not arguments.json:
-            print(f"{runs} runs", file=sys.stderr, flush=True)
+            print(f"{runs} run{'s' if runs > 1 else ''}", file=sys.stderr, flush=True)
 
     try:
         with engine(arguments.workers, arguments.dask) as workers:

@@ -1,6 +1,6 @@
 """Worst cases of all shipped controllers, found by search.
 
-    python -m experiments.studies.failures.worst_cases [BUDGET]      (default: 36 runs a search)
+    python -m experiments.studies.failures.worst_cases [BUDGET]      (default: 30 runs a search)
 
 Prints the Markdown tables of docs/worst-cases.md. Each row is one `ttempc falsify`.
 """
@@ -24,7 +24,7 @@ from ..batch import run_tasks
 SCENARIO: Final = "grass"
 PATH: Final = "path={kind='headland', length_m=10.0, passes=2, width_m=14.0}"
 SEEDS: Final = report_seeds(1)
-BUDGET: Final = 36
+BUDGET: Final = 30
 QUESTIONS: Final = {
     "Gust on the trailer": ("gust",),
     "Soft patch on a slope": ("soil-patch", "slope", "terrain.uphill_deg=0:360:free"),
