@@ -8,11 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from ttempc.guidance.controllers import CONTROLLERS
+
 from ..scenario.controller import TRUTH
 from ..scenario.scenario import shipped
 from ..seeds import report_seeds
 from ..studies import (
-    breaking_points,
     errata,
     estimators,
     front,
@@ -25,6 +26,7 @@ from ..studies import (
 from ..studies.ablations import ablation, conditions, corridor, coverage, limits, recovery
 from ..studies.eight_numbers import tables as eight_numbers
 from ..studies.eight_numbers.study import REPORT_SEEDS
+from ..studies.failures import breaking_points, worst_cases
 from ..studies.faults import cases
 from ..studies.faults import study as faults
 from ..trials.draws import PUBLIC
@@ -164,6 +166,15 @@ ENTRIES: Final = (
             for change in ((), cases.overrides("front steering stuck", 5.0))
         ),
         minutes=130.0,
+    ),
+    _study(
+        "worst-cases",
+        "docs/worst-cases.md",
+        worst_cases.main,
+        worst_cases.BUDGET,
+        seeds=worst_cases.SEEDS,
+        probes=tuple(("grass", name) for name in CONTROLLERS),
+        minutes=11.0,
     ),
     _study(
         "limits",
