@@ -70,7 +70,7 @@ class ExtendedKalmanFilter:
         sensor_noise: SensorNoise | None = None,
         process_noise: ProcessNoise | None = None,
         gate_probability: float = 1e-4,
-        memory_s: float = 1.0,
+        memory_s: float = 2.5,
     ) -> None:
         if not 0.0 < memory_s < math.inf:
             raise InvalidTuning(f"memory_s: got {memory_s}, must be finite and above 0")

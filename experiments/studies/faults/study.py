@@ -89,7 +89,7 @@ def drive_case(case: Case) -> CaseResult:
         noticed_s=max(0.0, reactions[0].time_s - START_S) if reactions else math.nan,
         worst_m=worst,
         stop_m=_way(record, stops[-1]) if result == "stopped" and stops else math.nan,
-        faulty_commands=_faulty_commands(record),
+        faulty_commands=faulty_commands(record),
     )
 
 
@@ -100,7 +100,8 @@ def _way(record: Record, since_s: float) -> float:
     return float(np.hypot(*steps.T).sum())
 
 
-def _faulty_commands(record: Record) -> int:
+def faulty_commands(record: Record) -> int:
+    """Return the number of commands that are not finite or beyond their limits."""
     table = record[CONTROL]
     within = np.ones(len(table), dtype=bool)
     for name in ("delta_t_rad", "delta_i_rad", "hp"):
