@@ -25,7 +25,7 @@ from ..studies import (
 from ..studies.ablations import ablation, conditions, corridor, limits, recovery
 from ..studies.eight_numbers import tables as eight_numbers
 from ..studies.eight_numbers.study import REPORT_SEEDS
-from ..studies.faults import cases
+from ..studies.faults import cases, soak
 from ..studies.faults import study as faults
 from . import comparison_tables, study_tables
 from .comparison_tables import STUDY
@@ -154,8 +154,9 @@ ENTRIES: Final = (
             for name in faults.CONTROLLERS
             for change in ((), cases.overrides("front steering stuck", 5.0))
         ),
-        minutes=130.0,
+        minutes=35.0,
     ),
+    _study("soak", "docs/faults.md", soak.main, minutes=17.0),
     _study(
         "limits",
         "docs/limits.md",

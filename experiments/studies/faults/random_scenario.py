@@ -91,8 +91,7 @@ class RandomTables:
             if choice in schema:
                 options = [item for item in schema[choice] if item.get("type") != "null"]
                 picked = options[int(self.rng.integers(len(options)))]
-                value = self._value({**picked, "default": schema.get("default")}, place)
-                return value
+                return self._value({**picked, "default": schema.get("default")}, place)
         if "const" in schema:
             return schema["const"]
         if "enum" in schema:

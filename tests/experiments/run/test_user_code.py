@@ -150,7 +150,12 @@ class Cold(Base):
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("Exits", "SystemExit"), ("Leaves", "os._exit(0)"), ("Unprepared", "SystemExit"), ("Cold", "too cold")],
+    [
+        ("Exits", "SystemExit"),
+        ("Leaves", "os._exit(0)"),
+        ("Unprepared", "SystemExit"),
+        ("Cold", "too cold"),
+    ],
 )
 def test_no_method_of_a_controller_ends_the_program(package, capsys, name, reason):
     (package / "lawn" / "ends.py").write_text(ENDS)

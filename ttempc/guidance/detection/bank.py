@@ -14,7 +14,6 @@ from .speed_monitors import MotionMonitor, WheelMonitor
 from .speed_over_ground import SpeedOverGround
 from .steering_monitor import SteeringMonitor
 
-
 _SENSORS: Final = {
     Sensor.GNSS_TRACTOR: "GNSS of the tractor",
     Sensor.GNSS_TRAILER: "GNSS of the trailer",
