@@ -27,7 +27,8 @@ from ..studies.eight_numbers import tables as eight_numbers
 from ..studies.eight_numbers.study import REPORT_SEEDS
 from ..studies.faults import cases, soak
 from ..studies.faults import study as faults
-from . import comparison_tables, study_tables
+from ..trials.draws import PUBLIC
+from . import comparison_tables, study_tables, trial_tables
 from .comparison_tables import STUDY
 from .entry import Entry
 from .study_tables import CONTAINMENT_LAPS, RANKING_DRAWS, SWEEPS, printed
@@ -282,6 +283,14 @@ ENTRIES: Final = (
         make=study_tables.plant_validation,
         probes=tuple((name, "ttempc") for name in shipped()),
         minutes=5.0,
+    ),
+    Entry(
+        name="field-trials",
+        page="docs/field-trials.md",
+        make=trial_tables.field_trials,
+        seeds=PUBLIC,
+        probes=trial_tables.PROBES,
+        minutes=110.0,
     ),
     Entry(
         name="performance",

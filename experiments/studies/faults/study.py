@@ -1,11 +1,11 @@
 """Outcome of every fault: carried on, degraded, stopped or lost.
 
     python -m experiments.studies.faults.study [SEEDS [CONTROLLER ...]]
-                                                   (default: 12 ttempc pid nmpc-rti)
+                                                   (default: 16 ttempc pid nmpc-rti)
 
 Drives `grass` with each case of `experiments/studies/faults/cases.py` from 25 s on, until 40 s
 after the end of the fault, or after its start if it lasts, and prints a table for each controller;
-docs/faults.md has them. The first controller has all seeds, the others a third of them.
+docs/faults.md has them. The first controller has all seeds, the others a quarter.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from .cases import CASES, START_S, overrides
 
 SCENARIO: Final = "grass"
 CONTROLLERS: Final = ("ttempc", "pid", "nmpc-rti")
-SEEDS: Final = report_seeds(12)
+SEEDS: Final = report_seeds(16)
 _AFTER_S: Final = 40.0  # of the reference, after the fault
-_SHARE: Final = 3  # of the seeds, for rivals: one in three
+_SHARE: Final = 4  # of the seeds, for rivals: one in four
 _FALLBACK: Final = "fallback: "
 _ROUNDING: Final = 1e-9  # of a limit
 _STOPPED: Final = ": stopped"
