@@ -48,7 +48,7 @@ def write_film(
     check_writable(file, FILM_SUFFIXES)
     check_codec()
     setup.check()
-    with FilmWriter(file, setup.shot.size) as writer:
+    with FilmWriter(file, setup.shot.size, setup.shot.look.quality) as writer:
         for frame in render_frames(setup, workers):
             writer.add(frame)
             on_frame()

@@ -19,13 +19,15 @@ from proving_ground.testbed.atomic_write import partial_path
 
 from ..errors import InvalidFilm
 from ..output import refuse_existing
-from .shot import FRAME_RATE
+from .shot import FRAME_RATE, Quality
 
 _CODEC: Final = "libx264"
 # Browsers need yuv420p, and the index at the front of the file to start at once.
 _PIXELS: Final = "yuv420p"
-_QUALITY: Final = "23"  # constant rate factor
-_EFFORT: Final = "veryfast"
+_RATES: Final[dict[Quality, dict[str, str]]] = {  # constant rate factor, effort
+    "draft": {"crf": "23", "preset": "veryfast"},
+    "high": {"crf": "19", "preset": "slow"},
+}
 _TICK: Final = Fraction(1, FRAME_RATE)
 
 
@@ -65,9 +67,10 @@ class FilmWriter:
     Args:
         file: to write.
         size: width and height of a frame [pixels].
+        quality: of the compression.
     """
 
-    def __init__(self, file: Path, size: tuple[int, int]) -> None:
+    def __init__(self, file: Path, size: tuple[int, int], quality: Quality = "draft") -> None:
         self._file, self._partial, self._count = file, partial_path(file), 0
         with self._writing():
             self._container = av.open(
@@ -76,7 +79,7 @@ class FilmWriter:
             self._stream = self._container.add_stream(_CODEC, rate=FRAME_RATE)
         self._stream.width, self._stream.height = size
         self._stream.pix_fmt = _PIXELS
-        self._stream.options = {"crf": _QUALITY, "preset": _EFFORT}
+        self._stream.options = dict(_RATES[quality])
         self._stream.time_base = _TICK
 
     def add(self, picture: NDArray[np.uint8]) -> None:

@@ -132,7 +132,10 @@ def _send_shapes(recording: rerun.RecordingStream, path: str, entity: SceneEntit
     if entity.cylinders:
         sizes = _sizes(entity.cylinders)
         rods = rr.Cylinders3D(
-            lengths=sizes[:, 2], radii=0.5 * sizes[:, 0], fill_mode=solid, **_placed(entity.cylinders)
+            lengths=sizes[:, 2],
+            radii=0.5 * sizes[:, 0],
+            fill_mode=solid,
+            **_placed(entity.cylinders),
         )
         recording.log(f"{path}/rods", rods, static=True)
 
@@ -205,7 +208,10 @@ def _blueprint(content: Content) -> Any:  # noqa: ANN401 - the package is option
 
     titles = {panel.name: panel.title for panel in PANELS}
     plots = [
-        rrb.TimeSeriesView(origin=f"{_PLOTS}/{name}", name=titles[name]) for name in _SHOWN
+        rrb.TimeSeriesView(
+            origin=f"{_PLOTS}/{name}", name=titles[name], plot_legend=rrb.Corner2D.RightTop
+        )
+        for name in _SHOWN
     ]
     start = motion_of(content)
     tractor = start.xyz[0, start.body_names.index("tractor")]

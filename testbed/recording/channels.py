@@ -1,8 +1,8 @@
 """Flat channels of a run: topics, names of their numbers and their units.
 
 Record, log, metrics, figures and readers share this table. A row has one number per field; the time
-of a row is the simulated time at which it was true. Units are part of the names (`unit_of`). A number that
-does not exist in a row is NaN.
+of a row is the simulated time at which it was true. Units are part of the names, see `unit_of`. A
+number that does not exist in a row is NaN.
 """
 
 from __future__ import annotations
@@ -209,7 +209,7 @@ ERROR: Final = Channel(
     "to the left of the reference",
     tuple(f"{body}_{part}" for body in ("tractor", "trailer") for part in _POINT_ERRORS),
 )
-"""Channel of logs and viewers only: it repeats `/state` and `/reference`, which the record holds."""
+"""Channel of logs and viewers only: it repeats `/state` and `/reference` of the record."""
 
 CHANNELS: Final = (
     STATE,

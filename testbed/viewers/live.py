@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 HOST: Final = "127.0.0.1"  # of this machine only
 DEFAULT_PORT: Final = 8765  # Foxglove's default
 PROTOCOL: Final = "foxglove.sdk.v1"
-"""WebSocket subprotocol of foxglove-sdk, the only one; the older `foxglove.websocket.v1` is refused."""
+"""WebSocket subprotocol, the only one: a viewer that speaks `foxglove.websocket.v1` is refused."""
 
 # Rarely published: a viewer that joins later gets the latest message.
 _RETAINED: Final = (

@@ -17,6 +17,8 @@ points. Slipping wheels are amber, then red.
   ttempc video runs/grass-paper-1/log.mcap
   ttempc video log.mcap --camera split --from 20 --to 60 --speed 4 -o curve.mp4
   ttempc video log.mcap --camera plan       no OpenGL needed
+  ttempc video log.mcap --ghost reference --exaggerate 10 --quality high
+  ttempc video log.mcap --ghost other/log.mcap     two runs in one picture
 
 Exit code 2 for bad input (one line; nothing is written).
 """
@@ -50,9 +52,11 @@ def _video(arguments: argparse.Namespace) -> int:
         span_s=(arguments.begin_s, arguments.end_s),
         logged_s=(replay.begin_s, replay.end_s),
         speed=arguments.speed,
-        size=arguments.size,
+        size=options.picture_size(arguments),
+        look=options.picture_look(arguments),
     )
-    options.write_with_progress(FilmSetup((replay,), shot), file, arguments.workers)
+    setup = FilmSetup((replay,), shot, ghosts=options.read_ghosts(arguments))
+    options.write_with_progress(setup, file, arguments.workers)
     count = len(shot.times)
     print(f"film      {file} ({count} frames, {count / FRAME_RATE:.1f} s)")
     return 0

@@ -97,7 +97,7 @@ def test_a_record_is_read_by_topic_and_shown_in_a_few_lines():
         recorder.row(STATE, time_s, [time_s] * len(STATE.fields))
     record = recorder.record({"scenario": "grass <b>", "controller": "paper", "seed": "3"})
     assert record["/state"] is record[STATE]
-    with pytest.raises(KeyError, match="/stat.*topics are /state, /reference"):
+    with pytest.raises(KeyError, match=r"/stat.*topics are /state, /reference"):
         record["/stat"]
     assert repr(record) == "<Record, grass <b>, paper, seed 3, 0.5 s, 0 events: /state (2)>"
     assert repr(record[STATE]) == f"</state: 2 rows, 0 to 0.5 s, {len(STATE.fields)} fields>"
