@@ -19,7 +19,7 @@ WIDTH: Final = 560.0  # of the box, in its units
 NARROW_WIDTH: Final = 420.0
 _HEIGHT: Final = 136.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 64.0, 14.0, 26.0, 18.0  # margins of the axes
-_STEPS_CM: Final = (2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)  # of the scale
+_STEPS_CM: Final = (2.0, 5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 75.0, 100.0, 150.0, 200.0, 500.0)
 _POINTS: Final = 400  # of a line at most: as many as the box has pixels
 _COLOURS: Final = {"tractor": brighter(TRACTOR), "trailer": brighter(TRAILER)}
 
