@@ -10,9 +10,10 @@ from .. import options
 ABOUT = """\
 Films a run from its log alone; nothing is simulated again. Renders in software
 without a GPU; needs no screen. H.264 in MP4, 25 frames a second, plays in
-a browser. On the ground: reference path (white), driven paths of tractor (blue)
-and trailer (orange), predicted paths (yellow). Poles mark the references of both
-points. Slipping wheels are amber, then red.
+a browser; an animated WebP plays inside a page. On the ground: reference path
+(white), driven paths of tractor (blue) and trailer (orange), predicted paths
+(yellow). Poles mark the references of both points. Slipping wheels are amber,
+then red.
 
   ttempc video runs/grass-paper-1/log.mcap
   ttempc video log.mcap --camera split --from 20 --to 60 --speed 4 -o curve.mp4
@@ -32,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="FILE",
-        help="film to write, .mp4 (default: beside the log); an existing one is refused",
+        help="film to write, .mp4 or .webp (default: beside the log); an existing one is refused",
     )
     options.add_camera(parser)
     options.add_span(parser)

@@ -372,17 +372,18 @@ def test_an_exaggeration_multiplies_the_cross_track_error_and_nothing_else(repla
     np.testing.assert_array_equal(plain, again)
     tenfold = replay.driven(8.0, 0.3, 10.0)
     errors = replay.errors
-    row = np.searchsorted(errors.time_s, 8.0)
     for point, letter in enumerate("ti"):
-        yaw = replay.value(REFERENCE, f"psi_{letter}_rad", float(errors.time_s[row]))
+        table = replay.record[REFERENCE]
+        yaw = float(np.interp(8.0, table.time_s, np.unwrap(table[f"psi_{letter}_rad"])))
         moved = tenfold[point, -1] - plain[point, -1]
         along, cross = (
             moved @ [math.cos(yaw), math.sin(yaw)],
             moved @ [-math.sin(yaw), math.cos(yaw)],
         )
-        error = (errors.tractor, errors.trailer)[point].cross_m[row]
-        assert along == pytest.approx(0.0, abs=2e-3)
-        assert cross == pytest.approx(9.0 * error, abs=5e-3)
+        cross_m = (errors.tractor, errors.trailer)[point].cross_m
+        error = float(np.interp(8.0, errors.time_s, cross_m))
+        assert along == pytest.approx(0.0, abs=1e-9)
+        assert cross == pytest.approx(9.0 * error, abs=1e-9)
 
 
 def test_the_trace_ends_at_the_error_of_its_time_and_reaches_back_over_its_window(replay):
@@ -426,3 +427,23 @@ def test_mown_colours_change_across_the_swaths_and_at_the_edge_only(bumps):
     assert np.ptp(middle[20:-20]) == pytest.approx(0.055, rel=0.05)  # of 0.5, both ways
     assert np.ptp(colours[100, 20:-20], axis=0).max() < 1e-12, "stripes run along x"
     assert colours[0, 160, 1] < middle[20:-20].min()
+
+
+def test_an_animation_has_every_second_frame_and_loops(log, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    file = tmp_path / "plan.webp"
+    line = ["video", str(log), "--camera", "plan", "--from", "2", "--to", "3.6", "--speed", "4"]
+    assert main([*line, "--size", "320x180", "-o", str(file)]) == 0
+    with Image.open(file) as animation:
+        assert (animation.n_frames, animation.size) == (5, (320, 180))
+        assert animation.info["loop"] == 0
+        animation.seek(1)
+        assert animation.info["duration"] == 80
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_an_animation_of_more_frames_than_memory_is_refused(log, tmp_path, capsys):
+    line = ["video", str(log), "--camera", "plan", "--speed", "0.05", "--size", "320x180"]
+    assert main([*line, "-o", str(tmp_path / "plan.webp")]) == 2
+    assert "at most 500 as WebP" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
