@@ -438,6 +438,7 @@ def test_an_animation_has_every_second_frame_and_loops(log, tmp_path, monkeypatc
         assert (animation.n_frames, animation.size) == (5, (320, 180))
         assert animation.info["loop"] == 0
         animation.seek(1)
+        animation.load()
         assert animation.info["duration"] == 80
     assert list(tmp_path.iterdir()) == [file]
 
