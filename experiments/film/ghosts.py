@@ -26,8 +26,15 @@ _RUNS: Final = tuple(rgb(colour) for colour in SERIES_COLOURS[3:])  # not those 
 class Ghost(Protocol):
     """A vehicle that is drawn translucent."""
 
-    name: str
-    colour: Rgb
+    @property
+    def name(self) -> str:
+        """What the legend calls it."""
+        ...
+
+    @property
+    def colour(self) -> Rgb:
+        """Colour of vehicle and legend."""
+        ...
 
     def poses(self, time_s: float) -> tuple[FloatArray, FloatArray]:
         """Return positions (bodies, 3) [m] and attitudes (bodies, 4) w, x, y, z of all bodies.
