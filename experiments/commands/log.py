@@ -14,6 +14,7 @@ from . import options
 ABOUT = """\
   ttempc log info LOG.mcap                     run, duration, failure, topics, events
   ttempc log export LOG.mcap --out DIR         CSV, one file per topic; --format parquet
+  ttempc log rerun LOG.mcap -o FILE.rrd        field, plots and events for Rerun; extra `rerun`
   ttempc log check LOG.mcap                    is it whole, complete, of this version?
   ttempc log check TORN.part --recover NEW.mcap
   ttempc log replay LOG.mcap                   errors and consistency of the estimator
@@ -55,6 +56,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     export.add_argument("--format", choices=("csv", "parquet"), default="csv", dest="form")
     export.set_defaults(command=_export)
+    rerun = actions.add_parser("rerun", help="a recording for the viewer Rerun, with its layout")
+    rerun.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="FILE.rrd",
+        help="file to write (default: beside the log)",
+    )
+    rerun.set_defaults(command=_rerun)
     check = actions.add_parser("check", help="validate a log, recover a torn one")
     check.add_argument(
         "--recover", type=Path, metavar="NEW.mcap", help="write the readable part as a whole log"
@@ -72,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, metavar="VEHICLE.toml", help="vehicle file to write"
     )
     calibrate.set_defaults(command=_calibrate)
-    for action in (info, export, check, replay, calibrate):
+    for action in (info, export, rerun, check, replay, calibrate):
         action.add_argument("log", type=Path, metavar="LOG")
 
 
@@ -100,6 +110,20 @@ def _export(arguments: argparse.Namespace) -> int:
     if content.salvage is not None:
         print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
     print("\n".join(map(str, files)))
+    return 0
+
+
+def _rerun(arguments: argparse.Namespace) -> int:
+    from proving_ground.testbed.log.log_content import read_content
+
+    from ..logs.rerun_export import export_rerun
+
+    content = read_content(arguments.log)
+    file = arguments.out or arguments.log.with_suffix(".rrd")
+    export_rerun(content, file)
+    if content.salvage is not None:
+        print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
+    print(f"{file}, to be opened with: rerun {file}")
     return 0
 
 

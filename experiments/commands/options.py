@@ -14,7 +14,11 @@ from proving_ground.testbed.atomic_write import partial_path
 
 if TYPE_CHECKING:
     from ..film.composition import FilmSetup
+    from ..film.replay import Replay
+    from ..film.shot import Look
     from ..scenario.scenario import Scenario
+
+_REFERENCE: Final = "reference"  # of --ghost
 
 EXIT_CHECK_FAILED: Final = 1
 EXIT_BAD_INPUT: Final = 2
@@ -168,7 +172,9 @@ def unused_path(parent: Path, stem: str, suffix: str = "") -> Path:
 def add_camera(parser: argparse.ArgumentParser) -> None:
     """Add camera and size of a picture."""
     # Imported here because only the commands for pictures need it.
-    from ..film.shot import CAMERAS, SIZE
+    from ..film.shot import CAMERAS, QUALITIES, SIZES
+
+    sizes = (f"{quality} {width}x{height}" for quality, (width, height) in SIZES.items())
 
     parser.add_argument(
         "--camera",
@@ -180,9 +186,29 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--size",
         type=_size,
-        default=SIZE,
         metavar="WxH",
-        help=f"pixels, both even (default: {SIZE[0]}x{SIZE[1]})",
+        help="pixels, both even (default: " + ", ".join(sizes) + ")",
+    )
+    parser.add_argument(
+        "--quality",
+        choices=QUALITIES,
+        default="draft",
+        help="draft (default), or high: finer shadows and edges, less compression",
+    )
+    parser.add_argument(
+        "--exaggerate",
+        type=number,
+        default=1.0,
+        metavar="X",
+        help="factor of the cross-track error of driven paths, told in the legend (default: 1)",
+    )
+    parser.add_argument(
+        "--ghost",
+        action="append",
+        default=[],
+        metavar="reference|LOG",
+        help="draw a translucent vehicle where the reference is, or where that of another run is; "
+        "may be repeated",
     )
 
 
@@ -212,6 +238,27 @@ def add_span(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="processes that share the frames (default: 2)",
     )
+
+
+def picture_look(arguments: argparse.Namespace) -> Look:
+    """Return the look that the arguments of `add_camera` ask for."""
+    from ..film.shot import Look
+
+    return Look(arguments.quality, arguments.exaggerate, _REFERENCE in arguments.ghost)
+
+
+def picture_size(arguments: argparse.Namespace) -> tuple[int, int]:
+    """Return width and height [pixels]: as given, else those of the quality."""
+    from ..film.shot import SIZES
+
+    return arguments.size or SIZES[arguments.quality]
+
+
+def read_ghosts(arguments: argparse.Namespace) -> tuple[Replay, ...]:
+    """Return the runs that are drawn as ghosts."""
+    from ..film.replay import read_replay
+
+    return tuple(read_replay(Path(log)) for log in arguments.ghost if log != _REFERENCE)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -86,7 +86,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _watch(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], LiveView] | None:
     """Return the function that opens the live view, None without --live."""
-    from proving_ground.testbed.viewers.live import DEFAULT_PORT, LiveView
+    from proving_ground.testbed.viewers.live import DEFAULT_PORT, PROTOCOL, LiveView
 
     if not arguments.live:
         given = {"--speed": arguments.speed, "--port": arguments.port}
@@ -102,7 +102,10 @@ def _watch(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], Live
             port=DEFAULT_PORT if arguments.port is None else arguments.port,
             speed=1.0 if arguments.speed is None else arguments.speed,
         )
-        print(f"live view: {view.url}, in Foxglove: Open connection", file=sys.stderr)
+        print(
+            f"live view: {view.url}, in Foxglove: Open connection; protocol {PROTOCOL}",
+            file=sys.stderr,
+        )
         return view
 
     return open_view

@@ -16,24 +16,24 @@ from numpy.typing import NDArray
 from proving_ground.testbed.recording.record import FaultSpan
 from ttempc.types import FloatArray
 
+from ..colours import BLACK as BLACK
+from ..colours import BLUE as BLUE
+from ..colours import BODY_COLOURS as BODY_COLOURS
+from ..colours import GREEN as GREEN
+from ..colours import GREY as GREY
+from ..colours import ORANGE as ORANGE
+from ..colours import PURPLE as PURPLE
+from ..colours import RED as RED
+from ..colours import SERIES_COLOURS
+from ..colours import SKY as SKY
+
 PAGE_WIDTH_IN: Final = 7.2  # two columns of a journal page
 DPI: Final = 110
 
-# Okabe and Ito (2008), "Color Universal Design": distinguishable with every kind of colour vision.
-BLACK: Final = "#000000"
-ORANGE: Final = "#E69F00"
-SKY: Final = "#56B4E9"
-GREEN: Final = "#009E73"
-BLUE: Final = "#0072B2"
-RED: Final = "#D55E00"
-PURPLE: Final = "#CC79A7"
-GREY: Final = "#8A8A8A"
 PALE: Final = "#C4C4C4"
 
-_SERIES_COLOURS: Final = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
 _SERIES_MARKERS: Final = "osD^vP"
 
-BODY_COLOURS: Final = {"tractor": BLUE, "trailer": RED, "tool": GREEN}
 CURVE_SHADE: Final = "#EDEDE6"
 HATCH: Final = "#CFCFCF"
 FAULT_SHADE: Final = "#F7D3C4"
@@ -77,8 +77,8 @@ def wrapped(axes: Axes, text: str, per_in: float = _CHARACTERS_PER_IN) -> str:
 def series(number: int) -> dict[str, Any]:
     """Return line and marker of a compared series. The lines of the first 16 are distinct."""
     return {
-        "color": _SERIES_COLOURS[number % len(_SERIES_COLOURS)],
-        "linestyle": ("-", "--")[number // len(_SERIES_COLOURS) % 2],
+        "color": SERIES_COLOURS[number % len(SERIES_COLOURS)],
+        "linestyle": ("-", "--")[number // len(SERIES_COLOURS) % 2],
         "marker": _SERIES_MARKERS[number % len(_SERIES_MARKERS)],
     }
 

@@ -55,8 +55,8 @@ class SmoothedPose:
 
 
 def _chase(pose: SmoothedPose) -> View:
-    target = pose.middle + np.array([0.0, 0.0, 0.75 * pose.unit])
-    return View(pose.offset(-7.2, 2.9, 2.3), target)
+    target = pose.middle + np.array([0.0, 0.0, 0.5 * pose.unit])
+    return View(pose.offset(-7.2, 2.9, 2.5), target)
 
 
 def _top(pose: SmoothedPose) -> View:

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..errors import InvalidFilm
-from .hud import Overlay, error_scale
+from .drawing.offscreen import check_graphics
+from .ghosts import Ghost, ghosts_of
+from .hud import Overlay, Scales
 from .mujoco_scene import MujocoScene
-from .offscreen import check_graphics
 from .plan_view import PlanView
 from .replay import Replay
 from .shot import MIN_SIZE, Camera, Shot
@@ -38,14 +39,22 @@ class SingleView:
         shot: settings of the film.
         moving: False for a still.
         compared: all runs of a side-by-side film, this one included; none for a single run.
+        others: runs that are drawn as ghosts.
     """
 
     def __init__(
-        self, replay: Replay, shot: Shot, *, moving: bool, compared: Sequence[Replay] = ()
+        self,
+        replay: Replay,
+        shot: Shot,
+        *,
+        moving: bool,
+        compared: Sequence[Replay] = (),
+        others: Sequence[Replay] = (),
     ) -> None:
-        speed, scale = shot.speed if moving else 0.0, error_scale(compared or [replay])
-        self._overlay = Overlay(replay, shot.size, speed, scale, brief=bool(compared))
-        self._bare = _bare_view(replay, shot)
+        ghosts = ghosts_of(replay, others, reference=shot.look.reference_ghost)
+        scales = Scales.of(compared or [replay])
+        self._overlay = Overlay(replay, shot, scales, ghosts, moving=moving, brief=bool(compared))
+        self._bare = _bare_view(replay, shot, ghosts)
 
     def picture(self, time_s: float) -> NDArray[np.uint8]:
         """Return the frame, (height, width, 3)."""
@@ -57,12 +66,14 @@ class SingleView:
 class SplitView:
     """The cameras `_SPLIT` on one run side by side, with a common overlay."""
 
-    def __init__(self, replay: Replay, shot: Shot, *, moving: bool) -> None:
-        speed = shot.speed if moving else 0.0
-        self._overlay = Overlay(replay, shot.size, speed, error_scale([replay]))
+    def __init__(
+        self, replay: Replay, shot: Shot, *, moving: bool, others: Sequence[Replay] = ()
+    ) -> None:
+        ghosts = ghosts_of(replay, others, reference=shot.look.reference_ghost)
+        self._overlay = Overlay(replay, shot, Scales.of([replay]), ghosts, moving=moving)
         widths = _shares(shot.size[0], len(_SPLIT))
         self._views = [
-            _bare_view(replay, replace(shot, camera=camera, size=(width, shot.size[1])))
+            _bare_view(replay, replace(shot, camera=camera, size=(width, shot.size[1])), ghosts)
             for camera, width in zip(_SPLIT, widths, strict=True)
         ]
 
@@ -102,6 +113,7 @@ class FilmSetup:
     replays: tuple[Replay, ...]
     shot: Shot
     moving: bool = True  # a film, not a still
+    ghosts: tuple[Replay, ...] = ()  # further runs, drawn into the picture of the only one
 
     def check(self) -> None:
         """Raise if the film cannot be rendered.
@@ -111,6 +123,10 @@ class FilmSetup:
             NoGraphics: the camera needs OpenGL, which is unavailable.
         """
         runs, width = len(self.replays), self.shot.size[0]
+        for ghost in self.ghosts:
+            missing = set(self.replays[0].motion.body_names) - set(ghost.motion.body_names)
+            if missing:
+                raise InvalidFilm(f"--ghost {ghost.file}: has no {', '.join(sorted(missing))}")
         if runs > 1 and width // runs < MIN_SIZE[0]:
             raise InvalidFilm(
                 f"--size: {runs} runs abreast need a width of {runs * MIN_SIZE[0]} or more, "
@@ -131,7 +147,7 @@ class FilmSetup:
         if others:
             return SideBySide(self.replays, self.shot, moving=self.moving)
         view = SplitView if self.shot.camera == "split" else SingleView
-        return view(first, self.shot, moving=self.moving)
+        return view(first, self.shot, moving=self.moving, others=self.ghosts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,11 +161,11 @@ class _RenderedView:
         return self.scene.picture(self.camera, time_s)
 
 
-def _bare_view(replay: Replay, shot: Shot) -> FrameSource:
+def _bare_view(replay: Replay, shot: Shot, ghosts: Sequence[Ghost]) -> FrameSource:
     """Return a view without overlay."""
     if shot.camera == "plan":
-        return PlanView(replay, shot.size)
-    return _RenderedView(MujocoScene(replay, shot.size, shot.speed), shot.camera)
+        return PlanView(replay, shot, ghosts)
+    return _RenderedView(MujocoScene(replay, shot, ghosts), shot.camera)
 
 
 def _shares(width: int, parts: int) -> list[int]:

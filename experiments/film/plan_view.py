@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,10 +22,14 @@ from proving_ground.testbed.vehicle.appearance import ground_colours
 from ttempc.types import FloatArray
 
 from ..errors import InvalidFilm
-from .body_poses import rotation
 from .camera import FollowCamera
-from .colours import PLAN, REFERENCE, TRACTOR, TRAILER, Rgb, slip_colour
+from .drawing.body_poses import rotation
+from .drawing.colours import PLAN, REFERENCE, TRACTOR, TRAILER, Rgb, brighter, slip_colour
+from .drawing.field import mown
+from .drawing.overlay_box import font
+from .ghosts import Ghost
 from .replay import Replay
+from .shot import Shot
 
 _MARGIN_M: Final = 3.0  # of ground around the path
 _TRAIL_STEP_M: Final = 0.25
@@ -33,6 +38,10 @@ _MAP: Final = (0.0, 0.08, 0.68, 0.77)  # left, top, right, bottom of the path in
 _CLOSE: Final = (0.695, 0.09, 0.29)  # left and top of the close-up, its side over the width
 _CLOSE_SPAN: Final = 9.0  # [m] across the close-up for a vehicle of the paper's length
 _BEYOND: Final = (84, 94, 58)  # colour of the ground beyond the field
+_MARGIN: Final = 14.0 / 720.0  # of the frame's height
+_SCALE_AT: Final = 0.66  # height of the scale bar in the frame
+_BARS_M: Final = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4)
+_DARK: Final = (40, 44, 48)
 _PIXELS_PER_M: Final = 16.0  # of the picture of the ground
 _MOST_PIXELS: Final = 100_000_000  # of that picture
 _SHAPES: Final = (  # of the vehicle, lower ones first: geom, colour
@@ -74,15 +83,16 @@ class PlanView:
 
     Args:
         replay: the run.
-        size: width and height of a picture [pixels].
+        shot: settings of the film.
+        ghosts: vehicles that are drawn as outlines.
 
     Raises:
         InvalidFilm: the log's model cannot be read.
     """
 
-    def __init__(self, replay: Replay, size: tuple[int, int]) -> None:
-        self._replay = replay
-        width, height = (_SUPERSAMPLING * side for side in size)
+    def __init__(self, replay: Replay, shot: Shot, ghosts: Sequence[Ghost] = ()) -> None:
+        self._replay, self._ghosts, self._factor = replay, ghosts, shot.look.exaggeration
+        width, height = (_SUPERSAMPLING * side for side in shot.size)
         self._outlines, unit = _outlines(replay)
         low, high = replay.path.min(axis=0) - _MARGIN_M, replay.path.max(axis=0) + _MARGIN_M
         left, top, right, bottom = _MAP
@@ -98,6 +108,7 @@ class PlanView:
         self._close_scale = self._close_side / (_CLOSE_SPAN * unit)
         self._ground = _ground_image(replay)
         self._background = self._ground_map(self._sheet, width_m=0.4)
+        _draw_scale(self._background, self._sheet, width - round(_MARGIN * height), height)
 
     def picture(self, time_s: float) -> NDArray[np.uint8]:
         """Return the whole path and a close-up of the vehicle, (height, width, 3)."""
@@ -143,25 +154,52 @@ class PlanView:
     def _draw(self, image: Image.Image, sheet: MapSheet, time_s: float, trail_m: float) -> None:
         """Draw driven and predicted paths, the vehicle, and the references of both points."""
         draw = ImageDraw.Draw(image)
-        trails = self._replay.driven(time_s, _TRAIL_STEP_M)
-        for points, colour in zip(trails, (TRACTOR, TRAILER), strict=True):
+        trails = self._replay.driven(time_s, _TRAIL_STEP_M, self._factor)
+        for points, colour in zip(trails, map(brighter, (TRACTOR, TRAILER)), strict=True):
             _draw_line(draw, sheet, points, colour, trail_m)
         for points in self._replay.predicted_paths(time_s):
             _draw_line(draw, sheet, points, PLAN, trail_m)
-        xyz, quat = self._replay.poses(time_s)
+        for ghost in self._ghosts:
+            for _, pixels in self._polygons(sheet, *ghost.poses(time_s)):
+                draw.polygon(pixels, outline=ghost.colour, width=_SUPERSAMPLING)
         slips = self._replay.slips(time_s)
+        for part, pixels in self._polygons(sheet, *self._replay.poses(time_s)):
+            colour = part.colour or slip_colour(float(slips[part.wheel]))
+            draw.polygon(pixels, fill=colour, outline=(20, 20, 20))
+        radius = max(0.5 * trail_m * sheet.scale, 1.5 * _SUPERSAMPLING)
+        desired = self._replay.positions(REFERENCE_ROWS, time_s)
+        marks = map(brighter, (TRACTOR, TRAILER))
+        for (x, y), colour in zip(sheet.pixels(desired), marks, strict=True):
+            box = (x - 2 * radius, y - 2 * radius, x + 2 * radius, y + 2 * radius)
+            draw.ellipse(box, fill=colour, outline=REFERENCE, width=_SUPERSAMPLING)
+
+    def _polygons(
+        self, sheet: MapSheet, xyz: FloatArray, quat: FloatArray
+    ) -> Iterator[tuple[Outline, list[tuple[float, float]]]]:
+        """Yield the outlines of a vehicle with bodies at these poses, and their pixels."""
         for part in self._outlines:
             attitude = quat[part.body]
             if part.wheel >= 0:
                 attitude = _without_roll(attitude)
             corners = rotation(attitude).apply(part.corners) + xyz[part.body]
-            colour = part.colour or slip_colour(float(slips[part.wheel]))
-            draw.polygon(sheet.pixels(corners[:, :2]), fill=colour, outline=(20, 20, 20))
-        radius = max(0.5 * trail_m * sheet.scale, 1.5 * _SUPERSAMPLING)
-        desired = self._replay.positions(REFERENCE_ROWS, time_s)
-        for (x, y), colour in zip(sheet.pixels(desired), (TRACTOR, TRAILER), strict=True):
-            box = (x - 2 * radius, y - 2 * radius, x + 2 * radius, y + 2 * radius)
-            draw.ellipse(box, fill=colour, outline=REFERENCE, width=_SUPERSAMPLING)
+            yield part, sheet.pixels(corners[:, :2])
+
+
+def _draw_scale(image: Image.Image, sheet: MapSheet, right: int, height: int) -> None:
+    """Draw a scale bar and an arrow to the north above the legend at the right of a map."""
+    draw, unit = ImageDraw.Draw(image), height / 720.0
+    length_m = next(step for step in _BARS_M if step * sheet.scale >= 90.0 * unit)
+    length, y = length_m * sheet.scale, _SCALE_AT * height
+    left, thick = right - length - 50.0 * unit, 3.0 * unit
+    draw.rectangle((left, y - thick, left + length, y + thick), fill=REFERENCE)
+    draw.rectangle((left, y - thick, left + 0.5 * length, y + thick), fill=_DARK)
+    letters = font(round(15.0 * unit), bold=True)
+    place = (left + 0.5 * length, y - 14.0 * unit)
+    draw.text(place, f"{length_m:g} m", font=letters, fill=REFERENCE, anchor="mm")
+    x = right - 16.0 * unit
+    head = [(x, y - 30.0 * unit), (x - 8.0 * unit, y), (x, y - 7.0 * unit), (x + 8.0 * unit, y)]
+    draw.polygon(head, fill=REFERENCE)
+    draw.text((x, y + 12.0 * unit), "N", font=letters, fill=REFERENCE, anchor="mm")
 
 
 def _draw_line(
@@ -178,7 +216,7 @@ def _ground_image(replay: Replay) -> Image.Image:
         raise InvalidFilm(
             f"{replay.file}: the plan has {columns} x {rows} pixels, at most {_MOST_PIXELS} in all"
         )
-    colours = ground_colours(terrain, replay.ground.cone_index, rows, columns)
+    colours = mown(ground_colours(terrain, replay.ground.cone_index, rows, columns), terrain)
     return Image.fromarray((255.0 * colours[::-1]).astype(np.uint8))
 
 

@@ -22,9 +22,9 @@ from proving_ground.testbed.atomic_write import atomic_write
 
 from ..errors import InvalidFilm
 from .composition import FilmSetup, FrameSource
-from .writer import FilmWriter, check_codec, check_writable
+from .writer import AnimationWriter, FilmWriter, check_codec, check_writable
 
-FILM_SUFFIXES: Final = (".mp4",)
+FILM_SUFFIXES: Final = (".mp4", ".webp")
 STILL_SUFFIXES: Final = (".png", ".jpg")
 _MIN_FRAMES_FOR_POOL: Final = 50  # fewer frames are rendered before a second process starts
 
@@ -46,9 +46,15 @@ def write_film(
         NoGraphics: the camera needs OpenGL, which is unavailable.
     """
     check_writable(file, FILM_SUFFIXES)
-    check_codec()
+    if file.suffix.lower() != ".webp":
+        check_codec()
     setup.check()
-    with FilmWriter(file, setup.shot.size) as writer:
+    writer: FilmWriter | AnimationWriter
+    if file.suffix.lower() == ".webp":
+        writer = AnimationWriter(file, len(setup.shot.times))
+    else:
+        writer = FilmWriter(file, setup.shot.size, setup.shot.look.quality)
+    with writer:
         for frame in render_frames(setup, workers):
             writer.add(frame)
             on_frame()

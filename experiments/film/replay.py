@@ -123,14 +123,34 @@ class Replay:
         at = [np.interp(time_s, table.time_s, table[field]) for field in _POSITIONS]
         return np.array(at).reshape(2, 2)
 
-    def driven(self, time_s: float, step_m: float) -> FloatArray:
-        """Return the driven paths of both points up to a time, (2, n, 2) [m], `step_m` apart."""
-        table, rows = self.record[STATE], self._spaced_rows(step_m)
+    def driven(self, time_s: float, step_m: float, exaggeration: float = 1.0) -> FloatArray:
+        """Return the driven paths of both points up to a time, (2, n, 2) [m], `step_m` apart.
+
+        Args:
+            time_s: up to which they are drawn.
+            step_m: between two points of them.
+            exaggeration: factor of the cross-track error at every point.
+        """
+        table, rows = self.record[STATE], self.spaced_rows(step_m)
         passed = rows[table.time_s[rows] < time_s]
         points = table.columns(*_POSITIONS)[passed].reshape(-1, 2, 2)
-        return np.concatenate([points, self.positions(STATE, time_s)[None]]).swapaxes(0, 1)
+        times = np.append(table.time_s[passed], time_s)
+        points = np.concatenate([points, self.positions(STATE, time_s)[None]]).swapaxes(0, 1)
+        if exaggeration != 1.0:
+            points += (exaggeration - 1.0) * self._cross_track(times)
+        return points
 
-    def _spaced_rows(self, step_m: float) -> NDArray[np.intp]:
+    def _cross_track(self, times_s: FloatArray) -> FloatArray:
+        """Return the cross-track errors of both points as vectors, (2, n, 2) [m] map frame."""
+        errors, vectors = self.errors, []
+        for body, letter in BODIES.items():
+            yaw = np.unwrap(self.record[REFERENCE][f"psi_{letter}_rad"])
+            heading = np.interp(times_s, self.record[REFERENCE].time_s, yaw)
+            cross = np.interp(times_s, errors.time_s, getattr(errors, body).cross_m)
+            vectors.append(cross[:, None] * np.column_stack([-np.sin(heading), np.cos(heading)]))
+        return np.array(vectors)
+
+    def spaced_rows(self, step_m: float) -> NDArray[np.intp]:
         """Return the rows of the state at which the tractor point has driven another step [m]."""
         driven = np.diff(self.record[STATE].columns(*position_fields("tractor")), axis=0)
         steps = np.cumsum(np.hypot(*driven.T)) // step_m

@@ -15,10 +15,33 @@ Camera = Literal["chase", "top", "side", "hitch", "split", "plan"]
 CAMERAS: Final[tuple[Camera, ...]] = get_args(Camera)
 
 FRAME_RATE: Final = 25  # frames a second of film
-SIZE: Final = (1280, 720)
+Quality = Literal["draft", "high"]
+QUALITIES: Final[tuple[Quality, ...]] = get_args(Quality)
+SIZES: Final[dict[Quality, tuple[int, int]]] = {"draft": (1280, 720), "high": (1920, 1080)}
 MIN_SIZE: Final = (320, 180)  # smaller text cannot be read
 _MAX_SIZE: Final = (3840, 2160)
 _SPEEDS: Final = (0.05, 100.0)
+_EXAGGERATIONS: Final = (1.0, 100.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How the pictures of a film look.
+
+    Raises:
+        InvalidFilm: the exaggeration is out of range.
+    """
+
+    quality: Quality = "draft"
+    exaggeration: float = 1.0  # factor of the cross-track error of the driven paths
+    reference_ghost: bool = False  # whether the vehicle is also drawn at its reference
+
+    def __post_init__(self) -> None:
+        low, high = _EXAGGERATIONS
+        if not low <= self.exaggeration <= high:
+            raise InvalidFilm(
+                f"--exaggerate: got {self.exaggeration:g}, must be from {low:g} to {high:g}"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +57,7 @@ class Shot:
     end_s: float
     speed: float  # seconds of the run per second of film
     size: tuple[int, int]  # width, height of a frame
+    look: Look = Look()
 
     def __post_init__(self) -> None:
         if self.camera not in CAMERAS:
@@ -84,6 +108,7 @@ def make_shot(
     logged_s: tuple[float, float],
     speed: float,
     size: tuple[int, int],
+    look: Look,
 ) -> Shot:
     """Return a shot of a part of a log.
 
@@ -93,6 +118,7 @@ def make_shot(
         logged_s: begin and end of the log.
         speed: seconds of the run per second of film.
         size: width and height [pixels].
+        look: of the pictures.
 
     Raises:
         InvalidFilm: as `Shot`, or the part extends beyond the log.
@@ -107,4 +133,5 @@ def make_shot(
         end_s=last_s if end_s is None else end_s,
         speed=speed,
         size=size,
+        look=look,
     )

@@ -11,29 +11,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from proving_ground.testbed.recording import topics
-from proving_ground.testbed.recording.channels import (
-    CONTROL,
-    SOLVER,
-    STATE,
-    TIMING,
-    TRACKING,
-    TYRES,
-    Channel,
-)
-from proving_ground.testbed.truth import WHEELS
+
+from .panels import PANELS, PATH_COLOURS, Panel
 
 FILE: Final = Path(__file__).with_name("foxglove-layout.json")
-
-_REFERENCE, _DRIVEN, _PREDICTED = "#f2c14e", "#4ea8f2", "#f25c54"
-_LINES: Final = {
-    topics.REFERENCE_PATH_TOPIC: _REFERENCE,
-    topics.DRIVEN_TOPIC: _DRIVEN,
-    topics.DRIVEN_TRAILER_TOPIC: _DRIVEN,
-    topics.PREDICTED_PATH_TOPIC: _PREDICTED,
-    topics.PREDICTED_TRAILER_PATH_TOPIC: _PREDICTED,
-}
-_ACTIONS: Final = ("feedforward", "feedback", "robust", "command", "min", "max")
-_ERRORS: Final = ("x_t_e_m", "y_t_e_m", "x_i_e_m", "y_i_e_m")
+_MIDDLE: Final = 5  # plots beside the field; the others stand at the right
 
 Config = dict[str, Any]
 
@@ -41,20 +23,9 @@ Config = dict[str, Any]
 def layout_text() -> str:
     """Return the content of the layout file: field, errors and inputs, sensors and costs."""
     left = {"3D!field": _field(), "RosOut!events": {"topicToRender": topics.EVENT_TOPIC}}
-    middle = {
-        "Plot!error": _plot("Estimated error [m]", TRACKING, _ERRORS),
-        "Plot!front": _input("Front steering [rad]", "delta_t_rad"),
-        "Plot!trailer": _input("Trailer steering [rad]", "delta_i_rad"),
-        "Plot!hydrostat": _input("Hydrostat [fraction]", "hp"),
-        "Plot!slip": _plot("Slip", TYRES, [f"{wheel}_slip" for wheel in WHEELS]),
-    }
-    right = {
-        "map!gnss": {"followTopic": topics.GNSS_TOPIC},
-        "Plot!load": _plot("Load [N]", TYRES, [f"{wheel}_load_n" for wheel in WHEELS]),
-        "Plot!speed": _plot("Speed [m/s]", STATE, ("v_mps", "v_rim_mps")),
-        "Plot!solver": _plot("QP", SOLVER, ("iterations", "accepted", "fallback")),
-        "Plot!cost": _plot("Cost [us]", TIMING, TIMING.fields),
-    }
+    plots = [(f"Plot!{panel.name}", _plot(panel)) for panel in PANELS]
+    middle = dict(plots[:_MIDDLE])
+    right = {"map!gnss": {"followTopic": topics.GNSS_TOPIC}, **dict(plots[_MIDDLE:])}
     columns = [
         _split("column", list(left), 75.0),
         _split("column", list(middle)),
@@ -82,22 +53,18 @@ def _split(direction: str, parts: list[Any], first_percent: float | None = None)
     }
 
 
-def _input(title: str, name: str) -> Config:
-    return _plot(title, CONTROL, [f"{name}_{part}" for part in _ACTIONS])
-
-
-def _plot(title: str, channel: Channel, fields: tuple[str, ...] | list[str]) -> Config:
-    """Return a plot of some fields of one channel over time."""
+def _plot(panel: Panel) -> Config:
     return {
-        "title": title,
+        "title": panel.title,
         "paths": [
             {
-                "value": f"{channel.topic}.{name}",
-                "label": name,
+                "value": f"{series.channel.topic}.{series.field}",
+                "label": series.field,
+                "color": series.colour,
                 "enabled": True,
                 "timestampMethod": "receiveTime",
             }
-            for name in fields
+            for series in panel.series
         ],
         "showLegend": True,
         "legendDisplay": "floating",
@@ -111,7 +78,7 @@ def _plot(title: str, channel: Channel, fields: tuple[str, ...] | list[str]) -> 
 def _field() -> Config:
     lines = {
         topic: {"visible": True, "type": "line", "lineWidth": 0.08, "gradient": [colour, colour]}
-        for topic, colour in _LINES.items()
+        for topic, colour in PATH_COLOURS.items()
     }
     return {
         "title": "Field",

@@ -16,6 +16,7 @@ from proving_ground.testbed.errors import LogError
 from proving_ground.testbed.log.log_content import Content
 from proving_ground.testbed.log.log_reader import record_of
 from proving_ground.testbed.log.log_scene import Motion, motion_of
+from proving_ground.testbed.recording.channels import CHANNELS, ERROR
 from proving_ground.testbed.recording.topics import EVENT_TOPIC, TRANSFORMS_TOPIC
 
 from ..errors import MissingExtra, OutputExists
@@ -59,7 +60,7 @@ def export_log(content: Content, folder: Path, form: str) -> list[Path]:
 
 def columns_of(content: Content) -> dict[str, Columns]:
     """Return the columns of each topic: `time_s` first, units in the names."""
-    record = record_of(content)
+    record = record_of(content, (*CHANNELS, ERROR))
     tables: dict[str, Columns] = {
         topic: {
             "time_s": table.time_s,

@@ -62,7 +62,7 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
         facts: identity and outcome of the run, which the record does not hold.
     """
     times = record[STATE].time_s
-    duration_s = float(times[-1]) if len(times) else 0.0
+    duration_s = round(float(times[-1]), 6) if len(times) else 0.0  # of whole physics steps
     return Summary(
         run_id=facts.run_id,
         scenario=facts.scenario,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from proving_ground.testbed.recording.channels import REFERENCE, STATE, TOOL, Channel
+from proving_ground.testbed.recording.position_error import in_frame
 from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
@@ -111,7 +112,8 @@ def body_error(
     fields = position_fields(body)
     position = record[STATE].columns(*fields)[state]
     error = position - record[REFERENCE].columns(*fields)[reference]
-    return _in_frame(error, record[REFERENCE][f"psi_{BODIES[body]}_rad"][reference])
+    heading = record[REFERENCE][f"psi_{BODIES[body]}_rad"][reference]
+    return BodyError(*in_frame(error, heading))
 
 
 def _tool_error(
@@ -130,11 +132,4 @@ def _tool_error(
     rows = np.searchsorted(table.time_s, time_s)
     error = table.columns("x_m", "y_m") - table.columns("x_reference_m", "y_reference_m")
     error[table["lowered"] < 1.0] = np.nan
-    return _in_frame(error[rows], record[REFERENCE]["psi_i_rad"][reference])
-
-
-def _in_frame(error: FloatArray, heading: FloatArray) -> BodyError:
-    """Return errors (n, 2) [m] in the frames of references with these headings [rad], (n,)."""
-    dx, dy = error.T
-    cos, sin = np.cos(heading), np.sin(heading)
-    return BodyError(cos * dx + sin * dy, cos * dy - sin * dx)
+    return BodyError(*in_frame(error[rows], record[REFERENCE]["psi_i_rad"][reference]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,9 +12,13 @@ from proving_ground.testbed.ground.ground import GROUND_FILE
 from proving_ground.testbed.log.log import LogWriter
 from proving_ground.testbed.messages.scenery import Scenery
 from proving_ground.testbed.recording.provenance import versions
+from proving_ground.testbed.recording.record import Event
+from proving_ground.testbed.simulation.loop import Outcome
 
 from ..scenario.scenario import Scenario, dump
 from .assembly import Assembly
+
+_NESTED = (dict, list)
 
 
 def describe(
@@ -66,3 +71,27 @@ def open_log(
         },
         scenery=scenery,
     )
+
+
+def first_lines(metadata: Mapping[str, str], scenario: Scenario) -> tuple[Event, ...]:
+    """Return the log lines with the settings of a run, a line for each table, and of its start.
+
+    Tables within tables and arrays are left out; the attachment `scenario.toml` has them all.
+    """
+    tables = {
+        name: [f"{key} = {value}" for key, value in table.items() if not isinstance(value, _NESTED)]
+        for name, table in tomllib.loads(dump(scenario)).items()
+        if isinstance(table, dict)
+    }
+    begins = (
+        f"run begins: {metadata['scenario']}, controller {metadata['controller']}, "
+        f"seed {metadata['seed']}, ttempc {metadata['ttempc']}"
+    )
+    settings = [f"settings: {name}: {', '.join(lines)}" for name, lines in tables.items() if lines]
+    return tuple(Event(0.0, "info", text) for text in (*settings, begins))
+
+
+def last_line(outcome: Outcome) -> Event:
+    """Return the log line that tells how a run ended."""
+    end_s = outcome.duration_s
+    return Event(end_s, "info", f"run ends: {outcome.status} after {end_s:.1f} s")

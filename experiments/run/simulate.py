@@ -27,7 +27,7 @@ from ..scenario.controller import OptionValue
 from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import ParameterMismatch
 from .assembly import Assembly, assemble
-from .log_file import describe, open_log
+from .log_file import describe, first_lines, last_line, open_log
 from .shared_parts import SharedParts
 from .user_code import exits_raise, name_of, user_sources
 
@@ -83,7 +83,10 @@ def simulate(
     else:
         metadata = describe(name, scenario, seed, assembly, sources)
         with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
+            for event in first_lines(metadata, scenario):
+                writer.event(event)
             outcome = drive_into(Tee(recorder, writer), assembly, prepared=False)
+            writer.event(last_line(outcome))
     del assembly  # plant and horizons: the summary of a long run takes their memory
     _print_traceback(outcome)
     record = recorder.record()
@@ -137,8 +140,12 @@ def run(
         log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
         what = f"{name}, {scenario.controller.name}, seed {seed}"
         bar = stack.enter_context(_progress(assembly.ticks, what))
-        sink = Tee(recorder, log, *views)
+        viewers = Tee(log, *views)  # who read of the run's start, settings and end
+        for event in first_lines(metadata, scenario):
+            viewers.event(event)
+        sink = Tee(recorder, viewers)
         outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
+        viewers.event(last_line(outcome))
     mismatch, notes = assembly.mismatch, assembly.notes
     del assembly  # plant and horizons: record and figures of a long run take their memory
     _print_traceback(outcome)

@@ -81,7 +81,9 @@ class LogWriter(Publisher):
                 data = content.encode() if isinstance(content, str) else content
                 self._mcap.add_attachment(name, media_type(name), data)
             self._ids = {
-                topic.name: self._mcap.add_topic(topic.name, topic.schema_name, topic.schema)
+                topic.name: self._mcap.add_topic(
+                    topic.name, topic.schema_name, topic.schema, topic.metadata
+                )
                 for topic in topics_of(channels)
             }
         self._next_flush_s = _FLUSH_PERIOD_S

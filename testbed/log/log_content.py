@@ -88,6 +88,7 @@ class Content:
     metadata: Mapping[str, str]  # of the run, without the log's own keys
     attachments: Mapping[str, bytes]
     schemas: Mapping[str, Schema]  # by topic
+    descriptions: Mapping[str, Mapping[str, str]]  # metadata of channels, by topic
     messages: Mapping[str, list[Message]]  # by topic
     salvage: Salvage | None  # None where the log is whole
 
@@ -269,7 +270,10 @@ class _Collector:
             for topic in self.topics.values()
             if topic.schema_id in self.schemas
         }
-        return Content(self.path, metadata, self.attachments, schemas, messages, salvage)
+        descriptions = {topic.topic: dict(topic.metadata) for topic in self.topics.values()}
+        return Content(
+            self.path, metadata, self.attachments, schemas, descriptions, messages, salvage
+        )
 
     def _own_metadata(self) -> dict[str, str]:
         """Return the metadata of the run without the log's own keys."""

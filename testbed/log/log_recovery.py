@@ -34,7 +34,7 @@ def _write(content: Content, mcap: McapFile) -> None:
     for name, data in content.attachments.items():
         mcap.add_attachment(name, media_type(name), data)
     channels = {
-        topic: mcap.add_topic(topic, schema.name, schema.data)
+        topic: mcap.add_topic(topic, schema.name, schema.data, content.descriptions[topic])
         for topic, schema in content.schemas.items()
     }
     recovered = (

@@ -100,7 +100,9 @@ class McapFile:
             )
         )
 
-    def add_topic(self, name: str, schema_name: str, schema: bytes) -> int:
+    def add_topic(
+        self, name: str, schema_name: str, schema: bytes, metadata: Mapping[str, str]
+    ) -> int:
         """Write schema and channel of a topic, and return the number of the channel."""
         ids = {each.name: each.id for each in self._schemas}
         if schema_name not in ids:
@@ -110,7 +112,9 @@ class McapFile:
             )
             self._write(self._schemas[-1])
         number = len(self._channels) + 1
-        self._channels.append(Channel(number, name, MessageEncoding.Protobuf, {}, ids[schema_name]))
+        self._channels.append(
+            Channel(number, name, MessageEncoding.Protobuf, dict(metadata), ids[schema_name])
+        )
         self._write(self._channels[-1])
         self._places.append(array("Q"))
         return number

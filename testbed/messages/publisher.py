@@ -21,13 +21,23 @@ from numpy.typing import NDArray
 from ttempc.types import FloatArray, Sensor
 
 from ..recording import topics
-from ..recording.channels import CHANNELS, MEASUREMENT, MEASUREMENT_COLUMNS, Channel
+from ..recording.channels import (
+    CHANNELS,
+    ERROR,
+    MEASUREMENT,
+    MEASUREMENT_COLUMNS,
+    REFERENCE,
+    STATE,
+    Channel,
+    unit_of,
+)
+from ..recording.position_error import error_rows
 from ..recording.record import Event
 from ..recording.topics import Topic
 from ..truth import Pose, Truth
 from .protobuf_wire import TransformsEncoder
 from .scenery import Scenery
-from .schemas import RowEncoder, descriptor_set, message_name
+from .schemas import RowEncoder, descriptor_set, message_name, row_fields
 from .viewer_messages import MAP_FRAME, encode_event, encode_fix, encode_paths, encode_poses
 
 _POSE_PERIOD_S: Final = 0.1 - 1e-6  # between poses: enough for trails; /tf has all
@@ -40,30 +50,48 @@ _GNSS: Final = (  # topic, frame, columns of x, y and sample time in `MEASUREMEN
     (topics.GNSS_TOPIC, "tractor", MEASUREMENT_COLUMNS[Sensor.GNSS_TRACTOR]),
     (topics.GNSS_TRAILER_TOPIC, "trailer", MEASUREMENT_COLUMNS[Sensor.GNSS_TRAILER]),
 )
-_DRAWN: Final[tuple[tuple[str, Any], ...]] = (
-    (topics.TRANSFORMS_TOPIC, FrameTransforms),
-    (topics.TRACTOR_TOPIC, PoseInFrame),
-    (topics.TRAILER_TOPIC, PoseInFrame),
-    (topics.DRIVEN_TOPIC, PosesInFrame),
-    (topics.DRIVEN_TRAILER_TOPIC, PosesInFrame),
-    (topics.REFERENCE_PATH_TOPIC, PosesInFrame),
-    (topics.PREDICTED_PATH_TOPIC, PosesInFrame),
-    (topics.PREDICTED_TRAILER_PATH_TOPIC, PosesInFrame),
-    (topics.GNSS_TOPIC, LocationFix),
-    (topics.GNSS_TRAILER_TOPIC, LocationFix),
-    (topics.SCENE_TOPIC, SceneUpdate),
-    (topics.EVENT_TOPIC, Log),
+_DRAWN: Final[tuple[tuple[str, Any, str], ...]] = (
+    (topics.TRANSFORMS_TOPIC, FrameTransforms, "true pose of every body in the map frame"),
+    (topics.TRACTOR_TOPIC, PoseInFrame, "true pose of the tractor point"),
+    (topics.TRAILER_TOPIC, PoseInFrame, "true pose of the trailer point"),
+    (topics.DRIVEN_TOPIC, PosesInFrame, "path of the tractor point so far"),
+    (topics.DRIVEN_TRAILER_TOPIC, PosesInFrame, "path of the trailer point so far"),
+    (topics.REFERENCE_PATH_TOPIC, PosesInFrame, "reference path of both axle points"),
+    (topics.PREDICTED_PATH_TOPIC, PosesInFrame, "path of the tractor point over the horizon"),
+    (topics.PREDICTED_TRAILER_PATH_TOPIC, PosesInFrame, "the same of the trailer point"),
+    (topics.GNSS_TOPIC, LocationFix, "GNSS samples of the tractor, stamped with their own time"),
+    (topics.GNSS_TRAILER_TOPIC, LocationFix, "GNSS samples of the trailer, likewise"),
+    (topics.SCENE_TOPIC, SceneUpdate, "ground, and vehicle fixed to its frames"),
+    (topics.EVENT_TOPIC, Log, "start, settings, events and end of the run"),
 )
 
 
 def topics_of(channels: Sequence[Channel] = CHANNELS) -> list[Topic]:
     """Return every topic of a run: its flat channels, then the topics that viewers draw."""
-    flat = [Topic(each.topic, message_name(each), descriptor_set(each)) for each in channels]
+    flat = [
+        Topic(
+            each.topic,
+            message_name(each),
+            descriptor_set(each),
+            {"description": each.about, **{name: unit_of(name) for name in row_fields(each)}},
+        )
+        for each in _with_error(channels)
+    ]
     drawn = [
-        Topic(name, kind.DESCRIPTOR.full_name, build_file_descriptor_set(kind).SerializeToString())
-        for name, kind in _DRAWN
+        Topic(
+            name,
+            kind.DESCRIPTOR.full_name,
+            build_file_descriptor_set(kind).SerializeToString(),
+            {"description": about},
+        )
+        for name, kind, about in _DRAWN
     ]
     return [*flat, *drawn]
+
+
+def _with_error(channels: Sequence[Channel]) -> Sequence[Channel]:
+    """Return the channels, with that of the true error where its sources are among them."""
+    return (*channels, ERROR) if {STATE, REFERENCE} <= set(channels) else channels
 
 
 class Publisher(ABC):
@@ -75,7 +103,9 @@ class Publisher(ABC):
     """
 
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
-        self._encoders = {channel.topic: RowEncoder(channel) for channel in channels}
+        self._encoders = {each.topic: RowEncoder(each) for each in _with_error(channels)}
+        self._state = (math.nan, array("d"))  # time and row of the latest state
+        self._pairs = array("d")  # time, row of the state, row of the reference at that time
         self._transforms = TransformsEncoder(MAP_FRAME, scenery.body_names)
         self._scenery = scenery
         self._rows = {topic: array("d") for topic in self._encoders}  # each with its time first
@@ -109,7 +139,15 @@ class Publisher(ABC):
         rows = self._rows[channel.topic]
         rows.append(time_s)
         rows.extend(values)
+        self._pair(channel, time_s, values)
         self._collected(time_s)
+
+    def _pair(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
+        """Collect a state and the reference of the same time that follows it."""
+        if channel is STATE:
+            self._state = (time_s, array("d", values))
+        elif channel is REFERENCE and self._state[0] == time_s:
+            self._pairs.extend((time_s, *self._state[1], *values))
 
     def event(self, event: Event) -> None:
         """Publish one event as a log line."""
@@ -148,6 +186,14 @@ class Publisher(ABC):
 
     def _publish(self) -> None:
         """Encode and send the collected data, topic by topic."""
+        if self._pairs:
+            pairs, self._pairs = np.array(self._pairs), array("d")
+            width = len(STATE.fields)
+            times, both = np.split(
+                pairs.reshape(-1, 1 + width + len(REFERENCE.fields)), [1], axis=1
+            )
+            errors = error_rows(both[:, :width], both[:, width:])
+            self._rows[ERROR.topic].frombytes(np.column_stack([times, errors]).tobytes())
         for topic, rows in self._rows.items():
             if rows:
                 encoder, self._rows[topic] = self._encoders[topic], array("d")

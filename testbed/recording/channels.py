@@ -1,8 +1,8 @@
 """Flat channels of a run: topics, names of their numbers and their units.
 
 Record, log, metrics, figures and readers share this table. A row has one number per field; the time
-of a row is the simulated time at which it was true. Units are part of the names. A number that does
-not exist in a row is NaN.
+of a row is the simulated time at which it was true. Units are part of the names, see `unit_of`. A
+number that does not exist in a row is NaN.
 """
 
 from __future__ import annotations
@@ -202,6 +202,15 @@ CORRIDOR: Final = Channel(
     ("half_width_m", "tractor_m", "trailer_m", "tool_m", "hitch_limit_rad"),
 )
 
+_POINT_ERRORS: Final = ("along_m", "cross_m", "euclidean_m", "heading_rad")
+ERROR: Final = Channel(
+    "/error",
+    "true tracking error of both axle points: state minus reference of the same time, ahead of and "
+    "to the left of the reference",
+    tuple(f"{body}_{part}" for body in ("tractor", "trailer") for part in _POINT_ERRORS),
+)
+"""Channel of logs and viewers only: it repeats `/state` and `/reference` of the record."""
+
 CHANNELS: Final = (
     STATE,
     REFERENCE,
@@ -216,3 +225,26 @@ CHANNELS: Final = (
     TOOL,
     CORRIDOR,
 )
+
+_UNITS: Final = {
+    "m": "m",
+    "rad": "rad",
+    "s": "s",
+    "us": "µs",
+    "n": "N",
+    "kpa": "kPa",
+    "mps": "m/s",
+    "mps2": "m/s²",
+    "radps": "rad/s",
+}
+
+
+def unit_of(field: str) -> str:
+    """Return the unit of a field of a channel from its name, "1" for a number without one.
+
+    It is the last of the words of the name that is a unit: "x_t_m", "delta_t_rad_command".
+    """
+    words = field.split("_")
+    if words[-2:] == ["per", "m"]:
+        return "1/m"
+    return next((_UNITS[word] for word in reversed(words) if word in _UNITS), "1")

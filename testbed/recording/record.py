@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import html
 import math
 from array import array
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from ttempc.types import FloatArray
 
+from ..errors import TestbedError
 from ..truth import Truth
-from .channels import CHANNELS, Channel
+from .channels import CHANNELS, Channel, unit_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 LEARNT: Final = "learnt: "
 """Beginning of the text of an event that tells which model parameters were learnt."""
@@ -35,7 +40,7 @@ class Event:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Table:
     """All rows of one channel."""
 
@@ -61,8 +66,34 @@ class Table:
     def __len__(self) -> int:
         return len(self.time_s)
 
+    def to_pandas(self) -> DataFrame:
+        """Return the rows as a data frame with `time_s` as its index.
 
-@dataclass(frozen=True, slots=True)
+        Raises:
+            TestbedError: pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise TestbedError("to_pandas: needs pandas, pip install 'ttempc[export]'") from None
+        index = pandas.Index(self.time_s, name="time_s")
+        return pandas.DataFrame(self.values, index, self.channel.fields)
+
+    def __repr__(self) -> str:
+        ends = f", {self.time_s[0]:g} to {self.time_s[-1]:g} s" if len(self) else ""
+        return f"<{self.channel.topic}: {len(self)} rows{ends}, {len(self.channel.fields)} fields>"
+
+    def _repr_html_(self) -> str:
+        """Return field, unit and range of each column as a table of a notebook."""
+        rows = []
+        for name, column in zip(self.channel.fields, self.values.T, strict=True):
+            finite = column[np.isfinite(column)]
+            ends = (f"{finite.min():.6g}", f"{finite.max():.6g}") if len(finite) else ("-", "-")
+            rows.append((name, unit_of(name), *ends))
+        return _html(repr(self), ("field", "unit", "least", "most"), rows)
+
+
+@dataclass(frozen=True, slots=True, repr=False)
 class Record:
     """Data of a run: a table per topic, events and metadata."""
 
@@ -70,8 +101,53 @@ class Record:
     events: Sequence[Event] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
 
-    def __getitem__(self, channel: Channel) -> Table:
-        return self.tables[channel.topic]
+    def __getitem__(self, channel: Channel | str) -> Table:
+        """Return the table of a channel or of its topic, such as "/state".
+
+        Raises:
+            KeyError: the record has no such topic.
+        """
+        topic = channel if isinstance(channel, str) else channel.topic
+        try:
+            return self.tables[topic]
+        except KeyError:
+            raise KeyError(f"no topic {topic!r}; topics are {', '.join(self.tables)}") from None
+
+    def to_pandas(self) -> dict[str, DataFrame]:
+        """Return a data frame for each topic that has rows, see `Table.to_pandas`.
+
+        Raises:
+            TestbedError: pandas is not installed.
+        """
+        return {topic: table.to_pandas() for topic, table in self.tables.items() if len(table)}
+
+    @property
+    def _title(self) -> str:
+        run = [self.metadata[key] for key in ("scenario", "controller") if key in self.metadata]
+        run += [f"seed {self.metadata['seed']}"] if "seed" in self.metadata else []
+        end_s = max((table.time_s[-1] for table in self.tables.values() if len(table)), default=0.0)
+        return ", ".join(["Record", *run, f"{end_s:.1f} s, {len(self.events)} events"])
+
+    def __repr__(self) -> str:
+        topics = (f"{topic} ({len(table)})" for topic, table in self.tables.items() if len(table))
+        return f"<{self._title}: {', '.join(topics)}>"
+
+    def _repr_html_(self) -> str:
+        """Return the topics with their rows as a table of a notebook."""
+        rows = [
+            (topic, str(len(table)), str(len(table.channel.fields)), table.channel.about)
+            for topic, table in self.tables.items()
+        ]
+        return _html(self._title, ("topic", "rows", "fields", "content"), rows)
+
+
+def _html(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table as HTML, all cells as text."""
+    cells = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
+    return f"<table><caption>{html.escape(caption)}</caption><tr>{titles}</tr>{cells}</table>"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -26,3 +27,4 @@ class Topic:
     name: str
     schema_name: str  # as "foxglove.Log"
     schema: bytes  # serialised FileDescriptorSet
+    metadata: Mapping[str, str]  # "description", and the unit of each number by its name

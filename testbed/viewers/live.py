@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 HOST: Final = "127.0.0.1"  # of this machine only
 DEFAULT_PORT: Final = 8765  # Foxglove's default
+PROTOCOL: Final = "foxglove.sdk.v1"
+"""WebSocket subprotocol, the only one: a viewer that speaks `foxglove.websocket.v1` is refused."""
 
 # Rarely published: a viewer that joins later gets the latest message.
 _RETAINED: Final = (
@@ -88,6 +90,7 @@ class LiveView(Publisher):
                 schema=foxglove.Schema(
                     name=topic.schema_name, encoding=SchemaEncoding.Protobuf, data=topic.schema
                 ),
+                metadata=dict(topic.metadata),
                 context=context,
             )
             for topic in topics_of(channels)

@@ -185,7 +185,9 @@ def test_early_termination_is_exit_code_3_with_log_and_summary(tmp_path):
     assert summary["status"] == "stopped"  # 2 m beside its reference
     assert summary["failure"]
     assert summary["failure"] in done.stdout
-    assert read_log(tmp_path / "ended" / "log.mcap").events[-1].text == summary["failure"]
+    *_, failure, end = read_log(tmp_path / "ended" / "log.mcap").events
+    assert failure.text == summary["failure"]
+    assert end.text.startswith("run ends: stopped after ")
 
 
 def test_the_list_names_what_run_takes(tmp_path):

@@ -43,7 +43,9 @@ def _frame(arguments: argparse.Namespace) -> int:
     file = arguments.out or options.path_beside(arguments.log, name)
     replay = read_replay(arguments.log)
     check_within("--at", arguments.at_s, replay.begin_s, replay.end_s)
-    shot = Shot(arguments.camera, replay.begin_s, replay.end_s, 1.0, arguments.size)
-    write_still(FilmSetup((replay,), shot, moving=False), file, arguments.at_s)
+    size, look = options.picture_size(arguments), options.picture_look(arguments)
+    shot = Shot(arguments.camera, replay.begin_s, replay.end_s, 1.0, size, look)
+    ghosts = options.read_ghosts(arguments)
+    write_still(FilmSetup((replay,), shot, moving=False, ghosts=ghosts), file, arguments.at_s)
     print(f"picture   {file}")
     return 0

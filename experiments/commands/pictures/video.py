@@ -10,13 +10,16 @@ from .. import options
 ABOUT = """\
 Films a run from its log alone; nothing is simulated again. Renders in software
 without a GPU; needs no screen. H.264 in MP4, 25 frames a second, plays in
-a browser. On the ground: reference path (white), driven paths of tractor (blue)
-and trailer (orange), predicted paths (yellow). Poles mark the references of both
-points. Slipping wheels are amber, then red.
+a browser; an animated WebP plays inside a page. On the ground: reference path
+(white), driven paths of tractor (blue) and trailer (orange), predicted paths
+(yellow). Poles mark the references of both points. Slipping wheels are amber,
+then red.
 
   ttempc video runs/grass-paper-1/log.mcap
   ttempc video log.mcap --camera split --from 20 --to 60 --speed 4 -o curve.mp4
   ttempc video log.mcap --camera plan       no OpenGL needed
+  ttempc video log.mcap --ghost reference --exaggerate 10 --quality high
+  ttempc video log.mcap --ghost other/log.mcap     two runs in one picture
 
 Exit code 2 for bad input (one line; nothing is written).
 """
@@ -30,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="FILE",
-        help="film to write, .mp4 (default: beside the log); an existing one is refused",
+        help="film to write, .mp4 or .webp (default: beside the log); an existing one is refused",
     )
     options.add_camera(parser)
     options.add_span(parser)
@@ -50,9 +53,11 @@ def _video(arguments: argparse.Namespace) -> int:
         span_s=(arguments.begin_s, arguments.end_s),
         logged_s=(replay.begin_s, replay.end_s),
         speed=arguments.speed,
-        size=arguments.size,
+        size=options.picture_size(arguments),
+        look=options.picture_look(arguments),
     )
-    options.write_with_progress(FilmSetup((replay,), shot), file, arguments.workers)
+    setup = FilmSetup((replay,), shot, ghosts=options.read_ghosts(arguments))
+    options.write_with_progress(setup, file, arguments.workers)
     count = len(shot.times)
     print(f"film      {file} ({count} frames, {count / FRAME_RATE:.1f} s)")
     return 0

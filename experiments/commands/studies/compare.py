@@ -80,7 +80,8 @@ def _setup(arguments: argparse.Namespace) -> FilmSetup:
         span_s=(arguments.begin_s, arguments.end_s),
         logged_s=(max(r.begin_s for r in replays), max(r.end_s for r in replays)),
         speed=arguments.speed,
-        size=arguments.size,
+        size=options.picture_size(arguments),
+        look=options.picture_look(arguments),
     )
     setup = FilmSetup(replays, shot)
     setup.check()

@@ -13,13 +13,14 @@ from mcap.reader import make_reader
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.logs.log_check import check_log
+from proving_ground.experiments.results.tracking_errors import BODIES, tracking_errors
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.log.log import LogWriter
 from proving_ground.testbed.log.log_content import read_content
 from proving_ground.testbed.log.log_reader import read_log
 from proving_ground.testbed.log.log_scene import ground_of, motion_of
-from proving_ground.testbed.recording.channels import CHANNELS, STATE
+from proving_ground.testbed.recording.channels import CHANNELS, ERROR, STATE
 
 SHORT = ("--set", "path={kind='straight', length_m=15}")
 
@@ -63,6 +64,35 @@ def test_motion_and_ground_are_read_from_the_log_alone(log):
     assert np.all(np.abs(tractor[:, 2] - heights - 0.4) < 0.1), "an axle a wheel above its ground"
 
 
+def test_the_log_holds_the_true_error_at_every_time_of_the_state(log):
+    error, expected = read_log(log, (ERROR,))[ERROR], tracking_errors(read_log(log))
+    assert error.time_s.tolist() == expected.time_s.tolist()
+    for body in BODIES:
+        for part in ("along_m", "cross_m", "euclidean_m"):
+            np.testing.assert_array_equal(
+                error[f"{body}_{part}"], getattr(expected.by_point[body], part)
+            )
+
+
+def test_the_log_tells_start_settings_and_end_as_lines(log):
+    events = read_log(log).events
+    texts = [event.text for event in events if event.time_s == 0.0]
+    assert any("settings: path: kind = straight, length_m = 15" in text for text in texts)
+    assert any(text.startswith("run begins: grass, controller ttempc, seed 3") for text in texts)
+    assert events[-1].text == f"run ends: completed after {events[-1].time_s:.1f} s"
+    assert events[-1].time_s == pytest.approx(read_log(log)[STATE].time_s[-1], abs=1e-9)
+
+
+def test_channels_of_a_log_have_descriptions_and_the_units_of_their_fields(log):
+    with log.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    channels = {channel.topic: channel.metadata for channel in summary.channels.values()}
+    assert all(metadata["description"] for metadata in channels.values())
+    for channel in CHANNELS:
+        assert channels[channel.topic].keys() == {"description", "time_s", *channel.fields}
+    assert (channels["/state"]["v_mps"], channels["/control"]["hp_min"]) == ("m/s", "1")
+
+
 def test_info_shows_run_duration_and_topics(log, capsys):
     assert main(["log", "info", str(log)]) == 0
     printed = capsys.readouterr().out
@@ -80,6 +110,7 @@ def test_check_passes_a_whole_log_and_fails_a_torn_one(log, torn, tmp_path, caps
     assert "whole chunks, up to " in printed
     assert main(["log", "check", str(new)]) == 0
     assert read_content(new).messages == read_content(torn).messages
+    assert read_content(new).descriptions == read_content(torn).descriptions
     assert [file.name for file in tmp_path.iterdir()] == ["new.mcap"]
 
 

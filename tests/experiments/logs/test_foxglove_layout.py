@@ -5,9 +5,9 @@ import re
 
 from proving_ground.experiments.logs.foxglove_layout import FILE, layout_text
 from proving_ground.testbed.messages.publisher import topics_of
-from proving_ground.testbed.recording.channels import CHANNELS
+from proving_ground.testbed.recording.channels import CHANNELS, ERROR
 
-FIELDS = {f"{channel.topic}.{name}" for channel in CHANNELS for name in channel.fields}
+FIELDS = {f"{channel.topic}.{name}" for channel in (*CHANNELS, ERROR) for name in channel.fields}
 LAYOUT = json.loads(FILE.read_text(encoding="utf-8"))
 
 

@@ -84,7 +84,7 @@ def test_messages_that_do_not_decode_are_refused_although_every_checksum_is_righ
         mcap = McapFile(stream, "evil")
         mcap.add_metadata("run", {**content.metadata, "log_format": "1"})
         schema = content.schemas[topic]
-        number = mcap.add_topic(topic, schema.name, schema.data)
+        number = mcap.add_topic(topic, schema.name, schema.data, {})
         mcap.add_message(number, 0, b"\xff\xff\xff")
         mcap.finish()
     evil = read_content(tmp_path / "evil.mcap")

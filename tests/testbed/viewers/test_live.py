@@ -26,7 +26,7 @@ from proving_ground.testbed.recording.topics import (
     SCENE_TOPIC,
     TRANSFORMS_TOPIC,
 )
-from proving_ground.testbed.viewers.live import LiveView
+from proving_ground.testbed.viewers.live import PROTOCOL, LiveView
 from tests.testbed.truths import truth
 
 pytest.importorskip("foxglove")
@@ -37,7 +37,7 @@ class Viewer:
     """Client that implements only the WebSocket protocol."""
 
     def __init__(self, url):
-        self.socket = connect(url, subprotocols=["foxglove.sdk.v1"]).__enter__()
+        self.socket = connect(url, subprotocols=[PROTOCOL]).__enter__()
         assert json.loads(self.socket.recv())["op"] == "serverInfo"
         advertised = json.loads(self.socket.recv())
         assert advertised["op"] == "advertise"
@@ -178,11 +178,16 @@ def test_without_the_extra_one_line_names_it(monkeypatch):
 def test_pages_of_other_sites_do_not_get_the_run(origin, allowed):
     with LiveView(Scenery(), port=0) as view:
         if allowed:
-            with connect(view.url, subprotocols=["foxglove.sdk.v1"], origin=origin) as client:
+            with connect(view.url, subprotocols=[PROTOCOL], origin=origin) as client:
                 assert json.loads(client.recv())["op"] == "serverInfo"
         else:
             with pytest.raises(InvalidStatus, match="403"):
-                connect(view.url, subprotocols=["foxglove.sdk.v1"], origin=origin)
+                connect(view.url, subprotocols=[PROTOCOL], origin=origin)
+
+
+def test_a_viewer_of_another_protocol_is_refused():
+    with view() as live, pytest.raises(InvalidStatus, match="400"):
+        connect(live.url, subprotocols=["foxglove.websocket.v1"])
 
 
 def test_rubbish_at_the_port_does_not_reach_the_server():

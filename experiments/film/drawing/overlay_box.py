@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Final, Literal
 
@@ -60,6 +61,11 @@ class OverlayBox:
         """Fill a rectangle; x0 and x1 may be in either order."""
         left, right = sorted((x0 * self.scale, x1 * self.scale))
         self._draw.rectangle((left, y0 * self.scale, right, y1 * self.scale), fill=colour)
+
+    def line(self, points: Sequence[tuple[float, float]], colour: Rgb, width: float) -> None:
+        """Draw a line through points."""
+        pixels = [(x * self.scale, y * self.scale) for x, y in points]
+        self._draw.line(pixels, fill=colour, width=max(1, round(width * self.scale)))
 
     def bar(
         self, box: tuple[float, float, float, float], fraction: float, colour: Rgb, zero: float = 0

@@ -1,4 +1,4 @@
-"""Colours of films, distinguishable with every kind of colour vision (see `figures.style`)."""
+"""Colours of films as numbers; those of points and paths are `experiments.colours`."""
 
 from __future__ import annotations
 
@@ -7,14 +7,20 @@ from typing import Final
 import numpy as np
 from PIL import ImageColor
 
-from ..figures.style import BODY_COLOURS
+from ... import colours
 
 Rgb = tuple[int, int, int]
 
-TRACTOR: Final[Rgb] = ImageColor.getrgb(BODY_COLOURS["tractor"])[:3]
-TRAILER: Final[Rgb] = ImageColor.getrgb(BODY_COLOURS["trailer"])[:3]
-REFERENCE: Final[Rgb] = (244, 244, 238)
-PLAN: Final[Rgb] = (240, 228, 66)
+
+def rgb(colour: str) -> Rgb:
+    """Return the red, green and blue of a colour "#RRGGBB", 0 to 255."""
+    return ImageColor.getrgb(colour)[:3]
+
+
+TRACTOR: Final = rgb(colours.BODY_COLOURS["tractor"])
+TRAILER: Final = rgb(colours.BODY_COLOURS["trailer"])
+REFERENCE: Final = rgb(colours.REFERENCE)
+PLAN: Final = rgb(colours.PREDICTED)
 INK: Final[Rgb] = (242, 244, 246)
 FAINT: Final[Rgb] = (160, 170, 180)
 ALARM: Final[Rgb] = (255, 140, 60)
@@ -34,3 +40,12 @@ def unit_rgb(colour: Rgb) -> tuple[float, float, float]:
     """Return a colour in fractions of 1, as in OpenGL."""
     red, green, blue = colour
     return red / 255.0, green / 255.0, blue / 255.0
+
+
+_BRIGHTENING: Final = 0.35
+
+
+def brighter(colour: Rgb) -> Rgb:
+    """Return the colour as lines on dark boxes and on the ground have it, the same on both."""
+    red, green, blue = (round(part + _BRIGHTENING * (255 - part)) for part in colour)
+    return red, green, blue

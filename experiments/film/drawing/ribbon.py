@@ -80,8 +80,10 @@ def strip_faces(rows: int, columns: int) -> np.ndarray:
 class Ribbon:
     """A ribbon of fixed width over up to `capacity` points, `lift_m` above the ground."""
 
-    def __init__(self, name: str, capacity: int, width_m: float, lift_m: float) -> None:
-        self.name = name
+    def __init__(
+        self, name: str, capacity: int, width_m: float, lift_m: float, material: str = "line"
+    ) -> None:
+        self.name, self._material = name, material
         self._capacity, self._width, self._lift = max(capacity, 2), width_m, lift_m
 
     def add_to(self, spec: mujoco.MjSpec, rgba: Sequence[float]) -> None:
@@ -92,7 +94,7 @@ class Ribbon:
         # Right edge before left edge: counter-clockwise seen from above.
         vertices = np.concatenate([right, left])  # (2 capacity, 3)
         faces = strip_faces(2, self._capacity)
-        add_mesh(spec, self.name, vertices, faces, rgba=rgba, material="line")
+        add_mesh(spec, self.name, vertices, faces, rgba=rgba, material=self._material)
 
     def lay(self, mesh: MeshView, points: FloatArray, terrain: Terrain) -> None:
         """Lay the ribbon over points (n, 2) [m], at most `capacity`; fewer than two hide it."""

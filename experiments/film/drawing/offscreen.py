@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from proving_ground.testbed.errors import first_line
 
-from ..errors import NoGraphics
+from ...errors import NoGraphics
 
 _PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"
 _OFF: Final = ("disable", "disabled", "off", "false", "0")  # values of MUJOCO_GL
