@@ -50,6 +50,8 @@ def soil_steps(
     has_tool: bool,
     chassis: tuple[Any, ...],
     reaches: FloatArray,
+    looked: FloatArray,
+    qpos: FloatArray,
     qvel: FloatArray,
     ground_type: np.ndarray,
     timestep: float,
@@ -69,13 +71,19 @@ def soil_steps(
         chassis: arguments of `clearance`.
         reaches: (nv,) largest distance by which a unit of each degree of freedom moves a point of
             the chassis, [m] or [m/m].
+        looked: (nq + 1,) positions at the end of the last call, and the distance [m] that the
+            chassis could then move without meeting the ground. It holds at these positions only.
+        qpos: (nq,) MuJoCo's positions.
         qvel: (nv,) MuJoCo's velocities.
         ground_type: (1,) contact type of the ground in MuJoCo's model, as found afterwards.
         timestep: of the physics [s].
         steps: number of physics steps.
     """
     touching = ground_type[0]
-    free = 0.0  # distance that the chassis can move without meeting the ground [m]
+    free = looked[-1]  # distance that the chassis can move without meeting the ground [m]
+    for i in range(qpos.size):
+        if looked[i] != qpos[i]:
+            free = 0.0
     for _ in range(steps):
         wheel_step(*wheels)
         if has_tool:
@@ -92,6 +100,7 @@ def soil_steps(
         ground_type[0] = 0 if free > 0.0 else touching
         _step1(model, data)
     ground_type[0] = touching
+    looked[:-1], looked[-1] = qpos, free
 
 
 def compiled_steps(
@@ -129,6 +138,8 @@ def compiled_steps(
         implement is not None,
         chassis,
         _reaches(model, shapes),
+        np.zeros(model.nq + 1),
+        data.qpos,
         data.qvel,
         model.geom_contype[ground : ground + 1],
         model.opt.timestep,
