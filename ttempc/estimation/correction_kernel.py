@@ -10,7 +10,7 @@ from typing import Final
 
 from ..jit import cached_njit
 from ..types import FloatArray
-from .augmented_state import DISTURBANCE_BOUND, SIZE, STATES
+from .augmented_state import DISTURBANCE_BOUND, STATES
 from .augmented_state_kernel import SensorIndex, measure
 from .noise import SCALE_RANGE, SCALES
 

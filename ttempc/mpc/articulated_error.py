@@ -86,13 +86,21 @@ def map_gains(reference: ReferenceSample, vehicle: Vehicle) -> FloatArray:
 
 def error_state(reference: FloatArray, estimate: Estimate, vehicle: Vehicle) -> FloatArray:
     """Return (z_e, s, m) of `error_dynamics`, (16,), for the state (7,) of the reference."""
-    error = reference - estimate.state
-    for yaw in (State.PSI_T, State.PSI_I):
-        error[yaw] = wrap_angle(error[yaw])
-    cos, sin = math.cos(reference[State.PSI_T]), math.sin(reference[State.PSI_T])
-    dx, dy = error[State.X], error[State.Y]
-    error[State.X], error[State.Y] = cos * dx + sin * dy, cos * dy - sin * dx
-    return np.concatenate([error, *split_disturbance(estimate, vehicle)])
+    dx, dy, psi_t, psi_i, *others = (reference - estimate.state).tolist()
+    heading = reference.item(State.PSI_T)
+    cos, sin = math.cos(heading), math.sin(heading)
+    body_fixed, map_fixed = split_disturbance(estimate, vehicle)
+    return np.array(
+        [
+            cos * dx + sin * dy,
+            cos * dy - sin * dx,
+            wrap_angle(psi_t),
+            wrap_angle(psi_i),
+            *others,
+            *body_fixed.tolist(),
+            *map_fixed.tolist(),
+        ]
+    )
 
 
 def split_disturbance(estimate: Estimate, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
