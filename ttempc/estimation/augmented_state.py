@@ -105,15 +105,15 @@ def map_disturbance_gain(
     """
     cos, sin = math.cos(psi_t), math.sin(psi_t)
     tau = vehicle.speed_time_constant
-    gain = np.zeros((len(Disturbance), len(MapDisturbance)))
-    gain[Disturbance.SLIP_T, :2] = -sin, cos
-    gain[Disturbance.SLIP_I, :2] = -math.sin(psi_i), math.cos(psi_i)
-    gain[Disturbance.DRIVE, 2:] = (
-        -speed * (cos / tau - yaw_rate * sin),
-        -speed * (sin / tau + yaw_rate * cos),
-    )
-    gain[Disturbance.WHEEL, 2:] = cos, sin
-    return math.copysign(1.0, speed) * gain
+    by_climb = -speed * (cos / tau - yaw_rate * sin), -speed * (sin / tau + yaw_rate * cos)
+    gain = [  # rows in the order of `Disturbance`
+        [-sin, cos, 0.0, 0.0],
+        [-math.sin(psi_i), math.cos(psi_i), 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, *by_climb],
+        [0.0, 0.0, cos, sin],
+    ]
+    return math.copysign(1.0, speed) * np.array(gain)
 
 
 def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:

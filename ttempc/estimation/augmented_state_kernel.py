@@ -255,26 +255,27 @@ def advance_augmented_state(
     jacobian = np.empty((STATES, SIZE))
     state_rate_jacobian(middle, inputs, parameters, jacobian)
 
+    size = len(transition)  # no constant, see `correct`
     # exp([[A, B], [0, F]]) by Horner's scheme, F diagonal: only the upper rows are full.
     transition[:, :] = 0.0
-    for i in range(SIZE):
+    for i in range(size):
         transition[i, i] = 1.0
     previous = np.empty((STATES, SIZE))
     for term in range(_TERMS, 0, -1):
         previous[:, :] = transition[:STATES]
         duration = step_s / term
         for i in range(STATES):
-            for j in range(SIZE):
+            for j in range(size):
                 transition[i, j] = jacobian[i, j] * transition[j, j] if j >= STATES else 0.0
             for k in range(STATES):
                 if jacobian[i, k] != 0.0:
-                    for j in range(SIZE):
+                    for j in range(size):
                         transition[i, j] += jacobian[i, k] * previous[k, j]
-            for j in range(SIZE):
+            for j in range(size):
                 transition[i, j] *= duration
         for i in range(STATES):
             transition[i, i] += 1.0
-        for j in range(STATES, SIZE):
+        for j in range(STATES, size):
             transition[j, j] = 1.0 + faded[j - STATES] * transition[j, j] / term
 
 

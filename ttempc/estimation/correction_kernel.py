@@ -10,7 +10,7 @@ from typing import Final
 
 from ..jit import cached_njit
 from ..types import FloatArray
-from .augmented_state import DISTURBANCE_BOUND, SIZE, STATES
+from .augmented_state import DISTURBANCE_BOUND, STATES
 from .augmented_state_kernel import SensorIndex, measure
 from .noise import SCALE_RANGE, SCALES
 
@@ -47,10 +47,12 @@ def correct(
     bounds. If it `learns`, the likelihood of the sample updates the factors, see `_learn`. `rows`
     (8, 2, 22) and `pairs` (16, 2) are workspace.
     """
+    size = augmented.shape[1]  # no constant: loops over one are unrolled before they can be vector
+    # instructions
     jacobian, cross = rows[0], rows[1:5]  # cross: H P and its derivatives, rows become vectors
     gain, gain_derivative, workspace = rows[5], rows[6], rows[7]
     for n in range(len(rows)):
-        for i in range(SIZE):
+        for i in range(size):
             rows[n, 0, i] = rows[n, 1, i] = 0.0
     for n in range(len(pairs)):
         pairs[n, 0] = pairs[n, 1] = 0.0
@@ -69,14 +71,14 @@ def correct(
         nu[0, 0] -= 2.0 * math.pi * round(nu[0, 0] / (2.0 * math.pi))
     for level in range(_LEVELS):
         for r in range(m):
-            for k in range(SIZE):
+            for k in range(size):
                 weight = jacobian[r, k]
                 if weight != 0.0:
-                    for i in range(SIZE):
+                    for i in range(size):
                         cross[level, r, i] += covariances[level, k, i] * weight
         for r in range(m):
             for c in range(m):
-                for k in range(SIZE):
+                for k in range(size):
                     spread[level, r, c] += jacobian[r, k] * cross[level, c, k]
     for r in range(m):
         spread[0, r, r] += variance
@@ -103,7 +105,7 @@ def correct(
         factor = normalised / gate
     for level in range(1, _LEVELS):
         for r in range(m):
-            for k in range(SIZE):
+            for k in range(size):
                 nu[level, r] -= jacobian[r, k] * augmented[level, k]
     if factor == 1.0 and learns:
         for n in range(SCALES):
@@ -111,30 +113,30 @@ def correct(
     for r in range(m):
         for c in range(m):
             weight = precision[c, r] / factor
-            for i in range(SIZE):
+            for i in range(size):
                 gain[r, i] += cross[0, c, i] * weight
-        for i in range(SIZE):
+        for i in range(size):
             x[i] += gain[r, i] * nu[0, r]
-    for i in range(STATES, SIZE):
+    for i in range(STATES, size):
         x[i] = min(max(x[i], -_BOUND[i - STATES]), _BOUND[i - STATES])
     for level in range(1, _LEVELS):
-        for i in range(SIZE):
+        for i in range(size):
             gain_derivative[0, i] = gain_derivative[1, i] = 0.0
         for c in range(m):
             rest = workspace[0]
-            for i in range(SIZE):
+            for i in range(size):
                 rest[i] = cross[level, c, i]
             for q in range(m):
                 weight = spread[level, q, c]
-                for i in range(SIZE):
+                for i in range(size):
                     rest[i] -= gain[q, i] * weight
             for r in range(m):
                 weight = precision[c, r] / factor
-                for i in range(SIZE):
+                for i in range(size):
                     gain_derivative[r, i] += rest[i] * weight
         for r in range(m):
             by_gain, by_derivative = nu[level, r], nu[0, r]
-            for i in range(SIZE):
+            for i in range(size):
                 augmented[level, i] += gain[r, i] * by_gain + gain_derivative[r, i] * by_derivative
         _reduce(covariances[level], gain, cross[level], spread[level], m, workspace)
     for r in range(m):
@@ -197,14 +199,15 @@ def _reduce(
     written into `half` W' (2, 22). The sum is symmetric, and right for any K. Of the two
     measurements the first `m` are used.
     """
+    size = len(matrix)
     for r in range(m):
-        for i in range(SIZE):
+        for i in range(size):
             half[r, i] = -cross[r, i]
         for c in range(m):
-            for i in range(SIZE):
+            for i in range(size):
                 half[r, i] += 0.5 * gain[c, i] * spread[c, r]
-    for i in range(SIZE):
+    for i in range(size):
         for r in range(m):
             by_gain, by_half = gain[r, i], half[r, i]  # for the compiler: `matrix` is not they
-            for j in range(SIZE):
+            for j in range(size):
                 matrix[i, j] += by_gain * half[r, j] + by_half * gain[r, j]

@@ -88,26 +88,27 @@ def _propagate(
     N is half of `noise` (24,). The lower rows of Phi are diagonal, most entries of its upper rows
     are 0. The upper rows of Phi (M + N) are written into `workspace` (7, 22).
     """
+    size = len(matrix)  # no constant, see `correct`
     _add_half(matrix, noise)
     workspace[:, :] = 0.0
     for i in range(STATES):
-        for k in range(SIZE):  # innermost along rows, so that it becomes vector instructions
+        for k in range(size):  # innermost along rows, so that it becomes vector instructions
             weight = transition[i, k]
             if weight != 0.0:
-                for j in range(SIZE):
+                for j in range(size):
                     workspace[i, j] += weight * matrix[k, j]
     matrix[:STATES, :STATES] = 0.0
-    for i in range(STATES, SIZE):
-        for j in range(STATES, SIZE):
+    for i in range(STATES, size):
+        for j in range(STATES, size):
             matrix[i, j] *= transition[i, i] * transition[j, j]
     _add_half(matrix, noise)
     for i in range(STATES):
         for j in range(i + 1):
             total = matrix[i, j]
-            for k in range(SIZE):
+            for k in range(size):
                 total += workspace[i, k] * transition[j, k]
             matrix[i, j] = matrix[j, i] = total
-        for j in range(STATES, SIZE):
+        for j in range(STATES, size):
             matrix[i, j] = matrix[j, i] = workspace[i, j] * transition[j, j]
 
 

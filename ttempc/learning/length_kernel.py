@@ -63,6 +63,7 @@ def replay(
     nu, whitened = np.zeros(2), np.zeros(2)
     cross, gain, root = np.zeros((2, SIZE)), np.zeros((2, SIZE)), np.zeros((2, 2))
     rows, pairs = np.empty((8, 2, SIZE)), np.empty((16, 2))  # workspace of `correct`
+    size = augmented.shape[1]  # no constant, see `correct`
     cost = 0.0
     for row in range(len(events)):
         span = events[row, 1]
@@ -102,14 +103,15 @@ def replay(
         m = measure(sensor, x, parameters, 0.0, reading, jacobian)
         covariance = covariances[0]
         for r in range(m):
-            for i in range(SIZE):
-                cross[r, i] = 0.0
-                for k in range(SIZE):
-                    if jacobian[r, k] != 0.0:
-                        cross[r, i] += covariance[k, i] * jacobian[r, k]
+            cross[r, :] = 0.0
+            for k in range(size):
+                weight = jacobian[r, k]
+                if weight != 0.0:
+                    for i in range(size):
+                        cross[r, i] += covariance[k, i] * weight
         # Cholesky factor of S = H P H' + R
         spread_00, spread_01, spread_11 = variances[sensor], 0.0, variances[sensor]
-        for k in range(SIZE):
+        for k in range(size):
             spread_00 += jacobian[0, k] * cross[0, k]
             if m == 2:
                 spread_01 += jacobian[0, k] * cross[1, k]
@@ -138,7 +140,7 @@ def replay(
         whitened[0], whitened[1] = first / raised, second / raised
         nu[0] = root[0, 0] * first
         nu[1] = root[1, 0] * first + root[1, 1] * second
-        for i in range(SIZE):  # K' = S^-1 H P
+        for i in range(size):  # K' = S^-1 H P
             lower = cross[0, i] / root[0, 0]
             gain[1, i] = 0.0
             if m == 2:
@@ -150,10 +152,10 @@ def replay(
             measure(sensor, copies[j], copy_parameters[j], 0.0, other, unused)
             for r in range(m):
                 derivative[j, r] = reading[r] - other[r]
-            for i in range(SIZE):
+            for i in range(size):
                 for r in range(m):
                     copies[j, i] += gain[r, i] * (nu[r] + derivative[j, r])
-            for i in range(STATES, SIZE):
+            for i in range(STATES, size):
                 bound = _BOUND[i - STATES]
                 copies[j, i] = min(max(copies[j, i], -bound), bound)
             derivative[j, 0] /= root[0, 0] * raised

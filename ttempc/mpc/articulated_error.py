@@ -40,6 +40,26 @@ def error_dynamics(
         period_s: control period [s].
         ticks: N, periods from the start.
     """
+    # a call of its own, after which the slopes are released: of a long reference these matrices are
+    # the largest
+    a, b = zero_order_hold(*_slopes(reference, period_s, ticks), period_s)
+    grid = reference.at(np.arange(ticks + 1) * period_s)
+    turns = rotation(-grid.state[:, State.PSI_T])  # of positions: map frame -> reference frame
+    here, ahead = np.eye(_SIZE), np.eye(_SIZE)
+    for k in range(ticks):
+        here[:2, :2], ahead[:2, :2] = turns[k], turns[k + 1]
+        a[k], b[k] = ahead @ a[k] @ here.T, ahead @ b[k]
+
+    c = np.zeros((ticks + 1, 4, _SIZE))
+    c[:, 0, State.X] = c[:, 1, State.Y] = 1.0
+    jacobians = [trailer_point_jacobian(state, reference.vehicle) for state in grid.state]
+    c[:, 2:, :_N] = rotation(-grid.state[:, State.PSI_I]) @ jacobians
+    c[:, 2:, :2] = c[:, 2:, :2] @ turns.transpose(0, 2, 1)
+    return a, b, c
+
+
+def _slopes(reference: Reference, period_s: float, ticks: int) -> tuple[FloatArray, FloatArray]:
+    """Return dA/dt (N, 16, 16) and dB/dt (N, 16, 3) of `error_dynamics` in the map frame."""
     vehicle = reference.vehicle
     middle = reference.at((np.arange(ticks) + 0.5) * period_s)
     gains = map_gains(middle, vehicle)
@@ -50,21 +70,7 @@ def error_dynamics(
         slope_a[k, :_N, _N : _N + _D] = -by_disturbance
         slope_a[k, :_N, _N + _D :] = -by_disturbance @ gains[k]
         slope_b[k, :_N] = by_input
-    a, b = zero_order_hold(slope_a, slope_b, period_s)
-
-    grid = reference.at(np.arange(ticks + 1) * period_s)
-    turn = np.tile(np.eye(_SIZE), (ticks + 1, 1, 1))  # map frame -> reference frame
-    turn[:, :2, :2] = rotation(-grid.state[:, State.PSI_T])
-    back = turn.transpose(0, 2, 1)
-    for k in range(ticks):  # in place: of a long reference these are the largest matrices
-        a[k], b[k] = turn[k + 1] @ a[k] @ back[k], turn[k + 1] @ b[k]
-
-    c = np.zeros((ticks + 1, 4, _SIZE))
-    c[:, 0, State.X] = c[:, 1, State.Y] = 1.0
-    trailer = np.zeros((ticks + 1, 2, _SIZE))
-    trailer[:, :, :_N] = [trailer_point_jacobian(state, vehicle) for state in grid.state]
-    c[:, 2:] = rotation(-grid.state[:, State.PSI_I]) @ trailer @ back
-    return a, b, c
+    return slope_a, slope_b
 
 
 def map_gains(reference: ReferenceSample, vehicle: Vehicle) -> FloatArray:
@@ -80,13 +86,21 @@ def map_gains(reference: ReferenceSample, vehicle: Vehicle) -> FloatArray:
 
 def error_state(reference: FloatArray, estimate: Estimate, vehicle: Vehicle) -> FloatArray:
     """Return (z_e, s, m) of `error_dynamics`, (16,), for the state (7,) of the reference."""
-    error = reference - estimate.state
-    for yaw in (State.PSI_T, State.PSI_I):
-        error[yaw] = wrap_angle(error[yaw])
-    cos, sin = math.cos(reference[State.PSI_T]), math.sin(reference[State.PSI_T])
-    dx, dy = error[State.X], error[State.Y]
-    error[State.X], error[State.Y] = cos * dx + sin * dy, cos * dy - sin * dx
-    return np.concatenate([error, *split_disturbance(estimate, vehicle)])
+    dx, dy, psi_t, psi_i, *others = (reference - estimate.state).tolist()
+    heading = reference.item(State.PSI_T)
+    cos, sin = math.cos(heading), math.sin(heading)
+    body_fixed, map_fixed = split_disturbance(estimate, vehicle)
+    return np.array(
+        [
+            cos * dx + sin * dy,
+            cos * dy - sin * dx,
+            wrap_angle(psi_t),
+            wrap_angle(psi_i),
+            *others,
+            *body_fixed.tolist(),
+            *map_fixed.tolist(),
+        ]
+    )
 
 
 def split_disturbance(estimate: Estimate, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:

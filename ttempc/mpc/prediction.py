@@ -38,5 +38,5 @@ class PredictedPath:
         """
         ahead = slice(k + 1, k + 1 + len(errors))
         path = self._reference[ahead]
-        by_plan = (-self._to_map[ahead] @ errors).reshape(path.size, -1)
-        return path + (by_plan @ plan).reshape(path.shape)
+        in_frames = (errors.reshape(path.size, -1) @ plan).reshape(*path.shape, 1)
+        return path - (self._to_map[ahead] @ in_frames)[..., 0]

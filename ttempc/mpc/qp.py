@@ -172,6 +172,8 @@ class CondensedHorizon:
             )
         self._a, self._b, self._c, self._soft, self._tuning = a, b, c, soft, tuning
         self._moves = moves
+        changes = (a != np.eye(n)).any(axis=(0, 2)) | b.any(axis=(0, 2))
+        self._changing = np.flatnonzero(changes)  # entries of z; disturbances are constant
         sums = np.tril(np.ones((moves, moves)))
         self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
         self._bounds = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
@@ -251,12 +253,13 @@ class CondensedHorizon:
         state[:, :, :n] = np.eye(n)
         stages = np.empty((ticks, horizon + 1, p, given + m * moves))  # C Z_0 ... C Z_Np
         stages[:, 0] = self._c[start : start + ticks] @ state
-        soft = []
+        changing, soft = self._changing, []
         for j in range(horizon):
-            steps = np.arange(moves) <= j
-            pick = np.hstack([np.zeros((m, n)), np.eye(m), np.kron(steps, np.eye(m))])  # U_j
             window = slice(start + j, start + j + ticks)
-            state = self._a[window] @ state + self._b[window] @ pick
+            moved = self._a[window, changing] @ state
+            inputs = 1 + min(j + 1, moves)  # blocks of w that U_j picks: u_{k-1} and its steps
+            moved[..., n : n + m * inputs] += np.tile(self._b[window, changing], inputs)
+            state[:, changing] = moved
             ahead = slice(start + j + 1, start + j + 1 + ticks)
             stages[:, j + 1] = self._c[ahead] @ state
             if self._soft:

@@ -117,9 +117,10 @@ class Monitors:
         """Return the alarms that stand after the data of a tick."""
         for detector in self.detectors:
             detector.observe(observation)
-            if detector.statistic > detector.limit:
+            statistic = detector.statistic
+            if statistic > detector.limit:
                 self._active.setdefault(detector.name, detector.alarm())
-            elif detector.statistic < _ENDS * detector.limit:
+            elif statistic < _ENDS * detector.limit:
                 self._active.pop(detector.name, None)
             alarm = self._active.get(detector.name)
             if alarm is not None and alarm.unused:

@@ -32,33 +32,36 @@ class InnovationMonitor:
         self.name = f"innovations of the {what}"
         self.limit = INNOVATION[sensor]
         self._sensor, self._what = sensor, what
-        self._terms: deque[tuple[float, float, int]] = deque()  # time [s], square, entries
+        self._ticks: deque[tuple[float, float, int]] = deque()  # time [s], sum of squares, entries
+        self._statistic = 0.0
 
     @property
     def statistic(self) -> float:
         """Standard normal equivalent of the sum, 0 where it is below its mean."""
-        n = sum(entries for _, _, entries in self._terms)
-        if n == 0:
-            return 0.0
-        total = sum(square for _, square, _ in self._terms)
-        spread = 2.0 / (9.0 * n)
-        return max(0.0, ((total / n) ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread))
+        return self._statistic
 
     @property
     def residual(self) -> float:
         """The statistic itself; NaN without a sample."""
-        return self.statistic if self._terms else math.nan
+        return self._statistic if self._ticks else math.nan
 
     def observe(self, observation: Observation) -> None:
         """Take in the innovations of a tick; a refused sample, of a false time say, has none."""
-        now = observation.time_s
-        self._terms.extend(
-            (now, min(item.normalised_squared, _MOST), item.dimension)
-            for item in observation.estimate.innovations
-            if item.sensor is self._sensor and math.isfinite(item.normalised_squared)
-        )
-        while self._terms and self._terms[0][0] < now - _SPAN_S + 1e-6:
-            self._terms.popleft()
+        now, sensor, total, n = observation.time_s, self._sensor, 0.0, 0
+        for item in observation.estimate.innovations:
+            if item.sensor is sensor and math.isfinite(item.normalised_squared):
+                total += min(item.normalised_squared, _MOST)
+                n += item.dimension
+        if n:
+            self._ticks.append((now, total, n))
+        while self._ticks and self._ticks[0][0] < now - _SPAN_S + 1e-6:
+            self._ticks.popleft()
+        self._statistic = 0.0
+        if self._ticks:
+            n = sum([entries for _, _, entries in self._ticks])
+            mean, spread = sum([square for _, square, _ in self._ticks]) / n, 2.0 / (9.0 * n)
+            equivalent = (mean ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread)
+            self._statistic = max(0.0, equivalent)
 
     def alarm(self) -> Alarm:
         """Return the alarm."""

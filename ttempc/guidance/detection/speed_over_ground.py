@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, insort
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from statistics import median
@@ -46,7 +47,8 @@ class SpeedOverGround:
 
     def __init__(self) -> None:
         self._positions = {sensor: deque[tuple[float, float, float]]() for sensor in _RECEIVERS}
-        self._differences = deque[float](maxlen=_MOST_DIFFERENCES)  # second ones, unsigned [m]
+        self._differences = deque[float]()  # second ones, unsigned [m]
+        self._ordered: list[float] = []  # the same by size
         self._seen: Sequence[Measurement] | None = None  # samples of the last call
         self._last: GroundSpeed | None = None  # its result
 
@@ -72,10 +74,9 @@ class SpeedOverGround:
                 new = True
                 kept.append((sample.time_s, sample.value[0], sample.value[1]))
                 if len(kept) > 2:
-                    self._differences.extend(
-                        abs(kept[-1][axis] - 2.0 * kept[-2][axis] + kept[-3][axis])
-                        for axis in (1, 2)
-                    )
+                    (_, x0, y0), (_, x1, y1), (_, x2, y2) = kept[-3], kept[-2], kept[-1]
+                    self._add_difference(abs(x2 - 2.0 * x1 + x0))
+                    self._add_difference(abs(y2 - 2.0 * y1 + y0))
         newest = max((kept[-1][0] for kept in self._positions.values() if kept), default=0.0)
         spans = [
             kept
@@ -84,21 +85,28 @@ class SpeedOverGround:
         ]
         if not new or not spans:
             return None
-        speeds = [math.hypot(_slope(kept, 1), _slope(kept, 2)) for kept in spans]
+        speeds = [_speed_mps(kept) for kept in spans]
         begin_s, end_s = min(kept[0][0] for kept in spans), max(kept[-1][0] for kept in spans)
         return GroundSpeed(sum(speeds) / len(speeds), begin_s, end_s, self._sd_mps(spans))
 
+    def _add_difference(self, difference: float) -> None:
+        self._differences.append(difference)
+        insort(self._ordered, difference)
+        if len(self._ordered) > _MOST_DIFFERENCES:
+            del self._ordered[bisect_left(self._ordered, self._differences.popleft())]
+
     def _sd_mps(self, spans: Sequence[Sequence[tuple[float, float, float]]]) -> float:
         """Return the standard deviation of a speed by least squares, for white noise [m/s]."""
-        if len(self._differences) < _LEAST_DIFFERENCES:
+        count = len(self._ordered)
+        if count < _LEAST_DIFFERENCES:
             return 0.0
-        noise_m = _MEDIAN_TO_SD * median(self._differences)
-        means = [sum(position[0] for position in kept) / len(kept) for kept in spans]
-        squares = (
-            sum((position[0] - mean) ** 2 for position in kept)
-            for kept, mean in zip(spans, means, strict=True)
-        )
-        return noise_m * math.sqrt(sum(1.0 / square for square in squares)) / len(spans)
+        middle = self._ordered[(count - 1) // 2] + self._ordered[count // 2]
+        inverse = 0.0  # of the squares of the times about their mean
+        for kept in spans:
+            times = [time_s for time_s, _, _ in kept]
+            mean = sum(times) / len(times)
+            inverse += 1.0 / sum([(time_s - mean) ** 2 for time_s in times])
+        return _MEDIAN_TO_SD * 0.5 * middle * math.sqrt(inverse) / len(spans)
 
 
 def _is_plausible(last: tuple[float, float, float], sample: Measurement) -> bool:
@@ -108,6 +116,11 @@ def _is_plausible(last: tuple[float, float, float], sample: Measurement) -> bool
     return span_s > 0.0 and way <= _FASTEST_MPS * span_s + _LARGEST_ERROR_M
 
 
-def _slope(positions: Iterable[tuple[float, float, float]], axis: int) -> float:
-    """Return the median slope [m/s] of an axis between all pairs of positions."""
-    return median((b[axis] - a[axis]) / (b[0] - a[0]) for a, b in combinations(positions, 2))
+def _speed_mps(positions: Sequence[tuple[float, float, float]]) -> float:
+    """Return the speed [m/s] whose axes are the median slopes between all pairs of positions."""
+    east, north = [], []
+    for (t0, x0, y0), (t1, x1, y1) in combinations(positions, 2):
+        span_s = t1 - t0
+        east.append((x1 - x0) / span_s)
+        north.append((y1 - y0) / span_s)
+    return math.hypot(median(east), median(north))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections import deque
-from itertools import pairwise
 from typing import Final
 
 from ...types import Command, Input, Sensor
@@ -41,9 +41,11 @@ class SteeringMonitor:
         self._axis = axis
         self._cusum = Cusum(STEERING_ALLOWANCE, STEERING)
         self._sent: deque[tuple[float, float]] = deque()  # start of a command [s], its value
-        self._response: deque[tuple[float, float]] = deque()  # time [s] and angle [rad]
+        self._times: list[float] = []  # of the response [s]
+        self._angles: list[float] = []  # the response at these times [rad]
         self._valve = self._angle = math.nan
-        self._samples: deque[float] = deque(maxlen=_SCATTER)
+        self._sample = math.nan  # the last one [rad]
+        self._changes = deque[float](maxlen=_SCATTER - 1)  # squares, between recent samples
 
     @property
     def statistic(self) -> float:
@@ -59,54 +61,63 @@ class SteeringMonitor:
         """Advance the model by the last command and compare it with the samples."""
         if observation.command is not None:
             self._advance(observation.time_s, observation.command, observation.vehicle)
-        values = [
-            (sample.time_s, sample.value[0])
+        sensor = _SENSORS[self._axis]
+        samples = [
+            sample
             for sample in observation.samples
-            if sample.sensor is _SENSORS[self._axis] and math.isfinite(sample.value[0])
+            if sample.sensor is sensor and math.isfinite(sample.value[0])
         ]
-        if not values:
+        if not samples:
             return
-        mean = sum(value for _, value in values) / len(values)
+        values = [sample.value[0] for sample in samples]
+        mean = sum(values) / len(values)
         if math.isnan(self._angle):
             self._valve = self._angle = mean
-            self._response.append((observation.time_s, mean))
+            self._times.append(observation.time_s)
+            self._angles.append(mean)
             return
-        self._samples.extend(value for _, value in values)
-        begin, end = min(values)[0] - _UNKNOWN_S, max(values)[0]
-        band = [angle for time_s, angle in self._response if begin <= time_s <= end + _STEP_S]
+        for value in values:
+            change = value - self._sample
+            if not math.isnan(change):
+                self._changes.append(change * change)
+            self._sample = value
+        sampled = [sample.time_s for sample in samples]
+        begin = bisect_left(self._times, min(sampled) - _UNKNOWN_S)
+        band = self._angles[begin : bisect_right(self._times, max(sampled) + _STEP_S)]
         if band:
             residual = mean - min(max(mean, min(band)), max(band))
             self._cusum.add(residual / max(1.0, self._noise(len(values)) / _QUIET))
 
     def _noise(self, count: int) -> float:
         """Return the sd of the mean of `count` samples, from the differences of recent ones."""
-        squares = [(b - a) ** 2 for a, b in pairwise(self._samples)]
-        return math.sqrt(sum(squares) / (2.0 * max(1, len(squares)) * count))
+        return math.sqrt(sum(self._changes) / (2.0 * max(1, len(self._changes)) * count))
 
     def _advance(self, time_s: float, command: Command, vehicle: Vehicle) -> None:
         """Continue the response to `time_s` under the `command` sent at the tick before."""
-        if not self._response:
+        if not self._times:
             return
-        now = self._response[-1][0]
-        self._sent.append((now, float(command.as_array()[self._axis])))
+        now, sent, valve, angle = self._times[-1], self._sent, self._valve, self._angle
         front = self._axis is Input.DELTA_T
+        sent.append((now, command.delta_t if front else command.delta_i))
         lag = vehicle.steering_lag_t if front else vehicle.steering_lag_i
         rate = vehicle.steering_rate_t if front else vehicle.steering_rate_i
         dead_time = vehicle.dead_time_t if front else vehicle.dead_time_i
         steps = max(1, math.ceil((time_s - now) / _STEP_S - 1e-9))
         step = (time_s - now) / steps
-        share = 1.0 - math.exp(-step / lag)
+        share, reach = 1.0 - math.exp(-step / lag), rate * step
         for n in range(steps):
-            acting_s = now + n * step - dead_time
-            while len(self._sent) > 1 and self._sent[1][0] <= acting_s + 1e-9:
-                self._sent.popleft()
-            if self._sent[0][0] <= acting_s + 1e-9:
-                way = self._sent[0][1] - self._valve
-                self._valve += math.copysign(min(abs(way), rate * step), way)
-            self._angle += share * (self._valve - self._angle)
-            self._response.append((now + (n + 1) * step, self._angle))
-        while self._response[0][0] < time_s - _UNKNOWN_S - _KEPT_S:
-            self._response.popleft()
+            acting_s = now + n * step - dead_time + 1e-9
+            while len(sent) > 1 and sent[1][0] <= acting_s:
+                sent.popleft()
+            begun_s, target = sent[0]
+            if begun_s <= acting_s:
+                valve = min(max(target, valve - reach), valve + reach)
+            angle += share * (valve - angle)
+            self._times.append(now + (n + 1) * step)
+            self._angles.append(angle)
+        self._valve, self._angle = valve, angle
+        dropped = bisect_left(self._times, time_s - _UNKNOWN_S - _KEPT_S)
+        del self._times[:dropped], self._angles[:dropped]
 
     def alarm(self) -> Alarm:
         """Return the alarm: a vehicle that cannot be steered stops."""
