@@ -33,6 +33,7 @@ class _Command:
 _COMMANDS: Final = {
     "run": _Command("run", "drive one scenario to its end"),
     "view": _Command("pictures.view", "watch a run in MuJoCo's viewer"),
+    "serve": _Command("serve", "drive one scenario with a controller over UDP"),
     "list": _Command("catalogue", "list what ships with the project"),
     "new": _Command("new", "start a controller, a scenario or a study from a template"),
     "schema": _Command("schema", "print the JSON schema of a scenario, for editors"),
