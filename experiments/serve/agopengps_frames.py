@@ -36,7 +36,7 @@ _AGIO: Final = 0x7C  # source address that AgIO gives to positions (NMEA.Designe
 _WITHOUT_CHECKSUM: Final = frozenset({HELLO, 201, 202})
 
 _STEER: Final = struct.Struct("<HBhBBB")  # speed, status, angle, line distance, sections
-_STEER_STATUS: Final = struct.Struct("<hhhBBB")  # angle, heading, roll, switches, PWM, none
+_STEER_STATUS: Final = struct.Struct("<hhhBB")  # angle, heading, roll, switches, PWM
 _HELLO_DATA: Final = struct.Struct("<hhB")  # angle, counts of its sensor, switches
 # Longitude, latitude, headings of two antennas and of one, speed, roll, altitude; satellites, fix,
 # 100 HDOP, 100 age; heading, roll, pitch, yaw rate of an IMU.
@@ -130,7 +130,7 @@ def position_frame(
 
 def status_frame(angle_deg: float) -> bytes:
     """Return the frame of the steering module, PGN 253: its measured angle, both switches open."""
-    data = (_centi(angle_deg), _NO_HEADING, _NO_ROLL, _SWITCHES_OPEN, 0, 0)
+    data = (_centi(angle_deg), _NO_HEADING, _NO_ROLL, _SWITCHES_OPEN, 0)
     return frame(_MODULE, STEER_STATUS, _STEER_STATUS.pack(*data))
 
 

@@ -46,6 +46,16 @@ class RemoteCommand:
     hp: float | None = None  # hydrostat position, fraction
 
 
+@dataclass(slots=True)
+class CommandLink:
+    """Commands of the peer as controller and detector see them; the session writes, they read."""
+
+    protocol: str  # its name, a part of the run's identity
+    space_based: bool
+    command: RemoteCommand | None = field(default=None, repr=False)  # the latest
+    silence_s: float = field(default=0.0, repr=False)  # simulated, since the tick of that command
+
+
 @dataclass(frozen=True, slots=True)
 class Received:
     """Content of a valid datagram."""

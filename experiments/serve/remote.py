@@ -1,8 +1,8 @@
-"""Controller and detector of a session: the peer's command, and its silence."""
+"""Controller and detector of a run over UDP: the peer's command, and its silence."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from ttempc.guidance.detection.detector import Alarm, Observation, Reaction
 from ttempc.guidance.supervisor import run_on
@@ -12,9 +12,7 @@ from ttempc.types import Command, Estimate, Input, State
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidController
-
-if TYPE_CHECKING:
-    from .session import Session
+from .protocol import CommandLink
 
 _STRAIGHT: Final = 0.0  # [rad] trailer steering where the peer gives none
 
@@ -34,10 +32,10 @@ class RemoteController:
         vehicle: model parameters.
         reference: where both axle points should be over time.
         period_s: control period [s].
-        session: with the peer.
+        link: to the peer.
 
     Raises:
-        InvalidController: there is no session; such a run needs `ttempc serve`.
+        InvalidController: there is no link; such a run needs `ttempc serve`.
     """
 
     def __init__(
@@ -45,12 +43,12 @@ class RemoteController:
         vehicle: Vehicle,
         reference: Reference,
         period_s: float,
-        session: Session | None = None,
+        link: CommandLink | None = None,
     ) -> None:
-        if session is None:
+        if link is None:
             raise InvalidController("this run was driven over UDP: use ttempc serve")
-        self._session, self._gain = session, 1.0 / vehicle.speed_gain
-        self.space_based = session.protocol.space_based
+        self._link, self._gain = link, 1.0 / vehicle.speed_gain
+        self.space_based = link.space_based
         grid = reference.on_grid(period_s)
         if self.space_based:
             grid = reference.on_grid(period_s, beyond=run_on(len(grid.time_s)))
@@ -63,7 +61,7 @@ class RemoteController:
         if self.space_based:
             k = round(self._projection.place(*estimate.state[: State.PSI_T].tolist()))
         k = min(k, len(self._grid.time_s) - 1)
-        command = self._session.command
+        command = self._link.command
         if command is None:
             return Command(*self._grid.inputs[k].tolist())
         hp = command.hp
@@ -78,24 +76,24 @@ class SilenceDetector:
     """Detector of a peer that sends no command: the supervisor stops until it does again.
 
     Args:
-        session: with the peer.
+        link: to the peer.
         limit: time without a command after which the vehicle stops [s].
     """
 
     name = "command link"
 
-    def __init__(self, session: Session, limit: float) -> None:
-        self._session, self.limit = session, limit
+    def __init__(self, link: CommandLink, limit: float) -> None:
+        self._link, self.limit = link, limit
 
     @property
     def statistic(self) -> float:
         """Time since the latest command [s], simulated."""
-        return self._session.silence_s
+        return self._link.silence_s
 
     @property
     def residual(self) -> float:
         """The same."""
-        return self._session.silence_s
+        return self._link.silence_s
 
     def observe(self, observation: Observation) -> None:
         """Nothing: the session counts the ticks."""

@@ -53,7 +53,7 @@ def serve(
         OutputExists, ExperimentError, TestbedError, TtempcError: as `run`.
     """
     session = Session(name, link, protocol, settings or SessionSettings(), say)
-    factory = partial(RemoteController, session=session)
+    factory = partial(RemoteController, link=session.commands)
     try:
         finished = run(name, scenario, seed, folder, factory=factory, make=session.assemble)
         session.end(finished.summary.status)

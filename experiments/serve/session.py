@@ -22,7 +22,7 @@ from ..errors import ServeError
 from ..run.assembly import Assembly, assemble
 from ..scenario.scenario import Scenario
 from .link import Address, Link, Refused, Trouble, text_of
-from .protocol import RemoteCommand, RunFacts, TickData, WireProtocol
+from .protocol import CommandLink, RemoteCommand, RunFacts, TickData, WireProtocol
 from .remote import SilenceDetector
 
 _WAIT_SHARE: Final = 0.8  # of a period, for the command; the rest is the plant's; assumed
@@ -72,10 +72,10 @@ class Session:
         settings: SessionSettings,
         say: Callable[[str], None],
     ) -> None:
-        self.protocol = protocol
-        self.command: RemoteCommand | None = None  # the latest; None before the first
+        self.commands = CommandLink(protocol.name, protocol.space_based)
         self.used = 0  # commands that came in time
         self._name, self._link, self._settings, self._say = name, link, settings, say
+        self._protocol = protocol
         self._tick = 0
         self._latest_tick = -1  # of the latest command
         self._open = False  # whether a command of the present tick is in time
@@ -88,15 +88,6 @@ class Session:
         self._said: set[Trouble] = set()
         self._ended = False
 
-    def __repr__(self) -> str:
-        """Return the protocol's name: it identifies a run, unlike addresses."""
-        return f"Session({self.protocol.name})"
-
-    @property
-    def silence_s(self) -> float:
-        """Simulated time since the tick of the latest command [s]."""
-        return (self._tick - self._latest_tick) * self._period_s
-
     def assemble(
         self, scenario: Scenario, seed: int, factory: Callable[..., object] | None
     ) -> Assembly:
@@ -107,8 +98,8 @@ class Session:
             ExperimentError, TestbedError, TtempcError: as `experiments.run.assembly.assemble`.
         """
         self._period_s = scenario.control.period_s
-        silence = SilenceDetector(self, self._settings.hold_s)
-        safety = _FREE if self.protocol.space_based else None
+        silence = SilenceDetector(self.commands, self._settings.hold_s)
+        safety = _FREE if self._protocol.space_based else None
         guide = partial(Guidance, safety=safety, detect=(*detectors(), silence))
         assembly = assemble(scenario, seed, factory, guide=guide)
         guidance = self._guidance = assembly.guidance
@@ -123,7 +114,7 @@ class Session:
             vehicle=guidance.vehicle,
             reference=guidance.reference,
         )
-        self.protocol.begin(facts)
+        self._protocol.begin(facts)
         self._wait_for_the_peer()
         return replace(assembly, stages=self._stages(assembly.stages))
 
@@ -131,7 +122,7 @@ class Session:
         """Tell the peer that the run has ended, once."""
         if not self._ended:
             self._ended = True
-            self._send(self.protocol.end(status))
+            self._send(self._protocol.end(status))
 
     def totals(self) -> str:
         """Return what was exchanged and what went wrong as one line."""
@@ -142,7 +133,7 @@ class Session:
     def _stages(self, stages: tuple[Stage, ...]) -> tuple[Stage, ...]:
         ours: list[Stage] = [] if self._settings.lockstep else [self._pace]
         for stage in stages:
-            free = stage is terminate and self.protocol.space_based
+            free = stage is terminate and self._protocol.space_based
             ours.append(_terminate_on_free_ground if free else stage)
             if stage.__name__ == "estimate":
                 ours.append(self._exchange)
@@ -155,13 +146,13 @@ class Session:
             ServeError: it was not in time.
         """
         end = time.monotonic() + self._settings.wait_s
-        while not self.protocol.ready:
+        while not self._protocol.ready:
             now = time.monotonic()
             if now >= end:
                 raise ServeError(f"no peer was ready within {self._settings.wait_s:g} s")
-            self._send(self.protocol.standing())
+            self._send(self._protocol.standing())
             until = min(end, now + self._period_s)
-            self._listen(until, lambda: self.protocol.ready)
+            self._listen(until, lambda: self._protocol.ready)
         self._running = True
 
     def _listen(self, until: float, done: Callable[[], bool]) -> None:
@@ -202,9 +193,9 @@ class Session:
             reference_tick=self._guidance.reference_tick,
         )
         if tick.k == 0:
-            text = f"driven over UDP, protocol {self.protocol.name}, by {self.protocol.peer_name}"
+            text = f"driven over UDP, protocol {self._protocol.name}, by {self._protocol.peer_name}"
             setup.sink.event(Event(tick.now.time_s, "info", one_line(text)))
-        self._samples = tuple(self.protocol.period(data))
+        self._samples = tuple(self._protocol.period(data))
         self._send_samples()
         if self._settings.lockstep:
             until = time.monotonic() + self._settings.wait_s
@@ -213,6 +204,7 @@ class Session:
         self._open = True
         self._listen(until, lambda: self._latest_tick == tick.k)
         self._open = False
+        self.commands.silence_s = (tick.k - self._latest_tick) * self._period_s
         if self._latest_tick == tick.k:
             self.used += 1
             return
@@ -234,7 +226,7 @@ class Session:
     def _take(self, payload: bytes, address: Address) -> None:
         """Take in a datagram; one that is refused is counted, and said the first time."""
         try:
-            received = self.protocol.receive(payload)
+            received = self._protocol.receive(payload)
         except Refused as error:
             self._link.counts[error.trouble] += 1
             if error.trouble not in self._said:
@@ -261,7 +253,7 @@ class Session:
         else:
             if tick < self._tick or not self._open:
                 self._link.counts[Trouble.LATE] += 1
-            self.command, self._latest_tick = command, tick
+            self.commands.command, self._latest_tick = command, tick
 
     def _send_samples(self) -> None:
         self._send(self._samples)
