@@ -185,7 +185,7 @@ def test_a_silent_peer_stops_the_vehicle_and_the_reference_waits_for_it_to_retur
     assert outcome.status == "completed"
     assert counts[Trouble.MISSING] >= 50
     control, state = record.tables[CONTROL.topic], record.tables[STATE.topic]
-    held = (control.time_s > 2.0) & (control.time_s < 2.9)
+    held = (control.time_s > 2.3) & (control.time_s < 2.9)
     assert np.ptp(control["delta_t_rad_command"][held]) == 0.0  # held for a second
     speed = np.interp([2.9, 11.0], state.time_s, state["v_mps"])
     assert speed[0] > 0.8
