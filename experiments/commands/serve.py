@@ -108,8 +108,10 @@ def _serve(arguments: argparse.Namespace) -> int:
     with Link(address, peer) as link:
         _say(f"{arguments.protocol} on {text_of(link.address)}, waiting for a peer")
         if not is_local(link.address):
-            who = "the peer that claims to be" if peer else "every computer that reaches it:"
-            _say(f"open to {who} {arguments.peer or 'name yours by --peer'}; no password, no code")
+            who = (
+                f"everyone with the address {text_of(peer)}" if peer else "everyone who reaches it"
+            )
+            _say(f"{who} may drive: UDP has neither password nor encryption")
         protocol = PROTOCOLS[arguments.protocol]()
         finished, totals = serve(
             name, scenario, arguments.seed, folder, link, protocol, settings, say=_say
