@@ -170,19 +170,19 @@ def silent_from(first, last):
 
 
 def test_a_silent_peer_stops_the_vehicle_and_the_reference_waits_for_it_to_return():
-    settings = SessionSettings(factor=8.0, wait_s=PATIENCE_S, hold_s=1.0)
-    record, outcome, counts, _ = drive(silent_from(10, 60), length_m=12.0, settings=settings)
+    settings = SessionSettings(factor=4.0, wait_s=PATIENCE_S, hold_s=2.0)
+    record, outcome, counts, _ = drive(silent_from(10, 70), length_m=12.0, settings=settings)
     assert outcome.status == "completed"
-    assert counts[Trouble.MISSING] >= 50
+    assert counts[Trouble.MISSING] >= 55
     control, state = record.tables[CONTROL.topic], record.tables[STATE.topic]
-    held = (control.time_s > 2.3) & (control.time_s < 2.9)
-    assert np.ptp(control["delta_t_rad_command"][held]) == 0.0  # held for a second
-    speed = np.interp([2.9, 11.0], state.time_s, state["v_mps"])
+    held = (control.time_s > 2.3) & (control.time_s < 3.9)
+    assert np.ptp(control["delta_t_rad_command"][held]) == 0.0  # held for two seconds
+    speed = np.interp([3.9, 13.0], state.time_s, state["v_mps"])
     assert speed[0] > 0.8
     assert abs(speed[1]) < 0.05
     assert state["v_mps"][-1] > 0.5  # it has driven on
     texts = [event.text for event in record.events]
-    assert any("no command over UDP for more than 1 s: stopped" in text for text in texts)
+    assert any("no command over UDP for more than 2 s: stopped" in text for text in texts)
     assert any(re.search(r"\d+ periods without a command in time", text) for text in texts)
     assert texts[-1].startswith("UDP: ")
 
