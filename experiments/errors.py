@@ -71,3 +71,7 @@ class InvalidReplay(ExperimentError):
 
 class InvalidPage(ExperimentError):
     """A page of the documentation has no place for a table, or its record cannot be read."""
+
+
+class ServeError(ExperimentError):
+    """The address cannot be listened on, or no peer came. The message names the address or time."""

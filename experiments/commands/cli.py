@@ -33,6 +33,7 @@ class _Command:
 _COMMANDS: Final = {
     "run": _Command("run", "drive one scenario to its end"),
     "view": _Command("pictures.view", "watch a run in MuJoCo's viewer"),
+    "serve": _Command("serve", "drive one scenario with a controller over UDP"),
     "list": _Command("catalogue", "list what ships with the project"),
     "new": _Command("new", "start a controller, a scenario or a study from a template"),
     "schema": _Command("schema", "print the JSON schema of a scenario, for editors"),
@@ -63,6 +64,7 @@ field in MuJoCo, under the controller of your choice.
   ttempc new controller mine        a controller of your own, to start from
   ttempc sweep terrain-slip         thousands of runs on all cores
   ttempc report runs/sweep-terrain-slip    one page with tables and charts of a sweep
+  ttempc serve grass                the plant over UDP, for a controller in any language
   ttempc card wet-slope             validation of the plant: is it my controller or the simulator?
   ttempc log info runs/DIR/log.mcap  content of a log; export, check, recover, replay it
   ttempc calibrate runs/DIR/log.mcap -o vehicle.toml    lengths of the vehicle from a run

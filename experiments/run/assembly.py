@@ -137,6 +137,7 @@ def assemble(
     seed: int,
     factory: Callable[..., object] | None = None,
     parts: SharedParts | None = None,
+    guide: Callable[..., Guidance] = Guidance,
 ) -> Assembly:
     """Return the objects of a run.
 
@@ -146,6 +147,7 @@ def assemble(
         factory: makes the controller from vehicle, reference, control period [s] and the options
             of the scenario; by default the one of the name `scenario.controller.name`.
         parts: of earlier runs, to be used again; none by default.
+        guide: makes the guidance, called as `Guidance`; with other safety limits or detectors.
 
     Raises:
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
@@ -176,7 +178,7 @@ def assemble(
     )
     timetable.damage(plant)
     suite = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
-    guidance = _guidance(scenario, reference, plant, factory, parts)
+    guidance = _guidance(scenario, reference, plant, factory, parts, guide)
     x, y, yaw, *_, speed = reference.at(0.0).state.tolist()
     plant.reset(x, y, yaw, speed)  # refused here, before anything is written
     return Assembly(
@@ -279,6 +281,7 @@ def _guidance(
     plant: Plant,
     factory: Callable[..., object] | None,
     parts: SharedParts,
+    guide: Callable[..., Guidance],
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, reference.vehicle
@@ -296,14 +299,8 @@ def _guidance(
         estimator = partial(named_estimator, settings.estimator)
     # The disturbances of the true state are those beside the given lengths: there is none to learn.
     learn = settings.learn and settings.estimator != TRUTH
-    return Guidance(
-        vehicle,
-        reference,
-        period_s,
-        controller,
-        estimator,
-        sensor_noise=noise,
-        learn=learn,
+    return guide(
+        vehicle, reference, period_s, controller, estimator, sensor_noise=noise, learn=learn
     )
 
 

@@ -105,6 +105,7 @@ def run(
     watch: Callable[[Scenery], LiveView] | None = None,
     factory: Callable[..., object] | None = None,
     options: Mapping[str, OptionValue] | None = None,
+    make: Callable[[Scenario, int, Callable[..., object] | None], Assembly] = assemble,
 ) -> Finished:
     """Run a scenario and write log, summary, resolved scenario, figures and report to `folder`.
 
@@ -117,6 +118,7 @@ def run(
         watch: opens a live view of the run; it gets the same data as the log.
         factory: makes a controller of your own, as in `simulate`.
         options: keyword options of the factory.
+        make: makes the objects of the run from scenario, seed and factory.
 
     Raises:
         OutputExists: the folder exists already; nothing is written.
@@ -125,7 +127,7 @@ def run(
     """
     refuse_existing(folder)
     scenario, sources = _with_controller(scenario, factory, options)
-    assembly = assemble(scenario, seed, factory)
+    assembly = make(scenario, seed, factory)
     if record_hz is not None:  # refused here, before anything is written
         record_steps(assembly.plant.timestep_s, assembly.guidance.period_s, record_hz)
     scenery = assembly.plant.scenery

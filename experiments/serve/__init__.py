@@ -1,0 +1,1 @@
+"""A plant over UDP: `ttempc serve`, its protocols and its session."""

@@ -1,0 +1,157 @@
+"""UDP socket of a session: one peer, counts of what goes wrong, addresses from the command line."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+import time
+from collections import Counter
+from enum import StrEnum
+from types import TracebackType
+from typing import Final, Self
+
+from ..errors import BadOptions, ServeError
+
+Address = tuple[str, int]
+"""IPv4 address and port."""
+
+_MOST_BYTES: Final = 65535  # of a datagram; longer ones do not exist
+_SHORTEST_WAIT_S: Final = 1e-4  # a timeout of 0 would make the socket non-blocking
+
+
+class Trouble(StrEnum):
+    """What can go wrong on the link, in the words of log and report."""
+
+    MISSING = "periods without a command in time"
+    LATE = "late commands"
+    REPEATED = "repeated commands"
+    STRANGER = "datagrams from other addresses"
+    LENGTH = "datagrams of wrong length"
+    CHECKSUM = "wrong checksums"
+    CONTENT = "datagrams with invalid content"
+    UNSENT = "datagrams that could not be sent"
+    OVERRUN = "overruns of the clock"
+
+
+class Refused(Exception):
+    """A datagram that its protocol refuses.
+
+    Args:
+        trouble: under which it is counted.
+        text: what was received and what is allowed.
+    """
+
+    def __init__(self, trouble: Trouble, text: str) -> None:
+        super().__init__(text)
+        self.trouble = trouble
+
+
+class Link:
+    """Socket bound to one address, and the peer that owns the session.
+
+    Datagrams have neither password nor encryption: an address that is not of this machine lets
+    every computer that reaches it open the session, unless `peer` names the one that may.
+
+    Args:
+        address: to bind to; port 0 for any free one.
+        peer: the only address that is listened to; None: see `own`.
+
+    Raises:
+        ServeError: the address is not of this machine, or its port is taken.
+    """
+
+    def __init__(self, address: Address, peer: Address | None = None) -> None:
+        self.peer = peer
+        self.counts: Counter[Trouble] = Counter()
+        self.sent = 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            self._socket.bind(address)
+        except OSError as error:
+            self._socket.close()
+            raise ServeError(f"{text_of(address)} cannot be opened: {error.strerror}") from None
+        self.address: Address = self._socket.getsockname()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._socket.close()
+
+    def own(self, address: Address) -> None:
+        """Make `address` the peer for the rest of the session."""
+        self.peer = address
+
+    def send(self, payload: bytes) -> None:
+        """Send a datagram to the peer; one that the system refuses is counted."""
+        if self.peer is None:
+            return
+        try:
+            self._socket.sendto(payload, self.peer)
+        except OSError:  # too long, no route, a full queue
+            self.counts[Trouble.UNSENT] += 1
+        else:
+            self.sent += 1
+
+    def receive(self, until: float) -> tuple[bytes, Address] | None:
+        """Return the next datagram of the peer, or of anyone while there is none.
+
+        Args:
+            until: time of `time.monotonic` to wait until [s]; datagrams that are there are read
+                before.
+
+        Returns:
+            Payload and address; None where none came.
+        """
+        while True:
+            self._socket.settimeout(max(until - time.monotonic(), _SHORTEST_WAIT_S))
+            try:
+                payload, address = self._socket.recvfrom(_MOST_BYTES)
+            except TimeoutError:
+                return None
+            except ConnectionError:  # of an earlier datagram that nobody took
+                continue
+            if self.peer in (None, address):
+                return payload, address
+            self.counts[Trouble.STRANGER] += 1
+            if time.monotonic() > until:  # a flood of strangers does not hold the plant
+                return None
+
+
+def is_local(address: Address) -> bool:
+    """Whether only this machine reaches an address."""
+    return ipaddress.IPv4Address(address[0]).is_loopback
+
+
+def address_of(host: str, port: int, option: str) -> Address:
+    """Return the IPv4 address of a host, given by address or by name.
+
+    Raises:
+        BadOptions: there is none.
+    """
+    try:
+        return socket.gethostbyname(host), port
+    except (OSError, UnicodeError):
+        raise BadOptions(f"{option}: got {host!r}, must be an IPv4 address or its name") from None
+
+
+def peer_of(text: str) -> Address:
+    """Return the address of HOST:PORT.
+
+    Raises:
+        BadOptions: the text is of another form.
+    """
+    host, colon, port = text.rpartition(":")
+    if not (colon and host and port.isdecimal() and 0 < int(port) < 2**16):
+        raise BadOptions(f"--peer: got {text!r}, must be HOST:PORT, port from 1 to 65535")
+    return address_of(host, int(port), "--peer")
+
+
+def text_of(address: Address) -> str:
+    """Return an address as HOST:PORT."""
+    return f"{address[0]}:{address[1]}"

@@ -1,0 +1,275 @@
+"""Session of a peer with a run: stages of the loop that exchange datagrams and keep the pace."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Final
+
+from proving_ground.testbed.errors import StageFailed
+from proving_ground.testbed.recording.record import Event
+from proving_ground.testbed.simulation.loop import SimulationSetup, Stage, TickContext, terminate
+from proving_ground.testbed.terminal import one_line
+from ttempc.guidance.detection.bank import detectors
+from ttempc.guidance.guidance import Guidance
+from ttempc.guidance.supervisor import SafetyLimits
+
+from ..errors import ServeError
+from ..run.assembly import Assembly, assemble
+from ..scenario.scenario import Scenario
+from .link import Address, Link, Refused, Trouble, text_of
+from .protocol import CommandLink, RemoteCommand, RunFacts, TickData, WireProtocol
+from .remote import SilenceDetector
+
+_WAIT_SHARE: Final = 0.8  # of a period, for the command; the rest is the plant's; assumed
+_MOST_DATAGRAMS: Final = 1000  # that are read after their time: a flood does not hold the plant
+_ECHO_S: Final = 0.1  # in which a repeated command is no request to repeat the samples; assumed
+_NOTE_S: Final = 1.0  # simulated time between two events on troubles
+_FREE: Final = SafetyLimits(cross_m=math.inf, distance_m=math.inf, yaw=math.inf, jump_m=math.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSettings:
+    """Settings of a session."""
+
+    factor: float = 1.0  # simulated time over the clock's
+    lockstep: bool = False  # whether the plant waits for every command and keeps no pace
+    wait_s: float = 600.0  # for the start, and in lock-step for each command
+    hold_s: float = 1.0  # for which the last command is held before the vehicle stops
+
+
+class Session:
+    """Exchanges samples and commands with one peer, once a control period.
+
+    At tick k the samples go out, and the command of the tick is waited for until 0.8 of the period
+    have passed. Without one the last command is held; one that comes late acts from the next tick
+    on. After `hold_s` without any, the supervisor stops the vehicle, and the reference waits, as on
+    an alarm of any detector. In lock-step the plant waits instead, so that the run depends on
+    scenario, seed and commands alone; a command of an earlier tick is answered with the present
+    samples again, by which a peer repairs a lost datagram.
+
+    Ticks begin at multiples of the period on the monotonic clock, divided by the factor. A tick
+    that begins late is an overrun; the next ones catch up with a lag below a period, a longer one
+    is dropped, so that the peer is never asked for commands faster than that.
+
+    Args:
+        name: of the scenario.
+        link: socket.
+        protocol: of the datagrams.
+        settings: of the session.
+        say: is told what happens before and beside the run, in lines.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        link: Link,
+        protocol: WireProtocol,
+        settings: SessionSettings,
+        say: Callable[[str], None],
+    ) -> None:
+        self.commands = CommandLink(protocol.name, protocol.space_based)
+        self.used = 0  # commands that came in time
+        self._name, self._link, self._settings, self._say = name, link, settings, say
+        self._protocol = protocol
+        self._tick = 0
+        self._latest_tick = -1  # of the latest command
+        self._open = False  # whether a command of the present tick is in time
+        self._due = 0.0  # when the present tick begins, on the monotonic clock [s]
+        self._running = False
+        self._samples: tuple[bytes, ...] = ()  # sent last, and when on the monotonic clock [s]
+        self._sent_s = 0.0
+        self._noted: Counter[Trouble] = Counter()
+        self._noted_s = -math.inf
+        self._said: set[Trouble] = set()
+        self._ended = False
+
+    def assemble(
+        self, scenario: Scenario, seed: int, factory: Callable[..., object] | None
+    ) -> Assembly:
+        """Return the objects of the run with the session's stages, once the peer is ready.
+
+        Raises:
+            ServeError: no peer was ready in time.
+            ExperimentError, TestbedError, TtempcError: as `experiments.run.assembly.assemble`.
+        """
+        self._period_s = scenario.control.period_s
+        silence = SilenceDetector(self.commands, self._settings.hold_s)
+        safety = _FREE if self._protocol.space_based else None
+        guide = partial(Guidance, safety=safety, detect=(*detectors(), silence))
+        assembly = assemble(scenario, seed, factory, guide=guide)
+        guidance = self._guidance = assembly.guidance
+        guidance.warm_up()  # so that the peer is not kept waiting by the compiler
+        self._ticks = assembly.ticks
+        facts = RunFacts(
+            scenario=self._name,
+            seed=seed,
+            period_s=self._period_s,
+            ticks=assembly.ticks,
+            lockstep=self._settings.lockstep,
+            vehicle=guidance.vehicle,
+            reference=guidance.reference,
+        )
+        self._protocol.begin(facts)
+        self._wait_for_the_peer()
+        return replace(assembly, stages=self._stages(assembly.stages))
+
+    def end(self, status: str) -> None:
+        """Tell the peer that the run has ended, once."""
+        if not self._ended:
+            self._ended = True
+            self._send(self._protocol.end(status))
+
+    def totals(self) -> str:
+        """Return what was exchanged and what went wrong as one line."""
+        parts = [f"{self._link.sent} datagrams sent", f"{self.used} commands in time"]
+        parts += _counted(self._link.counts)
+        return "UDP: " + ", ".join(parts)
+
+    def _stages(self, stages: tuple[Stage, ...]) -> tuple[Stage, ...]:
+        ours: list[Stage] = [] if self._settings.lockstep else [self._pace]
+        for stage in stages:
+            free = stage is terminate and self._protocol.space_based
+            ours.append(_terminate_on_free_ground if free else stage)
+            if stage.__name__ == "estimate":
+                ours.append(self._exchange)
+        return (*ours, self._note)
+
+    def _wait_for_the_peer(self) -> None:
+        """Answer until the protocol is ready.
+
+        Raises:
+            ServeError: it was not in time.
+        """
+        end = time.monotonic() + self._settings.wait_s
+        while not self._protocol.ready:
+            now = time.monotonic()
+            if now >= end:
+                raise ServeError(f"no peer was ready within {self._settings.wait_s:g} s")
+            self._send(self._protocol.standing())
+            until = min(end, now + self._period_s)
+            self._listen(until, lambda: self._protocol.ready)
+        self._running = True
+
+    def _listen(self, until: float, done: Callable[[], bool]) -> None:
+        """Take in datagrams until a time of the monotonic clock [s], or until `done`."""
+        count = 0
+        while not done() and (count < _MOST_DATAGRAMS or time.monotonic() < until):
+            datagram = self._link.receive(until)
+            if datagram is None:
+                return
+            self._take(*datagram)
+            count += 1
+
+    def _pace(self, setup: SimulationSetup, tick: TickContext) -> None:
+        """Wait for the beginning of a tick on the clock."""
+        period = self._period_s / self._settings.factor
+        now = time.monotonic()
+        self._due = self._due + period if tick.k else now
+        if now > self._due:
+            self._link.counts[Trouble.OVERRUN] += 1
+            if now > self._due + period:
+                self._due = now
+        self._listen(self._due, lambda: False)
+
+    def _exchange(self, setup: SimulationSetup, tick: TickContext) -> None:
+        """Send the samples of a tick and wait for its command.
+
+        Raises:
+            StageFailed: none came in lock-step.
+        """
+        assert tick.estimate is not None
+        self._tick = tick.k
+        data = TickData(
+            k=tick.k,
+            time_s=tick.now.time_s,
+            samples=tick.measurements,
+            estimate=tick.estimate,
+            reference=self._guidance.reference,
+            reference_tick=self._guidance.reference_tick,
+        )
+        if tick.k == 0:
+            text = f"driven over UDP, protocol {self._protocol.name}, by {self._protocol.peer_name}"
+            setup.sink.event(Event(tick.now.time_s, "info", one_line(text)))
+        self._samples = tuple(self._protocol.period(data))
+        self._send_samples()
+        if self._settings.lockstep:
+            until = time.monotonic() + self._settings.wait_s
+        else:
+            until = self._due + _WAIT_SHARE * self._period_s / self._settings.factor
+        self._open = True
+        self._listen(until, lambda: self._latest_tick == tick.k)
+        self._open = False
+        self.commands.silence_s = (tick.k - self._latest_tick) * self._period_s
+        if self._latest_tick == tick.k:
+            self.used += 1
+            return
+        self._link.counts[Trouble.MISSING] += 1
+        if self._settings.lockstep:
+            raise StageFailed(f"no command for tick {tick.k} within {self._settings.wait_s:g} s")
+
+    def _note(self, setup: SimulationSetup, tick: TickContext) -> None:
+        """Log what went wrong since the last note, and the totals at the end."""
+        time_s, counts = tick.now.time_s, self._link.counts
+        if counts != self._noted and time_s - self._noted_s >= _NOTE_S:
+            text = "UDP: " + ", ".join(_counted(counts - self._noted))
+            setup.sink.event(Event(time_s, "warning", text))
+            self._noted, self._noted_s = counts.copy(), time_s
+        if tick.lost or tick.stopped or setup.guidance.reference_tick >= self._ticks:
+            setup.sink.event(Event(time_s, "info", self.totals()))
+            self.end("lost" if tick.lost else "stopped" if tick.stopped else "completed")
+
+    def _take(self, payload: bytes, address: Address) -> None:
+        """Take in a datagram; one that is refused is counted, and said the first time."""
+        try:
+            received = self._protocol.receive(payload)
+        except Refused as error:
+            self._link.counts[error.trouble] += 1
+            if error.trouble not in self._said:
+                self._said.add(error.trouble)
+                self._say(one_line(f"refused, from {text_of(address)}: {error}"))
+            return
+        if self._link.peer is None:
+            self._link.own(address)
+            self._say(f"peer {text_of(address)}")
+        self._send(received.replies)
+        if received.command is not None and self._running:
+            self._keep(received.command)
+
+    def _keep(self, command: RemoteCommand) -> None:
+        """Keep a command for its tick, for the next one where it is late."""
+        tick = self._tick if command.tick is None else command.tick
+        if tick > self._tick:
+            self._link.counts[Trouble.CONTENT] += 1
+        elif tick <= self._latest_tick:
+            self._link.counts[Trouble.REPEATED] += 1
+            echo = time.monotonic() < self._sent_s + _ECHO_S
+            if self._settings.lockstep and self._open and not echo:
+                self._send_samples()
+        else:
+            if tick < self._tick or not self._open:
+                self._link.counts[Trouble.LATE] += 1
+            self.commands.command, self._latest_tick = command, tick
+
+    def _send_samples(self) -> None:
+        self._send(self._samples)
+        self._sent_s = time.monotonic()
+
+    def _send(self, payloads: Iterable[bytes]) -> None:
+        for payload in payloads:
+            self._link.send(payload)
+
+
+def _terminate_on_free_ground(setup: SimulationSetup, tick: TickContext) -> None:
+    """Check the conditions to terminate but for the distance from the reference."""
+    limits = replace(setup.termination, deviation=math.inf, stuck_deviation=math.inf)
+    terminate(replace(setup, termination=limits), tick)
+
+
+def _counted(counts: Counter[Trouble]) -> list[str]:
+    """Return what was counted as text, in the order of `Trouble`."""
+    return [f"{counts[trouble]} {trouble}" for trouble in Trouble if counts[trouble]]

@@ -1,0 +1,109 @@
+"""Datagrams of the JSON protocol: what is refused, and what keeps its digits."""
+
+import json
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.serve.json_protocol import JsonProtocol
+from proving_ground.experiments.serve.link import Refused, Trouble
+from proving_ground.experiments.serve.protocol import RunFacts, TickData
+from ttempc import Vehicle, straight
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.types import Estimate, Measurement, Sensor
+
+REFERENCE = Reference(straight(20.0), Vehicle(), ConstantSpeed(1.0))
+FACTS = RunFacts("grass", 1, 0.2, 100, lockstep=True, vehicle=Vehicle(), reference=REFERENCE)
+HELLO = {"type": "hello", "version": 1, "name": "test"}
+COMMAND = {"type": "command", "tick": 3, "delta_t_rad": 0.1}
+
+
+def greeted(**asked):
+    protocol = JsonProtocol()
+    protocol.begin(FACTS)
+    (welcome,) = protocol.receive(json.dumps(HELLO | asked).encode()).replies
+    return protocol, json.loads(welcome)
+
+
+def test_the_welcome_has_what_a_controller_needs_of_the_vehicle():
+    protocol, welcome = greeted()
+    assert protocol.ready
+    assert (welcome["period_s"], welcome["ticks"], welcome["step"]) == (0.2, 100, True)
+    assert Vehicle(**welcome["vehicle"]) == Vehicle()
+
+
+def test_a_command_leaves_out_what_the_plant_does_itself():
+    protocol, _ = greeted()
+    command = protocol.receive(json.dumps(COMMAND).encode()).command
+    assert (command.tick, command.delta_t, command.delta_i, command.hp) == (3, 0.1, None, None)
+    whole = protocol.receive(json.dumps(COMMAND | {"delta_i_rad": -1, "hp": 0.5}).encode()).command
+    assert (whole.delta_i, whole.hp) == (-1.0, 0.5)
+
+
+def test_numbers_keep_all_their_digits_and_what_is_not_finite_is_null():
+    protocol, _ = greeted(estimate=True, reference=3)
+    state = np.random.default_rng(1).normal(size=7) / 3.0
+    estimate = Estimate(0.6, state, np.eye(7), np.array([np.nan, 1 / 3]), 0.1)
+    sample = Measurement(0.1 + 0.2, Sensor.GNSS_TRACTOR, (1 / 3, np.inf))
+    (payload,) = protocol.period(TickData(3, 0.6, [sample], estimate, REFERENCE, 2))
+    message = json.loads(payload)
+    assert message["tick"] == 3
+    assert message["samples"] == [
+        {"sensor": "gnss_tractor", "time_s": 0.1 + 0.2, "value": [1 / 3, None]}
+    ]
+    assert list(message["estimate"].values())[:7] == state.tolist()
+    assert (message["estimate"]["trailer_x_m"], message["estimate"]["trailer_y_m"]) == (None, 1 / 3)
+    expected = REFERENCE.at(0.2 * np.array([2.0, 3.0, 4.0]))
+    assert [stage["x_m"] for stage in message["reference"]] == expected.state[:, 0].tolist()
+    assert [stage["hp"] for stage in message["reference"]] == expected.inputs[:, 2].tolist()
+
+
+def test_estimate_and_reference_are_sent_where_they_are_asked_for():
+    protocol, _ = greeted()
+    estimate = Estimate(0.0, np.zeros(7), np.eye(7), np.zeros(2), 0.0)
+    (payload,) = protocol.period(TickData(0, 0.0, [], estimate, REFERENCE, 0))
+    assert json.loads(payload).keys() == {"type", "tick", "time_s", "samples"}
+
+
+@pytest.mark.parametrize(
+    ("payload", "trouble", "text"),
+    [
+        (b" " * 1025, Trouble.LENGTH, "1025 bytes"),
+        (b"", Trouble.CONTENT, "no JSON"),
+        (b"\xff\xfe", Trouble.CONTENT, "no JSON"),
+        (b"[" * 1000, Trouble.CONTENT, "no JSON"),
+        (b"3", Trouble.CONTENT, "`type`"),
+        (b'{"type": "bye"}', Trouble.CONTENT, "`type`"),
+        (json.dumps(COMMAND | {"speed": 1}).encode(), Trouble.CONTENT, "'speed'"),
+        (json.dumps(COMMAND | {"tick": -1}).encode(), Trouble.CONTENT, "`tick`"),
+        (json.dumps(COMMAND | {"tick": 1.0}).encode(), Trouble.CONTENT, "`tick`"),
+        (json.dumps(COMMAND | {"tick": True}).encode(), Trouble.CONTENT, "`tick`"),
+        (b'{"type":"command","tick":3}', Trouble.CONTENT, "delta_t_rad"),
+        (b'{"type":"command","tick":3,"delta_t_rad":NaN}', Trouble.CONTENT, "no JSON"),
+        (b'{"type":"command","tick":3,"delta_t_rad":1e999}', Trouble.CONTENT, "finite"),
+        (
+            b'{"type":"command","tick":3,"delta_t_rad":1%b}' % (b"0" * 400),
+            Trouble.CONTENT,
+            "finite",
+        ),
+        (json.dumps(COMMAND | {"hp": "1"}).encode(), Trouble.CONTENT, "`hp`"),
+        (json.dumps(COMMAND | {"hp": True}).encode(), Trouble.CONTENT, "`hp`"),
+        (json.dumps(HELLO | {"version": 2}).encode(), Trouble.CONTENT, "`version` must be 1"),
+        (json.dumps(HELLO | {"reference": 101}).encode(), Trouble.CONTENT, "`reference`"),
+        (json.dumps(HELLO | {"estimate": 1}).encode(), Trouble.CONTENT, "`estimate`"),
+        (json.dumps(HELLO | {"name": "n" * 61}).encode(), Trouble.CONTENT, "`name`"),
+    ],
+)
+def test_invalid_datagrams_are_refused_with_their_reason(payload, trouble, text):
+    protocol, _ = greeted()
+    with pytest.raises(Refused, match=text) as refusal:
+        protocol.receive(payload)
+    assert refusal.value.trouble is trouble
+
+
+def test_a_command_before_the_hello_is_refused():
+    protocol = JsonProtocol()
+    protocol.begin(FACTS)
+    with pytest.raises(Refused, match="before a hello"):
+        protocol.receive(json.dumps(COMMAND).encode())
+    assert not protocol.ready

@@ -1,0 +1,361 @@
+"""Sessions with peers over the local host: pace, lock-step, lost and late commands, strangers."""
+
+import contextlib
+import json
+import math
+import re
+import shutil
+import socket
+import struct
+import subprocess
+import threading
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import ServeError
+from proving_ground.experiments.run.simulate import drive_into
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol
+from proving_ground.experiments.serve.agopengps_frames import Steering, steering_frame
+from proving_ground.experiments.serve.json_protocol import JsonProtocol
+from proving_ground.experiments.serve.link import Link, Trouble
+from proving_ground.experiments.serve.remote import RemoteController
+from proving_ground.experiments.serve.session import Session, SessionSettings
+from proving_ground.testbed.geodesy import DATUM, east_north
+from proving_ground.testbed.recording.channels import CONTROL, STATE
+from proving_ground.testbed.recording.record import Recorder
+
+ROOT = Path(__file__).parents[3]
+LOCAL = ("127.0.0.1", 0)
+HELLO = b'{"type":"hello","version":1,"name":"test","reference":1,"estimate":true}'
+FLAT = ["terrain.iso_class=flat", "controller.learn=false"]
+STANDS = 3  # positions before the autosteer button is on
+PATIENCE_S = 30.0  # of tests, so that none hangs
+
+
+class Peer(threading.Thread):
+    """Peer that answers each datagram with what `answer(datagram)` returns.
+
+    Where nothing comes for 0.2 s, it sends its last datagrams again.
+    """
+
+    def __init__(self, address, first, answer):
+        super().__init__(daemon=True)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(LOCAL)
+        self.socket.settimeout(0.2)
+        self.address, self.first, self.answer = address, first, answer
+        self.stopping = threading.Event()
+        self.start()
+
+    def run(self):
+        last = payloads = list(self.first)
+        begun = time.monotonic()
+        while not self.stopping.is_set() and time.monotonic() < begun + PATIENCE_S:
+            for payload in payloads:
+                self.socket.sendto(payload, self.address)
+            try:
+                payloads = self.answer(self.socket.recv(65535))
+                last = payloads or last
+            except TimeoutError:
+                payloads = last
+
+    def close(self):
+        self.stopping.set()
+        self.join()
+        self.socket.close()
+
+
+def follow(datagram, **changes):
+    """Return the inputs of the reference, corrected by the errors of heading and position."""
+    message = json.loads(datagram)
+    if message["type"] != "samples":
+        return []
+    at, to = message["estimate"], message["reference"][0]
+    left = (at["y_m"] - to["y_m"]) * math.cos(to["yaw_rad"])
+    left -= (at["x_m"] - to["x_m"]) * math.sin(to["yaw_rad"])
+    steering = to["delta_t_rad"] - 0.8 * left - (at["yaw_rad"] - to["yaw_rad"])
+    command = {"type": "command", "tick": message["tick"], "delta_t_rad": steering}
+    return [json.dumps(command | {"delta_i_rad": 0.0} | changes).encode()]
+
+
+def drive(answer, protocol=None, *, length_m=6.0, first=(HELLO,), settings=None, beside=None):
+    """Return record, outcome, counts and session of a straight drive with a peer."""
+    _, scenario = load("pavement", [f"path={{kind='straight', length_m={length_m}}}", *FLAT])
+    scenario = replace(scenario, controller=replace(scenario.controller, options={}))
+    settings = settings or SessionSettings(lockstep=True, wait_s=PATIENCE_S)
+    with Link(LOCAL) as link, contextlib.ExitStack() as stack:
+        peer = Peer(link.address, first, answer)
+        stack.callback(peer.close)
+        if beside:
+            stack.enter_context(beside(link.address))
+        session = Session("grass", link, protocol or JsonProtocol(), settings, lambda line: None)
+        factory = partial(RemoteController, link=session.commands)
+        assembly = session.assemble(scenario, 1, factory)
+        recorder = Recorder()
+        outcome = drive_into(recorder, assembly)
+        session.end(outcome.status)
+        return recorder.record(), outcome, link.counts, session
+
+
+def test_in_lockstep_the_same_commands_give_the_same_bits_whatever_the_network_does():
+    def disturbed(datagram, seen=[]):  # noqa: B006 - a memory
+        seen.append(datagram)
+        answers = follow(datagram)
+        if len(seen) % 7 == 0:
+            return []  # this command is lost
+        if len(seen) % 5 == 0:
+            time.sleep(0.15)  # late
+            return answers * 2  # twice
+        return answers
+
+    plain, outcome, counts, session = drive(follow)
+    other, second, troubles, _ = drive(disturbed)
+    assert outcome.status == second.status == "completed"
+    assert session.used == 30  # 6 m at 1 m/s, 0.2 s each
+    assert set(counts) <= {Trouble.REPEATED}  # of a peer that is kept waiting
+    assert troubles[Trouble.REPEATED] > 0
+    for channel in (STATE, CONTROL):
+        np.testing.assert_array_equal(
+            plain.tables[channel.topic].values, other.tables[channel.topic].values
+        )
+
+
+def test_samples_lost_in_lockstep_come_again_when_the_peer_repeats_itself():
+    def deaf(datagram, lost=[]):  # noqa: B006 - a memory
+        message = json.loads(datagram)
+        if message.get("tick") == 7 and not lost:
+            lost.append(datagram)
+            time.sleep(0.2)
+            return [json.dumps({"type": "command", "tick": 6, "delta_t_rad": 1.0}).encode()]
+        return follow(datagram)
+
+    _, outcome, counts, session = drive(deaf)
+    assert outcome.status == "completed"
+    assert session.used == 30
+    assert set(counts) == {Trouble.REPEATED}
+
+
+def test_the_clock_is_kept_without_drift_at_a_factor():
+    period_s = 0.2 / 5.0
+    settings = SessionSettings(factor=5.0, wait_s=PATIENCE_S)
+    _, outcome, counts, _ = drive(follow, length_m=10.0, settings=settings)
+    assert outcome.status == "completed"
+    assert outcome.wall_s > 49 * period_s  # the last of 50 ticks begins no earlier
+    if not counts[Trouble.OVERRUN]:  # on a machine that is not loaded
+        assert outcome.wall_s < 50 * period_s + 0.08
+
+
+def test_a_plant_that_cannot_keep_the_pace_counts_overruns():
+    _, _, counts, _ = drive(
+        follow, settings=SessionSettings(factor=1e4, wait_s=PATIENCE_S, hold_s=1e3)
+    )
+    assert counts[Trouble.OVERRUN] > 20
+
+
+def silent_from(first, last):
+    """Return a peer that sends nothing from one tick to another."""
+
+    def answer(datagram):
+        tick = json.loads(datagram).get("tick", 0)
+        return [] if first <= tick < last else follow(datagram)
+
+    return answer
+
+
+def test_a_silent_peer_stops_the_vehicle_and_the_reference_waits_for_it_to_return():
+    settings = SessionSettings(factor=4.0, wait_s=PATIENCE_S, hold_s=2.0)
+    record, outcome, counts, _ = drive(silent_from(10, 70), length_m=12.0, settings=settings)
+    assert outcome.status == "completed"
+    assert counts[Trouble.MISSING] >= 55
+    control, state = record.tables[CONTROL.topic], record.tables[STATE.topic]
+    held = (control.time_s > 2.3) & (control.time_s < 3.9)
+    assert np.ptp(control["delta_t_rad_command"][held]) == 0.0  # held for two seconds
+    speed = np.interp([3.9, 13.0], state.time_s, state["v_mps"])
+    assert speed[0] > 0.8
+    assert abs(speed[1]) < 0.05
+    assert state["v_mps"][-1] > 0.5  # it has driven on
+    texts = [event.text for event in record.events]
+    assert any("no command over UDP for more than 2 s: stopped" in text for text in texts)
+    assert any(re.search(r"\d+ periods without a command in time", text) for text in texts)
+    assert texts[-1].startswith("UDP: ")
+
+
+def test_commands_that_are_one_tick_late_drive_all_the_same():
+    def late(datagram, kept=[]):  # noqa: B006 - a memory
+        kept.append(follow(datagram))
+        return kept[-2] if len(kept) > 2 else []
+
+    settings = SessionSettings(factor=8.0, wait_s=PATIENCE_S)
+    record, outcome, counts, session = drive(late, settings=settings)
+    assert outcome.status == "completed"
+    assert session.used == 0
+    assert counts[Trouble.LATE] >= 25
+    assert abs(record.tables[STATE.topic]["y_t_m"]).max() < 0.3
+
+
+@contextlib.contextmanager
+def stranger(address):
+    """Send commands to turn from another address, ever again."""
+    stop = threading.Event()
+    other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def shout():
+        for tick in range(100_000):
+            if stop.wait(0.002):
+                return
+            command = {"type": "command", "tick": tick // 10, "delta_t_rad": 0.6}
+            other.sendto(json.dumps(command).encode(), address)
+
+    thread = threading.Thread(target=shout, daemon=True)
+    thread.start()
+    yield
+    stop.set()
+    thread.join()
+    other.close()
+
+
+def test_strangers_and_nonsense_are_counted_and_change_no_bit():
+    def noisy(datagram):
+        return [b"nonsense", b"x" * 5000, *follow(datagram)]
+
+    plain, *_ = drive(follow)
+    record, outcome, counts, _ = drive(noisy, beside=stranger)
+    assert outcome.status == "completed"
+    assert counts[Trouble.STRANGER] > 0
+    assert counts[Trouble.CONTENT] >= 30
+    assert counts[Trouble.LENGTH] >= 30
+    table = record.tables[STATE.topic]
+    np.testing.assert_array_equal(table.values, plain.tables[STATE.topic].values)
+
+
+def test_a_peer_that_leaves_ends_a_run_in_lockstep():
+    settings = SessionSettings(lockstep=True, wait_s=0.5)
+    _, outcome, _, _ = drive(silent_from(10, 1000), settings=settings)
+    assert outcome.status == "invalid"
+    assert "no command for tick 10 within 0.5 s" in outcome.failure
+
+
+def test_without_a_peer_nothing_starts():
+    settings = SessionSettings(wait_s=0.2)
+    with pytest.raises(ServeError, match=r"within 0\.2 s"):
+        drive(lambda datagram: [], first=(b"{}",), settings=settings)
+
+
+class AgOpenGps:
+    """Stand-in of AgOpenGPS: steers onto a line to the left, from position frames alone."""
+
+    def __init__(self, offset_m):
+        self.offset_m, self.start, self.positions = offset_m, None, []
+
+    def __call__(self, datagram):
+        if datagram[3] != 214:
+            return []
+        longitude, latitude, heading = struct.unpack_from("<ddf", datagram, 5)
+        east, north = east_north(latitude, longitude, (DATUM.latitude_deg, DATUM.longitude_deg))
+        if self.start is None:
+            self.start = east, north, math.radians(heading)
+        x, y, course = self.start
+        right = (east - x) * math.cos(course) - (north - y) * math.sin(course)
+        self.positions.append(right)
+        turned = (heading - math.degrees(course) + 180.0) % 360.0 - 180.0
+        angle = -1.2 * turned - 25.0 * (right + self.offset_m)
+        limited = max(-30.0, min(30.0, angle))
+        engaged = len(self.positions) > STANDS
+        return [steering_frame(Steering(limited, engaged=engaged, speed_kmh=3.6))]
+
+
+@pytest.mark.parametrize("offset_m", [0.8, -0.8])
+def test_agopengps_steers_onto_a_line_of_its_own_beside_the_path(offset_m):
+    guidance = AgOpenGps(offset_m)
+    off = steering_frame(Steering(0.0, engaged=False, speed_kmh=0.0))
+    record, outcome, counts, _ = drive(guidance, AgOpenGpsProtocol(), length_m=16.0, first=(off,))
+    assert outcome.status == "completed"
+    assert set(counts) <= {Trouble.REPEATED}  # of a peer that is kept waiting
+    state = record.tables[STATE.topic]
+    assert state["y_t_m"][-25:].mean() == pytest.approx(offset_m, abs=0.1)  # to the left is +y
+    assert state["v_mps"][-25:].mean() == pytest.approx(1.0, abs=0.05)  # held by the plant
+    waited = guidance.positions[: STANDS + 1]  # at the start, until the button was on
+    assert waited == pytest.approx([0.0] * len(waited), abs=1e-9)
+    assert guidance.positions[STANDS + 1] != 0.0  # measured, with noise
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--factor", "0"], "--factor: got 0, must be above 0"),
+        (["--wait", "-1"], "--wait: got -1, must be above 0"),
+        (["--step", "--factor", "2"], "--factor: has no meaning with --step"),
+        (["--peer", "localhost"], "--peer: got 'localhost', must be HOST:PORT"),
+        (["--peer", "127.0.0.1:0"], "port from 1 to 65535"),
+        (["--host", "no.such.host.invalid"], "--host: got 'no.such.host.invalid'"),
+        (["--host", "192.0.2.1"], "192.0.2.1:8890 cannot be opened"),
+        (["nowhere.toml"], "nowhere.toml"),
+    ],
+)
+def test_bad_options_are_refused_in_one_line(options, text, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["serve", *options]) == 2
+    error = capsys.readouterr().err
+    assert text in error
+    assert error.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_port_that_is_taken_is_refused(capsys):
+    with Link(LOCAL) as link:
+        assert main(["serve", "--port", str(link.address[1])]) == 2
+    assert "cannot be opened: Address already in use" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "who"),
+    [([], "everyone who reaches it"), (["--peer", "192.0.2.7:9"], "everyone with the address")],
+)
+def test_listening_to_the_network_says_who_may_drive(options, who, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["serve", "pavement", "--host", "0.0.0.0", "--port", "0", "--wait", "0.1", *options]
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert who in error
+    assert "neither password nor encryption" in error
+    assert "no peer was ready within 0.1 s" in error
+    assert not list(tmp_path.iterdir())  # nothing was written
+
+
+def test_a_run_over_udp_is_no_run_without_its_peer(tmp_path, capsys):
+    name = f"{RemoteController.__module__}:{RemoteController.__qualname__}"
+    out = str(tmp_path / "run")
+    assert main(["run", "pavement", "--controller", name, "--out", out]) == 2
+    assert "was driven over UDP: use ttempc serve" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_the_controller_in_c_follows_the_path(tmp_path):
+    program = tmp_path / "udp_controller"
+    source = ROOT / "docs" / "examples" / "udp_controller.c"
+    subprocess.run(
+        ["cc", "-O2", "-Wall", "-Wextra", "-Werror", "-o", program, source, "-lm"], check=True
+    )
+    with Link(LOCAL) as link:
+        port = str(link.address[1])
+    controller = subprocess.Popen([program, port], stdout=subprocess.PIPE, text=True)
+    try:
+        path = "path={kind='headland', passes=2, length_m=8}"
+        out = tmp_path / "run"
+        words = ["serve", "grass", "--set", path, "--step", "--wait", "30", "--port", port]
+        assert main([*words, "--out", str(out)]) == 0
+        said, _ = controller.communicate(timeout=PATIENCE_S)
+    finally:
+        controller.kill()
+    assert re.match(r'\d+ commands, "status":"completed"', said)
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["tracking"]["all"]["tractor"]["p95_m"] < 0.15
+    assert summary["tracking"]["all"]["trailer"]["p95_m"] < 0.25
+    assert (out / "report.html").exists()
