@@ -37,7 +37,7 @@ _COMMANDS: Final = {
     "new": _Command("new", "start a controller, a scenario or a study from a template"),
     "schema": _Command("schema", "print the JSON schema of a scenario, for editors"),
     "sweep": _Command("studies.sweep", "drive all runs of a study"),
-    "report": _Command("report", "report the results of a sweep"),
+    "report": _Command("report", "page of a sweep, or of a run from its log"),
     "envelope": _Command("studies.envelope", "find where controllers fail"),
     "compare": _Command("studies.compare", "compare several runs on one reference"),
     "log": _Command("log", "show, export, check, recover or replay a log"),

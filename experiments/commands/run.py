@@ -80,7 +80,7 @@ def _run(arguments: argparse.Namespace) -> int:
             print(f"{note[0].upper()}{note[1:]}")
         print()
         for what, file in finished.files.items():
-            print(f"{what:<9} {file}")
+            print(f"{what:<11} {file}")
     return 0 if finished.summary.status == "completed" else options.EXIT_LOST
 
 

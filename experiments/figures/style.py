@@ -30,7 +30,11 @@ PURPLE: Final = "#CC79A7"
 GREY: Final = "#8A8A8A"
 PALE: Final = "#C4C4C4"
 
-_SERIES_COLOURS: Final = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY)
+# Two more for comparisons, of Tol (2021), "Colour schemes", muted.
+WINE: Final = "#882255"
+OLIVE: Final = "#999933"
+
+_SERIES_COLOURS: Final = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK, GREY, WINE, OLIVE)
 _SERIES_MARKERS: Final = "osD^vP"
 
 BODY_COLOURS: Final = {"tractor": BLUE, "trailer": RED, "tool": GREEN}
@@ -74,9 +78,9 @@ def wrapped(axes: Axes, text: str, per_in: float = _CHARACTERS_PER_IN) -> str:
     return fill(text, max(12, int(per_in * width_in)))
 
 
-def series(number: int) -> dict[str, Any]:
-    """Return line and marker of a compared series. The lines of the first 16 are distinct."""
-    return {
+def series(number: int, name: str = "") -> dict[str, Any]:
+    """Return label, line and marker of a compared series; of 20, no two lines are equal."""
+    return ({"label": name} if name else {}) | {
         "color": _SERIES_COLOURS[number % len(_SERIES_COLOURS)],
         "linestyle": ("-", "--")[number // len(_SERIES_COLOURS) % 2],
         "marker": _SERIES_MARKERS[number % len(_SERIES_MARKERS)],

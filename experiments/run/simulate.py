@@ -155,7 +155,14 @@ def run(
         write_file(files[figure], content)
     files["report"] = folder / "report.html"
     comparison = compare(summary) if applies_to(scenario) else ()
-    page = render_run_report(summary, record.events, resolved, pictures, mismatch, comparison)
+    page = render_run_report(
+        summary,
+        record,
+        resolved,
+        pictures,
+        description=scenario.description,
+        comparison=comparison,
+    )
     write_file(files["report"], page)
     return Finished(summary, record, files, mismatch, notes, comparison)
 
