@@ -46,7 +46,7 @@ GRID: Final = "#DDDDDD"
 _FONT_PT: Final = 8.5
 _CHARACTERS_PER_IN: Final = 13.0  # of this font
 _BOLD_PER_IN: Final = 10.0  # of titles
-_width_in: ContextVar[float] = ContextVar("width of figures [in]", default=PAGE_WIDTH_IN)
+_width_in: ContextVar[float | None] = ContextVar("width of figures [in]", default=None)
 
 
 @contextmanager
@@ -61,7 +61,16 @@ def figure_width(width_in: float) -> Iterator[None]:
 
 def blank(height_in: float) -> Figure:
     """Return an empty figure of page width, or of `figure_width`, independent of pyplot."""
-    return Figure(figsize=(_width_in.get(), height_in), dpi=DPI, layout="constrained")
+    return _figure(_width_in.get() or PAGE_WIDTH_IN, height_in)
+
+
+def blank_half(height_in: float) -> Figure:
+    """Return an empty figure of half the page's width, or of `figure_width`."""
+    return _figure(_width_in.get() or 0.5 * PAGE_WIDTH_IN, height_in)
+
+
+def _figure(width_in: float, height_in: float) -> Figure:
+    return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
 
 
 def figure_width_in(axes: Axes) -> float:

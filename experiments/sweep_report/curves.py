@@ -71,7 +71,8 @@ def _curves(
         y, low, high = factor * np.array([(item.value, *item.ends) for _, item in points]).T
         looks = series(number, controllers[number])
         if scale.numeric:
-            axes.fill_between(x, low, high, color=looks["color"], alpha=0.15, linewidth=0.0)
+            band = {"color": looks["color"], "alpha": 0.15, "linewidth": 0.0}
+            axes.fill_between(x, low, high, label=controllers[number], **band)
             axes.plot(x, y, linewidth=1.3, markersize=3.8, **looks)
         else:  # text values have nothing between them: no line, and bars side by side
             aside = _ASIDE * (number - 0.5 * (len(controllers) - 1)) / len(controllers)

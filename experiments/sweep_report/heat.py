@@ -143,8 +143,8 @@ def _draw_cells(
     table = np.full((lines, columns), np.nan)
     for (x, y), value in values.items():
         if value is None:
-            looks: dict[str, Any] = {"facecolor": "none", "edgecolor": GREY, "hatch": "/////"}
-            axes.add_patch(Rectangle((x - 0.47, y - 0.47), 0.94, 0.94, linewidth=0.0, **looks))
+            hatched: dict[str, Any] = {"facecolor": "none", "edgecolor": GREY, "hatch": "/////"}
+            axes.add_patch(Rectangle((x - 0.47, y - 0.47), 0.94, 0.94, linewidth=0.0, **hatched))
             continue
         table[y, x] = value
         if columns <= _TEXT_FITS:

@@ -138,11 +138,7 @@ def _sections(
                 "maps" if number == 1 else f"maps-{number}",
                 f"{up.label} against {across.label}",
                 "Mean 95 % cross-track error of the runs that completed; hatched where none did."
-                + (
-                    f" First, of the pairs that completed: {_difference(names)}."
-                    if differences
-                    else ""
-                )
+                + (_difference(names) if differences else "")
                 + (" Last, the share of runs that failed." if runs.failed.any() else "")
                 + (" All other axes are pooled." if len(over) > 2 else ""),
                 (
@@ -184,7 +180,10 @@ def _sections(
 
 
 def _difference(names: tuple[str, str]) -> str:
-    return f"the error of {names[0]} less that of {names[1]}, blue where {names[0]} is better"
+    return (
+        f" First, of pairs that completed, the error of {names[0]} less that of {names[1]}: blue "
+        f"where {names[0]} is better."
+    )
 
 
 def _envelope_section(controllers: Sequence[str], envelopes: Sequence[EnvelopeResults]) -> Section:

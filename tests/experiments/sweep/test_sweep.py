@@ -129,7 +129,8 @@ def test_growth_that_was_cut_off_is_made_up_for(tmp_path, monkeypatch):
         write(file, text)
 
     write = folder_module._write
-    for cut in (1, 2, 3):
+    for last in (1, 2, 3):
+        cut = last
         monkeypatch.setattr(folder_module, "_write", dies)
         writes.clear()
         with pytest.raises(SweepStopped, match="killed"):
