@@ -12,8 +12,8 @@ from tqdm import tqdm
 
 from proving_ground.testbed.messages.scenery import Scenery
 from proving_ground.testbed.recording.provenance import versions
-from proving_ground.testbed.recording.record import Record, Recorder
-from proving_ground.testbed.recording.sink import Sink, Tee
+from proving_ground.testbed.recording.record import Event, Record, Recorder
+from proving_ground.testbed.recording.sink import OnEvent, Sink, Tee
 from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
 from proving_ground.testbed.simulation.loop import Outcome, drive, prepare
 from proving_ground.testbed.viewers.live import LiveView
@@ -98,6 +98,8 @@ def run(
     *,
     record_hz: float | None = None,
     watch: Callable[[Scenery], LiveView] | None = None,
+    on_event: Callable[[Event], object] | None = None,
+    progress: bool | None = None,
     factory: Callable[..., object] | None = None,
     options: Mapping[str, OptionValue] | None = None,
 ) -> Finished:
@@ -110,6 +112,8 @@ def run(
         folder: to make.
         record_hz: how often the truth is written down [Hz]; None: as in `record_rate`.
         watch: opens a live view of the run; it gets the same data as the log.
+        on_event: called with every event when it occurs.
+        progress: whether to show a bar; None: where someone watches.
         factory: makes a controller of your own, as in `simulate`.
         options: keyword options of the factory.
 
@@ -134,8 +138,8 @@ def run(
         recorder = Recorder()
         log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
         what = f"{name}, {scenario.controller.name}, seed {seed}"
-        bar = stack.enter_context(_progress(assembly.ticks, what))
-        sink = Tee(recorder, log, *views)
+        bar = stack.enter_context(_progress(assembly.ticks, what, progress))
+        sink = Tee(recorder, log, *views, *([OnEvent(on_event)] if on_event else ()))
         outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
     mismatch, notes = assembly.mismatch, assembly.notes
     del assembly  # plant and horizons: record and figures of a long run take their memory
@@ -234,6 +238,7 @@ def _facts(
     )
 
 
-def _progress(ticks: int, what: str) -> tqdm:
+def _progress(ticks: int, what: str, shown: bool | None) -> tqdm:
     """Return a bar over control periods; silent where no one is watching."""
-    return tqdm(total=ticks, desc=what, unit="tick", disable=not sys.stderr.isatty(), leave=False)
+    shown = sys.stderr.isatty() if shown is None else shown
+    return tqdm(total=ticks, desc=what, unit="tick", disable=not shown, leave=False)
