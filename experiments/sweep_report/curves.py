@@ -179,6 +179,8 @@ def difference_panel(
         if max((abs(item.error_cm.value) for item in differences if item.error_cm), default=0) > 10:
             axes.set_xscale("symlog", linthresh=1.0)  # one poor controller hides no difference
             axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            left, right = axes.get_xlim()
+            axes.set_xlim(1.3 * min(left, -1.0), 1.3 * max(right, 1.0))
             label += ", linear within 1 cm"
         dress(axes, label, "")
         axes.set_yticks(

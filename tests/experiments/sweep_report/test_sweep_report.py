@@ -236,6 +236,35 @@ def refused(folder, file, words, capsys):
     assert not (folder / "report").exists()
 
 
+def test_the_title_is_the_study_in_whatever_folder(folder, tmp_path):
+    moved = shutil.copytree(folder, tmp_path / "s2")
+    assert "<h1>made-up</h1>" in report_page(moved)
+
+
+def test_where_no_run_fails_no_table_or_chart_shows_failures(tmp_path):
+    harmless = AXES.replace(', "feedforward"', "")
+    folder = swept(tmp_path, "seeds = 2", harmless)
+    page, summary = report_page(folder), (folder / "report" / "summary.md").read_text()
+    for words in ("nowhere", "alone<br>failed", "Failed runs over", "failed [%]</figcaption>"):
+        assert words not in page
+    assert "failed" not in re.search(r'id="cells".*?</thead>', page, re.DOTALL)[0]
+    assert "| failed [%] |" not in summary.partition("## Points")[2]
+    assert page.count("minus") == 1  # the map of the difference of the two best
+    assert "ttempc minus paper: error [cm]" in page
+
+
+def test_the_reference_is_the_best_rival_or_that_of_the_reader(folder, tmp_path, capsys):
+    copied = shutil.copytree(folder, tmp_path / folder.name)
+    page = report_page(copied)
+    assert "Differences to paper" in page  # the second best; feedforward fails a third
+    assert "ttempc minus paper" in page
+    page = report_page(copied, "--against", "ttempc")
+    assert "Differences to ttempc" in page
+    assert "paper minus ttempc" in page
+    assert main(["report", str(copied), "--against", "nobody"]) == 2
+    assert "--against nobody: the study has paper, ttempc, feedforward" in capsys.readouterr().err
+
+
 @needs_browser
 def test_the_page_fits_a_phone_and_a_screen(folder, text, tmp_path):
     for width, page in measured(folder / "report" / "report.html", (390, 1280), tmp_path).items():
