@@ -10,7 +10,6 @@ from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, to_json
 from proving_ground.experiments.studies import (
     batch,
-    breaking_points,
     cards,
     containment,
     endurance,
@@ -30,6 +29,7 @@ from proving_ground.experiments.studies.ablations import (
     limits,
     recovery,
 )
+from proving_ground.experiments.studies.failures import breaking_points, worst_cases
 from proving_ground.experiments.studies.faults import calibration
 from proving_ground.experiments.studies.faults import study as faults
 from proving_ground.experiments.sweep.engine import engine
@@ -139,6 +139,17 @@ def test_breaking_points(capsys, monkeypatch):
     assert head == ["quantity", "`pid`"]
     assert quantity == "slope [rad]"
     assert values.startswith("holds") or float(values.split(",")[0]) < float(values.split(",")[1])
+
+
+def test_worst_cases(capsys, monkeypatch):
+    monkeypatch.setattr(worst_cases, "PATH", 'path={kind="straight",length_m=3.0}')
+    monkeypatch.setattr(worst_cases, "RARE", ())  # tests/experiments/search has the probability
+    worst_cases.main(3, (1,), ("pid",))
+    gust, patch = (part.splitlines() for part in capsys.readouterr().out.split("**: ")[1:3])
+    for title, head, _, row in (gust[:1] + gust[2:5], patch[:1] + patch[2:5]):
+        assert title.startswith(("`gust`", "`soil-patch slope"))
+        assert head.count("|") == row.count("|")
+        assert row.split("|")[2].endswith("of 3 ")
 
 
 def test_learning(capsys, monkeypatch):
@@ -271,7 +282,7 @@ def test_a_law_with_the_right_form_predicts_a_field_that_it_has_not_seen():
 
 
 def test_faults(capsys, monkeypatch):
-    monkeypatch.setattr(faults, "_SECONDS", 32.0)
+    monkeypatch.setattr(faults, "_AFTER_S", 7.0)
     faults.main((1,), ("pid",), ("stone, 150 Ns", "front steering stuck"))
     head, body = rows(capsys)
     assert head[1:5] == ["carried on", "degraded", "stopped", "lost"]
@@ -280,6 +291,14 @@ def test_faults(capsys, monkeypatch):
     noticed, stop = (float(body[1][column].split(",")[0]) for column in (5, 7))
     assert 0.0 < noticed < 2.0
     assert 0.5 < stop < 5.0
+
+
+def test_a_stuck_hitch_sensor_is_left_out_and_the_vehicle_drives_on(monkeypatch):
+    monkeypatch.setattr(faults, "_AFTER_S", 15.0)
+    result = faults.drive_case(faults.Case("hitch angle stuck", "ttempc", 1))
+    assert result.result == "degraded"
+    assert result.noticed_s <= 1.0
+    assert result.worst_m < 0.2
 
 
 def test_limits_of_detectors():
