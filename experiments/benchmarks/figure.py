@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from proving_ground.testbed.recording.provenance import versions
+from proving_ground.testbed.recording import provenance
 
 from ..errors import InvalidPage
 
@@ -48,25 +47,14 @@ Parts = Mapping[str, Sequence[BenchmarkFigure]]
 
 def machine() -> dict[str, str]:
     """Return processor, usable cores, system and load [processes] of this machine."""
-    model = platform.processor() or platform.machine()
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        lines = cpuinfo.read_text(encoding="utf-8").splitlines()
-        names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-        model = next(iter(names), model)
     load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-    return {
-        "processor": model,
-        "cores": str(os.cpu_count()),
-        "system": f"{platform.system()} {platform.release()}",
-        "load": load,
-    }
+    return {**provenance.machine(), "load": load}
 
 
 def to_json(parts: Parts, where: Mapping[str, str]) -> str:
     """Return the figures with machine and versions as JSON."""
     figures = {part: [asdict(figure) for figure in own] for part, own in parts.items()}
-    content = {"machine": {**where}, "versions": versions(), "parts": figures}
+    content = {"machine": {**where}, "versions": provenance.versions(), "parts": figures}
     return json.dumps(content, indent=1) + "\n"
 
 

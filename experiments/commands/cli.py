@@ -8,7 +8,7 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
@@ -38,7 +38,7 @@ _COMMANDS: Final = {
     "new": _Command("new", "start a controller, a scenario or a study from a template"),
     "schema": _Command("schema", "print the JSON schema of a scenario, for editors"),
     "sweep": _Command("studies.sweep", "drive all runs of a study"),
-    "report": _Command("report", "report the results of a sweep"),
+    "report": _Command("report", "page of a sweep, or of a run from its log"),
     "envelope": _Command("studies.envelope", "find where controllers fail"),
     "bench": _Command("studies.bench", "field trials: score a controller on frozen scenarios"),
     "falsify": _Command("studies.falsify", "search for the least severe case that fails"),
@@ -49,6 +49,7 @@ _COMMANDS: Final = {
     "frame": _Command("pictures.frame", "take one picture of a run from its log"),
     "mjcf": _Command("mjcf", "export a scenario's vehicle and ground for MuJoCo"),
     "card": _Command("card", "validate the plant of one scenario"),
+    "completion": _Command("completion", "print what completes commands in a shell"),
     "reproduce": _Command("studies.reproduce", "make or check the tables of the documentation"),
     "fit-tube": _Command("studies.fit_tube", "fit a tube to the logs of runs"),
 }
@@ -88,7 +89,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     previous = _catch_termination()
     compiled_before = _compiled()[0]
     try:
-        parsed = _parser(arguments).parse_args(arguments)
+        chosen = next((text for text in arguments if not text.startswith("-")), None)
+        parsed = make_parser({chosen}).parse_args(arguments)
         return parsed.command(parsed)
     except (ExperimentError, TestbedError, TtempcError) as error:
         return _refuse(str(error))
@@ -139,22 +141,23 @@ def _catch_termination() -> Any:  # noqa: ANN401 - as of `signal.signal`
     return signal.signal(signal.SIGTERM, interrupt)
 
 
-def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser of a command line.
+def make_parser(complete: Container[str | None]) -> argparse.ArgumentParser:
+    """Return the parser of the command line.
 
-    Only the module of the command in `arguments` is imported, since some load slowly.
+    Args:
+        complete: commands whose arguments it has; it imports their modules alone, since some load
+            slowly.
     """
     parser = _Parser(
         prog="ttempc", description=_ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--version", action="version", version=f"ttempc {version('ttempc')}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    chosen = next((text for text in arguments if not text.startswith("-")), None)
     for name, command in _COMMANDS.items():
         subparser = commands.add_parser(
             name, help=command.help, formatter_class=argparse.RawDescriptionHelpFormatter
         )
-        if name == chosen:
+        if name in complete:
             module = import_module(f".{command.module}", __package__)
             subparser.description = module.ABOUT
             module.add_arguments(subparser)

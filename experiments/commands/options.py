@@ -76,6 +76,13 @@ def add_json(parser: argparse.ArgumentParser, what: str) -> None:
     )
 
 
+def add_verbosity(parser: argparse.ArgumentParser, more: str) -> None:
+    """Add the choice to print less, or `more`."""
+    level = parser.add_mutually_exclusive_group()
+    level.add_argument("-q", "--quiet", action="store_true", help="print errors only")
+    level.add_argument("-v", "--verbose", action="store_true", help=f"also print {more}")
+
+
 def add_controller_and_seed(parser: argparse.ArgumentParser) -> None:
     """Add the controller and the seed of a run."""
     # Imported here because only some commands need it, and it loads SciPy and Numba.

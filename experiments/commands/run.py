@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from proving_ground.testbed.terminal import one_line
+
 from ..errors import BadOptions
+from ..output import make_folder
 from . import options
 
 if TYPE_CHECKING:
     from proving_ground.testbed.messages.scenery import Scenery
+    from proving_ground.testbed.recording.record import Event
     from proving_ground.testbed.viewers.live import LiveView
+
+    from ..run.simulate import Finished
+    from ..scenario.scenario import Scenario
 
 ABOUT = """\
 Drives one scenario to its end and writes into DIR:
@@ -21,6 +28,8 @@ Drives one scenario to its end and writes into DIR:
   summary.json   the statistics, SI units  log.mcap       all channels, for Foxglove or Rerun
   scenario.toml  all settings, resolved    report.html    one page with the figures
   *.png          the figures
+
+With --seeds each seed has such a folder in DIR; `ttempc sweep` drives more runs in parallel.
 
 Exit code 0 if the run ended as planned, 2 for bad input (one line names the key
 and the allowed values; nothing is written), 3 if the run terminated early
@@ -33,7 +42,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     options.add_scenario(parser)
     options.add_controller_and_seed(parser)
-    options.add_json(parser, "the summary")
+    parser.add_argument(
+        "--seeds",
+        type=options.whole_number(2, 1000),
+        metavar="COUNT",
+        help="drive this many seeds from --seed on, a folder for each, and print a table of all",
+    )
+    options.add_json(parser, "the summary, with --seeds a list of them,")
+    options.add_verbosity(parser, "the events of a run as they occur")
     parser.add_argument(
         "--record-rate",
         type=float,
@@ -54,34 +70,68 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    name, scenario = options.load_scenario(arguments)
+    controller = scenario.controller.name.replace(":", "-")
+    first, count = arguments.seed, arguments.seeds or 1
+    stem = f"{name}-{controller}-{first}" + (f"-to-{first + count - 1}" if count > 1 else "")
+    folder = arguments.out or options.unused_path(Path("runs"), stem)
+    runs = [_drive(arguments, name, scenario, folder)] if count == 1 else []
+    if count > 1:
+        if arguments.live:
+            raise BadOptions("--live: shows one run, leave out --seeds")
+        make_folder(folder)
+        for seed in range(first, first + count):
+            alone = argparse.Namespace(**{**vars(arguments), "seed": seed})
+            runs.append(_drive(alone, name, scenario, folder / f"seed-{seed}"))
+    summaries = [run.summary for run in runs]
+    if arguments.json:
+        texts = [summary.to_json().rstrip() for summary in summaries]
+        print(texts[0] if count == 1 else f"[{', '.join(texts)}]")
+    elif not arguments.quiet:
+        _print(runs, folder)
+    completed = all(summary.status == "completed" for summary in summaries)
+    return 0 if completed else options.EXIT_LOST
+
+
+def _drive(arguments: argparse.Namespace, name: str, scenario: Scenario, folder: Path) -> Finished:
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..results.table import format_run
     from ..run.simulate import run
 
-    name, scenario = options.load_scenario(arguments)
-    folder = arguments.out or options.unused_path(
-        Path("runs"), f"{name}-{scenario.controller.name.replace(':', '-')}-{arguments.seed}"
-    )
-    finished = run(
+    return run(
         name,
         scenario,
         arguments.seed,
         folder,
         record_hz=arguments.record_rate,
         watch=_watch(arguments, name),
+        on_event=_print_event if arguments.verbose else None,
+        progress=sys.stderr.isatty() and not arguments.quiet,
     )
-    if arguments.json:
-        print(finished.summary.to_json())
-    else:
-        print(format_run(finished.summary, finished.comparison))
-        if finished.mismatch:
-            print(f"Parameter mismatch: {', '.join(map(str, finished.mismatch))}")
-        for note in finished.notes:
-            print(f"{note[0].upper()}{note[1:]}")
-        print()
-        for what, file in finished.files.items():
-            print(f"{what:<9} {file}")
-    return 0 if finished.summary.status == "completed" else options.EXIT_LOST
+
+
+def _print_event(event: Event) -> None:
+    from tqdm import tqdm
+
+    line = f"{event.time_s:8.2f} s  {event.level:<8}{event.text}"
+    tqdm.write(one_line(line), file=sys.stderr)
+
+
+def _print(runs: Sequence[Finished], folder: Path) -> None:
+    from ..results.table import format_run, format_seeds
+
+    if len(runs) > 1:
+        print(format_seeds([run.summary for run in runs]))
+        print(f"\nreports    {folder / 'seed-*' / 'report.html'}")
+        return
+    (finished,) = runs
+    print(format_run(finished.summary, finished.comparison))
+    if finished.mismatch:
+        print(f"Parameter mismatch: {', '.join(map(str, finished.mismatch))}")
+    for note in finished.notes:
+        print(f"{note[0].upper()}{note[1:]}")
+    print()
+    for what, file in finished.files.items():
+        print(f"{what:<11} {file}")
 
 
 def _watch(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], LiveView] | None:

@@ -41,15 +41,15 @@ CAPTIONS: Final = {
     "Means leave out the start-up.",
     "cross-track": "Error to the left of the reference over the length of the path.",
     "signals": "The three actions, their sum, and the command sent. Dashed: the vehicle's bounds.",
-    "tyres": "Slip of the driven wheels, slip angles of the trailer's wheels, loads of all wheels.",
+    "tyres": "Slip of the driven wheels, slip angles of front and trailer wheels, loads of all.",
     "tube": "Offset of the true vehicle to the left of the nominal one, and the tube of the "
-    "controller. The tube of `ttempc` is that of one step, predicted from the last estimate. "
+    "controller. The tube of ttempc is that of one step, predicted from the last estimate. "
     "Below: margin of both true axle points, 1 at the centre of the tube, 0 on its boundary.",
     "corridor": "Offset of the true points to the left of their paths, and the corridor.",
     "timing": "Wall-clock time of the parts of a control period, on the machine of the run.",
 }
 
-_PALETTE: Final = 128  # colours
+_PALETTE: Final = 256  # colours
 
 
 def draw(record: Record) -> dict[str, bytes]:
@@ -70,5 +70,7 @@ def png(figure: Figure, dpi: float = DPI) -> bytes:
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     buffer = io.BytesIO()
     # A palette makes the file three times smaller, invisibly in a plot of a few colours.
-    picture.quantize(_PALETTE).save(buffer, format="png", optimize=True, dpi=(dpi, dpi))
+    picture.quantize(_PALETTE, Image.Quantize.MAXCOVERAGE).save(
+        buffer, format="png", optimize=True, dpi=(dpi, dpi)
+    )
     return buffer.getvalue()

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .style import DPI, GRID, PAGE_WIDTH_IN, blank, series
+from .style import GRID, blank, blank_half, series
 
 _HEIGHT_IN: Final = 2.9
 
@@ -36,7 +36,7 @@ class Panel:
 
 def alone(panel: Panel) -> Figure:
     """Return a figure of one panel. Its title is left out, since a page shows it as text."""
-    figure = Figure(figsize=(0.5 * PAGE_WIDTH_IN, _HEIGHT_IN), dpi=DPI, layout="constrained")
+    figure = blank_half(_HEIGHT_IN)
     panel.draw(figure.subplots())
     _add_legend(figure, panel.series, columns=2)
     return figure

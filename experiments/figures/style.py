@@ -42,7 +42,7 @@ GRID: Final = "#DDDDDD"
 _FONT_PT: Final = 8.5
 _CHARACTERS_PER_IN: Final = 13.0  # of this font
 _BOLD_PER_IN: Final = 10.0  # of titles
-_width_in: ContextVar[float] = ContextVar("width of figures [in]", default=PAGE_WIDTH_IN)
+_width_in: ContextVar[float | None] = ContextVar("width of figures [in]", default=None)
 
 
 @contextmanager
@@ -57,7 +57,16 @@ def figure_width(width_in: float) -> Iterator[None]:
 
 def blank(height_in: float) -> Figure:
     """Return an empty figure of page width, or of `figure_width`, independent of pyplot."""
-    return Figure(figsize=(_width_in.get(), height_in), dpi=DPI, layout="constrained")
+    return _figure(_width_in.get() or PAGE_WIDTH_IN, height_in)
+
+
+def blank_half(height_in: float) -> Figure:
+    """Return an empty figure of half the page's width, or of `figure_width`."""
+    return _figure(_width_in.get() or 0.5 * PAGE_WIDTH_IN, height_in)
+
+
+def _figure(width_in: float, height_in: float) -> Figure:
+    return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
 
 
 def figure_width_in(axes: Axes) -> float:
@@ -74,9 +83,9 @@ def wrapped(axes: Axes, text: str, per_in: float = _CHARACTERS_PER_IN) -> str:
     return fill(text, max(12, int(per_in * width_in)))
 
 
-def series(number: int) -> dict[str, Any]:
-    """Return line and marker of a compared series. The lines of the first 16 are distinct."""
-    return {
+def series(number: int, name: str = "") -> dict[str, Any]:
+    """Return label, line and marker of a compared series; of 20, no two lines are equal."""
+    return ({"label": name} if name else {}) | {
         "color": SERIES_COLOURS[number % len(SERIES_COLOURS)],
         "linestyle": ("-", "--")[number // len(SERIES_COLOURS) % 2],
         "marker": _SERIES_MARKERS[number % len(_SERIES_MARKERS)],

@@ -2,41 +2,46 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
+from datetime import UTC, datetime
 from typing import Final
 
-from proving_ground.testbed.recording.record import Event
+from proving_ground.testbed.recording.record import Record
 
 from ..figures import CAPTIONS
 from ..results.published import CAVEAT, PublishedError
 from ..results.summary import ImplementStatistics, InputStatistics, Spread, Summary
 from ..results.table import centimetres, format_corridor
 from ..results.tracking_errors import START_UP_S
-from ..scenario.vehicle import ParameterMismatch
 from .html import Picture, environment
 
 _EVENTS_SHOWN: Final = 100  # an intermittent fault would fill the page; the log has all
-_FILES: Final = ("summary.json", "scenario.toml")  # beside the report
+FILES: Final = ("summary.json", "scenario.toml")
+"""Files of a run beside its report."""
 
 
 def render_run_report(
     summary: Summary,
-    events: Sequence[Event],
+    record: Record,
     scenario_toml: str,
     pictures: Mapping[str, bytes],
-    mismatch: Sequence[ParameterMismatch] = (),
+    *,
+    description: str = "",
     comparison: Sequence[PublishedError] = (),
+    files: Sequence[str] = FILES,
 ) -> str:
     """Return the text of `report.html`.
 
     Args:
         summary: of the run.
-        events: of the run.
+        record: of the run; its metadata have date, machine and parameter mismatch.
         scenario_toml: the resolved scenario.
         pictures: contents of PNG files, by the figure's name.
-        mismatch: parameters that differ between plant and model.
+        description: of the scenario.
         comparison: the published errors, where they apply to the run.
+        files: beside the page, besides the log.
     """
     template = environment().get_template("report.html.j2")
     return template.render(
@@ -47,17 +52,28 @@ def render_run_report(
         errors=_errors(summary),
         facts=[
             *_facts(summary),
-            ("parameter mismatch", ", ".join(map(str, mismatch)) or "none"),
+            ("parameter mismatch", record.metadata.get("mismatch", "unknown")),
         ],
-        files=[*([summary.log] if summary.log else []), *_FILES],
+        description=description,
+        dated=_dated(record.metadata),
+        files=[*([summary.log] if summary.log else []), *files],
         pictures=[
             Picture.of(name, CAPTIONS.get(name, name), content)
             for name, content in pictures.items()
         ],
-        events=events[:_EVENTS_SHOWN],
-        hidden_events=max(0, len(events) - _EVENTS_SHOWN),
+        events=record.events[:_EVENTS_SHOWN],
+        hidden_events=max(0, len(record.events) - _EVENTS_SHOWN),
         scenario_toml=scenario_toml,
     )
+
+
+def _dated(metadata: Mapping[str, str]) -> str:
+    """Return when and where a run was driven; logs of earlier versions do not say where."""
+    started = metadata.get("started", "")
+    with contextlib.suppress(ValueError):
+        started = f"{datetime.fromisoformat(started).astimezone(UTC):%d %B %Y, %H:%M} UTC"
+    where = metadata.get("machine", "an unknown machine")
+    return f"Driven on {started or 'an unknown day'}, on {where}."
 
 
 def _errors(summary: Summary) -> list[tuple[str, tuple[float | None, ...]]]:
@@ -100,7 +116,7 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
 
 def _spread(cost_us: Spread) -> str:
     parts = (("median", cost_us.median), ("p99", cost_us.p99), ("max", cost_us.max))
-    return ", ".join(f"{name} {_number(value, '{:.0f}')} us" for name, value in parts)
+    return ", ".join(f"{name} {_number(value, '{:.0f}')} µs" for name, value in parts)
 
 
 def _implement(statistics: ImplementStatistics) -> str:

@@ -166,12 +166,10 @@ def _since_first(samples: FloatArray) -> FloatArray:
     return samples[np.argmax(np.isfinite(samples)) :] if len(samples) else samples
 
 
-def _timing(record: Record, duration_s: float, wall_s: float) -> TimingStatistics:
+def _timing(record: Record, duration_s: float, wall_s: float | None) -> TimingStatistics:
     table = record[TIMING]
     spreads = {name: _spread(table[name]) for name in table.channel.fields}
-    return TimingStatistics(
-        **spreads, real_time_factor=duration_s / wall_s if wall_s > 0.0 else None
-    )
+    return TimingStatistics(**spreads, real_time_factor=duration_s / wall_s if wall_s else None)
 
 
 def _spread(cost_us: FloatArray) -> Spread:

@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Final, Literal
 
-Status = Literal["completed", "stopped", "lost", "invalid"]
+Status = Literal["completed", "stopped", "lost", "invalid", "ended early", "torn"]
+"""How a run ended. The last two are of a log alone: it does not say how, or it is not whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ class RunFacts:
     seed: int
     status: Status
     failure: str | None  # reason for early termination, in one line
-    wall_s: float  # wall-clock time of the simulation, without reports
+    wall_s: float | None  # wall-clock time of the simulation, without reports; None: unknown
     versions: Mapping[str, str]
     log: str | None  # the log's path relative to the run's folder
 

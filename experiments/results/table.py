@@ -6,7 +6,10 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+import numpy as np
+
 from .published import CAVEAT, PublishedError
+from .statistics import caveat, mean
 from .summary import BodyStatistics, CorridorStatistics, ErrorStatistics, Summary
 
 WIDTH: Final = 80
@@ -14,6 +17,12 @@ WIDTH: Final = 80
 _PUBLISHED: Final = "published"
 _HEADS: Final = ("mean", _PUBLISHED, "rms", "p95", "max", "cross mean", "sd")
 _BODY_WIDTH: Final = 18
+_OF_SEEDS: Final = {  # head of a column: point and statistic
+    "tractor": ("tractor", "mean_euclidean_m"),
+    "trailer": ("trailer", "mean_euclidean_m"),
+    "tractor p95": ("tractor", "cross_p95_m"),
+    "trailer p95": ("trailer", "cross_p95_m"),
+}
 
 
 def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> str:
@@ -46,6 +55,36 @@ def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> s
         lines += textwrap.wrap(f"Learnt at {text}", WIDTH, subsequent_indent="  ")
     if summary.failure:
         lines += ["", *textwrap.wrap(f"{summary.status}: {summary.failure}", WIDTH)]
+    return "\n".join(lines)
+
+
+def format_seeds(summaries: Sequence[Summary]) -> str:
+    """Return the errors of runs that differ in their seed, and their means, as text."""
+    first = summaries[0]
+    heads = _OF_SEEDS
+    lines = [
+        f"{first.scenario} · {first.controller}, mean error, and p95 of the cross-track error [cm]",
+        "",
+        "seed".ljust(8) + "status".ljust(11) + "".join(head.rjust(13) for head in heads),
+    ]
+    columns: list[list[float]] = [[] for _ in heads]
+    for summary in summaries:
+        cells = []
+        for column, (body, key) in zip(columns, heads.values(), strict=True):
+            value = getattr(summary.tracking.all.by_point[body], key)
+            cells.append(centimetres(value).rjust(13))
+            if value is not None and summary.status == "completed":
+                column.append(100.0 * value)
+        lines.append(f"{summary.seed:<8}{summary.status:<11}{''.join(cells)}")
+    completed = sum(summary.status == "completed" for summary in summaries)
+    lines += ["", f"Mean of {completed} completed runs (95 % interval, Student's t):"]
+    for head, column in zip(heads, columns, strict=True):
+        if column:
+            estimate = mean(np.array(column))
+            low, high = estimate.ends
+            lines.append(f"  {head:<13}{estimate.value:5.1f} ({low:.1f} to {high:.1f})")
+    if warning := caveat(completed):
+        lines += textwrap.wrap(warning, WIDTH)
     return "\n".join(lines)
 
 

@@ -7,11 +7,14 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
+from typing import Final
 
 from proving_ground.testbed.ground.ground import GROUND_FILE
 from proving_ground.testbed.log.log import LogWriter
+from proving_ground.testbed.log.log_reader import SALVAGED_KEY
+from proving_ground.testbed.log.log_recovery import RECOVERED_KEY
 from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.provenance import versions
+from proving_ground.testbed.recording.provenance import machine, versions
 from proving_ground.testbed.recording.record import Event
 from proving_ground.testbed.simulation.loop import Outcome
 
@@ -19,6 +22,7 @@ from ..scenario.scenario import Scenario, dump
 from .assembly import Assembly
 
 _NESTED = (dict, list)
+_OF_THE_RUN: Final = ("scenario", "controller", "seed", "started", "machine", "mismatch")
 
 
 def describe(
@@ -42,10 +46,17 @@ def describe(
         "controller": scenario.controller.name,
         "seed": str(seed),
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": "{processor}, {cores} cores, {system}".format(**machine()),
         "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
         **versions(),
         **sources,
     }
+
+
+def versions_of(metadata: Mapping[str, str]) -> dict[str, str]:
+    """Return the versions and the hashes of a user's code in the metadata of a run."""
+    others = (*_OF_THE_RUN, SALVAGED_KEY, RECOVERED_KEY)
+    return {name: text for name, text in metadata.items() if name not in others}
 
 
 def open_log(

@@ -12,8 +12,8 @@ from tqdm import tqdm
 
 from proving_ground.testbed.messages.scenery import Scenery
 from proving_ground.testbed.recording.provenance import versions
-from proving_ground.testbed.recording.record import Record, Recorder
-from proving_ground.testbed.recording.sink import Sink, Tee
+from proving_ground.testbed.recording.record import Event, Record, Recorder
+from proving_ground.testbed.recording.sink import OnEvent, Sink, Tee
 from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
 from proving_ground.testbed.simulation.loop import Outcome, drive, prepare
 from proving_ground.testbed.viewers.live import LiveView
@@ -103,6 +103,8 @@ def run(
     *,
     record_hz: float | None = None,
     watch: Callable[[Scenery], LiveView] | None = None,
+    on_event: Callable[[Event], object] | None = None,
+    progress: bool | None = None,
     factory: Callable[..., object] | None = None,
     options: Mapping[str, OptionValue] | None = None,
     make: Callable[[Scenario, int, Callable[..., object] | None], Assembly] = assemble,
@@ -116,6 +118,8 @@ def run(
         folder: to make.
         record_hz: how often the truth is written down [Hz]; None: as in `record_rate`.
         watch: opens a live view of the run; it gets the same data as the log.
+        on_event: called with every event when it occurs.
+        progress: whether to show a bar; None: where someone watches.
         factory: makes a controller of your own, as in `simulate`.
         options: keyword options of the factory.
         make: makes the objects of the run from scenario, seed and factory.
@@ -141,11 +145,11 @@ def run(
         recorder = Recorder()
         log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
         what = f"{name}, {scenario.controller.name}, seed {seed}"
-        bar = stack.enter_context(_progress(assembly.ticks, what))
+        bar = stack.enter_context(_progress(assembly.ticks, what, progress))
         viewers = Tee(log, *views)  # who read of the run's start, settings and end
         for event in first_lines(metadata, scenario):
             viewers.event(event)
-        sink = Tee(recorder, viewers)
+        sink = Tee(recorder, viewers, *([OnEvent(on_event)] if on_event else ()))
         outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
         viewers.event(last_line(outcome))
     mismatch, notes = assembly.mismatch, assembly.notes
@@ -166,7 +170,14 @@ def run(
         write_file(files[figure], content)
     files["report"] = folder / "report.html"
     comparison = compare(summary) if applies_to(scenario) else ()
-    page = render_run_report(summary, record.events, resolved, pictures, mismatch, comparison)
+    page = render_run_report(
+        summary,
+        record,
+        resolved,
+        pictures,
+        description=scenario.description,
+        comparison=comparison,
+    )
     write_file(files["report"], page)
     return Finished(summary, record, files, mismatch, notes, comparison)
 
@@ -238,6 +249,7 @@ def _facts(
     )
 
 
-def _progress(ticks: int, what: str) -> tqdm:
+def _progress(ticks: int, what: str, shown: bool | None) -> tqdm:
     """Return a bar over control periods; silent where no one is watching."""
-    return tqdm(total=ticks, desc=what, unit="tick", disable=not sys.stderr.isatty(), leave=False)
+    shown = sys.stderr.isatty() if shown is None else shown
+    return tqdm(total=ticks, desc=what, unit="tick", disable=not shown, leave=False)

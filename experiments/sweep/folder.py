@@ -6,21 +6,25 @@ import fcntl
 import json
 import os
 import platform
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from proving_ground.testbed.atomic_write import atomic_write, partial_path
 from proving_ground.testbed.recording.provenance import code_digest, versions
 
 from ..errors import SweepRefused, SweepStopped
 from .plan import SweepPlan
+from .results import rows
+from .row import Row, columns, line
 
 _LOCK: Final = ".lock"
 _STUDY: Final = "study.toml"
 _VERSIONS: Final = "versions.json"
+_RESULTS: Final = "results.jsonl"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,12 +38,13 @@ class Origin:
     machine: str
     cpus: int
     refused: int = 0  # of the numbers, those of refused combinations
+    study: str = ""  # name of its file
 
     @classmethod
-    def here(cls, plan: str, runs: int, refused: int = 0) -> Origin:
+    def here(cls, plan: str, runs: int, refused: int = 0, study: str = "") -> Origin:
         """Return the origin of rows that this process makes."""
         machine, cpus = platform.platform(), os.cpu_count() or 1
-        return cls(plan, runs, code_digest(), versions(), machine, cpus, refused)
+        return cls(plan, runs, code_digest(), versions(), machine, cpus, refused, study)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +57,7 @@ class SweepFolder:
     @property
     def results(self) -> Path:
         """Return the file of the rows."""
-        return self.path / "results.jsonl"
+        return self.path / _RESULTS
 
     @property
     def logs(self) -> Path:
@@ -69,13 +74,15 @@ def is_begun(path: Path) -> bool:
 def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
     """Lock a new folder, or that of the same sweep, until the block or the process ends.
 
+    Rows of a study that has grown since are kept under their numbers in the new plan.
+
     Args:
         path: of the folder.
         plan: of the sweep.
 
     Raises:
-        SweepRefused: the folder has other content, another study or other versions, or another
-            process has locked it; nothing is changed.
+        SweepRefused: the folder has other content, rows of other runs or other versions, or
+            another process has locked it; nothing is changed.
         InvalidStudy: a scenario of the plan is invalid.
     """
     parts = {partial_path(path / name).name for name in (_VERSIONS, _STUDY)}
@@ -92,14 +99,14 @@ def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
         lock.truncate(0)
         lock.write(str(os.getpid()))
         lock.flush()
-        extent = plan.extent()
-        origin = Origin.here(extent.digest, plan.size, plan.size - plan.run_count)
+        digest, refused = plan.extent().digest, plan.size - plan.run_count
+        origin = Origin.here(digest, plan.size, refused, plan.name)
         if is_begun(path):
-            yield SweepFolder(path, _resumed(path, plan, origin))
+            origin = _resumed(path, plan, origin)
         else:
-            _write(path / _VERSIONS, json.dumps(asdict(origin), indent=2) + "\n")
+            _write_origin(path, origin)
             _write(path / _STUDY, plan.study.dump())
-            yield SweepFolder(path, origin)
+        yield SweepFolder(path, origin)
 
 
 def _acquire(lock: int, path: Path) -> None:
@@ -113,31 +120,65 @@ def _acquire(lock: int, path: Path) -> None:
 
 
 def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
-    """Return the origin of a folder in which this sweep was begun before.
+    """Return the origin of a folder in which this sweep was begun before, perhaps smaller.
 
     Raises:
         SweepRefused: it belongs to another sweep; the message says what differs.
     """
-    if (path / _STUDY).read_text(encoding="utf-8") != plan.study.dump():
-        raise SweepRefused(
-            f"output folder {path}: holds another study ({_STUDY} differs from {plan.name}), "
-            "give another folder"
-        )
-    begun = json.loads((path / _VERSIONS).read_text(encoding="utf-8"))
+    begun = Origin(**json.loads((path / _VERSIONS).read_text(encoding="utf-8")))
     if difference := _difference(begun, origin):
         raise SweepRefused(
             f"output folder {path}: was begun with another {difference}; give another folder"
         )
-    return Origin(**begun)
+    same = (path / _STUDY).read_text(encoding="utf-8") == plan.study.dump()
+    if same and begun.plan == origin.plan:
+        return begun
+    origin = replace(origin, versions=begun.versions)
+    kept = _renumbered(path, plan, origin)
+    # The digest of the plan comes last: until it is written, rows are found by their identity.
+    _write(path / _STUDY, plan.study.dump())
+    _write(path / _RESULTS, "".join(map(line, kept)))
+    _write_origin(path, origin)
+    return origin
 
 
-def _difference(begun: Mapping[str, Any], now: Origin) -> str:
+def _renumbered(path: Path, plan: SweepPlan, origin: Origin) -> list[Row]:
+    """Return the rows of a folder with the numbers and axes of another plan of the same runs.
+
+    Raises:
+        SweepRefused: a row is of a run that the plan does not have.
+    """
+    by_identity: defaultdict[str, list[Row]] = defaultdict(list)
+    for row in rows(path / _RESULTS) if (path / _RESULTS).exists() else ():
+        by_identity[str(row["run_id"])].append(row)
+    kept: list[Row] = []
+    for run in plan.runs() if by_identity else ():
+        planned = plan[run]
+        if same := by_identity.get(plan.identity(planned, origin.versions)):
+            numbers = {"run": run, "point": planned.point}
+            values = {**same.pop(), **planned.setting.axes, **numbers}
+            kept.append({name: values[name] for name in columns(plan.study.names)})
+    if left := [row for same in by_identity.values() for row in same]:
+        row = left[0]
+        raise SweepRefused(
+            f"output folder {path}: holds {len(left)} rows of runs that are not in study "
+            f"{plan.name}, such as run {row['run']} ({row['controller']} on {row['scenario']}, "
+            f"seed {row['seed']}); a study may grow, its runs may not change: give another folder"
+        )
+    return kept
+
+
+def _difference(begun: Origin, now: Origin) -> str:
     """Return the first difference of two origins that can change rows, as text."""
     # The commit may differ: the digest says whether the code does.
-    before, after = ({**item, "commit": ""} for item in (begun["versions"], now.versions))
-    pairs = [("plan", begun["plan"], now.plan), ("code", begun["code"], now.code)]
+    before, after = ({**item.versions, "commit": ""} for item in (begun, now))
+    pairs = [("code", begun.code, now.code)]
     pairs += [(name, before.get(name), after.get(name)) for name in sorted({*before, *after})]
     return next((f"{name} ({old}, now {new})" for name, old, new in pairs if old != new), "")
+
+
+def _write_origin(path: Path, origin: Origin) -> None:
+    _write(path / _VERSIONS, json.dumps(asdict(origin), indent=2) + "\n")
 
 
 def _write(file: Path, text: str) -> None:

@@ -12,11 +12,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
 from typing import Any, Final, Literal
 
-from ..results.summary import Summary
+from ..results.summary import Status, Summary
 
 Value = str | float | int | bool | None
 Row = dict[str, Value]
-RowStatus = Literal["completed", "stopped", "lost", "invalid", "failed", "crashed"]
+RowStatus = Status | Literal["failed", "crashed"]
 
 _IDENTITY: Final = ("run_id", "scenario", "controller", "seed", "status", "failure", "log")
 _LEADING: Final = ("run", "point", "run_id", "scenario", "controller", "seed")

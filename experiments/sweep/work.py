@@ -80,7 +80,7 @@ def run_job(job: SweepJob) -> Row:
     if code_digest() != job.code:
         raise SweepStopped(f"a worker has other code than the driver: {code_digest()}, {job.code}")
     start = perf_counter()
-    log = job.folder / "logs" / f"{job.run}.mcap"
+    log = job.folder / "logs" / f"{job.run_id}.mcap"  # the number changes where a study grows
     # Hidden until complete: the run is driven twice if its first worker seems to be dead.
     part = log.with_name(f".{job.run}-{uuid.uuid4().hex[:8]}.mcap")
     try:

@@ -60,6 +60,14 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
+class DifferenceCell:
+    """Paired difference of two controllers at one combination of values."""
+
+    places: tuple[int, ...]  # as of `Cell`
+    error_cm: IntervalEstimate | None  # None where no pair has two errors
+
+
+@dataclass(frozen=True, slots=True)
 class Tail:
     """Worst errors of a controller [cm], cost of its control step, use of the actuators."""
 
@@ -137,16 +145,30 @@ def controller_tail(runs: Runs, controller: int) -> Tail:
     )
 
 
+def ranking(runs: Runs) -> list[int]:
+    """Return the controllers (indices in `Runs.controllers`), that with the least error first.
+
+    They are compared by the median error of their runs. A run that did not complete counts as
+    worse than any other, so that no controller gains by the runs that it does not complete.
+    """
+
+    def key(controller: int) -> tuple[float, float, int]:
+        own = runs.controller_index == controller
+        error = np.where(runs.completed, runs.error_cm, np.inf)[own]
+        measured = error[~np.isnan(error)]  # without runs that are too short for an error
+        median = np.percentile(measured, 50.0, method="higher") if len(measured) else np.inf
+        return float(median), float(runs.failed[own].mean()), controller
+
+    return sorted(range(len(runs.controllers)), key=key)
+
+
 def paired_differences(runs: Runs, against: int) -> list[PairedDifference]:
     """Return the differences of every other controller to one, paired by point and seed."""
-    reference_runs = np.flatnonzero(runs.controller_index == against)
     result = []
     for controller in range(len(runs.controllers)):
         if controller == against:
             continue
-        own = np.flatnonzero(runs.controller_index == controller)
-        own_places, reference_places = pair(runs.pair[own], runs.pair[reference_runs])
-        own, other = own[own_places], reference_runs[reference_places]
+        own, other = _pairs(runs, controller, against)
         error = runs.error_cm[own] - runs.error_cm[other]
         both = np.isfinite(error)
         failed, other_failed = runs.failed[own], runs.failed[other]
@@ -161,6 +183,28 @@ def paired_differences(runs: Runs, against: int) -> list[PairedDifference]:
             )
         )
     return result
+
+
+def difference_cells(
+    runs: Runs, by: Sequence[Scale], controller: int, against: int
+) -> list[DifferenceCell]:
+    """Return the difference of a controller to another one at each combination of values."""
+    own, other = _pairs(runs, controller, against)
+    error = runs.error_cm[own] - runs.error_cm[other]
+    unit, both = runs.unit[own], np.isfinite(error)
+    result = []
+    for places, chosen in _by_key(np.column_stack([scale.place[own] for scale in by])):
+        known = chosen[both[chosen]]
+        estimate = mean(error[known], unit[known]) if len(known) else None
+        result.append(DifferenceCell(places, estimate))
+    return result
+
+
+def _pairs(runs: Runs, controller: int, against: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the indices of runs of two controllers at the same points and seeds."""
+    own, other = (np.flatnonzero(runs.controller_index == each) for each in (controller, against))
+    own_places, other_places = pair(runs.pair[own], runs.pair[other])
+    return own[own_places], other[other_places]
 
 
 def _by_key(

@@ -25,10 +25,8 @@ _LONG: Final = 34  # characters of all labels of an axis that fit side by side
 _WIDE: Final = 6.0  # largest over smallest value from which an axis is logarithmic
 
 
-def curve_panels(
-    controllers: Sequence[str], scale: Scale, cells: Sequence[Cell]
-) -> tuple[Panel, Panel]:
-    """Return failure rate and error over one axis with 95 % intervals as bands.
+def curve_panels(controllers: Sequence[str], scale: Scale, cells: Sequence[Cell]) -> list[Panel]:
+    """Return failure rate, if any run failed, and error over one axis, 95 % intervals as bands.
 
     Args:
         controllers: of the study.
@@ -47,10 +45,10 @@ def curve_panels(
         errors = [cell.group.error_cm.value for cell in cells if cell.group.error_cm]
         _logarithmic_where_wide(axes.yaxis, errors)
 
-    return (
-        Panel(f"Failed runs over {scale.label}", failures, tuple(controllers)),
-        Panel(f"Error of completed runs over {scale.label}", error, tuple(controllers)),
-    )
+    panels = [Panel(f"Error of completed runs over {scale.label}", error, tuple(controllers))]
+    if any(len(cell.group.failed) for cell in cells):
+        panels.insert(0, Panel(f"Failed runs over {scale.label}", failures, tuple(controllers)))
+    return panels
 
 
 def _curves(
@@ -71,9 +69,10 @@ def _curves(
             continue
         x = np.array([position for position, _ in points])
         y, low, high = factor * np.array([(item.value, *item.ends) for _, item in points]).T
-        looks = series(number)
+        looks = series(number, controllers[number])
         if scale.numeric:
-            axes.fill_between(x, low, high, color=looks["color"], alpha=0.15, linewidth=0.0)
+            band = {"color": looks["color"], "alpha": 0.15, "linewidth": 0.0}
+            axes.fill_between(x, low, high, label=controllers[number], **band)
             axes.plot(x, y, linewidth=1.3, markersize=3.8, **looks)
         else:  # text values have nothing between them: no line, and bars side by side
             aside = _ASIDE * (number - 0.5 * (len(controllers) - 1)) / len(controllers)
@@ -115,7 +114,7 @@ def tail_panel(runs: Runs) -> Panel:
             if not len(own_errors) + not_completed:
                 continue  # all its runs are too short for an error figure
             x, y = survival(own_errors, not_completed)
-            looks = series(number) | {"marker": "", "linewidth": 1.4}
+            looks = series(number, runs.controllers[number]) | {"marker": "", "linewidth": 1.4}
             lost = not_completed / (len(own_errors) + not_completed)
             x, y = np.append(x, right), np.append(y, lost)
             axes.step(x, 100.0 * np.where(y > 0.0, y, np.nan), where="post", **looks)
@@ -143,7 +142,7 @@ def cost_panel(controllers: Sequence[str], groups: Sequence[Group], tails: Seque
             spans = [
                 [[end.value - end.ends[0]], [end.ends[1] - end.value]] for end in (cost, error)
             ]
-            looks: dict[str, Any] = series(group.controller) | {
+            looks: dict[str, Any] = series(group.controller, controllers[group.controller]) | {
                 "markersize": 7.0,
                 "linestyle": "none",
             }
@@ -165,7 +164,7 @@ def difference_panel(
 
     def draw(axes: Axes) -> None:
         for place, item in enumerate(differences):
-            looks: dict[str, Any] = series(item.controller) | {
+            looks: dict[str, Any] = series(item.controller, controllers[item.controller]) | {
                 "markersize": 6.0,
                 "linestyle": "none",
             }
@@ -176,7 +175,14 @@ def difference_panel(
         if not any(item.error_cm for item in differences):
             note(axes, 0.5, 0.5, "no pair completed", ha="center", color=GREY)
         axes.axvline(0.0, color=BLACK, linewidth=0.9)
-        dress(axes, "difference of the error, run by run [cm]", "")
+        label = "difference of the error, run by run [cm]"
+        if max((abs(item.error_cm.value) for item in differences if item.error_cm), default=0) > 10:
+            axes.set_xscale("symlog", linthresh=1.0)  # one poor controller hides no difference
+            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            left, right = axes.get_xlim()
+            axes.set_xlim(1.3 * min(left, -1.0), 1.3 * max(right, 1.0))
+            label += ", linear within 1 cm"
+        dress(axes, label, "")
         axes.set_yticks(
             range(len(differences)), [controllers[item.controller] for item in differences]
         )

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Final
+
+from matplotlib.figure import Figure
 
 from proving_ground.testbed.atomic_write import atomic_write
 
 from ..errors import OutputExists
 from ..figures import png
-from ..figures.panel import together
+from ..figures.panel import alone, together
 from .page import render_page
 from .report import SweepReport
 from .summary import render_summary
@@ -53,6 +57,17 @@ def docs_page(report: SweepReport) -> tuple[str, dict[str, bytes]]:
     prefix = f"{report.runs.name}-"
     pictures = {f"{prefix}{file}": content for file, content in _pictures(report).items()}
     return render_summary(report, prefix), pictures
+
+
+def panel_figures(report: SweepReport) -> dict[str, Callable[[], Figure]]:
+    """Return functions that draw the charts of a report, each as a figure of its own, by name."""
+    return {
+        re.sub(r"[^a-z0-9]+", "-", f"{section.name} {panel.title}".lower()).strip("-"): partial(
+            alone, panel
+        )
+        for section in report.sections
+        for panel in section.panels
+    }
 
 
 def _pictures(report: SweepReport) -> dict[str, bytes]:

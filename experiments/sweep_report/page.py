@@ -51,6 +51,7 @@ def render_page(report: SweepReport, folder: Path) -> str:
     return templates.get_template("sweep.html.j2").render(
         report=report,
         runs=runs,
+        failures=bool(runs.failed.any()),
         caveat=caveat(runs.unit_count, runs.units, tails=True),
         unmeasured=unmeasured_text(runs.unmeasured, runs.limit_m),
         study_toml=runs.study.dump(),

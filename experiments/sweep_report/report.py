@@ -20,13 +20,15 @@ from .aggregate import (
     cells,
     controller_groups,
     controller_tail,
+    difference_cells,
     paired_differences,
+    ranking,
 )
 from .axes import Scale, scales
 from .curves import cost_panel, curve_panels, difference_panel, holds_panel, tail_panel
 from .envelope_figure import envelope_panel
 from .envelope_results import EnvelopeResults
-from .heat import boundary_panel, error_maps, failure_maps
+from .heat import boundary_panel, difference_map, error_maps, failure_maps
 from .runs import Runs
 
 _MOST_MAPS: Final = 3  # pairs of axes
@@ -49,6 +51,7 @@ class SweepReport:
 
     runs: Runs
     against: int  # index of the controller that the others are compared with
+    rival: int  # index of the best of the others; the same without others
     groups: tuple[Group, ...]  # one per controller
     tails: tuple[Tail, ...]
     differences: tuple[PairedDifference, ...]
@@ -66,7 +69,8 @@ def make_report(
 
     Args:
         runs: of a sweep.
-        against: the controller that the others are compared with; the first of the study if None.
+        against: the controller that the others are compared with; if None the best rival, that
+            is the second of `ranking`.
         envelopes: results of `ttempc envelope` to include.
 
     Raises:
@@ -75,7 +79,9 @@ def make_report(
     controllers = runs.controllers
     if against is not None and against not in controllers:
         raise BadOptions(f"--against {against}: the study has {', '.join(controllers)}")
-    reference = 0 if against is None else controllers.index(against)
+    ranked = ranking(runs)
+    reference = ranked[min(1, len(ranked) - 1)] if against is None else controllers.index(against)
+    rival = next((number for number in ranked if number != reference), reference)
     axes = scales(runs)
     grid = tuple(scale for scale in axes if not scale.binned)
     groups = tuple(controller_groups(runs))
@@ -85,13 +91,14 @@ def make_report(
     return SweepReport(
         runs,
         reference,
+        rival,
         groups,
         tails,
         differences,
         grid,
         tuple(cells(runs, grid)) if grid else (),
         (
-            *_sections(runs, over, groups, tails, reference, differences),
+            *_sections(runs, over, groups, tails, (rival, reference), differences),
             *([_envelope_section(controllers, envelopes)] if envelopes else ()),
         ),
         tuple(_worst(runs, number) for number in range(len(controllers))),
@@ -104,13 +111,15 @@ def _sections(
     over: Sequence[tuple[Scale, list[Cell]]],
     groups: Sequence[Group],
     tails: Sequence[Tail],
-    against: int,
+    two: tuple[int, int],
     differences: Sequence[PairedDifference],
 ) -> list[Section]:
+    """Return the groups of charts; of `two` controllers, maps show the difference."""
     controllers = runs.controllers
+    names = controllers[two[0]], controllers[two[1]]
     overview = [tail_panel(runs), cost_panel(controllers, groups, tails)]
     if differences:
-        overview.append(difference_panel(controllers, against, differences))
+        overview.append(difference_panel(controllers, two[1], differences))
     grid = [(scale, grouped) for scale, grouped in over if not scale.binned]
     pairs = list(itertools.combinations([scale for scale, _ in grid], 2))
     maps = []
@@ -118,27 +127,28 @@ def _sections(
         # The axis with more values is horizontal, where a page is wider.
         up, across = sorted(pair, key=lambda scale: len(scale.texts))
         grouped = cells(runs, [across, up])
-        if number == 1:
+        if number == 1 and any(cell.group.fails for cell in grouped):
             overview.insert(0, boundary_panel(controllers, across, up, grouped))
+        maps_of_two = []
+        if differences:
+            paired = difference_cells(runs, [across, up], *two)
+            maps_of_two.append(difference_map(names, across, up, paired))
         maps.append(
             Section(
                 "maps" if number == 1 else f"maps-{number}",
                 f"{up.label} against {across.label}",
-                "Share of runs that failed, and mean 95 % cross-track error of those that "
-                "completed; hatched where none did."
+                "Mean 95 % cross-track error of the runs that completed; hatched where none did."
+                + (_difference(names) if differences else "")
+                + (" Last, the share of runs that failed." if runs.failed.any() else "")
                 + (" All other axes are pooled." if len(over) > 2 else ""),
-                tuple(
-                    itertools.chain.from_iterable(
-                        zip(
-                            failure_maps(controllers, across, up, grouped),
-                            error_maps(controllers, across, up, grouped),
-                            strict=True,
-                        )
-                    )
+                (
+                    *maps_of_two,
+                    *error_maps(controllers, across, up, grouped),
+                    *failure_maps(controllers, across, up, grouped),
                 ),
             )
         )
-    if len(grid) == 1:
+    if len(grid) == 1 and any(cell.group.fails for cell in grid[0][1]):
         overview.insert(0, holds_panel(controllers, *grid[0]))
     sections = [
         Section(
@@ -167,6 +177,13 @@ def _sections(
             )
         )
     return sections
+
+
+def _difference(names: tuple[str, str]) -> str:
+    return (
+        f" First, of pairs that completed, the error of {names[0]} less that of {names[1]}: blue "
+        f"where {names[0]} is better."
+    )
 
 
 def _envelope_section(controllers: Sequence[str], envelopes: Sequence[EnvelopeResults]) -> Section:

@@ -174,7 +174,8 @@ def read_sweep(folder: Path, limit_m: float | None = None) -> Runs:
     if not by_run:
         raise InvalidRows(f"{file}: holds no row yet")
     ordered = [by_run[run] for run in sorted(by_run)]
-    return Runs(folder.resolve().name.removeprefix("sweep-"), study, origin, ordered, limit_m)
+    name = str(origin.get("study") or folder.resolve().name.removeprefix("sweep-"))
+    return Runs(name, study, origin, ordered, limit_m)
 
 
 def _origin(file: Path) -> dict[str, Any]:

@@ -103,22 +103,17 @@ def _controllers(report: SweepReport) -> list[str]:
 
 def _differences(report: SweepReport) -> list[str]:
     against = report.runs.controllers[report.against]
-    heads = [
-        f"against `{against}`",
-        "paired runs",
-        "both completed",
-        "difference of errors",
-        "it alone failed",
-        f"`{against}` alone failed",
-    ]
+    failures = report.runs.failed.any()
+    heads = [f"against `{against}`", "paired runs", "both completed", "difference of errors"]
+    if failures:
+        heads += ["it alone failed", f"`{against}` alone failed"]
     rows = [
         (
             f"`{report.runs.controllers[item.controller]}`",
             str(len(item.runs)),
             str(item.pairs),
             format_estimate(item.error_cm, sign="+"),
-            str(len(item.alone_failed)),
-            str(len(item.other_failed)),
+            *((str(len(item.alone_failed)), str(len(item.other_failed))) if failures else ()),
         )
         for item in report.differences
     ]
@@ -127,7 +122,8 @@ def _differences(report: SweepReport) -> list[str]:
 
 def _cells(report: SweepReport) -> list[str]:
     labels = [scale.label for scale in report.scales]
-    heads = (*labels, "controller", "failed [%]", "error, mean", "runs")
+    failed = ["failed [%]"] if report.runs.failed.any() else []
+    heads = (*labels, "controller", *failed, "error, mean", "runs")
     rows = []
     for cell in report.cells:
         values = [
@@ -135,8 +131,9 @@ def _cells(report: SweepReport) -> list[str]:
         ]
         group = cell.group
         controller = f"`{report.runs.controllers[group.controller]}`"
-        failures, error = format_percent(group.failure_rate), format_estimate(group.error_cm)
-        rows.append((*values, controller, failures, error, format_numbers(group.runs)))
+        failures = [format_percent(group.failure_rate)] if failed else []
+        error = format_estimate(group.error_cm)
+        rows.append((*values, controller, *failures, error, format_numbers(group.runs)))
     return ["## Points", "", *_table(heads, rows)]
 
 

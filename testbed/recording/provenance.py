@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
@@ -36,6 +38,18 @@ def versions() -> dict[str, str]:
     versions["python"] = platform.python_version()
     commit = _commit(_ROOT)
     return {**versions, "commit": commit} if commit else versions
+
+
+@functools.cache
+def machine() -> Mapping[str, str]:
+    """Return processor, cores and system of this machine; its name is nobody's business."""
+    model = platform.processor() or platform.machine()
+    with contextlib.suppress(OSError):  # of Linux alone
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+        model = next(iter(names), model)
+    system = f"{platform.system()} {platform.release()}"
+    return {"processor": model, "cores": str(os.cpu_count()), "system": system}
 
 
 def run_id(scenario_toml: str, code: dict[str, str]) -> str:

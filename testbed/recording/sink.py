@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from ttempc.types import FloatArray
@@ -64,3 +64,23 @@ class Tee:
         """Pass on one path."""
         for sink in self._sinks:
             sink.path(topic, time_s, points)
+
+
+class OnEvent:
+    """Sink that calls a function with every event."""
+
+    def __init__(self, call: Callable[[Event], object]) -> None:
+        self._call = call
+
+    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
+        """Ignore a row."""
+
+    def event(self, event: Event) -> None:
+        """Pass on one event."""
+        self._call(event)
+
+    def scene(self, truth: Truth) -> None:
+        """Ignore a scene."""
+
+    def path(self, topic: str, time_s: float, points: FloatArray) -> None:
+        """Ignore a path."""

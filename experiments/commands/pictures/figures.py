@@ -1,19 +1,25 @@
-"""`ttempc figures`: figures of a run as files for a paper."""
+"""`ttempc figures`: figures of a run or of a sweep as files for a paper."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ...errors import BadOptions
 from .. import options
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 ABOUT = """\
-Draws the figures of a run from its log as vector graphics with editable text, and
-writes the data that each figure shows as CSV.
+Draws the figures of a run from its log, or those of a sweep from its rows, as vector
+graphics with editable text, and writes the data that each figure shows as CSV.
 
   ttempc figures runs/grass-ttempc-1/log.mcap
   ttempc figures log.mcap -o figures --format pdf --width single --only error cross-track
+  ttempc figures runs/sweep-terrain-slip --against pid --format svg
   ttempc figures log.mcap --style my-journal.mplstyle --format png --dpi 600
 """
 
@@ -24,13 +30,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from ...figures import FIGURES
     from ...figures.export import FORMATS, WIDTHS_CM, style_of
 
-    parser.add_argument("log", type=Path, metavar="LOG", help="log.mcap of a run")
+    parser.add_argument(
+        "source", type=Path, metavar="LOG|DIR", help="log.mcap of a run, or folder of a sweep"
+    )
     parser.add_argument(
         "-o",
         "--out",
         type=Path,
         metavar="DIR",
-        help="folder to make (default: beside the log); an existing one is refused",
+        help="folder to make (default: LOG-figures, or in the sweep's); an existing one is refused",
     )
     parser.add_argument(
         "--format",
@@ -53,7 +61,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--dpi", type=_between(30.0, 2400.0), default=300.0, help="of PNG (default: 300)"
     )
     parser.add_argument(
-        "--only", nargs="+", choices=list(FIGURES), metavar="NAME", help=f"of {', '.join(FIGURES)}"
+        "--only",
+        nargs="+",
+        metavar="NAME",
+        help=f"of a run: {', '.join(FIGURES)}; of a sweep: as its files are called",
+    )
+    parser.add_argument(
+        "--against",
+        metavar="NAME",
+        help="of a sweep: controller that the others are compared with, as in `ttempc report`",
     )
     parser.set_defaults(command=_figures)
 
@@ -84,24 +100,37 @@ def _between(low: float, high: float) -> Any:  # noqa: ANN401 - a reader for arg
 
 
 def _figures(arguments: argparse.Namespace) -> int:
-    from proving_ground.testbed.log.log_reader import read_log
-
-    from ...figures import FIGURES
     from ...figures.export import export_figures
     from ...output import make_folder, write_file
 
-    folder = arguments.out or arguments.log.with_name(f"{arguments.log.stem}-figures")
-    record = read_log(arguments.log)
+    source: Path = arguments.source
+    default = source.with_name(f"{source.stem}-figures")
+    folder = arguments.out or (source / "figures" if source.is_dir() else default)
+    figures = _drawn(arguments)
+    if unknown := [name for name in arguments.only or () if name not in figures]:
+        raise BadOptions(f"--only {unknown[0]}: {source} has {', '.join(figures)}")
+    chosen = {name: figures[name] for name in arguments.only or figures}
     make_folder(folder)
-    files = export_figures(
-        record,
-        arguments.formats,
-        arguments.width,
-        arguments.style,
-        arguments.dpi,
-        arguments.only or tuple(FIGURES),
-    )
-    for name, content in files:
+    for name, content in export_figures(
+        chosen, arguments.formats, arguments.width, arguments.style, arguments.dpi
+    ):
         write_file(folder / name, content)
         print(folder / name)
     return 0
+
+
+def _drawn(arguments: argparse.Namespace) -> dict[str, Callable[[], Figure]]:
+    """Return the functions that draw the figures of the log or of the sweep."""
+    if arguments.source.is_dir():
+        from ...sweep_report.files import panel_figures
+        from ...sweep_report.report import make_report
+        from ...sweep_report.runs import read_sweep
+
+        return panel_figures(make_report(read_sweep(arguments.source), arguments.against))
+    from proving_ground.testbed.log.log_reader import read_log
+
+    from ...figures.export import run_figures
+
+    if arguments.against is not None:
+        raise BadOptions("--against: goes with the folder of a sweep, not with a log")
+    return run_figures(read_log(arguments.source))

@@ -8,6 +8,8 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from proving_ground.testbed.terminal import one_line
+
 from .. import options
 
 if TYPE_CHECKING:
@@ -20,7 +22,8 @@ Drives all runs of a study in parallel and writes into DIR:
   study.toml      the study, resolved      versions.json   of the software
   logs/           the logs that the study keeps
 
-The same command continues an interrupted sweep. The keys of a study and the columns of a row are
+The same command continues an interrupted sweep. A study that has more seeds or values
+of axes than before keeps the rows that it has. The keys of a study and the columns of a row are
 in docs/sweeps.md.
 
 Exit code 0 if every run has a row, whatever its status, 2 for bad input (one line; no run is
@@ -33,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="STUDY", help="name of a shipped study or a .toml file")
     options.add_workers(parser)
     options.add_trust(parser)
+    options.add_verbosity(parser, "a line for each run that has ended")
     parser.add_argument(
         "-o",
         "--out",
@@ -62,7 +66,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
     plan = SweepPlan(name, study, trusted=arguments.trust)
     extent = plan.extent()
     folder = arguments.out or Path("runs") / f"sweep-{name}"
-    if arguments.dry_run or not is_begun(folder):
+    if arguments.dry_run or not (is_begun(folder) or arguments.quiet):
         for axis in find_inert_axes(plan):
             print(f"ttempc: note: axis {axis}: changes nothing, no run reads it", file=sys.stderr)
         for reason in extent.refused:
@@ -77,33 +81,46 @@ def _sweep(arguments: argparse.Namespace) -> int:
             lock_folder(folder, plan) as locked,
         ):
             started = True
-            sweep(plan, locked, submit, _Reporter(extent.runs))
+            sweep(plan, locked, submit, _Reporter(extent.runs, arguments))
     except KeyboardInterrupt:
         if not started:
             raise
         print(f"ttempc: interrupted; the same command carries on in {folder}", file=sys.stderr)
         return options.EXIT_INTERRUPTED
-    print(_summary(folder / "results.jsonl"))
+    if not arguments.quiet:
+        print(_summary(folder / "results.jsonl"))
     return 0
 
 
 class _Reporter:
     """Progress of a sweep: a bar on a terminal, else a line after each tenth of the runs."""
 
-    def __init__(self, runs: int) -> None:
+    def __init__(self, runs: int, arguments: argparse.Namespace) -> None:
         from tqdm import tqdm
 
-        self._bar = tqdm(
-            total=runs, unit="run", disable=not sys.stderr.isatty(), leave=False, smoothing=0.05
-        )
+        self._quiet, self._verbose = arguments.quiet, arguments.verbose
+        shown = sys.stderr.isatty() and not self._quiet
+        self._bar = tqdm(total=runs, unit="run", disable=not shown, leave=False, smoothing=0.05)
         self._every = max(1, runs // 10)
 
     def __call__(self, progress: Progress) -> None:
         self._bar.update(progress.done - self._bar.n)
-        if self._bar.disable and progress.done % self._every == 0:
+        if self._verbose:
+            self._bar.write(_line(progress), file=sys.stderr)
+        elif self._bar.disable and not self._quiet and progress.done % self._every == 0:
             print(f"{progress.done} of {progress.runs} runs", file=sys.stderr, flush=True)
         if progress.done == progress.runs:
             self._bar.close()
+
+
+def _line(progress: Progress) -> str:
+    """Return the run that has ended in one line."""
+    row = progress.row
+    why = f": {row['failure']}" if row["failure"] else ""
+    return one_line(
+        f"{progress.done} of {progress.runs}: run {row['run']}, {row['scenario']}, "
+        f"{row['controller']}, seed {row['seed']}, {row['status']}{why}"
+    )
 
 
 def _summary(results: Path) -> str:

@@ -9,9 +9,13 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.figures import FIGURES
-from proving_ground.experiments.figures.export import export_figures, figure_csv
+from proving_ground.experiments.figures.export import export_figures, run_figures
+from proving_ground.experiments.figures.figure_data import figure_csv
 from proving_ground.experiments.results.tracking_errors import tracking_errors
+from proving_ground.experiments.sweep_report.report import make_report
+from proving_ground.experiments.sweep_report.runs import read_sweep
 from proving_ground.testbed.log.log_reader import read_log
+from tests.experiments.sweep_rows import AXES, swept
 
 
 @pytest.fixture(scope="module")
@@ -63,17 +67,64 @@ def test_the_width_is_that_of_the_file(log, tmp_path, width, inches):
 
 
 def test_text_stays_text_and_equal_figures_give_equal_files(record):
-    files = dict(export_figures(record, ["pdf", "svg"], only=["error"]))
+    error = {"error": run_figures(record)["error"]}
+    files = dict(export_figures(error, ["pdf", "svg"]))
     assert b">tractor error [cm]<" in files["error.svg"]
     assert b"/FontFile2" in files["error.pdf"]  # TrueType, not outlines
-    assert dict(export_figures(record, ["pdf", "svg"], only=["error"])) == files
+    assert dict(export_figures(error, ["pdf", "svg"])) == files
 
 
 def test_a_style_changes_the_font(record, tmp_path):
     style = tmp_path / "mine.mplstyle"
     style.write_text("font.family: monospace\n")
-    (_, svg), _ = export_figures(record, ["svg"], style=str(style), only=["error"])
+    (_, svg), _ = export_figures({"error": run_figures(record)["error"]}, ["svg"], style=str(style))
     assert b"monospace" in svg
+
+
+def test_the_csv_of_a_sweep_has_the_numbers_of_its_report(tmp_path):
+    folder = swept(tmp_path, "seeds = 2", AXES)
+    target = tmp_path / "figures"
+    assert main(["figures", str(folder), "-o", str(target), "--format", "svg"]) == 0
+    report = make_report(read_sweep(folder))
+    ttempc = report.runs.controllers.index("ttempc")
+
+    def rows(name):
+        return list(csv.DictReader(io.StringIO((target / f"{name}.csv").read_text())))
+
+    cells = rows("maps-ttempc-trailer-cross-track-p95-cm")
+    shown = {(row["y"], row["x"]): float(row["value"]) for row in cells}
+    iso, cone = report.scales
+    assert shown == {
+        (iso.texts[cell.places[0]], cone.texts[cell.places[1]]): pytest.approx(
+            cell.group.error_cm.value, rel=1e-8
+        )
+        for cell in report.cells
+        if cell.group.controller == ttempc
+    }
+    by_controller = {
+        report.runs.controllers[item.controller]: item.error_cm for item in report.differences
+    }
+    against = report.runs.controllers[report.against]
+    for row in rows(f"overview-better-left-or-worse-than-{against}"):
+        value = by_controller[row["line"]]
+        ends = [float(row[name]) for name in ("x", "x_low", "x_high")]
+        assert ends == pytest.approx([value.value, value.low, value.high], rel=1e-8)
+    curve = rows("curves-error-of-completed-runs-over-cone-index-kpa")
+    assert {row["line"] for row in curve} == {*report.runs.controllers}
+    assert all(float(row["y_low"]) <= float(row["y"]) <= float(row["y_high"]) for row in curve)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--only", "all"), "--only all: "),
+        (("--against", "pid"), "goes with the folder of a sweep"),
+    ],
+)
+def test_figures_that_a_log_does_not_have_are_refused(arguments, words, log, tmp_path, capsys):
+    assert main(["figures", str(log), "-o", str(tmp_path / "f"), *arguments]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "f").exists()
 
 
 @pytest.mark.parametrize(

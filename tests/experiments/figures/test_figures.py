@@ -2,13 +2,16 @@
 
 import io
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from PIL import Image
 
 from proving_ground.experiments.figures import CAPTIONS, FIGURES, draw, png
 from proving_ground.experiments.figures.panel import Panel, alone, svg, together
+from proving_ground.experiments.figures.style import series
 from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
@@ -258,3 +261,23 @@ def test_the_tool_is_drawn_where_it_works():
     driven = line(FIGURES["path"](run).axes[0], "tool, lowered")
     assert np.array_equal(driven[works], run[TOOL].columns("x_m", "y_m")[works])
     assert len(FIGURES["error"](record()).axes) == 2
+
+
+def test_ten_series_have_ten_colours_that_are_told_apart():
+    """Distance in CIE Lab (CIE 15), 2.3 of which are just noticeable; 20 differ in the line."""
+    to_xyz = np.array(
+        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
+    )
+
+    def lab(colour):
+        rgb = np.array(to_rgb(colour))
+        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+        f = to_xyz @ linear / (0.9505, 1.0, 1.089)
+        f = np.where(f > (6 / 29) ** 3, np.cbrt(f), f / (3 * (6 / 29) ** 2) + 4 / 29)
+        return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+    colours = [series(number)["color"] for number in range(10)]
+    for one, other in combinations(colours, 2):
+        assert np.linalg.norm(lab(one) - lab(other)) > 10 * 2.3
+    lines = {(item["color"], item["linestyle"]) for item in map(series, range(20))}
+    assert len(lines) == 20

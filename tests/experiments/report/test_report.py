@@ -13,6 +13,7 @@ from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.published import compare
 from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.testbed.recording.record import Event
+from tests.browser import luminances, measured, needs_browser, printed_pages
 from tests.records import record
 
 FACTS = RunFacts(
@@ -32,7 +33,7 @@ SCENARIO = 'name = "made-up"\n# <script>alert(1)</script>\n'
 class Page(HTMLParser):
     """Parser that checks the nesting of tags and collects links and images."""
 
-    VOID = frozenset({"meta", "img", "br", "link"})
+    VOID = frozenset({"meta", "img", "br", "link", "input"})
 
     def __init__(self, text):
         super().__init__()
@@ -66,7 +67,14 @@ def pictures(run):
 @pytest.fixture(scope="module")
 def text(run, pictures):
     summary = summarise(run, FACTS)
-    return render_run_report(summary, run.events, SCENARIO, pictures, comparison=compare(summary))
+    return render_run_report(
+        summary,
+        run,
+        SCENARIO,
+        pictures,
+        description="Sand & <b>stones</b>",
+        comparison=compare(summary),
+    )
 
 
 def test_it_loads_no_other_file(text):
@@ -97,8 +105,18 @@ def test_it_shows_errors_status_and_events(text):
         "31.40 s",
         "ield experiment; here: simulation",
         "60.0 s",
+        "Sand &amp; &lt;b&gt;stones",
     ):
         assert word in text
+
+
+def test_date_and_machine_of_the_run_are_shown_as_far_as_known(run):
+    metadata = {"started": "2026-03-01T23:30:00+02:00", "machine": "an abacus, 3 cores"}
+    dated = replace(run, metadata=metadata)
+    text = render_run_report(summarise(run, FACTS), dated, SCENARIO, {})
+    assert "Driven on 01 March 2026, 21:30 UTC, on an abacus, 3 cores." in text
+    unknown = render_run_report(summarise(run, FACTS), replace(run, metadata={}), SCENARIO, {})
+    assert "Driven on an unknown day, on an unknown machine." in unknown
 
 
 def test_text_is_escaped(text):
@@ -109,7 +127,8 @@ def test_text_is_escaped(text):
 
 def test_a_flood_of_events_is_cut_and_counted(run, pictures):
     events = [Event(float(k), "info", f"event {k} of many") for k in range(250)]
-    text = render_run_report(summarise(run, FACTS), events, SCENARIO, pictures)
+    flooded = replace(run, events=events)
+    text = render_run_report(summarise(run, FACTS), flooded, SCENARIO, pictures)
     assert text.count("of many") == 100
     assert "150 more in the log" in text
 
@@ -117,15 +136,40 @@ def test_a_flood_of_events_is_cut_and_counted(run, pictures):
 def test_a_run_without_log_failure_events_or_numbers_has_a_report():
     facts = replace(FACTS, status="completed", failure=None, log=None)
     empty = record(duration_s=0.0)
-    page = Page(render_run_report(summarise(empty, facts), (), "", {}))
+    page = Page(render_run_report(summarise(empty, facts), empty, "", {}))
     assert page.links == ["summary.json", "scenario.toml"]
 
 
 def test_the_report_of_a_run_with_an_implement_has_its_tool_and_draft():
-    summary = summarise(record(tool=(0.03, 0.04)), FACTS)
-    text = render_run_report(summary, (), SCENARIO, {})
+    with_tool = record(tool=(0.03, 0.04))
+    text = render_run_report(summarise(with_tool, FACTS), with_tool, SCENARIO, {})
     for words in ("tool, straight", "tool, curve", "tool, all", "draft 919 N (mean)"):
         assert words in text
-    without = render_run_report(summarise(record(), FACTS), (), SCENARIO, {})
+    without = render_run_report(summarise(record(), FACTS), record(), SCENARIO, {})
     assert "tool, " not in without
     assert "draft" not in without
+
+
+@needs_browser
+def test_it_fits_a_phone_a_tablet_and_a_screen_and_prints_three_pages(text, tmp_path):
+    """Nothing is cut off sideways: what is wider than the page scrolls within its own box."""
+    file = tmp_path / "report.html"
+    file.write_text(text)
+    for width, page in measured(file, (390, 768, 1280), tmp_path).items():
+        assert page["width"] <= width, "the page itself does not scroll sideways"
+        assert page["outside"] == [], "every element lies on the page or in a box that scrolls"
+        assert all(0.8 * min(width, 864) <= image <= width for image in page["images"])
+        assert page["hint"] is (page["scrolls"] > 0), "a hint where a table scrolls"
+    assert printed_pages(file, tmp_path) <= 3
+
+
+@needs_browser
+def test_the_settings_are_folded_and_a_dark_page_is_dark(text, tmp_path):
+    file = tmp_path / "report.html"
+    file.write_text(text)
+    light = luminances(file, tmp_path)
+    dark = luminances(file, tmp_path, "--blink-settings=preferredColorScheme=0")
+    assert light["paper"] > 0.9 > 0.1 > dark["paper"]
+    for page in (light, dark):
+        assert abs(page["ink"] - page["paper"]) > 0.5
+    assert light["open"] == dark["open"] == 0

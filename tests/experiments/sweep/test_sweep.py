@@ -15,12 +15,14 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import SweepRefused, SweepStopped
+from proving_ground.experiments.sweep import folder as folder_module
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.results import rows
 from proving_ground.experiments.sweep.row import columns, no_figures
 from proving_ground.experiments.sweep.sweep import sweep
 from proving_ground.experiments.sweep.work import run_job
+from proving_ground.testbed.recording.provenance import versions
 from tests.experiments.study_files import CONTROLLERS, SHORT, STRENGTHS, plan_of
 
 WORST = "tracking.all.trailer.cross_p95_m"
@@ -31,7 +33,7 @@ def synthetic_row(job):
     lost = job.run % 5 == 4
     log = ""
     if job.keep != "none":
-        log = f"logs/{job.run}.mcap"
+        log = f"logs/{job.run_id}.mcap"
         (job.folder / log).touch()
     numbers = {**no_figures(), WORST: None if lost else float(job.run % 7)}
     return job.row("lost" if lost else "completed", "rolled" if lost else None, numbers, 0.1, log)
@@ -88,6 +90,58 @@ def test_runs_that_have_rows_are_not_driven_again(tmp_path):
     swept(plan, tmp_path / "out", work=pytest.fail)
 
 
+@pytest.mark.parametrize("part", ["seeds = 2", "seeds = [2, 1]"])
+def test_a_study_that_grows_keeps_its_rows_and_drives_the_others(part, tmp_path):
+    """Seeds, controllers and an axis are added; the rows are those of a new sweep of all."""
+    first = plan_of(tmp_path, 'keep = "all"', SHORT, CONTROLLERS)
+    swept(first, tmp_path / "out")
+    whole = (CONTROLLERS.replace('["paper"', '["pid", "paper"'), STRENGTHS.replace("200", "600"))
+    more = plan_of(tmp_path, part, 'keep = "all"', SHORT, *whole)
+    driven = []
+
+    def counted(job):
+        driven.append(job.run_id)
+        return synthetic_row(job)
+
+    grown = swept(more, tmp_path / "out", counted)
+    new = swept(more, tmp_path / "new")
+    known = {first.identity(first[run], versions()) for run in first.runs()}
+    assert len(driven) == more.size - len(known)
+    assert not known & {*driven}
+    same = ("run_id", "run", "point", "seed", "controller", "soil.cone_index_kpa", "log")
+    assert [[row[key] for key in same] for row in grown] == [
+        [row[key] for key in same] for row in new
+    ]
+    assert all(list(row) == [*columns(more.study.names)] for row in grown)
+    swept(more, tmp_path / "out", pytest.fail)
+    assert len({row["log"] for row in grown}) == more.size
+
+
+def test_growth_that_was_cut_off_is_made_up_for(tmp_path, monkeypatch):
+    swept(plan_of(tmp_path, SHORT, CONTROLLERS), tmp_path / "out")
+    more = plan_of(tmp_path, "seeds = 3", SHORT, CONTROLLERS)
+    writes = []
+
+    def dies(file, text):
+        writes.append(file.name)
+        if len(writes) == cut:
+            raise SweepStopped("killed")
+        write(file, text)
+
+    write = folder_module._write
+    for last in (1, 2, 3):
+        cut = last
+        monkeypatch.setattr(folder_module, "_write", dies)
+        writes.clear()
+        with pytest.raises(SweepStopped, match="killed"):
+            swept(more, tmp_path / "out")
+        monkeypatch.setattr(folder_module, "_write", write)
+    rows_of_all = swept(more, tmp_path / "out")
+    assert [(row["run"], row["seed"]) for row in rows_of_all] == [
+        (run, more[run].seed) for run in range(more.size)
+    ]
+
+
 def test_a_run_that_raises_is_a_row_with_the_same_columns(tmp_path, monkeypatch):
     plan = plan_of(tmp_path, SHORT, CONTROLLERS)
 
@@ -105,8 +159,9 @@ def test_logs_are_kept_and_named_in_the_rows(keep, kept, tmp_path):
     plan = plan_of(tmp_path, f'keep = "{keep}"', SHORT, CONTROLLERS)
     results = swept(plan, tmp_path / "out", run_job)
     names = sorted(file.name for file in (tmp_path / "out" / "logs").iterdir())
-    assert names == [f"{run}.mcap" for run in kept]
-    assert [row["log"] for row in results if row["log"]] == [f"logs/{run}.mcap" for run in kept]
+    logs = [f"{results[run]['run_id']}.mcap" for run in kept]
+    assert names == sorted(logs)
+    assert [row["log"] for row in results if row["log"]] == [f"logs/{log}" for log in logs]
 
 
 def test_the_worst_runs_are_those_that_were_lost_and_those_that_err_most(tmp_path):
@@ -114,9 +169,8 @@ def test_the_worst_runs_are_those_that_were_lost_and_those_that_err_most(tmp_pat
     results = swept(plan, tmp_path / "out")
     named = {row["run"] for row in results if row["log"]}
     assert named == {4, 9, 5, 6}  # two lost, and figures 5 and 6
-    assert {file.name for file in (tmp_path / "out" / "logs").iterdir()} == {
-        f"{run}.mcap" for run in named
-    }
+    kept = {row["log"] for row in results if row["log"]}
+    assert {f"logs/{file.name}" for file in (tmp_path / "out" / "logs").iterdir()} == kept
 
 
 def test_a_folder_in_which_a_sweep_is_at_work_is_refused(tmp_path):
@@ -133,7 +187,7 @@ def test_another_study_other_versions_and_foreign_folders_are_refused(tmp_path):
     plan = plan_of(tmp_path, SHORT)
     swept(plan, tmp_path / "out")
     before = {file: file.read_bytes() for file in (tmp_path / "out").glob("[!.]*.*")}
-    with pytest.raises(SweepRefused, match="holds another study"):
+    with pytest.raises(SweepRefused, match=r"holds 1 rows of runs that are not in study tiny"):
         swept(plan_of(tmp_path, SHORT, STRENGTHS), tmp_path / "out")
     assert {file: file.read_bytes() for file in before} == before
 

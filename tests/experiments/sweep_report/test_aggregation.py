@@ -13,17 +13,20 @@ from proving_ground.experiments.errors import InvalidRows
 from proving_ground.experiments.scenario.scenario import dump, load
 from proving_ground.experiments.sweep.failure import ERROR
 from proving_ground.experiments.sweep.plan import SweepPlan
+from proving_ground.experiments.sweep.row import no_figures
 from proving_ground.experiments.sweep.study import load_study
 from proving_ground.experiments.sweep_report.aggregate import (
     cells,
     controller_groups,
     controller_tail,
+    difference_cells,
     paired_differences,
+    ranking,
 )
 from proving_ground.experiments.sweep_report.axes import scales
 from proving_ground.experiments.sweep_report.format import format_numbers, rerun_command
 from proving_ground.experiments.sweep_report.runs import read_sweep
-from tests.experiments.sweep_rows import AXES, DRAWN, swept
+from tests.experiments.sweep_rows import AXES, DRAWN, swept, synthetic_row
 
 
 @pytest.fixture(scope="module")
@@ -225,3 +228,37 @@ def test_runs_of_refused_combinations_are_not_missing(tmp_path, capsys):
     assert main(["report", str(folder)]) == 0
     assert "12 refused" in (folder / "report" / "summary.md").read_text()
     assert "12 refused" in (folder / "report" / "report.html").read_text()
+
+
+def test_the_best_have_the_least_median_and_gain_nothing_by_runs_that_fail(runs, tmp_path):
+    assert [runs.controllers[number] for number in ranking(runs)] == [
+        "ttempc",
+        "paper",
+        "feedforward",
+    ]
+
+    def best_or_lost(job):
+        row = synthetic_row(job)
+        if job.scenario.controller.name != "feedforward" or row["status"] == "lost":
+            return row
+        if job.scenario.terrain.iso_class == "C":
+            return job.row("lost", "rolled", no_figures(), 0.1)
+        return {**row, ERROR: 1e-6}  # in the third of its runs that it completes
+
+    spoilt = read_sweep(swept(tmp_path, "seeds = 2", AXES, work=best_or_lost))
+    assert spoilt.controllers[ranking(spoilt)[-1]] == "feedforward"
+
+
+def test_differences_of_cells_average_to_that_of_all_pairs(runs):
+    """Every cell has as many pairs, so that the mean of their means is that of all."""
+    axes = [scale for scale in scales(runs) if not scale.binned]
+    ttempc, paper = map(runs.controllers.index, ("ttempc", "paper"))
+    (whole,) = (item for item in paired_differences(runs, paper) if item.controller == ttempc)
+    parts = difference_cells(runs, axes, ttempc, paper)
+    assert len(parts) == 12
+    average = np.mean([part.error_cm.value for part in parts])
+    assert average == pytest.approx(whole.error_cm.value)
+    back = difference_cells(runs, axes, paper, ttempc)
+    assert [part.error_cm.value for part in back] == pytest.approx(
+        [-part.error_cm.value for part in parts]
+    )

@@ -5,7 +5,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
 from dataclasses import asdict
 from functools import reduce
 from html.parser import HTMLParser
@@ -17,9 +16,9 @@ from proving_ground.experiments.sweep.envelope import Envelope, Probe, Question
 from proving_ground.experiments.sweep_report.files import docs_page
 from proving_ground.experiments.sweep_report.report import make_report
 from proving_ground.experiments.sweep_report.runs import read_sweep
+from tests.browser import dump_dom, measured, needs_browser
 from tests.experiments.sweep_rows import AXES, DRAWN, swept, synthetic_row
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 VOID = {"meta", "br", "path", "use"}
 
 
@@ -237,7 +236,43 @@ def refused(folder, file, words, capsys):
     assert not (folder / "report").exists()
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="needs a browser: Debian's package chromium")
+def test_the_title_is_the_study_in_whatever_folder(folder, tmp_path):
+    moved = shutil.copytree(folder, tmp_path / "s2")
+    assert "<h1>made-up</h1>" in report_page(moved)
+
+
+def test_where_no_run_fails_no_table_or_chart_shows_failures(tmp_path):
+    harmless = AXES.replace(', "feedforward"', "")
+    folder = swept(tmp_path, "seeds = 2", harmless)
+    page, summary = report_page(folder), (folder / "report" / "summary.md").read_text()
+    for words in ("nowhere", "alone<br>failed", "Failed runs over", "failed [%]</figcaption>"):
+        assert words not in page
+    assert "failed" not in re.search(r'id="cells".*?</thead>', page, re.DOTALL)[0]
+    assert "| failed [%] |" not in summary.partition("## Points")[2]
+    assert page.count("minus") == 1  # the map of the difference of the two best
+    assert "ttempc minus paper: error [cm]" in page
+
+
+def test_the_reference_is_the_best_rival_or_that_of_the_reader(folder, tmp_path, capsys):
+    copied = shutil.copytree(folder, tmp_path / folder.name)
+    page = report_page(copied)
+    assert "Differences to paper" in page  # the second best; feedforward fails a third
+    assert "ttempc minus paper" in page
+    page = report_page(copied, "--against", "ttempc")
+    assert "Differences to ttempc" in page
+    assert "paper minus ttempc" in page
+    assert main(["report", str(copied), "--against", "nobody"]) == 2
+    assert "--against nobody: the study has paper, ttempc, feedforward" in capsys.readouterr().err
+
+
+@needs_browser
+def test_the_page_fits_a_phone_and_a_screen(folder, text, tmp_path):
+    for width, page in measured(folder / "report" / "report.html", (390, 1280), tmp_path).items():
+        assert page["width"] <= width
+        assert page["outside"] == []
+
+
+@needs_browser
 def test_a_browser_sorts_tables_and_picks_runs(folder, text, tmp_path):
     # Two clicks on "error, mean" of the controllers, one on the failed runs of feedforward.
     clicks = """<script>
@@ -247,20 +282,12 @@ def test_a_browser_sorts_tables_and_picks_runs(folder, text, tmp_path):
     </script>"""
     file = tmp_path / "clicked.html"
     file.write_text(text.replace("</body>", f"{clicks}</body>"))
-    options = ("--no-sandbox", "--disable-gpu", "--virtual-time-budget=2000", "--dump-dom")
-    profile = f"--user-data-dir={tmp_path / 'profile'}"
-    done = subprocess.run(
-        [CHROMIUM, "--headless", *options, profile, file.as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    table = re.search(r'id="controllers".*?</table>', done.stdout, re.DOTALL)[0]
+    page = dump_dom(file, tmp_path)
+    table = re.search(r'id="controllers".*?</table>', page, re.DOTALL)[0]
     order = re.findall(r"<tr><td>([\w-]+)</td>", table)
     assert order == ["feedforward", "paper", "ttempc"]
     assert 'aria-sort="descending"' in table
-    shown = re.findall(r'<tr data-run="(\d+)">', done.stdout)
+    shown = re.findall(r'<tr data-run="(\d+)">', page)
     assert [int(run) for run in shown] == list(range(1, 72, 3))
-    assert "24 picked." in done.stdout
-    assert re.search(r'<details id="runs"[^>]* open', done.stdout)
+    assert "24 picked." in page
+    assert re.search(r'<details id="runs"[^>]* open', page)

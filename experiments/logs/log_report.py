@@ -1,0 +1,105 @@
+"""Report of a run from its log alone, also of a torn or an old one."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, cast
+
+from proving_ground.testbed.configuration.config_io import parse_toml
+from proving_ground.testbed.errors import TestbedError
+from proving_ground.testbed.log.log_content import read_content
+from proving_ground.testbed.log.log_reader import SALVAGED_KEY, record_of
+from proving_ground.testbed.log.log_recovery import RECOVERED_KEY
+from proving_ground.testbed.recording.channels import CHANNELS, STATE
+from proving_ground.testbed.recording.record import Record
+from proving_ground.testbed.recording.topics import EVENT_TOPIC
+from ttempc.errors import TtempcError
+
+from ..errors import ExperimentError, InvalidReplay
+from ..figures import draw
+from ..report.run_report import render_run_report
+from ..results.metrics import summarise
+from ..results.published import PublishedError, applies_to, compare
+from ..results.summary import RunFacts, Status, Summary
+from ..run.log_file import versions_of
+from ..scenario.scenario import ScenarioFile, identity
+
+_SCENARIO: Final = "scenario.toml"
+_FOR_VIEWERS: Final = ("settings: ", "run begins: ", "run ends: ")  # the page says it elsewhere
+_ENDS: Final = re.compile(r"run ends: (completed|stopped|lost|invalid) after")
+
+
+def report_of_log(log: Path) -> str:
+    """Return the page of a run as `ttempc run` makes it, as far as its log has the numbers.
+
+    Raises:
+        LogError: no such file, not a log of this project, or of another version of it.
+        InvalidReplay: the log has no states, or not its scenario.
+    """
+    topics = {EVENT_TOPIC, *(channel.topic for channel in CHANNELS)}
+    content = read_content(log, topics.__contains__)
+    record = record_of(content)
+    if _SCENARIO not in content.attachments or not len(record[STATE]):
+        raise InvalidReplay(f"{log}: has no {_SCENARIO} or no state, as a log that was cut early")
+    if not {"scenario", "controller"} <= {*record.metadata} or not _seed(record).isdecimal():
+        raise InvalidReplay(f"{log}: does not say scenario, controller and seed of its run")
+    metadata = dict(record.metadata)
+    if content.salvage is not None:
+        metadata[SALVAGED_KEY] = str(content.salvage)
+    text = content.attachments[_SCENARIO].decode(errors="replace")
+    source = ScenarioFile(log, parse_toml(text, InvalidReplay, f"{log}: {_SCENARIO}"))
+    summary = summarise(record, _facts(log, replace(record, metadata=metadata), text))
+    kept = [event for event in record.events if not event.text.startswith(_FOR_VIEWERS)]
+    return render_run_report(
+        summary,
+        replace(record, events=kept),
+        text,
+        draw(record),
+        description=str(source.content.get("description", "")),
+        comparison=_comparison(source, summary),
+        files=(),
+    )
+
+
+def _facts(log: Path, record: Record, scenario_toml: str) -> RunFacts:
+    metadata, versions = record.metadata, versions_of(record.metadata)
+    seed = int(_seed(record))
+    status, failure = _outcome(record)
+    return RunFacts(
+        run_id=identity(scenario_toml, seed, versions),
+        scenario=metadata["scenario"],
+        controller=metadata["controller"],
+        seed=seed,
+        status=status,
+        failure=failure,
+        wall_s=None,
+        versions=versions,
+        log=log.name,
+    )
+
+
+def _seed(record: Record) -> str:
+    return record.metadata.get("seed", "")
+
+
+def _outcome(record: Record) -> tuple[Status, str | None]:
+    """Return how the run of a log ended, and why where it did not complete."""
+    errors = [event.text for event in record.events if event.level == "error"]
+    ends = [match[1] for event in record.events if (match := _ENDS.match(event.text))]
+    torn = record.metadata.get(SALVAGED_KEY) or record.metadata.get(RECOVERED_KEY)
+    failure = errors[0] if errors else None
+    if ends:
+        return cast(Status, ends[-1]), failure
+    if torn:
+        return "torn", failure or f"the log is not whole: {torn}"
+    return ("ended early" if errors else "completed"), failure
+
+
+def _comparison(source: ScenarioFile, summary: Summary) -> tuple[PublishedError, ...]:
+    """Return the published errors where they apply; not to a scenario of another version."""
+    try:
+        return compare(summary) if applies_to(source.scenario()) else ()
+    except (ExperimentError, TestbedError, TtempcError):
+        return ()
