@@ -1,4 +1,4 @@
-"""`ttempc log`: show, export, check, recover, replay or calibrate from a log."""
+"""`ttempc log`: show, export, check, recover, replay, convert or calibrate from a log."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from . import options
 ABOUT = """\
   ttempc log info LOG.mcap                     run, duration, failure, topics, events
   ttempc log export LOG.mcap --out DIR         CSV, one file per topic; --format parquet
+  ttempc log ros2 LOG.mcap -o BAG.mcap         for rosbag2: CDR, standard messages; extra `ros2`
   ttempc log check LOG.mcap                    is it whole, complete, of this version?
   ttempc log check TORN.part --recover NEW.mcap
   ttempc log replay LOG.mcap                   errors and consistency of the estimator
@@ -55,6 +56,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     export.add_argument("--format", choices=("csv", "parquet"), default="csv", dest="form")
     export.set_defaults(command=_export)
+    ros2 = actions.add_parser("ros2", help="a file for the tools of rosbag2 (extra `ros2`)")
+    ros2.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="BAG.mcap",
+        help="file to write (default: LOG-ros2.mcap beside the log)",
+    )
+    ros2.set_defaults(command=_ros2)
     check = actions.add_parser("check", help="validate a log, recover a torn one")
     check.add_argument(
         "--recover", type=Path, metavar="NEW.mcap", help="write the readable part as a whole log"
@@ -72,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, metavar="VEHICLE.toml", help="vehicle file to write"
     )
     calibrate.set_defaults(command=_calibrate)
-    for action in (info, export, check, replay, calibrate):
+    for action in (info, export, ros2, check, replay, calibrate):
         action.add_argument("log", type=Path, metavar="LOG")
 
 
@@ -100,6 +110,20 @@ def _export(arguments: argparse.Namespace) -> int:
     if content.salvage is not None:
         print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
     print("\n".join(map(str, files)))
+    return 0
+
+
+def _ros2(arguments: argparse.Namespace) -> int:
+    from proving_ground.testbed.log.log_content import read_content
+
+    from ..logs.ros2_export import export_ros2
+
+    content = read_content(arguments.log)
+    file = arguments.out or arguments.log.with_name(f"{arguments.log.stem}-ros2.mcap")
+    export_ros2(content, file)
+    if content.salvage is not None:
+        print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
+    print(file)
     return 0
 
 
