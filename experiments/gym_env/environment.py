@@ -17,6 +17,7 @@ from proving_ground.testbed.simulation.loop import (
     SimulationSetup,
     TickContext,
     estimate,
+    log_control,
     log_timing,
     log_truth,
     periods,
@@ -39,7 +40,12 @@ from ..scenario.scenario import parse_overrides, read_scenario
 from .reward import reward
 from .sensor_observer import SensorObserver, sensor_names
 
-_LEFT_OUT: Final = (prepare, log_truth, log_timing)  # stages that serve real time and the log
+_LEFT_OUT: Final = (
+    prepare,
+    log_control,
+    log_truth,
+    log_timing,
+)  # stages that serve real time and the log
 _SEEDS: Final = 2**32  # as of `ttempc run --seed`
 
 Observation = Literal["estimate", "sensors"]
@@ -147,9 +153,8 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
     def step(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
         """Drive a control period.
 
-        `info` has the time, the distances of both points from their references, the command that
-        was sent, the fallback of the supervisor where one acted, and at the end the run's status
-        and failure.
+        `info` has the distances of both points from their references, the fallback of the
+        supervisor where one acted, and at the end status, failure and time of the run.
 
         Raises:
             ResetNeeded: the run has ended.
@@ -170,18 +175,18 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         errors = self._errors_m()
         ended_early = outcome is not None and outcome.status != "completed"
         left = self._ticks - self._guidance.reference_tick if ended_early else 0
-        gained = reward(errors, (self._sent - previous) / self._limits.step, left)
+        change = ((self._sent - previous) / self._limits.step).tolist()
+        gained = reward(errors, change, left)
         info: dict[str, Any] = {
-            "time_s": self._tick.now.time_s,
-            "tractor_error_m": float(errors[0]),
-            "trailer_error_m": float(errors[1]),
-            "command": self._sent.copy(),
+            "tractor_error_m": errors[0],
+            "trailer_error_m": errors[1],
         }
         if fallback := self._guidance.diagnostics.fallback:
             info["fallback"] = fallback
         if outcome is not None:
             self._run = None
             info |= {"status": outcome.status, "failure": outcome.failure or ""}
+            info["time_s"] = outcome.duration_s
             if outcome.status != "invalid":
                 for stage in (sense, estimate):  # of the tick that no command follows
                     stage(self._setup, self._tick)
@@ -221,17 +226,15 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
             self._estimates = EstimateObserver(self._reference, self._guidance.period_s)
         return self._estimates.observe(tick.estimate, k, self._sent)
 
-    def _errors_m(self) -> FloatArray:
-        """Return the true distances of both points from their references, (2,) [m]."""
+    def _errors_m(self) -> tuple[float, float]:
+        """Return the true distances of both points from their references [m]."""
         truth, setup = self._tick.now, self._setup
         # The next tick has begun, unless the run has ended: the reference is that of now.
         row = setup.reference_row(self._guidance.reference_tick * setup.control_steps, truth)
         x_t, y_t, _, x_i, y_i = row[:5].tolist()
-        return np.array(
-            [
-                math.hypot(truth.tractor.x - x_t, truth.tractor.y - y_t),
-                math.hypot(truth.trailer.x - x_i, truth.trailer.y - y_i),
-            ]
+        return (
+            math.hypot(truth.tractor.x - x_t, truth.tractor.y - y_t),
+            math.hypot(truth.trailer.x - x_i, truth.trailer.y - y_i),
         )
 
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
-
-import numpy as np
-
-from ttempc.types import FloatArray
 
 ERROR_M: Final = 0.1
 """Distance of both points from their reference that costs 1; assumed."""
@@ -18,20 +15,21 @@ LARGEST_COST: Final = 100.0
 """Of a period: that of 1 m; assumed."""
 
 
-def cost(errors_m: FloatArray, change: FloatArray) -> float:
+def cost(errors_m: Sequence[float], change: Sequence[float]) -> float:
     """Return the cost of a period, from 0 to `LARGEST_COST`.
 
         cost = mean((e / ERROR_M)^2) + EFFORT mean(c^2)
 
     Args:
-        errors_m: e, true distances of tractor and trailer point from their references, (2,) [m].
-        change: c, changes of the commands as shares of the largest ones in a period, (3,).
+        errors_m: e, true distances of tractor and trailer point from their references [m].
+        change: c, changes of the commands as shares of the largest ones in a period, of each input.
     """
-    value = np.mean((errors_m / ERROR_M) ** 2) + EFFORT * np.mean(change**2)
-    return min(float(value), LARGEST_COST)
+    error = sum(e * e for e in errors_m) / (len(errors_m) * ERROR_M**2)
+    effort = sum(c * c for c in change) / len(change)
+    return min(error + EFFORT * effort, LARGEST_COST)
 
 
-def reward(errors_m: FloatArray, change: FloatArray, periods_lost: int) -> float:
+def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int) -> float:
     """Return the reward of a period.
 
     The periods that are left when a vehicle is lost have the largest cost, so that no policy gains

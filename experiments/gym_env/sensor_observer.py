@@ -11,7 +11,7 @@ from proving_ground.testbed.sensing.sensor_specification import SensorSpecificat
 from proving_ground.testbed.sensing.sensors import COMPONENTS
 from ttempc.models.kinematics import wrap_angle
 from ttempc.reference.reference import Reference
-from ttempc.types import FloatArray, Measurement, State
+from ttempc.types import FloatArray, Measurement
 
 from ..policy.observation import REFERENCE_NAMES, ReferenceAhead, bounds, cut
 

@@ -133,7 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("-o", "--out", type=Path, required=True, metavar="FILE.toml")
     parser.add_argument("--scenarios", nargs="+", default=SCENARIOS, metavar="NAME")
     parser.add_argument("--periods", type=int, default=PERIODS, metavar="N")
-    parser.add_argument("--generations", type=int, default=25, metavar="N")
+    parser.add_argument("--generations", type=int, default=15, metavar="N")
     parser.add_argument("--population", type=int, default=12, metavar="N")
     parser.add_argument("--seed", type=int, default=1, metavar="N")
     given = parser.parse_args(arguments)

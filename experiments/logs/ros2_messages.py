@@ -1,7 +1,7 @@
 """Messages of standard ROS 2 types, as objects that rosbags encodes.
 
-Frames after REP 103 and 105: `map` is x east, y north, z up; the frames of the vehicle are x forward,
-y left. A covariance of zeros, or one that starts with -1, is unknown.
+Frames after REP 103 and 105: `map` is x east, y north, z up; those of the vehicle are x forward, y
+left. A covariance of zeros, or one that starts with -1, is unknown.
 """
 
 from __future__ import annotations
@@ -160,7 +160,9 @@ class Ros2Messages:
     def path(self, line: Line) -> Typed:
         """Return a line; each pose has the heading to the next point."""
         places = zip(line.points.tolist(), headings(line.points).tolist(), strict=True)
-        poses = [self.pose(line.time_s, Pose(*xyz, yaw, 0.0, 0.0))[1] for xyz, yaw in places]
+        poses = [
+            self.pose(line.time_s, Pose(x, y, z, yaw, 0.0, 0.0))[1] for (x, y, z), yaw in places
+        ]
         return self._typed("nav_msgs/msg/Path", header=self._header(line.time_s), poses=poses)
 
     def log(self, event: Event) -> Typed:
@@ -189,7 +191,7 @@ class Ros2Messages:
     def _header(self, time_s: float, frame: str = MAP_FRAME) -> Any:  # noqa: ANN401
         return self._new("std_msgs/msg/Header", stamp=self._time(time_s), frame_id=frame)
 
-    def _vector(self, x: float, y: float, z: float = 0.0, kind: str = "Vector3") -> Any:  # noqa: ANN401
+    def _vector(self, x: float, y: float, z: float = 0.0, *, kind: str = "Vector3") -> Any:  # noqa: ANN401
         return self._new(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
 
     def _quaternion(self, quat: Sequence[float]) -> Any:  # noqa: ANN401
@@ -199,6 +201,6 @@ class Ros2Messages:
     def _pose(self, pose: Pose) -> Any:  # noqa: ANN401
         return self._new(
             "geometry_msgs/msg/Pose",
-            position=self._vector(pose.x, pose.y, pose.z, "Point"),
+            position=self._vector(pose.x, pose.y, pose.z, kind="Point"),
             orientation=self._quaternion(quaternion(pose)),
         )

@@ -70,7 +70,9 @@ class ReferenceAhead:
     def __init__(self, reference: Reference, period_s: float) -> None:
         self.grid = reference.on_grid(period_s)
         self._last = len(self.grid.time_s) - 1
-        self._ahead = np.array([0, *(round(ahead / period_s) for ahead in _AHEAD_S)])
+        ahead = np.array([0, *(round(time_s / period_s) for time_s in _AHEAD_S)])
+        places = np.minimum(np.arange(len(self.grid.time_s))[:, None] + ahead, self._last)
+        self._entries = np.column_stack([self.grid.curvature[places], self.grid.inputs])  # (N, 7)
 
     def tick(self, k: int) -> int:
         """Return the tick of the grid for control tick `k`: beyond the end the last one."""
@@ -78,8 +80,7 @@ class ReferenceAhead:
 
     def observe(self, k: int, sent: FloatArray) -> FloatArray:
         """Return the entries at tick `k` after the command `sent` (3,)."""
-        curvatures = self.grid.curvature[np.minimum(k + self._ahead, self._last)]
-        return np.concatenate([curvatures, self.grid.inputs[self.tick(k)], sent])
+        return np.concatenate([self._entries[self.tick(k)], sent])
 
 
 class EstimateObserver:
@@ -113,4 +114,5 @@ class EstimateObserver:
 
 def cut(values: FloatArray, largest: FloatArray) -> FloatArray:
     """Return values within plus and minus `largest`, 0 in the place of those not finite, (n,)."""
-    return np.clip(np.where(np.isfinite(values), values, 0.0), -largest, largest)
+    finite = np.where(np.isfinite(values), values, 0.0)
+    return np.minimum(np.maximum(finite, -largest), largest)
