@@ -57,6 +57,10 @@ class InvalidRows(ExperimentError):
     """A results file cannot be read or compared. The message names the line."""
 
 
+class InvalidScoreCard(ExperimentError):
+    """The score card is invalid or not comparable. The message names the file or what differs."""
+
+
 class InvalidFit(ExperimentError):
     """The data do not allow a tube to be fitted, or the tube file is invalid."""
 

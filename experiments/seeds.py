@@ -18,6 +18,9 @@ FITTING: Final = range(1001, 1101)
 FIRST: Final = 201
 """First seed of reported runs."""
 
+TRIALS: Final = range(301, 321)
+"""Public seeds of the field trials; no design uses them."""
+
 TUNED_FIELDS: Final = {
     "filter": (
         "pavement",

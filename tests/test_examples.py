@@ -1,7 +1,9 @@
 """Examples of docs/examples, run as they stand there, in an empty folder."""
 
 import contextlib
+import importlib
 import io
+import json
 import os
 import re
 import subprocess
@@ -9,6 +11,9 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
 
 EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
 COVERED_ELSEWHERE = {"read_a_log.py"}  # needs a log: tests/experiments/commands
@@ -67,3 +72,21 @@ def test_the_code_of_the_tube_page_prints_what_stands_there():
 def test_every_example_is_run_by_a_test(example):
     tested = (EXAMPLES.parents[1] / "tests" / "test_examples.py").read_text()
     assert example in COVERED_ELSEWHERE or f'"{example}"' in tested
+
+
+@pytest.mark.filterwarnings("ignore")  # of CasADi and do-mpc, about their own parts
+@pytest.mark.parametrize(
+    ("example", "factory"), [("casadi_mpc.py", "CasadiMpc"), ("do_mpc_controller.py", "DoMpc")]
+)
+@pytest.mark.parametrize("reverse", [False, True])
+def test_a_controller_of_an_outsider_drives(example, factory, reverse, monkeypatch):
+    """Ten metres; an input the wrong way would end in a jack-knife."""
+    monkeypatch.syspath_prepend(EXAMPLES)
+    path = f"path={{kind='straight', length_m=12.0, reverse={json.dumps(reverse)}}}"
+    name, scenario = load("grass", [path])
+    make = getattr(importlib.import_module(Path(example).stem), factory)
+    summary, _ = simulate(name, scenario, 11, factory=make, options={"horizon": 8})
+    assert summary.status == "completed", summary.failure
+    errors = summary.tracking.all
+    assert errors.tractor.max_m < 0.15
+    assert errors.trailer.max_m < 0.15

@@ -39,6 +39,8 @@ _COMMANDS: Final = {
     "sweep": _Command("studies.sweep", "drive all runs of a study"),
     "report": _Command("report", "report the results of a sweep"),
     "envelope": _Command("studies.envelope", "find where controllers fail"),
+    "bench": _Command("studies.bench", "field trials: score a controller on frozen scenarios"),
+    "falsify": _Command("studies.falsify", "search for the least severe case that fails"),
     "compare": _Command("studies.compare", "compare several runs on one reference"),
     "log": _Command("log", "show, export, check, recover or replay a log"),
     "video": _Command("pictures.video", "film a run from its log"),

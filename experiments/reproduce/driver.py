@@ -16,7 +16,7 @@ from proving_ground.testbed.recording.provenance import code_digest, versions
 from ..errors import InvalidRows
 from ..seeds import report_seeds
 from ..studies.batch import BatchSettings, batch_settings, run_tasks
-from ..sweep.engine import engine
+from ..sweep.engine import Engine, engine
 from ..sweep.folder import is_begun, lock_folder
 from ..sweep.plan import SweepPlan
 from ..sweep.study import load_study
@@ -54,6 +54,10 @@ class Driver:
     def seeds(self, seeds: tuple[int, ...]) -> tuple[int, ...]:
         """Return the seeds of a table, or those of the rehearsal."""
         return self._seeds or seeds
+
+    def engine(self) -> contextlib.AbstractContextManager[Engine]:
+        """Return the workers of the runs, until the block ends."""
+        return engine(self._workers)
 
     def report_seeds(self, count: int) -> tuple[int, ...]:
         """Return the first seeds of reported runs, or those of the rehearsal."""
@@ -111,7 +115,7 @@ class Driver:
                 if not read_sweep(folder).missing:
                     return folder
         with (
-            engine(self._workers) as workers,
+            self.engine() as workers,
             lock_folder(folder, plan) as locked,
             tqdm(total=plan.run_count, desc=name, unit="run") as bar,
         ):

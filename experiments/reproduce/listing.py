@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
+from ttempc.guidance.controllers import CONTROLLERS
+
 from ..policy import study as policy
 from ..scenario.controller import TRUTH
 from ..scenario.scenario import shipped
 from ..seeds import report_seeds
 from ..studies import (
-    breaking_points,
     errata,
     estimators,
     front,
@@ -26,9 +27,11 @@ from ..studies import (
 from ..studies.ablations import ablation, conditions, corridor, coverage, limits, recovery
 from ..studies.eight_numbers import tables as eight_numbers
 from ..studies.eight_numbers.study import REPORT_SEEDS
+from ..studies.failures import breaking_points, worst_cases
 from ..studies.faults import cases
 from ..studies.faults import study as faults
-from . import comparison_tables, study_tables
+from ..trials.draws import PUBLIC
+from . import comparison_tables, study_tables, trial_tables
 from .comparison_tables import STUDY
 from .entry import Entry
 from .study_tables import CONTAINMENT_LAPS, RANKING_DRAWS, SWEEPS, printed
@@ -166,6 +169,15 @@ ENTRIES: Final = (
         minutes=130.0,
     ),
     _study(
+        "worst-cases",
+        "docs/worst-cases.md",
+        worst_cases.main,
+        worst_cases.BUDGET,
+        seeds=worst_cases.SEEDS,
+        probes=tuple(("grass", name) for name in CONTROLLERS),
+        minutes=11.0,
+    ),
+    _study(
         "limits",
         "docs/limits.md",
         limits.main,
@@ -290,6 +302,14 @@ ENTRIES: Final = (
         make=study_tables.plant_validation,
         probes=tuple((name, "ttempc") for name in shipped()),
         minutes=5.0,
+    ),
+    Entry(
+        name="field-trials",
+        page="docs/field-trials.md",
+        make=trial_tables.field_trials,
+        seeds=PUBLIC,
+        probes=trial_tables.PROBES,
+        minutes=110.0,
     ),
     Entry(
         name="performance",

@@ -26,6 +26,7 @@ from .summary import (
     CorridorStatistics,
     ErrorStatistics,
     EstimationStatistics,
+    ExtremeStatistics,
     ImplementStatistics,
     InputsStatistics,
     InputStatistics,
@@ -78,6 +79,7 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
         tube=_tube(record),
         corridor=corridor_statistics(record),
         slip=_slip(record),
+        extremes=_extremes(record),
         implement=_implement(record),
         learnt=[
             f"{event.time_s:.0f} s: {event.text.removeprefix(LEARNT)}"
@@ -232,6 +234,15 @@ def _slip(record: Record) -> SlipStatistics:
         rear_mean=_mean(rear),
         rear_p95=_percentile(rear, 95.0),
         trailer_slip_angle_p95_rad=_percentile(angle, 95.0),
+    )
+
+
+def _extremes(record: Record) -> ExtremeStatistics:
+    table = record[STATE]
+    tilt = table.columns("roll_t_rad", "pitch_t_rad", "roll_i_rad", "pitch_i_rad")
+    fold = table.columns("beta_rad", "delta_i_rad")
+    return ExtremeStatistics(
+        tilt_rad=_percentile(np.abs(tilt), 100.0), fold_rad=_percentile(np.abs(fold), 100.0)
     )
 
 

@@ -197,7 +197,7 @@ def bootstrap(
     count = int(unit[-1]) + 1
     if count < 2:
         return IntervalEstimate(value, None, None)
-    drawn = _drawn_few(count) if count <= _FEW else _drawn(count, _RESAMPLES_OF_MANY)
+    drawn = _weights(count)
     step = max(1, _BLOCK // len(values))
     resampled = np.concatenate(
         [
@@ -205,10 +205,35 @@ def bootstrap(
             for begin in range(0, len(drawn), step)
         ]
     )
+    return _expanded(value, resampled, count)
+
+
+def bootstrap_means(
+    table: FloatArray, statistic: Callable[[FloatArray], FloatArray]
+) -> IntervalEstimate:
+    """Return a statistic of means over units with its interval, as `bootstrap`.
+
+    Args:
+        table: samples of each unit, (units, k), finite; a unit is resampled as a whole.
+        statistic: of means, (resamples, k) -> (resamples,).
+    """
+    count = len(table)
+    value = float(statistic(table.mean(axis=0, keepdims=True))[0])
+    if count < 2:
+        return IntervalEstimate(value, None, None)
+    return _expanded(value, statistic(_weights(count) @ table / count), count)
+
+
+def _expanded(value: float, resampled: FloatArray, count: int) -> IntervalEstimate:
+    """Return the percentile interval of resamples, expanded for the number of units."""
     tail = norm.cdf(np.sqrt(count / (count - 1)) * t.ppf(0.5 - 0.5 * CONFIDENCE, count - 1))
     low, high = np.quantile(resampled, (tail, 1.0 - tail))
     # Rounding of resamples must not exclude the estimate from its own interval.
     return IntervalEstimate(value, min(float(low), value), max(float(high), value))
+
+
+def _weights(count: int) -> NDArray[np.int16]:
+    return _drawn_few(count) if count <= _FEW else _drawn(count, _RESAMPLES_OF_MANY)
 
 
 def _drawn(count: int, resamples: int) -> NDArray[np.int16]:

@@ -189,6 +189,14 @@ class CorridorStatistics:
 
 
 @dataclass(frozen=True, slots=True)
+class ExtremeStatistics:
+    """Largest absolute angles of a whole run, whose limits end a run."""
+
+    tilt_rad: float | None  # roll and pitch of tractor and trailer: roll-over
+    fold_rad: float | None  # at both joints of the drawbar: jack-knife
+
+
+@dataclass(frozen=True, slots=True)
 class Summary:
     """All numbers of a run."""
 
@@ -207,6 +215,7 @@ class Summary:
     tube: TubeStatistics | None  # None if the run has no tube
     corridor: CorridorStatistics | None  # None on free ground
     slip: SlipStatistics
+    extremes: ExtremeStatistics
     implement: ImplementStatistics | None  # None if the run has no implement
     learnt: list[str]  # time and change of model parameters that were learnt
     log: str | None

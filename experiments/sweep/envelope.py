@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal, cast
 
@@ -22,11 +21,10 @@ from proving_ground.testbed.configuration.config_io import STRICT
 from ..errors import InvalidStudy, SweepStopped
 from .engine import Engine
 from .failure import ERROR, has_failed, is_unmeasured, mostly_fails, unmeasured_text
-from .folder import Origin, SweepFolder
 from .plan import SweepPlan
+from .points import drive_plan
 from .row import Row
 from .study import ListAxis, Study
-from .sweep import imap_rows, sweep_job
 
 _Count = Annotated[int, Field(ge=0)]
 
@@ -243,13 +241,9 @@ def drive_probes(question: Question, numbers: Sequence[float], engine: Engine) -
         SweepStopped: a run raised an error.
     """
     values = [question.value(number) for number in numbers]
-    plan = question.plan(values)
-    folder = SweepFolder(Path(), Origin.here(plan.extent().digest, plan.size))
-    rows = imap_rows(engine, (sweep_job(plan, folder, run) for run in plan.runs()))
-    ordered = sorted(rows, key=lambda row: cast(int, row["run"]))
-    repeats = len(question.seeds)
-    for number, value in enumerate(values):
-        yield _probe(question, value, ordered[number * repeats : (number + 1) * repeats])
+    driven = drive_plan(question.plan(values), engine)
+    for value, rows in zip(values, driven, strict=True):
+        yield _probe(question, value, rows)
 
 
 def _probe(question: Question, value: float | str, rows: Sequence[Row]) -> Probe:

@@ -235,7 +235,7 @@ class SweepPlan:
                 refuse_untrusted(draft.file, named_parts(scenario), {})
         except ExperimentError as error:
             raise self._refusal(changes, error) from None
-        axes = {key: _get(scenario, key, draft.name) for key in changes}
+        axes = {key: scenario_value(scenario, key, draft.name) for key in changes}
         return Setting(draft.name, scenario, dump(scenario), axes)
 
     def _make_setting(self, point: int, controller: int) -> Setting:
@@ -249,13 +249,13 @@ class SweepPlan:
     def _lacks(self, draft: ScenarioFile, key: str) -> bool:
         """Return whether the scenario has no such key without any axis."""
         try:
-            return _get(draft.scenario(self.study.set), key, draft.name) is None
+            return scenario_value(draft.scenario(self.study.set), key, draft.name) is None
         except InvalidScenario:  # a table that its list does not have
             return True
 
     def _scaled(self, draft: ScenarioFile, key: str, factor: Scalar) -> float:
         """Return the factor times the value of the key in the scenario without any axis."""
-        number = _get(draft.scenario(self.study.set), key, draft.name)
+        number = scenario_value(draft.scenario(self.study.set), key, draft.name)
         if isinstance(number, (bool, str)) or number is None or isinstance(factor, (bool, str)):
             raise InvalidStudy(f"{key}: relative, but {draft.name} has no number there: {number!r}")
         return number * factor
@@ -275,7 +275,7 @@ def _set(tables: dict[str, Any], key: str, value: Scalar) -> None:
     )
 
 
-def _get(scenario: Scenario, key: str, name: str) -> Value:
+def scenario_value(scenario: Scenario, key: str, name: str) -> Value:
     """Return the value of an axis's key in a resolved scenario, in the key's own type.
 
     Raises:

@@ -18,14 +18,28 @@ from ttempc import __version__
 if TYPE_CHECKING:
     from .experiments.run.simulate import run, simulate
     from .experiments.scenario.scenario import Scenario, load
+    from .experiments.sweep.engine import engine
+    from .experiments.sweep.points import drive_points
     from .testbed.log.log_reader import read_log
     from .testbed.recording.record import Record
 
-__all__ = ["Record", "Scenario", "__version__", "load", "read_log", "run", "simulate"]
+__all__ = [
+    "Record",
+    "Scenario",
+    "__version__",
+    "drive_points",
+    "engine",
+    "load",
+    "read_log",
+    "run",
+    "simulate",
+]
 
 _MODULE_OF = {
     "Record": "testbed.recording.record",
     "Scenario": "experiments.scenario.scenario",
+    "drive_points": "experiments.sweep.points",
+    "engine": "experiments.sweep.engine",
     "load": "experiments.scenario.scenario",
     "read_log": "testbed.log.log_reader",
     "run": "experiments.run.simulate",

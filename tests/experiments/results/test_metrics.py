@@ -185,6 +185,7 @@ def test_summary_has_exactly_the_keys_of_the_interface():
         "tube",
         "corridor",
         "slip",
+        "extremes",
         "implement",
         "learnt",
         "log",
@@ -212,6 +213,7 @@ def test_summary_has_exactly_the_keys_of_the_interface():
         assert set(use) == {"saturated_fraction", "rms_rate", "travel_per_m"}
     assert summary["tube"] is None
     assert summary["corridor"] is None
+    assert set(summary["extremes"]) == {"tilt_rad", "fold_rad"}
     assert set(summary["slip"]) == {"rear_mean", "rear_p95", "trailer_slip_angle_p95_rad"}
     assert summary["implement"] is None
 

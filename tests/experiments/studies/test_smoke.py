@@ -10,7 +10,6 @@ from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, to_json
 from proving_ground.experiments.studies import (
     batch,
-    breaking_points,
     cards,
     containment,
     endurance,
@@ -30,6 +29,7 @@ from proving_ground.experiments.studies.ablations import (
     limits,
     recovery,
 )
+from proving_ground.experiments.studies.failures import breaking_points, worst_cases
 from proving_ground.experiments.studies.faults import calibration
 from proving_ground.experiments.studies.faults import study as faults
 from proving_ground.experiments.sweep.engine import engine
@@ -139,6 +139,17 @@ def test_breaking_points(capsys, monkeypatch):
     assert head == ["quantity", "`pid`"]
     assert quantity == "slope [rad]"
     assert values.startswith("holds") or float(values.split(",")[0]) < float(values.split(",")[1])
+
+
+def test_worst_cases(capsys, monkeypatch):
+    monkeypatch.setattr(worst_cases, "PATH", 'path={kind="straight",length_m=3.0}')
+    monkeypatch.setattr(worst_cases, "RARE", ())  # tests/experiments/search has the probability
+    worst_cases.main(3, (1,), ("pid",))
+    gust, patch = (part.splitlines() for part in capsys.readouterr().out.split("**: ")[1:3])
+    for title, head, _, row in (gust[:1] + gust[2:5], patch[:1] + patch[2:5]):
+        assert title.startswith(("`gust`", "`soil-patch slope"))
+        assert head.count("|") == row.count("|")
+        assert row.split("|")[2].endswith("of 3 ")
 
 
 def test_learning(capsys, monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidStudy, SweepStopped
-from proving_ground.experiments.sweep import envelope as envelope_module
+from proving_ground.experiments.sweep import points
 from proving_ground.experiments.sweep.engine import Engine, InProcess
 from proving_ground.experiments.sweep.envelope import Question, envelope
 from proving_ground.experiments.sweep.failure import ERROR
@@ -34,7 +34,7 @@ def search(question, monkeypatch, error):
             status = "completed" if value is not None else "lost"
             yield job.row(status, None, {**no_figures(), ERROR: value}, 0.1)
 
-    monkeypatch.setattr(envelope_module, "imap_rows", rows_of)
+    monkeypatch.setattr(points, "imap_rows", rows_of)
     return envelope(question, Engine(InProcess(), lambda: 1))
 
 
@@ -72,7 +72,7 @@ def test_a_run_that_raised_an_error_is_no_failure_of_the_controller(monkeypatch)
         for job in jobs:
             yield job.row("failed", "no such thing", no_figures(), 0.1)
 
-    monkeypatch.setattr(envelope_module, "imap_rows", rows_of)
+    monkeypatch.setattr(points, "imap_rows", rows_of)
     with pytest.raises(SweepStopped, match=r"slope at 0, paper, seed 1: no such thing"):
         envelope(QUESTION, Engine(InProcess(), lambda: 1))
 

@@ -1,6 +1,6 @@
 """Values at which controllers break: soil strength, slope, dead time.
 
-    python -m experiments.studies.breaking_points [SEEDS]      (default: 3)
+    python -m experiments.studies.failures.breaking_points [SEEDS]      (default: 3)
 
 Prints the Markdown table of docs/results.md: the last value at which the vehicle completes one lap
 of `grass` and the first at which it is lost, in at least half of the seeds. `ttempc envelope` makes
@@ -12,11 +12,11 @@ from __future__ import annotations
 import sys
 from typing import Final
 
-from ..scenario.scenario import parse_overrides
-from ..seeds import report_seeds
-from ..sweep.engine import engine
-from ..sweep.envelope import QUANTITIES, Envelope, Question, envelope
-from .batch import run_tasks
+from ...scenario.scenario import parse_overrides
+from ...seeds import report_seeds
+from ...sweep.engine import engine
+from ...sweep.envelope import QUANTITIES, Envelope, Question, envelope
+from ..batch import run_tasks
 
 CONTROLLERS: Final = ("ttempc", "pid", "paper")
 TOLERANCES: Final = {"cone-index": 10.0, "slope": 0.01, "delay": 0.05}

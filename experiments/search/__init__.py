@@ -1,0 +1,1 @@
+"""Search for worst cases, and probability of failure."""

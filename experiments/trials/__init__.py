@@ -1,0 +1,1 @@
+"""Field trials: a benchmark of controllers on frozen scenarios."""

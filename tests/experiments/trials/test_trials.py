@@ -1,0 +1,344 @@
+"""Frozen trials, their identifier, seeds, scores, cards, comparisons, refusals of the command."""
+
+import json
+import tomllib
+from dataclasses import replace
+
+import jsonschema
+import numpy as np
+import pytest
+
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import BadOptions, InvalidScoreCard
+from proving_ground.experiments.reproduce import trial_tables
+from proving_ground.experiments.reproduce.driver import Driver
+from proving_ground.experiments.reproduce.pages import ROOT
+from proving_ground.experiments.seeds import design_seeds
+from proving_ground.experiments.sweep.engine import engine
+from proving_ground.experiments.sweep.row import columns
+from proving_ground.experiments.trials import bench as module
+from proving_ground.experiments.trials import definition, plant_probe, tables
+from proving_ground.experiments.trials.comparison import compare_cards
+from proving_ground.experiments.trials.draws import PUBLIC, hidden_draws, public_draws, seeds_hash
+from proving_ground.experiments.trials.score import LOSS_M, TrialRun, score
+from proving_ground.experiments.trials.score_card import ScoreCard, card_schema, read_score_card
+from proving_ground.experiments.trials.tables import card_page, format_card, leaderboard
+
+SHORT = "even-grass"
+OWN_SPEED = "controller.options={corridor_at_rest_m=[0.03, 0.05], corridor_per_speed_s=[0.2, 0.03]}"
+
+
+def card_of(errors, name="one", **changes):
+    """Return a card of made-up runs: errors (trials, seeds), NaN of a run that was lost."""
+    trials = {
+        trial: tuple(
+            TrialRun(status="lost", failure="roll-over")
+            if np.isnan(error)
+            else TrialRun(status="completed", trailer_p95_m=float(error))
+            for error in own
+        )
+        for trial, own in zip(definition.trial_files(), errors, strict=False)
+    }
+    seeds = PUBLIC[: len(errors[0])]
+    content = {
+        "identifier": definition.frozen_identifier(),
+        "controller": name,
+        "draws": public_draws(seeds),
+        "machine": {"processor": "P", "system": "S"},
+        "versions": {"ttempc": "0"},
+        "score": score(trials),
+        "trials": trials,
+    }
+    return ScoreCard(**{**content, **changes})
+
+
+@pytest.fixture
+def one_short_trial(monkeypatch, tmp_path):
+    """A single trial of 12 m, whose probe is the frozen one of this fixture."""
+    file = tmp_path / f"{SHORT}.toml"
+    file.write_text('[path]\nkind = "straight"\nlength_m = 12.0\n')
+    files = {SHORT: file}
+    for where in (definition, module, plant_probe):
+        monkeypatch.setattr(where, "trial_files", lambda: files)
+    monkeypatch.setattr(module, "frozen_probes", lambda: {SHORT: plant_probe.probe(SHORT)})
+
+
+def test_the_identifier_is_that_of_version_1():
+    """Another one is another benchmark: raise the version and freeze the probes anew."""
+    assert definition.frozen_identifier() == "v1-e25cebe8"
+
+
+def test_a_trial_stands_alone_and_leaves_the_controller_to_the_entry():
+    files = definition.trial_files()
+    assert 8 <= len(files) <= 10
+    for file in files.values():
+        content = tomllib.loads(file.read_text())
+        assert content["description"]
+        assert not {"controller", "stages", "control"} & content.keys(), file
+        assert "preset" not in content.get("sensors", {}), file
+
+
+def test_the_public_seeds_are_of_no_design():
+    assert not design_seeds(PUBLIC)
+    assert len({*PUBLIC}) == len(PUBLIC)
+
+
+@pytest.mark.parametrize("name", ["reverse", "cultivate", "faults"])
+def test_the_plant_is_that_of_the_frozen_trials(name):
+    """With vehicle, soil, implement, faults and samples of the sensors in it."""
+    frozen = {name: definition.frozen_probes()[name]}
+    assert not plant_probe.differing({name: plant_probe.probe(name)}, frozen)
+
+
+@pytest.mark.slow
+def test_the_plant_is_that_of_all_frozen_trials():
+    frozen = definition.frozen_probes()
+    assert not plant_probe.differing({name: plant_probe.probe(name) for name in frozen}, frozen)
+
+
+def test_another_scenario_or_plant_makes_another_identifier(monkeypatch):
+    name = "reverse"
+    content = tomllib.loads(definition.trial_files()[name].read_text())
+    probes = definition.frozen_probes()
+    before = definition.identifier_of({name: content}, probes)
+    other_words = {**content, "description": "other words"}
+    assert definition.identifier_of({name: other_words}, probes) == before
+    softer = {**content, "soil": {"cone_index_kpa": 599.0}}
+    assert definition.identifier_of({name: softer}, probes) != before
+    other_plant = {**probes, name: (*probes[name][:-1], probes[name][-1] + 1e-3)}
+    assert definition.identifier_of({name: content}, other_plant) != before
+    monkeypatch.setattr(plant_probe, "read_scenario", _loaded(plant_probe.read_scenario))
+    changed = {name: plant_probe.probe(name)}
+    assert plant_probe.differing(changed, {name: probes[name]}) == (name,)
+    assert definition.identifier((name,)).startswith(definition.frozen_identifier() + "+")
+
+
+def _loaded(read):
+    """Return the reader of scenarios, a load of 5 kg on the trailer."""
+
+    class File:
+        def __init__(self, name):
+            self.file = read(name)
+
+        def scenario(self, changes):
+            vehicle = {"vehicle": {"load_kg": 5.0}}
+            return self.file.scenario({**changes, "plant": vehicle})
+
+    return File
+
+
+def test_the_cost_of_a_run_is_the_error_of_the_working_point_with_losses():
+    done = TrialRun(status="completed", trailer_p95_m=0.05)
+    assert done.cost_m == 0.05
+    assert replace(done, tool_p95_m=0.08).cost_m == 0.08
+    assert replace(done, status="stopped").cost_m == LOSS_M
+    assert replace(done, trailer_p95_m=7.0).cost_m == LOSS_M
+    assert replace(done, outside=0.25).cost_m == pytest.approx(0.25 * LOSS_M + 0.75 * 0.05)
+    assert replace(done, outside=1.0).cost_m == LOSS_M
+
+
+def test_the_overall_cost_is_a_geometric_mean_and_scales_with_the_errors():
+    errors = np.array([[0.02, 0.04, 0.03], [0.08, 0.04, 0.06]])
+    means = errors.mean(axis=1)
+    assert card_of(errors).score.cost_m.value == pytest.approx(np.sqrt(means.prod()), abs=1e-6)
+    twice = card_of(errors * [[2.0], [1.0]]).score.cost_m.value
+    assert twice == pytest.approx(np.sqrt(2.0 * means.prod()), abs=1e-6)
+    lost = card_of(np.where(errors == 0.08, np.nan, errors)).score
+    assert lost.not_completed == 1
+    assert lost.cost_m.value > 2.0 * card_of(errors).score.cost_m.value
+
+
+def test_a_card_reads_back_fits_its_schema_and_cannot_be_touched_up(tmp_path):
+    card = card_of([[0.02, np.nan], [0.05, 0.06]])
+    file = tmp_path / "score.json"
+    file.write_text(card.to_json())
+    assert read_score_card(file) == card
+    content = json.loads(card.to_json())
+    jsonschema.validate(content, card_schema())
+    content["trials"]["crop-rows"][1]["status"] = "completed"
+    file.write_text(json.dumps(content))
+    with pytest.raises(InvalidScoreCard, match="does not follow"):
+        read_score_card(file)
+    content["trials"]["crop-rows"].pop()
+    file.write_text(json.dumps(content))
+    with pytest.raises(InvalidScoreCard, match="has 1 runs, must be 2"):
+        read_score_card(file)
+
+
+def test_a_comparison_is_paired_by_seed():
+    """A constant factor between runs that differ widely has an interval of no width."""
+    errors = np.random.default_rng(1).uniform(0.01, 0.3, (3, 8))
+    comparison = compare_cards(card_of(errors), card_of(0.5 * errors, "two"))
+    ratio = comparison.ratio
+    assert (ratio.low, ratio.high) == pytest.approx((0.5, 0.5), abs=1e-6)
+    for k, item in enumerate(comparison.trials.values()):
+        assert item.difference_m.value == pytest.approx(-0.5 * errors[k].mean(), abs=1e-5)
+        assert item.difference_m.low < item.difference_m.value < item.difference_m.high
+    back = compare_cards(card_of(0.5 * errors), card_of(errors)).ratio
+    assert back.value == pytest.approx(1.0 / ratio.value, rel=1e-5)
+    assert "0.500" in str(comparison)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [({"identifier": "v0-0"}, "identifier"), ({"draws": public_draws(PUBLIC[1:3])}, "seeds")],
+)
+def test_cards_of_other_trials_or_seeds_are_not_compared(changes, reason):
+    errors = [[0.02, 0.03]]
+    with pytest.raises(InvalidScoreCard, match=reason):
+        compare_cards(card_of(errors), card_of(errors, **changes))
+
+
+def test_hidden_seeds_are_checked_by_their_hash(tmp_path, capsys):
+    file = tmp_path / "seeds.txt"
+    assert main(["bench", "--draw-seeds", str(file)]) == 0
+    printed = capsys.readouterr().out.split()[0]
+    draws = hidden_draws(file)
+    assert draws.sha256 == printed == seeds_hash(draws.seeds)
+    assert draws.count == len(PUBLIC)
+    assert main(["bench", "--draw-seeds", str(file)]) == 2
+
+
+@pytest.mark.parametrize("text", ["", "1 1", "-3", "1.5", "4294967296", "7 x", "007"])
+def test_a_file_of_other_seeds_is_refused(tmp_path, text):
+    file = tmp_path / "seeds.txt"
+    file.write_text(text)
+    with pytest.raises(BadOptions, match=r"seeds\.txt"):
+        hidden_draws(file)
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        ([], "give CONTROLLER"),
+        (["pid", "--schema"], "give CONTROLLER"),
+        (["no-such"], "no-such"),
+        (["pid", "--set", "soil.cone_index_kpa=900"], "frozen"),
+        (["pid", "--set", "controller.name=lqr"], "frozen"),
+        (["pid", "--set", "controller.estimator=truth"], "not allowed"),
+        (["pid", "--set", "controller.options.horizon=3"], "horizon"),
+        (["pid", "--quick", "--seeds-file", "x"], "exclude"),
+        (["pid", "--seeds-file", "none.txt"], "none.txt"),
+        (["--compare", "a.json", "b.json"], "a.json"),
+        (["ttempc", "--set", OWN_SPEED], "crop-rows"),
+    ],
+)
+def test_bad_input_gets_one_line_before_any_run(tmp_path, monkeypatch, capsys, words, reason):
+    monkeypatch.chdir(tmp_path)
+    assert main(["bench", *words]) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert reason in line
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_refused_trial_counts_as_lost():
+    """The shipped tube is one for driving forward."""
+    draws = public_draws(PUBLIC[:2])
+    plan = module.Entrant.of("ttempc-tube", []).plan(draws)
+    empty = dict.fromkeys(columns(()))
+    rows = [
+        {**empty, "scenario": plan[run].setting.name, "seed": plan[run].seed}
+        | {"status": "completed", "failure": "", "tracking.all.trailer.cross_p95_m": 0.05}
+        for run in plan.runs()
+    ]
+    runs = module.runs_of(rows, plan, draws)
+    costs = {name: [run.cost_m for run in own] for name, own in runs.items()}
+    assert costs.pop("reverse") == [LOSS_M] * 2
+    assert all(cost == [0.05] * 2 for cost in costs.values())
+    assert {run.failure for run in runs["reverse"]} == {
+        "the tube was made for another vehicle: reverse 0 (here 1)"
+    }
+
+
+def test_the_default_controller_is_refused_nowhere():
+    plan = module.Entrant.of("ttempc", []).plan(public_draws())
+    assert plan.run_count == len(definition.trial_files()) * len(PUBLIC)
+
+
+def test_a_bench_drives_resumes_and_keeps_hidden_seeds_hidden(one_short_trial, tmp_path):
+    file = tmp_path / "seeds.txt"
+    file.write_text("71\n72\n")
+    entrant = module.Entrant.of("pid", [])
+    rows = []
+    with engine(workers=0) as workers:
+        card = module.bench(
+            entrant, hidden_draws(file), tmp_path / "out", workers, lambda p: rows.append(p.row)
+        )
+        again = module.bench(
+            entrant, hidden_draws(file), tmp_path / "out", workers, lambda p: rows.append(p.row)
+        )
+    assert [row["seed"] for row in rows] == [71, 72]
+    assert replace(again, machine=card.machine) == card
+    assert card.identifier == definition.frozen_identifier()
+    assert [run.status for run in card.trials[SHORT]] == ["completed"] * 2
+    assert '"71"' not in card.to_json()
+    assert card.draws.seeds is None
+    assert card.badge in format_card(card)
+    assert card.badge in card_page(card)
+
+
+def test_a_controller_that_raises_loses_its_runs(one_short_trial, tmp_path, monkeypatch):
+    (tmp_path / "broken.py").write_text(
+        "class Broken:\n"
+        "    def __init__(self, vehicle, reference, period_s):\n"
+        "        raise ValueError('no licence')\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    with engine(workers=0) as workers:
+        card = module.bench(
+            module.Entrant.of("broken:Broken", []),
+            public_draws(PUBLIC[:1]),
+            tmp_path / "o",
+            workers,
+        )
+    (run,) = card.trials[SHORT]
+    assert (run.status, run.cost_m) == ("failed", LOSS_M)
+    assert "no licence" in run.failure
+    assert card.source
+
+
+def test_the_leaderboard_has_the_least_cost_first():
+    trials = len(definition.trial_files())
+    cards = [card_of(np.full((trials, 2), error), name) for error, name in ((0.2, "b"), (0.1, "a"))]
+    lines = leaderboard(cards).splitlines()
+    assert [line.split("|")[1].strip() for line in lines[2:4]] == ["`a`", "`b`"]
+
+
+def test_the_leaderboard_is_made_of_runs_and_of_cards_of_others(
+    one_short_trial, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(tables, "trial_files", definition.trial_files)
+    monkeypatch.setattr(trial_tables, "SHIPPED", (("pid",), ("feedforward",)))
+    monkeypatch.setattr(trial_tables, "EXAMPLES", (("casadi_mpc:CasadiMpc",),))
+    monkeypatch.setattr(trial_tables, "ROOT", tmp_path)
+    monkeypatch.syspath_prepend(ROOT / "docs" / "examples")
+    folder = tmp_path / "docs" / "field-trials"
+    folder.mkdir(parents=True)
+    (folder / "theirs.json").write_text(card_of([[0.05]], "theirs").to_json())
+    (folder / "old.json").write_text(card_of([[0.05]], "old", identifier="v0-0").to_json())
+    product = trial_tables.field_trials(Driver(tmp_path / "rows", workers=0, seeds=PUBLIC[:1]))
+    names = {"pid.json", "feedforward.json", "casadi_mpc-CasadiMpc.json"}
+    assert {*product.files} == {f"field-trials/{name}" for name in names}
+    file = tmp_path / "pid.json"
+    file.write_bytes(product.files["field-trials/pid.json"])
+    assert read_score_card(file).draws.seeds == PUBLIC[:1]
+    assert product.block.count("| `theirs` |") == 2
+    assert product.block.count("| `casadi_mpc:CasadiMpc` |") == 2
+    assert "not shown: `old` (v0-0)" in product.block
+
+
+def test_the_page_lists_every_trial():
+    page = (ROOT / "docs" / "field-trials.md").read_text()
+    for name in definition.trial_files():
+        scenario = definition.trial(name)
+        mission = scenario.mission()
+        length = mission.path.length_m
+        duration = f"{length:.0f} m, {mission.speed.duration_s(length):.0f} s"
+        assert f"| `{name}` | {scenario.description} | {duration} |" in page
+
+
+def test_the_cards_of_the_docs_are_whole():
+    for file in (ROOT / "docs" / "field-trials").glob("*.json"):
+        assert read_score_card(file).identifier.startswith("v")
