@@ -29,7 +29,7 @@ from ..scenario.vehicle import ParameterMismatch
 from .assembly import Assembly, assemble
 from .log_file import describe, open_log
 from .shared_parts import SharedParts
-from .user_code import name_of, user_sources
+from .user_code import exits_raise, name_of, user_sources
 
 _PATH_STEP_M = 0.2  # between the points of the reference path in the log
 
@@ -46,6 +46,7 @@ class Finished:
     comparison: tuple[PublishedError, ...] = ()  # published errors, where they apply
 
 
+@exits_raise()
 def simulate(
     name: str,
     scenario: Scenario,
@@ -90,6 +91,7 @@ def simulate(
     return summarise(record, facts), record
 
 
+@exits_raise()
 def run(
     name: str,
     scenario: Scenario,

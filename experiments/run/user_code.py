@@ -7,10 +7,12 @@ import importlib
 import inspect
 import os
 import sys
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -27,11 +29,33 @@ from ..scenario.scenario import Scenario
 from ..scenario.stages import StageSettings
 
 
+@contextmanager
+def exits_raise() -> Iterator[None]:
+    """Raise `SystemExit` where `os._exit` is called in this block, by a user's Python code say.
+
+    It would end the process without a word: a run with exit code 0, or a worker of a sweep. Calls
+    from other threads and from forked processes end them as ever; compiled code is not seen.
+    """
+    leave, here = os._exit, (os.getpid(), threading.get_ident())
+
+    def refuse(status: int) -> NoReturn:
+        if (os.getpid(), threading.get_ident()) == here:
+            raise SystemExit(f"os._exit({status})")
+        leave(status)
+
+    os._exit = refuse
+    try:
+        yield
+    finally:
+        os._exit = leave
+
+
 def is_user_code(name: str) -> bool:
     """Whether a name is of the form `package.module:factory`."""
     return ":" in name
 
 
+@exits_raise()
 def load_factory(name: str, what: str) -> Callable[..., object]:
     """Return the callable of the name `package.module:factory`.
 

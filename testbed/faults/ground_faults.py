@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic.dataclasses import dataclass
 
-from ..configuration.config_io import STRICT, NotNegative, PlaceM, Positive
+from ..configuration.config_io import STRICT, LengthM, NotNegative, PlaceM, StrengthKpa
 from ..ground.features import Ditch, Feature, Step
 from ..ground.soil_layers import Patch
 from .fault import Fault
@@ -32,9 +32,9 @@ class SoilPatch(GroundFault):
 
     kind: Literal["soil_patch"] = "soil_patch"
     """Kind of fault."""
-    radius_m: Positive
+    radius_m: LengthM
     """Radius."""
-    cone_index_kpa: Positive
+    cone_index_kpa: StrengthKpa
     """Cone index inside the patch."""
     left_m: PlaceM = 0.0
     """Distance of its centre to the left of the path."""
@@ -56,9 +56,9 @@ class DitchAcross(GroundFault):
 
     kind: Literal["ditch"] = "ditch"
     """Kind of fault."""
-    depth_m: Positive
+    depth_m: LengthM
     """Depth in the middle."""
-    width_m: Positive
+    width_m: LengthM
     """Width at the top, along the path."""
     length_m: NotNegative = 6.0
     """Length across the path; 0: a round hole."""
@@ -88,7 +88,7 @@ class StepAcross(GroundFault):
     """Kind of fault."""
     height_m: PlaceM
     """Height behind the ramp; negative for a step down."""
-    ramp_m: Positive
+    ramp_m: LengthM
     """Length of the ramp."""
 
     def lay(self, pose: PathPose) -> Step:

@@ -41,7 +41,8 @@ class ExtendedKalmanFilter:
     from there all samples are processed again in the order of their times. The estimate therefore
     does not depend on the order of arrival.
 
-    The filter starts at the first time with a reading of every sensor; earlier estimates are NaN.
+    The filter starts at the first time with a reading of every sensor, the two positions being
+    apart; earlier estimates are NaN.
     The gate rejects a sample whose innovation would be exceeded with probability
     `gate_probability` only. If it has rejected a sensor for a whole second without a break, the
     filter may be wrong: it then accepts the samples, with their noise raised until they just pass.
@@ -70,7 +71,7 @@ class ExtendedKalmanFilter:
         sensor_noise: SensorNoise | None = None,
         process_noise: ProcessNoise | None = None,
         gate_probability: float = 1e-4,
-        memory_s: float = 1.0,
+        memory_s: float = 2.5,
     ) -> None:
         if not 0.0 < memory_s < math.inf:
             raise InvalidTuning(f"memory_s: got {memory_s}, must be finite and above 0")
@@ -172,6 +173,8 @@ class ExtendedKalmanFilter:
             return False
         begin = max(samples[0].time_s for samples in of_sensor.values())
         first = {s: [m for m in of_sensor[s] if m.time_s <= begin][-1] for s in LENGTH}
+        if first[Sensor.GNSS_TRACTOR].value == first[Sensor.GNSS_TRAILER].value:
+            return False  # receivers that are not ready, or too coarse, give no heading
         self._states = [self._filter.start(first)]
         return True
 

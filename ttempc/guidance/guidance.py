@@ -271,12 +271,13 @@ class Guidance:
             )
         if origin:
             measurements = [replace(item, time_s=item.time_s - origin) for item in measurements]
+        usable = self._monitors.usable(measurements)
         sent = None if self._control_step is None else self._control_step.command
         self._exchange()
-        estimate = self._run_estimator(now, measurements, sent)
+        estimate = self._run_estimator(now, usable, sent)
         self._time_s, self._estimate = now, estimate
         psi_t, psi_i = estimate.state[State.PSI_T : State.DELTA_T].tolist()
-        tick = RecordedTick(now, tuple(measurements), sent, (psi_t, psi_i))
+        tick = RecordedTick(now, tuple(usable), sent, (psi_t, psi_i))
         observation = Observation(now, measurements, sent, estimate, self._vehicle)
         self._alarms = self._monitors.observe(observation)
         if any(alarm.reaction > Reaction.GO_ON for alarm in self._alarms):

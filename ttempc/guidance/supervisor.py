@@ -278,7 +278,9 @@ class Supervisor:
 
     def _is_ahead(self, error: FloatArray) -> bool:
         """Whether the reference is ahead of the vehicle in its direction of travel, or level."""
-        return bool(error[Error.X_T] * (-1.0 if self._reverse else 1.0) >= 0.0)
+        x, y, yaw = error[[Error.X_T, Error.Y_T, Error.PSI_T]].tolist()
+        along = x * math.cos(yaw) + y * math.sin(yaw)  # in the frame of the reference
+        return along * (-1.0 if self._reverse else 1.0) >= 0.0
 
     def _steady(self, hp: float, reason: str, error: FloatArray | None = None) -> ControlStep:
         """Hold both steering angles and move the hydrostat to `hp`, booked as feedforward."""

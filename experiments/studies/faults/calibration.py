@@ -12,6 +12,7 @@ together give at most one false alarm in ten hours.
   allowance in use is above k, the rate is lower.
 - Innovations: the largest squares of the statistic in ten seconds, which is nearly normal, follow a
   Gumbel distribution, fitted by its moments (Coles 2001, ch. 3).
+- Repetitions have no tail: the noise of a sensor changes every reading.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from scipy.optimize import brentq
 from proving_ground.testbed.recording.record import Recorder
 from ttempc.guidance.detection.bank import detectors
 from ttempc.guidance.detection.innovation_monitor import InnovationMonitor
+from ttempc.guidance.detection.repetition_monitor import RepetitionMonitor
 from ttempc.types import FloatArray
 
 from ...run.assembly import assemble
@@ -39,6 +41,7 @@ SEEDS: Final = (1, 2, 3)
 FALSE_ALARM_S: Final = 36_000.0  # at most one false alarm of all detectors in this time
 _QUANTILE: Final = 0.9
 _BLOCK_S: Final = 10.0  # of the maxima
+_COUNT: Final = sum(not isinstance(item, RepetitionMonitor) for item in detectors())
 _EULER: Final = 0.5772156649015329
 
 
@@ -75,7 +78,7 @@ def sum_limit(values: FloatArray, allowance: float, per_s: int) -> float:
         return float(np.log(np.mean(np.exp(theta * (sums - sums.max()))))) + theta * sums.max()
 
     theta = float(brentq(log_mean, 1e-6 / sums.max(), 1e3 / sums.max()))  # pyright: ignore[reportArgumentType] - a root alone
-    return math.log(FALSE_ALARM_S * len(detectors())) / theta
+    return math.log(FALSE_ALARM_S * _COUNT) / theta
 
 
 def maximum_limit(values: FloatArray, per_s: int) -> float:
@@ -83,7 +86,7 @@ def maximum_limit(values: FloatArray, per_s: int) -> float:
     values, block = values[np.isfinite(values)], round(_BLOCK_S * per_s)
     maxima = values[: len(values) // block * block].reshape(-1, block).max(axis=1) ** 2
     scale = float(maxima.std(ddof=1)) * math.sqrt(6.0) / math.pi
-    count = FALSE_ALARM_S / _BLOCK_S * len(detectors())
+    count = FALSE_ALARM_S / _BLOCK_S * _COUNT
     return math.sqrt(float(maxima.mean()) - _EULER * scale + scale * math.log(count))
 
 
@@ -98,6 +101,8 @@ def main(seconds: float = 100.0, seeds: Sequence[int] = SEEDS) -> None:
     }
     print("| detector | 90 % of the residual | limit | on |\n|---|---|---|---|")
     for n, detector in enumerate(detectors()):
+        if isinstance(detector, RepetitionMonitor):
+            continue
         columns = {name: rows[:, n] for name, rows in fields.items()}
         if isinstance(detector, InnovationMonitor):
             allowance = math.nan

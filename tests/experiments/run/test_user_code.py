@@ -120,6 +120,8 @@ def test_an_exception_in_the_run_ends_it_and_keeps_log_and_summary(package, caps
 
 
 ENDS = """
+import os
+
 from ttempc.types import Command, ControlStep
 
 class Base:
@@ -131,6 +133,10 @@ class Base:
 class Exits(Base):
     def step(self, estimate, k):
         raise SystemExit(0)
+
+class Leaves(Base):
+    def step(self, estimate, k):
+        os._exit(0)
 
 class Unprepared(Base):
     def prepare(self, k):
@@ -144,7 +150,12 @@ class Cold(Base):
 
 @pytest.mark.parametrize(
     ("name", "reason"),
-    [("Exits", "SystemExit"), ("Unprepared", "SystemExit"), ("Cold", "too cold")],
+    [
+        ("Exits", "SystemExit"),
+        ("Leaves", "os._exit(0)"),
+        ("Unprepared", "SystemExit"),
+        ("Cold", "too cold"),
+    ],
 )
 def test_no_method_of_a_controller_ends_the_program(package, capsys, name, reason):
     (package / "lawn" / "ends.py").write_text(ENDS)

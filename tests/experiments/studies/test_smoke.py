@@ -282,7 +282,7 @@ def test_a_law_with_the_right_form_predicts_a_field_that_it_has_not_seen():
 
 
 def test_faults(capsys, monkeypatch):
-    monkeypatch.setattr(faults, "_SECONDS", 32.0)
+    monkeypatch.setattr(faults, "_AFTER_S", 7.0)
     faults.main((1,), ("pid",), ("stone, 150 Ns", "front steering stuck"))
     head, body = rows(capsys)
     assert head[1:5] == ["carried on", "degraded", "stopped", "lost"]
@@ -291,6 +291,14 @@ def test_faults(capsys, monkeypatch):
     noticed, stop = (float(body[1][column].split(",")[0]) for column in (5, 7))
     assert 0.0 < noticed < 2.0
     assert 0.5 < stop < 5.0
+
+
+def test_a_stuck_hitch_sensor_is_left_out_and_the_vehicle_drives_on(monkeypatch):
+    monkeypatch.setattr(faults, "_AFTER_S", 15.0)
+    result = faults.drive_case(faults.Case("hitch angle stuck", "ttempc", 1))
+    assert result.result == "degraded"
+    assert result.noticed_s <= 1.0
+    assert result.worst_m < 0.2
 
 
 def test_limits_of_detectors():

@@ -79,6 +79,20 @@ def test_filter_starts_from_the_first_set_whatever_the_heading():
         np.testing.assert_allclose(difference, 0.0, atol=1e-9)
 
 
+def test_both_receivers_at_one_place_give_no_heading_and_the_filter_starts_later():
+    state, estimator = REFERENCE.at(0.0).state, ExtendedKalmanFilter(VEHICLE)
+    for k in range(20):
+        readings = perfect_set(state, 0.2 * k)
+        if k < 4:
+            readings = [
+                replace(item, value=(0.0, 0.0)) if len(item.value) == 2 else item
+                for item in readings
+            ]
+        estimate = estimator.update(0.2 * k, readings, None)
+        assert k >= 4 or np.isnan(estimate.state).all()
+    assert np.isfinite(estimate.state).all()
+
+
 def test_estimate_is_nan_until_the_set_is_complete():
     state = REFERENCE.at(0.0).state
     readings = perfect_set(state, 0.0)

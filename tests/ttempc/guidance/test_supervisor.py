@@ -205,6 +205,18 @@ def test_an_alarm_stops_the_vehicle_and_the_reference_waits_for_it():
     assert not supervisor.waits
 
 
+@pytest.mark.parametrize(("place", "waits"), [(45, True), (55, False)])
+def test_the_reference_waits_for_a_vehicle_that_has_turned_away(place, waits):
+    """A metre behind or ahead on the straight, turned by 100 deg: behind is behind."""
+    state = REFERENCE.at(place * PERIOD_S).state.copy()
+    state[[State.PSI_T, State.PSI_I]] += np.radians(100.0)
+    estimate = replace(seen_truth(state, 50 * PERIOD_S, VEHICLE), innovations=SEEN)
+    supervisor = supervised()
+    step = supervisor.step(estimate, 50, 50 * PERIOD_S)
+    assert "turned by more than 60 deg" in step.diagnostics.fallback
+    assert supervisor.waits is waits
+
+
 def test_the_reference_waits_while_the_vehicle_drives_at_half_speed():
     slow = Alarm("wheels", "wheels turn", Reaction.SLOW)
     supervisor = supervised()

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from ...types import Input, Sensor
 from .detector import Detector
 from .innovation_monitor import InnovationMonitor
+from .limits import INNOVATION
+from .planned_speed import PlannedSpeed
+from .repetition_monitor import RepetitionMonitor
 from .speed_monitors import MotionMonitor, WheelMonitor
 from .speed_over_ground import SpeedOverGround
 from .steering_monitor import SteeringMonitor
+
+_SENSORS: Final = {
+    Sensor.GNSS_TRACTOR: "GNSS of the tractor",
+    Sensor.GNSS_TRAILER: "GNSS of the trailer",
+    Sensor.STEERING_TRACTOR: "front steering angle",
+    Sensor.STEERING_TRAILER: "trailer steering angle",
+    Sensor.HITCH: "hitch angle",
+    Sensor.ENCODER: "encoder",
+}
 
 
 def detectors() -> tuple[Detector, ...]:
@@ -17,14 +31,12 @@ def detectors() -> tuple[Detector, ...]:
     their innovations large. Innovations of the others grow with a fault of the sensor, and as much
     with wrong lengths or an assumed noise that is too small: the vehicle goes on, and learns.
     """
-    ground = SpeedOverGround()
+    ground, plan = SpeedOverGround(), PlannedSpeed()
     return (
+        *(RepetitionMonitor(what, sensor) for sensor, what in _SENSORS.items()),
         SteeringMonitor(Input.DELTA_T),
         SteeringMonitor(Input.DELTA_I),
-        WheelMonitor(ground),
-        MotionMonitor(ground),
-        InnovationMonitor("GNSS of the tractor", Sensor.GNSS_TRACTOR),
-        InnovationMonitor("GNSS of the trailer", Sensor.GNSS_TRAILER),
-        InnovationMonitor("hitch angle", Sensor.HITCH),
-        InnovationMonitor("encoder", Sensor.ENCODER),
+        MotionMonitor(ground, plan),
+        WheelMonitor(ground, plan),  # may rule out the encoder, which those above do not use
+        *(InnovationMonitor(_SENSORS[sensor], sensor) for sensor in INNOVATION),
     )

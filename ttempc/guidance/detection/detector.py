@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Final, Protocol
 
-from ...types import Command, Estimate, Measurement
+from ...types import Command, Estimate, Measurement, Sensor
 from ...vehicle import Vehicle
 
 _ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
@@ -29,7 +29,7 @@ class Observation:
     """Data of one control tick that a detector may use."""
 
     time_s: float  # of the tick, from the first one
-    samples: Sequence[Measurement]  # that arrived since the tick before
+    samples: Sequence[Measurement]  # that arrived since the tick before, of sensors that work
     command: Command | None  # of the period before; None at the first tick
     estimate: Estimate
     vehicle: Vehicle  # present model parameters
@@ -42,6 +42,7 @@ class Alarm:
     detector: str  # its name
     reason: str  # for log and driver
     reaction: Reaction
+    unused: frozenset[Sensor] = frozenset()  # sensors whose samples are not to be used
 
 
 class Detector(Protocol):
@@ -105,6 +106,7 @@ class Monitors:
     """Runs detectors and keeps their alarms until the causes end.
 
     An alarm begins where a statistic exceeds its limit and ends where it falls below half of it.
+    A detector does not see the samples that are not to be used by an alarm of one before it.
     """
 
     def __init__(self, detectors: Sequence[Detector]) -> None:
@@ -119,4 +121,19 @@ class Monitors:
                 self._active.setdefault(detector.name, detector.alarm())
             elif detector.statistic < _ENDS * detector.limit:
                 self._active.pop(detector.name, None)
+            alarm = self._active.get(detector.name)
+            if alarm is not None and alarm.unused:
+                samples = _without(observation.samples, alarm.unused)
+                observation = replace(observation, samples=samples)
         return tuple(self._active.values())
+
+    def usable(self, samples: Sequence[Measurement]) -> Sequence[Measurement]:
+        """Return the samples without those of sensors that an alarm rules out."""
+        for alarm in self._active.values():
+            if alarm.unused:
+                samples = _without(samples, alarm.unused)
+        return samples
+
+
+def _without(samples: Sequence[Measurement], unused: frozenset[Sensor]) -> list[Measurement]:
+    return [sample for sample in samples if sample.sensor not in unused]

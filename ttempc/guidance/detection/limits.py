@@ -23,6 +23,7 @@ WHEELS_ALLOWANCE: Final = 0.30  # [m/s]
 WHEELS: Final = 1.10  # [m/s]
 MOTION_ALLOWANCE: Final = 0.35  # [m/s]
 MOTION: Final = 0.75  # [m/s]
+REPETITIONS: Final = 2.5  # bit-identical readings in succession; assumed
 INNOVATION: Final = {
     Sensor.GNSS_TRACTOR: 7.3,
     Sensor.GNSS_TRAILER: 7.3,

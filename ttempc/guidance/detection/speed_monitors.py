@@ -7,12 +7,12 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final
 
-from ...types import Input, Sensor
+from ...types import Sensor
 from .detector import Alarm, Cusum, Observation, Reaction
 from .limits import MOTION, MOTION_ALLOWANCE, WHEELS, WHEELS_ALLOWANCE
-from .speed_over_ground import SPAN_S, GroundSpeed, SpeedOverGround
+from .planned_speed import KEPT_S, PlannedSpeed
+from .speed_over_ground import GroundSpeed, SpeedOverGround
 
-_KEPT_S: Final = 3.0  # of speeds, for positions that come late
 _SIGMAS: Final = 3.0
 _STANDS: Final = 0.5  # share of the encoder's speed below which a vehicle makes no way
 
@@ -44,9 +44,9 @@ class _SpeedMonitor:
 
     def _compare(self, history: Iterable[tuple[float, float]], ground: GroundSpeed) -> None:
         """Add the difference of the mean of a `history` of times and speeds over the span."""
-        values = [value for time_s, value in history if ground.begin_s <= time_s <= ground.end_s]
-        if values:
-            self._speeds = abs(sum(values)) / len(values), ground.mps
+        mean = _mean(history, ground)
+        if not math.isnan(mean):
+            self._speeds = mean, ground.mps
             residual = self._speeds[0] - ground.mps
             self._cusum.add(_beyond_noise(residual, ground, self._allowance))
 
@@ -55,79 +55,73 @@ class WheelMonitor(_SpeedMonitor):
     """Compares the speed of the driven wheels with that over ground.
 
     The residual is the difference of both mean speeds of a second. Above: the wheels spin, or the
-    receivers repeat a position. Below: the encoder reads too little.
+    encoder reads too much. Below: it reads too little, or backward. The encoder is the one that is
+    wrong where the speed over ground is nearer to the planned one.
 
     Args:
         ground: speed over ground, if other monitors use it too.
+        plan: planned speed, likewise.
     """
 
     name = "wheels"
     limit = WHEELS
 
-    def __init__(self, ground: SpeedOverGround | None = None) -> None:
+    def __init__(
+        self, ground: SpeedOverGround | None = None, plan: PlannedSpeed | None = None
+    ) -> None:
         super().__init__(WHEELS_ALLOWANCE, WHEELS, ground)
+        self._plan = plan or PlannedSpeed()
         self._encoder: deque[tuple[float, float]] = deque()
+        self._planned = math.nan  # over the span of the last comparison [m/s]
 
     def observe(self, observation: Observation) -> None:
         """Compare the speeds of the last second where there is a new position."""
+        planned = self._plan.history(observation)
+        sign = -1.0 if observation.vehicle.reverse else 1.0
         for sample in observation.samples:
             if sample.sensor is Sensor.ENCODER and math.isfinite(sample.value[0]):
-                self._encoder.append((sample.time_s, sample.value[0]))
-        while self._encoder and self._encoder[0][0] < observation.time_s - _KEPT_S:
+                self._encoder.append((sample.time_s, sign * sample.value[0]))
+        while self._encoder and self._encoder[0][0] < observation.time_s - KEPT_S:
             self._encoder.popleft()
         ground = self._ground.speed(observation.samples)
         if ground is not None:
+            self._planned = _mean(planned, ground)
             self._compare(self._encoder, ground)
 
     def alarm(self) -> Alarm:
-        """Return the alarm: a vehicle that makes no way stops, one with a wrong encoder goes on."""
+        """Return the alarm: of a wrong encoder, or of wheels that make no or too little way."""
         wheels, speed = self._speeds
+        reason = f"wheels turn at {wheels:.2f} m/s, GNSS moves at {speed:.2f} m/s"
+        if abs(speed - self._planned) < abs(wheels - self._planned):
+            reason += f", planned {self._planned:.2f} m/s: encoder not used"
+            return Alarm(self.name, reason, Reaction.GO_ON, unused=frozenset({Sensor.ENCODER}))
         spins = speed < _STANDS * wheels
-        return Alarm(
-            self.name,
-            f"wheels turn at {wheels:.2f} m/s, GNSS moves at {speed:.2f} m/s",
-            Reaction.STOP_ON_PATH if spins else Reaction.SLOW,
-        )
+        return Alarm(self.name, reason, Reaction.STOP_ON_PATH if spins else Reaction.SLOW)
 
 
 class MotionMonitor(_SpeedMonitor):
     """Compares the speed that the hydrostat's commands ask for with that over ground.
 
-    The planned speed is that of the vehicle model: K hp after the dead time and the lag of the
-    hydrostat, as its mean over the second of the positions.
-
     Args:
         ground: speed over ground, if other monitors use it too.
+        plan: planned speed, likewise.
     """
 
     name = "motion"
     limit = MOTION
 
-    def __init__(self, ground: SpeedOverGround | None = None) -> None:
+    def __init__(
+        self, ground: SpeedOverGround | None = None, plan: PlannedSpeed | None = None
+    ) -> None:
         super().__init__(MOTION_ALLOWANCE, MOTION, ground)
-        self._sent: deque[tuple[float, float]] = deque()  # end of a command [s], its value
-        self._plan: deque[tuple[float, float]] = deque()  # time [s], speed [m/s]
+        self._plan = plan or PlannedSpeed()
 
     def observe(self, observation: Observation) -> None:
         """Continue the plan and compare it with the motion where there is a new position."""
-        now, vehicle = observation.time_s, observation.vehicle
-        if observation.command is not None:
-            self._sent.append((now, float(observation.command.as_array()[Input.HP])))
-            before, speed = self._plan[-1] if self._plan else (now, math.nan)
-            while len(self._sent) > 1 and self._sent[0][0] < now - vehicle.dead_time_hp - 1e-9:
-                self._sent.popleft()
-            target = vehicle.speed_gain * abs(self._sent[0][1])
-            if math.isnan(speed):
-                speed = target
-            speed += (1.0 - math.exp((before - now) / vehicle.speed_time_constant)) * (
-                target - speed
-            )
-            self._plan.append((now, speed))
-            while self._plan[0][0] < now - _KEPT_S - SPAN_S:
-                self._plan.popleft()
+        planned = self._plan.history(observation)
         ground = self._ground.speed(observation.samples)
         if ground is not None:
-            self._compare(self._plan, ground)
+            self._compare(planned, ground)
 
     def alarm(self) -> Alarm:
         """Return the alarm: a vehicle that does not move as commanded stops."""
@@ -137,6 +131,12 @@ class MotionMonitor(_SpeedMonitor):
             f"planned speed {planned:.2f} m/s, GNSS moves at {speed:.2f} m/s",
             Reaction.STOP_ON_PATH,
         )
+
+
+def _mean(history: Iterable[tuple[float, float]], ground: GroundSpeed) -> float:
+    """Return the mean of the speeds of a `history` of times and speeds in a span, NaN if none."""
+    values = [value for time_s, value in history if ground.begin_s <= time_s <= ground.end_s]
+    return sum(values) / len(values) if values else math.nan
 
 
 def _beyond_noise(residual: float, ground: GroundSpeed, allowance: float) -> float:

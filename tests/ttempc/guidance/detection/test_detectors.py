@@ -10,6 +10,7 @@ from ttempc.guidance.detection.bank import detectors
 from ttempc.guidance.detection.detector import Alarm, Cusum, Monitors, Observation, Reaction
 from ttempc.guidance.detection.innovation_monitor import InnovationMonitor
 from ttempc.guidance.detection.reactions import Reactions
+from ttempc.guidance.detection.repetition_monitor import RepetitionMonitor
 from ttempc.guidance.detection.speed_monitors import MotionMonitor, WheelMonitor
 from ttempc.guidance.detection.speed_over_ground import SpeedOverGround
 from ttempc.guidance.detection.steering_monitor import SteeringMonitor
@@ -147,23 +148,31 @@ def speeds(k, encoder, ground, rng):
 
 
 @pytest.mark.parametrize(
-    ("encoder", "ground_mps", "reaction"),
+    ("encoder", "ground_mps", "planned", "reaction"),
     [
-        (1.0, 0.85, None),
-        (1.0, 0.0, Reaction.STOP_ON_PATH),
-        (2.0, 1.1, Reaction.SLOW),
-        (0, 1, Reaction.SLOW),
+        (1.0, 0.85, 1.0, None),
+        (1.0, 0.0, 1.0, Reaction.STOP_ON_PATH),
+        (2.0, 1.1, 2.0, Reaction.SLOW),
+        (2.0, 1.1, 1.0, "no encoder"),
+        (0, 1, 1.0, "no encoder"),
+        (-1.0, 1.0, 1.0, "no encoder"),
     ],
 )
-def test_wheels_against_gnss(encoder, ground_mps, reaction):
-    """From 4 s on the wheels and the vehicle go at the given speeds, before at 1 m/s both."""
+def test_wheels_against_gnss(encoder, ground_mps, planned, reaction):
+    """From 4 s on the wheels and the vehicle go at the given speeds, before at 1 m/s both.
+
+    The encoder is wrong where the other speed is the one that was asked for.
+    """
     rng, monitor, place, first = np.random.default_rng(5), WheelMonitor(), 0.0, None
     for k in range(60):
         place += PERIOD_S * (1.0 if k < 20 else ground_mps)
-        monitor.observe(observation(k, speeds(k, 1.0 if k < 20 else encoder, place, rng)))
+        samples = speeds(k, 1.0 if k < 20 else encoder, place, rng)
+        command = Command(0.0, 0.0, planned / VEHICLE.speed_gain)
+        monitor.observe(observation(k, samples, command))
         if first is None and monitor.statistic > monitor.limit:
-            first = k, monitor.alarm().reaction
-    assert (first and first[1]) is reaction
+            alarm = monitor.alarm()
+            first = k, "no encoder" if alarm.unused == {Sensor.ENCODER} else alarm.reaction
+    assert (first and first[1]) == reaction
     assert first is None or first[0] <= 20 + round(2.0 / PERIOD_S)
 
 
@@ -189,6 +198,58 @@ def test_a_drive_without_faults_is_silent():
         assert not monitors.observe(now)
         last = monitors
     assert last is not None
+
+
+def readings(k, values, sensor=Sensor.HITCH):
+    """Return the samples of one tick, one every 0.04 s."""
+    return [Measurement(k * PERIOD_S + 0.04 * n, sensor, (v,)) for n, v in enumerate(values)]
+
+
+def test_a_sensor_that_repeats_itself_is_not_used_until_it_changes():
+    """Three repetitions in succession; duplicates under one stamp are none."""
+    rng, monitors = np.random.default_rng(8), Monitors([RepetitionMonitor("hitch", Sensor.HITCH)])
+    for k in range(20):
+        samples = readings(k, rng.normal(0.0, 0.01, 5))
+        assert not monitors.observe(observation(k, [*samples, *samples]))
+    last = samples[-1].value[0]
+    assert not monitors.observe(observation(20, readings(20, [last, last])))
+    stuck = readings(21, [last])
+    (alarm,) = monitors.observe(observation(21, stuck))
+    assert alarm.reaction is Reaction.GO_ON
+    other = Measurement(4.2, Sensor.ENCODER, (1.0,))
+    assert list(monitors.usable([*stuck, other])) == [other]
+    changed = readings(22, [last + 1e-9])
+    assert not monitors.observe(observation(22, changed))
+    assert list(monitors.usable(changed)) == changed
+
+
+def test_a_sensor_of_coarse_resolution_repeats_itself_in_good_health():
+    rng, monitor = np.random.default_rng(9), RepetitionMonitor("hitch", Sensor.HITCH)
+    for k in range(300):
+        monitor.observe(observation(k, readings(k, np.round(rng.normal(0.0, 0.7, 5)))))
+        assert monitor.statistic <= monitor.limit
+
+
+def test_later_detectors_do_not_see_samples_that_an_alarm_rules_out():
+    monitors = Monitors([RepetitionMonitor("front", Sensor.STEERING_TRACTOR), steering := Seen()])
+    rng = np.random.default_rng(10)
+    for k in range(30):
+        values = rng.normal(0.0, 0.01, 5) if k < 20 else np.full(5, 0.1)
+        monitors.observe(observation(k, readings(k, values, Sensor.STEERING_TRACTOR)))
+    assert steering.counts == [5] * 20 + [0] * 10
+
+
+class Seen:
+    name, limit, statistic, residual = "seen", 1.0, 0.0, 0.0
+
+    def __init__(self):
+        self.counts = []
+
+    def observe(self, observation):
+        self.counts.append(len(observation.samples))
+
+    def alarm(self):
+        raise AssertionError
 
 
 STOP = (Alarm("steering", "stuck", Reaction.STOP),)
