@@ -11,6 +11,14 @@ from .figure import BenchmarkFigure, Parts, machine, markdown, released, to_json
 
 _LATENCY: Final = "latency"
 
+
+def _environment() -> list[BenchmarkFigure]:
+    # Imported here because gymnasium is installed only with the extra `gym`.
+    from . import environment
+
+    return environment.figures()
+
+
 PARTS: Final[Mapping[str, Callable[[], list[BenchmarkFigure]]]] = {
     "control-step": control_step.figures,
     _LATENCY: latency.figures,
@@ -19,6 +27,7 @@ PARTS: Final[Mapping[str, Callable[[], list[BenchmarkFigure]]]] = {
     "start-up": start_up.figures,
     "memory": memory.figures,
     "sweep": sweep.figures,
+    "environment": _environment,
 }
 """Benchmarks by name; each returns its figures."""
 

@@ -1,20 +1,26 @@
-"""`ttempc log`: show, export, check, recover, replay or calibrate from a log."""
+"""`ttempc log`: show, export, check, recover, replay, convert or calibrate from a log."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from proving_ground.testbed.terminal import one_line
 
 from . import options
 
+if TYPE_CHECKING:
+    from proving_ground.testbed.log.log_content import Content
+
 ABOUT = """\
   ttempc log info LOG.mcap                     run, duration, failure, topics, events
   ttempc log export LOG.mcap --out DIR         CSV, one file per topic; --format parquet
   ttempc log rerun LOG.mcap -o FILE.rrd        field, plots and events for Rerun; extra `rerun`
+  ttempc log ros2 LOG.mcap -o BAG.mcap         for rosbag2: CDR, standard messages; extra `ros2`
   ttempc log check LOG.mcap                    is it whole, complete, of this version?
   ttempc log check TORN.part --recover NEW.mcap
   ttempc log replay LOG.mcap                   errors and consistency of the estimator
@@ -65,6 +71,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="file to write (default: beside the log)",
     )
     rerun.set_defaults(command=_rerun)
+    ros2 = actions.add_parser("ros2", help="a file for the tools of rosbag2 (extra `ros2`)")
+    ros2.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="BAG.mcap",
+        help="file to write (default: LOG-ros2.mcap beside the log)",
+    )
+    ros2.set_defaults(command=_ros2)
     check = actions.add_parser("check", help="validate a log, recover a torn one")
     check.add_argument(
         "--recover", type=Path, metavar="NEW.mcap", help="write the readable part as a whole log"
@@ -82,7 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, metavar="VEHICLE.toml", help="vehicle file to write"
     )
     calibrate.set_defaults(command=_calibrate)
-    for action in (info, export, rerun, check, replay, calibrate):
+    for action in (info, export, rerun, ros2, check, replay, calibrate):
         action.add_argument("log", type=Path, metavar="LOG")
 
 
@@ -114,16 +129,29 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _rerun(arguments: argparse.Namespace) -> int:
-    from proving_ground.testbed.log.log_content import read_content
-
     from ..logs.rerun_export import export_rerun
 
-    content = read_content(arguments.log)
     file = arguments.out or arguments.log.with_suffix(".rrd")
-    export_rerun(content, file)
+    return _converted(arguments.log, file, export_rerun, f", to be opened with: rerun {file}")
+
+
+def _ros2(arguments: argparse.Namespace) -> int:
+    from ..logs.ros2_export import export_ros2
+
+    file = arguments.out or arguments.log.with_name(f"{arguments.log.stem}-ros2.mcap")
+    return _converted(arguments.log, file, export_ros2)
+
+
+def _converted(
+    log: Path, file: Path, export: Callable[[Content, Path], object], note: str = ""
+) -> int:
+    from proving_ground.testbed.log.log_content import read_content
+
+    content = read_content(log)
+    export(content, file)
     if content.salvage is not None:
         print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
-    print(f"{file}, to be opened with: rerun {file}")
+    print(f"{file}{note}")
     return 0
 
 

@@ -10,6 +10,7 @@ from typing import Final
 
 from ttempc.guidance.controllers import CONTROLLERS
 
+from ..policy import study as policy
 from ..scenario.controller import TRUTH
 from ..scenario.scenario import shipped
 from ..seeds import report_seeds
@@ -287,6 +288,14 @@ ENTRIES: Final = (
         make=study_tables.evidence,
         probes=(("farm", "ttempc"), ("cultivate", "ttempc"), ("grass", "ttempc")),
         minutes=5.0,
+    ),
+    _study(
+        "learnt-policy",
+        "docs/howto/gym.md",
+        policy.main,
+        seeds=policy.SEEDS,
+        probes=tuple((name, policy.FACTORY) for name in policy.FIELDS),
+        minutes=1.5,
     ),
     Entry(
         name="card",

@@ -42,7 +42,7 @@ from ..scenario.vehicle import ParameterMismatch, Vehicles
 from .corridor_judge import corridor_row
 from .shared_parts import SharedParts
 from .timetable import Timetable
-from .user_code import is_user_code, load_factory, named_estimator, user_controller, user_stage
+from .user_code import is_user_code, load_factory, named_estimator, user_stage
 
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
 _BLOCK = 4096  # rows of the reference at a time: a sample takes twice the memory of a row
@@ -287,12 +287,7 @@ def _guidance(
     settings, vehicle = scenario.controller, reference.vehicle
     period_s = scenario.control.period_s
     noise = settings.noise.sensor_noise(scenario.sensors)
-    if factory is None and is_user_code(settings.name):
-        factory = load_factory(settings.name, "controller")
-    if factory is None:
-        controller = partial(parts.controller, scenario, vehicle)
-    else:
-        controller = partial(user_controller, settings.name, factory, settings.options)
+    controller = parts.controller_factory(scenario, vehicle, factory)
     if settings.estimator == TRUTH:
         estimator = TruthEstimator(plant.truth, vehicle)
     else:

@@ -11,11 +11,13 @@ from typing import Generic, TypeVar
 from proving_ground.testbed.ground.terrain import Terrain
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.dead_time import lead_s
+from ttempc.guidance.parts import ControllerFactory
 from ttempc.laws.tracking_controller import TrackingController
 from ttempc.reference.reference import Reference
 from ttempc.vehicle import Vehicle
 
 from ..scenario.scenario import Scenario
+from .user_code import is_user_code, load_factory, user_controller
 
 Part = TypeVar("Part")
 
@@ -61,6 +63,26 @@ class SharedParts:
         """Return the terrain of a run."""
         settings = scenario.terrain
         return self.terrains.get((settings, seed), lambda: settings.terrain(seed))
+
+    def controller_factory(
+        self, scenario: Scenario, given: Vehicle, factory: Callable[..., object] | None = None
+    ) -> ControllerFactory:
+        """Return what makes the controller of a run from vehicle, reference and period [s].
+
+        Args:
+            scenario: names the controller and its options.
+            given: model parameters of the scenario.
+            factory: of a user, in the place of the scenario's.
+
+        Raises:
+            InvalidController: no such factory of a user.
+        """
+        settings = scenario.controller
+        if factory is None and is_user_code(settings.name):
+            factory = load_factory(settings.name, "controller")
+        if factory is None:
+            return partial(self.controller, scenario, given)
+        return partial(user_controller, settings.name, factory, settings.options)
 
     def controller(
         self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import math
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter_ns
 from typing import Final, Literal
@@ -302,6 +302,18 @@ def drive(
     exception in a user's controller, estimator or stage ends the run as invalid; its traceback
     goes into the log.
     """
+    run = periods(setup, ticks, stages, on_tick)
+    while True:
+        try:
+            next(run)
+        except StopIteration as end:
+            return end.value
+
+
+def periods(
+    setup: SimulationSetup, ticks: int, stages: Sequence[Stage], on_tick: Callable[[int], object]
+) -> Generator[TickContext, None, Outcome]:
+    """Do as `drive`, and pause before every `control`: an estimate is there, a command is not."""
     tick = TickContext(truths=[(0, setup.plant.truth())])
     log_settings(setup, tick)
     log_truth(setup, tick)
@@ -318,6 +330,8 @@ def drive(
         for k in range(_LONGEST * ticks):
             tick.k = k
             for stage in stages:
+                if stage is control:
+                    yield tick
                 stage(setup, tick)
             on_tick(k)
             if tick.lost:

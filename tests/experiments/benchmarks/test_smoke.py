@@ -146,6 +146,19 @@ def test_sweep(monkeypatch, tmp_path):
     assert sum(figure.unit == "ms" for figure in sweep.row_figures(tmp_path)) == 1
 
 
+def test_environment(monkeypatch):
+    """A period of the plant is a part of one of the run, and that of a step."""
+    pytest.importorskip("gymnasium")
+    from proving_ground.experiments.benchmarks import environment
+
+    for name, value in (("STEPS", 5), ("REPEATS", 2)):
+        monkeypatch.setattr(environment, name, value)
+    named = values(environment.figures())
+    plant, run = named["the same period of the plant alone"], named["the same period of `simulate`"]
+    assert plant < min(run, named["step"])
+    assert named["rate beside `simulate`"] == pytest.approx(run / named["step"])
+
+
 def test_tube_step(few_ticks, monkeypatch):
     monkeypatch.setattr(tube_step, "REPEATS", 1)
     named = values(tube_step.figures())

@@ -1,0 +1,9 @@
+"""Gymnasium environment of the proving ground; importing it registers `ttempc/FieldTrial-v1`."""
+
+import gymnasium
+
+ENVIRONMENT_ID = "ttempc/FieldTrial-v1"
+
+gymnasium.register(
+    ENVIRONMENT_ID, entry_point="proving_ground.experiments.gym_env.environment:FieldTrial"
+)

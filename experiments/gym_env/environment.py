@@ -1,0 +1,254 @@
+"""Environment of a field trial: one run of a scenario, a control period a step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Sequence
+from typing import Any, Final, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.spaces import Box
+
+from proving_ground.testbed.recording.sink import Tee
+from proving_ground.testbed.simulation.loop import (
+    Outcome,
+    SimulationSetup,
+    TickContext,
+    estimate,
+    log_control,
+    log_timing,
+    log_truth,
+    periods,
+    prepare,
+    sense,
+)
+from proving_ground.testbed.truth import Truth
+from ttempc.limits import CommandLimits
+from ttempc.reference.reference import Reference
+from ttempc.types import Command, Controller, Estimate, FloatArray
+from ttempc.vehicle import Vehicle
+
+from ..errors import BadOptions, InvalidScenario
+from ..policy.observation import ESTIMATE_NAMES, EstimateObserver, bounds
+from ..policy.residual import ResidualController, half_range
+from ..run.assembly import assemble, check, model_vehicle
+from ..run.shared_parts import SharedParts
+from ..run.trust import named_parts, refuse_untrusted
+from ..scenario.scenario import parse_overrides, read_scenario
+from .reward import reward
+from .sensor_observer import SensorObserver, sensor_names
+
+_LEFT_OUT: Final = (
+    prepare,
+    log_control,
+    log_truth,
+    log_timing,
+)  # stages that serve real time and the log
+_SEEDS: Final = 2**32  # as of `ttempc run --seed`
+
+Observation = Literal["estimate", "sensors"]
+Action = Literal["command", "residual"]
+
+
+class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
+    """A run of a scenario; `reset(seed=N)` starts that of `ttempc run --seed N`.
+
+    Estimator, supervisor and command guard of the run stay in place; the action takes the place of
+    the controller, or is added to its command.
+
+    Args:
+        scenario: name of a scenario that ships, or path of a TOML file.
+        overrides: lines `key.key=value` that replace values of the scenario.
+        observation: "estimate", what a controller sees, or "sensors", the newest samples and the
+            reference in the map frame; `observation_names` has the entries.
+        action: "command", or "residual" on the controller of the scenario.
+        normalised: whether a command of -1 to 1 spans the vehicle's limits; else it is in rad and
+            as a fraction of the hydrostat's range. A residual is always from -1 to 1.
+        residual_share: of half the range of a command that a residual of 1 adds.
+        trust: whether code that the scenario file names may run.
+
+    Raises:
+        BadOptions: an argument has none of the allowed values.
+        ExperimentError, TestbedError, TtempcError: as a run of the scenario.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 - as in `gymnasium.Env`
+
+    def __init__(
+        self,
+        scenario: str = "grass",
+        overrides: Sequence[str] = (),
+        *,
+        observation: Observation = "estimate",
+        action: Action = "command",
+        normalised: bool = True,
+        residual_share: float = 0.25,
+        trust: bool = False,
+    ) -> None:
+        _require("observation", observation, ("estimate", "sensors"))
+        _require("action", action, ("command", "residual"))
+        if not 0.0 < residual_share <= 1.0:
+            raise BadOptions(f"residual_share: must be above 0 and at most 1, got {residual_share}")
+        source, changes = read_scenario(scenario), parse_overrides(overrides)
+        self._scenario = source.scenario(changes, changed_by="overrides")
+        if not trust:
+            refuse_untrusted(source.file, named_parts(self._scenario), changes)
+        check(self._scenario)
+        self._residual, self._share = action == "residual", residual_share
+        vehicles, mission = self._scenario.vehicles(), self._scenario.mission()
+        self._vehicle = model_vehicle(mission, self._scenario, vehicles)
+        self._limits = CommandLimits.of(self._vehicle, self._scenario.control.period_s)
+        specification = self._scenario.sensors if observation == "sensors" else None
+        names = sensor_names(specification) if specification else ESTIMATE_NAMES
+        self.observation_names = names
+        largest = bounds(names)
+        self.observation_space = Box(-largest, largest, dtype=np.float64)
+        self._normalised = normalised and not self._residual
+        low, high = (self._limits.lower, self._limits.upper)
+        if normalised or self._residual:
+            low, high = -np.ones(3), np.ones(3)
+        self.action_space = Box(low, high, dtype=np.float64)
+        self._specification = specification
+        self._parts = SharedParts(terrains=1, controllers=1)
+        self._action = np.zeros(3)  # as the controller takes it
+        self._run: Generator[TickContext, None, Outcome] | None = None
+
+    @property
+    def truth(self) -> Truth:
+        """True state of the plant at the present tick, for tests and for critics of a policy."""
+        return self._tick.now
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatArray, dict[str, Any]]:
+        """Start the run of a seed, by default of the next one of the environment's generator.
+
+        Raises:
+            BadOptions: the seed is above 2**32 - 1.
+        """
+        super().reset(seed=seed, options=options)
+        if seed is not None and seed >= _SEEDS:
+            raise BadOptions(f"seed: must be from 0 to {_SEEDS - 1}, got {seed}")
+        run_seed = int(self.np_random.integers(_SEEDS)) if seed is None else seed
+        assembly = assemble(self._scenario, run_seed, self._controller, self._parts)
+        self._reference, period_s = assembly.guidance.reference, assembly.guidance.period_s
+        self._setup: SimulationSetup = assembly.setup(Tee(), 1.0 / period_s)
+        self._guidance, self._ticks = assembly.guidance, assembly.ticks
+        stages = tuple(stage for stage in assembly.stages if stage not in _LEFT_OUT)
+        self._run = periods(self._setup, self._ticks, stages, lambda k: None)
+        self._sent = self._limits.clamp(self._reference.at(0.0).inputs)
+        self._estimates = EstimateObserver(self._reference, period_s)
+        self._samples = (
+            SensorObserver(self._specification, self._reference, period_s)
+            if self._specification
+            else None
+        )
+        outcome = self._proceed()
+        if outcome is not None:
+            raise InvalidScenario(f"reset: the run ended before it started: {outcome.failure}")
+        return self._observe(), {"seed": run_seed, "time_s": 0.0}
+
+    def step(self, action: FloatArray) -> tuple[FloatArray, float, bool, bool, dict[str, Any]]:
+        """Drive a control period.
+
+        `info` has the distances of both points from their references, the fallback of the
+        supervisor where one acted, and at the end status, failure and time of the run.
+
+        Raises:
+            ResetNeeded: the run has ended.
+            ValueError: the action is not of three numbers.
+        """
+        if self._run is None:
+            raise ResetNeeded("step: the run has ended, call reset()")
+        values = np.asarray(action, dtype=float)
+        if values.shape != (3,):
+            raise ValueError(f"step: the action has the shape {values.shape}, must be (3,)")
+        if self._normalised:
+            values = np.clip(values, -1.0, 1.0)
+            middle = 0.5 * (self._limits.upper + self._limits.lower)
+            values = middle + half_range(self._limits) * values
+        self._action = values
+        outcome = self._proceed()
+        previous, self._sent = self._sent, self._guidance.control_step.command.as_array()
+        errors = self._errors_m()
+        ended_early = outcome is not None and outcome.status != "completed"
+        left = self._ticks - self._guidance.reference_tick if ended_early else 0
+        change = ((self._sent - previous) / self._limits.step).tolist()
+        gained = reward(errors, change, left)
+        info: dict[str, Any] = {
+            "tractor_error_m": errors[0],
+            "trailer_error_m": errors[1],
+        }
+        if fallback := self._guidance.diagnostics.fallback:
+            info["fallback"] = fallback
+        if outcome is not None:
+            self._run = None
+            info |= {"status": outcome.status, "failure": outcome.failure or ""}
+            info["time_s"] = outcome.duration_s
+            if outcome.status != "invalid":
+                for stage in (sense, estimate):  # of the tick that no command follows
+                    stage(self._setup, self._tick)
+        completed = outcome is not None and not ended_early
+        return self._observe(), gained, ended_early, completed, info
+
+    def _controller(
+        self, vehicle: Vehicle, reference: Reference, period_s: float, **options: object
+    ) -> Controller:
+        """Return the controller that takes the actions; `options` are those of the scenario's."""
+        del options
+        if not self._residual:
+            return _Actions(self)
+        make = self._parts.controller_factory(self._scenario, self._vehicle)
+        inner = make(vehicle, reference, period_s)
+        return ResidualController(inner, self._chosen, self._share, reference, period_s)
+
+    def _chosen(self, estimate: Estimate, k: int, sent: FloatArray) -> FloatArray:
+        return self._action
+
+    def _proceed(self) -> Outcome | None:
+        """Run to the next tick that needs a command; return the outcome where there is none."""
+        assert self._run is not None
+        try:
+            self._tick = next(self._run)
+        except StopIteration as end:
+            return end.value
+        return None
+
+    def _observe(self) -> FloatArray:
+        tick, k = self._tick, self._guidance.reference_tick
+        if self._samples:
+            return self._samples.observe(tick.now.time_s, tick.measurements, k, self._sent)
+        assert tick.estimate is not None
+        if self._guidance.reference is not self._reference:  # the model was learnt anew
+            self._reference = self._guidance.reference
+            self._estimates = EstimateObserver(self._reference, self._guidance.period_s)
+        return self._estimates.observe(tick.estimate, k, self._sent)
+
+    def _errors_m(self) -> tuple[float, float]:
+        """Return the true distances of both points from their references [m]."""
+        truth, setup = self._tick.now, self._setup
+        # The next tick has begun, unless the run has ended: the reference is that of now.
+        row = setup.reference_row(self._guidance.reference_tick * setup.control_steps, truth)
+        x_t, y_t, _, x_i, y_i = row[:5].tolist()
+        return (
+            math.hypot(truth.tractor.x - x_t, truth.tractor.y - y_t),
+            math.hypot(truth.trailer.x - x_i, truth.trailer.y - y_i),
+        )
+
+
+class _Actions:
+    """Controller whose command is the action of an environment; the command guard limits it."""
+
+    def __init__(self, environment: FieldTrial) -> None:
+        self._environment = environment
+
+    def step(self, estimate: Estimate, k: int) -> Command:
+        """Return the action as a command."""
+        return Command(*self._environment._action.tolist())
+
+
+def _require(name: str, value: str, allowed: Sequence[str]) -> None:
+    if value not in allowed:
+        raise BadOptions(f"{name}: must be one of {', '.join(allowed)}, got {value!r}")

@@ -1,0 +1,1 @@
+"""Learnt policies as controllers: observation, residual on a controller, policy files."""

@@ -1,0 +1,214 @@
+"""The environment is the run of `simulate`, bit for bit, behind the interface of Gymnasium."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AsyncVectorEnv
+
+from proving_ground.experiments.errors import BadOptions, InvalidScenario
+from proving_ground.experiments.gym_env.environment import FieldTrial
+from proving_ground.experiments.gym_env.reward import LARGEST_COST, reward
+from proving_ground.experiments.policy.observation import bounds
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.testbed.recording.channels import CONTROL, MEASUREMENT, STATE, TRACKING
+from proving_ground.testbed.recording.record_rows import state_row
+
+ENVIRONMENT = "proving_ground.experiments.gym_env:ttempc/FieldTrial-v1"
+STRAIGHT = ("path={kind='straight', length_m=6}",)
+COMMANDS = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
+SEED = 7
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Summary and record of the run that the environments repeat."""
+    return simulate(*load("grass", STRAIGHT), SEED)
+
+
+def commands(record):
+    return record[CONTROL].columns(*COMMANDS)
+
+
+def repeat(environment, actions):
+    """Return states at every tick, observations, rewards and the last answer of a run."""
+    observation, _ = environment.reset(seed=SEED)
+    states, observations = [state_row(environment.unwrapped.truth)], [observation]
+    rewards, answer = [], None
+    for action in actions:
+        answer = environment.step(action)
+        states.append(state_row(environment.unwrapped.truth))
+        observations.append(answer[0])
+        rewards.append(answer[1])
+    return np.array(states), np.array(observations), rewards, answer
+
+
+def at_ticks(record):
+    """Return the true states of a record at its control ticks."""
+    times = np.append(record[CONTROL].time_s, record[STATE].time_s[-1])
+    rows = np.searchsorted(record[STATE].time_s, times - 1e-9)
+    return record[STATE].values[rows]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"action": "residual", "observation": "sensors", "scenario": "raw-gnss"}],
+    ids=["estimate-command", "sensors-residual"],
+)
+def test_gymnasium_accepts_it(options):
+    """Its warnings are errors here."""
+    environment = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT, **options)
+    check_env(environment.unwrapped, skip_render_check=True)
+
+
+def test_commands_of_a_run_give_its_states_bit_for_bit(driven):
+    summary, record = driven
+    environment = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT, normalised=False)
+    states, observations, _, (_, _, terminated, truncated, info) = repeat(
+        environment, commands(record)
+    )
+    np.testing.assert_array_equal(states, at_ticks(record))
+    assert (terminated, truncated, info["status"]) == (False, True, summary.status)
+    errors = observations[:-1, : len(TRACKING.fields[:7])]  # of the estimate, as logged
+    np.testing.assert_array_equal(errors, record[TRACKING].values[:, :7])
+
+
+def test_a_residual_of_nothing_is_the_controller_bit_for_bit(driven):
+    _, record = driven
+    environment = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT, action="residual")
+    states, *_ = repeat(environment, np.zeros_like(commands(record)))
+    np.testing.assert_array_equal(states, at_ticks(record))
+
+
+def test_normalised_commands_span_the_limits_and_drive_the_same_way(driven):
+    _, record = driven
+    lower, upper = (
+        record[CONTROL].columns(
+            *(f"{name}_{end}" for name in ("delta_t_rad", "delta_i_rad", "hp"))
+        )[0]
+        for end in ("min", "max")
+    )
+    actions = 2.0 * (commands(record) - lower) / (upper - lower) - 1.0
+    environment = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT)
+    states, *_ = repeat(environment, actions)
+    np.testing.assert_allclose(states, at_ticks(record), atol=1e-6)
+
+
+def test_sensors_are_the_newest_samples_with_their_ages(driven):
+    _, record = driven
+    environment = FieldTrial(
+        "grass", STRAIGHT, observation="sensors", action="command", normalised=False
+    )
+    _, observations, _, _ = repeat(environment, commands(record)[:5])
+    table = record[MEASUREMENT]
+    for k, observation in enumerate(observations):
+        entries = dict(zip(environment.observation_names, observation, strict=True))
+        now = 0.2 * k
+        for sensor, part in (("gnss_trailer", "x_m"), ("hitch", "rad"), ("encoder", "mps")):
+            delivered = (table.time_s < now + 1e-6) & ~np.isnan(table[f"{sensor}_time_s"])
+            assert entries[f"{sensor}_{part}"] == table[f"{sensor}_{part}"][delivered][-1]
+            age = now - table[f"{sensor}_time_s"][delivered][-1]
+            assert entries[f"{sensor}_age_s"] == pytest.approx(age, abs=1e-9)
+    assert not any(name.startswith("imu") for name in environment.observation_names)
+
+
+def test_a_seed_draws_the_run_and_those_that_follow_it():
+    environment = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT)
+    first, info = environment.reset(seed=3)
+    assert info["seed"] == 3
+    second, following = environment.reset()
+    again, _ = environment.reset(seed=3)
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, second)
+    assert environment.reset()[1]["seed"] == following["seed"]
+
+
+def test_a_lost_vehicle_ends_the_run_and_never_pays():
+    """Full lock drives in a circle: the supervisor stops it away from its reference."""
+    environment = FieldTrial("grass", ("path={kind='straight', length_m=30}",))
+    environment.reset(seed=1)
+    total, terminated, periods = 0.0, False, 0
+    while not terminated:
+        _, gained, terminated, truncated, info = environment.step(np.array([1.0, 0.0, 1.0]))
+        assert not truncated
+        total, periods = total + gained, periods + 1
+    assert info["status"] in ("stopped", "lost")
+    assert info["failure"]
+    assert periods < 150  # the path takes 30 s
+    assert total < -LARGEST_COST * (150 - periods)
+    with pytest.raises(ResetNeeded):
+        environment.step(np.zeros(3))
+
+
+def test_an_action_that_is_no_number_is_the_last_command():
+    environment = FieldTrial("grass", STRAIGHT)
+    environment.reset(seed=1)
+    start = environment.step(np.array([0.0, 0.0, 0.4]))[0]
+    observation, _, terminated, _, info = environment.step(np.full(3, math.nan))
+    assert not terminated
+    assert "not finite" in info["fallback"]
+    np.testing.assert_array_equal(observation[-3:], start[-3:])  # the command that was sent
+    with pytest.raises(ValueError, match=r"shape \(2,\)"):
+        environment.step(np.zeros(2))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"observation": "truth"}, "observation: must be one of estimate, sensors, got 'truth'"),
+        ({"action": "torque"}, "action: must be one of command, residual, got 'torque'"),
+        ({"residual_share": 0.0}, "residual_share: must be above 0"),
+    ],
+)
+def test_options_are_refused_in_a_line(options, message):
+    with pytest.raises(BadOptions, match=message):
+        FieldTrial("grass", **options)
+
+
+def test_code_of_a_file_needs_trust(tmp_path):
+    file = tmp_path / "strange.toml"
+    file.write_text('[controller]\nname = "os:abort"\n')
+    with pytest.raises(InvalidScenario, match="os:abort"):
+        FieldTrial(str(file))
+    with pytest.raises(BadOptions, match="seed"):
+        FieldTrial("grass", STRAIGHT).reset(seed=2**32)
+
+
+def test_processes_drive_the_runs_of_their_seeds():
+    def make():
+        return FieldTrial("grass", STRAIGHT, action="residual")
+
+    vector = AsyncVectorEnv([make, make])
+    try:
+        vector.reset(seed=[SEED, SEED + 1])
+        observations = [vector.step(np.full((2, 3), 0.1))[0] for _ in range(3)][-1]
+    finally:
+        vector.close()
+    for row, seed in zip(observations, (SEED, SEED + 1), strict=True):
+        alone = make()
+        alone.reset(seed=seed)
+        expected = [alone.step(np.full(3, 0.1))[0] for _ in range(3)][-1]
+        np.testing.assert_array_equal(row, expected)
+
+
+def test_the_reward_is_0_at_best_and_an_early_end_is_the_worst():
+    assert reward((0.0, 0.0), (0.0, 0.0, 0.0), 0) == 0.0
+    assert reward((0.1, 0.1), (0.0, 0.0, 0.0), 0) == pytest.approx(-1.0)
+    assert reward((0.1, 0.0), (0.0, 0.0, 0.0), 0) == pytest.approx(-0.5)
+    assert reward((0.1, 0.1), (1.0, -1.0, 1.0), 0) == pytest.approx(-1.1)
+    worst = reward((50.0, 50.0), (1.0, 1.0, 1.0), 0)
+    assert worst == -LARGEST_COST
+    for left in (1, 7):
+        assert reward((0.0, 0.0), (0.0, 0.0, 0.0), left) <= left * worst
+
+
+def test_entries_are_bounded_by_their_units():
+    rad, metres, curvature, none = bounds(["beta_rad", "x_t_e_m", "curvature_per_m", "hp_command"])
+    assert rad == pytest.approx(2.0 * math.pi)
+    assert metres > 100.0 > curvature >= none >= 1.0
