@@ -23,7 +23,8 @@ _TABS: Final = {
 def layout_text() -> str:
     """Return the content of the layout file: three tabs of plots one above the other."""
     root = Element("root")
-    window = SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
+    attributes = {"name": "Main Window", "parent": "main_window"}
+    window = SubElement(root, "tabbed_widget", attributes)
     panels = {panel.name: panel for panel in PANELS}
     for name, parts in _TABS.items():
         tab = SubElement(window, "Tab", tab_name=name, containers="1")

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from .published import CAVEAT, PublishedError
-from .statistics import caveat, mean
 from .summary import BodyStatistics, CorridorStatistics, ErrorStatistics, Summary
 
 WIDTH: Final = 80
@@ -60,6 +59,8 @@ def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> s
 
 def format_seeds(summaries: Sequence[Summary]) -> str:
     """Return the errors of runs that differ in their seed, and their means, as text."""
+    from .statistics import caveat, mean  # loads scipy.stats, which a single run does without
+
     first = summaries[0]
     heads = _OF_SEEDS
     lines = [

@@ -323,9 +323,7 @@ def periods(
     start = perf_counter_ns()
     try:
         setup.guidance.warm_up()
-        # The garbage collector need not look through all that was there before the run, again and
-        # again: modules and compiled kernels are 200,000 objects.
-        gc.freeze()
+        gc.freeze()  # the collector does not look through 200,000 older objects again and again
         start = perf_counter_ns()
         for k in range(_LONGEST * ticks):
             tick.k = k
@@ -334,13 +332,9 @@ def periods(
                     yield tick
                 stage(setup, tick)
             on_tick(k)
-            if tick.lost:
-                status, failure = "lost", tick.lost
-                break
-            if tick.stopped:
-                status, failure = "stopped", tick.stopped
-                break
-            if setup.guidance.reference_tick >= ticks:
+            if tick.lost or tick.stopped:
+                status, failure = ("lost", tick.lost) if tick.lost else ("stopped", tick.stopped)
+            if failure or setup.guidance.reference_tick >= ticks:
                 break
         else:
             status, failure = "stopped", f"{tick.fallback}: the reference waited too long"

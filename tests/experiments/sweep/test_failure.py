@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from proving_ground.experiments.sweep import envelope as envelope_module
+from proving_ground.experiments.sweep import points
 from proving_ground.experiments.sweep.engine import Engine, InProcess
 from proving_ground.experiments.sweep.envelope import Question, envelope
 from proving_ground.experiments.sweep.failure import (
@@ -60,7 +60,7 @@ def test_report_and_envelope_judge_a_run_alike(
     (group,) = controller_groups(read_sweep(folder, limit_m))
     assert (group.fails, len(group.failed)) == (fails, 3 if fails else 0)
 
-    monkeypatch.setattr(envelope_module, "imap_rows", lambda engine, jobs: map(make_row, jobs))
+    monkeypatch.setattr(points, "imap_rows", lambda engine, jobs: map(make_row, jobs))
     result = envelope(replace(QUESTION, limit_m=limit_m), Engine(InProcess(), lambda: 1))
     assert result.outcome == ("fails" if fails else "holds")
     assert {probe.failed for probe in result.probes} == {len(group.failed)}
@@ -73,7 +73,7 @@ def test_completed_runs_without_an_error_figure_are_counted_in_words(tmp_path, m
     assert words in render_summary(make_report(read_sweep(folder, 0.5)))
     assert "the limit" not in render_summary(make_report(read_sweep(folder)))
 
-    monkeypatch.setattr(envelope_module, "imap_rows", lambda engine, jobs: map(make_row, jobs))
+    monkeypatch.setattr(points, "imap_rows", lambda engine, jobs: map(make_row, jobs))
     result = envelope(replace(QUESTION, limit_m=0.5), Engine(InProcess(), lambda: 1))
     assert "15 completed runs have no error figure" in str(result)
     assert {probe.unmeasured for probe in result.probes} == {3}

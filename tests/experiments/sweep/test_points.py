@@ -55,5 +55,10 @@ def test_kept_rows_are_not_driven_again(tmp_path):
     points = [{KPA: 300.0}, {KPA: 900.0}]
     rows = drive(points, folder=tmp_path / "kept")
     assert drive(points, folder=tmp_path / "kept") == rows  # wall-clock times among them
-    with pytest.raises(SweepRefused, match="another study"):
-        drive(points[::-1], folder=tmp_path / "kept")
+    (first,), (second,) = drive(points[::-1], folder=tmp_path / "kept")
+    same = ("run_id", "wall_s")
+    assert [[row[key] for key in same] for row in (second, first)] == [
+        [row[key] for key in same] for (row,) in rows
+    ]
+    with pytest.raises(SweepRefused):
+        drive(points[:1], folder=tmp_path / "kept")
