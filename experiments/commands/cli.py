@@ -36,18 +36,18 @@ _COMMANDS: Final = {
     "list": _Command("catalogue", "list what ships with the project"),
     "new": _Command("new", "start a controller, a scenario or a study from a template"),
     "schema": _Command("schema", "print the JSON schema of a scenario, for editors"),
-    "sweep": _Command("sweep", "drive all runs of a study"),
+    "sweep": _Command("studies.sweep", "drive all runs of a study"),
     "report": _Command("report", "report the results of a sweep"),
-    "envelope": _Command("envelope", "find where controllers fail"),
-    "compare": _Command("compare", "compare several runs on one reference"),
+    "envelope": _Command("studies.envelope", "find where controllers fail"),
+    "compare": _Command("studies.compare", "compare several runs on one reference"),
     "log": _Command("log", "show, export, check, recover or replay a log"),
     "video": _Command("pictures.video", "film a run from its log"),
     "figures": _Command("pictures.figures", "figures of a run for a paper, and their data"),
     "frame": _Command("pictures.frame", "take one picture of a run from its log"),
     "mjcf": _Command("mjcf", "export a scenario's vehicle and ground for MuJoCo"),
     "card": _Command("card", "validate the plant of one scenario"),
-    "reproduce": _Command("reproduce", "make or check the tables of the documentation"),
-    "fit-tube": _Command("fit_tube", "fit a tube to the logs of runs"),
+    "reproduce": _Command("studies.reproduce", "make or check the tables of the documentation"),
+    "fit-tube": _Command("studies.fit_tube", "fit a tube to the logs of runs"),
 }
 
 _ABOUT = """\

@@ -22,7 +22,7 @@ from ..studies import (
     ranking,
     retuned,
 )
-from ..studies.ablations import ablation, conditions, corridor, limits, recovery
+from ..studies.ablations import ablation, conditions, corridor, coverage, limits, recovery
 from ..studies.eight_numbers import tables as eight_numbers
 from ..studies.eight_numbers.study import REPORT_SEEDS
 from ..studies.faults import cases
@@ -134,6 +134,14 @@ ENTRIES: Final = (
         seeds=report_seeds(corridor.LAPS),
         probes=tuple((corridor.SCENARIO, name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")),
         minutes=50.0,
+    ),
+    _study(
+        "coverage",
+        "docs/tube.md",
+        coverage.main,
+        seeds=report_seeds(coverage.LAPS),
+        probes=tuple((name, "ttempc") for name in coverage.FIELDS),
+        minutes=40.0,
     ),
     _study(
         "learning",

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ..output import create_partial, refuse_existing, write_file
-from . import options
+from ...output import create_partial, refuse_existing, write_file
+from .. import options
 
 ABOUT = """\
 Makes one quantity of a scenario harder until a controller fails: in at least half of
@@ -61,10 +61,10 @@ def _envelope(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and Dask.
     from proving_ground.testbed.recording.provenance import versions
 
-    from ..run.trust import named_parts, refuse_untrusted
-    from ..scenario.scenario import parse_overrides, read_scenario
-    from ..sweep.engine import engine
-    from ..sweep.envelope import QUANTITIES, EnvelopeFile, Question, envelope
+    from ...run.trust import named_parts, refuse_untrusted
+    from ...scenario.scenario import parse_overrides, read_scenario
+    from ...sweep.engine import engine
+    from ...sweep.envelope import QUANTITIES, EnvelopeFile, Question, envelope
 
     settings = parse_overrides(arguments.overrides)
     draft = read_scenario(arguments.scenario)

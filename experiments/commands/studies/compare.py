@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import options
+from .. import options
 
 if TYPE_CHECKING:
-    from ..film.composition import FilmSetup
+    from ...film.composition import FilmSetup
 
 ABOUT = """\
 Compares runs on one reference, aligned by its time, prints a table and writes
@@ -44,10 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _compare(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..figures import png
-    from ..figures.comparison_figures import COMPARISONS
-    from ..output import make_folder, refuse_existing, write_file
-    from ..results.run_comparison import comparison_csv, format_comparison, read_compared
+    from ...figures import png
+    from ...figures.comparison_figures import COMPARISONS
+    from ...output import make_folder, refuse_existing, write_file
+    from ...results.run_comparison import comparison_csv, format_comparison, read_compared
 
     folder = arguments.out or options.unused_path(Path("runs"), "comparison")
     refuse_existing(folder)
@@ -70,9 +70,9 @@ def _compare(arguments: argparse.Namespace) -> int:
 
 def _setup(arguments: argparse.Namespace) -> FilmSetup:
     """Return the film of all runs, from the latest start to the latest end."""
-    from ..film.composition import FilmSetup
-    from ..film.replay import read_replay
-    from ..film.shot import make_shot
+    from ...film.composition import FilmSetup
+    from ...film.replay import read_replay
+    from ...film.shot import make_shot
 
     replays = tuple(read_replay(log) for log in arguments.logs)
     shot = make_shot(

@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from .options import EXIT_CHECK_FAILED, add_json
+from ..options import EXIT_CHECK_FAILED, add_json
 
 ABOUT = """\
 Reads the logs of runs of one scenario, which differ in their seeds, computes the
@@ -68,12 +68,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _fit_tube(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo.
-    from ..errors import BadOptions
-    from ..output import refuse_existing, write_file
-    from ..scenario.tube_file import to_json
-    from ..tubes.calibration import calibrate_tube, driven_run, format_calibration
-    from ..tubes.fit import fit_run, fit_tube, format_fit
-    from ..tubes.logged_runs import read_runs
+    from ...errors import BadOptions
+    from ...output import refuse_existing, write_file
+    from ...scenario.tube_file import to_json
+    from ...tubes.calibration import calibrate_tube, driven_run, format_calibration
+    from ...tubes.fit import fit_run, fit_tube, format_fit
+    from ...tubes.logged_runs import read_runs
 
     options = {name: vars(arguments)[name] for name in ("coverage", "window", "shape")}
     options = {name: value for name, value in options.items() if value is not None}

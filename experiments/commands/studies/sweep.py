@@ -8,10 +8,10 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import options
+from .. import options
 
 if TYPE_CHECKING:
-    from ..sweep.sweep import Progress
+    from ...sweep.sweep import Progress
 
 ABOUT = """\
 Drives all runs of a study in parallel and writes into DIR:
@@ -50,13 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _sweep(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and Dask.
-    from ..sweep.cost_estimate import estimate_cost, format_plan
-    from ..sweep.engine import engine
-    from ..sweep.folder import is_begun, lock_folder
-    from ..sweep.inert_axes import find_inert_axes
-    from ..sweep.plan import SweepPlan
-    from ..sweep.study import load_study
-    from ..sweep.sweep import sweep
+    from ...sweep.cost_estimate import estimate_cost, format_plan
+    from ...sweep.engine import engine
+    from ...sweep.folder import is_begun, lock_folder
+    from ...sweep.inert_axes import find_inert_axes
+    from ...sweep.plan import SweepPlan
+    from ...sweep.study import load_study
+    from ...sweep.sweep import sweep
 
     name, study = load_study(arguments.study)
     plan = SweepPlan(name, study, trusted=arguments.trust)
@@ -108,7 +108,7 @@ class _Reporter:
 
 def _summary(results: Path) -> str:
     """Return the counts of the runs by status, and the path of their rows."""
-    from ..sweep.results import rows
+    from ...sweep.results import rows
 
     counts = Counter(str(row["status"]) for row in rows(results))
     by_status = ", ".join(f"{count} {status}" for status, count in counts.most_common())

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import BadOptions
-from . import options
+from ...errors import BadOptions
+from .. import options
 
 if TYPE_CHECKING:
-    from ..reproduce.driver import Driver
-    from ..reproduce.entry import Entry
+    from ...reproduce.driver import Driver
+    from ...reproduce.entry import Entry
 
 ABOUT = """\
 Makes the tables and figures of README and docs and writes them between the markers
@@ -66,10 +66,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _reproduce(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo, matplotlib and Dask.
-    from ..reproduce.driver import Driver
-    from ..reproduce.listing import ENTRIES
-    from ..reproduce.pages import ROOT
-    from ..reproduce.reproduce import reproduce, select
+    from ...reproduce.driver import Driver
+    from ...reproduce.listing import ENTRIES
+    from ...reproduce.pages import ROOT
+    from ...reproduce.reproduce import reproduce, select
 
     if arguments.seeds and arguments.out is None:
         raise BadOptions("--seeds: goes with --out, so that no page of the checkout rests on them")
@@ -92,10 +92,10 @@ def _reproduce(arguments: argparse.Namespace) -> int:
 
 
 def _print_list(entries: Sequence[Entry], out: Path) -> None:
-    from ..reproduce.ledger import read_ledger, source_digest
-    from ..reproduce.listing import minutes
-    from ..reproduce.reproduce import known_state
-    from ..sweep_report.format import format_numbers
+    from ...reproduce.ledger import read_ledger, source_digest
+    from ...reproduce.listing import minutes
+    from ...reproduce.reproduce import known_state
+    from ...sweep_report.format import format_numbers
 
     ledger, source = read_ledger(out), source_digest()
     print(f"{'name':<20}{'page':<30}{'seeds':<10}{'min':>4}  state")
@@ -107,7 +107,7 @@ def _print_list(entries: Sequence[Entry], out: Path) -> None:
 
 
 def _check(entries: Sequence[Entry], driver: Driver, out: Path) -> int:
-    from ..reproduce.reproduce import check
+    from ...reproduce.reproduce import check
 
     verdicts = check(entries, driver, out)
     for item in verdicts:

@@ -1,0 +1,1 @@
+"""Commands over many runs: studies, their comparison, and what is fitted to them."""
