@@ -133,7 +133,7 @@ ENTRIES: Final = (
         corridor.main,
         seeds=report_seeds(corridor.LAPS),
         probes=tuple((corridor.SCENARIO, name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")),
-        minutes=50.0,
+        minutes=10.0,
     ),
     _study(
         "coverage",
