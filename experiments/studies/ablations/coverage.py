@@ -1,6 +1,6 @@
 """Half widths that whole laps of `ttempc` keep to, and how many fresh laps keep to them.
 
-    python -m experiments.studies.ablations.coverage [LAPS]
+    python -m experiments.studies.ablations.coverage [SEED ...]
                                                    (default: 200 reported seeds a field)
 
 The distance of a lap is the largest one of its true tractor and trailer point from the path, after
@@ -91,12 +91,12 @@ def line(field: str, fitted: FloatArray, fresh: FloatArray) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def main(laps: int = LAPS) -> None:
+def main(seeds: Sequence[int] = report_seeds(LAPS)) -> None:
     """Print the table."""
     print("\n".join(head()))
     for field in FIELDS:
         fitted = distances(field, FITTING[:CALIBRATION_LAPS])
-        print(line(field, fitted, distances(field, report_seeds(laps))), flush=True)
+        print(line(field, fitted, distances(field, seeds)), flush=True)
 
 
 def head() -> Iterator[str]:
@@ -115,4 +115,4 @@ def head() -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main(tuple(map(int, sys.argv[1:])) or report_seeds(LAPS))
