@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from ..figures import png
-from ..figures.style import blank, dress, legend, series
+from ..figures.style import blank, dress, series
 from ..results.summary import ACTUATOR_USE, Summary
 from ..seeds import report_seeds
 from ..sweep.row import figures
@@ -106,7 +106,7 @@ def _overrides(controller: str, weight: float | None) -> tuple[str, ...]:
 
 def _figure(points: Sequence[FrontPoint]) -> bytes:
     """Return the error over the travel of the hydrostat, a panel per scenario."""
-    figure = blank(3.2)
+    figure = blank(3.4)
     panels = figure.subplots(1, len(SCENARIOS), squeeze=False)[0]
     for axes, scenario in zip(panels, SCENARIOS, strict=True):
         for number, controller in enumerate(_WEIGHTS):
@@ -114,8 +114,9 @@ def _figure(points: Sequence[FrontPoint]) -> bytes:
             travel = [100.0 * point.mean(_TRAVEL) for point in own]
             axes.plot(travel, [p.error_cm for p in own], **series(number), label=controller)
         dress(axes, "hydrostat travel [%/m]", "mean error of both points [cm]", scenario)
-        axes.set_xscale("log")
-    legend(figure.axes[0], 5)
+        axes.set_xlim(left=0.0)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), frameon=False)
     return png(figure)
 
 
