@@ -84,11 +84,17 @@ def line(field: str, fitted: FloatArray, fresh: FloatArray) -> str:
     ):
         inside = proportion(int((fresh <= half_width).all(axis=1).sum()), len(fresh))
         low, high = (100.0 * end for end in inside.ends)
-        cells.append(" / ".join(f"{100.0 * width:.1f}" for width in half_width))
+        cells.append(_in_cm(half_width))
         cells += [promise] if promise else []
         cells.append(f"{inside.count} of {inside.total} ({low:.1f} to {high:.1f} %)")
-    cells.append(" / ".join(f"{100.0 * width:.1f}" for width in fresh.max(axis=0)))
+    cells.append(_in_cm(fresh.max(axis=0)))
+    enough = len(fresh) >= CALIBRATION_LAPS
+    cells.append(_in_cm(calibrated_widths(fresh, COVERAGE)[0]) if enough else "–")
     return f"| {' | '.join(cells)} |"
+
+
+def _in_cm(distances_m: FloatArray) -> str:
+    return " / ".join(f"{100.0 * distance:.1f}" for distance in distances_m)
 
 
 def main(seeds: Sequence[int] = report_seeds(LAPS)) -> None:
@@ -109,6 +115,7 @@ def head() -> Iterator[str]:
         "exceeded once in 1000 laps [cm]",
         "fresh laps inside",
         "largest of them [cm]",
+        "half widths of 95 % from the fresh laps [cm]",
     )
     yield f"| {' | '.join(heads)} |"
     yield "|---" * len(heads) + "|"
