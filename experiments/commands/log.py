@@ -98,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     calibrate.set_defaults(command=_calibrate)
     for action in (info, export, rerun, ros2, check, replay, calibrate):
-        action.add_argument("log", type=Path, metavar="LOG")
+        action.add_argument("log", type=options.log_path, metavar="LOG")
 
 
 def _info(arguments: argparse.Namespace) -> int:

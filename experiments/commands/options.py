@@ -265,7 +265,12 @@ def read_ghosts(arguments: argparse.Namespace) -> tuple[Replay, ...]:
     """Return the runs that are drawn as ghosts."""
     from ..film.replay import read_replay
 
-    return tuple(read_replay(Path(log)) for log in arguments.ghost if log != _REFERENCE)
+    return tuple(map(read_replay, ghost_logs(arguments)))
+
+
+def ghost_logs(arguments: argparse.Namespace) -> list[Path]:
+    """Return the logs of the runs that are drawn as ghosts."""
+    return [log_path(log) for log in arguments.ghost if log != _REFERENCE]
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -274,6 +279,12 @@ def _size(text: str) -> tuple[int, int]:
     if not match:
         raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, as 1280x720, got {text!r}")
     return int(match[1]), int(match[2])
+
+
+def log_path(text: str) -> Path:
+    """Return the log that is meant: the file itself, or that in the folder of a run."""
+    inside = Path(text, "log.mcap")
+    return inside if inside.is_file() else Path(text)
 
 
 def path_beside(log: Path, ending: str) -> Path:

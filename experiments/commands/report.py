@@ -29,7 +29,10 @@ Exit code 2 for bad input, such as a folder without rows (one line; nothing is w
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
     parser.add_argument(
-        "source", type=Path, metavar="DIR|LOG", help="folder of a sweep, or log.mcap of a run"
+        "source",
+        type=options.log_path,
+        metavar="DIR|LOG",
+        help="folder of a sweep or a run, or its log",
     )
     sweep = parser.add_argument_group("of a sweep")
     sweep.add_argument(

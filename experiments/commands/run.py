@@ -75,14 +75,13 @@ def _run(arguments: argparse.Namespace) -> int:
     first, count = arguments.seed, arguments.seeds or 1
     stem = f"{name}-{controller}-{first}" + (f"-to-{first + count - 1}" if count > 1 else "")
     folder = arguments.out or options.unused_path(Path("runs"), stem)
-    runs = [_drive(arguments, name, scenario, folder)] if count == 1 else []
+    runs = [_drive(arguments, name, scenario, first, folder)] if count == 1 else []
     if count > 1:
         if arguments.live:
             raise BadOptions("--live: shows one run, leave out --seeds")
         make_folder(folder)
         for seed in range(first, first + count):
-            alone = argparse.Namespace(**{**vars(arguments), "seed": seed})
-            runs.append(_drive(alone, name, scenario, folder / f"seed-{seed}"))
+            runs.append(_drive(arguments, name, scenario, seed, folder / f"seed-{seed}"))
     summaries = [run.summary for run in runs]
     if arguments.json:
         texts = [summary.to_json().rstrip() for summary in summaries]
@@ -93,14 +92,16 @@ def _run(arguments: argparse.Namespace) -> int:
     return 0 if completed else options.EXIT_LOST
 
 
-def _drive(arguments: argparse.Namespace, name: str, scenario: Scenario, folder: Path) -> Finished:
+def _drive(
+    arguments: argparse.Namespace, name: str, scenario: Scenario, seed: int, folder: Path
+) -> Finished:
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..run.simulate import run
 
     return run(
         name,
         scenario,
-        arguments.seed,
+        seed,
         folder,
         record_hz=arguments.record_rate,
         watch=_watch(arguments, name),

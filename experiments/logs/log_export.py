@@ -41,7 +41,9 @@ def export_log(content: Content, folder: Path, form: str) -> list[Path]:
     """
     refuse_existing(folder)
     if form == "parquet" and importlib.util.find_spec("pyarrow") is None:
-        raise MissingExtra("--format parquet: needs pyarrow, pip install 'ttempc[export]'")
+        raise MissingExtra(
+            "--format parquet: needs pyarrow, pip install 'ttempc-proving-ground[export]'"
+        )
     tables = columns_of(content)
     if not any(len(next(iter(columns.values()))) for columns in tables.values()):
         raise LogError(f"{content.path}: holds no rows")

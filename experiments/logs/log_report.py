@@ -23,12 +23,12 @@ from ..report.run_report import render_run_report
 from ..results.metrics import summarise
 from ..results.published import PublishedError, applies_to, compare
 from ..results.summary import RunFacts, Status, Summary
-from ..run.log_file import versions_of
+from ..run.log_file import BEGINS, ENDS, SETTINGS, versions_of
 from ..scenario.scenario import ScenarioFile, identity
 
 _SCENARIO: Final = "scenario.toml"
-_FOR_VIEWERS: Final = ("settings: ", "run begins: ", "run ends: ")  # the page says it elsewhere
-_ENDS: Final = re.compile(r"run ends: (completed|stopped|lost|invalid) after")
+_SAID_ELSEWHERE: Final = (SETTINGS, BEGINS, ENDS)  # on the page
+_STATUS: Final = re.compile(rf"{ENDS}(completed|stopped|lost|invalid) after")
 
 
 def report_of_log(log: Path) -> str:
@@ -51,7 +51,7 @@ def report_of_log(log: Path) -> str:
     text = content.attachments[_SCENARIO].decode(errors="replace")
     source = ScenarioFile(log, parse_toml(text, InvalidReplay, f"{log}: {_SCENARIO}"))
     summary = summarise(record, _facts(log, replace(record, metadata=metadata), text))
-    kept = [event for event in record.events if not event.text.startswith(_FOR_VIEWERS)]
+    kept = [event for event in record.events if not event.text.startswith(_SAID_ELSEWHERE)]
     return render_run_report(
         summary,
         replace(record, events=kept),
@@ -87,7 +87,7 @@ def _seed(record: Record) -> str:
 def _outcome(record: Record) -> tuple[Status, str | None]:
     """Return how the run of a log ended, and why where it did not complete."""
     errors = [event.text for event in record.events if event.level == "error"]
-    ends = [match[1] for event in record.events if (match := _ENDS.match(event.text))]
+    ends = [match[1] for event in record.events if (match := _STATUS.match(event.text))]
     torn = record.metadata.get(SALVAGED_KEY) or record.metadata.get(RECOVERED_KEY)
     failure = errors[0] if errors else None
     if ends:

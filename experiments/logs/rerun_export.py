@@ -58,7 +58,7 @@ def export_rerun(content: Content, file: Path) -> None:
     partial = partial_path(file)
     refuse_existing(file, partial)
     if importlib.util.find_spec("rerun") is None:
-        raise MissingExtra("log rerun: needs rerun-sdk, pip install 'ttempc[rerun]'")
+        raise MissingExtra("log rerun: needs rerun-sdk, pip install 'ttempc-proving-ground[rerun]'")
     import rerun as rr
 
     record = record_of(content, (*CHANNELS, ERROR))

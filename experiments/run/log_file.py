@@ -21,7 +21,12 @@ from proving_ground.testbed.simulation.loop import Outcome
 from ..scenario.scenario import Scenario, dump
 from .assembly import Assembly
 
-_NESTED = (dict, list)
+SETTINGS: Final = "settings: "
+BEGINS: Final = "run begins: "
+ENDS: Final = "run ends: "
+"""Beginnings of the lines that a log has beside the events of the run's record."""
+
+_NESTED: Final = (dict, list)
 _OF_THE_RUN: Final = ("scenario", "controller", "seed", "started", "machine", "mismatch")
 
 
@@ -95,14 +100,14 @@ def first_lines(metadata: Mapping[str, str], scenario: Scenario) -> tuple[Event,
         if isinstance(table, dict)
     }
     begins = (
-        f"run begins: {metadata['scenario']}, controller {metadata['controller']}, "
+        f"{BEGINS}{metadata['scenario']}, controller {metadata['controller']}, "
         f"seed {metadata['seed']}, ttempc {metadata['ttempc']}"
     )
-    settings = [f"settings: {name}: {', '.join(lines)}" for name, lines in tables.items() if lines]
+    settings = [f"{SETTINGS}{name}: {', '.join(lines)}" for name, lines in tables.items() if lines]
     return tuple(Event(0.0, "info", text) for text in (*settings, begins))
 
 
 def last_line(outcome: Outcome) -> Event:
     """Return the log line that tells how a run ended."""
     end_s = outcome.duration_s
-    return Event(end_s, "info", f"run ends: {outcome.status} after {end_s:.1f} s")
+    return Event(end_s, "info", f"{ENDS}{outcome.status} after {end_s:.1f} s")

@@ -75,7 +75,9 @@ class Table:
         try:
             import pandas
         except ImportError:
-            raise TestbedError("to_pandas: needs pandas, pip install 'ttempc[export]'") from None
+            raise TestbedError(
+                "to_pandas: needs pandas, pip install 'ttempc-proving-ground[export]'"
+            ) from None
         index = pandas.Index(self.time_s, name="time_s")
         return pandas.DataFrame(self.values, index, self.channel.fields)
 

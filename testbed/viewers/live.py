@@ -77,7 +77,9 @@ class LiveView(Publisher):
             import foxglove
             from foxglove.websocket import Capability
         except ImportError:
-            raise LiveError("live view: needs foxglove-sdk, pip install 'ttempc[live]'") from None
+            raise LiveError(
+                "live view: needs foxglove-sdk, pip install 'ttempc-proving-ground[live]'"
+            ) from None
         listener = _listener(port)
         host = _hidden_host()
         self._speed = speed

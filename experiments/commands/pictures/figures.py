@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,7 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     from ...figures.export import FORMATS, WIDTHS_CM, style_of
 
     parser.add_argument(
-        "source", type=Path, metavar="LOG|DIR", help="log.mcap of a run, or folder of a sweep"
+        "source",
+        type=options.log_path,
+        metavar="LOG|DIR",
+        help="log or folder of a run, or of a sweep",
     )
     parser.add_argument(
         "-o",
@@ -42,11 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--format",
-        nargs="+",
-        choices=FORMATS,
-        default=["pdf"],
+        type=_formats(FORMATS),
+        default=("pdf",),
         dest="formats",
-        help="of the files (default: pdf)",
+        metavar="FORMAT[,FORMAT]",
+        help=f"of the files: {', '.join(FORMATS)} (default: pdf)",
     )
     parser.add_argument(
         "--width",
@@ -72,6 +75,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of a sweep: controller that the others are compared with, as in `ttempc report`",
     )
     parser.set_defaults(command=_figures)
+
+
+def _formats(known: Sequence[str]) -> Any:  # noqa: ANN401 - a reader for argparse
+    def read(text: str) -> tuple[str, ...]:
+        formats = tuple(text.split(","))
+        if unknown := [name for name in formats if name not in known]:
+            raise argparse.ArgumentTypeError(
+                f"got {unknown[0]!r}, must be {', '.join(known)}, separated by commas"
+            )
+        return formats
+
+    return read
 
 
 def _width(named: dict[str, float]) -> Any:  # noqa: ANN401 - a reader for argparse

@@ -17,7 +17,7 @@ Takes one picture of a run from its log alone, like one frame of `ttempc video`.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("log", type=Path, metavar="LOG", help="log.mcap of a run")
+    parser.add_argument("log", type=options.log_path, metavar="LOG", help="log or folder of a run")
     parser.add_argument(
         "--at", type=options.number, required=True, dest="at_s", metavar="S", help="time [s]"
     )

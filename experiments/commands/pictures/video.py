@@ -27,7 +27,7 @@ Exit code 2 for bad input (one line; nothing is written).
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("log", type=Path, metavar="LOG", help="log.mcap of a run")
+    parser.add_argument("log", type=options.log_path, metavar="LOG", help="log or folder of a run")
     parser.add_argument(
         "-o",
         "--out",

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ...errors import BadOptions
 from .. import options
 
 if TYPE_CHECKING:
@@ -28,7 +29,9 @@ is written).
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    parser.add_argument("logs", type=Path, nargs="+", metavar="LOG", help="log.mcap of a run")
+    parser.add_argument(
+        "logs", type=options.log_path, nargs="+", metavar="LOG", help="log or folder of a run"
+    )
     parser.add_argument(
         "-o",
         "--out",
@@ -51,6 +54,8 @@ def _compare(arguments: argparse.Namespace) -> int:
 
     folder = arguments.out or options.unused_path(Path("runs"), "comparison")
     refuse_existing(folder)
+    if options.ghost_logs(arguments):
+        raise BadOptions("--ghost: takes reference alone here; the film has a panel for every run")
     runs = read_compared(arguments.logs)
     setup = _setup(arguments) if arguments.video else None
     make_folder(folder)

@@ -188,7 +188,7 @@ def test_parquet_without_its_extra_is_refused_with_its_name(log, tmp_path, monke
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     code = main(["log", "export", str(log), "--format", "parquet", "--out", str(tmp_path / "new")])
     assert code == 2
-    assert "pip install 'ttempc[export]'" in capsys.readouterr().err
+    assert "pip install 'ttempc-proving-ground[export]'" in capsys.readouterr().err
     assert not any(tmp_path.iterdir())
 
 

@@ -59,11 +59,15 @@ def test_the_csv_has_the_bars_of_histograms(record):
 @pytest.mark.parametrize(("width", "inches"), [("single", 8.8 / 2.54), ("12.7", 5.0)])
 def test_the_width_is_that_of_the_file(log, tmp_path, width, inches):
     folder = tmp_path / "figures"
-    line = ["figures", str(log), "-o", str(folder), "--format", "svg", "--width", width]
+    line = ["figures", str(log.parent), "-o", str(folder), "--format", "svg,png", "--width", width]
     assert main([*line, "--only", "error"]) == 0
     svg = (folder / "error.svg").read_text()
     assert float(re.search(r'width="([\d.]+)pt"', svg)[1]) == pytest.approx(72 * inches, abs=0.1)
-    assert sorted(file.name for file in folder.iterdir()) == ["error.csv", "error.svg"]
+    assert sorted(file.name for file in folder.iterdir()) == [
+        "error.csv",
+        "error.png",
+        "error.svg",
+    ]
 
 
 def test_text_stays_text_and_equal_figures_give_equal_files(record):
@@ -133,7 +137,8 @@ def test_figures_that_a_log_does_not_have_are_refused(arguments, words, log, tmp
         (("--width", "3"), "must be from 4 to 100"),
         (("--width", "wide"), "must be a finite number"),
         (("--style", "nowhere"), "is no file and no style"),
-        (("--format", "gif"), "invalid choice"),
+        (("--format", "gif"), "got 'gif', must be pdf, svg, png"),
+        (("--format", "pdf,"), "got ''"),
         (("--dpi", "1e9"), "must be from 30 to 2400"),
     ],
 )

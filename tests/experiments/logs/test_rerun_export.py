@@ -75,4 +75,4 @@ def test_without_its_extra_it_is_refused_with_its_name(short_runs, tmp_path, mon
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     log = str(short_runs / "nominal" / "log.mcap")
     assert main(["log", "rerun", log, "-o", str(tmp_path / "run.rrd")]) == 2
-    assert "pip install 'ttempc[rerun]'" in capsys.readouterr().err
+    assert "pip install 'ttempc-proving-ground[rerun]'" in capsys.readouterr().err

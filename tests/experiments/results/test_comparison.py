@@ -101,6 +101,19 @@ def test_runs_that_are_not_comparable_are_refused(short_runs, names, words, tmp_
     assert not folder.exists()
 
 
+def test_the_folder_of_a_run_stands_for_its_log_and_ghosts_of_logs_are_refused(
+    short_runs, tmp_path, capsys
+):
+    folders = [str(log.parent) for log in logs(short_runs, "paper", "nominal")]
+    folder = tmp_path / "both"
+    ghost = ["--ghost", folders[0], "--ghost", "reference"]
+    assert main(["compare", *folders, *ghost, "-o", str(folder)]) == 2
+    assert "--ghost: takes reference alone" in capsys.readouterr().err
+    assert not folder.exists()
+    assert main(["compare", *folders, "-o", str(folder)]) == 0
+    assert (folder / "comparison.csv").exists()
+
+
 def test_a_torn_log_or_too_narrow_a_film_is_refused_before_anything_is_written(
     short_runs, tmp_path, capsys
 ):

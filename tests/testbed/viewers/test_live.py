@@ -158,7 +158,7 @@ def test_impossible_options_are_refused(option, message):
 
 def test_without_the_extra_one_line_names_it(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "foxglove", None)
-    with pytest.raises(LiveError, match=r"pip install 'ttempc\[live\]'"):
+    with pytest.raises(LiveError, match=r"pip install 'ttempc-proving-ground\[live\]'"):
         view()
 
 
