@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from proving_ground.testbed.recording.channels import TUBE
 from proving_ground.testbed.recording.provenance import versions
 from proving_ground.testbed.recording.record import Record
 from ttempc.tube.conformal import Calibration, calibrate, fewest_scores, largest_score
@@ -20,7 +21,7 @@ from ttempc.tube.reference_tube import ReferenceTube
 from ttempc.types import FloatArray
 
 from ..errors import InvalidFit
-from ..results.containment import Containment, containment
+from ..results.containment import QUANTITIES, Containment, containment
 from ..scenario.control import PAPER_PERIOD_S
 from ..scenario.scenario import Scenario
 from ..scenario.tube_file import PointHalfWidths, RunCalibration, TubeFile, path_table, read_tube
@@ -38,8 +39,7 @@ class DrivenRun(LoggedRun):
     """Deviations of one run that was driven in a tube, from its nominal state, after start-up."""
 
     largest: FloatArray  # (4,) largest absolute deviation, columns as `Containment.POINTS` [m]
-    tick: FloatArray  # (T,) control ticks
-    half_width: FloatArray  # (T, 4) of the tube at these ticks [m]
+    half_width: FloatArray  # (4,) of the tube at the first tick, before anything is learnt [m]
 
 
 def driven_run(record: Record, scenario: Scenario) -> DrivenRun:
@@ -52,13 +52,12 @@ def driven_run(record: Record, scenario: Scenario) -> DrivenRun:
     run = logged_run(record, scenario)
     if not run.drives_in_a_tube:
         raise InvalidFit(f"{run.controller} does not drive in a tube")
-    contained = containment(record)
-    deviation = contained.deviation[:, Containment.POINTS]
+    deviation = containment(record).deviation[:, Containment.POINTS]
+    half_widths = record[TUBE].columns(*(f"{name}_half_width" for name in QUANTITIES))
     return DrivenRun(
         **vars(run),
         largest=np.abs(deviation).max(axis=0, initial=0.0),
-        tick=np.round(contained.time_s / PAPER_PERIOD_S),
-        half_width=contained.half_width[:, Containment.POINTS],
+        half_width=half_widths[0, Containment.POINTS],
     )
 
 
@@ -105,10 +104,10 @@ def calibrate_tube(runs: Sequence[DrivenRun], coverage: float) -> TubeFile:
     half_widths, calibration = calibrated_widths(largest, coverage)
     first = runs[0]
     tube = read_tube(first.settings.controller.tube_name)
-    last = int(max(run.tick.max(initial=0.0) for run in runs))
-    along = ReferenceTube.along(tube.design(), first.reference, last + 1)
+    ticks = round(first.reference.duration_s / PAPER_PERIOD_S)  # the tube looks ahead
+    along = ReferenceTube.along(tube.design(), first.reference, ticks)
+    designed = along.half_widths[0, Containment.POINTS]
     for run in runs:
-        designed = along.half_widths[run.tick.astype(int)][:, Containment.POINTS]
         if not np.allclose(run.half_width, designed, rtol=_SAME_TUBE):
             raise InvalidFit(
                 f"{run.label}: driven in another tube than {first.settings.controller.tube_name} "
