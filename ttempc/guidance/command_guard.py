@@ -75,14 +75,15 @@ class CommandGuard:
         desired = _numbers(step.command, k)
         allowed = self._allowed(desired)
         self._previous = allowed
-        beyond = ~(np.abs(allowed - desired) <= _ROUNDING)  # NaN is beyond
-        if not beyond.any():
+        pairs = zip(allowed.tolist(), desired.tolist(), strict=True)
+        beyond = [not abs(cut - own) <= _ROUNDING for cut, own in pairs]  # NaN is beyond
+        if not any(beyond):
             return step
         names = [item.name for item, out in zip(fields(Command), beyond, strict=True) if out]
         note = f"the controller's {', '.join(names)} outside the limits or not finite: cut"
         diagnostics = replace(
             step.diagnostics,
-            limited=np.asarray(step.diagnostics.limited, dtype=np.bool_) | beyond,
+            limited=np.asarray(step.diagnostics.limited, dtype=np.bool_) | np.array(beyond),
             fallback="; ".join(filter(None, (step.diagnostics.fallback, note))),
         )
         return ControlStep(Command(*allowed.tolist()), diagnostics)
@@ -113,17 +114,17 @@ def _checked(answer: object, k: int) -> ControlStep:
     for name, shape in _SHAPES.items():
         value = getattr(diagnostics, name)
         if not (value is None and name in _OPTIONAL):
-            _check_array(f"{about}: diagnostics.{name}", value, shape)
+            _check_array(about, name, value, shape)
     path, tube, solver = diagnostics.predicted_path, diagnostics.tube, diagnostics.solver
     if path is not None and not (len(path) <= _MOST_POINTS and np.isfinite(path).all()):
         raise ControllerFailed(
             f"{about}: diagnostics.predicted_path must be finite, {_MOST_POINTS} points at most"
         )
-    if not isinstance(tube, TubeReport | None):
+    if not (tube is None or isinstance(tube, TubeReport)):
         raise ControllerFailed(f"{about}: diagnostics.tube must be a TubeReport or None")
     for name, shape in _TUBE_SHAPES.items() if tube else ():
-        _check_array(f"{about}: diagnostics.tube.{name}", getattr(tube, name), shape)
-    if not isinstance(solver, SolverReport | None):
+        _check_array(about, f"tube.{name}", getattr(tube, name), shape)
+    if not (solver is None or isinstance(solver, SolverReport)):
         raise ControllerFailed(f"{about}: diagnostics.solver must be a SolverReport or None")
     numbers = [getattr(solver, name) for name in _SOLVER_NUMBERS] if solver else []
     numbers += [tube.margin, tube.inside] if tube else []
@@ -140,19 +141,23 @@ def _checked(answer: object, k: int) -> ControlStep:
 
 def _numbers(command: Command, k: int) -> FloatArray:
     try:
-        return np.array([float(value) for value in command.as_array()])
+        return np.array([float(command.delta_t), float(command.delta_i), float(command.hp)])
     except (TypeError, ValueError) as error:
         raise ControllerFailed(
             f"the controller's step at tick {k}: {command} is not of numbers: {error}"
         ) from None
 
 
-def _check_array(what: str, value: object, shape: tuple[int | None, ...]) -> None:
+def _check_array(about: str, name: str, value: object, shape: tuple[int | None, ...]) -> None:
     """Refuse what is not an array of real numbers of a shape; None stands for any length."""
     if not isinstance(value, np.ndarray) or not _fits(value.shape, shape):
-        raise ControllerFailed(f"{what} must be an array of shape {shape}, got {value!r:.200}")
+        raise ControllerFailed(
+            f"{about}: diagnostics.{name} must be an array of shape {shape}, got {value!r:.200}"
+        )
     if value.dtype.kind not in "biuf":
-        raise ControllerFailed(f"{what} must hold numbers, got {value.dtype}")
+        raise ControllerFailed(
+            f"{about}: diagnostics.{name} must hold numbers, got {value.dtype}"
+        )
 
 
 def _is_text(value: object) -> bool:

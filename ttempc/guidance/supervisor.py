@@ -301,9 +301,9 @@ class Supervisor:
         """Return a note where the error changed faster than the speeds explain, else ""."""
         if self._error is None:
             return ""
-        x, y = Error.X_T, Error.Y_T
-        moved = math.hypot(error[x] - self._error[x], error[y] - self._error[y])
-        speed = abs(error[Error.V]) + self._speed
+        (x, y, *_, v), (last_x, last_y, *_) = error.tolist(), self._error.tolist()
+        moved = math.hypot(x - last_x, y - last_y)
+        speed = abs(v) + self._speed
         if moved <= self._safety.jump_m + 2.0 * speed * self._period_s:
             return ""
         return f"error jumped by {moved:.1f} m: driving back"
@@ -318,9 +318,8 @@ def _override(
 
 
 def _finite(estimate: Estimate) -> bool:
-    entries = [*estimate.state.tolist(), *estimate.trailer_xy.tolist(), estimate.hitch_angle]
-    disturbance = float(estimate.disturbance.sum() + estimate.map_disturbance.sum())
-    return math.isfinite(sum(entries) + disturbance)
+    arrays = estimate.state, estimate.trailer_xy, estimate.disturbance, estimate.map_disturbance
+    return math.isfinite(estimate.hitch_angle + sum(sum(array.tolist()) for array in arrays))
 
 
 def _deviation_m(estimate: Estimate) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Final, Protocol
 
@@ -33,6 +33,17 @@ class Observation:
     command: Command | None  # of the period before; None at the first tick
     estimate: Estimate
     vehicle: Vehicle  # present model parameters
+    _of_sensor: dict[Sensor, list[Measurement]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    def __post_init__(self) -> None:
+        for sample in self.samples:
+            self._of_sensor.setdefault(sample.sensor, []).append(sample)
+
+    def of(self, sensor: Sensor) -> Sequence[Measurement]:
+        """Return the samples of one sensor in the order of arrival."""
+        return self._of_sensor.get(sensor, ())
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +131,8 @@ class Monitors:
             statistic = detector.statistic
             if statistic > detector.limit:
                 self._active.setdefault(detector.name, detector.alarm())
+            elif not self._active:
+                continue
             elif statistic < _ENDS * detector.limit:
                 self._active.pop(detector.name, None)
             alarm = self._active.get(detector.name)

@@ -54,13 +54,13 @@ class RepetitionMonitor:
 
     def observe(self, observation: Observation) -> None:
         """Compare every new sample with the one before."""
-        for sample in observation.samples:
-            if sample.sensor is not self._sensor or sample.time_s <= self._last[0]:
+        for sample in observation.of(self._sensor):
+            if sample.time_s <= self._last[0]:
                 continue
             if sample.value == self._last[1]:
                 self._run += 1
             else:
-                if self.statistic <= self.limit:
+                if self._run and self.statistic <= self.limit:
                     self._repetitions += self._run
                     self._readings += self._run
                 self._readings += 1

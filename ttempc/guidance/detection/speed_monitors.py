@@ -78,8 +78,8 @@ class WheelMonitor(_SpeedMonitor):
         """Compare the speeds of the last second where there is a new position."""
         planned = self._plan.history(observation)
         sign = -1.0 if observation.vehicle.reverse else 1.0
-        for sample in observation.samples:
-            if sample.sensor is Sensor.ENCODER and math.isfinite(sample.value[0]):
+        for sample in observation.of(Sensor.ENCODER):
+            if math.isfinite(sample.value[0]):
                 self._encoder.append((sample.time_s, sign * sample.value[0]))
         while self._encoder and self._encoder[0][0] < observation.time_s - KEPT_S:
             self._encoder.popleft()

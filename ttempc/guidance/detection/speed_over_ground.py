@@ -7,11 +7,12 @@ from bisect import bisect_left, insort
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
-from statistics import median
 from typing import Final
 
-from ...types import Measurement, Sensor
+import numpy as np
+
+from ...jit import cached_njit
+from ...types import FloatArray, Measurement, Sensor
 
 SPAN_S: Final = 1.0
 """Time over which speeds are compared [s]."""
@@ -85,7 +86,7 @@ class SpeedOverGround:
         ]
         if not new or not spans:
             return None
-        speeds = [_speed_mps(kept) for kept in spans]
+        speeds = [math.hypot(*median_slopes(np.array(kept))) for kept in spans]
         begin_s, end_s = min(kept[0][0] for kept in spans), max(kept[-1][0] for kept in spans)
         return GroundSpeed(sum(speeds) / len(speeds), begin_s, end_s, self._sd_mps(spans))
 
@@ -116,11 +117,25 @@ def _is_plausible(last: tuple[float, float, float], sample: Measurement) -> bool
     return span_s > 0.0 and way <= _FASTEST_MPS * span_s + _LARGEST_ERROR_M
 
 
-def _speed_mps(positions: Sequence[tuple[float, float, float]]) -> float:
-    """Return the speed [m/s] whose axes are the median slopes between all pairs of positions."""
-    east, north = [], []
-    for (t0, x0, y0), (t1, x1, y1) in combinations(positions, 2):
-        span_s = t1 - t0
-        east.append((x1 - x0) / span_s)
-        north.append((y1 - y0) / span_s)
-    return math.hypot(median(east), median(north))
+@cached_njit()
+def median_slopes(positions: FloatArray) -> tuple[float, float]:
+    """Return the medians of the slopes of x and y between all pairs of rows t, x, y (n, 3)."""
+    count = len(positions)
+    slopes = np.empty((2, count * (count - 1) // 2))
+    pair = 0
+    for later in range(count):
+        for earlier in range(later):
+            span_s = positions[later, 0] - positions[earlier, 0]
+            for axis in range(2):
+                way = positions[later, 1 + axis] - positions[earlier, 1 + axis]
+                slopes[axis, pair] = way / span_s
+            pair += 1
+    slopes[0].sort()
+    slopes[1].sort()
+    lower, upper = (pair - 1) // 2, pair // 2
+    if lower == upper:
+        return slopes[0, lower], slopes[1, lower]
+    return (
+        (slopes[0, lower] + slopes[0, upper]) / 2.0,
+        (slopes[1, lower] + slopes[1, upper]) / 2.0,
+    )

@@ -61,12 +61,8 @@ class SteeringMonitor:
         """Advance the model by the last command and compare it with the samples."""
         if observation.command is not None:
             self._advance(observation.time_s, observation.command, observation.vehicle)
-        sensor = _SENSORS[self._axis]
-        samples = [
-            sample
-            for sample in observation.samples
-            if sample.sensor is sensor and math.isfinite(sample.value[0])
-        ]
+        of_sensor = observation.of(_SENSORS[self._axis])
+        samples = [sample for sample in of_sensor if math.isfinite(sample.value[0])]
         if not samples:
             return
         values = [sample.value[0] for sample in samples]
