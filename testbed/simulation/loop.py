@@ -23,7 +23,7 @@ from ..recording.sink import Sink
 from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..sensing.sensors import Sensors
 from ..truth import Truth
-from .deadline import STEP_LIMIT_S, CommandQueue, time_limit
+from .deadline import STEP_LIMIT_S, CommandQueue, alarm_handled, time_limit
 from .plant import Plant
 from .termination import MeanSlip, TerminationLimits, check_termination
 
@@ -303,11 +303,12 @@ def drive(
     goes into the log.
     """
     run = periods(setup, ticks, stages, on_tick)
-    while True:
-        try:
-            next(run)
-        except StopIteration as end:
-            return end.value
+    with alarm_handled():
+        while True:
+            try:
+                next(run)
+            except StopIteration as end:
+                return end.value
 
 
 def periods(

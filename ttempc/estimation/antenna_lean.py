@@ -48,6 +48,11 @@ class AntennaLean:
         )
         self._attitudes: dict[Sensor, list[Measurement]] = {body.imu: [] for body in self._bodies}
 
+    @property
+    def corrects(self) -> bool:
+        """Whether there is an antenna above its point."""
+        return bool(self._bodies)
+
     def corrected(
         self, samples: Sequence[Measurement], headings: tuple[float, float]
     ) -> Sequence[Measurement]:
@@ -57,8 +62,6 @@ class AntennaLean:
             samples: as they arrive, those of the IMUs among them.
             headings: of tractor and trailer [rad]; an error e moves a point by height x lean x e.
         """
-        if not self._bodies:
-            return samples
         for body in self._bodies:
             kept = self._attitudes[body.imu]
             kept += [

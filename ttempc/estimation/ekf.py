@@ -113,7 +113,9 @@ class ExtendedKalmanFilter:
         begin = self._states[0].time_s if self._states else -math.inf
         new: list[SampleRow] = []
         refused: list[Innovation] = []
-        for sample in self._lean.corrected(measurements, self._headings(measurements)):
+        if self._lean.corrects:
+            measurements = self._lean.corrected(measurements, self._headings(measurements))
+        for sample in measurements:
             index = self._indices.get(sample.sensor)
             if index is None:
                 continue
@@ -206,11 +208,12 @@ class ExtendedKalmanFilter:
         self, state: FilterState, time_s: float, innovations: tuple[Innovation, ...]
     ) -> Estimate:
         """Return the estimate for a controller from a state of the filter at `time_s`."""
-        rim, scales = float(state.augmented[0, AugmentedState.RIM]), state.scales[0]
+        augmented, scales = state.augmented[0], state.scales[0]
+        rim = augmented.item(AugmentedState.RIM)
         unfollowed = self._unfollowed.copy()
         unfollowed[State.V] = self._process_noise.fast_speed_variance(rim, scales)
         return estimate_of(
-            state.augmented[0],
+            augmented,
             state.covariances[0],
             time_s,
             self._vehicle,

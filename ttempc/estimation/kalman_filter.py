@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 from typing import Final
 
@@ -16,7 +16,7 @@ from ..types import FloatArray, Input, Measurement, Sensor
 from ..vehicle import Vehicle
 from . import sample_kernel
 from .augmented_state import INITIAL_SD, SIZE, STATES, AugmentedState
-from .augmented_state_kernel import SensorIndex, vehicle_parameters
+from .augmented_state_kernel import vehicle_parameters
 from .dead_time import HeldCommands
 from .measurement_model import GYROS, LENGTH, first_state
 from .noise import SCALES, ProcessNoise, SensorNoise
@@ -30,29 +30,61 @@ _LEAST_VARIANCE: Final = (
 )
 
 
-@dataclass(slots=True)
 class FilterState:
-    """All that a filter carries from one time to the next; `KalmanFilter` changes it in place."""
+    """All that a filter carries from one time to the next; `KalmanFilter` changes it in place.
 
-    time_s: float
-    augmented: FloatArray  # (4, 22) augmented state, and its derivatives by the factors
-    covariances: FloatArray  # (4, 22, 22) likewise
-    scales: FloatArray  # (2, 3) factors of `NoiseScale`, information on their logarithms
-    valves: FloatArray  # (2,) set points of the steering valves [rad]
-    rejected_since: FloatArray  # first rejection without a break [s] by `SensorIndex`, or NaN
-    gyros: FloatArray  # (2, 4) last sample of both IMUs: time [s], yaw rate, roll, pitch, or NaN
+    Args:
+        row: (`sample_kernel.ROW`,) all entries one after the other; the properties are views of it.
+    """
+
+    __slots__ = ("row",)
+
+    def __init__(self, row: FloatArray) -> None:
+        self.row = row
+
+    @property
+    def time_s(self) -> float:
+        """Time of the state [s]."""
+        return self.row.item(0)
+
+    @time_s.setter
+    def time_s(self, time_s: float) -> None:
+        self.row[0] = time_s
+
+    @property
+    def augmented(self) -> FloatArray:
+        """Augmented state, and its derivatives by the factors, (4, 22)."""
+        return self.row[sample_kernel.AUGMENTED : sample_kernel.COVARIANCES].reshape(-1, SIZE)
+
+    @property
+    def covariances(self) -> FloatArray:
+        """Covariance of the augmented state and its derivatives, (4, 22, 22)."""
+        part = self.row[sample_kernel.COVARIANCES : sample_kernel.LEARNT_SCALES]
+        return part.reshape(-1, SIZE, SIZE)
+
+    @property
+    def scales(self) -> FloatArray:
+        """Factors of `NoiseScale`, information on their logarithms, (2, 3)."""
+        return self.row[sample_kernel.LEARNT_SCALES : sample_kernel.VALVES].reshape(2, SCALES)
+
+    @property
+    def valves(self) -> FloatArray:
+        """Set points of the steering valves [rad], (2,)."""
+        return self.row[sample_kernel.VALVES : sample_kernel.REJECTED_SINCE]
+
+    @property
+    def rejected_since(self) -> FloatArray:
+        """First rejection without a break [s] by `SensorIndex`, or NaN."""
+        return self.row[sample_kernel.REJECTED_SINCE : sample_kernel.GYROS]
+
+    @property
+    def gyros(self) -> FloatArray:
+        """Last sample of both IMUs: time [s], yaw rate, roll, pitch, or NaN, (2, 4)."""
+        return self.row[sample_kernel.GYROS :].reshape(2, 4)
 
     def copy(self) -> FilterState:
         """Return a deep copy."""
-        return FilterState(
-            self.time_s,
-            self.augmented.copy(),
-            self.covariances.copy(),
-            self.scales.copy(),
-            self.valves.copy(),
-            self.rejected_since.copy(),
-            self.gyros.copy(),
-        )
+        return FilterState(self.row.copy())
 
 
 class KalmanFilter:
@@ -86,11 +118,11 @@ class KalmanFilter:
         """Return the state that follows from one reading of every sensor, at the newest of them."""
         whole_error = replace(self._sensor_noise, gnss_white_share=1.0)
         state, covariance = first_state(readings, self._vehicle, whole_error)
-        levels = 1 + SCALES
         slow = max(self._sensor_noise.difference_variance, _LEAST_VARIANCE)
-        augmented, covariances = np.zeros((levels, SIZE)), np.zeros((levels, SIZE, SIZE))
-        augmented[0, :STATES] = state
-        covariances[0] = np.diag(
+        start = FilterState(np.zeros(sample_kernel.ROW))
+        start.time_s = max(reading.time_s for reading in readings.values())
+        start.augmented[0, :STATES] = state
+        start.covariances[0] = np.diag(
             [
                 *np.zeros(STATES),
                 *INITIAL_SD**2,
@@ -99,17 +131,13 @@ class KalmanFilter:
                 *[_LEAST_VARIANCE] * 2,
             ]
         )
-        covariances[0, :STATES, :STATES] = covariance
+        start.covariances[0, :STATES, :STATES] = covariance
         noise = self._process_noise
-        return FilterState(
-            time_s=max(reading.time_s for reading in readings.values()),
-            augmented=augmented,
-            covariances=covariances,
-            scales=np.array([noise.scales, np.full(SCALES, noise.scale_sd**-2)]),
-            valves=state[AugmentedState.DELTA_T : AugmentedState.RIM].copy(),
-            rejected_since=np.full(len(SensorIndex), math.nan),
-            gyros=np.full((2, 4), math.nan),
-        )
+        start.scales[:] = noise.scales, np.full(SCALES, noise.scale_sd**-2)
+        start.valves[:] = state[AugmentedState.DELTA_T : AugmentedState.RIM]
+        start.rejected_since[:] = math.nan
+        start.gyros[:] = math.nan
+        return start
 
     def predict(self, state: FilterState, time_s: float, held: HeldCommands) -> None:
         """Advance `state` to `time_s` in place under the commands `held` since its time.
@@ -153,22 +181,10 @@ class KalmanFilter:
         ends_s, commands = _arrays(held)
         rows = np.fromiter(chain.from_iterable(samples), float).reshape(-1, 5)
         count = 1 + len({row[0] for row in samples})
-        times_s, augmented = np.empty(count), np.empty((count, *start.augmented.shape))
-        covariances = np.empty((count, *start.covariances.shape))
-        scales, valves = np.empty((count, 2, SCALES)), np.empty((count, 2))
-        rejected_since, results = np.empty((count, len(SensorIndex))), np.empty((len(rows), 5))
-        gyros = np.empty((count, 2, 4))
-        times_s[0], augmented[0], covariances[0] = start.time_s, start.augmented, start.covariances
-        scales[0], valves[0], gyros[0] = start.scales, start.valves, start.gyros
-        rejected_since[0] = start.rejected_since
+        states, results = np.empty((count, sample_kernel.ROW)), np.empty((len(rows), 5))
+        states[0] = start.row
         sample_kernel.process(
-            augmented,
-            covariances,
-            scales,
-            valves,
-            rejected_since,
-            gyros,
-            times_s,
+            states,
             rows,
             self._variances,
             self._gates,
@@ -181,18 +197,7 @@ class KalmanFilter:
             self._process_noise.gyro_sampling**2,
             results,
         )
-        arrays = zip(
-            times_s.tolist(),
-            augmented,
-            covariances,
-            scales,
-            valves,
-            rejected_since,
-            gyros,
-            strict=True,
-        )
-        next(arrays)
-        return results, [FilterState(*state) for state in arrays]
+        return results, [FilterState(state) for state in states[1:]]
 
 
 def _arrays(held: HeldCommands) -> tuple[FloatArray, FloatArray]:

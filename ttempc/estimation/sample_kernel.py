@@ -12,7 +12,18 @@ from ..types import FloatArray, Input
 from .augmented_state import SIZE, AugmentedState
 from .augmented_state_kernel import SensorIndex, VehicleParameter
 from .correction_kernel import correct
+from .noise import SCALES
 from .prediction_kernel import SAME_TIME_S, predict, steps_over
+
+# Begin of each part in the row of a state, see `FilterState`; the time [s] is its first entry.
+AUGMENTED: Final = 1
+COVARIANCES: Final = AUGMENTED + (1 + SCALES) * SIZE
+LEARNT_SCALES: Final = COVARIANCES + (1 + SCALES) * SIZE * SIZE
+VALVES: Final = LEARNT_SCALES + 2 * SCALES
+REJECTED_SINCE: Final = VALVES + 2
+GYROS: Final = REJECTED_SINCE + len(SensorIndex)
+ROW: Final = GYROS + 2 * 4
+"""Entries of a row."""
 
 _PATIENCE_S: Final = 1.0  # for which the gate may reject a sensor
 _LONGEST_SPAN_S: Final = (
@@ -101,13 +112,7 @@ def _keep_yaw(augmented: FloatArray, covariances: FloatArray, body: int) -> None
 
 @cached_njit()
 def process(
-    augmented: FloatArray,
-    covariances: FloatArray,
-    scales: FloatArray,
-    valves: FloatArray,
-    rejected_since: FloatArray,
-    gyros: FloatArray,
-    times_s: FloatArray,
+    states: FloatArray,
     samples: FloatArray,
     variances: FloatArray,
     gates: FloatArray,
@@ -122,31 +127,35 @@ def process(
 ) -> None:
     """Predict and correct a filter through all `samples` (n, 5), which are in order of time.
 
-    A sample is its time [s], its `SensorIndex` and its value of one to three entries. Of the arrays
-    of states, entry 0 is that of the start, at `times_s[0]`; one entry after the other is filled
-    with the state after all samples of one time: `augmented` (k, 4, 22), `covariances`
-    (k, 4, 22, 22), `scales` (k, 2, 3), `valves` (k, 2), `times_s` (k,), `rejected_since`
-    (k, sensors), the time of each sensor's first rejection without a break [s] or NaN, and `gyros`
-    (k, 2, 4), time and value of the last sample of both IMUs or NaN. `variances` and `gates`
-    (sensors,) are those of each entry of a sample, `sampling` that of the yaw of a gyro over a
-    metre. `results` (n, 5) receives what `correct` returns, and whether the sample was accepted.
-    All else is as in `predict_until`.
+    A sample is its time [s], its `SensorIndex` and its value of one to three entries. Of the
+    `states` (k, `ROW`), see `FilterState`, the first is that of the start; one after the other is
+    filled with the state after all samples of one time. `variances` and `gates` (sensors,) are
+    those of each entry of a sample, `sampling` that of the yaw of a gyro over a metre. `results`
+    (n, 5) receives what `correct` returns, and whether the sample was accepted. All else is as in
+    `predict_until`.
     """
     rows, pairs = np.empty((8, 2, SIZE)), np.empty((16, 2))
+    levels = 1 + SCALES
     k = 0
+    state = states[k]
     for n in range(len(samples)):
         time_s, sensor = samples[n, 0], int(samples[n, 1])
-        if n == 0 or time_s > times_s[k]:
+        begins = n == 0 or time_s > state[0]
+        if begins:
             k += 1
-            augmented[k], covariances[k] = augmented[k - 1], covariances[k - 1]
-            scales[k], valves[k] = scales[k - 1], valves[k - 1]
-            rejected_since[k], gyros[k], times_s[k] = rejected_since[k - 1], gyros[k - 1], time_s
+            state = states[k]
+            state[:] = states[k - 1]
+            state[0] = time_s
+        augmented = state[AUGMENTED:COVARIANCES].reshape((levels, SIZE))
+        covariances = state[COVARIANCES:LEARNT_SCALES].reshape((levels, SIZE, SIZE))
+        scales = state[LEARNT_SCALES:VALVES].reshape((2, SCALES))
+        if begins:
             predict_until(
-                augmented[k],
-                covariances[k],
-                scales[k],
-                valves[k],
-                times_s[k - 1],
+                augmented,
+                covariances,
+                scales,
+                state[VALVES:REJECTED_SINCE],
+                states[k - 1, 0],
                 time_s,
                 ends_s,
                 commands,
@@ -158,23 +167,24 @@ def process(
         value, variance = (samples[n, 2], samples[n, 3]), variances[sensor]
         gyro = sensor >= SensorIndex.IMU_TRACTOR
         if gyro:
-            last = gyros[k, sensor - SensorIndex.IMU_TRACTOR]
+            body = sensor - SensorIndex.IMU_TRACTOR
+            last = state[GYROS + 4 * body : GYROS + 4 * body + 4]
             span_s = time_s - last[0]
             value = _turned(last, samples[n]), span_s
-            travel = abs(augmented[k, 0, AugmentedState.RIM]) * span_s
+            travel = abs(augmented[0, AugmentedState.RIM]) * span_s
             variance = variance * span_s * span_s + sampling * travel
             last[0], last[1:] = time_s, samples[n, 2:]
             if not span_s <= _LONGEST_SPAN_S:
-                _keep_yaw(augmented[k], covariances[k], sensor - SensorIndex.IMU_TRACTOR)
+                _keep_yaw(augmented, covariances, body)
                 results[n, :] = 0.0
                 continue
-        rejected = rejected_since[k]
+        rejected = state[REJECTED_SINCE:GYROS]
         gate = gates[sensor]
         forced = time_s - rejected[sensor] >= _PATIENCE_S - SAME_TIME_S
         result = correct(
-            augmented[k],
-            covariances[k],
-            scales[k],
+            augmented,
+            covariances,
+            scales,
             sensor,
             value,
             variance,
@@ -186,7 +196,7 @@ def process(
             pairs,
         )
         if gyro:
-            _keep_yaw(augmented[k], covariances[k], sensor - SensorIndex.IMU_TRACTOR)
+            _keep_yaw(augmented, covariances, sensor - SensorIndex.IMU_TRACTOR)
         inside = result[0] <= gate
         if inside:
             rejected[sensor] = math.nan

@@ -155,9 +155,7 @@ def _check_array(about: str, name: str, value: object, shape: tuple[int | None, 
             f"{about}: diagnostics.{name} must be an array of shape {shape}, got {value!r:.200}"
         )
     if value.dtype.kind not in "biuf":
-        raise ControllerFailed(
-            f"{about}: diagnostics.{name} must hold numbers, got {value.dtype}"
-        )
+        raise ControllerFailed(f"{about}: diagnostics.{name} must hold numbers, got {value.dtype}")
 
 
 def _is_text(value: object) -> bool:

@@ -224,7 +224,8 @@ class Guidance:
             GuidanceFailed: the estimator or the controller raised.
         """
         with user_part(GuidanceFailed, "warm_up raised"):
-            for part in (self._estimator, self._controller, self._learner):
+            parts = self._estimator, self._controller, self._learner, *self._monitors.detectors
+            for part in parts:
                 if isinstance(part, WarmingUp):
                     part.warm_up()
 

@@ -42,6 +42,10 @@ class _SpeedMonitor:
         """Latest residual [m/s]."""
         return self._cusum.residual
 
+    def warm_up(self) -> None:
+        """Compile what a comparison needs."""
+        self._ground.warm_up()
+
     def _compare(self, history: Iterable[tuple[float, float]], ground: GroundSpeed) -> None:
         """Add the difference of the mean of a `history` of times and speeds over the span."""
         mean = _mean(history, ground)

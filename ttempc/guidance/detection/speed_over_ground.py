@@ -53,6 +53,10 @@ class SpeedOverGround:
         self._seen: Sequence[Measurement] | None = None  # samples of the last call
         self._last: GroundSpeed | None = None  # its result
 
+    def warm_up(self) -> None:
+        """Compile the median of slopes; nothing else changes."""
+        median_slopes(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
+
     def speed(self, samples: Sequence[Measurement]) -> GroundSpeed | None:
         """Take in samples; return the speed of the span that ends with the newest.
 

@@ -1,6 +1,8 @@
 """Detectors: closed forms of their statistics, silence without a fault, delay with one."""
 
 import math
+from itertools import combinations
+from statistics import median
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from ttempc.guidance.detection.innovation_monitor import InnovationMonitor
 from ttempc.guidance.detection.reactions import Reactions
 from ttempc.guidance.detection.repetition_monitor import RepetitionMonitor
 from ttempc.guidance.detection.speed_monitors import MotionMonitor, WheelMonitor
-from ttempc.guidance.detection.speed_over_ground import SpeedOverGround
+from ttempc.guidance.detection.speed_over_ground import SpeedOverGround, median_slopes
 from ttempc.guidance.detection.steering_monitor import SteeringMonitor
 from ttempc.types import Command, Estimate, Innovation, Input, Measurement, Sensor
 from ttempc.vehicle import Vehicle
@@ -302,3 +304,20 @@ def test_the_sd_of_a_speed_over_ground_is_that_of_its_scatter(sd_m):
         assert wheels.statistic < wheels.limit
     if sd_m < 0.1:  # with more noise the length of the velocity is no longer normal
         assert np.median(claimed) == pytest.approx(np.std(along), rel=0.3)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 6])
+def test_the_compiled_median_of_slopes_is_that_of_all_pairs(count):
+    rows = np.cumsum(np.random.default_rng(count).uniform(0.1, 0.3, (count, 3)), axis=0)
+    slopes = [(b[1:] - a[1:]) / (b[0] - a[0]) for a, b in combinations(rows, 2)]
+    x, y = zip(*slopes, strict=True)
+    assert median_slopes(rows) == (median(x), median(y))
+
+
+def test_an_observation_has_the_samples_of_a_sensor_in_order_of_arrival():
+    times = (0.3, 0.1, 0.2)
+    hitch = [Measurement(time_s, Sensor.HITCH, (time_s,)) for time_s in times]
+    samples = [hitch[0], Measurement(0.2, Sensor.ENCODER, (1.0,)), *hitch[1:]]
+    seen = observation(0, samples)
+    assert list(seen.of(Sensor.HITCH)) == hitch
+    assert not seen.of(Sensor.GNSS_TRACTOR)
