@@ -75,10 +75,10 @@ EXTRAS: Final = {
 """Further change of the scenario by the name of a case."""
 
 
-def overrides(case: str) -> list[str]:
-    """Return the changes of the scenario for a case."""
+def overrides(case: str, start_s: float = START_S) -> list[str]:
+    """Return the changes of the scenario for a case; `start_s` [s] where it names no start."""
     keys = CASES[case]
     if "start_s" not in keys:
-        keys += f", start_s={START_S}"
+        keys += f", start_s={start_s}"
     extra = [EXTRAS[case]] if case in EXTRAS else []
     return [*extra, f"faults=[{{{keys}}}]"]
