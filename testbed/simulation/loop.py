@@ -287,6 +287,7 @@ def with_stages(extra: Sequence[tuple[str, Stage]]) -> tuple[Stage, ...]:
     return tuple(stages)
 
 
+@alarm_handled()
 def drive(
     setup: SimulationSetup,
     ticks: int,
@@ -298,17 +299,15 @@ def drive(
     A reference that waits for a vehicle that the supervisor slows or stops makes a run longer, up
     to three times.
 
-    The plant must have been reset to its start. `on_tick` is called after every period. An
-    exception in a user's controller, estimator or stage ends the run as invalid; its traceback
-    goes into the log.
+    The plant must have been reset. `on_tick` is called after every period. An exception in a
+    user's controller, estimator or stage ends the run as invalid; its traceback is in the log.
     """
     run = periods(setup, ticks, stages, on_tick)
-    with alarm_handled():
-        while True:
-            try:
-                next(run)
-            except StopIteration as end:
-                return end.value
+    while True:
+        try:
+            next(run)
+        except StopIteration as end:
+            return end.value
 
 
 def periods(
