@@ -11,6 +11,7 @@ docs/faults.md has them. The first controller has all seeds, the others a quarte
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -39,6 +40,7 @@ _SHARE: Final = 4  # of the seeds, for rivals: one in four
 _FALLBACK: Final = "fallback: "
 _ROUNDING: Final = 1e-9  # of a limit
 _STOPPED: Final = ": stopped"
+_NUMBER: Final = re.compile(r"-?\d+(?:\.\d+)?")
 
 Result = Literal["carried on", "degraded", "stopped", "lost", "invalid"]
 RESULTS: Final[tuple[Result, ...]] = ("carried on", "degraded", "stopped", "lost", "invalid")
@@ -141,8 +143,27 @@ def main(
             f"{sum(item.faulty_commands for item in every)} commands not finite or beyond a limit."
         )
         for name, row in rows.items():
-            for failure in sorted({item.failure for item in row if item.result == "lost"}):
+            for failure in failures([item.failure for item in row if item.result == "lost"]):
                 print(f"\nLost with {name}: {failure}.")
+
+
+def failures(texts: Sequence[str]) -> list[str]:
+    """Return texts that differ in their numbers alone as one, with the range of each number.
+
+    Example:
+        >>> failures(["5.1 m from its reference", "6.6 m from its reference", "off the field"])
+        ['5.1 to 6.6 m from its reference', 'off the field']
+    """
+    alike: dict[tuple[str, ...], list[list[str]]] = {}
+    for text in texts:
+        alike.setdefault(tuple(_NUMBER.split(text)), []).append(_NUMBER.findall(text))
+    joined = []
+    for (text, *rest), numbers in sorted(alike.items()):
+        for of_place, words in zip(zip(*numbers, strict=True), rest, strict=True):
+            low, high = min(of_place, key=float), max(of_place, key=float)
+            text += (low if low == high else f"{low} to {high}") + words
+        joined.append(text)
+    return joined
 
 
 def _cells(row: Sequence[CaseResult]) -> list[str]:
