@@ -32,8 +32,12 @@ SHIPPED: Final = (
 )
 """Shipped controllers with changes as of `--set`."""
 
-EXAMPLES: Final = (("casadi_mpc:CasadiMpc",), ("do_mpc_controller:DoMpc",))
-"""Controllers of docs/examples, written against the public interface."""
+OTHERS: Final = (
+    ("proving_ground.experiments.policy.linear_policy:learnt",),
+    ("casadi_mpc:CasadiMpc",),
+    ("do_mpc_controller:DoMpc",),
+)
+"""The learnt policy, and controllers of docs/examples written against the public interface."""
 
 _FIELDS: Final = ("wet-slope", "old-valves", "cultivate", "rows", "grass-field")
 PROBES: Final = (
@@ -49,7 +53,7 @@ def field_trials(driver: Driver) -> Product:
     if examples not in sys.path:  # the workers get this path, too
         sys.path.append(examples)
     draws = public_draws(driver.seeds(PUBLIC))
-    entrants = [Entrant.of(name, changes) for name, *changes in (*SHIPPED, *EXAMPLES)]
+    entrants = [Entrant.of(name, changes) for name, *changes in (*SHIPPED, *OTHERS)]
     cards = {}
     for entrant in entrants:
         folder = driver.folder / code_digest() / f"bench-{draws.count}-{entrant.stem}"

@@ -5,11 +5,16 @@ from __future__ import annotations
 from typing import Final
 
 START_S: Final = 25.0
-"""Start of every fault [s]: the tractor enters the first circle of the figure eight."""
+"""Start of a fault [s]: the tractor enters the first circle of the figure eight."""
+
+SECOND_LAP_S: Final = 150.0
+"""Start of a fault in the second lap [s]: the filter has seen the vehicle on all headings."""
 
 CASES: Final = {
     "GNSS out, 1 s": "kind='gnss_out', duration_s=1.0",
     "GNSS out, 10 s": "kind='gnss_out', duration_s=10.0",
+    "GNSS out, 10 s, with gyros": "kind='gnss_out', duration_s=10.0",
+    "GNSS out, 10 s, second lap": f"kind='gnss_out', duration_s=10.0, start_s={SECOND_LAP_S}",
     "GNSS out, to the end": "kind='gnss_out'",
     "GNSS out, tractor only": "kind='gnss_out', receiver='tractor'",
     "GNSS frozen": "kind='gnss_frozen'",
@@ -60,17 +65,20 @@ CASES: Final = {
     "ditch of 0.15 m": "kind='ditch', depth_m=0.15, width_m=1.5",
     "step of 0.15 m": "kind='step', height_m=0.15, ramp_m=1.0",
 }
-"""Keys of a `[[faults]]` table by the name of a case; `start_s` is added."""
+"""Keys of a `[[faults]]` table by the name of a case; without `start_s` it begins at `START_S`."""
 
 EXTRAS: Final = {
-    "gyro_bias": ("sensors.imu.on=true",),
-    "load_shift": ("plant.vehicle.load_kg=300.0",),
+    "GNSS out, 10 s, with gyros": "sensors.imu.on=true",
+    "gyro + 2 deg/s": "sensors.imu.on=true",
+    "load shifts by 0.3 m": "plant.vehicle.load_kg=300.0",
 }
-"""Overrides without which a kind cannot act."""
+"""Further change of the scenario by the name of a case."""
 
 
 def overrides(case: str, start_s: float = START_S) -> list[str]:
-    """Return the changes of the scenario for a case that begins at a time [s]."""
+    """Return the changes of the scenario for a case; `start_s` [s] where it names no start."""
     keys = CASES[case]
-    extra = [item for kind, items in EXTRAS.items() if f"'{kind}'" in keys for item in items]
-    return [*extra, f"faults=[{{{keys}, start_s={start_s}}}]"]
+    if "start_s" not in keys:
+        keys += f", start_s={start_s}"
+    extra = [EXTRAS[case]] if case in EXTRAS else []
+    return [*extra, f"faults=[{{{keys}}}]"]

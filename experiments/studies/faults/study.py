@@ -3,7 +3,7 @@
     python -m experiments.studies.faults.study [SEEDS [CONTROLLER ...]]
                                                    (default: 16 ttempc pid nmpc-rti)
 
-Drives `grass` with each case of `experiments/studies/faults/cases.py` from 25 s on, until 40 s
+Drives `grass` with each case of `experiments/studies/faults/cases.py`, until 40 s
 after the end of the fault, or after its start if it lasts, and prints a table for each controller;
 docs/faults.md has them. The first controller has all seeds, the others a quarter.
 """
@@ -29,7 +29,7 @@ from ...run.simulate import drive_into
 from ...scenario.scenario import load
 from ...seeds import report_seeds
 from ..batch import run_tasks
-from .cases import CASES, START_S, overrides
+from .cases import CASES, overrides
 
 SCENARIO: Final = "grass"
 CONTROLLERS: Final = ("ttempc", "pid", "nmpc-rti")
@@ -70,7 +70,9 @@ def drive_case(case: Case) -> CaseResult:
     changes = [*overrides(case.name), f'controller.name="{case.controller}"']
     scenario = load(SCENARIO, changes)[1]
     assembly = assemble(scenario, case.seed)
-    end_s = START_S + (getattr(scenario.faults[0], "duration_s", None) or 0.0) + _AFTER_S
+    (fault,) = scenario.faults
+    start_s = fault.start_s or 0.0
+    end_s = start_s + (getattr(fault, "duration_s", None) or 0.0) + _AFTER_S
     ticks = min(round(end_s / assembly.guidance.period_s), assembly.ticks)
     recorder = Recorder()
     outcome = drive_into(recorder, replace(assembly, ticks=ticks), prepared=False)
@@ -78,19 +80,19 @@ def drive_case(case: Case) -> CaseResult:
     reactions = [
         event
         for event in record.events
-        if event.text.startswith(_FALLBACK) and event.time_s >= START_S - 2.0
+        if event.text.startswith(_FALLBACK) and event.time_s >= start_s - 2.0
     ]
     stops = [event.time_s for event in reactions if event.text.endswith(_STOPPED)]
     result: Result = "degraded" if reactions else "carried on"
     if outcome.status != "completed":
         result = outcome.status
     errors = tracking_errors(record)
-    since = errors.time_s >= START_S
+    since = errors.time_s >= start_s
     worst = max(float(point.euclidean_m[since].max()) for point in (errors.tractor, errors.trailer))
     return CaseResult(
         result=result,
         failure=outcome.failure or "",
-        noticed_s=max(0.0, reactions[0].time_s - START_S) if reactions else math.nan,
+        noticed_s=max(0.0, reactions[0].time_s - start_s) if reactions else math.nan,
         worst_m=worst,
         stop_m=_way(record, stops[-1]) if result == "stopped" and stops else math.nan,
         faulty_commands=faulty_commands(record),
