@@ -13,7 +13,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numba
 from numba.core import event
 from numba.core.caching import FunctionCache
-from numba.core.codegen import ll
+from numba.core.codegen import ll  # pyright: ignore[reportPrivateImportUsage]
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import ExternalFunction
 
