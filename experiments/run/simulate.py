@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING
 
 from proving_ground.testbed.messages.scenery import Scenery
 from proving_ground.testbed.recording.provenance import versions
@@ -16,7 +15,6 @@ from proving_ground.testbed.recording.record import Event, Record, Recorder
 from proving_ground.testbed.recording.sink import OnEvent, Sink, Tee
 from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
 from proving_ground.testbed.simulation.loop import Outcome, drive, prepare
-from proving_ground.testbed.viewers.live import LiveView
 
 from ..output import make_folder, refuse_existing, write_file
 from ..results.metrics import summarise
@@ -30,6 +28,11 @@ from .assembly import Assembly, assemble
 from .log_file import describe, first_lines, last_line, open_log
 from .shared_parts import SharedParts
 from .user_code import exits_raise, name_of, user_sources
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from proving_ground.testbed.viewers.live import LiveView
 
 _PATH_STEP_M = 0.2  # between the points of the reference path in the log
 
@@ -251,5 +254,7 @@ def _facts(
 
 def _progress(ticks: int, what: str, shown: bool | None) -> tqdm:
     """Return a bar over control periods; silent where no one is watching."""
+    from tqdm import tqdm  # here, because `simulate` has no bar
+
     shown = sys.stderr.isatty() if shown is None else shown
     return tqdm(total=ticks, desc=what, unit="tick", disable=not shown, leave=False)

@@ -6,18 +6,21 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass as stdlib_dataclass
 from dataclasses import field
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 from pydantic import Field
 from pydantic.dataclasses import dataclass
-from scipy.spatial import KDTree
 
 from ttempc.types import FloatArray
 
 from ..configuration.config_io import STRICT, PlaceM
 from ..errors import InvalidField
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 _STEP_OF_WIDTH: Final = 0.2  # of the points along a track: its edge is short by 1 % of its width
 
@@ -70,7 +73,8 @@ class Tramlines:
             if not np.any(line != line[0]):
                 raise InvalidField(f"tramlines: got a line without length at {tuple(line[0])} m")
         object.__setattr__(self, "lines", lines)
-        object.__setattr__(self, "_points", KDTree(np.concatenate(list(self._track_points()))))
+        points = np.concatenate(list(self._track_points()))
+        object.__setattr__(self, "_points", scipy.spatial.KDTree(points))
 
     @property
     def finest(self) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import piqp
-from scipy.sparse import bmat, csc_matrix
+import scipy
 
 from ..errors import InvalidTuning
 from ..estimation.augmented_state import (
@@ -208,16 +208,16 @@ def _bounded_step(
     If PIQP fails, d takes the guess to its nearest point within the bounds.
     """
     count = len(guess)
-    blocks = [[csc_matrix((SIZE, SIZE)) for _ in range(count)] for _ in range(count)]
+    blocks = [[scipy.sparse.csc_matrix((SIZE, SIZE)) for _ in range(count)] for _ in range(count)]
     for k in range(count):
-        blocks[k][k] = csc_matrix(diagonal[k])
+        blocks[k][k] = scipy.sparse.csc_matrix(diagonal[k])
         if k + 1 < count:
-            blocks[k][k + 1] = csc_matrix(above[k])
-            blocks[k + 1][k] = csc_matrix(above[k].T)
+            blocks[k][k + 1] = scipy.sparse.csc_matrix(above[k])
+            blocks[k + 1][k] = scipy.sparse.csc_matrix(above[k].T)
     bound = np.concatenate([np.full(STATES, np.inf), DISTURBANCE_BOUND])
     solver = piqp.SparseSolver()
     solver.setup(
-        P=csc_matrix(bmat(blocks)),
+        P=scipy.sparse.csc_matrix(scipy.sparse.bmat(blocks)),
         c=-right.ravel(),
         x_l=(-bound - guess).ravel(),
         x_u=(bound - guess).ravel(),

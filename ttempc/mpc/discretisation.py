@@ -9,7 +9,7 @@ import numpy as np
 from ..types import FloatArray
 
 _TAYLOR_TERMS = 15
-_BLOCK = 512  # matrices at a time: a long reference needs little memory beside the result
+_BLOCK = 64  # matrices at a time: a long reference needs little memory beside the result
 
 
 def zero_order_hold(a: FloatArray, b: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:

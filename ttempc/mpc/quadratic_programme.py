@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from ..types import FloatArray
 
@@ -116,5 +116,7 @@ class QP:
         slope = self.hessian @ x + self.gradient
         active = slack < _ACTIVE
         # Optimal means -slope = sum of active rows with multipliers >= 0.
-        rest = nnls(rows[active].T, -slope)[1] if active.any() else float(np.linalg.norm(slope))
+        rest = float(np.linalg.norm(slope))
+        if active.any():
+            rest = scipy.optimize.nnls(rows[active].T, -slope)[1]
         return QPResiduals(primal=float(max(0.0, -slack.min())), stationarity=float(rest))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from itertools import chain
 
-from scipy.optimize import brentq
+import scipy
 
 from ..errors import InvalidPath
 from .path import Path, Segment
@@ -120,4 +120,4 @@ def _end(segments: tuple[Segment, ...]) -> tuple[float, float]:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    return float(brentq(function, low, high, xtol=1e-13))  # pyright: ignore[reportArgumentType]
+    return float(scipy.optimize.brentq(function, low, high, xtol=1e-13))

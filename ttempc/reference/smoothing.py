@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline, make_smoothing_spline
+import scipy
 
 from ..errors import InvalidPath
 from ..types import FloatArray
 from .path import Path, Segment
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 _SPACING_M = 0.25  # of the samples of the polygon to which the spline is fitted
 _REPEATED_M = 1e-6  # points closer together count as repeated
@@ -142,7 +146,7 @@ def _fitted(samples: FloatArray, line: FloatArray, log_penalty: float) -> BSplin
     """
     weights = np.gradient(samples)
     weights[[0, -1]] *= _WEIGHT_AT_ENDS
-    return make_smoothing_spline(samples, line, weights, math.exp(log_penalty))
+    return scipy.interpolate.make_smoothing_spline(samples, line, weights, math.exp(log_penalty))
 
 
 def _farthest(one: FloatArray, other: FloatArray) -> float:

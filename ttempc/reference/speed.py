@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
-from scipy.ndimage import minimum_filter1d
+import scipy
 
 from ..errors import InvalidReference
 from ..types import FloatArray
 from .corridor import Corridor
 from .reference import SpeedProfile
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 _STEP_M = 0.05  # between the samples of the speed along the path
 _STEP_S = 0.05  # between the knots of the speed in time
@@ -91,12 +94,14 @@ class PlannedSpeed:
         margin = _SMOOTHING_S
         count = math.ceil((times[-1] + 2.0 * margin) / _STEP_S) + 1
         knots = _STEP_S * np.arange(count) - margin
-        inside = CubicHermiteSpline(times, s, v)(np.clip(knots, 0.0, times[-1]))
+        hermite = scipy.interpolate.CubicHermiteSpline(times, s, v)
+        inside = hermite(np.clip(knots, 0.0, times[-1]))
         before, after = np.minimum(knots, 0.0) * v[0], np.maximum(knots - times[-1], 0.0) * v[-1]
         half = round(0.5 * _SMOOTHING_S / _STEP_S)
         distance = inside + before + after
         mean = (distance[2 * half :] - distance[: -2 * half]) / (2 * half * _STEP_S)
-        object.__setattr__(self, "_speed", PchipInterpolator(knots[half:-half], mean))
+        speed = scipy.interpolate.PchipInterpolator(knots[half:-half], mean)
+        object.__setattr__(self, "_speed", speed)
 
     @property
     def top_speed(self) -> float:
@@ -158,7 +163,8 @@ def limited_in_corridor(
     cap = np.where(np.isfinite(corridor.half_width(place)), limit_mps, math.inf)
     # The moving average reaches half its window ahead and back, and speeds are linear to the next.
     reach = math.ceil(0.5 * _SMOOTHING_S * speed.top_speed / (length_m / (count - 1))) + 1
-    limited = np.minimum(desired, minimum_filter1d(cap, 2 * reach + 1, mode="nearest"))
+    lowest = scipy.ndimage.minimum_filter1d(cap, 2 * reach + 1, mode="nearest")
+    limited = np.minimum(desired, lowest)
     if np.array_equal(limited, desired):
         return speed
     planned = PlannedSpeed(travelled, limited)

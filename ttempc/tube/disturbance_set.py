@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.linalg import null_space
+import scipy
 
 from ..errors import InvalidTube
 from ..types import FloatArray
@@ -72,7 +72,8 @@ class DisturbanceSet:
         Raises:
             InvalidTube: the columns depend on each other, or the floor is not above 0.
         """
-        return cls(np.hstack([directions, floor * null_space(directions.T)]), window, shape)
+        others = scipy.linalg.null_space(directions.T)
+        return cls(np.hstack([directions, floor * others]), window, shape)
 
     @property
     def dimension(self) -> int:

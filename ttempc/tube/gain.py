@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from ..errors import InvalidTube, InvalidTuning
 from ..mpc.riccati import riccati_gains
@@ -90,7 +90,7 @@ def search_tube(
     for _ in range(2):
         simplex = np.vstack([at, at + _FIRST_SIMPLEX * np.eye(len(at))])
         options = {"maxfev": evaluations, "adaptive": True, "initial_simplex": simplex}
-        at = minimize(value, at, method="Nelder-Mead", options=options).x
+        at = scipy.optimize.minimize(value, at, method="Nelder-Mead", options=options).x
     if tube(at) is None:
         raise InvalidTube("no weights of the ancillary gain were found that give a tube")
     return np.exp(at)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 
 from ..errors import InvalidTube
 from ..types import FloatArray
@@ -55,7 +55,9 @@ class Polytope:
         """
         reach = np.empty(len(directions))
         for row, direction in enumerate(directions):
-            programme = linprog(-direction, self.normals, self.offsets, bounds=(None, None))
+            programme = scipy.optimize.linprog(
+                -direction, self.normals, self.offsets, bounds=(None, None)
+            )
             if programme.status not in (0, _UNBOUNDED):
                 raise InvalidTube(f"polytope: {programme.message}")
             reach[row] = np.inf if programme.status == _UNBOUNDED else -programme.fun
@@ -88,7 +90,7 @@ class Polytope:
         # because the sign of r alone matters.
         length = np.linalg.norm(self.normals, axis=1, keepdims=True)
         n = self.dimension
-        ball = linprog(
+        ball = scipy.optimize.linprog(
             np.append(np.zeros(n), -1.0),
             np.hstack([self.normals, length]),
             self.offsets,
