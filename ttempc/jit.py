@@ -13,7 +13,6 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numba
 from numba.core import event
 from numba.core.caching import FunctionCache
-from numba.core.codegen import ll  # pyright: ignore[reportPrivateImportUsage]
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import ExternalFunction
 
@@ -90,12 +89,9 @@ class _FingerprintCache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401 - of numba
         try:
-            overload = super().load_overload(sig, target_context)
+            return super().load_overload(sig, target_context)
         except OSError:
             return None
-        if overload is not None:
-            _parse_when_linked(overload.library)
-        return overload
 
     def save_overload(self, sig: Any, data: Any) -> None:  # noqa: ANN401 - of numba
         try:
@@ -105,24 +101,6 @@ class _FingerprintCache(FunctionCache):
 
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:  # noqa: ANN401 - of numba
         return (*super()._index_key(sig, codegen), fingerprint(self._py_func))
-
-
-def _parse_when_linked(library: Any) -> None:  # noqa: ANN401 - of numba
-    """Hold the intermediate code of a loaded kernel as bytes instead of parsed.
-
-    Parsed, that of a run takes 15 MB. It is read when a kernel that calls this one is compiled.
-    """
-    if library._shared_module is None:
-        return
-    bitcode = library._shared_module.as_bitcode()
-    library._shared_module = None
-
-    def module_for_linking() -> ll.ModuleRef:
-        if library._shared_module is None:
-            library._shared_module = ll.parse_bitcode(bitcode)
-        return library._shared_module
-
-    library._get_module_for_linking = module_for_linking
 
 
 def fingerprint(function: FunctionType) -> str:

@@ -11,11 +11,11 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
+import scipy
 
 from ..errors import InvalidPlant
 from ..ground.ground import Ground
 from ..ground.terrain import flat
-from ..root import bracketed_root
 from ..truth import WHEELS, Tool
 from ..vehicle.servos import equilibrium_slip, tyres_of, wheel_loads
 from ..vehicle.vehicle import PlantVehicle
@@ -102,7 +102,7 @@ def frame_height(vehicle: PlantVehicle, behind: float) -> float:
     zeros, left = np.zeros((count, 3)), np.tile([0.0, 1.0, 0.0], (count, 1))
     loads = wheel_loads(vehicle)
 
-    def surplus(wheel: int, sunk: float) -> float:
+    def surplus(sunk: float, wheel: int) -> float:
         centre = np.zeros((count, 3))
         centre[:, 2] = tyres.radius - sunk
         load = contact(tyres, level, WheelMotion(centre, left, zeros, zeros)).load
@@ -110,7 +110,8 @@ def frame_height(vehicle: PlantVehicle, behind: float) -> float:
 
     def sinkage(wheel: str) -> float:
         index = WHEELS.index(wheel)
-        return bracketed_root(partial(surplus, index), 0.0, 0.5 * float(tyres.radius[index]))
+        root = scipy.optimize.brentq(surplus, 0.0, 0.5 * float(tyres.radius[index]), args=(index,))
+        return float(root)  # pyright: ignore[reportArgumentType]
 
     front, rear, trailer = map(sinkage, ("front_left", "rear_left", "trailer_left"))
     pin = rear + (rear - front) * vehicle.hitch.offset_m / vehicle.tractor.wheelbase_m

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import scipy
 
 from ttempc.types import FloatArray
 
 from ..errors import InvalidPlant
 from ..ground.soil import SoilMap
-from ..root import bracketed_root
 from ..truth import WHEELS
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import Tyres, mobility
@@ -137,7 +137,7 @@ def equilibrium_slip(
     largest = max(np.linspace(0.0, 0.9, 91), key=surplus)  # resistance grows with slip, too
     if surplus(largest) <= 0.0:
         raise InvalidPlant(f"the vehicle cannot move itself on soil of {cone_index:g} kPa")
-    return bracketed_root(surplus, 0.0, largest)
+    return float(scipy.optimize.brentq(surplus, 0.0, largest))  # pyright: ignore[reportArgumentType]
 
 
 def wheel_loads(vehicle: PlantVehicle) -> FloatArray:

@@ -82,17 +82,6 @@ def test_a_change_in_another_module_reaches_compiled_code(sources):
     assert run() == (116.0, 0)
 
 
-def test_a_new_kernel_links_a_loaded_one(sources):
-    """The callee comes from the disk without parsed code; a caller that is compiled needs it."""
-    cache = sources / "cache"
-    run_caller(sources, NUMBA_CACHE_DIR=cache)
-    kept = {file: file.stat().st_mtime_ns for file in cache.rglob("*callee*")}
-    (sources / "caller.py").write_text(CALLER.replace("100.0", "200.0"))
-    result, hits, _ = run_caller(sources, NUMBA_CACHE_DIR=cache)
-    assert (result, hits) == (201.0, 0)
-    assert kept == {file: file.stat().st_mtime_ns for file in cache.rglob("*callee*")}
-
-
 @pytest.mark.parametrize("given", ["/dev/null/x", ""], ids=["NUMBA_CACHE_DIR", "read-only package"])
 def test_without_a_writable_folder_kernels_run_uncached(sources, given):
     """A path below a file can be made by no user, root included."""
