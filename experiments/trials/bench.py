@@ -13,6 +13,7 @@ from proving_ground.testbed.recording.provenance import versions
 
 from ..benchmarks.figure import machine
 from ..errors import BadOptions
+from ..run.assembly import assemble
 from ..run.user_code import user_sources
 from ..scenario.controller import TRUTH
 from ..scenario.scenario import parse_overrides, read_scenario
@@ -83,7 +84,8 @@ class Entrant:
         """Return all runs of the entry.
 
         Raises:
-            BadOptions: the controller drives at a speed of its own in a corridor.
+            BadOptions: the controller drives at a speed of its own: in a corridor, or because it
+                follows the reference by place.
             ExperimentError, TtempcError: the controller or its settings are refused everywhere.
         """
         files = trial_files()
@@ -106,6 +108,12 @@ class Entrant:
         )
         plan = SweepPlan(f"field trials {VERSION}", study)
         plan.extent()
+        accepted = plan[next(iter(plan.runs()))].setting.scenario
+        if assemble(accepted, draws.seeds[0]).guidance.space_based:
+            raise BadOptions(
+                f"bench {self.controller}: is space_based, follows the reference by place; the "
+                "speed of the trials is fixed, and slower is easier"
+            )
         return plan
 
 
