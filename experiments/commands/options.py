@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from proving_ground.testbed.atomic_write import partial_path
+from proving_ground.testbed.log.log_path import log_path
 
 if TYPE_CHECKING:
     from ..film.composition import FilmSetup
@@ -279,12 +280,6 @@ def _size(text: str) -> tuple[int, int]:
     if not match:
         raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT, as 1280x720, got {text!r}")
     return int(match[1]), int(match[2])
-
-
-def log_path(text: str) -> Path:
-    """Return the log that is meant: the file itself, or that in the folder of a run."""
-    inside = Path(text, "log.mcap")
-    return inside if inside.is_file() else Path(text)
 
 
 def path_beside(log: Path, ending: str) -> Path:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from proving_ground.testbed.log.log_path import LOG_NAME
 from proving_ground.testbed.messages.scenery import Scenery
 from proving_ground.testbed.recording.provenance import versions
 from proving_ground.testbed.recording.record import Event, Record, Recorder
@@ -142,7 +143,7 @@ def run(
         views = [stack.enter_context(watch(scenery))] if watch else []
         make_folder(folder)
         resolved = dump(scenario)
-        files = {"scenario": folder / "scenario.toml", "log": folder / "log.mcap"}
+        files = {"scenario": folder / "scenario.toml", "log": folder / LOG_NAME}
         write_file(files["scenario"], resolved)
         metadata = describe(name, scenario, seed, assembly, sources)
         recorder = Recorder()

@@ -25,6 +25,7 @@ from ..bounded_read import read_bounded
 from ..errors import LogError
 from .integrity import integrity_error
 from .log import FORMAT, FORMAT_KEY, RUN_METADATA
+from .log_path import LOG_NAME, log_path
 
 # A file can be a thousand times larger once decompressed. A run logs 250 messages and 20 kB per
 # simulated second.
@@ -93,16 +94,19 @@ class Content:
     salvage: Salvage | None  # None where the log is whole
 
 
-def read_content(path: Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
+def read_content(
+    path: str | Path, is_read: Callable[[str], bool] = lambda topic: True
+) -> Content:
     """Return the content of a log on the topics for which `is_read` is true.
 
-    A log that is truncated or damaged gives the content of its complete chunks and attachments,
+    The folder of a run stands for the log in it. A log that is truncated or damaged gives the content of its complete chunks and attachments,
     and the reason in `salvage`.
 
     Raises:
         LogError: no such file, not a log of this project, of another format of it, or larger than
             can be read.
     """
+    path = log_path(path)
     data = _bytes(path)
     collector = _Collector(path, is_read)
     limit = min(_MOST_BYTES, max(_SMALL_BYTES, _MOST_RATIO * len(data)))
@@ -153,6 +157,8 @@ def decoding(path: Path, what: str) -> Iterator[None]:
 def _bytes(path: Path) -> bytes:
     try:
         data = read_bounded(path, _MOST_FILE_BYTES)
+    except IsADirectoryError:
+        raise LogError(f"{path}: is a folder without {LOG_NAME}") from None
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}") from error
     if not data.startswith(MCAP0_MAGIC):

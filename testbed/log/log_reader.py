@@ -27,8 +27,12 @@ SALVAGED_KEY: Final = "salvaged"  # metadata of a truncated log: extent of what 
 _LEVEL_NAMES: Final = {number: name for name, number in LEVELS.items()}
 
 
-def read_log(path: Path, channels: Sequence[Channel] = CHANNELS) -> Record:
+def read_log(path: str | Path, channels: Sequence[Channel] = CHANNELS) -> Record:
     """Return the record of a log, with `SALVAGED_KEY` in its metadata where it is truncated.
+
+    Args:
+        path: of the log, or the folder of its run.
+        channels: that are read.
 
     Raises:
         LogError: no such file, not a log of this project, or of another version of it.

@@ -209,7 +209,7 @@ ERROR: Final = Channel(
     "to the left of the reference",
     tuple(f"{body}_{part}" for body in ("tractor", "trailer") for part in _POINT_ERRORS),
 )
-"""Channel of logs and viewers only: it repeats `/state` and `/reference` of the record."""
+"""Channel of logs and viewers: a record computes it from `/state` and `/reference`."""
 
 CHANNELS: Final = (
     STATE,

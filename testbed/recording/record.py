@@ -15,7 +15,8 @@ from ttempc.types import FloatArray
 
 from ..errors import TestbedError
 from ..truth import Truth
-from .channels import CHANNELS, Channel, unit_of
+from .channels import CHANNELS, ERROR, REFERENCE, STATE, Channel, unit_of
+from .position_error import error_rows
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -106,10 +107,15 @@ class Record:
     def __getitem__(self, channel: Channel | str) -> Table:
         """Return the table of a channel or of its topic, such as "/state".
 
+        "/error" is computed from "/state" and "/reference", as in the log.
+
         Raises:
             KeyError: the record has no such topic.
         """
         topic = channel if isinstance(channel, str) else channel.topic
+        if topic == ERROR.topic and topic not in self.tables:
+            state, reference = self[STATE], self[REFERENCE]
+            return Table(ERROR, state.time_s, error_rows(state.values, reference.values))
         try:
             return self.tables[topic]
         except KeyError:

@@ -16,6 +16,7 @@ from proving_ground.testbed.messages.schemas import RowEncoder, message_class, m
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     CONTROL,
+    ERROR,
     MEASUREMENT,
     SOLVER,
     Channel,
@@ -43,6 +44,26 @@ def test_what_is_written_is_read_back_to_the_bit(logged):
     path, record = logged
     assert same(read_log(path), record)
     assert [file.name for file in path.parent.iterdir()] == ["log.mcap"]
+
+
+def test_the_folder_of_a_run_stands_for_its_log(logged, tmp_path):
+    path, record = logged
+    assert same(read_log(str(path)), record)
+    assert same(read_log(path.parent), record)
+    assert same(read_log(str(path.parent)), record)
+    with pytest.raises(LogError, match=f"{tmp_path}: is a folder without log.mcap"):
+        read_log(tmp_path)
+    (tmp_path / "log.mcap.part").write_bytes(path.read_bytes())  # as a killed run leaves it
+    assert same(read_log(tmp_path), record)
+
+
+def test_a_record_computes_the_errors_that_the_log_has(logged):
+    path, record = logged
+    logged_errors = read_log(path, (ERROR,))[ERROR]
+    errors = read_log(path)["/error"]
+    assert len(errors) == len(record["/state"]) > 0
+    assert np.array_equal(errors.time_s, logged_errors.time_s)
+    assert np.array_equal(errors.values, logged_errors.values, equal_nan=True)
 
 
 @pytest.mark.parametrize("channel", CHANNELS, ids=lambda channel: channel.topic)
