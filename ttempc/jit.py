@@ -63,7 +63,10 @@ class Compilation(event.TimingListener):
     def on_start(self, event: event.Event) -> None:
         """Count a kernel; announce the first, unless a line said already that none is kept."""
         if not (self.kernels or _warn_of_no_cache.cache_info().currsize):
-            _LOG.warning("compiling kernels, in some 25 s: later processes load them")
+            _LOG.warning(
+                "compiling kernels, in about 25 s on an idle core, several times that on a busy "
+                "one: later processes load them"
+            )
         self.kernels += 1
         super().on_start(event)
 
@@ -76,8 +79,8 @@ event.register("numba:compile", COMPILATION)
 def _warn_of_no_cache() -> None:
     """Log, once a process, that kernels are not kept on disk."""
     _LOG.warning(
-        "no folder for compiled kernels can be written to: this process compiles its own, in some "
-        "25 s; set NUMBA_CACHE_DIR to a folder that can"
+        "no folder for compiled kernels can be written to: this process compiles its own, in about "
+        "25 s on an idle core; set NUMBA_CACHE_DIR to a folder that can"
     )
 
 

@@ -68,7 +68,7 @@ field in MuJoCo, under the controller of your choice.
   ttempc serve grass                the plant over UDP, for a controller in any language
   ttempc card wet-slope             validation of the plant: is it my controller or the simulator?
   ttempc log info runs/DIR/log.mcap  content of a log; export, check, recover, replay it
-  ttempc calibrate runs/DIR/log.mcap -o vehicle.toml    lengths of the vehicle from a run
+  ttempc log calibrate runs/DIR -o vehicle.toml     lengths of the vehicle from a run
   ttempc video runs/.../log.mcap    a film of a run; `frame` takes one picture of it
 """
 

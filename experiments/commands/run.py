@@ -118,7 +118,7 @@ def _print_event(event: Event) -> None:
 
 
 def _print(runs: Sequence[Finished], folder: Path) -> None:
-    from ..results.table import format_run, format_seeds
+    from ..results.table import format_events, format_run, format_seeds
 
     if len(runs) > 1:
         print(format_seeds([run.summary for run in runs]))
@@ -126,6 +126,8 @@ def _print(runs: Sequence[Finished], folder: Path) -> None:
         return
     (finished,) = runs
     print(format_run(finished.summary, finished.comparison))
+    for line in format_events(finished.record.events, folder):
+        print(line)
     if finished.mismatch:
         print(f"Parameter mismatch: {', '.join(map(str, finished.mismatch))}")
     for note in finished.notes:

@@ -21,7 +21,7 @@ from ..errors import ExperimentError, InvalidReplay
 from ..figures import draw
 from ..report.run_report import render_run_report
 from ..results.metrics import summarise
-from ..results.published import PublishedError, applies_to, compare
+from ..results.published import PublishedError, published_beside
 from ..results.summary import RunFacts, Status, Summary
 from ..run.log_file import BEGINS, ENDS, SETTINGS, versions_of
 from ..scenario.scenario import ScenarioFile, identity
@@ -100,6 +100,6 @@ def _outcome(record: Record) -> tuple[Status, str | None]:
 def _comparison(source: ScenarioFile, summary: Summary) -> tuple[PublishedError, ...]:
     """Return the published errors where they apply; not to a scenario of another version."""
     try:
-        return compare(summary) if applies_to(source.scenario()) else ()
+        return published_beside(summary, source.scenario())
     except (ExperimentError, TestbedError, TtempcError):
         return ()

@@ -15,6 +15,7 @@ from ..scenario.path import FigureEight
 from ..scenario.scenario import Scenario
 from .summary import Summary
 
+_REBUILT: Final = "kayacan2016"  # scenario with the field of the experiment
 CAVEAT: Final = "published: field experiment; here: simulation"
 
 
@@ -60,6 +61,15 @@ def applies_to(scenario: Scenario) -> bool:
         and not scenario.implement
         and scenario.vehicles().plant == read_vehicle(DEFAULT_VEHICLE)
     )
+
+
+def published_beside(summary: Summary, scenario: Scenario) -> tuple[PublishedError, ...]:
+    """Return the comparison that a run shows: in the scenario that rebuilds the experiment alone.
+
+    Other fields with the paper's vehicle and path differ from it in ground and sensors.
+    """
+    rebuilt = summary.scenario == _REBUILT and applies_to(scenario)
+    return compare(summary) if rebuilt else ()
 
 
 def compare(summary: Summary) -> tuple[PublishedError, ...]:

@@ -1,12 +1,16 @@
-"""Console table of a run: plain text, at most 80 columns."""
+"""Console table of a run: plain text, at most 80 columns, 89 with the published errors."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Final
 
 import numpy as np
+
+from proving_ground.testbed.recording.record import OVERRUN, Event
+from proving_ground.testbed.terminal import one_line
 
 from .published import CAVEAT, PublishedError
 from .summary import BodyStatistics, CorridorStatistics, ErrorStatistics, Summary
@@ -14,8 +18,8 @@ from .summary import BodyStatistics, CorridorStatistics, ErrorStatistics, Summar
 WIDTH: Final = 80
 
 _PUBLISHED: Final = "published"
-_HEADS: Final = ("mean", _PUBLISHED, "rms", "p95", "max", "cross mean", "sd")
-_BODY_WIDTH: Final = 18
+_HEADS: Final = ("mean", _PUBLISHED, "rms", "p95", "max", "along mean", "cross mean", "sd")
+_BODY_WIDTH: Final = 19
 _OF_SEEDS: Final = {  # head of a column: point and statistic
     "tractor": ("tractor", "mean_euclidean_m"),
     "trailer": ("trailer", "mean_euclidean_m"),
@@ -89,6 +93,23 @@ def format_seeds(summaries: Sequence[Summary]) -> str:
     return "\n".join(lines)
 
 
+def format_events(events: Sequence[Event], folder: Path) -> list[str]:
+    """Return lines on the warnings of a run: how many, the first, and where all events are.
+
+    Overruns tell of the machine: they are counted, and the first only where all are overruns.
+    """
+    warnings = [event for event in events if event.level == "warning"]
+    if not warnings:
+        return []
+    overruns = [event for event in warnings if event.text.startswith(OVERRUN)]
+    others = [event for event in warnings if not event.text.startswith(OVERRUN)]
+    first = (others or overruns)[0]
+    counted = f" ({len(overruns)} of a slow machine: overruns)" if overruns else ""
+    text = f"Warnings: {len(warnings)}{counted}, at {first.time_s:.1f} s: {first.text}"
+    lines = textwrap.wrap(one_line(text), WIDTH, subsequent_indent="  ")
+    return [*lines, f"All events: ttempc log info {folder}"]
+
+
 def format_corridor(corridor: CorridorStatistics) -> str:
     """Return the departure from the corridor as one line of text."""
     points = {"tractor": corridor.tractor, "trailer": corridor.trailer, "tool": corridor.tool}
@@ -116,6 +137,7 @@ def _cells(error: ErrorStatistics, published_m: float | None) -> dict[str, str]:
         error.rms_m,
         error.p95_m,
         error.max_m,
+        error.along_mean_m,
         error.cross_mean_m,
         error.cross_sd_m,
     )
@@ -134,6 +156,15 @@ def _other_numbers(summary: Summary) -> list[str]:
     lines = []
     if step.median is not None and step.p99 is not None:
         lines.append(f"Control step {step.median:.0f} us (median), {step.p99:.0f} us (p99)")
+    inputs = summary.inputs
+    shares = {
+        "front steering": inputs.delta_t.saturated_fraction,
+        "trailer steering": inputs.delta_i.saturated_fraction,
+        "hydrostat": inputs.hp.saturated_fraction,
+    }
+    held = [f"{name} {100.0 * share:.1f} %" for name, share in shares.items() if share]
+    if held:
+        lines += textwrap.wrap(f"At a limit of size or rate: {', '.join(held)} of the ticks", WIDTH)
     slip, implement = summary.slip.rear_mean, summary.implement
     if implement is not None and implement.draft_mean_n is not None and slip is not None:
         lines.append(

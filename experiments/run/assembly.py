@@ -23,7 +23,6 @@ from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stag
 from proving_ground.testbed.simulation.plant import Plant, Snapshot
 from proving_ground.testbed.simulation.termination import TerminationLimits
 from proving_ground.testbed.vehicle.axle_loads import overload_notes
-from ttempc.guidance.controllers import controller_options
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import run_on
 from ttempc.reference.path import Path
@@ -42,7 +41,13 @@ from ..scenario.vehicle import ParameterMismatch, Vehicles
 from .corridor_judge import corridor_row
 from .shared_parts import SharedParts
 from .timetable import Timetable
-from .user_code import is_user_code, load_factory, named_estimator, user_stage
+from .user_code import (
+    check_controller,
+    is_user_code,
+    load_factory,
+    named_estimator,
+    user_stage,
+)
 
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
 _BLOCK = 4096  # rows of the reference at a time: a sample takes twice the memory of a row
@@ -311,11 +316,8 @@ def _user_stages(scenario: Scenario, seed: int) -> list[tuple[str, Stage]]:
 def _check_guidance(scenario: Scenario, vehicle: Vehicle) -> None:
     """Refuse names, options and tubes that `_guidance` would refuse; make no controller."""
     settings = scenario.controller
-    if is_user_code(settings.name):
-        load_factory(settings.name, "controller")
-    else:
-        controller_options(settings.name, settings.options)
-        settings.design(vehicle, scenario.control.period_s)
+    check_controller(settings.name, settings.options)
+    settings.design(vehicle, scenario.control.period_s)
     if is_user_code(settings.estimator):
         load_factory(settings.estimator, "estimator")
 

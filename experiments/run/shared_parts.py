@@ -17,7 +17,7 @@ from ttempc.reference.reference import Reference
 from ttempc.vehicle import Vehicle
 
 from ..scenario.scenario import Scenario
-from .user_code import is_user_code, load_factory, user_controller
+from .user_code import check_controller, is_user_code, load_factory, user_controller
 
 Part = TypeVar("Part")
 
@@ -75,9 +75,11 @@ class SharedParts:
             factory: of a user, in the place of the scenario's.
 
         Raises:
-            InvalidController: no such factory of a user.
+            InvalidController, UnknownController, InvalidTuning: as `check_controller`.
         """
         settings = scenario.controller
+        if factory is None:
+            check_controller(settings.name, settings.options)
         if factory is None and is_user_code(settings.name):
             factory = load_factory(settings.name, "controller")
         if factory is None:

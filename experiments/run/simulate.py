@@ -19,7 +19,7 @@ from proving_ground.testbed.simulation.loop import Outcome, drive, prepare
 
 from ..output import make_folder, refuse_existing, write_file
 from ..results.metrics import summarise
-from ..results.published import PublishedError, applies_to, compare
+from ..results.published import PublishedError, published_beside
 from ..results.summary import RunFacts, Summary
 from ..scenario.control import record_steps
 from ..scenario.controller import OptionValue
@@ -47,7 +47,7 @@ class Finished:
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     notes: tuple[str, ...] = ()  # on path, tyres and tube
-    comparison: tuple[PublishedError, ...] = ()  # published errors, where they apply
+    comparison: tuple[PublishedError, ...] = ()  # published errors, where they are shown
 
 
 @exits_raise()
@@ -173,7 +173,7 @@ def run(
         files[figure] = folder / f"{figure}.png"
         write_file(files[figure], content)
     files["report"] = folder / "report.html"
-    comparison = compare(summary) if applies_to(scenario) else ()
+    comparison = published_beside(summary, scenario)
     page = render_run_report(
         summary,
         record,

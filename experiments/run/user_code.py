@@ -12,21 +12,27 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, NoReturn
+from types import ModuleType
+from typing import Any, Final, NoReturn
 
 import numpy as np
 
 from proving_ground.testbed.errors import StageFailed
 from proving_ground.testbed.simulation.loop import SimulationSetup, Stage, TickContext
+from ttempc.errors import UnknownController
 from ttempc.estimation.noise import SensorNoise
+from ttempc.guidance.controllers import controller_options
 from ttempc.guidance.estimators import estimator_factory
 from ttempc.reference.reference import Reference
+from ttempc.suggestion import did_you_mean
 from ttempc.types import Controller, Estimator
 from ttempc.vehicle import Vehicle
 
 from ..errors import InvalidController
 from ..scenario.scenario import Scenario
 from ..scenario.stages import StageSettings
+
+_MOST_OFFERED: Final = 20  # names of a module in a message
 
 
 @contextmanager
@@ -90,13 +96,39 @@ def load_factory(name: str, what: str) -> Callable[..., object]:
         ) from error
     for part in attribute.split("."):
         if not hasattr(item, part):
-            raise InvalidController(f"{what} {name!r}: {module_name} has no {attribute}")
+            raise InvalidController(
+                f"{what} {name!r}: {module_name} has no {attribute}"
+                f"{_offered(sys.modules[module_name], attribute)}"
+            )
         item = getattr(item, part)
     if not callable(item):
         raise InvalidController(
             f"{what} {name!r}: {attribute} is {type(item).__name__}, must be callable"
         )
     return item
+
+
+def check_controller(name: str, options: Mapping[str, object]) -> None:
+    """Refuse a controller that does not exist, and options that one that ships does not take.
+
+    Raises:
+        UnknownController: none of this name ships; where a module of it is in the working
+            directory, the message says how it is named.
+        InvalidController: as `load_factory`.
+        InvalidTuning: an option is unknown, of another type, or out of its range.
+    """
+    if is_user_code(name):
+        load_factory(name, "controller")
+        return
+    try:
+        controller_options(name, options)
+    except UnknownController as error:
+        module = name.removesuffix(".py")
+        if not (module.isidentifier() and Path(f"{module}.py").is_file()):
+            raise
+        raise UnknownController(
+            f"{error}; {module}.py is named {module}:FACTORY, FACTORY a class or function in it"
+        ) from None
 
 
 def user_controller(
@@ -266,6 +298,20 @@ def _check_method(name: str, what: str, part: object, method: str) -> None:
             f"{what} {name!r}: the factory returned {type(part).__name__}, which has no method "
             f"{method}"
         )
+
+
+def _offered(module: ModuleType, attribute: str) -> str:
+    """Return the end of a message with the classes and functions that a module defines."""
+    names = [
+        name
+        for name, item in vars(module).items()
+        if (inspect.isclass(item) or inspect.isfunction(item))
+        and item.__module__ == module.__name__
+        and not name.startswith("_")
+    ]
+    if not names:
+        return ", and defines neither class nor function"
+    return f"; it defines {', '.join(names[:_MOST_OFFERED])}{did_you_mean(attribute, names)}"
 
 
 def _search_working_directory() -> str:

@@ -32,13 +32,32 @@ def format_validation_error(error: ValidationError, root: type) -> str:
     where = ".".join(keys)
     if first["type"] == "unexpected_keyword_argument":
         names = [field.name for field in fields(tables[0])]
-        meant = did_you_mean(keys[-1], names)
+        meant = did_you_mean(keys[-1], names) or _elsewhere(keys[-1], root)
         return f"{where}: unknown key; allowed here: {', '.join(names)}{meant}"
     value = first["input"]
     given = "" if isinstance(value, Mapping) else f", got {_shown(value)}"
     if first["type"] == "union_tag_not_found":
         return f"{where}: kind is missing, must be one of {', '.join(_kinds(tables))}{given}"
     return f"{where}: {first['msg'].removeprefix('Value error, ')}{given}"
+
+
+def _elsewhere(key: str, root: type) -> str:
+    """Return the end of a message that names a key as it is called in another table of a file."""
+    level, seen = [((), root)], {root}
+    while level:  # the least deep first
+        places = [(*keys, field.name) for keys, table in level for field in fields(table)]
+        for place in places:
+            if place[-1] == key:
+                return f" (did you mean {'.'.join(place)}?)"
+        below = [
+            ((*keys, name), table)
+            for keys, parent in level
+            for name, hint in get_type_hints(parent).items()
+            for table in _tables(hint)
+        ]
+        level = [(keys, table) for keys, table in below if table not in seen]
+        seen |= {table for _, table in level}
+    return ""
 
 
 def _shown(value: object) -> str:

@@ -94,13 +94,11 @@ class Content:
     salvage: Salvage | None  # None where the log is whole
 
 
-def read_content(
-    path: str | Path, is_read: Callable[[str], bool] = lambda topic: True
-) -> Content:
+def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:
     """Return the content of a log on the topics for which `is_read` is true.
 
-    The folder of a run stands for the log in it. A log that is truncated or damaged gives the content of its complete chunks and attachments,
-    and the reason in `salvage`.
+    The folder of a run stands for the log in it. A log that is truncated or damaged gives the
+    content of its complete chunks and attachments, and the reason in `salvage`.
 
     Raises:
         LogError: no such file, not a log of this project, of another format of it, or larger than

@@ -28,6 +28,12 @@ LEARNT: Final = "learnt: "
 FAULT: Final = "fault: "
 """Beginning of the text of an event that tells that a fault begins or ends."""
 
+REACTION: Final = "reaction: "
+"""Beginning of the text of an event that tells how the guidance departs from the controller."""
+
+OVERRUN: Final = "overrun: "
+"""Beginning of the text of an event that tells that a step took longer than its period."""
+
 BEGINS: Final = " begins"
 ENDS: Final = " ends"
 

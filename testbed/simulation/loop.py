@@ -18,7 +18,7 @@ from ..errors import PlantDiverged, StageFailed
 from ..ground.terrain import Terrain
 from ..recording import channels
 from ..recording import record_rows as rows
-from ..recording.record import LEARNT, Event
+from ..recording.record import LEARNT, OVERRUN, REACTION, Event
 from ..recording.sink import Sink
 from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..sensing.sensors import Sensors
@@ -177,7 +177,7 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
         sink.event(Event(time, "info", LEARNT + ", ".join(diagnostics.learnt)))
     fallback = diagnostics.fallback
     if fallback != tick.fallback:
-        text = f"fallback: {fallback}" if fallback else "fallback ended"
+        text = f"{REACTION}{fallback}" if fallback else "reaction ended"
         sink.event(Event(time, "warning" if fallback else "info", text))
         tick.fallback = fallback
 
@@ -204,7 +204,7 @@ def _late_steps(setup: SimulationSetup, tick: TickContext) -> int:
     took_s = 1e-9 * (tick.estimator_ns + tick.control_ns)
     if took_s <= period_s:
         return 0
-    text = f"overrun: the step took {took_s:.3f} s, the control period is {period_s:g} s"
+    text = f"{OVERRUN}the step took {took_s:.3f} s, the control period is {period_s:g} s"
     setup.sink.event(Event(tick.k * period_s, "warning", text))
     return math.ceil(took_s / timestep_s) if setup.realtime else 0
 

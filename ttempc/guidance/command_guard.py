@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import fields, replace
 from typing import Final
 
@@ -79,14 +80,22 @@ class CommandGuard:
         beyond = [not abs(cut - own) <= _ROUNDING for cut, own in pairs]  # NaN is beyond
         if not any(beyond):
             return step
-        names = [item.name for item, out in zip(fields(Command), beyond, strict=True) if out]
-        note = f"the controller's {', '.join(names)} outside the limits or not finite: cut"
+        reasons = ", ".join(self._reason(desired, i) for i, out in enumerate(beyond) if out)
+        note = f"the controller's {reasons}: cut"
         diagnostics = replace(
             step.diagnostics,
             limited=np.asarray(step.diagnostics.limited, dtype=np.bool_) | np.array(beyond),
             fallback="; ".join(filter(None, (step.diagnostics.fallback, note))),
         )
         return ControlStep(Command(*allowed.tolist()), diagnostics)
+
+    def _reason(self, desired: FloatArray, entry: int) -> str:
+        """Return the name of an entry of the command, and why it is not driven as it is."""
+        value, name = desired.item(entry), fields(Command)[entry].name
+        if not math.isfinite(value):
+            return f"{name} not finite"
+        low, high = self._limits.lower.item(entry), self._limits.upper.item(entry)
+        return f"{name} beyond its {'rate' if low <= value <= high else 'range'}"
 
     def _allowed(self, desired: FloatArray) -> FloatArray:
         """Return the allowed command nearest to `desired`, (3,)."""

@@ -7,6 +7,7 @@ from dataclasses import fields
 from typing import TypeVar
 
 from ..errors import InvalidTuning
+from ..suggestion import did_you_mean
 
 _Options = TypeVar("_Options")
 
@@ -29,7 +30,10 @@ def parse_options(
     }
     for name in values:
         if name not in defaults:
-            raise InvalidTuning(f"{where}.{name}: unknown, allowed are {', '.join(defaults)}")
+            raise InvalidTuning(
+                f"{where}.{name}: unknown, allowed are {', '.join(defaults)}"
+                f"{did_you_mean(name, defaults)}"
+            )
     entries = {name: _like(defaults[name], value) for name, value in values.items()}
     try:
         return kind(**entries)

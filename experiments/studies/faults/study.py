@@ -20,7 +20,7 @@ from typing import Final, Literal
 import numpy as np
 
 from proving_ground.testbed.recording.channels import CONTROL, STATE
-from proving_ground.testbed.recording.record import Record, Recorder
+from proving_ground.testbed.recording.record import REACTION, Record, Recorder
 from ttempc.types import FloatArray
 
 from ...results.statistics import proportion
@@ -37,7 +37,6 @@ CONTROLLERS: Final = ("ttempc", "pid", "nmpc-rti")
 SEEDS: Final = report_seeds(16)
 _AFTER_S: Final = 40.0  # of the reference, after the fault
 _SHARE: Final = 4  # of the seeds, for rivals: one in four
-_FALLBACK: Final = "fallback: "
 _ROUNDING: Final = 1e-9  # of a limit
 _STOPPED: Final = ": stopped"
 _NUMBER: Final = re.compile(r"-?\d+(?:\.\d+)?")
@@ -82,7 +81,7 @@ def drive_case(case: Case) -> CaseResult:
     reactions = [
         event
         for event in record.events
-        if event.text.startswith(_FALLBACK) and event.time_s >= start_s - 2.0
+        if event.text.startswith(REACTION) and event.time_s >= start_s - 2.0
     ]
     stops = [event.time_s for event in reactions if event.text.endswith(_STOPPED)]
     result: Result = "degraded" if reactions else "carried on"

@@ -2,18 +2,20 @@
 
 import json
 import math
+import re
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from proving_ground.experiments.results.metrics import input_statistics, summarise
-from proving_ground.experiments.results.published import applies_to, compare
+from proving_ground.experiments.results.published import applies_to, compare, published_beside
 from proving_ground.experiments.results.summary import RunFacts
-from proving_ground.experiments.results.table import WIDTH, format_run
+from proving_ground.experiments.results.table import WIDTH, format_events, format_run
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING
-from proving_ground.testbed.recording.record import Record
+from proving_ground.testbed.recording.record import OVERRUN, Event, Record
 from tests.records import circle, eight, record, straight, table_of
 
 FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {"ttempc": "0"}, "log.mcap")
@@ -249,7 +251,7 @@ def test_a_run_that_ended_at_once_has_a_summary_and_a_table(duration_s):
 def test_the_table_sets_the_published_errors_beside_the_runs():
     summary = summarise(record(cross=(0.1, 0.05)), FACTS)
     text = format_run(summary, compare(summary))
-    assert all(len(line) <= WIDTH for line in text.splitlines())
+    assert all(len(line) <= 100 for line in text.splitlines())
     for number in ("23.5", "21.2", "39.8", "36.2", "10.0", "5.0"):
         assert number in text
     assert "published: field experiment; here: simulation" in text.lower()
@@ -272,5 +274,41 @@ def test_the_table_sets_the_published_errors_beside_the_runs():
 def test_the_published_errors_stand_beside_runs_of_the_papers_vehicle_and_path_alone(
     scenario, overrides, applies
 ):
-    assert applies_to(load(scenario, overrides)[1]) is applies
+    settings = load(scenario, overrides)[1]
+    assert applies_to(settings) is applies
+    assert not published_beside(summarise(record(), FACTS), settings)
     assert "published" not in format_run(summarise(record(), FACTS)).lower()
+
+
+def test_a_run_shows_the_published_errors_in_the_scenario_of_the_experiment_alone():
+    _, rebuilt = load("kayacan2016")
+    summary = summarise(record(), replace(FACTS, scenario="kayacan2016"))
+    assert published_beside(summary, rebuilt) == compare(summary)
+    assert not published_beside(replace(summary, scenario="grass"), rebuilt)
+    assert not published_beside(summary, load("kayacan2016", ["path.radius_m=9.0"])[1])
+
+
+def test_the_table_has_the_mean_along_track_and_fits():
+    text = format_run(summarise(record(cross=(0.1, 0.05)), FACTS))
+    assert all(len(line) <= WIDTH for line in text.splitlines())
+    head, *_ = (line for line in text.splitlines() if "mean" in line)
+    ends = [match.end() for match in re.finditer(r"along mean|cross mean", head)]
+    rows = [line for line in text.splitlines() if line.startswith("all")]
+    assert len(rows) == 2
+    tracking = summarise(record(cross=(0.1, 0.05)), FACTS).tracking.all
+    for line, error in zip(rows, (tracking.tractor, tracking.trailer), strict=True):
+        shown = [line[:end].split()[-1] for end in ends]
+        assert error.along_mean_m is not None and error.cross_mean_m is not None
+        assert shown == [f"{100 * m:.1f}" for m in (error.along_mean_m, error.cross_mean_m)]
+
+
+def test_warnings_are_counted_and_the_first_is_shown_before_overruns():
+    info, slow = Event(0.0, "info", "start"), Event(1.0, "warning", f"{OVERRUN}took 0.3 s")
+    cut = Event(3.24, "warning", "reaction: hp \x1b[2Jbeyond its range: cut")
+    assert format_events([info], Path("runs/a")) == []
+    first, last = format_events([info, slow, cut, cut], Path("runs/a"))
+    assert first.startswith("Warnings: 3 (1 of a slow machine: overruns), at 3.2 s: reaction: hp")
+    assert "\x1b" not in first
+    assert last == "All events: ttempc log info runs/a"
+    (only, _) = format_events([slow, slow], Path("runs/a"))
+    assert only.endswith("at 1.0 s: overrun: took 0.3 s")

@@ -53,6 +53,7 @@ def package(tmp_path, monkeypatch):
     (tmp_path / "lawn").mkdir()
     (tmp_path / "lawn" / "drivers.py").write_text(MODULE)
     (tmp_path / "lawn" / "ill.py").write_text("1 / 0")
+    (tmp_path / "mower.py").write_text("1 / 0")
     yield tmp_path
     for name in [name for name in sys.modules if name.split(".")[0] == "lawn"]:
         del sys.modules[name]
@@ -61,7 +62,10 @@ def package(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("lawn.drivers:none", "lawn.drivers has no none"),
+        ("lawn.drivers:none", "lawn.drivers has no none; it defines "),
+        ("lawn.drivers:nothin", "(did you mean nothing?)"),
+        ("mower", "mower.py is named mower:FACTORY"),
+        ("mower.py", "mower.py is named mower:FACTORY"),
         ("lawn.drivers:value", "value is int, must be callable"),
         ("lawn.drivers:nothing", "returned NoneType, which has no method step"),
         ("lawn.drivers:broken", "raised ValueError: two lines"),
@@ -268,5 +272,9 @@ def test_commands_beyond_the_limits_are_cut_and_said():
         np.abs(np.diff(sent, axis=0)) <= vehicle.input_rate[[Input.DELTA_T, Input.HP]] * 0.2 + 1e-12
     )
     said = [event.text for event in record.events]
-    assert any("delta_t, delta_i, hp outside the limits" in text for text in said)
-    assert any("fallback ended" in text for text in said)
+    assert any(
+        "the controller's delta_t beyond its range, delta_i beyond its range, hp beyond" in text
+        for text in said
+    )
+    assert any("the controller's delta_t not finite, hp not finite: cut" in text for text in said)
+    assert any(text == "reaction ended" for text in said)

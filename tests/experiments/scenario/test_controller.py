@@ -35,7 +35,7 @@ def test_an_option_replaces_its_default_alone():
     [
         (
             "controller.options.horizn=12",
-            r"controller.options.horizn: unknown, allowed .*moves",
+            r"controller.options.horizn: unknown, allowed .*moves.*\(did you mean horizon\?\)",
         ),
         (
             "controller.options.horizon=2.5",

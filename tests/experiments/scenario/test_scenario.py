@@ -187,7 +187,13 @@ def test_a_fault_of_the_file_is_told_before_the_change(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "overrides", "meant"),
-    [("gras", [], "grass"), ("grass", ["soil.patchs=[]"], "patches")],
+    [
+        ("gras", [], "grass"),
+        ("grass", ["soil.patchs=[]"], "patches"),
+        ("grass", ["laps=1"], "path.laps"),
+        ("grass", ["path.cone_index_kpa=250"], "soil.cone_index_kpa"),
+        ("grass", ["gnss_sd_m=0.1"], "sensors.gnss_sd_m"),
+    ],
 )
 def test_a_misspelt_name_gets_a_suggestion(name, overrides, meant):
     with pytest.raises(InvalidScenario, match=rf"\(did you mean {meant}\?\)$"):

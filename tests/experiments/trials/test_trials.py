@@ -230,6 +230,7 @@ def test_bad_input_gets_one_line_before_any_run(tmp_path, monkeypatch, capsys, w
     line = capsys.readouterr().err
     assert line.count("\n") == 1
     assert reason in line
+    assert "scenario = " not in line  # the entry is refused, not a trial
     assert not any(tmp_path.iterdir())
 
 

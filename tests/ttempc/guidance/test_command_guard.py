@@ -59,8 +59,17 @@ def test_an_entry_that_is_not_finite_keeps_its_value_and_is_reported(junk):
     step = guarded(ControlStep(Command(junk, 0.1, junk), EMPTY), Command(0.2, 0.1, 0.6))
     assert step.command == Command(0.2, 0.1, 0.6)
     assert step.diagnostics.limited.tolist() == [True, False, True]
-    assert "delta_t, hp" in step.diagnostics.fallback
+    expected = "the controller's delta_t not finite, hp not finite: cut"
+    assert step.diagnostics.fallback == expected
     assert guarded(ControlStep(Command(junk, 0.1, junk), EMPTY)).command == Command(0.0, 0.1, 0.0)
+
+
+def test_a_cut_says_which_entry_and_whether_its_range_or_its_rate():
+    beyond = VEHICLE.input_max[0] + 0.01
+    jump = VEHICLE.input_rate[1] * 0.2 + 0.01
+    step = guarded(ControlStep(Command(beyond, jump, 0.5), EMPTY), Command(beyond - 0.02, 0.0, 0.5))
+    reason = "the controller's delta_t beyond its range, delta_i beyond its rate: cut"
+    assert step.diagnostics.fallback == reason
 
 
 @pytest.mark.parametrize(
