@@ -89,16 +89,19 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
     ]
     loads: dict[str, list[str]] = {}
     for card in cards:
-        name = f"{card.machine['processor']} ({card.machine['system']})"
-        loads.setdefault(f"{name}, {card.machine['cores']} cores", []).append(card.machine["load"])
+        processor, cores, system = (
+            card.machine.get(key, "unknown") for key in ("processor", "cores", "system")
+        )
+        own = loads.setdefault(f"{processor} ({system}), cores: {cores}", [])
+        own.append(card.machine.get("load", ""))
     machines = [f"{name}, load {_range(own)}" for name, own in sorted(loads.items())]
     return "\n\n".join(
         (
             _markdown(heads, rows),
             "Mean cost of each trial [cm]:",
             _markdown(("entry", *names), by_trial),
-            f"Steps were timed on: {'; '.join(machines)}. A load above the number of cores makes them "
-            "longer.",
+            f"Steps were timed on: {'; '.join(machines)}. A load above the number of cores makes "
+            "them longer.",
         )
     )
 
