@@ -1,4 +1,4 @@
-"""docs/evidence.md: all published figures beside those of the plant."""
+"""Table of docs/evidence.md: all published figures beside those of the plant."""
 
 from __future__ import annotations
 
@@ -37,19 +37,6 @@ EXPERIMENTS: Final[tuple[Experiment, ...]] = (
     revisit,
 )
 
-_HEAD: Final = """\
-# Published figures beside ours
-
-Figures of real machines, and what the plant gives without tuning for any of them. The verdict is
-computed. A figure outside its band is published like any other, with the reason where we know one.
-Written by `python -m experiments.studies.evidence docs/evidence.md`.
-
-The farm machine is `mjcf/vehicles/farm4500.toml`, all of whose values are assumed. Not compared:
-the displacement of a 10 m wide implement by unequal depth of its wings, because this machine
-cannot pull one, and trajectories of machines whose masses and tyres are not published.
-
-"""
-
 
 def evidence(experiments: Sequence[Experiment] = EXPERIMENTS) -> list[Evidence]:
     """Return the figures of all experiments, made on all cores, in the order of the page."""
@@ -57,9 +44,9 @@ def evidence(experiments: Sequence[Experiment] = EXPERIMENTS) -> list[Evidence]:
 
 
 def evidence_page(experiments: Sequence[Experiment] = EXPERIMENTS) -> str:
-    """Return the content of docs/evidence.md."""
+    """Return the verdict and the table of docs/evidence.md."""
     items = evidence(experiments)
-    return f"{_HEAD}{verdict_line(items)}\n\n{table(items)}"
+    return f"{verdict_line(items)}\n\n{table(items)}"
 
 
 def _perform(experiment: Experiment) -> list[Evidence]:

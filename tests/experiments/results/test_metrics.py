@@ -12,7 +12,7 @@ import pytest
 from proving_ground.experiments.results.metrics import input_statistics, summarise
 from proving_ground.experiments.results.published import applies_to, compare, published_beside
 from proving_ground.experiments.results.summary import RunFacts
-from proving_ground.experiments.results.table import WIDTH, format_events, format_run
+from proving_ground.experiments.results.table import WIDTH, centimetres, format_events, format_run
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING
 from proving_ground.testbed.recording.record import OVERRUN, Event, Record
@@ -298,8 +298,8 @@ def test_the_table_has_the_mean_along_track_and_fits():
     tracking = summarise(record(cross=(0.1, 0.05)), FACTS).tracking.all
     for line, error in zip(rows, (tracking.tractor, tracking.trailer), strict=True):
         shown = [line[:end].split()[-1] for end in ends]
-        assert error.along_mean_m is not None and error.cross_mean_m is not None
-        assert shown == [f"{100 * m:.1f}" for m in (error.along_mean_m, error.cross_mean_m)]
+        assert shown == [centimetres(error.along_mean_m), centimetres(error.cross_mean_m)]
+        assert "–" not in shown
 
 
 def test_warnings_are_counted_and_the_first_is_shown_before_overruns():
