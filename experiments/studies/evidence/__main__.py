@@ -9,6 +9,5 @@ from __future__ import annotations
 
 from .page import evidence_page
 
-
 if __name__ == "__main__":
     print(evidence_page(), end="")

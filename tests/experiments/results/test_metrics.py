@@ -306,9 +306,9 @@ def test_warnings_are_counted_and_the_first_is_shown_before_overruns():
     info, slow = Event(0.0, "info", "start"), Event(1.0, "warning", f"{OVERRUN}took 0.3 s")
     cut = Event(3.24, "warning", "reaction: hp \x1b[2Jbeyond its range: cut")
     assert format_events([info], Path("runs/a")) == []
-    first, last = format_events([info, slow, cut, cut], Path("runs/a"))
+    first, *more, last = format_events([info, slow, cut, cut], Path("runs/a"))
     assert first.startswith("Warnings: 3 (1 of a slow machine: overruns), at 3.2 s: reaction: hp")
-    assert "\x1b" not in first
+    assert "\x1b" not in first + "".join(more)
     assert last == "All events: ttempc log info runs/a"
     (only, _) = format_events([slow, slow], Path("runs/a"))
     assert only.endswith("at 1.0 s: overrun: took 0.3 s")
