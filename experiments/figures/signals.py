@@ -29,6 +29,7 @@ _ACTIONS: Final = (  # field, label, colour (the paper's roles: cyan, red, blue,
 )
 _HEADROOM: Final = 0.06  # of the range of the signals
 _NEAR: Final = 0.3  # of the same; bounds farther away are left out
+_EDGE: Final = 0.02  # of the same, beside a bound
 _NOTE: Final = 0.15  # of the same, space for a note above them
 _BOUND_LINE: Final[dict[str, Any]] = {"color": BLACK, "linestyle": "--", "linewidth": 0.9}
 BOUNDS: Final = Line2D([], [], label="bounds", **_BOUND_LINE)
@@ -86,10 +87,10 @@ def draw_bounds(axes: Axes, control: Table, name: str, factor: float) -> bool:
         # The underscore keeps the line out of the legend, and its name in the data of the figure.
         axes.plot(control.time_s, values, **_BOUND_LINE, label=f"_{which} bound")
     outside = []
-    near = _NEAR * (high - low)
+    near, edge = _NEAR * (high - low), _EDGE * (high - low)
     for which, values in bounds.items():
         seen = values[(values >= low - near) & (values <= high + near)]
-        low, high = min([low, *seen]), max([high, *seen])
+        low, high = min([low, *(seen - edge)]), max([high, *(seen + edge)])
         if not len(seen) and np.isfinite(values).any():
             outside.append(f"{which} bound {_range(values)}")
     if outside:

@@ -75,8 +75,8 @@ def _drawn(arguments: argparse.Namespace) -> dict[str, Callable[[], Figure]]:
 
         if (arguments.source / STATISTICS_FILE).is_file():
             raise BadOptions(
-                f"{arguments.source}: is the folder of a comparison, it has no logs; its figures as "
-                "files for a paper: ttempc compare LOG LOG --format pdf,svg --width single"
+                f"{arguments.source}: is a comparison and has no logs; for its figures as files: "
+                "ttempc compare LOG LOG --format pdf,svg --width single"
             )
         return panel_figures(make_report(read_sweep(arguments.source), arguments.against))
     from proving_ground.testbed.log.log_reader import read_log
