@@ -87,15 +87,29 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
         )
         for card in ordered
     ]
-    machines = sorted({f"{card.machine['processor']} ({card.machine['system']})" for card in cards})
+    loads: dict[str, list[str]] = {}
+    for card in cards:
+        processor, cores, system = (
+            card.machine.get(key, "unknown") for key in ("processor", "cores", "system")
+        )
+        own = loads.setdefault(f"{processor} ({system}), cores: {cores}", [])
+        own.append(card.machine.get("load", ""))
+    machines = [f"{name}, load {_range(own)}" for name, own in sorted(loads.items())]
     return "\n\n".join(
         (
             _markdown(heads, rows),
             "Mean cost of each trial [cm]:",
             _markdown(("entry", *names), by_trial),
-            f"Steps were timed on: {'; '.join(machines)}.",
+            f"Steps were timed on: {'; '.join(machines)}. A load above the number of cores makes "
+            "them longer.",
         )
     )
+
+
+def _range(loads: Sequence[str]) -> str:
+    """Return the least and the greatest load."""
+    known = sorted({load for load in loads if load}, key=float)
+    return " to ".join(dict.fromkeys((known[0], known[-1]))) if known else "unknown"
 
 
 def _cells(item: TrialScore, runs: int) -> tuple[str, ...]:

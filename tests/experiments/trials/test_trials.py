@@ -312,7 +312,7 @@ def test_the_leaderboard_is_made_of_runs_and_of_cards_of_others(
 ):
     monkeypatch.setattr(tables, "trial_files", definition.trial_files)
     monkeypatch.setattr(trial_tables, "SHIPPED", (("pid",), ("feedforward",)))
-    monkeypatch.setattr(trial_tables, "EXAMPLES", (("casadi_mpc:CasadiMpc",),))
+    monkeypatch.setattr(trial_tables, "OTHERS", (("casadi_mpc:CasadiMpc",),))
     monkeypatch.setattr(trial_tables, "ROOT", tmp_path)
     monkeypatch.syspath_prepend(ROOT / "docs" / "examples")
     folder = tmp_path / "docs" / "field-trials"
