@@ -36,11 +36,13 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
 }
 
 CAPTIONS: Final = {
-    "path": "Reference and driven paths; below, where the error of an axle point is largest.",
+    "path": "Reference and driven paths; below, where the error of an axle point is largest, the "
+    "first 16 s left out.",
     "error": "Distance to the time-based reference. Shaded: curves; red, with names: faults. "
     "Means leave out the start-up.",
     "cross-track": "Error to the left of the reference over the length of the path.",
-    "signals": "The three actions, their sum, and the command sent. Dashed: the vehicle's bounds.",
+    "signals": "The three actions, their sum, and the command sent. Dashed: the vehicle's bounds, "
+    "where they are near.",
     "tyres": "Slip of the driven wheels, slip angles of front and trailer wheels, loads of all.",
     "tube": "Offset of the true vehicle to the left of the nominal one, and the tube of the "
     "controller. The tube of ttempc is that of one step, predicted from the last estimate. "

@@ -26,7 +26,7 @@ def corridor_figure(record: Record) -> Figure:
         )
         offset_cm = 100 * table[f"{name}_m"]
         axes.plot(table.time_s, offset_cm, color=BODY_COLOURS[name], linewidth=0.8, label=name)
-        dress(axes, "", "to the left [cm]")
+        dress(axes, "", "offset from path,\nleft positive [cm]")
         axes.margins(x=0.0)
         legend(axes, 2)
     rows[-1].set_xlabel("time [s] (hatched: start-up, not counted)", fontsize=8.5)

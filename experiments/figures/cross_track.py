@@ -33,7 +33,11 @@ def cross_track_figure(record: Record) -> Figure:
             length_m, 100 * error.cross_m, color=BODY_COLOURS[body], linewidth=1.0, label=body
         )
     axes.axhline(0.0, color=BLACK, linewidth=0.6)
-    dress(axes, "length of the path [m] (hatched: start-up; shaded: curves)", "to the left [cm]")
+    dress(
+        axes,
+        "length of the path [m] (hatched: start-up; shaded: curves)",
+        "cross-track error,\nleft positive [cm]",
+    )
     legend(axes, 3)
     axes.margins(x=0.0)
     return figure

@@ -18,6 +18,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter
 
 _Coordinate = float | str | None
 _COLOUR_BAR = "<colorbar>"  # label that matplotlib gives to its axes
+_UNNAMED = "_child"  # begin of the label that matplotlib gives to a line without one
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,7 @@ def _points(chart: int, axes: Axes) -> Iterator[_Point]:
         if len(points) <= 2 or line in in_bars:
             continue
         for x, y in points.tolist():
-            name = f"line {number}" if label.startswith("_") else label
+            name = f"line {number}" if label.startswith(_UNNAMED) else label.removeprefix("_")
             place = _named(axes.xaxis, x), _named(axes.yaxis, y)
             ends = bands.get((label, x), (None, None))
             yield _Point(chart, quantity, name, *place, y_low=ends[0], y_high=ends[1])

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from proving_ground.testbed.recording.record import FaultSpan
@@ -41,6 +42,7 @@ GRID: Final = "#DDDDDD"
 
 _FONT_PT: Final = 8.5
 _CHARACTERS_PER_IN: Final = 13.0  # of this font
+_HANDLE: Final = 4  # characters as wide as the line of a legend's entry and the spaces around it
 _BOLD_PER_IN: Final = 10.0  # of titles
 _width_in: ContextVar[float | None] = ContextVar("width of figures [in]", default=None)
 
@@ -76,11 +78,15 @@ def figure_width_in(axes: Axes) -> float:
 
 def wrapped(axes: Axes, text: str, per_in: float = _CHARACTERS_PER_IN) -> str:
     """Return a text with line breaks, so that it is not wider than the axes."""
+    return fill(text, _characters(axes, per_in))
+
+
+def _characters(axes: Axes, per_in: float = _CHARACTERS_PER_IN) -> int:
+    """Return the number of characters that fit beside each other on the axes, at least 12."""
     place, share = axes.get_subplotspec(), 1.0
     if place is not None:
         share = len(place.colspan) / place.get_gridspec().ncols
-    width_in = share * figure_width_in(axes)
-    return fill(text, max(12, int(per_in * width_in)))
+    return max(12, int(per_in * share * figure_width_in(axes)))
 
 
 def series(number: int, name: str = "") -> dict[str, Any]:
@@ -109,19 +115,37 @@ def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def legend(axes: Axes, columns: int) -> None:
-    """Add a legend of at most `columns` above the axes, where it covers no line."""
-    narrower = figure_width_in(axes) / PAGE_WIDTH_IN
+def legend(axes: Axes, columns: int, more: Sequence[Line2D] = ()) -> None:
+    """Add a legend above the axes, where it covers no line.
+
+    Args:
+        axes: whose lines with labels are listed.
+        columns: at most; fewer where the texts would be wider than the axes.
+        more: entries after those of the axes.
+    """
+    handles = [*axes.get_legend_handles_labels()[0], *more]
+    fit = _characters(axes)
+    labels = [fill(str(handle.get_label()), fit - _HANDLE) for handle in handles]
+    widths = [_HANDLE + max(map(len, label.splitlines())) for label in labels]
+    while columns > 1 and sum(max(w, default=0) for w in _split(widths, columns)) > fit:
+        columns -= 1
     axes.legend(
+        handles,
+        labels,
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=min(columns, max(2, int(columns * narrower))),
+        ncols=columns,
         frameon=False,
         fontsize=_FONT_PT - 0.5,
         handlelength=1.6,
         columnspacing=1.2,
         borderaxespad=0.1,
     )
+
+
+def _split(widths: Sequence[int], columns: int) -> list[list[int]]:
+    """Return the widths of the entries in each column of a legend."""
+    return [part.tolist() for part in np.array_split(np.array(widths, dtype=int), columns)]
 
 
 def note(axes: Axes, x: float, y: float, text: str, **style: Any) -> None:  # noqa: ANN401

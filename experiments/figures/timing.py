@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from proving_ground.testbed.recording.channels import TIMING
+from proving_ground.testbed.recording.channels import SOLVER, TIMING
 from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
@@ -30,9 +30,25 @@ def timing_figure(record: Record) -> Figure:
     figure = blank(4.2)
     for axes, (field, title) in zip(figure.subplots(2, 2).flat, _PARTS, strict=True):
         cost_us = record[TIMING][field]
+        if field == "qp_solve_us":
+            title += _solved_ticks(record)
         dress(axes, "wall-clock time [us]", "control periods", title)
         histogram(axes, cost_us[np.isfinite(cost_us) & (cost_us > 0.0)])
     return figure
+
+
+def _solved_ticks(record: Record) -> str:
+    """Return at how many ticks the solver ran, "" if it was all or the controller has none.
+
+    A QP whose unconstrained minimiser is within all bounds is accepted without an iteration.
+    """
+    ticks, solved = len(record[TIMING]), int(np.isfinite(record[TIMING]["qp_solve_us"]).sum())
+    solver = record[SOLVER]
+    inactive = int(((solver["accepted"] == 1.0) & (solver["iterations"] == 0.0)).sum())
+    if solved == ticks or not solved + inactive:
+        return ""
+    reason = " (else no bound active)" if solved + inactive == ticks else ""
+    return f", {solved} of {ticks} ticks{reason}"
 
 
 def histogram(axes: Axes, cost_us: FloatArray) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -9,7 +11,9 @@ from matplotlib.figure import Figure
 from proving_ground.testbed.recording.record import Record, fault_spans
 
 from ..results.tracking_errors import START_UP_S, BodyError, TrackingErrors, tracking_errors
-from .style import BODY_COLOURS, GREY, blank, dress, mark_faults, note, shade, wrapped
+from .style import BLACK, BODY_COLOURS, GREY, blank, dress, mark_faults, note, shade, wrapped
+
+TIME_OF_ERRORS: Final = "time [s] (hatched: start-up, not counted; shaded: curves)"
 
 
 def error_figure(record: Record) -> Figure:
@@ -22,15 +26,14 @@ def error_figure(record: Record) -> Figure:
         shade(axes, errors.time_s, errors.curved)
         shade(axes, errors.time_s, errors.time_s < START_UP_S, hatch="////")
         mark_faults(axes, fault_spans(record.events), float(errors.time_s[-1]))
-        axes.plot(errors.time_s, 100 * error.euclidean_m, color=BODY_COLOURS[body], linewidth=1.0)
+        style = {"color": BODY_COLOURS[body], "linewidth": 1.0, "label": body}
+        axes.plot(errors.time_s, 100 * error.euclidean_m, **style)
         dress(axes, "", f"{body} error [cm]")
         _draw_means(axes, errors, error)
         axes.margins(x=0.0)
     rows[0].set_ylim(bottom=0.0)
     rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # space for the text of the means
-    rows[-1].set_xlabel(
-        wrapped(rows[-1], "time [s] (hatched: start-up, not counted; shaded: curves)"), fontsize=8.5
-    )
+    rows[-1].set_xlabel(wrapped(rows[-1], TIME_OF_ERRORS), fontsize=8.5)
     return figure
 
 
@@ -44,9 +47,9 @@ def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
     ):
         if rows.any():
             mean_m = float(np.mean(error.euclidean_m[rows]))
-            axes.plot(
-                errors.time_s, np.where(rows, 100 * mean_m, np.nan), color="black", linewidth=1.0
-            )
+            mean_cm = np.where(rows, 100 * mean_m, np.nan)
+            style = {"color": BLACK, "linewidth": 1.0, "label": f"mean on {name}"}
+            axes.plot(errors.time_s, mean_cm, **style)
             parts.append(f"{name} {100 * mean_m:.1f} cm")
     text = f"mean on {', on '.join(parts)}" if parts else "shorter than the start-up"
     note(axes, 0.05, 0.93, text, va="top", color="black" if parts else GREY)

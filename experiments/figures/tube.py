@@ -38,6 +38,6 @@ def _draw_deviation(axes: Axes, contained: Containment, column: int, body: str) 
         contained.time_s, -half_width_cm, half_width_cm, color=PALE, alpha=0.6, label="tube"
     )
     axes.plot(contained.time_s, offset_cm, color=BODY_COLOURS[body], linewidth=0.8, label=body)
-    dress(axes, "", "to the left [cm]")
+    dress(axes, "", "deviation from nominal\nstate, left positive [cm]")
     axes.margins(x=0.0)
     legend(axes, 2)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, astuple, dataclass
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +25,7 @@ from .table import centimetres, format_corridor
 from .tracking_errors import BODIES, TrackingErrors, position_fields, tracking_errors
 
 MAX_RUNS: Final = 6  # more lines in one figure cannot be told apart
+STATISTICS_FILE: Final = "comparison.csv"  # of `comparison_csv`, in the folder of a comparison
 _SAME_M: Final = 1e-6  # references closer than this are the same
 _COLUMNS: Final = {  # head of a column: statistic
     "mean": "mean_euclidean_m",
@@ -35,11 +37,21 @@ _COLUMNS: Final = {  # head of a column: statistic
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """One of the compared runs."""
+    """One of the compared runs.
+
+    Attributes:
+        label: scenario, controller and seed, and the log where another run has the same.
+        short_label: what of the label differs between the compared runs.
+        common: what of it is equal for all, "" if nothing is.
+        record: of the run.
+        end_s: end of the shortest of the compared runs.
+    """
 
     label: str
+    short_label: str
+    common: str
     record: Record
-    end_s: float  # end of the shortest of the compared runs
+    end_s: float
 
     @cached_property
     def errors(self) -> TrackingErrors:
@@ -75,9 +87,17 @@ def read_compared(logs: Sequence[Path]) -> list[ComparedRun]:
     for log, record in zip(logs[1:], records[1:], strict=True):
         _check_same_reference(logs[0], records[0], log, record)
     end_s = min(float(record[STATE].time_s[-1]) for record in records)
-    labels = _labels(logs, records)
+    parts = _label_parts(logs, records)
+    differs = [len(set(column)) > 1 for column in zip(*parts, strict=True)]
     return [
-        ComparedRun(label, record, end_s) for label, record in zip(labels, records, strict=True)
+        ComparedRun(
+            label=_joined(own),
+            short_label=_joined(compress(own, differs)),
+            common=_joined(compress(own, (not each for each in differs))),
+            record=record,
+            end_s=end_s,
+        )
+        for own, record in zip(parts, records, strict=True)
     ]
 
 
@@ -146,14 +166,20 @@ def _check_same_reference(first: Path, one: Record, second: Path, other: Record)
         )
 
 
-def _labels(logs: Sequence[Path], records: Sequence[Record]) -> list[str]:
-    """Return a unique label per run: scenario, controller, seed, and the file if needed."""
+def _label_parts(logs: Sequence[Path], records: Sequence[Record]) -> list[tuple[str, ...]]:
+    """Return scenario, controller, seed, and the log where two runs have the same, "" elsewhere."""
     titles = [
-        " · ".join((r.metadata["scenario"], r.metadata["controller"], f"seed {r.metadata['seed']}"))
+        (r.metadata["scenario"], r.metadata["controller"], f"seed {r.metadata['seed']}")
         for r in records
     ]
     counts = Counter(titles)
+    # Logs have one name and differ by their folders.
+    folders = [str(log.parent if log.name == "log.mcap" else log) for log in logs]
     return [
-        title if counts[title] == 1 else f"{title} ({log})"
-        for title, log in zip(titles, logs, strict=True)
+        (*title, folder if counts[title] > 1 else "")
+        for title, folder in zip(titles, folders, strict=True)
     ]
+
+
+def _joined(parts: Iterable[str]) -> str:
+    return " · ".join(filter(None, parts))

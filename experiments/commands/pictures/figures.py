@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...errors import BadOptions
 from .. import options
+from ..figure_options import add_figure_files, chosen_figures, write_figures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,9 +27,8 @@ graphics with editable text, and writes the data that each figure shows as CSV.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
-    # Imported here because only this command needs them, and they load matplotlib.
+    # Imported here because only this command needs it, and it loads matplotlib.
     from ...figures import FIGURES
-    from ...figures.export import FORMATS, WIDTHS_CM, style_of
 
     parser.add_argument(
         "source",
@@ -43,32 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder to make (default: LOG-figures, or in the sweep's); an existing one is refused",
     )
-    parser.add_argument(
-        "--format",
-        type=_formats(FORMATS),
-        default=("pdf",),
-        dest="formats",
-        metavar="FORMAT[,FORMAT]",
-        help=f"of the files: {', '.join(FORMATS)} (default: pdf)",
-    )
-    parser.add_argument(
-        "--width",
-        type=_width(WIDTHS_CM),
-        metavar="WIDTH",
-        help=f"{', '.join(f'{name} ({cm} cm)' for name, cm in WIDTHS_CM.items())}, or in cm",
-    )
-    parser.add_argument(
-        "--style", type=_style(style_of), metavar="STYLE", help="matplotlib style, name or file"
-    )
-    parser.add_argument(
-        "--dpi", type=_between(30.0, 2400.0), default=300.0, help="of PNG (default: 300)"
-    )
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="NAME",
-        help=f"of a run: {', '.join(FIGURES)}; of a sweep: as its files are called",
-    )
+    names = f"of a run: {', '.join(FIGURES)}; of a sweep: as its files are called"
+    add_figure_files(parser, default="pdf", names=names)
     parser.add_argument(
         "--against",
         metavar="NAME",
@@ -77,70 +53,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=_figures)
 
 
-def _formats(known: Sequence[str]) -> Any:  # noqa: ANN401 - a reader for argparse
-    def read(text: str) -> tuple[str, ...]:
-        formats = tuple(text.split(","))
-        if unknown := [name for name in formats if name not in known]:
-            raise argparse.ArgumentTypeError(
-                f"got {unknown[0]!r}, must be {', '.join(known)}, separated by commas"
-            )
-        return formats
-
-    return read
-
-
-def _width(named: dict[str, float]) -> Any:  # noqa: ANN401 - a reader for argparse
-    read = _between(4.0, 100.0)
-    return lambda text: named[text] if text in named else read(text)
-
-
-def _style(style_of: Any) -> Any:  # noqa: ANN401 - a reader for argparse
-    def read(text: str) -> str:
-        try:
-            return style_of(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    return read
-
-
-def _between(low: float, high: float) -> Any:  # noqa: ANN401 - a reader for argparse
-    def read(text: str) -> float:
-        value = options.number(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"got {text}, must be from {low:g} to {high:g}")
-        return value
-
-    return read
-
-
 def _figures(arguments: argparse.Namespace) -> int:
-    from ...figures.export import export_figures
-    from ...output import make_folder, write_file
+    from ...output import make_folder
 
     source: Path = arguments.source
     default = source.with_name(f"{source.stem}-figures")
     folder = arguments.out or (source / "figures" if source.is_dir() else default)
-    figures = _drawn(arguments)
-    if unknown := [name for name in arguments.only or () if name not in figures]:
-        raise BadOptions(f"--only {unknown[0]}: {source} has {', '.join(figures)}")
-    chosen = {name: figures[name] for name in arguments.only or figures}
+    figures = chosen_figures(arguments, _drawn(arguments), str(source))
     make_folder(folder)
-    for name, content in export_figures(
-        chosen, arguments.formats, arguments.width, arguments.style, arguments.dpi
-    ):
-        write_file(folder / name, content)
-        print(folder / name)
+    write_figures(arguments, figures, folder)
     return 0
 
 
 def _drawn(arguments: argparse.Namespace) -> dict[str, Callable[[], Figure]]:
     """Return the functions that draw the figures of the log or of the sweep."""
     if arguments.source.is_dir():
+        from ...results.run_comparison import STATISTICS_FILE
         from ...sweep_report.files import panel_figures
         from ...sweep_report.report import make_report
         from ...sweep_report.runs import read_sweep
 
+        if (arguments.source / STATISTICS_FILE).is_file():
+            raise BadOptions(
+                f"{arguments.source}: is a comparison and has no logs; for its figures as files: "
+                "ttempc compare LOG LOG --format pdf,svg --width single"
+            )
         return panel_figures(make_report(read_sweep(arguments.source), arguments.against))
     from proving_ground.testbed.log.log_reader import read_log
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from ...errors import BadOptions
 from .. import options
+from ..figure_options import add_figure_files, chosen_figures, write_figures
 
 if TYPE_CHECKING:
     from ...film.composition import FilmSetup
@@ -16,11 +17,13 @@ ABOUT = """\
 Compares runs on one reference, aligned by its time, prints a table and writes
 into DIR:
 
-  path.png        the driven paths          error.png   the errors over time
-  signals.png     the commands              comparison.csv   the statistics, SI units
-  comparison.mp4  with --video: all runs side by side at the same time
+  path, error, signals  figures of driven paths, of errors over time and of commands,
+                        each with the data that it shows as CSV
+  comparison.csv        the statistics, SI units
+  comparison.mp4        with --video: all runs side by side at the same time
 
-  ttempc compare runs/grass-paper-1/log.mcap runs/grass-ttempc-nominal-1/log.mcap
+  ttempc compare runs/grass-paper-1 runs/grass-ttempc-nominal-1
+  ttempc compare runs/grass-pid-1 runs/grass-ttempc-1 --format pdf,svg --width single
 
 Exit code 2 for bad input, such as logs of different references (one line; nothing
 is written).
@@ -29,6 +32,9 @@ is written).
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the command."""
+    # Imported here because only this command needs it, and it loads matplotlib.
+    from ...figures.comparison_figures import COMPARISONS
+
     parser.add_argument(
         "logs", type=options.log_path, nargs="+", metavar="LOG", help="log or folder of a run"
     )
@@ -39,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder to make (default: a new one in runs/); an existing one is refused",
     )
+    add_figure_files(parser, default="png", names=f"of {', '.join(COMPARISONS)} (default: all)")
     parser.add_argument("--video", action="store_true", help="also film the runs side by side")
     options.add_camera(parser)
     options.add_span(parser)
@@ -47,29 +54,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _compare(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ...figures import png
-    from ...figures.comparison_figures import COMPARISONS
+    from ...figures.comparison_figures import comparison_figures
     from ...output import make_folder, refuse_existing, write_file
-    from ...results.run_comparison import comparison_csv, format_comparison, read_compared
+    from ...results.run_comparison import (
+        STATISTICS_FILE,
+        comparison_csv,
+        format_comparison,
+        read_compared,
+    )
 
     folder = arguments.out or options.unused_path(Path("runs"), "comparison")
     refuse_existing(folder)
     if options.ghost_logs(arguments):
         raise BadOptions("--ghost: takes reference alone here; the film has a panel for every run")
     runs = read_compared(arguments.logs)
+    figures = chosen_figures(arguments, comparison_figures(runs), "compare")
     setup = _setup(arguments) if arguments.video else None
     make_folder(folder)
     print(format_comparison(runs) + "\n")
-    files = {name: folder / f"{name}.png" for name in COMPARISONS}
-    for name, figure in COMPARISONS.items():
-        write_file(files[name], png(figure(runs)))
-    files["figures"] = folder / "comparison.csv"
-    write_file(files["figures"], comparison_csv(runs))
+    write_figures(arguments, figures, folder)
+    write_file(folder / STATISTICS_FILE, comparison_csv(runs))
+    print(folder / STATISTICS_FILE)
     if setup is not None:
-        files["film"] = folder / "comparison.mp4"
-        options.write_with_progress(setup, files["film"], arguments.workers)
-    for name, file in files.items():
-        print(f"{name:<10}{file}")
+        film = folder / "comparison.mp4"
+        options.write_with_progress(setup, film, arguments.workers)
+        print(film)
     return 0
 
 

@@ -11,6 +11,7 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.figures import FIGURES
 from proving_ground.experiments.figures.export import export_figures, run_figures
 from proving_ground.experiments.figures.figure_data import figure_csv
+from proving_ground.experiments.figures.style import figure_width
 from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.experiments.sweep_report.report import make_report
 from proving_ground.experiments.sweep_report.runs import read_sweep
@@ -54,6 +55,19 @@ def test_the_csv_has_the_bars_of_histograms(record):
     counts = [points[:, 1].sum() for (_, line), points in data(record, "timing").items()]
     assert counts
     assert all(count == int(count) for count in counts)
+
+
+def test_every_line_of_the_csv_has_a_name(record):
+    signals = {line for _, line in data(record, "signals")}
+    assert {"feedback", "lower bound", "upper bound"} <= signals
+    error = {line for _, line in data(record, "error")}
+    assert error == {"tractor", "trailer", "mean on straights"}
+
+
+def test_a_narrow_path_figure_is_lower(record):
+    with figure_width(8.8 / 2.54):
+        narrow = FIGURES["path"](record)
+    assert narrow.get_figheight() < 0.8 * FIGURES["path"](record).get_figheight()
 
 
 @pytest.mark.parametrize(("width", "inches"), [("single", 8.8 / 2.54), ("12.7", 5.0)])

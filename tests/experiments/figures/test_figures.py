@@ -20,6 +20,7 @@ from proving_ground.testbed.recording.channels import (
     CONTROL,
     CORRIDOR,
     REFERENCE,
+    SOLVER,
     STATE,
     TIMING,
     TOOL,
@@ -75,13 +76,14 @@ def test_the_path_figure_shows_both_driven_paths_and_zooms_in_on_the_largest_err
     errors = tracking_errors(run)
     assert len(zooms) == len(whole.patches) == 2
     for axes, shape in zip(zooms, (~errors.curved, errors.curved), strict=True):
-        rows = shape & (errors.time_s >= 8.0)
+        rows = shape & (errors.time_s >= 16.0)  # twice the start-up
         both = np.where(rows, [errors.tractor.euclidean_m, errors.trailer.euclidean_m], -1.0)
         body, worst = np.unravel_index(np.argmax(both), both.shape)
-        (text,) = axes.texts
+        assert not axes.texts, "no text covers the curves"
         name, fields = (("tractor", ("x_t_m", "y_t_m")), ("trailer", ("x_i_m", "y_i_m")))[body]
-        moment = f"t = {errors.time_s[worst]:.1f} s: {name} off by {100 * both.max():.1f} cm"
-        assert text.get_text() == moment
+        moment = f"{name}, {100 * both.max():.1f} cm at {errors.time_s[worst]:.1f} s"
+        title = " ".join(axes.get_title(loc="left").split())
+        assert title.endswith(f"after 16 s: {moment}")
         x, y = run[STATE].columns(*fields)[worst]
         (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
         assert left < x < right
@@ -142,6 +144,49 @@ def test_control_signals_without_actions_show_the_command_alone(run):
     figure = FIGURES["signals"](replace(run, tables=tables))
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert labels == ["total, as sent", "bounds"]
+
+
+def with_bounds(run, low, high):
+    """Return the run with other bounds of the front steering [rad]."""
+    control = run[CONTROL]
+    columns = {name: control[name] for name in control.channel.fields}
+    columns["delta_t_rad_min"] = np.full(len(control), low)
+    columns["delta_t_rad_max"] = np.full(len(control), high)
+    table = table_of(CONTROL, control.time_s, columns)
+    return replace(run, tables=run.tables | {CONTROL.topic: table})
+
+
+@pytest.mark.parametrize(("low_deg", "high_deg"), [(-80.0, 80.0), (-15.0, 80.0), (-15.0, 15.0)])
+def test_bounds_are_either_in_view_or_told(low_deg, high_deg, run):
+    axes = FIGURES["signals"](with_bounds(run, *np.radians([low_deg, high_deg]))).axes[0]
+    told = " ".join(text.get_text() for text in axes.texts)
+    bottom, top = axes.get_ylim()
+    signals = np.concatenate([line.get_ydata() for line in axes.lines[:-2]])
+    assert bottom <= signals.min() < signals.max() <= top
+    assert np.ptp(signals) > 0.4 * (top - bottom), "the signals are not flattened"
+    for which, bound in (("lower", low_deg), ("upper", high_deg)):
+        assert (bottom <= bound <= top) != (f"{which} bound {bound:g}" in told)
+
+
+def test_the_timing_figure_tells_at_how_many_ticks_the_solver_ran(run):
+    timing, solver = run[TIMING], run[SOLVER]
+    solved = np.arange(len(timing)) % 100 == 0
+    times = {name: timing[name] for name in timing.channel.fields}
+    times["qp_solve_us"] = np.where(solved, 50.0, np.nan)
+    accepted = {"accepted": np.ones(len(timing)), "iterations": np.where(solved, 4.0, 0.0)}
+    failed = accepted | {"accepted": solved.astype(float)}
+    counts = f"QP solve, {solved.sum()} of {len(timing)} ticks"
+    for answers, expected in (
+        (accepted, f"{counts} (else no bound active)"),
+        (failed, counts),
+    ):
+        tables = {
+            TIMING.topic: table_of(TIMING, timing.time_s, times),
+            SOLVER.topic: table_of(SOLVER, solver.time_s, answers),
+        }
+        figure = FIGURES["timing"](replace(run, tables=run.tables | tables))
+        titles = [" ".join(axes.get_title(loc="left").split()) for axes in figure.axes]
+        assert titles[2] == expected
 
 
 def test_the_tyre_figure_shows_means_over_a_second_of_each_wheel(run):

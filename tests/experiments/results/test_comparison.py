@@ -2,14 +2,17 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import NotComparable
 from proving_ground.experiments.figures.comparison_figures import COMPARISONS
+from proving_ground.experiments.figures.style import blank, figure_width, legend
 from proving_ground.experiments.film.composition import FilmSetup
 from proving_ground.experiments.film.replay import read_replay
 from proving_ground.experiments.film.shot import Shot
@@ -55,7 +58,62 @@ def test_the_figures_show_each_run_up_to_the_common_end(short_runs):
         np.testing.assert_allclose(sent, expected)
     for figure in (paths, errors, inputs):
         labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-        assert labels[-2:] == [run.label for run in runs]
+        assert [label for label in labels if label not in ("reference", "bounds")] == [
+            "paper",
+            "ttempc-nominal",
+        ]
+        assert figure.get_suptitle() == runs[0].common
+        widths = [
+            line.get_linewidth() for line in figure.axes[0].lines if line.get_label() in labels
+        ]
+        assert widths == sorted(widths, reverse=True), "a line hides an equal one below it"
+
+
+def test_a_label_is_what_differs_and_the_rest_is_common(short_runs):
+    for run in read_compared(logs(short_runs, "paper", "nominal")):
+        parts = run.label.split(" · ")
+        assert run.short_label == parts[1]
+        assert run.common.split(" · ") == [parts[0], parts[2]]
+
+
+def test_vector_figures_of_a_comparison_have_the_width_of_a_column_and_their_data(
+    short_runs, tmp_path, capsys
+):
+    files = list(map(str, logs(short_runs, "paper", "nominal")))
+    folder = tmp_path / "both"
+    line = ["compare", *files, "-o", str(folder), "--format", "pdf,svg", "--width", "single"]
+    assert main([*line, "--only", "error"]) == 0
+    assert {file.name for file in folder.iterdir()} == {
+        "comparison.csv",
+        "error.csv",
+        "error.pdf",
+        "error.svg",
+    }
+    svg = (folder / "error.svg").read_text()
+    assert float(re.search(r'width="([\d.]+)pt"', svg)[1]) == pytest.approx(88 / 25.4 * 72, abs=0.1)
+    rows = list(csv.DictReader((folder / "error.csv").read_text().splitlines()))
+    errors = read_compared(logs(short_runs, "paper", "nominal"))[0].errors
+    own = [float(row["y"]) for row in rows if (row["chart"], row["line"]) == ("0", "paper")]
+    np.testing.assert_allclose(own, 100.0 * errors.tractor.euclidean_m, rtol=1e-8)
+    capsys.readouterr()
+    assert main(["figures", str(folder)]) == 2
+    message = capsys.readouterr().err
+    assert "is a comparison" in message
+    assert message.count("\n") == 1
+
+
+@pytest.mark.parametrize("lengths", [(5, 5, 5), (60, 60, 60), (150, 20, 20), (30,) * 6])
+@pytest.mark.parametrize("width_in", [7.2, 3.46])
+def test_a_legend_is_not_wider_than_its_axes(lengths, width_in):
+    with figure_width(width_in):
+        figure = blank(3.0)
+    axes = figure.subplots()
+    for length in lengths:
+        axes.plot([0.0, 1.0], label=("word " * length)[:length])
+    legend(axes, 6)
+    FigureCanvasAgg(figure).draw()
+    assert axes.get_legend().get_window_extent().x1 <= figure.bbox.x1
+    assert axes.get_window_extent().width > 0.8 * figure.bbox.width
 
 
 def test_runs_are_compared_up_to_the_end_of_the_shortest(short_runs):
