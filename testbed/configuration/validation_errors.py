@@ -43,7 +43,8 @@ def format_validation_error(error: ValidationError, root: type) -> str:
 
 def _elsewhere(key: str, root: type) -> str:
     """Return the end of a message that names a key as it is called in another table of a file."""
-    level, seen = [((), root)], {root}
+    level: list[tuple[tuple[str, ...], Any]] = [((), root)]
+    seen = {root}
     while level:  # the least deep first
         places = [(*keys, field.name) for keys, table in level for field in fields(table)]
         for place in places:
