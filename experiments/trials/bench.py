@@ -12,11 +12,11 @@ from typing import Any, Final
 from proving_ground.testbed.recording.provenance import versions
 
 from ..benchmarks.figure import machine
-from ..errors import BadOptions
+from ..errors import BadOptions, InvalidController
 from ..run.assembly import assemble
 from ..run.user_code import check_controller, user_sources
 from ..scenario.controller import TRUTH
-from ..scenario.scenario import parse_overrides, read_scenario
+from ..scenario.scenario import Scenario, parse_overrides, read_scenario
 from ..sweep.engine import Engine, imap_bounded
 from ..sweep.folder import lock_folder
 from ..sweep.plan import SweepPlan
@@ -109,13 +109,19 @@ class Entrant:
         )
         plan = SweepPlan(f"field trials {VERSION}", study)
         plan.extent()
-        accepted = plan[next(iter(plan.runs()))].setting.scenario
-        if assemble(accepted, draws.seeds[0]).guidance.space_based:
+        if _is_space_based(plan[next(iter(plan.runs()))].setting.scenario, draws.seeds[0]):
             raise BadOptions(
                 f"bench {self.controller}: is space_based, follows the reference by place; the "
                 "speed of the trials is fixed, and slower is easier"
             )
         return plan
+
+
+def _is_space_based(scenario: Scenario, seed: int) -> bool:
+    try:
+        return assemble(scenario, seed).guidance.space_based
+    except InvalidController:  # its factory raises: so do its runs, which then count as lost
+        return False
 
 
 def bench(
