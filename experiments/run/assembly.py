@@ -41,13 +41,7 @@ from ..scenario.vehicle import ParameterMismatch, Vehicles
 from .corridor_judge import corridor_row
 from .shared_parts import SharedParts
 from .timetable import Timetable
-from .user_code import (
-    check_controller,
-    is_user_code,
-    load_factory,
-    named_estimator,
-    user_stage,
-)
+from .user_code import is_user_code, load_factory, named_estimator, named_factory, user_stage
 
 _COVER_STEP_M = 0.1  # between the places at which the path is looked at
 _BLOCK = 4096  # rows of the reference at a time: a sample takes twice the memory of a row
@@ -316,7 +310,7 @@ def _user_stages(scenario: Scenario, seed: int) -> list[tuple[str, Stage]]:
 def _check_guidance(scenario: Scenario, vehicle: Vehicle) -> None:
     """Refuse names, options and tubes that `_guidance` would refuse; make no controller."""
     settings = scenario.controller
-    check_controller(settings.name, settings.options)
+    named_factory(settings.name, settings.options)
     settings.design(vehicle, scenario.control.period_s)
     if is_user_code(settings.estimator):
         load_factory(settings.estimator, "estimator")

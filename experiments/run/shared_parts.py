@@ -17,7 +17,7 @@ from ttempc.reference.reference import Reference
 from ttempc.vehicle import Vehicle
 
 from ..scenario.scenario import Scenario
-from .user_code import check_controller, is_user_code, load_factory, user_controller
+from .user_code import named_factory, user_controller
 
 Part = TypeVar("Part")
 
@@ -75,13 +75,11 @@ class SharedParts:
             factory: of a user, in the place of the scenario's.
 
         Raises:
-            InvalidController, UnknownController, InvalidTuning: as `check_controller`.
+            InvalidController, UnknownController, InvalidTuning: as `named_factory`.
         """
         settings = scenario.controller
         if factory is None:
-            check_controller(settings.name, settings.options)
-        if factory is None and is_user_code(settings.name):
-            factory = load_factory(settings.name, "controller")
+            factory = named_factory(settings.name, settings.options)
         if factory is None:
             return partial(self.controller, scenario, given)
         return partial(user_controller, settings.name, factory, settings.options)

@@ -108,8 +108,8 @@ def load_factory(name: str, what: str) -> Callable[..., object]:
     return item
 
 
-def check_controller(name: str, options: Mapping[str, object]) -> None:
-    """Refuse a controller that does not exist, and options that one that ships does not take.
+def named_factory(name: str, options: Mapping[str, object]) -> Callable[..., object] | None:
+    """Return the factory of a user's controller, None for one that ships and takes the options.
 
     Raises:
         UnknownController: none of this name ships; where a module of it is in the working
@@ -118,8 +118,7 @@ def check_controller(name: str, options: Mapping[str, object]) -> None:
         InvalidTuning: an option is unknown, of another type, or out of its range.
     """
     if is_user_code(name):
-        load_factory(name, "controller")
-        return
+        return load_factory(name, "controller")
     try:
         controller_options(name, options)
     except UnknownController as error:
@@ -129,6 +128,7 @@ def check_controller(name: str, options: Mapping[str, object]) -> None:
         raise UnknownController(
             f"{error}; {module}.py is named {module}:FACTORY, FACTORY a class or function in it"
         ) from None
+    return None
 
 
 def user_controller(

@@ -14,7 +14,7 @@ from proving_ground.testbed.recording.provenance import versions
 from ..benchmarks.figure import machine
 from ..errors import BadOptions, InvalidController
 from ..run.assembly import assemble
-from ..run.user_code import check_controller, user_sources
+from ..run.user_code import named_factory, user_sources
 from ..scenario.controller import TRUTH
 from ..scenario.scenario import Scenario, parse_overrides, read_scenario
 from ..sweep.engine import Engine, imap_bounded
@@ -91,7 +91,7 @@ class Entrant:
         files = trial_files()
         for name, file in files.items():
             scenario = read_scenario(str(file)).scenario(self.changes, changed_by="--set")
-            check_controller(self.controller, scenario.controller.options)  # no trial is to blame
+            named_factory(self.controller, scenario.controller.options)  # no trial is to blame
             tube, corridor = scenario.controller.speed_tube(), scenario.corridor
             if tube and corridor and tube.speed_within(corridor.half_width_m) < math.inf:
                 raise BadOptions(
