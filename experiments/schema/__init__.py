@@ -1,1 +1,1 @@
-"""What a scenario file may hold: its JSON schema and its reference."""
+"""JSON schema and reference of scenario files."""

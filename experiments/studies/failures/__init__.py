@@ -1,1 +1,1 @@
-"""Where controllers fail: breaking points of one quantity, worst cases of several."""
+"""Failures of controllers: breaking points of one quantity, worst cases of several."""
