@@ -20,9 +20,6 @@ import numpy as np
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.recording.sink import Tee
 from proving_ground.testbed.simulation.loop import (
-    SimulationSetup,
-    Stage,
-    TickContext,
     advance,
     control,
     estimate,
@@ -30,6 +27,7 @@ from proving_ground.testbed.simulation.loop import (
     sense,
     terminate,
 )
+from proving_ground.testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from proving_ground.testbed.vehicle.vehicle import PlantVehicle
 from ttempc.types import FloatArray
 

@@ -14,8 +14,6 @@ from gymnasium.spaces import Box
 from proving_ground.testbed.recording.sink import Tee
 from proving_ground.testbed.simulation.loop import (
     Outcome,
-    SimulationSetup,
-    TickContext,
     estimate,
     log_control,
     log_timing,
@@ -24,6 +22,7 @@ from proving_ground.testbed.simulation.loop import (
     prepare,
     sense,
 )
+from proving_ground.testbed.simulation.setup import SimulationSetup, TickContext
 from proving_ground.testbed.truth import Truth
 from ttempc.limits import CommandLimits
 from ttempc.reference.reference import Reference

@@ -19,8 +19,9 @@ from proving_ground.testbed.randomness import generator
 from proving_ground.testbed.recording.sink import Sink
 from proving_ground.testbed.sensing.sensors import Sensors, SensorSuite
 from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
-from proving_ground.testbed.simulation.loop import STAGES, SimulationSetup, Stage, with_stages
+from proving_ground.testbed.simulation.loop import STAGES, with_stages
 from proving_ground.testbed.simulation.plant import Plant, Snapshot
+from proving_ground.testbed.simulation.setup import SimulationSetup, Stage
 from proving_ground.testbed.simulation.termination import TerminationLimits
 from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.guidance import Guidance
@@ -63,6 +64,7 @@ class Assembly:
     control: ControlSettings
     notes: tuple[str, ...] = ()  # on path, tyres and tube, for the log
     stages: tuple[Stage, ...] = STAGES
+    termination: TerminationLimits | None = None  # None: those of the vehicle
 
     @property
     def vehicle(self) -> Vehicle:
@@ -91,7 +93,7 @@ class Assembly:
             control_steps=whole_steps(period_s, timestep, "control period"),
             record_steps=record_steps(timestep, period_s, record_hz),
             terrain=self.terrain,
-            termination=TerminationLimits.of(self.plant.vehicle),
+            termination=self.termination or TerminationLimits.of(self.plant.vehicle),
             notes=self.notes,
             realtime=self.control.realtime,
             step_limit_s=self.control.step_limit_s,

@@ -23,8 +23,8 @@ from proving_ground.testbed.ground.soil_layers import Patch
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.recording.record import BEGINS, ENDS, FAULT, Event
 from proving_ground.testbed.sensing.sensors import Sensors
-from proving_ground.testbed.simulation.loop import SimulationSetup, Stage, TickContext
 from proving_ground.testbed.simulation.plant import Plant
+from proving_ground.testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from proving_ground.testbed.vehicle.vehicle import PlantVehicle
 from ttempc.reference.reference import Reference
 

@@ -18,7 +18,7 @@ from typing import Any, Final, NoReturn
 import numpy as np
 
 from proving_ground.testbed.errors import StageFailed
-from proving_ground.testbed.simulation.loop import SimulationSetup, Stage, TickContext
+from proving_ground.testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ttempc.errors import UnknownController
 from ttempc.estimation.noise import SensorNoise
 from ttempc.guidance.controllers import controller_options

@@ -12,7 +12,8 @@ from typing import Final
 
 from proving_ground.testbed.errors import StageFailed
 from proving_ground.testbed.recording.record import Event
-from proving_ground.testbed.simulation.loop import SimulationSetup, Stage, TickContext, terminate
+from proving_ground.testbed.simulation.setup import SimulationSetup, Stage, TickContext
+from proving_ground.testbed.simulation.termination import TerminationLimits
 from proving_ground.testbed.terminal import one_line
 from ttempc.guidance.detection.bank import detectors
 from ttempc.guidance.guidance import Guidance
@@ -29,7 +30,9 @@ _WAIT_SHARE: Final = 0.8  # of a period, for the command; the rest is the plant'
 _MOST_DATAGRAMS: Final = 1000  # that are read after their time: a flood does not hold the plant
 _ECHO_S: Final = 0.1  # in which a repeated command is no request to repeat the samples; assumed
 _NOTE_S: Final = 1.0  # simulated time between two events on troubles
+# A peer that follows a line of its own may be anywhere: limits of supervisor and termination.
 _FREE: Final = SafetyLimits(cross_m=math.inf, distance_m=math.inf, yaw=math.inf, jump_m=math.inf)
+_FREE_GROUND: Final = {"deviation": math.inf, "stuck_deviation": math.inf}
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +119,12 @@ class Session:
         )
         self._protocol.begin(facts)
         self._wait_for_the_peer()
-        return replace(assembly, stages=self._stages(assembly.stages))
+        limits = replace(TerminationLimits.of(assembly.plant.vehicle), **_FREE_GROUND)
+        return replace(
+            assembly,
+            stages=self._stages(assembly.stages),
+            termination=limits if self._protocol.space_based else None,
+        )
 
     def end(self, status: str) -> None:
         """Tell the peer that the run has ended, once."""
@@ -133,8 +141,7 @@ class Session:
     def _stages(self, stages: tuple[Stage, ...]) -> tuple[Stage, ...]:
         ours: list[Stage] = [] if self._settings.lockstep else [self._pace]
         for stage in stages:
-            free = stage is terminate and self._protocol.space_based
-            ours.append(_terminate_on_free_ground if free else stage)
+            ours.append(stage)
             if stage.__name__ == "estimate":
                 ours.append(self._exchange)
         return (*ours, self._note)
@@ -262,12 +269,6 @@ class Session:
     def _send(self, payloads: Iterable[bytes]) -> None:
         for payload in payloads:
             self._link.send(payload)
-
-
-def _terminate_on_free_ground(setup: SimulationSetup, tick: TickContext) -> None:
-    """Check the conditions to terminate but for the distance from the reference."""
-    limits = replace(setup.termination, deviation=math.inf, stuck_deviation=math.inf)
-    terminate(replace(setup, termination=limits), tick)
 
 
 def _counted(counts: Counter[Trouble]) -> list[str]:

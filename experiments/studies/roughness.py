@@ -19,7 +19,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.simulation.loop import SimulationSetup, TickContext, drive, prepare
+from proving_ground.testbed.simulation.loop import drive, prepare
+from proving_ground.testbed.simulation.setup import SimulationSetup, TickContext
 from ttempc.estimation.noise import NoiseScale
 from ttempc.types import FloatArray
 

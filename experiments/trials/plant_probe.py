@@ -17,7 +17,7 @@ import numpy as np
 from proving_ground.testbed.recording.channels import CORRIDOR, MEASUREMENT, STATE, TOOL
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation import loop
-from proving_ground.testbed.simulation.loop import Stage, TickContext
+from proving_ground.testbed.simulation.setup import Stage, TickContext
 from ttempc.reference.reference import ReferenceSample
 from ttempc.types import Command, State
 

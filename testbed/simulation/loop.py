@@ -6,98 +6,22 @@ import gc
 import math
 import traceback
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter_ns
 from typing import Final, Literal
 
 from ttempc.errors import GuidanceFailed
-from ttempc.types import Command, ControlStep, Estimate, FloatArray, Measurement, VehicleGuidance
-from ttempc.vehicle import Vehicle
 
 from ..errors import PlantDiverged, StageFailed
-from ..ground.terrain import Terrain
 from ..recording import channels
 from ..recording import record_rows as rows
 from ..recording.record import LEARNT, OVERRUN, REACTION, Event
-from ..recording.sink import Sink
 from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
-from ..sensing.sensors import Sensors
-from ..truth import Truth
-from .deadline import STEP_LIMIT_S, CommandQueue, alarm_handled, time_limit
-from .plant import Plant
-from .termination import MeanSlip, TerminationLimits, check_termination
+from .deadline import alarm_handled, time_limit
+from .setup import SimulationSetup, Stage, TickContext
+from .termination import check_termination
 
-_LONGEST: Final = 3  # times its own length that a run may take while its reference waits; assumed
-
-
-@dataclass(frozen=True, slots=True)
-class SimulationSetup:
-    """All parts of one run."""
-
-    plant: Plant
-    sensors: Sensors
-    guidance: VehicleGuidance
-    vehicle: Vehicle  # model parameters; they give the input bounds in the log
-    sink: Sink
-    reference: FloatArray  # (n, len(REFERENCE.fields)) one row every `record_steps`
-    control_steps: int  # physics steps in a control period
-    record_steps: int  # physics steps from one row of the truth to the next
-    terrain: Terrain  # the vehicle must stay on it
-    termination: TerminationLimits = field(default_factory=TerminationLimits)
-    notes: tuple[str, ...] = ()  # on path and tyres, for the log
-    # Place of a point [m] among the rows of `reference`, with its fraction, where the reference is
-    # followed by place; None where it is followed by time.
-    place: Callable[[float, float], float] | None = None
-    # Whether the command of a step that took longer than its period acts as much later
-    realtime: bool = False
-    step_limit_s: float = STEP_LIMIT_S  # see `time_limit`
-    corridor_row: Callable[[Truth], list[float]] | None = None  # None on free ground
-
-    def reference_row(self, step: int, truth: Truth) -> FloatArray:
-        """Return the row of the reference that belongs to the truth at a step of the reference."""
-        if self.place is None:
-            return self.reference[step // self.record_steps]
-        place = self.place(truth.tractor.x, truth.tractor.y)
-        row = min(int(place), len(self.reference) - 2)
-        share = place - row
-        return (1.0 - share) * self.reference[row] + share * self.reference[row + 1]
-
-
-@dataclass(slots=True)
-class TickContext:
-    """Data of one control period; a stage reads what earlier stages left and adds its own."""
-
-    k: int = 0  # control tick, counted
-    truths: list[tuple[int, Truth]] = field(default_factory=list)  # physics step, plant
-    measurements: list[Measurement] = field(default_factory=list)
-    estimate: Estimate | None = None
-    control: ControlStep | None = None
-    command: Command | None = None  # as it reaches the actuators; until then the previous one
-    fallback: str = ""
-    queue: CommandQueue = field(default_factory=CommandQueue)
-    slip: MeanSlip = field(default_factory=MeanSlip)
-    lost: str | None = None
-    stopping: tuple[float, str] | None = None  # when and why the supervisor began to stop
-    stopped: str = ""  # why, where a stop of the supervisor ends the run
-    standing_s: float | None = None  # since when the vehicle that it has stopped stands
-    reference_tick: int = 0  # tick of the reference that this control tick belongs to
-    waits: bool = False  # whether the reference stays there for the period
-    estimator_ns: int = 0
-    control_ns: int = 0
-    plant_ns: int = 0
-
-    def reference_step(self, step: int, control_steps: int) -> int:
-        """Return the physics step of the reference that belongs to one of this period."""
-        begun = 0 if self.waits else step - self.k * control_steps
-        return self.reference_tick * control_steps + begun
-
-    @property
-    def now(self) -> Truth:
-        """The plant at the latest moment."""
-        return self.truths[-1][1]
-
-
-Stage = Callable[[SimulationSetup, TickContext], None]
+_LONGEST: Final = 3  # times its own length that a run may take; assumed
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,7 +221,8 @@ def drive(
     """Run to tick `ticks` of the reference, or until the run terminates early.
 
     A reference that waits for a vehicle that the supervisor slows or stops makes a run longer, up
-    to three times.
+    to three times. So does a vehicle that follows its reference by place and is still more than
+    `TerminationLimits.deviation` before the place of that tick.
 
     The plant must have been reset. `on_tick` is called after every period. An exception in a
     user's controller, estimator or stage ends the run as invalid; its traceback is in the log.
@@ -321,6 +246,7 @@ def periods(
     failure: str | None = None
     trace: str | None = None
     start = perf_counter_ns()
+    left_m = 0.0
     try:
         setup.guidance.warm_up()
         gc.freeze()  # the collector does not look through 200,000 older objects again and again
@@ -334,10 +260,18 @@ def periods(
             on_tick(k)
             if tick.lost or tick.stopped:
                 status, failure = ("lost", tick.lost) if tick.lost else ("stopped", tick.stopped)
-            if failure or setup.guidance.reference_tick >= ticks:
+            if failure:
                 break
+            if setup.guidance.reference_tick >= ticks:
+                left_m = setup.behind_m(ticks * setup.control_steps, tick.now)
+                if left_m <= setup.termination.deviation:
+                    break
         else:
-            status, failure = "stopped", f"{tick.fallback}: the reference waited too long"
+            if setup.guidance.reference_tick >= ticks:
+                after = f"after {_LONGEST} times the time of its reference"
+                status, failure = "lost", f"{left_m:.0f} m of its path are left {after}"
+            else:
+                status, failure = "stopped", f"{tick.fallback}: the reference waited too long"
     except (PlantDiverged, GuidanceFailed, StageFailed, TimeoutError) as error:
         status, failure = "invalid", str(error)
         if error.__cause__ is not None:

@@ -10,6 +10,7 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import REFERENCE, STATE
+from ttempc.types import Command, Input
 
 LARGEST_M = 0.05  # mean Euclidean error after the first 8 s; two to three times what they show
 
@@ -41,6 +42,37 @@ def test_space_based_reference_waits_for_the_vehicle():
     assert error.along_mean_m == pytest.approx(0.0, abs=1e-9)
     assert error.along_sd_m == pytest.approx(0.0, abs=1e-9)
     assert 0.0 < error.mean_euclidean_m < 0.5
+
+
+class Slow:
+    """A constant hydrostat, followed by place."""
+
+    space_based = True
+
+    def __init__(self, hp):
+        self._hp = hp
+
+    def step(self, estimate, k):
+        return Command(0.0, 0.0, self._hp)
+
+
+@pytest.mark.parametrize(("share", "status"), [(0.5, "completed"), (0.05, "lost")])
+def test_a_run_by_place_ends_at_the_end_of_its_path_or_is_lost(share, status):
+    def controller(vehicle, reference, period_s):
+        return Slow(share * float(reference.at(0.0).inputs[Input.HP]))
+
+    scenario = load("pavement", ['path={kind="straight",length_m=20.0}'])
+    summary, record = simulate(*scenario, seed=31, factory=controller)
+    assert summary.status == status
+    left = 20.0 - (record[STATE]["x_t_m"][-1] - record[STATE]["x_t_m"][0])
+    if status == "completed":
+        assert left == pytest.approx(5.0, abs=0.5)  # as far as a vehicle may be from its reference
+        assert record[STATE].time_s[-1] > 1.3 * 20.0
+    else:
+        assert summary.failure.endswith(
+            "of its path are left after 3 times the time of its reference"
+        )
+        assert f"{left:.0f} m" in summary.failure
 
 
 def test_without_daqp_one_line_says_how_to_get_it(monkeypatch, capsys, tmp_path):
