@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest, norm, t
+from scipy.stats import binomtest, chi2, norm, t
 
 from proving_ground.testbed.randomness import generator
 from ttempc.types import FloatArray
@@ -261,6 +261,20 @@ def proportion(count: int, total: int, confidence: float = CONFIDENCE) -> Propor
         return Proportion(0, 0, 0.0, 1.0)
     interval = binomtest(count, total).proportion_ci(confidence, method="exact")
     return Proportion(count, total, float(interval.low), float(interval.high))
+
+
+def rate(count: int, time: float) -> IntervalEstimate:
+    """Return events per unit of time with the exact interval of a Poisson rate, Garwood (1936).
+
+    Raises:
+        ValueError: the count is negative, or the time not above 0.
+    """
+    if count < 0 or not time > 0.0:
+        raise ValueError(f"count must be 0 or more and time above 0, got {count} and {time}")
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low = 0.5 * float(chi2.ppf(tail, 2 * count)) if count else 0.0
+    high = 0.5 * float(chi2.ppf(1.0 - tail, 2 * (count + 1)))
+    return IntervalEstimate(count / time, low / time, high / time)
 
 
 def fewest_samples(coverage: float, confidence: float = CONFIDENCE) -> int:

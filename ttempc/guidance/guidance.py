@@ -151,7 +151,7 @@ class Guidance:
         if isinstance(detect, bool):
             detect = detectors() if detect else ()
         self._monitors = Monitors(detect)
-        self._alarms: tuple[Alarm, ...] = ()
+        self.alarms: tuple[Alarm, ...] = ()  # of the detectors, since the last update
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
         self._estimate: Estimate | None = None
@@ -280,8 +280,8 @@ class Guidance:
         psi_t, psi_i = estimate.state[State.PSI_T : State.DELTA_T].tolist()
         tick = RecordedTick(now, tuple(usable), sent, (psi_t, psi_i))
         observation = Observation(now, measurements, sent, estimate, self._vehicle)
-        self._alarms = self._monitors.observe(observation)
-        if any(alarm.reaction > Reaction.GO_ON for alarm in self._alarms):
+        self.alarms = self._monitors.observe(observation)
+        if any(alarm.reaction > Reaction.GO_ON for alarm in self.alarms):
             self._learner.forget()
         self._learner.record(self._tick, tick)
         return replace(estimate, time_s=estimate.time_s + origin) if origin else estimate
@@ -296,7 +296,7 @@ class Guidance:
         if self._estimate is None:
             raise GuidanceFailed("step: call update(time_s, measurements) first")
         step = self._supervisor.step(
-            self._estimate, self._reference_tick, self._time_s, self._alarms
+            self._estimate, self._reference_tick, self._time_s, self.alarms
         )
         if self._learnt:
             step = replace(step, diagnostics=replace(step.diagnostics, learnt=self._learnt))

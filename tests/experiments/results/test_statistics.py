@@ -15,6 +15,7 @@ from proving_ground.experiments.results.statistics import (
     paired_p,
     proportion,
     quantile95,
+    rate,
     survival,
 )
 
@@ -172,6 +173,16 @@ def test_proportions_have_the_published_intervals_and_refuse_more_than_all():
     assert proportion(0, 0).ends == (0.0, 1.0)
     with pytest.raises(ValueError, match="from 0 to 2, got 3"):
         proportion(3, 2)
+
+
+def test_rates_have_the_published_intervals_and_refuse_a_time_of_nothing():
+    found = rate(10, 2.0)  # table of Garwood (1936): 4.795 to 18.390 for 10 events
+    assert found.value == 5.0
+    assert found.ends == pytest.approx((4.795 / 2.0, 18.390 / 2.0), abs=5e-4)
+    assert rate(0, 1.0).ends == pytest.approx((0.0, 3.689), abs=5e-4)
+    for count, time in ((-1, 1.0), (1, 0.0)):
+        with pytest.raises(ValueError, match=f"got {count} and {time}"):
+            rate(count, time)
 
 
 def test_the_largest_of_the_fewest_samples_bounds_the_quantile():

@@ -30,7 +30,7 @@ from proving_ground.experiments.studies.ablations import (
     recovery,
 )
 from proving_ground.experiments.studies.failures import breaking_points, worst_cases
-from proving_ground.experiments.studies.faults import calibration
+from proving_ground.experiments.studies.faults import calibration, false_alarms
 from proving_ground.experiments.studies.faults import study as faults
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS
@@ -299,6 +299,17 @@ def test_a_stuck_hitch_sensor_is_left_out_and_the_vehicle_drives_on(monkeypatch)
     assert result.result == "degraded"
     assert result.noticed_s <= 1.0
     assert result.worst_m < 0.2
+
+
+def test_false_alarms(capsys, monkeypatch):
+    monkeypatch.setattr(false_alarms, "fields", lambda: ("split", "trial patches"))
+    false_alarms.main(1)
+    out = capsys.readouterr().out
+    quiet, slips = (line.split(" | ") for line in out.splitlines()[2:4])
+    assert quiet[1:] == ["0.01", "-", "-", "- |"]
+    assert slips[2:4] == ["-", "-"]
+    assert "wheels: 1" in slips[4]  # the wheels spin on soft patches
+    assert "False alarms of both kinds: 0 in" in out
 
 
 def test_limits_of_detectors():

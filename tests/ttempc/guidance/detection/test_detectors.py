@@ -1,6 +1,7 @@
 """Detectors: closed forms of their statistics, silence without a fault, delay with one."""
 
 import math
+from dataclasses import replace
 from itertools import combinations
 from statistics import median
 
@@ -23,12 +24,12 @@ PERIOD_S = 0.2
 VEHICLE = Vehicle()
 
 
-def observation(k, samples=(), command=None, innovations=()):
+def observation(k, samples=(), command=None, innovations=(), vehicle=VEHICLE):
     nothing = np.zeros(2)
     estimate = Estimate(
         k * PERIOD_S, np.zeros(7), np.eye(7), nothing, 0.0, innovations=tuple(innovations)
     )
-    return Observation(k * PERIOD_S, samples, command, estimate, VEHICLE)
+    return Observation(k * PERIOD_S, samples, command, estimate, vehicle)
 
 
 def test_a_sum_grows_by_what_exceeds_the_allowance_on_one_side_and_saturates():
@@ -116,12 +117,26 @@ def test_a_valve_that_follows_is_no_fault_however_noisy_its_sensor(sd_deg):
         assert monitor.statistic < monitor.limit
 
 
-@pytest.mark.parametrize("dead_time", [0.0, 0.3])
-def test_a_dead_time_that_is_not_known_is_no_fault(dead_time):
+@pytest.mark.parametrize(("dead_time", "believed"), [(0.0, 0.0), (0.3, 0.0), (0.1, 0.7)])
+def test_a_dead_time_that_is_not_known_is_no_fault(dead_time, believed):
     rng, monitor = np.random.default_rng(2), SteeringMonitor(Input.DELTA_T)
+    vehicle = replace(VEHICLE, dead_time_t=believed)
     commands = 0.25 * np.sin(0.2 * np.arange(200))
     for k in range(200):
         samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t - dead_time), rng)
+        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
+        monitor.observe(observation(k, samples, sent, vehicle=vehicle))
+        assert monitor.statistic < monitor.limit
+
+
+def test_play_is_no_fault():
+    """A wheel that lags its cylinder by 1 deg either way, as play of 2 deg."""
+    rng, monitor = np.random.default_rng(4), SteeringMonitor(Input.DELTA_T)
+    commands, wheel, play = 0.25 * np.sin(0.1 * np.arange(600)), 0.0, math.radians(1.0)
+    for k in range(600):
+        cylinder = valve(commands[max(0, k - 30) : k + 1], min(k, 30) * PERIOD_S)
+        wheel = min(max(wheel, cylinder - play), cylinder + play)
+        samples = angles(k, lambda t, angle=wheel: angle, rng)
         sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
         monitor.observe(observation(k, samples, sent))
         assert monitor.statistic < monitor.limit
