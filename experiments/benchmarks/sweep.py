@@ -1,18 +1,26 @@
 """Speed, overhead, scaling and memory of a sweep.
 
 One lap of `grass` is driven on one worker, then on two, after a first run per worker that loads all
-modules. Overhead is the time in which a worker has no run. Parallel efficiency is the time on one
-worker over twice the time on two; other processes reduce it. Synthetic rows without runs pass
+modules. A worker has one core, also for the thread that learns, where the system can bind it to
+one. Overhead is the time in which a worker has no run. Parallel efficiency is the time on one
+worker over twice the time on two; other processes reduce it. Threads in the place of workers share
+one interpreter: a figure says what two of them gain. Synthetic rows without runs pass
 through planning, appending and syncing in this process.
 """
 
 from __future__ import annotations
 
+import contextlib
+import os
 import tempfile
 import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final
 
+from ..run.simulate import simulate
+from ..scenario.scenario import load
 from ..sweep.engine import engine
 from ..sweep.folder import Origin, SweepFolder
 from ..sweep.plan import SweepPlan
@@ -39,10 +47,24 @@ def _plan(seeds: int) -> SweepPlan:
     return SweepPlan("benchmark", Study(seeds=seeds, set={"path": PATH}, axis=(controllers,)))
 
 
+@contextlib.contextmanager
+def _cores(count: int) -> Iterator[None]:
+    """Keep this process and those that it starts on some cores, where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(before)[:count])
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
 def _sweep(plan: SweepPlan, workers: int, parent: Path) -> tuple[float, list[Row], float]:
     """Return the time of a sweep on warm workers [s], its rows, and a worker's peak memory [MB]."""
     taken = 0.0
-    with engine(workers) as cores:
+    with _cores(workers), engine(workers) as cores:
         for name, part in (("first", _plan(max(1, workers))), ("measured", plan)):
             folder = SweepFolder(parent / f"{name}-{workers}", Origin.here("", part.size))
             folder.path.mkdir()
@@ -85,7 +107,20 @@ def figures() -> list[BenchmarkFigure]:
         result.append(
             BenchmarkFigure("parallel efficiency", efficiency, "", Limit(LEAST_EFFICIENCY, True))
         )
-        return [*result, *row_figures(Path(parent))]
+        return [*result, _threads(), *row_figures(Path(parent))]
+
+
+def _threads() -> BenchmarkFigure:
+    """Return how many runs two threads of this process make in the time of one thread."""
+    run = load("grass", ["path.laps=1"])
+    simulate(*run, seed=1)
+    taken = []
+    for count in (1, 2):
+        with ThreadPoolExecutor(count) as pool:
+            begin = time.perf_counter()
+            list(pool.map(lambda seed: simulate(*run, seed=seed), range(2, 2 + count)))
+            taken.append(time.perf_counter() - begin)
+    return BenchmarkFigure("2 threads of a process, runs beside 1", 2.0 * taken[0] / taken[1], "")
 
 
 def row_figures(parent: Path) -> list[BenchmarkFigure]:

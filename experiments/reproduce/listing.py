@@ -176,7 +176,7 @@ ENTRIES: Final = (
         probes=tuple((name, "ttempc") for name in shipped()),
         minutes=12.0,
     ),
-    _study("soak", "docs/faults.md", soak.main, minutes=17.0),
+    _study("soak", "docs/faults.md", soak.main, minutes=22.0),
     _study(
         "worst-cases",
         "docs/worst-cases.md",

@@ -21,13 +21,24 @@ from ...seeds import report_seeds
 from ...sweep.engine import engine
 from ..batch import run_tasks
 
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What is searched for."""
+
+    words: tuple[str, ...]  # of `ttempc falsify`
+    limit_m: float | None = None  # of the trailer's 95 % cross-track error
+
+
 SCENARIO: Final = "grass"
 PATH: Final = "path={kind='headland', length_m=10.0, passes=2, width_m=14.0}"
 SEEDS: Final = report_seeds(1)
 BUDGET: Final = 30
+LIMIT_M: Final = 0.3  # of the trailer's 95 % cross-track error, where a question has it
 QUESTIONS: Final = {
-    "Gust on the trailer": ("gust",),
-    "Soft patch on a slope": ("soil-patch", "slope", "terrain.uphill_deg=0:360:free"),
+    "Gust on the trailer": Question(("gust",)),
+    "Soft patch on a slope": Question(("soil-patch", "slope", "terrain.uphill_deg=0:360:free")),
+    "Late commands": Question(("late-commands",), LIMIT_M),
 }
 RARE: Final = ("ttempc", "pid")
 RARE_WORDS: Final = ("gust", "faults.gust.force_n=10:4500")
@@ -39,7 +50,7 @@ class Task:
     """A search of the tables."""
 
     controller: str
-    words: tuple[str, ...]
+    question: Question
     budget: int
     seed: int
     samples: int = 0  # per level, of the probability of failure; 0: none
@@ -49,9 +60,10 @@ def search(task: Task) -> Report:
     """Return the report of a search in this process."""
     settings = parse_overrides([PATH])
     merge_tables(settings, {"controller": {"name": task.controller}})
-    subject = read_subject(read_scenario(SCENARIO), SCENARIO, settings, task.words)
+    question = task.question
+    subject = read_subject(read_scenario(SCENARIO), SCENARIO, settings, question.words)
     with engine(workers=0) as here:
-        found = Search(subject, here, task.seed)
+        found = Search(subject, here, task.seed, question.limit_m)
         found.falsify(task.budget)
         return found.report(found.probability(task.samples) if task.samples else None)
 
@@ -64,13 +76,16 @@ def main(
     """Make all searches under the first of the seeds and print the tables."""
     seed = seeds[0]
     tasks = [
-        Task(name, words, budget, seed) for words in QUESTIONS.values() for name in controllers
+        Task(name, question, budget, seed)
+        for question in QUESTIONS.values()
+        for name in controllers
     ]
     rare = [name for name in RARE if name in controllers]
-    tasks += [Task(name, RARE_WORDS, 1, seed, SAMPLES) for name in rare]
+    tasks += [Task(name, Question(RARE_WORDS), 1, seed, SAMPLES) for name in rare]
     reports = iter(run_tasks(search, tasks, "searches"))
-    for title, words in QUESTIONS.items():
-        print(f"**{title}**: `{' '.join(words)}`\n")
+    for title, question in QUESTIONS.items():
+        limit = f" --limit {question.limit_m:g}" if question.limit_m else ""
+        print(f"**{title}**: `{' '.join(question.words)}{limit}`\n")
         _print_worst([next(reports) for _ in controllers])
     bounds = RARE_WORDS[1].partition("=")[2].replace(":", " to ")
     print(f"**Probability of failure** of gusts with bounds of {bounds} N\n")

@@ -34,6 +34,8 @@ from ttempc.guidance.detection.limits import (
     WHEELS_ALLOWANCE,
 )
 from ttempc.guidance.detection.repetition_monitor import RepetitionMonitor
+from ttempc.guidance.detection.speed_monitors import MotionMonitor, WheelMonitor
+from ttempc.guidance.detection.steering_monitor import StandstillMonitor, SteeringMonitor
 from ttempc.types import FloatArray
 
 from ...run.assembly import assemble
@@ -45,10 +47,10 @@ from ..batch import run_tasks
 DRIVES: Final = 6
 FALSE_ALARM_S: Final = 36_000.0  # at most one false alarm of all detectors in this time
 _ALLOWANCES: Final = {
-    "front steering": STEERING_ALLOWANCE,
-    "trailer steering": STEERING_ALLOWANCE,
-    "motion": MOTION_ALLOWANCE,
-    "wheels": WHEELS_ALLOWANCE,
+    SteeringMonitor: STEERING_ALLOWANCE,
+    StandstillMonitor: STEERING_ALLOWANCE,
+    MotionMonitor: MOTION_ALLOWANCE,
+    WheelMonitor: WHEELS_ALLOWANCE,
 }
 _BLOCK_S: Final = 10.0  # of the maxima
 _COUNT: Final = sum(not isinstance(item, RepetitionMonitor) for item in detectors())
@@ -117,7 +119,7 @@ def main(drives: int = DRIVES) -> None:
         if isinstance(detector, InnovationMonitor):
             limits = {name: maximum_limit(column, 5) for name, column in columns.items()}
         else:
-            allowance = _ALLOWANCES[detector.name]
+            allowance = _ALLOWANCES[type(detector)]
             limits = {name: sum_limit(column, allowance, 5) for name, column in columns.items()}
         worst = max(limits, key=limits.__getitem__)
         largest = max(float(np.nanmax(np.abs(column))) for column in columns.values())

@@ -1,7 +1,7 @@
 """Soak: random scenarios with random faults, loaded and driven; counts what must not happen.
 
     python -m experiments.studies.faults.soak [LOADS [DRIVES [SECONDS [FIRST]]]]
-                                                        (default: 10000 150 30 0)
+                                                        (default: 10000 1000 30 0)
 
 Draws scenarios from the JSON schema (`experiments/studies/faults/random_scenario.py`). Those that
 are loaded have values over the whole range of every key; those that are driven have values near the
@@ -44,7 +44,7 @@ from .random_scenario import RandomTables
 from .study import faulty_commands
 
 LOADS: Final = 10_000
-DRIVES: Final = 150
+DRIVES: Final = 1000
 SECONDS: Final = 30.0
 _BLOCK: Final = 250  # scenarios that a task loads
 _SHARE_LOADED, _SHARE_DRIVEN = 0.15, 0.04  # of the keys that are drawn

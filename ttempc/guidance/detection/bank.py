@@ -12,7 +12,7 @@ from .planned_speed import PlannedSpeed
 from .repetition_monitor import RepetitionMonitor
 from .speed_monitors import MotionMonitor, WheelMonitor
 from .speed_over_ground import SpeedOverGround
-from .steering_monitor import SteeringMonitor
+from .steering_monitor import StandstillMonitor, SteeringMonitor, SteeringResponse
 
 _SENSORS: Final = {
     Sensor.GNSS_TRACTOR: "GNSS of the tractor",
@@ -32,10 +32,11 @@ def detectors() -> tuple[Detector, ...]:
     with wrong lengths or an assumed noise that is too small: the vehicle goes on, and learns.
     """
     ground, plan = SpeedOverGround(), PlannedSpeed()
+    responses = [(axis, SteeringResponse(axis)) for axis in (Input.DELTA_T, Input.DELTA_I)]
     return (
         *(RepetitionMonitor(what, sensor) for sensor, what in _SENSORS.items()),
-        SteeringMonitor(Input.DELTA_T),
-        SteeringMonitor(Input.DELTA_I),
+        *(SteeringMonitor(axis, response) for axis, response in responses),
+        *(StandstillMonitor(axis, response) for axis, response in responses),
         MotionMonitor(ground, plan),
         WheelMonitor(ground, plan),  # may rule out the encoder, which those above do not use
         *(InnovationMonitor(_SENSORS[sensor], sensor) for sensor in INNOVATION),

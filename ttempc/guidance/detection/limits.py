@@ -19,7 +19,8 @@ from typing import Final
 from ...types import Sensor
 
 STEERING_ALLOWANCE: Final = math.radians(1.25)
-STEERING: Final = 0.035  # [rad]
+STEERING: Final = 0.035  # [rad] of a valve that stands still
+STEERING_STOP: Final = 0.060  # [rad] of any valve
 WHEELS_ALLOWANCE: Final = 0.30  # [m/s]
 WHEELS: Final = 1.10  # [m/s]
 MOTION_ALLOWANCE: Final = 0.35  # [m/s]

@@ -1,13 +1,12 @@
 """Detectors: closed forms of their statistics, silence without a fault, delay with one."""
 
-import math
-from dataclasses import replace
 from itertools import combinations
 from statistics import median
 
 import numpy as np
 import pytest
 
+from tests.ttempc.guidance.detection.observations import PERIOD_S, VEHICLE, observation
 from tests.ttempc.sensed_drive import SensedDrive
 from ttempc.guidance.detection.bank import detectors
 from ttempc.guidance.detection.detector import Alarm, Cusum, Monitors, Observation, Reaction
@@ -16,20 +15,7 @@ from ttempc.guidance.detection.reactions import Reactions
 from ttempc.guidance.detection.repetition_monitor import RepetitionMonitor
 from ttempc.guidance.detection.speed_monitors import MotionMonitor, WheelMonitor
 from ttempc.guidance.detection.speed_over_ground import SpeedOverGround, median_slopes
-from ttempc.guidance.detection.steering_monitor import SteeringMonitor
-from ttempc.types import Command, Estimate, Innovation, Input, Measurement, Sensor
-from ttempc.vehicle import Vehicle
-
-PERIOD_S = 0.2
-VEHICLE = Vehicle()
-
-
-def observation(k, samples=(), command=None, innovations=(), vehicle=VEHICLE):
-    nothing = np.zeros(2)
-    estimate = Estimate(
-        k * PERIOD_S, np.zeros(7), np.eye(7), nothing, 0.0, innovations=tuple(innovations)
-    )
-    return Observation(k * PERIOD_S, samples, command, estimate, vehicle)
+from ttempc.types import Command, Innovation, Measurement, Sensor
 
 
 def test_a_sum_grows_by_what_exceeds_the_allowance_on_one_side_and_saturates():
@@ -84,73 +70,6 @@ def test_one_outlier_gives_no_alarm_and_a_second_of_them_does():
         monitor.observe(observation(k, innovations=[Innovation(Sensor.GNSS_TRACTOR, square, 2)]))
         values.append(monitor.statistic)
     assert max(values[:7]) < monitor.limit < values[-1]
-
-
-def angles(k, value, rng, sd_deg=1.0, sensor=Sensor.STEERING_TRACTOR):
-    """Return the samples of the period before tick `k`, of an angle as a function of time."""
-    times = k * PERIOD_S - 0.04 * np.arange(5)[::-1]
-    noise = rng.normal(0.0, math.radians(sd_deg), 5)
-    values = [float(value(t)) + n for t, n in zip(times, noise, strict=True)]
-    return [Measurement(t, sensor, (item,)) for t, item in zip(times, values, strict=True)]
-
-
-def valve(commands, time_s, lag=VEHICLE.steering_lag_t):
-    """Return the angle of a valve that follows steps at the ticks with a lag, in closed form."""
-    angle = commands[0]
-    for k, command in enumerate(commands):
-        span = min(max(time_s - k * PERIOD_S, 0.0), PERIOD_S)
-        angle = command + (angle - command) * math.exp(-span / lag)
-    return angle
-
-
-@pytest.mark.parametrize("sd_deg", [1.0, 10.0])
-def test_a_valve_that_follows_is_no_fault_however_noisy_its_sensor(sd_deg):
-    rng, monitor = np.random.default_rng(1), SteeringMonitor(Input.DELTA_T)
-    commands = 0.3 * np.sin(0.15 * np.arange(3000))
-    for k in range(3000):
-        recent = max(0, k - 30)  # a step of 30 periods before has no effect on the angle
-        samples = angles(
-            k, lambda t, k=k, n=recent: valve(commands[n : k + 1], t - n * PERIOD_S), rng, sd_deg
-        )
-        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
-        monitor.observe(observation(k, samples, sent))
-        assert monitor.statistic < monitor.limit
-
-
-@pytest.mark.parametrize(("dead_time", "believed"), [(0.0, 0.0), (0.3, 0.0), (0.1, 0.7)])
-def test_a_dead_time_that_is_not_known_is_no_fault(dead_time, believed):
-    rng, monitor = np.random.default_rng(2), SteeringMonitor(Input.DELTA_T)
-    vehicle = replace(VEHICLE, dead_time_t=believed)
-    commands = 0.25 * np.sin(0.2 * np.arange(200))
-    for k in range(200):
-        samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t - dead_time), rng)
-        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
-        monitor.observe(observation(k, samples, sent, vehicle=vehicle))
-        assert monitor.statistic < monitor.limit
-
-
-def test_play_is_no_fault():
-    """A wheel that lags its cylinder by 1 deg either way, as play of 2 deg."""
-    rng, monitor = np.random.default_rng(4), SteeringMonitor(Input.DELTA_T)
-    commands, wheel, play = 0.25 * np.sin(0.1 * np.arange(600)), 0.0, math.radians(1.0)
-    for k in range(600):
-        cylinder = valve(commands[max(0, k - 30) : k + 1], min(k, 30) * PERIOD_S)
-        wheel = min(max(wheel, cylinder - play), cylinder + play)
-        samples = angles(k, lambda t, angle=wheel: angle, rng)
-        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
-        monitor.observe(observation(k, samples, sent))
-        assert monitor.statistic < monitor.limit
-
-
-def test_a_stuck_valve_is_noticed_within_a_second_of_a_command_that_leaves_it():
-    rng, monitor = np.random.default_rng(1), SteeringMonitor(Input.DELTA_T)
-    noticed = []
-    for k in range(80):
-        command = 0.0 if k < 50 else 0.14  # 8 deg: the curve of radius 10 m
-        monitor.observe(observation(k, angles(k, lambda t: 0.0, rng), Command(command, 0.0, 0.7)))
-        noticed += [k] if monitor.statistic > monitor.limit else []
-    assert 50 < noticed[0] <= 50 + round(1.0 / PERIOD_S)
-    assert monitor.alarm().reaction is Reaction.STOP
 
 
 def speeds(k, encoder, ground, rng):
