@@ -64,7 +64,7 @@ def _cores(count: int) -> Iterator[None]:
 def _sweep(plan: SweepPlan, workers: int, parent: Path) -> tuple[float, list[Row], float]:
     """Return the time of a sweep on warm workers [s], its rows, and a worker's peak memory [MB]."""
     taken = 0.0
-    with _cores(workers), engine(workers) as cores:
+    with _cores(max(1, workers)), engine(workers) as cores:
         for name, part in (("first", _plan(max(1, workers))), ("measured", plan)):
             folder = SweepFolder(parent / f"{name}-{workers}", Origin.here("", part.size))
             folder.path.mkdir()

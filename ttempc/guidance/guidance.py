@@ -122,6 +122,7 @@ class Guidance:
         noise = sensor_noise or SensorNoise()
         self._estimator = make_estimator(estimator, vehicle, noise)
         self._controller = make_guided(controller, reference, period_s, options, tube)
+        first = self._controller, self._estimator  # without `self`, which the learner would keep
 
         def build(learnt: Vehicle, window: Sequence[RecordedTick]) -> Parts:
             other = replace(reference, vehicle=learnt)
@@ -132,8 +133,8 @@ class Guidance:
             filter_ = make_estimator(estimator, learnt, noise)
             parts = Parts(
                 other,
-                None if made is self._controller else made,
-                None if filter_ is self._estimator else filter_,
+                None if made is first[0] else made,
+                None if filter_ is first[1] else filter_,
             )
             if isinstance(parts.controller, WarmingUp):
                 parts.controller.warm_up()

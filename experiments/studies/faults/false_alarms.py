@@ -58,11 +58,6 @@ def fields() -> tuple[str, ...]:
     return (*shipped(), *(f"trial {name}" for name in trials))
 
 
-def seeds(drives: int = DRIVES) -> tuple[int, ...]:
-    """Return the seeds of all drives, those of a field in succession."""
-    return report_seeds(drives * len(fields()))
-
-
 def field_scenario(field: str) -> Scenario:
     """Return the scenario of a field."""
     kind, _, name = field.partition(" ")
@@ -102,11 +97,13 @@ def _slip(record: Record, time_s: float) -> float:
     return 1.0 - float(state["v_mps"][span].mean() / state["v_rim_mps"][span].mean())
 
 
-def main(drives: int = DRIVES) -> None:
-    """Drive all fields and print the alarms of each, and their rate over all."""
+def main(seeds: Sequence[int]) -> None:
+    """Drive all fields, each on its part of the seeds, and print alarms and their rate."""
     names = fields()
-    drawn = iter(seeds(drives))
-    tasks = [Drive(name, next(drawn)) for name in names for _ in range(drives)]
+    drives = len(seeds) // len(names)
+    tasks = [
+        Drive(name, seeds[n * drives + k]) for n, name in enumerate(names) for k in range(drives)
+    ]
     results = list(run_tasks(count_alarms, tasks, "drives"))
     print("| field | hours | reported only | acted on | acted on, true slip |")
     print("|---|---|---|---|---|")
@@ -134,4 +131,5 @@ def _text(counts: Sequence[dict[str, int]]) -> str:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    count = int((sys.argv[1:] or [str(DRIVES)])[0])
+    main(report_seeds(count * len(fields())))

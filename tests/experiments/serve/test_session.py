@@ -4,20 +4,16 @@ import contextlib
 import json
 import math
 import re
-import shutil
 import socket
 import struct
-import subprocess
 import threading
 import time
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import ServeError
 from proving_ground.experiments.run.simulate import drive_into
 from proving_ground.experiments.scenario.scenario import load
@@ -31,7 +27,6 @@ from proving_ground.testbed.geodesy import DATUM, east_north
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 
-ROOT = Path(__file__).parents[3]
 LOCAL = ("127.0.0.1", 0)
 HELLO = b'{"type":"hello","version":1,"name":"test","reference":1,"estimate":true}'
 FLAT = ["terrain.iso_class=flat", "controller.learn=false"]
@@ -284,78 +279,3 @@ def test_agopengps_steers_onto_a_line_of_its_own_beside_the_path(offset_m):
     waited = guidance.positions[: STANDS + 1]  # at the start, until the button was on
     assert waited == pytest.approx([0.0] * len(waited), abs=1e-9)
     assert guidance.positions[STANDS + 1] != 0.0  # measured, with noise
-
-
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        (["--factor", "0"], "--factor: got 0, must be above 0"),
-        (["--wait", "-1"], "--wait: got -1, must be above 0"),
-        (["--step", "--factor", "2"], "--factor: has no meaning with --step"),
-        (["--peer", "localhost"], "--peer: got 'localhost', must be HOST:PORT"),
-        (["--peer", "127.0.0.1:0"], "port from 1 to 65535"),
-        (["--host", "no.such.host.invalid"], "--host: got 'no.such.host.invalid'"),
-        (["--host", "192.0.2.1"], "192.0.2.1:8890 cannot be opened"),
-        (["nowhere.toml"], "nowhere.toml"),
-    ],
-)
-def test_bad_options_are_refused_in_one_line(options, text, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert main(["serve", *options]) == 2
-    error = capsys.readouterr().err
-    assert text in error
-    assert error.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_port_that_is_taken_is_refused(capsys):
-    with Link(LOCAL) as link:
-        assert main(["serve", "--port", str(link.address[1])]) == 2
-    assert "cannot be opened: Address already in use" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("options", "who"),
-    [([], "everyone who reaches it"), (["--peer", "192.0.2.7:9"], "everyone with the address")],
-)
-def test_listening_to_the_network_says_who_may_drive(options, who, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    words = ["serve", "pavement", "--host", "0.0.0.0", "--port", "0", "--wait", "0.1", *options]
-    assert main(words) == 2
-    error = capsys.readouterr().err
-    assert who in error
-    assert "neither password nor encryption" in error
-    assert "no peer was ready within 0.1 s" in error
-    assert not list(tmp_path.iterdir())  # nothing was written
-
-
-def test_a_run_over_udp_is_no_run_without_its_peer(tmp_path, capsys):
-    name = f"{RemoteController.__module__}:{RemoteController.__qualname__}"
-    out = str(tmp_path / "run")
-    assert main(["run", "pavement", "--controller", name, "--out", out]) == 2
-    assert "was driven over UDP: use ttempc serve" in capsys.readouterr().err
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_the_controller_in_c_follows_the_path(tmp_path):
-    program = tmp_path / "udp_controller"
-    source = ROOT / "docs" / "examples" / "udp_controller.c"
-    subprocess.run(
-        ["cc", "-O2", "-Wall", "-Wextra", "-Werror", "-o", program, source, "-lm"], check=True
-    )
-    with Link(LOCAL) as link:
-        port = str(link.address[1])
-    controller = subprocess.Popen([program, port], stdout=subprocess.PIPE, text=True)
-    try:
-        path = "path={kind='headland', passes=2, length_m=8}"
-        out = tmp_path / "run"
-        words = ["serve", "grass", "--set", path, "--step", "--wait", "30", "--port", port]
-        assert main([*words, "--out", str(out)]) == 0
-        said, _ = controller.communicate(timeout=PATIENCE_S)
-    finally:
-        controller.kill()
-    assert re.match(r'\d+ commands, "status":"completed"', said)
-    summary = json.loads((out / "summary.json").read_text())
-    assert summary["tracking"]["all"]["tractor"]["p95_m"] < 0.15
-    assert summary["tracking"]["all"]["trailer"]["p95_m"] < 0.25
-    assert (out / "report.html").exists()

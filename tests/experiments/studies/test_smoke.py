@@ -303,7 +303,7 @@ def test_a_stuck_hitch_sensor_is_left_out_and_the_vehicle_drives_on(monkeypatch)
 
 def test_false_alarms(capsys, monkeypatch):
     monkeypatch.setattr(false_alarms, "fields", lambda: ("split", "trial patches"))
-    false_alarms.main(1)
+    false_alarms.main((201, 202))
     out = capsys.readouterr().out
     quiet, slips = (line.split(" | ") for line in out.splitlines()[2:4])
     assert quiet[1:] == ["0.01", "-", "-", "- |"]

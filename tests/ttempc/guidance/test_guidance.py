@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -143,6 +145,21 @@ def test_ticks_are_counted_to_the_end_of_the_reference(samples):
         guidance.step()
         count += 1
     assert count == guidance.tick == 15
+
+
+@pytest.mark.parametrize("controller", ["ttempc", "pid", "nmpc-rti", "kayacan-nmpc"])
+def test_a_guidance_is_freed_without_the_garbage_collector(samples, controller):
+    """A worker drives thousands of runs: one that waits for the collector keeps their memory."""
+    gc.collect()
+    gc.disable()
+    try:
+        guidance = Guidance(VEHICLE, PATH, controller=controller)
+        commands(guidance, samples[:20])
+        alive = weakref.ref(guidance)
+        del guidance
+        assert alive() is None
+    finally:
+        gc.enable()
 
 
 def test_calls_out_of_order_are_refused(samples):
