@@ -174,7 +174,7 @@ ENTRIES: Final = (
         false_alarms.main,
         seeds=report_seeds(false_alarms.DRIVES * len(false_alarms.fields())),
         probes=tuple((name, "ttempc") for name in shipped()),
-        minutes=12.0,
+        minutes=7.0,
     ),
     _study("soak", "docs/faults.md", soak.main, minutes=22.0),
     _study(

@@ -97,15 +97,21 @@ class MovingHorizonEstimator:
     def update(
         self, time_s: float, measurements: Sequence[Measurement], command: Command | None
     ) -> Estimate:
-        """Return the estimate at `time_s`, as `Estimator.update`."""
+        """Return the estimate at `time_s`, as `Estimator.update`.
+
+        It is that of the filter alone where the equations of the window are too ill-conditioned.
+        """
         filtered = self._filter.update(time_s, measurements, command)
         states, samples = self._filter.memory()
         if len(states) < 2:
             return filtered
         guess = np.array([self._last.get(s.time_s, s.augmented[0]) for s in states])  # (n, 22)
-        trajectory = self._step(states, samples, guess)
-        for _ in range(self._iterations - 1):
-            trajectory = self._step(states, samples, trajectory.augmented)
+        try:
+            trajectory = self._step(states, samples, guess)
+            for _ in range(self._iterations - 1):
+                trajectory = self._step(states, samples, trajectory.augmented)
+        except np.linalg.LinAlgError:
+            return filtered
         self._last = {s.time_s: x for s, x in zip(states, trajectory.augmented, strict=True)}
         now = states[-1].copy()
         now.augmented[0], now.covariances[0] = trajectory.augmented[-1], trajectory.covariance
@@ -182,6 +188,9 @@ def _minimum(
     H is block-tridiagonal with the blocks `diagonal` (n, 22, 22) and `above` (n - 1, 22, 22);
     `right` and `guess` are (n, 22). Elimination from the first block on leaves the information
     matrix of the last augmented state in the last block.
+
+    Raises:
+        numpy.linalg.LinAlgError: H is singular, or indefinite by rounding.
     """
     last = len(guess) - 1
     left, rest = diagonal.copy(), right.copy()
@@ -190,6 +199,8 @@ def _minimum(
         left[k + 1] -= above[k].T @ solved[:, :-1]
         rest[k + 1] -= above[k].T @ solved[:, -1]
     covariance = np.linalg.inv(left[last])
+    if not np.all(covariance.diagonal() > 0.0):
+        raise np.linalg.LinAlgError("information matrix not positive definite")
     augmented, d = guess.copy(), np.zeros(SIZE)
     for k in range(last, -1, -1):
         d = np.linalg.solve(left[k], rest[k] - above[k] @ d if k < last else rest[k])

@@ -1,6 +1,6 @@
 """False alarms of the detectors: drives without faults on every shipped scenario and field trial.
 
-    python -m experiments.studies.faults.false_alarms [DRIVES]          (a field; default: 20)
+    python -m experiments.studies.faults.false_alarms [DRIVES]          (a field; default: 8)
 
 Drives each field with `ttempc` on reported seeds, which calibration does not use; no two drives
 share a seed, so that all of them are independent. An alarm is counted where it begins; one of
@@ -28,7 +28,7 @@ from ...seeds import report_seeds
 from ...trials.definition import trial, trial_files
 from ..batch import run_tasks
 
-DRIVES: Final = 20
+DRIVES: Final = 8
 _OF_SLIP: Final = ("wheels", "motion")
 _SLIPS: Final = 0.2  # two thirds of the allowance of `wheels` at 1 m/s
 _SPAN_S: Final = 2.0  # before an alarm: a second of the residual, and the sum

@@ -120,3 +120,12 @@ def test_estimate_is_nan_before_the_start_and_finite_in_an_outage():
 def test_invalid_tuning_is_refused(tuning):
     with pytest.raises(InvalidTuning):
         MovingHorizonEstimator(VEHICLE, **tuning)
+
+
+def test_equations_that_are_not_positive_definite_have_no_minimum():
+    count = 3
+    diagonal, right = np.tile(np.eye(SIZE), (count, 1, 1)), np.zeros((count, SIZE))
+    above = np.zeros((count - 1, SIZE, SIZE))
+    above[:, 0, 0] = 2.0  # beyond the diagonal
+    with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
+        _minimum(diagonal, above, right, np.zeros((count, SIZE)))

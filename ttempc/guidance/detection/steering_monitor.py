@@ -125,7 +125,7 @@ class SteeringResponse:
         count = math.ceil(longest / _INTERVAL_S - 1e-9)
         delays = [n * _INTERVAL_S for n in range(count + 1)]
         means = [self._response(min(sampled) - s, max(sampled) - s) for s in delays]
-        if math.isnan(means[-1]):
+        if math.isnan(sum(means)):
             return
         while len(self._intervals) < count:
             self._intervals.append(_Interval())
@@ -152,10 +152,10 @@ class SteeringResponse:
             item.refuted = time_s - item.refuted_s < _REFUTED_S
 
     def _response(self, begin_s: float, end_s: float) -> float:
-        """Return the mean response of a time, NaN where it is not kept."""
-        if begin_s < self._times[0]:
-            return math.nan
+        """Return the mean response of a time, NaN where it is not kept or lies in the future."""
         begin, end = bisect_left(self._times, begin_s - _STEP_S), bisect_right(self._times, end_s)
+        if begin_s < self._times[0] or end <= begin:
+            return math.nan
         return sum(self._angles[begin:end]) / (end - begin)
 
     def _noise(self, count: int) -> float:

@@ -93,3 +93,14 @@ def test_a_valve_that_stands_still_is_noticed_before_one_that_does_not_follow():
                 first.setdefault(monitor.name, (k - 100) * PERIOD_S)
     assert 0.0 < first[standstill.name] <= 1.0 < first[follows.name]
     assert standstill.alarm().reaction is Reaction.SLOW
+
+
+@pytest.mark.parametrize("offset_s", [-3.0, 0.5, 50.0])
+def test_samples_of_a_time_without_a_response_are_left_out(offset_s):
+    rng, monitor = np.random.default_rng(5), SteeringMonitor(Input.DELTA_T)
+    for k in range(60):
+        samples = [
+            replace(item, time_s=item.time_s + offset_s) for item in angles(k, lambda t: 0.5, rng)
+        ]
+        monitor.observe(observation(k, samples, Command(0.0, 0.0, 0.7) if k else None))
+        assert monitor.statistic == 0.0
