@@ -28,7 +28,7 @@ from ..studies.ablations import ablation, conditions, corridor, coverage, limits
 from ..studies.eight_numbers import tables as eight_numbers
 from ..studies.eight_numbers.study import REPORT_SEEDS
 from ..studies.failures import breaking_points, worst_cases
-from ..studies.faults import cases, false_alarms, soak
+from ..studies.faults import cases, false_alarms, soak, stuck_valves
 from ..studies.faults import study as faults
 from ..trials.draws import PUBLIC
 from . import comparison_tables, study_tables, trial_tables
@@ -167,6 +167,14 @@ ENTRIES: Final = (
             for change in ((), cases.overrides("front steering stuck", 5.0))
         ),
         minutes=35.0,
+    ),
+    _study(
+        "stuck-valves",
+        "docs/faults.md",
+        stuck_valves.main,
+        seeds=stuck_valves.SEEDS,
+        probes=((stuck_valves.SCENARIO, "ttempc", *cases.overrides("front steering stuck", 5.0)),),
+        minutes=0.5,
     ),
     _study(
         "false-alarms",

@@ -30,7 +30,7 @@ from proving_ground.experiments.studies.ablations import (
     recovery,
 )
 from proving_ground.experiments.studies.failures import breaking_points, worst_cases
-from proving_ground.experiments.studies.faults import calibration, false_alarms
+from proving_ground.experiments.studies.faults import calibration, false_alarms, stuck_valves
 from proving_ground.experiments.studies.faults import study as faults
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS
@@ -291,6 +291,16 @@ def test_faults(capsys, monkeypatch):
     noticed, stop = (float(body[1][column].split(",")[0]) for column in (5, 7))
     assert 0.0 < noticed < 2.0
     assert 0.5 < stop < 5.0
+
+
+def test_stuck_valves(capsys, monkeypatch):
+    monkeypatch.setattr(stuck_valves, "_SECONDS", 5.0)
+    stuck_valves.main((1,))
+    _, body = rows(capsys)
+    for row in body:
+        shown, noticed, after = (float(cell.split(",")[0]) for cell in row[1:4])
+        assert 0.0 < shown <= noticed
+        assert after == pytest.approx(noticed - shown, abs=0.11)
 
 
 def test_a_stuck_hitch_sensor_is_left_out_and_the_vehicle_drives_on(monkeypatch):

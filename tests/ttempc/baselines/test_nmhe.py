@@ -123,7 +123,7 @@ def test_invalid_tuning_is_refused(tuning):
 
 
 def test_equations_that_are_not_positive_definite_have_no_minimum():
-    count = 3
+    count = 2
     diagonal, right = np.tile(np.eye(SIZE), (count, 1, 1)), np.zeros((count, SIZE))
     above = np.zeros((count - 1, SIZE, SIZE))
     above[:, 0, 0] = 2.0  # beyond the diagonal

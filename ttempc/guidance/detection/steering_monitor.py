@@ -83,8 +83,11 @@ class SteeringResponse:
 
     @property
     def least_possible(self) -> Cusum:
-        """The least of the sums of the intervals that are not refuted."""
-        return _least([item for item in self._intervals if not item.refuted])
+        """The least of the sums of the intervals that are not refuted, of all if there are none.
+
+        The last one is gone where a shorter dead time was learnt.
+        """
+        return _least([item for item in self._intervals if not item.refuted] or self._intervals)
 
     @property
     def stands(self) -> bool:
@@ -187,7 +190,7 @@ class SteeringResponse:
 
 
 class SteeringMonitor:
-    """Valve that does not follow its command, whatever its dead time: stuck, hard over, slow.
+    """Notices a valve that does not follow its command, whatever its dead time.
 
     Args:
         axis: the steering.
@@ -220,7 +223,7 @@ class SteeringMonitor:
 
 
 class StandstillMonitor:
-    """Steering that stands still while its command asks for motion, as with a stuck valve.
+    """Notices steering that stands still while its command asks for motion, as with a stuck valve.
 
     Only dead times that the valve has not contradicted so far count, so that it is earlier than
     `SteeringMonitor`. Commands that are late or lost for a moment show as well.

@@ -104,3 +104,15 @@ def test_samples_of_a_time_without_a_response_are_left_out(offset_s):
         ]
         monitor.observe(observation(k, samples, Command(0.0, 0.0, 0.7) if k else None))
         assert monitor.statistic == 0.0
+
+
+def test_a_shorter_dead_time_may_be_learnt_at_any_time():
+    """The only interval that the valve has not contradicted is gone then."""
+    rng, monitor = np.random.default_rng(6), StandstillMonitor(Input.DELTA_T)
+    commands = 0.25 * np.sin(0.4 * np.arange(200))
+    for k in range(200):
+        vehicle = replace(VEHICLE, dead_time_t=0.6 if k < 150 else 0.0)
+        samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t - 1.15), rng)
+        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
+        monitor.observe(observation(k, samples, sent, vehicle=vehicle))
+        assert k >= 150 or monitor.statistic < monitor.limit
