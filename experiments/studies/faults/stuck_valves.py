@@ -2,9 +2,10 @@
 
     python -m experiments.studies.faults.stuck_valves [SEEDS]                        (default: 16)
 
-Drives `grass` with each steering valve stuck from `START_S` on. The fault shows where the measured
-angle is 2 deg away from the response that a healthy valve may have: in a steady curve the commands
-hardly ask for motion before. Prints medians and largest times for docs/faults.md.
+Drives `grass` with each steering valve stuck from `START_S` on. The fault shows where the residual
+of `StandstillMonitor` is above 2 deg: the measured angle is that far from the response of a healthy
+valve, more where noise or play is larger. In a steady curve the commands hardly ask for motion
+before. Prints medians and largest times for docs/faults.md.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ class SteeringResponse:
         self._changes = deque[float](maxlen=_SCATTER - 1)  # squares, between recent samples
         self._mean_square = _PLAY_AT_START**2  # of the residual
         self._compared_s = math.nan  # time of the last comparison, or of the first sample
-        self._scale = 1.0  # by which residuals are divided
+        self._scale = 1.0  # of noise and play, by which residuals are divided
 
     @property
     def least(self) -> Cusum:
@@ -210,7 +210,7 @@ class SteeringMonitor:
 
     @property
     def residual(self) -> float:
-        """Latest residual of the interval with the least sum [rad]."""
+        """Latest residual of the interval with the least sum, over its scale [rad]."""
         return self._response.least.residual
 
     def observe(self, observation: Observation) -> None:
@@ -247,7 +247,7 @@ class StandstillMonitor:
 
     @property
     def residual(self) -> float:
-        """Latest residual of the interval with that sum [rad]."""
+        """Latest residual of the interval with that sum, over its scale [rad]."""
         return self._response.least_possible.residual
 
     def observe(self, observation: Observation) -> None:
