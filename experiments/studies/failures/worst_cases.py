@@ -41,8 +41,8 @@ QUESTIONS: Final = {
     "Late commands": Question(("late-commands",), LIMIT_M),
 }
 RARE: Final = ("ttempc", "pid")
-RARE_WORDS: Final = ("gust", "faults.gust.force_n=10:4500")
-SAMPLES: Final = 50
+RARE_WORDS: Final = ("gust", "faults.gust.force_n=10:3900")
+SAMPLES: Final = 100
 
 
 @dataclass(frozen=True)
