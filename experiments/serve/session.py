@@ -12,6 +12,7 @@ from typing import Final
 
 from proving_ground.testbed.errors import StageFailed
 from proving_ground.testbed.recording.record import Event
+from proving_ground.testbed.simulation.loop import with_stages
 from proving_ground.testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from proving_ground.testbed.simulation.termination import TerminationLimits
 from proving_ground.testbed.terminal import one_line
@@ -139,12 +140,8 @@ class Session:
         return "UDP: " + ", ".join(parts)
 
     def _stages(self, stages: tuple[Stage, ...]) -> tuple[Stage, ...]:
-        ours: list[Stage] = [] if self._settings.lockstep else [self._pace]
-        for stage in stages:
-            ours.append(stage)
-            if stage.__name__ == "estimate":
-                ours.append(self._exchange)
-        return (*ours, self._note)
+        first = () if self._settings.lockstep else (self._pace,)
+        return (*first, *with_stages([("estimate", self._exchange)], stages), self._note)
 
     def _wait_for_the_peer(self) -> None:
         """Answer until the protocol is ready.

@@ -202,13 +202,15 @@ STAGES: Final[tuple[Stage, ...]] = (
 """A disturbance or a fault is one more stage in this list, at the place where it acts."""
 
 
-def with_stages(extra: Sequence[tuple[str, Stage]]) -> tuple[Stage, ...]:
-    """Return `STAGES` with more stages, each after the stage of the given name and in order."""
-    stages: list[Stage] = []
-    for stage in STAGES:
-        stages.append(stage)
-        stages += [more for name, more in extra if name == stage.__name__]
-    return tuple(stages)
+def with_stages(
+    extra: Sequence[tuple[str, Stage]], stages: Sequence[Stage] = STAGES
+) -> tuple[Stage, ...]:
+    """Return `stages` with more of them, each after the stage of the given name and in order."""
+    extended: list[Stage] = []
+    for stage in stages:
+        extended.append(stage)
+        extended += [more for name, more in extra if name == stage.__name__]
+    return tuple(extended)
 
 
 @alarm_handled()
