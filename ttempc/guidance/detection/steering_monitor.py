@@ -66,6 +66,10 @@ class SteeringResponse:
         self._sensor = _SENSORS[axis]
         self._seen_s = -math.inf  # time of the last observation
         self._intervals = [_Interval()]
+        # Read several times a tick and found once. The least of the sums of all intervals; that of
+        # the intervals that are not refuted, of all if there are none: the last one is gone where a
+        # shorter dead time was learnt.
+        self.least = self.least_possible = self._intervals[0].sum
         self._means = deque[float](maxlen=_STANDING_TICKS)  # of the samples of the last ticks [rad]
         self._times: list[float] = []  # of the response [s]
         self._angles: list[float] = []  # the response at these times [rad]
@@ -75,19 +79,6 @@ class SteeringResponse:
         self._mean_square = _PLAY_AT_START**2  # of the residual
         self._compared_s = math.nan  # time of the last comparison, or of the first sample
         self._scale = 1.0  # of noise and play, by which residuals are divided
-
-    @property
-    def least(self) -> Cusum:
-        """The least of the sums of all intervals."""
-        return _least(self._intervals)
-
-    @property
-    def least_possible(self) -> Cusum:
-        """The least of the sums of the intervals that are not refuted, of all if there are none.
-
-        The last one is gone where a shorter dead time was learnt.
-        """
-        return _least([item for item in self._intervals if not item.refuted] or self._intervals)
 
     @property
     def stands(self) -> bool:
@@ -145,6 +136,8 @@ class SteeringResponse:
         self._compared_s = observation.time_s
 
     def _refute(self, time_s: float) -> None:
+        """Find the least sums, and refute intervals or take that back."""
+        self.least, self.least_possible = _least(self._intervals), self._possible()
         follows = self.least_possible.largest <= STEERING
         mistaken = not follows and self.least.largest <= STEERING and not self.stands
         for item in self._intervals:
@@ -153,6 +146,10 @@ class SteeringResponse:
             if mistaken:
                 item.refuted_s = -math.inf
             item.refuted = time_s - item.refuted_s < _REFUTED_S
+        self.least_possible = self._possible()
+
+    def _possible(self) -> Cusum:
+        return _least([item for item in self._intervals if not item.refuted] or self._intervals)
 
     def _response(self, begin_s: float, end_s: float) -> float:
         """Return the mean response of a time, NaN where it is not kept or lies in the future."""
