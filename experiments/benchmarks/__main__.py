@@ -12,12 +12,15 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from .figure import RELEASED
-from .performance import PARTS, Performance, measure
+from ..threads import use_one_thread
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print and write."""
+    use_one_thread()  # as the command line, and likewise before numpy loads
+    from .figure import RELEASED
+    from .performance import PARTS, measure
+
     parser = argparse.ArgumentParser(prog="benchmarks", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"all, or of {', '.join(PARTS)}")
     parser.add_argument("--out", type=Path, default=Path("runs/benchmarks.json"), metavar="FILE")
@@ -29,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.error(f"{unknown[0]}: must be one of {', '.join(PARTS)}")
     if given.record and given.parts:
         parser.error("--record: a release has all parts; name none")
-    performance: Performance = measure(given.parts, lambda part: print(part, file=sys.stderr))
+    performance = measure(given.parts, lambda part: print(part, file=sys.stderr))
     print(performance.table())
     files = [given.out, *([RELEASED] if given.record else [])]
     for file in files:

@@ -21,6 +21,7 @@ from ttempc.errors import TtempcError
 from ttempc.suggestion import did_you_mean
 
 from ..errors import ExperimentError
+from ..threads import use_one_thread
 from .options import EXIT_BAD_INPUT, EXIT_INTERRUPTED
 
 
@@ -83,6 +84,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
+    use_one_thread()
     arguments = sys.argv[1:] if arguments is None else arguments
     if arguments[:1] == ["calibrate"]:  # the action of a log by its short name
         arguments = ["log", *arguments]

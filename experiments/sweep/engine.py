@@ -18,18 +18,14 @@ from typing import Any, Final, TypeVar
 from proving_ground.testbed.recording.provenance import code_digest, versions
 
 from ..errors import SweepRefused
+from ..threads import ONE_THREAD
 
 _CONNECT_S: Final = 5.0
 _FIRST_WORKER_S: Final = 10.0
 _KILLS: Final = 1  # workers, beyond the first, that may die on a run before it is set aside
-# One thread per worker: runs are independent, more threads than cores slow each other down. And
-# glibc returns freed memory to the system, as in Dask's own environment, which this one replaces.
-_ENVIRONMENT: Final = {
-    **dict.fromkeys(
-        ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
-    ),
-    "MALLOC_TRIM_THRESHOLD_": "65536",
-}
+# Of a worker. glibc returns freed memory to the system, as in Dask's own environment, which this
+# one replaces.
+_ENVIRONMENT: Final = {**ONE_THREAD, "MALLOC_TRIM_THRESHOLD_": "65536"}
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import proving_ground.experiments.benchmarks.__main__ as bench
+import proving_ground.experiments.benchmarks.figure as benchmark_figure
 from proving_ground.experiments.benchmarks import (
     closed_loop,
     control_step,
@@ -203,7 +204,7 @@ def test_a_figure_stands_beside_its_limit_and_the_last_release(value, limit, cel
 
 def test_the_record_of_a_release_is_what_was_measured(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(performance, "PARTS", {"a": lambda: [figure(3.0, 2.0)]})
-    monkeypatch.setattr(bench, "RELEASED", tmp_path / "released.json")
+    monkeypatch.setattr(benchmark_figure, "RELEASED", tmp_path / "released.json")
     bench.main(["--out", str(tmp_path / "out" / "b.json"), "--record"])
     assert "**missed**" in capsys.readouterr().out
     values, commit = released(tmp_path / "released.json")
