@@ -19,13 +19,13 @@ _ANCHORS: Final[dict[Align, str]] = {"left": "lm", "right": "rm", "middle": "mm"
 
 
 @cache
-def font(points: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+def font(points: float, bold: bool = False) -> ImageFont.FreeTypeFont:
     """Return the sans-serif font that matplotlib ships."""
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
     return ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/{name}", points)
 
 
-def text_length(text: str, points: int, *, bold: bool = False) -> float:
+def text_length(text: str, points: float, *, bold: bool = False) -> float:
     """Return the width of a text in units of an `OverlayBox`."""
     return float(font(points, bold).getlength(text))
 
@@ -53,7 +53,8 @@ class OverlayBox:
         align: Align = "left",
     ) -> None:
         """Write a text that is vertically centred at y."""
-        shape = font(max(6, round(points * self.scale)), bold)
+        # Not rounded: a box that is as wide as its text at full size would be too narrow for it.
+        shape = font(max(6.0, points * self.scale), bold)
         position = (x * self.scale, y * self.scale)
         self._draw.text(position, text, font=shape, fill=colour, anchor=_ANCHORS[align])
 
