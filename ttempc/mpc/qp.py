@@ -18,7 +18,9 @@ from .admissible_kernel import nearest_admissible
 from .ordered_product import ordered_product
 from .quadratic_programme import FREE, QP, SoftRows
 
-_BLOCK = 32  # ticks whose matrices are computed together: 2 ms, 1 MB with the defaults
+# Stages, ticks times horizon, whose matrices are computed together: 32 ticks of the default horizon
+# in 2 ms. One tick waits for those of its block: fewer where a longer horizon makes each dearer.
+_STAGES: Final = 640
 Solver = Literal["piqp", "daqp"]
 SOLVERS: Final = get_args(Solver)
 
@@ -164,6 +166,7 @@ class CondensedHorizon:
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
         horizon, moves = tuning.horizon, tuning.moves
         self.ticks, self.solver = len(a) - horizon + 1, tuning.solver
+        self._block_ticks = max(1, _STAGES // horizon)
         p = c.shape[1]
         if self.ticks < 1 or len(tuning.output_weight) != p or len(tuning.step_weight) != m:
             raise InvalidTuning(
@@ -180,7 +183,7 @@ class CondensedHorizon:
         self.first = FirstInputs.of(self._bounds.at(slice(None), slice(m)))
         self._first_tick = 0  # of the present block
         self._block = self._matrices(0)
-        for start in range(0, self.ticks, _BLOCK):
+        for start in range(0, self.ticks, self._block_ticks):
             self._require_convex(self._matrices(start))
 
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
@@ -238,7 +241,7 @@ class CondensedHorizon:
 
     def _at(self, k: int) -> tuple[_Matrices, int]:
         """Return the block that holds tick `k`, and the place of the tick in it."""
-        tick = k % _BLOCK
+        tick = k % self._block_ticks
         if k - tick != self._first_tick:
             self._first_tick, self._block = k - tick, self._matrices(k - tick)
         return self._block, tick
@@ -247,7 +250,7 @@ class CondensedHorizon:
         """Return the matrices of the ticks from `start` on."""
         tuning, (n, m) = self._tuning, self._b.shape[1:]
         horizon, moves, p = tuning.horizon, tuning.moves, self._c.shape[1]
-        ticks = min(_BLOCK, self.ticks - start)
+        ticks = min(self._block_ticks, self.ticks - start)
         given = n + m  # entries of z_k and u_{k-1} in w
         state = np.zeros((ticks, n, given + m * moves))  # Z_0
         state[:, :, :n] = np.eye(n)
