@@ -19,9 +19,7 @@ from proving_ground.experiments.run.simulate import run, simulate
 from proving_ground.experiments.scenario.control import PAPER_PERIOD_S
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, to_json
-from proving_ground.experiments.tubes.calibration import (
-    driven_run,
-)
+from proving_ground.experiments.tubes.calibration import driven_run
 from proving_ground.experiments.tubes.fit import fit_run, fit_tube, format_fit
 from proving_ground.experiments.tubes.logged_runs import read_runs
 from proving_ground.experiments.tubes.set_fit import hold_out
