@@ -18,9 +18,10 @@ from .admissible_kernel import nearest_admissible
 from .ordered_product import ordered_product
 from .quadratic_programme import FREE, QP, SoftRows
 
-# Stages, ticks times horizon, whose matrices are computed together: 32 ticks of the default horizon
-# in 2 ms. One tick waits for those of its block: fewer where a longer horizon makes each dearer.
-_STAGES: Final = 640
+# Ticks times horizon of a block, the ticks whose matrices are computed together: 32 ticks of the
+# default horizon, in 2 ms. The first tick of a block waits for all of them, so that a block has
+# fewer ticks where the horizon is longer.
+_BLOCK_STAGES: Final = 640
 Solver = Literal["piqp", "daqp"]
 SOLVERS: Final = get_args(Solver)
 
@@ -166,7 +167,7 @@ class CondensedHorizon:
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
         horizon, moves = tuning.horizon, tuning.moves
         self.ticks, self.solver = len(a) - horizon + 1, tuning.solver
-        self._block_ticks = max(1, _STAGES // horizon)
+        self._block_ticks = max(1, _BLOCK_STAGES // horizon)
         p = c.shape[1]
         if self.ticks < 1 or len(tuning.output_weight) != p or len(tuning.step_weight) != m:
             raise InvalidTuning(

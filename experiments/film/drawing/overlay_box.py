@@ -53,8 +53,8 @@ class OverlayBox:
         align: Align = "left",
     ) -> None:
         """Write a text that is vertically centred at y."""
-        # Not rounded: a box that is as wide as its text at full size would be too narrow for it.
-        shape = font(max(6.0, points * self.scale), bold)
+        # Neither rounded nor bounded: a box as wide as `text_length` says has to hold its text.
+        shape = font(points * self.scale, bold)
         position = (x * self.scale, y * self.scale)
         self._draw.text(position, text, font=shape, fill=colour, anchor=_ANCHORS[align])
 

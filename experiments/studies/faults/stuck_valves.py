@@ -1,4 +1,4 @@
-"""When a stuck steering valve shows at all, and how long after that it is noticed.
+"""Detection delay of stuck steering valves: from their start, and from when they show.
 
     python -m experiments.studies.faults.stuck_valves [SEEDS]                        (default: 16)
 

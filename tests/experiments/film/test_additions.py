@@ -4,13 +4,13 @@ import dataclasses
 import math
 from types import SimpleNamespace
 
-import mujoco
 import numpy as np
 import pytest
 from PIL import Image
 
 from proving_ground.experiments.film.drawing.body_poses import rotation
 from proving_ground.experiments.film.drawing.field import FieldMesh, mown
+from proving_ground.experiments.film.drawing.overlay_box import OverlayBox, text_length
 from proving_ground.experiments.film.error_trace import ErrorTrace
 from proving_ground.experiments.film.ghosts import ReferenceGhost, RunGhost
 from proving_ground.experiments.film.hud import Overlay, Scales
@@ -19,6 +19,7 @@ from proving_ground.experiments.film.shot import Shot
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.recording.channels import REFERENCE
 from proving_ground.testbed.recording.record import Event
+from tests.experiments.film.conftest import compiled_with
 
 
 def test_the_overlay_names_a_fault_while_it_acts(replay):
@@ -38,6 +39,17 @@ def test_the_overlay_names_a_fault_while_it_acts(replay):
     top = slice(0, 120), slice(0, 200)  # below the headline, beside the caption of the event
     assert not np.array_equal(shown(plain, 3.9)[top], shown(faulty, 3.9)[top])
     assert np.array_equal(shown(plain, 7.5), shown(faulty, 7.5))
+
+
+@pytest.mark.parametrize("scale", [0.3, 0.375, 0.5, 0.61, 1.0, 1.5])
+def test_a_box_as_wide_as_its_text_holds_it_at_every_size(scale):
+    text, margin = "grass-ttempc-1 · ttempc · seed 201", 8.0
+    width = text_length(text, 15, bold=True) + 2.0 * margin
+    empty, box = (OverlayBox(width, 26.0, scale) for _ in range(2))
+    box.text(margin, 13.0, text, points=15, bold=True)
+    written = np.any(np.asarray(box.image) != np.asarray(empty.image), axis=(0, 2))
+    assert written.any()
+    assert not written[-max(1, int(0.5 * margin * scale)) :].any()
 
 
 def test_the_ghost_of_the_reference_has_both_axle_points_on_their_references(replay):
@@ -115,13 +127,8 @@ def test_the_meadow_is_level_far_from_a_slope():
     x = np.linspace(-8.0, 8.0, 161)
     slope = Terrain(np.tile(0.1 * x, (101, 1)), 0.1, (-8.0, -5.0))
     field = FieldMesh(slope, 1.0)
-    spec = mujoco.MjSpec()
-    spec.add_hfield(name="ground", nrow=2, ncol=2, size=[1, 1, 1, 1], userdata=[0.0] * 4)
-    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname="ground")
-    for name in ("ground", "meadow"):
-        spec.add_material(name=name)
-    field.add_to(spec)
-    mesh = SimpleNamespace(vertices=np.empty((spec.compile().mesh("meadow").vertnum[0], 3)))
+    count = compiled_with(field).mesh("meadow").vertnum[0]
+    mesh = SimpleNamespace(vertices=np.empty((count, 3)))
     field.lay_meadow(mesh)
     x, y, z = mesh.vertices.T
     far = np.hypot(x, y) > 220.0

@@ -24,6 +24,7 @@ from proving_ground.experiments.film.render import render_frames
 from proving_ground.experiments.film.shot import FRAME_RATE, Shot
 from proving_ground.experiments.film.writer import FilmWriter
 from proving_ground.testbed.recording.channels import STATE
+from tests.experiments.film.conftest import compiled_with
 
 SMALL = (320, 180)
 needs_gl = pytest.mark.skipif(
@@ -83,13 +84,7 @@ def test_a_ribbon_lies_on_the_ground_with_its_width_and_hides_unused_points(bump
 
 def test_the_field_mesh_covers_the_field_with_its_heights_and_is_fine_near_its_centre(bumps):
     field = FieldMesh(bumps, 1.0)
-    spec = mujoco.MjSpec()
-    spec.add_hfield(name="ground", nrow=2, ncol=2, size=[1, 1, 1, 1], userdata=[0.0] * 4)
-    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_HFIELD, hfieldname="ground")
-    for name in ("ground", "meadow"):
-        spec.add_material(name=name)
-    field.add_to(spec)
-    count = spec.compile().mesh("field").vertnum[0]
+    count = compiled_with(field).mesh("field").vertnum[0]
     parts = {name: np.empty((count, 3)) for name in ("vertices", "normals")}
     mesh = SimpleNamespace(**parts, texture_coordinates=np.empty((count, 2)))
     assert field.lay(mesh, 2.0, 1.0)
