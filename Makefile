@@ -22,15 +22,15 @@ docs: $(VENV)/.ready         ## the documentation site: dist/site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 wheels: $(VENV)/.ready       ## dist/: the control library alone, and the proving ground
-	cd packaging/ttempc && $(CURDIR)/$(BIN)/python -m hatchling build -t wheel -d $(CURDIR)/dist
+	cd ttempc && $(CURDIR)/$(BIN)/python -P -m hatchling build -t wheel -d $(CURDIR)/dist
 	TTEMPC_LIBRARY="==$$($(BIN)/python -c 'import ttempc; print(ttempc.__version__)')" \
 		$(BIN)/python -m hatchling build -t wheel -d dist
 
-# Both editable: the library is named here, so that no copy of it from packaging/ is installed.
-$(VENV)/.ready: pyproject.toml packaging/ttempc/pyproject.toml
+# Both editable: the library is named here, so that no copy of it is installed.
+$(VENV)/.ready: pyproject.toml ttempc/pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	TTEMPC_LIBRARY= $(BIN)/python -m pip install --quiet \
-		--editable packaging/ttempc --editable '.[dev]'
+		--editable ttempc --editable '.[dev]'
 	touch $@
 
 clean:                       ## remove the virtual environment

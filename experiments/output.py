@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from proving_ground.testbed.atomic_write import atomic_write, partial_path
-
+from ..testbed.atomic_write import atomic_write, partial_path
 from .errors import OutputExists
 
 

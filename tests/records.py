@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     CONTROL,

@@ -9,7 +9,6 @@ import re
 from pathlib import Path
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 
 ROOT = Path(__file__).parents[1]

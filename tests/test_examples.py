@@ -11,7 +11,6 @@ import sys
 from pathlib import Path
 
 import pytest
-
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 

@@ -18,8 +18,8 @@ from types import ModuleType, SimpleNamespace
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
+
 from ttempc import Vehicle, straight
 from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
 

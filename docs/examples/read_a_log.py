@@ -10,7 +10,6 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-
 from proving_ground.testbed.log.log_reader import read_log
 
 log = Path(sys.argv[1])

@@ -17,9 +17,11 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.recording.sink import Tee
-from proving_ground.testbed.simulation.loop import (
+from ttempc.types import FloatArray
+
+from ...testbed.recording.record import Recorder
+from ...testbed.recording.sink import Tee
+from ...testbed.simulation.loop import (
     advance,
     control,
     estimate,
@@ -27,10 +29,8 @@ from proving_ground.testbed.simulation.loop import (
     sense,
     terminate,
 )
-from proving_ground.testbed.simulation.setup import SimulationSetup, Stage, TickContext
-from proving_ground.testbed.vehicle.vehicle import PlantVehicle
-from ttempc.types import FloatArray
-
+from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
+from ...testbed.vehicle.vehicle import PlantVehicle
 from ..run.assembly import assemble
 from ..run.log_file import describe, open_log
 from ..run.simulate import drive_into

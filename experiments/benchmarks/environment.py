@@ -18,9 +18,8 @@ from typing import Final
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode
 
-from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.simulation.loop import periods, prepare
-
+from ...testbed.recording.record import Recorder
+from ...testbed.simulation.loop import periods, prepare
 from ..gym_env.environment import FieldTrial
 from ..run.assembly import assemble
 from .figure import BenchmarkFigure, Limit

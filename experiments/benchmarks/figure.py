@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from proving_ground.testbed.recording import provenance
-
+from ...testbed.recording import provenance
 from ..errors import InvalidPage
 
 RELEASED: Final = Path(__file__).with_name("released.json")

@@ -15,8 +15,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import norm
 
-from proving_ground.testbed.randomness import generator
-
+from ...testbed.randomness import generator
 from ..results.statistics import CONFIDENCE, bootstrap, mean, quantile95
 
 _COUNTS: Final = (3, 5, 8, 14, 30)

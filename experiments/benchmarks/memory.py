@@ -22,15 +22,15 @@ LARGEST_WITH_LOG_MB: Final = 600.0  # `ttempc run`, figures and report included
 LARGEST_WITHOUT_LOG_MB: Final = 250.0  # `simulate`
 
 _PEAK: Final = """
-from proving_ground.experiments.benchmarks.memory import peak_mb
+from ...experiments.benchmarks.memory import peak_mb
 print(peak_mb())
 """
 _WITHOUT: Final = """
-from proving_ground import load, simulate
+from ... import load, simulate
 simulate(*load("grass", ["path.laps={laps}"]), seed=1)
 """
 _WITH: Final = """
-from proving_ground.experiments.commands.cli import main
+from ...experiments.commands.cli import main
 main(["run", "grass", "--json", "--set", "path.laps={laps}", "--out", "{folder}/run"])
 """
 

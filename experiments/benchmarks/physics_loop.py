@@ -19,13 +19,14 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from proving_ground.testbed.ground import terrain
-from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.randomness import generator
-from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.vehicle.vehicle import PlantVehicle
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
 from ttempc.types import Command
+
+from ...testbed.ground import terrain
+from ...testbed.ground.soil import SoilMap
+from ...testbed.randomness import generator
+from ...testbed.simulation.plant import Plant
+from ...testbed.vehicle.vehicle import PlantVehicle
+from ...testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
 
 STEPS: Final = 500  # of a block
 REPEATS: Final = 200

@@ -18,8 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.simulation.setup import SimulationSetup, Stage, TickContext
-
+from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from .figure import BenchmarkFigure, Limit
 
 REPEATS = 5

@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS
-
+from ...testbed.wheels.wheel_models import WHEEL_MODELS
 from . import options
 
 ABOUT = """\

@@ -15,11 +15,11 @@ from importlib.metadata import version
 from types import FrameType
 from typing import Any, Final, NoReturn
 
-from proving_ground.testbed.errors import TestbedError
-from proving_ground.testbed.terminal import one_line
 from ttempc.errors import TtempcError
 from ttempc.suggestion import did_you_mean
 
+from ...testbed.errors import TestbedError
+from ...testbed.terminal import one_line
 from ..errors import ExperimentError
 from ..threads import use_one_thread
 from .options import EXIT_BAD_INPUT, EXIT_INTERRUPTED

@@ -9,12 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from proving_ground.testbed.terminal import one_line
-
+from ...testbed.terminal import one_line
 from . import options
 
 if TYPE_CHECKING:
-    from proving_ground.testbed.log.log_content import Content
+    from ...testbed.log.log_content import Content
 
 ABOUT = """\
   ttempc log info LOG.mcap                     run, duration, failure, topics, events
@@ -102,8 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _info(arguments: argparse.Namespace) -> int:
-    from proving_ground.testbed.log.log_content import read_content
-
+    from ...testbed.log.log_content import read_content
     from ..logs.log_check import format_log_info, log_info
 
     info = log_info(read_content(arguments.log))
@@ -115,8 +113,7 @@ def _info(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from proving_ground.testbed.log.log_content import read_content
-
+    from ...testbed.log.log_content import read_content
     from ..logs.log_export import export_log
 
     content = read_content(arguments.log)
@@ -145,7 +142,7 @@ def _ros2(arguments: argparse.Namespace) -> int:
 def _converted(
     log: Path, file: Path, export: Callable[[Content, Path], object], note: str = ""
 ) -> int:
-    from proving_ground.testbed.log.log_content import read_content
+    from ...testbed.log.log_content import read_content
 
     content = read_content(log)
     export(content, file)
@@ -156,9 +153,8 @@ def _converted(
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from proving_ground.testbed.log.log_content import read_content
-    from proving_ground.testbed.log.log_recovery import recover
-
+    from ...testbed.log.log_content import read_content
+    from ...testbed.log.log_recovery import recover
     from ..logs.log_check import check_log
 
     content = read_content(arguments.log)

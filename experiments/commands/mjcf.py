@@ -29,8 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _mjcf(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo.
-    from proving_ground.testbed.simulation.mjcf_export import mjcf_files
-
+    from ...testbed.simulation.mjcf_export import mjcf_files
     from ..run.assembly import assemble
 
     arguments.overrides.append("plant.wheels=contact")

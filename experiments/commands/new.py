@@ -7,8 +7,7 @@ import keyword
 from pathlib import Path
 from typing import Final
 
-from proving_ground.testbed.configuration.resources import resource
-
+from ...testbed.configuration.resources import resource
 from ..errors import ExperimentError
 from ..output import refuse_existing, write_file
 

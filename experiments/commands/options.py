@@ -10,8 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from proving_ground.testbed.atomic_write import partial_path
-from proving_ground.testbed.log.log_path import log_path
+from ...testbed.atomic_write import partial_path
+from ...testbed.log.log_path import log_path
 
 if TYPE_CHECKING:
     from ..film.composition import FilmSetup

@@ -8,17 +8,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from proving_ground.testbed.terminal import one_line
-
+from ...testbed.terminal import one_line
 from ..errors import BadOptions
 from ..output import make_folder
 from . import options
 
 if TYPE_CHECKING:
-    from proving_ground.testbed.messages.scenery import Scenery
-    from proving_ground.testbed.recording.record import Event
-    from proving_ground.testbed.viewers.live import LiveView
-
+    from ...testbed.messages.scenery import Scenery
+    from ...testbed.recording.record import Event
+    from ...testbed.viewers.live import LiveView
     from ..run.simulate import Finished
     from ..scenario.scenario import Scenario
 
@@ -139,7 +137,7 @@ def _print(runs: Sequence[Finished], folder: Path) -> None:
 
 def _watch(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], LiveView] | None:
     """Return the function that opens the live view, None without --live."""
-    from proving_ground.testbed.viewers.live import DEFAULT_PORT, PROTOCOL, LiveView
+    from ...testbed.viewers.live import DEFAULT_PORT, PROTOCOL, LiveView
 
     if not arguments.live:
         given = {"--speed": arguments.speed, "--port": arguments.port}

@@ -11,9 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from proving_ground.testbed.recording.channels import CORRIDOR, TUBE
-from proving_ground.testbed.recording.record import Record
-
+from ...testbed.recording.channels import CORRIDOR, TUBE
+from ...testbed.recording.record import Record
 from .corridor import corridor_figure
 from .cross_track import cross_track_figure
 from .path import path_figure

@@ -9,8 +9,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE
-
+from ...testbed.recording.channels import CONTROL, REFERENCE, STATE
 from ..results.run_comparison import ComparedRun
 from ..results.tracking_errors import BODIES, START_UP_S, position_fields
 from .signals import BOUNDS, INPUTS, draw_bounds

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from proving_ground.testbed.recording.channels import REFERENCE, STATE
-from proving_ground.testbed.recording.record import Record
-
+from ...testbed.recording.channels import REFERENCE, STATE
+from ...testbed.recording.record import Record
 from ..results.tracking_errors import (
     START_UP_S,
     position_fields,

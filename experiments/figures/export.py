@@ -13,8 +13,7 @@ import matplotlib as mpl
 from matplotlib import style as styles
 from matplotlib.figure import Figure
 
-from proving_ground.testbed.recording.record import Record
-
+from ...testbed.recording.record import Record
 from . import FIGURES, png, shown_figures
 from .figure_data import figure_csv
 from .style import figure_width

@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from proving_ground.testbed.recording.channels import REFERENCE, STATE, TOOL
-from proving_ground.testbed.recording.record import Record
-
+from ...testbed.recording.channels import REFERENCE, STATE, TOOL
+from ...testbed.recording.record import Record
 from ..results.tracking_errors import (
     BODIES,
     START_UP_S,

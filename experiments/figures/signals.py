@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from proving_ground.testbed.recording.channels import CONTROL
-from proving_ground.testbed.recording.record import Record, Table
 from ttempc.types import FloatArray
 
+from ...testbed.recording.channels import CONTROL
+from ...testbed.recording.record import Record, Table
 from .style import BLACK, BLUE, GREY, RED, SKY, blank, dress, legend, note, wrapped
 
 INPUTS: Final = (  # field, label, factor from the field's unit to the label's

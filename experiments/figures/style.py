@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from proving_ground.testbed.recording.record import FaultSpan
 from ttempc.types import FloatArray
 
+from ...testbed.recording.record import FaultSpan
 from ..colours import BLACK as BLACK
 from ..colours import BLUE as BLUE
 from ..colours import BODY_COLOURS as BODY_COLOURS

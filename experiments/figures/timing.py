@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from proving_ground.testbed.recording.channels import SOLVER, TIMING
-from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
+from ...testbed.recording.channels import SOLVER, TIMING
+from ...testbed.recording.record import Record
 from .style import BLACK, GREY, RED, SKY, blank, dress, note
 
 _PARTS: Final = (

@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from proving_ground.testbed.recording.record import Record, fault_spans
-
+from ...testbed.recording.record import Record, fault_spans
 from ..results.tracking_errors import START_UP_S, BodyError, TrackingErrors, tracking_errors
 from .style import BLACK, BODY_COLOURS, GREY, blank, dress, mark_faults, note, shade, wrapped
 

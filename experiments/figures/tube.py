@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from proving_ground.testbed.recording.record import Record
-
+from ...testbed.recording.record import Record
 from ..results.containment import Containment, containment, leftward
 from .style import BLACK, BODY_COLOURS, GREY, PALE, blank, dress, legend, note, shade
 

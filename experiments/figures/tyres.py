@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from proving_ground.testbed.recording.channels import TYRES
-from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
+from ...testbed.recording.channels import TYRES
+from ...testbed.recording.record import Record
 from ..results.tracking_errors import tracking_errors
 from .style import BLUE, GREEN, RED, blank, dress, legend, shade, wrapped
 

@@ -10,9 +10,9 @@ from typing import Final, Protocol
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from proving_ground.testbed.recording.channels import REFERENCE
 from ttempc.types import FloatArray
 
+from ...testbed.recording.channels import REFERENCE
 from ..colours import SERIES_COLOURS
 from .drawing.body_poses import rotation
 from .drawing.colours import REFERENCE as REFERENCE_COLOUR

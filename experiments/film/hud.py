@@ -11,9 +11,8 @@ from typing import Final, Self
 import numpy as np
 from PIL import Image
 
-from proving_ground.testbed.recording.channels import CONTROL, STATE
-from proving_ground.testbed.recording.record import fault_spans
-
+from ...testbed.recording.channels import CONTROL, STATE
+from ...testbed.recording.record import fault_spans
 from ..results.tracking_errors import BODIES, BodyError
 from .drawing.colours import (
     ALARM,

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from proving_ground.testbed.errors import first_line
-from proving_ground.testbed.recording.channels import REFERENCE as REFERENCE_ROWS
-from proving_ground.testbed.truth import WHEELS
-from proving_ground.testbed.vehicle.appearance import ground_colours
 from ttempc.types import FloatArray
 
+from ...testbed.errors import first_line
+from ...testbed.recording.channels import REFERENCE as REFERENCE_ROWS
+from ...testbed.truth import WHEELS
+from ...testbed.vehicle.appearance import ground_colours
 from ..errors import InvalidFilm
 from .camera import FollowCamera
 from .drawing.body_poses import rotation

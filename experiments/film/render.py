@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from proving_ground.testbed.atomic_write import atomic_write
-
+from ...testbed.atomic_write import atomic_write
 from ..errors import InvalidFilm
 from .composition import FilmSetup, FrameSource
 from .writer import AnimationWriter, FilmWriter, check_codec, check_writable

@@ -12,10 +12,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from proving_ground.testbed.ground.ground import Ground
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_reader import record_of
-from proving_ground.testbed.log.log_scene import (
+from ttempc.types import FloatArray
+
+from ...testbed.ground.ground import Ground
+from ...testbed.log.log_content import read_content
+from ...testbed.log.log_reader import record_of
+from ...testbed.log.log_scene import (
     Line,
     Motion,
     ground_of,
@@ -23,18 +25,16 @@ from proving_ground.testbed.log.log_scene import (
     model_of,
     motion_of,
 )
-from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE, TYRES, Channel
-from proving_ground.testbed.recording.record import Record
-from proving_ground.testbed.recording.topics import (
+from ...testbed.recording.channels import CONTROL, REFERENCE, STATE, TYRES, Channel
+from ...testbed.recording.record import Record
+from ...testbed.recording.topics import (
     EVENT_TOPIC,
     PREDICTED_PATH_TOPIC,
     PREDICTED_TRAILER_PATH_TOPIC,
     REFERENCE_PATH_TOPIC,
     TRANSFORMS_TOPIC,
 )
-from proving_ground.testbed.truth import WHEELS
-from ttempc.types import FloatArray
-
+from ...testbed.truth import WHEELS
 from ..errors import InvalidFilm
 from ..results.tracking_errors import BODIES, TrackingErrors, position_fields, tracking_errors
 

@@ -16,8 +16,7 @@ from av.error import FFmpegError
 from numpy.typing import NDArray
 from PIL import Image
 
-from proving_ground.testbed.atomic_write import atomic_write, partial_path
-
+from ...testbed.atomic_write import atomic_write, partial_path
 from ..errors import InvalidFilm
 from ..output import refuse_existing
 from .shot import FRAME_RATE, Quality

@@ -11,8 +11,13 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
-from proving_ground.testbed.recording.sink import Tee
-from proving_ground.testbed.simulation.loop import (
+from ttempc.limits import CommandLimits
+from ttempc.reference.reference import Reference
+from ttempc.types import Command, Controller, Estimate, FloatArray
+from ttempc.vehicle import Vehicle
+
+from ...testbed.recording.sink import Tee
+from ...testbed.simulation.loop import (
     Outcome,
     estimate,
     log_control,
@@ -22,13 +27,8 @@ from proving_ground.testbed.simulation.loop import (
     prepare,
     sense,
 )
-from proving_ground.testbed.simulation.setup import SimulationSetup, TickContext
-from proving_ground.testbed.truth import Truth
-from ttempc.limits import CommandLimits
-from ttempc.reference.reference import Reference
-from ttempc.types import Command, Controller, Estimate, FloatArray
-from ttempc.vehicle import Vehicle
-
+from ...testbed.simulation.setup import SimulationSetup, TickContext
+from ...testbed.truth import Truth
 from ..errors import BadOptions, InvalidScenario
 from ..policy.observation import ESTIMATE_NAMES, EstimateObserver, bounds
 from ..policy.residual import ResidualController, half_range

@@ -7,12 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
-from proving_ground.testbed.sensing.sensors import COMPONENTS
 from ttempc.models.kinematics import wrap_angle
 from ttempc.reference.reference import Reference
 from ttempc.types import FloatArray, Measurement
 
+from ...testbed.sensing.sensor_specification import SensorSpecification
+from ...testbed.sensing.sensors import COMPONENTS
 from ..policy.observation import REFERENCE_NAMES, ReferenceAhead, bounds, cut
 
 _POSE_NAMES: Final = (

@@ -9,14 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.atomic_write import partial_path
-from proving_ground.testbed.configuration.config_io import validated
-from proving_ground.testbed.errors import InvalidPlant
-from proving_ground.testbed.vehicle.vehicle import PlantVehicle
 from ttempc.estimation.noise import ProcessNoise
 from ttempc.learning.learner import LENGTHS, ParameterChange
 from ttempc.learning.lengths import KNOWN_SD, fit_lengths
 
+from ...testbed.atomic_write import partial_path
+from ...testbed.configuration.config_io import validated
+from ...testbed.errors import InvalidPlant
+from ...testbed.vehicle.vehicle import PlantVehicle
 from ..errors import InvalidReplay
 from ..output import refuse_existing, write_file
 from ..run.assembly import model_vehicle

@@ -10,8 +10,7 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
-from proving_ground.testbed.recording import topics
-
+from ...testbed.recording import topics
 from .panels import PANELS, PATH_COLOURS, Panel
 
 FILE: Final = Path(__file__).with_name("foxglove-layout.json")

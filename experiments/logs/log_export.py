@@ -11,14 +11,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from proving_ground.testbed.atomic_write import partial_path
-from proving_ground.testbed.errors import LogError
-from proving_ground.testbed.log.log_content import Content
-from proving_ground.testbed.log.log_reader import record_of
-from proving_ground.testbed.log.log_scene import Motion, motion_of
-from proving_ground.testbed.recording.channels import CHANNELS, ERROR
-from proving_ground.testbed.recording.topics import EVENT_TOPIC, TRANSFORMS_TOPIC
-
+from ...testbed.atomic_write import partial_path
+from ...testbed.errors import LogError
+from ...testbed.log.log_content import Content
+from ...testbed.log.log_reader import record_of
+from ...testbed.log.log_scene import Motion, motion_of
+from ...testbed.recording.channels import CHANNELS, ERROR
+from ...testbed.recording.topics import EVENT_TOPIC, TRANSFORMS_TOPIC
 from ..errors import MissingExtra, OutputExists
 from ..output import refuse_existing
 

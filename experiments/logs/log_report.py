@@ -7,16 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, cast
 
-from proving_ground.testbed.configuration.config_io import parse_toml
-from proving_ground.testbed.errors import TestbedError
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_reader import SALVAGED_KEY, record_of
-from proving_ground.testbed.log.log_recovery import RECOVERED_KEY
-from proving_ground.testbed.recording.channels import CHANNELS, STATE
-from proving_ground.testbed.recording.record import Record
-from proving_ground.testbed.recording.topics import EVENT_TOPIC
 from ttempc.errors import TtempcError
 
+from ...testbed.configuration.config_io import parse_toml
+from ...testbed.errors import TestbedError
+from ...testbed.log.log_content import read_content
+from ...testbed.log.log_reader import SALVAGED_KEY, record_of
+from ...testbed.log.log_recovery import RECOVERED_KEY
+from ...testbed.recording.channels import CHANNELS, STATE
+from ...testbed.recording.record import Record
+from ...testbed.recording.topics import EVENT_TOPIC
 from ..errors import ExperimentError, InvalidReplay
 from ..figures import draw
 from ..report.run_report import render_run_report

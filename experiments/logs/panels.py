@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from proving_ground.testbed.recording import topics
-from proving_ground.testbed.recording.channels import (
+from ...testbed.recording import topics
+from ...testbed.recording.channels import (
     CONTROL,
     ERROR,
     SOLVER,
@@ -16,8 +16,7 @@ from proving_ground.testbed.recording.channels import (
     TYRES,
     Channel,
 )
-from proving_ground.testbed.truth import WHEELS
-
+from ...testbed.truth import WHEELS
 from ..colours import (
     BLUE,
     BODY_COLOURS,

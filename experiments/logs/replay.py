@@ -10,21 +10,21 @@ from typing import Any, Final
 
 import numpy as np
 
-from proving_ground.testbed.configuration.config_io import parse_toml
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_reader import record_of
-from proving_ground.testbed.recording import record_rows as rows
-from proving_ground.testbed.recording.channels import (
+from ttempc.learning.learner import RecordedTick
+from ttempc.types import Command, Estimate, Estimator, Measurement
+
+from ...testbed.configuration.config_io import parse_toml
+from ...testbed.log.log_content import read_content
+from ...testbed.log.log_reader import record_of
+from ...testbed.recording import record_rows as rows
+from ...testbed.recording.channels import (
     CONTROL,
     ESTIMATE,
     MEASUREMENT,
     MEASUREMENT_COLUMNS,
     STATE,
 )
-from proving_ground.testbed.recording.record import Record
-from ttempc.learning.learner import RecordedTick
-from ttempc.types import Command, Estimate, Estimator, Measurement
-
+from ...testbed.recording.record import Record
 from ..errors import InvalidReplay
 from ..run.assembly import model_vehicle
 from ..run.user_code import named_estimator

@@ -14,17 +14,17 @@ import numpy as np
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
-from proving_ground.testbed.atomic_write import partial_path
-from proving_ground.testbed.errors import LogError
-from proving_ground.testbed.log.log_content import Content, decoding
-from proving_ground.testbed.log.log_reader import record_of
-from proving_ground.testbed.log.log_scene import lines_of, motion_of
-from proving_ground.testbed.messages.viewer_messages import MAP_FRAME
-from proving_ground.testbed.recording.channels import CHANNELS, ERROR
-from proving_ground.testbed.recording.record import Event, Record
-from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC, SCENE_TOPIC
 from ttempc.types import FloatArray
 
+from ...testbed.atomic_write import partial_path
+from ...testbed.errors import LogError
+from ...testbed.log.log_content import Content, decoding
+from ...testbed.log.log_reader import record_of
+from ...testbed.log.log_scene import lines_of, motion_of
+from ...testbed.messages.viewer_messages import MAP_FRAME
+from ...testbed.recording.channels import CHANNELS, ERROR
+from ...testbed.recording.record import Event, Record
+from ...testbed.recording.topics import REFERENCE_PATH_TOPIC, SCENE_TOPIC
 from ..errors import BadOptions, MissingExtra, OutputExists
 from ..output import refuse_existing
 from .panels import PANELS, PATH_COLOURS

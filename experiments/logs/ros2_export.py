@@ -16,15 +16,17 @@ import numpy as np
 from mcap.well_known import SchemaEncoding
 from mcap.writer import Writer
 
-from proving_ground.testbed.configuration.config_io import parse_toml
-from proving_ground.testbed.errors import LogError
-from proving_ground.testbed.log.log_content import Content
-from proving_ground.testbed.log.log_reader import record_of
-from proving_ground.testbed.log.log_scene import attachment, lines_of, motion_of
-from proving_ground.testbed.messages.publisher import nanoseconds
-from proving_ground.testbed.messages.viewer_messages import quaternion
-from proving_ground.testbed.recording import topics
-from proving_ground.testbed.recording.channels import (
+from ttempc.types import FloatArray, Sensor
+
+from ...testbed.configuration.config_io import parse_toml
+from ...testbed.errors import LogError
+from ...testbed.log.log_content import Content
+from ...testbed.log.log_reader import record_of
+from ...testbed.log.log_scene import attachment, lines_of, motion_of
+from ...testbed.messages.publisher import nanoseconds
+from ...testbed.messages.viewer_messages import quaternion
+from ...testbed.recording import topics
+from ...testbed.recording.channels import (
     CONTROL,
     ESTIMATE,
     MEASUREMENT,
@@ -32,10 +34,8 @@ from proving_ground.testbed.recording.channels import (
     REFERENCE,
     STATE,
 )
-from proving_ground.testbed.recording.record import Table
-from proving_ground.testbed.truth import Pose
-from ttempc.types import FloatArray, Sensor
-
+from ...testbed.recording.record import Table
+from ...testbed.truth import Pose
 from ..errors import MissingExtra
 from ..output import refuse_existing, write_file
 from .ros2_messages import Ros2Messages, Typed

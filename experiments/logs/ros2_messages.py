@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from proving_ground.testbed.geodesy import DATUM
-from proving_ground.testbed.log.log_scene import Line
-from proving_ground.testbed.messages.publisher import nanoseconds
-from proving_ground.testbed.messages.viewer_messages import MAP_FRAME, headings, quaternion
-from proving_ground.testbed.recording.record import Event
-from proving_ground.testbed.truth import Pose
 from ttempc.types import FloatArray
+
+from ...testbed.geodesy import DATUM
+from ...testbed.log.log_scene import Line
+from ...testbed.messages.publisher import nanoseconds
+from ...testbed.messages.viewer_messages import MAP_FRAME, headings, quaternion
+from ...testbed.recording.record import Event
+from ...testbed.truth import Pose
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

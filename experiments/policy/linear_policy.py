@@ -10,14 +10,14 @@ import tomli_w
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, Fraction, read_toml, validated
-from proving_ground.testbed.configuration.resources import ShippedFiles
 from ttempc.guidance.controllers import controller_entry, make_controller
 from ttempc.reference.reference import Reference
 from ttempc.suggestion import did_you_mean
 from ttempc.types import Estimate, FloatArray
 from ttempc.vehicle import Vehicle
 
+from ...testbed.configuration.config_io import STRICT, Fraction, read_toml, validated
+from ...testbed.configuration.resources import ShippedFiles
 from ..errors import InvalidController
 from .observation import ESTIMATE_NAMES, EstimateObserver
 from .residual import ResidualController

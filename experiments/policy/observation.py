@@ -8,10 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import TRACKING
 from ttempc.models.tracking_error import Error, estimated_error
 from ttempc.reference.reference import Reference
 from ttempc.types import Estimate, FloatArray, State
+
+from ...testbed.recording.channels import TRACKING
 
 _AHEAD_S: Final = (1.0, 2.0, 3.0)  # of the curvatures; assumed: the vehicle is 3.4 s long at 1 m/s
 REFERENCE_NAMES: Final = (

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from proving_ground.testbed.configuration.resources import resource
-
+from ...testbed.configuration.resources import resource
 from ..results.table import centimetres
 
 

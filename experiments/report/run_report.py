@@ -8,8 +8,7 @@ from dataclasses import astuple
 from datetime import UTC, datetime
 from typing import Final
 
-from proving_ground.testbed.recording.record import Record
-
+from ...testbed.recording.record import Record
 from ..figures import CAPTIONS
 from ..results.published import CAVEAT, PublishedError
 from ..results.summary import ImplementStatistics, InputStatistics, Spread, Summary

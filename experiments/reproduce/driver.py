@@ -11,8 +11,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from proving_ground.testbed.recording.provenance import code_digest, versions
-
+from ...testbed.recording.provenance import code_digest, versions
 from ..errors import InvalidRows
 from ..seeds import report_seeds
 from ..studies.batch import BatchSettings, batch_settings, run_tasks

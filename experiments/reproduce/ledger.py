@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from proving_ground.testbed.recording.provenance import code_digest, versions
-
+from ...testbed.recording.provenance import code_digest, versions
 from ..errors import InvalidPage
 from .pages import ROOT, write_file
 from .probes import Fingerprint, digest_of

@@ -6,8 +6,7 @@ import re
 from pathlib import Path
 from typing import Final
 
-from proving_ground.testbed.atomic_write import atomic_write
-
+from ...testbed.atomic_write import atomic_write
 from ..errors import InvalidPage, OutputExists
 
 ROOT: Final = Path(__file__).resolve().parents[2]  # of the checkout

@@ -12,9 +12,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import STATE
-from proving_ground.testbed.recording.record import Recorder
-
+from ...testbed.recording.channels import STATE
+from ...testbed.recording.record import Recorder
 from ..results.metrics import tracking_statistics
 from ..results.tracking_errors import tracking_errors
 from ..run.assembly import assemble

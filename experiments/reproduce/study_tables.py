@@ -7,8 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from proving_ground.testbed.recording.provenance import code_digest
-
+from ...testbed.recording.provenance import code_digest
 from ..benchmarks.performance import page
 from ..results.leads import RunError, leads_sentence
 from ..studies import cards, containment, front, ranking

@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 from typing import Final
 
-from proving_ground.testbed.recording.provenance import code_digest
-
+from ...testbed.recording.provenance import code_digest
 from ..trials.bench import Entrant, bench
 from ..trials.draws import PUBLIC, public_draws
 from ..trials.score_card import read_score_card

@@ -9,11 +9,11 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import STATE
-from proving_ground.testbed.recording.record import Record
 from ttempc.models.kinematics import wrap_angle
 from ttempc.types import Estimate, FloatArray, Innovation, State
 
+from ...testbed.recording.channels import STATE
+from ...testbed.recording.record import Record
 from .tracking_errors import START_UP_S
 
 _TRUTH: Final = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")

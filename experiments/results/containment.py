@@ -8,10 +8,10 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from proving_ground.testbed.recording.channels import REFERENCE, STATE, TUBE
-from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
+from ...testbed.recording.channels import REFERENCE, STATE, TUBE
+from ...testbed.recording.record import Record
 from .tracking_errors import START_UP_S, body_error, is_curved
 
 QUANTITIES: Final = tuple(

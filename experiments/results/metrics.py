@@ -7,7 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from proving_ground.testbed.recording.channels import (
+from ttempc.types import FloatArray
+
+from ...testbed.recording.channels import (
     CONTROL,
     CORRIDOR,
     ESTIMATE,
@@ -17,9 +19,7 @@ from proving_ground.testbed.recording.channels import (
     TUBE,
     TYRES,
 )
-from proving_ground.testbed.recording.record import LEARNT, Record
-from ttempc.types import FloatArray
-
+from ...testbed.recording.record import LEARNT, Record
 from .containment import containment
 from .summary import (
     BodyStatistics,

@@ -14,10 +14,9 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.log.log_reader import SALVAGED_KEY, read_log
-from proving_ground.testbed.recording.channels import REFERENCE, STATE
-from proving_ground.testbed.recording.record import Record
-
+from ...testbed.log.log_reader import SALVAGED_KEY, read_log
+from ...testbed.recording.channels import REFERENCE, STATE
+from ...testbed.recording.record import Record
 from ..errors import NotComparable
 from .metrics import corridor_statistics, input_statistics, tracking_statistics
 from .summary import ACTUATOR_USE, ErrorStatistics, TrackingStatistics

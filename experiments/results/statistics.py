@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, chi2, norm, t
 
-from proving_ground.testbed.randomness import generator
 from ttempc.types import FloatArray
+
+from ...testbed.randomness import generator
 
 CONFIDENCE: Final = 0.95
 TAIL: Final = 0.05  # share of the runs over which CVaR averages

@@ -9,9 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.recording.record import OVERRUN, Event
-from proving_ground.testbed.terminal import one_line
-
+from ...testbed.recording.record import OVERRUN, Event
+from ...testbed.terminal import one_line
 from .published import CAVEAT, PublishedError
 from .summary import BodyStatistics, CorridorStatistics, ErrorStatistics, Summary
 

@@ -8,10 +8,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from proving_ground.testbed.recording.channels import REFERENCE, STATE, TOOL, Channel
-from proving_ground.testbed.recording.position_error import in_frame
-from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
+
+from ...testbed.recording.channels import REFERENCE, STATE, TOOL, Channel
+from ...testbed.recording.position_error import in_frame
+from ...testbed.recording.record import Record
 
 START_UP_S: Final = 8.0  # the vehicle starts from standstill; statistics leave this time out
 

@@ -9,21 +9,6 @@ from functools import partial
 
 import numpy as np
 
-from proving_ground.testbed.actuation.actuators import Actuators
-from proving_ground.testbed.discretisation import whole_steps
-from proving_ground.testbed.ground.grid import Grid
-from proving_ground.testbed.ground.soil_layers import StrengthMap
-from proving_ground.testbed.ground.terrain import Terrain
-from proving_ground.testbed.implement.mounted import check_pull
-from proving_ground.testbed.randomness import generator
-from proving_ground.testbed.recording.sink import Sink
-from proving_ground.testbed.sensing.sensors import Sensors, SensorSuite
-from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
-from proving_ground.testbed.simulation.loop import STAGES, with_stages
-from proving_ground.testbed.simulation.plant import Plant, Snapshot
-from proving_ground.testbed.simulation.setup import SimulationSetup, Stage
-from proving_ground.testbed.simulation.termination import TerminationLimits
-from proving_ground.testbed.vehicle.axle_loads import overload_notes
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import run_on
 from ttempc.reference.path import Path
@@ -33,6 +18,21 @@ from ttempc.reference.reference import Reference, check_pace
 from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
+from ...testbed.actuation.actuators import Actuators
+from ...testbed.discretisation import whole_steps
+from ...testbed.ground.grid import Grid
+from ...testbed.ground.soil_layers import StrengthMap
+from ...testbed.ground.terrain import Terrain
+from ...testbed.implement.mounted import check_pull
+from ...testbed.randomness import generator
+from ...testbed.recording.sink import Sink
+from ...testbed.sensing.sensors import Sensors, SensorSuite
+from ...testbed.sensing.truth_estimator import TruthEstimator
+from ...testbed.simulation.loop import STAGES, with_stages
+from ...testbed.simulation.plant import Plant, Snapshot
+from ...testbed.simulation.setup import SimulationSetup, Stage
+from ...testbed.simulation.termination import TerminationLimits
+from ...testbed.vehicle.axle_loads import overload_notes
 from ..errors import InvalidScenario
 from ..scenario.control import ControlSettings, record_rate, record_steps
 from ..scenario.controller import TRUTH

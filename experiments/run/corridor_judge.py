@@ -7,12 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import REFERENCE
-from proving_ground.testbed.truth import Truth
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.projection import Projection
 from ttempc.reference.reference import Reference
 from ttempc.types import FloatArray
+
+from ...testbed.recording.channels import REFERENCE
+from ...testbed.truth import Truth
 
 _NAN = math.nan
 

@@ -9,15 +9,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from proving_ground.testbed.ground.ground import GROUND_FILE
-from proving_ground.testbed.log.log import LogWriter
-from proving_ground.testbed.log.log_reader import SALVAGED_KEY
-from proving_ground.testbed.log.log_recovery import RECOVERED_KEY
-from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.provenance import machine, versions
-from proving_ground.testbed.recording.record import Event
-from proving_ground.testbed.simulation.loop import Outcome
-
+from ...testbed.ground.ground import GROUND_FILE
+from ...testbed.log.log import LogWriter
+from ...testbed.log.log_reader import SALVAGED_KEY
+from ...testbed.log.log_recovery import RECOVERED_KEY
+from ...testbed.messages.scenery import Scenery
+from ...testbed.recording.provenance import machine, versions
+from ...testbed.recording.record import Event
+from ...testbed.simulation.loop import Outcome
 from ..scenario.scenario import Scenario, dump
 from .assembly import Assembly
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Generic, TypeVar
 
-from proving_ground.testbed.ground.terrain import Terrain
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.dead_time import lead_s
 from ttempc.guidance.parts import ControllerFactory
@@ -16,6 +15,7 @@ from ttempc.laws.tracking_controller import TrackingController
 from ttempc.reference.reference import Reference
 from ttempc.vehicle import Vehicle
 
+from ...testbed.ground.terrain import Terrain
 from ..scenario.scenario import Scenario
 from .user_code import named_factory, user_controller
 

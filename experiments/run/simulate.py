@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from proving_ground.testbed.log.log_path import LOG_NAME
-from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.provenance import versions
-from proving_ground.testbed.recording.record import Event, Record, Recorder
-from proving_ground.testbed.recording.sink import OnEvent, Sink, Tee
-from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
-from proving_ground.testbed.simulation.loop import Outcome, drive, prepare
-
+from ...testbed.log.log_path import LOG_NAME
+from ...testbed.messages.scenery import Scenery
+from ...testbed.recording.provenance import versions
+from ...testbed.recording.record import Event, Record, Recorder
+from ...testbed.recording.sink import OnEvent, Sink, Tee
+from ...testbed.recording.topics import REFERENCE_PATH_TOPIC
+from ...testbed.simulation.loop import Outcome, drive, prepare
 from ..output import make_folder, refuse_existing, write_file
 from ..results.metrics import summarise
 from ..results.published import PublishedError, published_beside
@@ -33,7 +32,7 @@ from .user_code import exits_raise, name_of, user_sources
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from proving_ground.testbed.viewers.live import LiveView
+    from ...testbed.viewers.live import LiveView
 
 _PATH_STEP_M = 0.2  # between the points of the reference path in the log
 

@@ -10,24 +10,24 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from proving_ground.testbed.errors import InvalidFault
-from proving_ground.testbed.faults.command_faults import BusFault, ValveFault
-from proving_ground.testbed.faults.fault import Fault, FaultContext, LastingFault, Window
-from proving_ground.testbed.faults.faulty_actuators import FaultyActuators
-from proving_ground.testbed.faults.faulty_sensors import FaultySensors
-from proving_ground.testbed.faults.ground_faults import GroundFault
-from proving_ground.testbed.faults.plant_faults import Effect, PlantFault
-from proving_ground.testbed.faults.sensor_faults import SensorFault
-from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.ground.soil_layers import Patch
-from proving_ground.testbed.ground.terrain import Terrain
-from proving_ground.testbed.recording.record import BEGINS, ENDS, FAULT, Event
-from proving_ground.testbed.sensing.sensors import Sensors
-from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.simulation.setup import SimulationSetup, Stage, TickContext
-from proving_ground.testbed.vehicle.vehicle import PlantVehicle
 from ttempc.reference.reference import Reference
 
+from ...testbed.errors import InvalidFault
+from ...testbed.faults.command_faults import BusFault, ValveFault
+from ...testbed.faults.fault import Fault, FaultContext, LastingFault, Window
+from ...testbed.faults.faulty_actuators import FaultyActuators
+from ...testbed.faults.faulty_sensors import FaultySensors
+from ...testbed.faults.ground_faults import GroundFault
+from ...testbed.faults.plant_faults import Effect, PlantFault
+from ...testbed.faults.sensor_faults import SensorFault
+from ...testbed.ground.soil import SoilMap
+from ...testbed.ground.soil_layers import Patch
+from ...testbed.ground.terrain import Terrain
+from ...testbed.recording.record import BEGINS, ENDS, FAULT, Event
+from ...testbed.sensing.sensors import Sensors
+from ...testbed.simulation.plant import Plant
+from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
+from ...testbed.vehicle.vehicle import PlantVehicle
 from ..scenario.controller import TRUTH
 from ..scenario.scenario import Scenario
 

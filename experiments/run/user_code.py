@@ -17,8 +17,6 @@ from typing import Any, Final, NoReturn
 
 import numpy as np
 
-from proving_ground.testbed.errors import StageFailed
-from proving_ground.testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ttempc.errors import UnknownController
 from ttempc.estimation.noise import SensorNoise
 from ttempc.guidance.controllers import controller_options
@@ -28,6 +26,8 @@ from ttempc.suggestion import did_you_mean
 from ttempc.types import Controller, Estimator
 from ttempc.vehicle import Vehicle
 
+from ...testbed.errors import StageFailed
+from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ..errors import InvalidController
 from ..scenario.scenario import Scenario
 from ..scenario.stages import StageSettings

@@ -14,10 +14,10 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, DurationS, NotNegative, Positive
-from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from ttempc.estimation.noise import SensorNoise
 
+from ...testbed.configuration.config_io import STRICT, DurationS, NotNegative, Positive
+from ...testbed.sensing.sensor_specification import SensorSpecification
 from .vehicle import ParameterMismatch
 
 # Without measurement noise the covariance of the innovation would be singular.

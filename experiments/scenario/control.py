@@ -8,10 +8,9 @@ from typing import Annotated, Final
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT
-from proving_ground.testbed.discretisation import whole_steps
-from proving_ground.testbed.simulation.deadline import STEP_LIMIT_S
-
+from ...testbed.configuration.config_io import STRICT
+from ...testbed.discretisation import whole_steps
+from ...testbed.simulation.deadline import STEP_LIMIT_S
 from ..errors import InvalidScenario
 
 PAPER_PERIOD_S: Final = 0.2

@@ -8,13 +8,13 @@ from typing import Final
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, NameOrFile
 from ttempc.guidance.controllers import CONTROLLERS, controller_options, speed_tube
 from ttempc.guidance.estimators import ESTIMATORS
 from ttempc.reference.corridor import SpeedTube
 from ttempc.tube.reference_tube import TubeDesign
 from ttempc.vehicle import Vehicle
 
+from ...testbed.configuration.config_io import STRICT, NameOrFile
 from ..errors import InvalidScenario
 from .assumed_noise import NoiseSettings
 from .tube_file import read_tube

@@ -9,12 +9,12 @@ from typing import Annotated, Final
 from pydantic import Field
 from pydantic.dataclasses import dataclass as validated_dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, NotNegative, Positive
 from ttempc.reference.corridor import Corridor, SpeedTube
 from ttempc.reference.path import Path
 from ttempc.reference.reference import SpeedProfile
 from ttempc.reference.speed import Backward, limited_in_corridor
 
+from ...testbed.configuration.config_io import STRICT, NotNegative, Positive
 from ..errors import InvalidScenario
 
 MOST_M: Final = 100_000

@@ -9,14 +9,6 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import (
-    STRICT,
-    DataFile,
-    LengthM,
-    PlaceM,
-    Positive,
-    SpeedMps,
-)
 from ttempc.reference.headland import headland
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed
@@ -24,6 +16,14 @@ from ttempc.reference.smoothing import smooth
 from ttempc.reference.speed import PlannedSpeed
 from ttempc.types import FloatArray
 
+from ...testbed.configuration.config_io import (
+    STRICT,
+    DataFile,
+    LengthM,
+    PlaceM,
+    Positive,
+    SpeedMps,
+)
 from ..errors import InvalidScenario
 from .mission import Mission
 from .waypoint_file import read_waypoints

@@ -7,14 +7,13 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT
-from proving_ground.testbed.wheels.soil_law import SoilLaw
-from proving_ground.testbed.wheels.wheel_models import (
+from ...testbed.configuration.config_io import STRICT
+from ...testbed.wheels.soil_law import SoilLaw
+from ...testbed.wheels.wheel_models import (
     DEFAULT_WHEEL_MODEL,
     WheelModelName,
     wheel_model,
 )
-
 from .vehicle import PlantVehicleSettings
 
 

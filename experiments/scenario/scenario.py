@@ -12,19 +12,19 @@ from typing import Any, Final
 import tomli_w
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.actuation.actuators import ActuatorSpecification
-from proving_ground.testbed.configuration.config_io import STRICT, parse_toml, read_toml, validated
-from proving_ground.testbed.configuration.resources import ShippedFiles
-from proving_ground.testbed.errors import InvalidPlant
-from proving_ground.testbed.faults.registry import AnyFault
-from proving_ground.testbed.implement.implement import Implement
-from proving_ground.testbed.recording.provenance import run_id
-from proving_ground.testbed.sensing.sensor_presets import with_preset
-from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
-from proving_ground.testbed.wheels.soil_law import RADIAL, SoilLaw
 from ttempc.errors import InvalidTuning
 from ttempc.reference.corridor import Corridor
 
+from ...testbed.actuation.actuators import ActuatorSpecification
+from ...testbed.configuration.config_io import STRICT, parse_toml, read_toml, validated
+from ...testbed.configuration.resources import ShippedFiles
+from ...testbed.errors import InvalidPlant
+from ...testbed.faults.registry import AnyFault
+from ...testbed.implement.implement import Implement
+from ...testbed.recording.provenance import run_id
+from ...testbed.sensing.sensor_presets import with_preset
+from ...testbed.sensing.sensor_specification import SensorSpecification
+from ...testbed.wheels.soil_law import RADIAL, SoilLaw
 from ..errors import InvalidScenario
 from .assumed_noise import NoiseSettings
 from .control import ControlSettings

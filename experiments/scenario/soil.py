@@ -7,24 +7,24 @@ from typing import Final
 
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import (
+from ttempc.reference.path import Path as ReferencePath
+
+from ...testbed.configuration.config_io import (
     STRICT,
     DataFile,
     LengthM,
     PlaceM,
     StrengthKpa,
 )
-from proving_ground.testbed.ground.soil import Layer, SoilMap
-from proving_ground.testbed.ground.soil_layers import (
+from ...testbed.ground.soil import Layer, SoilMap
+from ...testbed.ground.soil_layers import (
     Gradient,
     Patch,
     RandomStrength,
     StrengthMap,
 )
-from proving_ground.testbed.ground.terrain import Terrain
-from proving_ground.testbed.randomness import generator
-from ttempc.reference.path import Path as ReferencePath
-
+from ...testbed.ground.terrain import Terrain
+from ...testbed.randomness import generator
 from .tramlines import AnyTramlines
 
 _DEFAULT_KPA: Final = 600.0  # if the scenario has neither a name nor a cone index

@@ -7,8 +7,7 @@ from typing import Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT
-
+from ...testbed.configuration.config_io import STRICT
 from .controller import OptionValue
 
 

@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, BearingDeg, DataFile
-from proving_ground.testbed.ground.features import AnyFeature
-from proving_ground.testbed.ground.terrain import Terrain, flat, rough
-from proving_ground.testbed.randomness import generator
+from ...testbed.configuration.config_io import STRICT, BearingDeg, DataFile
+from ...testbed.ground.features import AnyFeature
+from ...testbed.ground.terrain import Terrain, flat, rough
+from ...testbed.randomness import generator
 
 
 @dataclass(frozen=True, config=STRICT)

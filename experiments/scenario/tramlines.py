@@ -9,9 +9,10 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, BearingDeg, LengthM, PlaceM
-from proving_ground.testbed.ground.tramlines import Tracks, Tramlines, parallel_lines
 from ttempc.reference.path import Path
+
+from ...testbed.configuration.config_io import STRICT, BearingDeg, LengthM, PlaceM
+from ...testbed.ground.tramlines import Tracks, Tramlines, parallel_lines
 
 # The trailer starts behind the beginning of the path, and the vehicle stops behind its end.
 _BEYOND_PATH_M: Final = 5.0

@@ -11,8 +11,6 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, validated
-from proving_ground.testbed.configuration.resources import ShippedFiles
 from ttempc.errors import TtempcError
 from ttempc.tube.ancillary import AncillaryWeights
 from ttempc.tube.disturbance_set import DisturbanceSet, Shape
@@ -20,6 +18,8 @@ from ttempc.tube.reference_tube import TubeDesign
 from ttempc.types import FloatArray, State
 from ttempc.vehicle import Vehicle
 
+from ...testbed.configuration.config_io import STRICT, validated
+from ...testbed.configuration.resources import ShippedFiles
 from ..errors import InvalidFit
 from .path import AnyPath
 

@@ -15,8 +15,10 @@ from typing import Final, TypeVar
 
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.actuation.actuators import DeadTime
-from proving_ground.testbed.configuration.config_io import (
+from ttempc.vehicle import Vehicle
+
+from ...testbed.actuation.actuators import DeadTime
+from ...testbed.configuration.config_io import (
     STRICT,
     AngleDeg,
     DurationS,
@@ -28,10 +30,9 @@ from proving_ground.testbed.configuration.config_io import (
     SpeedMps,
     validated,
 )
-from proving_ground.testbed.errors import InvalidPlant
-from proving_ground.testbed.vehicle.vehicle import PlantVehicle
-from proving_ground.testbed.vehicle.vehicle_file import DEFAULT_VEHICLE, find_vehicle, read_vehicle
-from ttempc.vehicle import Vehicle
+from ...testbed.errors import InvalidPlant
+from ...testbed.vehicle.vehicle import PlantVehicle
+from ...testbed.vehicle.vehicle_file import DEFAULT_VEHICLE, find_vehicle, read_vehicle
 
 # Table and key of a vehicle file for each key of a scenario.
 _VEHICLE_FILE_KEYS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(

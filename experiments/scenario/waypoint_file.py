@@ -11,10 +11,10 @@ from typing import Any, Final, Never
 
 import numpy as np
 
-from proving_ground.testbed.bounded_read import MOST_TEXT_BYTES, read_bounded
-from proving_ground.testbed.geodesy import east_north
 from ttempc.types import FloatArray
 
+from ...testbed.bounded_read import MOST_TEXT_BYTES, read_bounded
+from ...testbed.geodesy import east_north
 from ..errors import InvalidWaypoints
 
 _GEOJSON: Final = (".geojson", ".json")

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.stats import qmc
 
-from proving_ground.testbed.randomness import generator
 from ttempc.types import FloatArray
 
+from ...testbed.randomness import generator
 from ..errors import MissingExtra
 from .robustness import Outcome
 from .space import Space

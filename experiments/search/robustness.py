@@ -13,8 +13,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from proving_ground.testbed.simulation.termination import TerminationLimits
-
+from ...testbed.simulation.termination import TerminationLimits
 from ..scenario.scenario import Scenario
 from ..sweep.failure import ERROR, has_failed
 from ..sweep.row import Row

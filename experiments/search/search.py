@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.randomness import generator
-from proving_ground.testbed.recording.provenance import versions
 from ttempc.types import FloatArray
 
+from ...testbed.randomness import generator
+from ...testbed.recording.provenance import versions
 from ..errors import SweepStopped
 from ..output import write_file
 from ..sweep.engine import Engine

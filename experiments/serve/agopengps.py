@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from proving_ground.testbed.geodesy import DATUM, Datum
 from ttempc.types import Sensor, State
 
+from ...testbed.geodesy import DATUM, Datum
 from . import agopengps_frames as frames
 from .protocol import Received, RemoteCommand, RunFacts, TickData
 

@@ -10,16 +10,16 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
-from proving_ground.testbed.errors import StageFailed
-from proving_ground.testbed.recording.record import Event
-from proving_ground.testbed.simulation.loop import with_stages
-from proving_ground.testbed.simulation.setup import SimulationSetup, Stage, TickContext
-from proving_ground.testbed.simulation.termination import TerminationLimits
-from proving_ground.testbed.terminal import one_line
 from ttempc.guidance.detection.bank import detectors
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import SafetyLimits
 
+from ...testbed.errors import StageFailed
+from ...testbed.recording.record import Event
+from ...testbed.simulation.loop import with_stages
+from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
+from ...testbed.simulation.termination import TerminationLimits
+from ...testbed.terminal import one_line
 from ..errors import ServeError
 from ..run.assembly import Assembly, assemble
 from ..scenario.scenario import Scenario

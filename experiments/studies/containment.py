@@ -23,9 +23,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from proving_ground.testbed.recording.channels import TUBE
 from ttempc.errors import InvalidTube
 
+from ...testbed.recording.channels import TUBE
 from ..errors import InvalidFit
 from ..results.containment import Containment, containment
 from ..results.statistics import Proportion, proportion

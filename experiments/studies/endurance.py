@@ -17,15 +17,15 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.errors import PlantDiverged
-from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.ground.terrain import ISO_8608, rough
-from proving_ground.testbed.inspection.bench import Bench, steps
-from proving_ground.testbed.randomness import generator
-from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.simulation.termination import TerminationLimits, check_termination
 from ttempc.types import Command
 
+from ...testbed.errors import PlantDiverged
+from ...testbed.ground.soil import SoilMap
+from ...testbed.ground.terrain import ISO_8608, rough
+from ...testbed.inspection.bench import Bench, steps
+from ...testbed.randomness import generator
+from ...testbed.simulation.plant import Plant
+from ...testbed.simulation.termination import TerminationLimits, check_termination
 from ..scenario.scenario import load
 from ..validation.plant_validation import bench
 

@@ -21,9 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import ESTIMATE
 from ttempc.types import State
 
+from ...testbed.recording.channels import ESTIMATE
 from ..logs.replay import estimator_of, replay
 from ..results.consistency import Consistency, consistency
 from ..results.published import COLUMNS

@@ -18,10 +18,10 @@ from typing import Final
 import numpy as np
 from scipy.stats import qmc
 
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
-from proving_ground.testbed.wheels.soil_law import SoilLaw
 from ttempc.types import FloatArray
 
+from ...testbed.vehicle.vehicle_file import read_vehicle
+from ...testbed.wheels.soil_law import SoilLaw
 from ..results.statistics import proportion
 from ..results.summary import Summary
 from ..seeds import FIRST

@@ -21,10 +21,10 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 from ttempc.guidance.controllers import controller_options
 
+from ...testbed.errors import TestbedError
 from ..errors import ExperimentError
 from ..results.leads import RunError, leads_sentence
 from ..run.assembly import check

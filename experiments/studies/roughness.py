@@ -18,12 +18,12 @@ from typing import Final
 import numpy as np
 from scipy.optimize import nnls
 
-from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.simulation.loop import drive, prepare
-from proving_ground.testbed.simulation.setup import SimulationSetup, TickContext
 from ttempc.estimation.noise import NoiseScale
 from ttempc.types import FloatArray
 
+from ...testbed.recording.record import Recorder
+from ...testbed.simulation.loop import drive, prepare
+from ...testbed.simulation.setup import SimulationSetup, TickContext
 from ..results.containment import Containment, containment
 from ..results.tracking_errors import START_UP_S
 from ..run.assembly import assemble

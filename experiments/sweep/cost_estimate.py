@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from time import perf_counter
 from typing import Final
 
-from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.simulation.loop import drive
-
+from ...testbed.recording.record import Recorder
+from ...testbed.simulation.loop import drive
 from ..results.tracking_errors import START_UP_S
 from ..run.assembly import assemble
 from .engine import cores

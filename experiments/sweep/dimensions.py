@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, qmc
 
-from proving_ground.testbed.randomness import generator
 from ttempc.types import FloatArray
 
+from ...testbed.randomness import generator
 from .study import DrawnAxis, GridAxis, Scalar, Study
 
 Change = Mapping[str, Scalar]  # dotted key -> value

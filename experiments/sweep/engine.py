@@ -15,8 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
-from proving_ground.testbed.recording.provenance import code_digest, versions
-
+from ...testbed.recording.provenance import code_digest, versions
 from ..errors import SweepRefused
 from ..threads import ONE_THREAD
 

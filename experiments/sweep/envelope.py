@@ -16,8 +16,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT
-
+from ...testbed.configuration.config_io import STRICT
 from ..errors import InvalidStudy, SweepStopped
 from .engine import Engine
 from .failure import ERROR, has_failed, is_unmeasured, mostly_fails, unmeasured_text

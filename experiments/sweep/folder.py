@@ -13,9 +13,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from proving_ground.testbed.atomic_write import atomic_write, partial_path
-from proving_ground.testbed.recording.provenance import code_digest, versions
-
+from ...testbed.atomic_write import atomic_write, partial_path
+from ...testbed.recording.provenance import code_digest, versions
 from ..errors import SweepRefused, SweepStopped
 from .plan import SweepPlan
 from .results import rows

@@ -14,13 +14,13 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.errors import TestbedError
-from proving_ground.testbed.recording.channels import CHANNELS, MEASUREMENT, TIMING
-from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.simulation.loop import drive
 from ttempc.errors import TtempcError
 from ttempc.types import FloatArray
 
+from ...testbed.errors import TestbedError
+from ...testbed.recording.channels import CHANNELS, MEASUREMENT, TIMING
+from ...testbed.recording.record import Recorder
+from ...testbed.simulation.loop import drive
 from ..errors import ExperimentError
 from ..run.assembly import assemble
 from ..scenario.scenario import Scenario

@@ -14,9 +14,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from proving_ground.testbed.errors import TestbedError
 from ttempc.errors import TtempcError
 
+from ...testbed.errors import TestbedError
 from ..errors import ExperimentError, InvalidScenario, InvalidStudy
 from ..run.assembly import check
 from ..run.trust import named_parts, refuse_untrusted

@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, Self
 
-from proving_ground.testbed.atomic_write import atomic_write
-
+from ...testbed.atomic_write import atomic_write
 from ..errors import SweepRefused, SweepStopped
 from .row import Row, line
 

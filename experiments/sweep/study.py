@@ -10,9 +10,8 @@ import tomli_w
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT, read_toml, validated
-from proving_ground.testbed.configuration.resources import ShippedFiles
-
+from ...testbed.configuration.config_io import STRICT, read_toml, validated
+from ...testbed.configuration.resources import ShippedFiles
 from ..errors import InvalidStudy
 from ..scenario.scenario import without_none
 from .row import FIGURES

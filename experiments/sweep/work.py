@@ -10,10 +10,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import Final, Literal
 
-from proving_ground.testbed.atomic_write import partial_path
-from proving_ground.testbed.errors import LogError
-from proving_ground.testbed.recording.provenance import code_digest
-
+from ...testbed.atomic_write import partial_path
+from ...testbed.errors import LogError
+from ...testbed.recording.provenance import code_digest
 from ..errors import SweepStopped
 from ..run.shared_parts import SharedParts
 from ..run.simulate import simulate

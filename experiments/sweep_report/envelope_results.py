@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from proving_ground.testbed.configuration.config_io import validated
-
+from ...testbed.configuration.config_io import validated
 from ..errors import InvalidRows
 from ..sweep.envelope import QUANTITIES, Envelope, EnvelopeFile, Question
 from .format import format_numbers

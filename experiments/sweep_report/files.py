@@ -11,8 +11,7 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from proving_ground.testbed.atomic_write import atomic_write
-
+from ...testbed.atomic_write import atomic_write
 from ..errors import OutputExists
 from ..figures import png
 from ..figures.panel import alone, together

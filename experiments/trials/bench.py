@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from proving_ground.testbed.recording.provenance import versions
-
+from ...testbed.recording.provenance import versions
 from ..benchmarks.figure import machine
 from ..errors import BadOptions, InvalidController
 from ..run.assembly import assemble

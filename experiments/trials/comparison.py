@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT
-
+from ...testbed.configuration.config_io import STRICT
 from ..errors import InvalidScoreCard
 from ..results.statistics import bootstrap_means
 from .score import Interval, costs, overall

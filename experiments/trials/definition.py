@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from proving_ground.testbed.configuration.resources import resource
-from proving_ground.testbed.recording.provenance import code_digest
-
+from ...testbed.configuration.resources import resource
+from ...testbed.recording.provenance import code_digest
 from ..scenario.scenario import Scenario, read_scenario
 
 VERSION: Final = "v1"

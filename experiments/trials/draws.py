@@ -10,8 +10,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT
-
+from ...testbed.configuration.config_io import STRICT
 from ..errors import BadOptions
 from ..output import refuse_existing, write_file
 from ..seeds import TRIALS

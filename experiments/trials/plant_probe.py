@@ -14,13 +14,13 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import CORRIDOR, MEASUREMENT, STATE, TOOL
-from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.simulation import loop
-from proving_ground.testbed.simulation.setup import Stage, TickContext
 from ttempc.reference.reference import ReferenceSample
 from ttempc.types import Command, State
 
+from ...testbed.recording.channels import CORRIDOR, MEASUREMENT, STATE, TOOL
+from ...testbed.recording.record import Recorder
+from ...testbed.simulation import loop
+from ...testbed.simulation.setup import Stage, TickContext
 from ..run.assembly import Assembly, assemble
 from ..scenario.scenario import read_scenario
 from .definition import trial_files

@@ -19,9 +19,9 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.configuration.config_io import STRICT
 from ttempc.types import FloatArray
 
+from ...testbed.configuration.config_io import STRICT
 from ..results.statistics import IntervalEstimate, bootstrap_means, cvar95
 from ..sweep.row import RowStatus
 

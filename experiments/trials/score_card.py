@@ -12,9 +12,8 @@ from typing import Any, Literal
 from pydantic import Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
-from proving_ground.testbed.bounded_read import read_bounded
-from proving_ground.testbed.configuration.config_io import STRICT, validated
-
+from ...testbed.bounded_read import read_bounded
+from ...testbed.configuration.config_io import STRICT, validated
 from ..errors import InvalidScoreCard
 from .draws import Draws
 from .score import Score, TrialRun, score

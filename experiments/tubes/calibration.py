@@ -13,13 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import TUBE
-from proving_ground.testbed.recording.provenance import versions
-from proving_ground.testbed.recording.record import Record
 from ttempc.tube.conformal import Calibration, calibrate, fewest_scores, largest_score
 from ttempc.tube.reference_tube import ReferenceTube
 from ttempc.types import FloatArray
 
+from ...testbed.recording.channels import TUBE
+from ...testbed.recording.provenance import versions
+from ...testbed.recording.record import Record
 from ..errors import InvalidFit
 from ..results.containment import QUANTITIES, Containment, containment
 from ..scenario.control import PAPER_PERIOD_S

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proving_ground.testbed.recording.provenance import versions
-from proving_ground.testbed.recording.record import Record
 from ttempc.limits import CommandLimits
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.feedforward import exact_feedforward
@@ -19,6 +17,8 @@ from ttempc.tube.reference_tube import ReferenceTube, TubeDesign
 from ttempc.tube.residual_set import fit_set
 from ttempc.types import FloatArray, State
 
+from ...testbed.recording.provenance import versions
+from ...testbed.recording.record import Record
 from ..errors import InvalidFit
 from ..results.containment import Containment
 from ..results.statistics import fewest_samples

@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from proving_ground.testbed.errors import LogError
-from proving_ground.testbed.log.log_reader import read_log
-from proving_ground.testbed.recording.channels import CONTROL
-from proving_ground.testbed.recording.record import Record
 from ttempc.guidance.controllers import CONTROLLERS
 from ttempc.reference.reference import Reference
 
+from ...testbed.errors import LogError
+from ...testbed.log.log_reader import read_log
+from ...testbed.recording.channels import CONTROL
+from ...testbed.recording.record import Record
 from ..errors import InvalidFit, InvalidScenario
 from ..run.assembly import model_vehicle
 from ..scenario.control import PAPER_PERIOD_S

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE
-from proving_ground.testbed.recording.record import Record
 from ttempc.mpc.articulated_error import error_dynamics, error_state
 from ttempc.reference.feedforward import exact_feedforward
 from ttempc.reference.reference import Reference
 from ttempc.types import Estimate, FloatArray, State
 
+from ...testbed.recording.channels import CONTROL, ESTIMATE, STATE
+from ...testbed.recording.record import Record
 from ..errors import InvalidFit
 from ..results.tracking_errors import START_UP_S
 

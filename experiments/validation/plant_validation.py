@@ -9,11 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from proving_ground.testbed.inspection.bench import Bench
-from proving_ground.testbed.inspection.check import Check, number
-from proving_ground.testbed.inspection.inspect import EXPERIMENTS, inspect
-from proving_ground.testbed.recording.provenance import versions
-
+from ...testbed.inspection.bench import Bench
+from ...testbed.inspection.check import Check, number
+from ...testbed.inspection.inspect import EXPERIMENTS, inspect
+from ...testbed.recording.provenance import versions
 from ..run.assembly import assemble
 from ..scenario.scenario import Scenario
 

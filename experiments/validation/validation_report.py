@@ -10,8 +10,7 @@ from typing import Final
 
 from matplotlib.figure import Figure
 
-from proving_ground.testbed.inspection.check import Chart, Check
-
+from ...testbed.inspection.check import Chart, Check
 from ..figures import png
 from ..figures.style import BLACK, BLUE, DPI, GREEN, PAGE_WIDTH_IN, RED, dress, legend
 from ..output import make_folder, refuse_existing, write_file

@@ -7,6 +7,7 @@ from proving_ground.experiments.sweep.row import no_figures
 from proving_ground.experiments.sweep.sweep import sweep
 from proving_ground.experiments.sweep_report.runs import COST
 from proving_ground.testbed.randomness import generator
+
 from tests.experiments.study_files import plan_of
 
 AXES = """

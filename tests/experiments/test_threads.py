@@ -5,7 +5,6 @@ import subprocess
 import sys
 
 import pytest
-
 from proving_ground.experiments.threads import ONE_THREAD
 
 _LINE = """

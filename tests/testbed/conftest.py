@@ -1,9 +1,9 @@
 """A synthetic log, written once for all tests."""
 
 import pytest
-
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.recording.sink import Tee
+
 from tests.testbed.logs import METADATA, feed, writer
 
 

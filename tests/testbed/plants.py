@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.vehicle.servos import wheel_loads
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
+
 from ttempc.types import Command
 
 ROOT = Path(__file__).parents[2]

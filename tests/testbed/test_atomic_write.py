@@ -1,7 +1,6 @@
 """Atomic writes: a complete new file, or the old one, and nothing beside it."""
 
 import pytest
-
 from proving_ground.testbed.atomic_write import atomic_write, partial_path
 
 

@@ -3,7 +3,6 @@
 import math
 
 import pytest
-
 from proving_ground.testbed.discretisation import delay_steps, quantised, whole_steps
 from proving_ground.testbed.errors import InvalidPlant
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.geodesy import DATUM, Datum, east_north
 
 

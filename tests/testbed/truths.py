@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-
 from proving_ground.testbed.truth import Pose, Truth, Wheels
 
 _LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -28,9 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _view(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo.
-    from proving_ground.testbed.errors import WindowClosed
-    from proving_ground.testbed.viewers.window import Window
-
+    from ....testbed.errors import WindowClosed
+    from ....testbed.viewers.window import Window
     from ...run.assembly import assemble
     from ...run.simulate import drive_into
 

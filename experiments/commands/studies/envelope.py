@@ -59,8 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _envelope(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and Dask.
-    from proving_ground.testbed.recording.provenance import versions
-
+    from ....testbed.recording.provenance import versions
     from ...run.trust import named_parts, refuse_untrusted
     from ...scenario.scenario import parse_overrides, read_scenario
     from ...sweep.engine import engine

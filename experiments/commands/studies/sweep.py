@@ -8,8 +8,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from proving_ground.testbed.terminal import one_line
-
+from ....testbed.terminal import one_line
 from .. import options
 
 if TYPE_CHECKING:

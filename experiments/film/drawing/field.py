@@ -10,9 +10,9 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from proving_ground.testbed.ground.terrain import Terrain
 from ttempc.types import FloatArray
 
+from ....testbed.ground.terrain import Terrain
 from .ribbon import MeshView, add_mesh, strip_faces
 
 _FINE_M: Final = 0.15  # spacing of the grid near its centre

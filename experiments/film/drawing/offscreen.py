@@ -12,8 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from proving_ground.testbed.errors import first_line
-
+from ....testbed.errors import first_line
 from ...errors import NoGraphics
 
 _PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"

@@ -10,8 +10,9 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from proving_ground.testbed.ground.terrain import Terrain
 from ttempc.types import FloatArray
+
+from ....testbed.ground.terrain import Terrain
 
 
 def add_mesh(

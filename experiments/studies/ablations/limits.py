@@ -18,11 +18,11 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import ESTIMATE, STATE
-from proving_ground.testbed.recording.record import Record
-from proving_ground.testbed.sensing.sensor_specification import SensorSpecification
 from ttempc.types import FloatArray
 
+from ....testbed.recording.channels import ESTIMATE, STATE
+from ....testbed.recording.record import Record
+from ....testbed.sensing.sensor_specification import SensorSpecification
 from ...results.tracking_errors import BODIES, START_UP_S, position_fields, rows_at_same_time
 from ...run.simulate import simulate
 from ...scenario.assumed_noise import NoiseSettings

@@ -16,11 +16,11 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import CONTROL
-from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.simulation.loop import drive
 from ttempc.types import Input, State
 
+from ....testbed.recording.channels import CONTROL
+from ....testbed.recording.record import Recorder
+from ....testbed.simulation.loop import drive
 from ...results.tracking_errors import tracking_errors
 from ...run.assembly import assemble
 from ...scenario.scenario import load

@@ -14,8 +14,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from proving_ground.testbed.recording.provenance import code_digest
-
+from ....testbed.recording.provenance import code_digest
 from ..batch import BatchSettings, batch_settings
 from .tables import BUDGET, FIT_BUDGET, STAGES, print_tables
 

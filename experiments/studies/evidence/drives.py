@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Literal
 
-from proving_ground.testbed.recording.channels import ESTIMATE, REFERENCE
-from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
+from ....testbed.recording.channels import ESTIMATE, REFERENCE
+from ....testbed.recording.record import Record
 from ...results.summary import Summary
 from ...results.tracking_errors import START_UP_S, rows_at_same_time, tracking_errors
 from ...run.assembly import EDGE_M

@@ -9,15 +9,15 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.inspection.bench import FIRM_KPA, Bench, drive, steps
-from proving_ground.testbed.inspection.check import between
-from proving_ground.testbed.vehicle.vehicle import PlantVehicle
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
-from proving_ground.testbed.wheels.soil_law import SoilLaw
 from ttempc.types import FloatArray
 
+from ....testbed.ground.soil import SoilMap
+from ....testbed.ground.terrain import flat
+from ....testbed.inspection.bench import FIRM_KPA, Bench, drive, steps
+from ....testbed.inspection.check import between
+from ....testbed.vehicle.vehicle import PlantVehicle
+from ....testbed.vehicle.vehicle_file import read_vehicle
+from ....testbed.wheels.soil_law import SoilLaw
 from .evidence import ASSUMED_RULE, Evidence, around
 
 _UMEDA: Final = "Umeda and Honami 1975, J. Jpn. Soc. Agric. Mach. 37(3)"

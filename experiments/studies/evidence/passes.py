@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from proving_ground.testbed.inspection.check import between
-from proving_ground.testbed.recording.channels import MEASUREMENT, STATE
-from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray, Sensor
 
+from ....testbed.inspection.check import between
+from ....testbed.recording.channels import MEASUREMENT, STATE
+from ....testbed.recording.record import Record
 from ...results.tracking_errors import START_UP_S, tracking_errors
 from ...run.simulate import simulate
 from ...scenario.scenario import load

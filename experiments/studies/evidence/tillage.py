@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.inspection.check import between
-from proving_ground.testbed.recording.channels import STATE, TOOL
-from proving_ground.testbed.recording.record import Record
 from ttempc.types import FloatArray
 
+from ....testbed.inspection.check import between
+from ....testbed.recording.channels import STATE, TOOL
+from ....testbed.recording.record import Record
 from ...results.tracking_errors import START_UP_S, rows_at_same_time
 from .drives import (
     CULTIVATOR,

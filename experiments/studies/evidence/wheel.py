@@ -8,16 +8,15 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.inspection.bench import DRIVEN, Bench
-from proving_ground.testbed.inspection.check import Check, between
-from proving_ground.testbed.inspection.traction import efficiency
-from proving_ground.testbed.truth import WHEELS
-from proving_ground.testbed.vehicle.servos import tyres_of
-from proving_ground.testbed.wheels import tyre
-from proving_ground.testbed.wheels.soil_law import SoilLaw
-from proving_ground.testbed.wheels.tyre import WheelMotion
-
+from ....testbed.ground.terrain import flat
+from ....testbed.inspection.bench import DRIVEN, Bench
+from ....testbed.inspection.check import Check, between
+from ....testbed.inspection.traction import efficiency
+from ....testbed.truth import WHEELS
+from ....testbed.vehicle.servos import tyres_of
+from ....testbed.wheels import tyre
+from ....testbed.wheels.soil_law import SoilLaw
+from ....testbed.wheels.tyre import WheelMotion
 from .evidence import ASSUMED_RULE, Evidence, around
 from .handling import farm
 

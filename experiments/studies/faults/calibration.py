@@ -25,7 +25,6 @@ from typing import Final
 import numpy as np
 from scipy.optimize import brentq
 
-from proving_ground.testbed.recording.record import Recorder
 from ttempc.guidance.detection.bank import detectors
 from ttempc.guidance.detection.innovation_monitor import InnovationMonitor
 from ttempc.guidance.detection.limits import (
@@ -38,6 +37,7 @@ from ttempc.guidance.detection.speed_monitors import MotionMonitor, WheelMonitor
 from ttempc.guidance.detection.steering_monitor import StandstillMonitor, SteeringMonitor
 from ttempc.types import FloatArray
 
+from ....testbed.recording.record import Recorder
 from ...run.assembly import assemble
 from ...run.simulate import drive_into
 from ...scenario.scenario import load, shipped

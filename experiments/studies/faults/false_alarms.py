@@ -16,10 +16,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from proving_ground.testbed.recording.channels import STATE
-from proving_ground.testbed.recording.record import Record, Recorder
 from ttempc.guidance.detection.detector import Alarm, Reaction
 
+from ....testbed.recording.channels import STATE
+from ....testbed.recording.record import Record, Recorder
 from ...results.statistics import rate
 from ...run.assembly import assemble
 from ...run.simulate import drive_into

@@ -30,11 +30,11 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.errors import TestbedError
-from proving_ground.testbed.recording.channels import CONTROL, STATE
-from proving_ground.testbed.recording.record import Recorder
 from ttempc.errors import TtempcError
 
+from ....testbed.errors import TestbedError
+from ....testbed.recording.channels import CONTROL, STATE
+from ....testbed.recording.record import Recorder
 from ...errors import ExperimentError
 from ...run.assembly import assemble
 from ...run.simulate import drive_into

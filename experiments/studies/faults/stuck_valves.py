@@ -17,9 +17,9 @@ from typing import Final
 
 import numpy as np
 
-from proving_ground.testbed.recording.record import REACTION, Recorder
 from ttempc.guidance.detection.steering_monitor import StandstillMonitor
 
+from ....testbed.recording.record import REACTION, Recorder
 from ...run.assembly import assemble
 from ...run.simulate import drive_into
 from ...scenario.scenario import load

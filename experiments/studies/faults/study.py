@@ -19,10 +19,10 @@ from typing import Final, Literal
 
 import numpy as np
 
-from proving_ground.testbed.recording.channels import CONTROL, STATE
-from proving_ground.testbed.recording.record import REACTION, Record, Recorder
 from ttempc.types import FloatArray
 
+from ....testbed.recording.channels import CONTROL, STATE
+from ....testbed.recording.record import REACTION, Record, Recorder
 from ...results.statistics import proportion
 from ...results.tracking_errors import tracking_errors
 from ...run.assembly import assemble

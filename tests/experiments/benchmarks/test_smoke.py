@@ -9,10 +9,9 @@ import math
 import re
 
 import numpy as np
-import pytest
-
 import proving_ground.experiments.benchmarks.__main__ as bench
 import proving_ground.experiments.benchmarks.figure as benchmark_figure
+import pytest
 from proving_ground.experiments.benchmarks import (
     closed_loop,
     control_step,

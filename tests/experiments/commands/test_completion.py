@@ -4,7 +4,6 @@ import shutil
 import subprocess
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 
 

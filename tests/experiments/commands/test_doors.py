@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import (
     ExperimentError,
@@ -28,6 +27,7 @@ from proving_ground.testbed.errors import InvalidField, InvalidPlant, TestbedErr
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.terminal import one_line
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+
 from ttempc.errors import InvalidPath, TtempcError
 from ttempc.reference.smoothing import smooth
 

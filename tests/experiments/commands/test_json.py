@@ -4,6 +4,7 @@ import json
 
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.scenario.scenario import shipped
+
 from ttempc.guidance.controllers import CONTROLLERS
 
 SHORT = ["--set", "path={kind='straight',length_m=6}"]

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.logs.log_check import check_log
 from proving_ground.experiments.results.tracking_errors import BODIES, tracking_errors

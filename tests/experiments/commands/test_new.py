@@ -3,7 +3,6 @@
 import shlex
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 
 SHORT = ["--set", "path={kind='straight',length_m=10}"]

@@ -4,7 +4,6 @@ import json
 import re
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 
 SHORT = ("run", "grass", "--set", "path={kind='straight', length_m=12}")

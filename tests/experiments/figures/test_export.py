@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.figures import FIGURES
 from proving_ground.experiments.figures.export import export_figures, run_figures
@@ -16,6 +15,7 @@ from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.experiments.sweep_report.report import make_report
 from proving_ground.experiments.sweep_report.runs import read_sweep
 from proving_ground.testbed.log.log_reader import read_log
+
 from tests.experiments.sweep_rows import AXES, swept
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
-
 from proving_ground.experiments.figures import CAPTIONS, FIGURES, draw, png
 from proving_ground.experiments.figures.panel import Panel, alone, svg, together
 from proving_ground.experiments.figures.style import series
@@ -27,6 +26,7 @@ from proving_ground.testbed.recording.channels import (
     TUBE,
     TYRES,
 )
+
 from tests.records import eight, record, straight, table_of
 
 MAX_BYTES = 300_000

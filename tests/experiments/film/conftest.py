@@ -3,7 +3,6 @@
 import mujoco
 import numpy as np
 import pytest
-
 from proving_ground.experiments.film.replay import read_replay
 from proving_ground.testbed.ground.terrain import Terrain
 

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from PIL import Image
-
 from proving_ground.experiments.film.drawing.body_poses import rotation
 from proving_ground.experiments.film.drawing.field import FieldMesh, mown
 from proving_ground.experiments.film.drawing.overlay_box import OverlayBox, text_length
@@ -19,6 +18,7 @@ from proving_ground.experiments.film.shot import Shot
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.recording.channels import REFERENCE
 from proving_ground.testbed.recording.record import Event
+
 from tests.experiments.film.conftest import compiled_with
 
 

@@ -11,7 +11,6 @@ import mujoco
 import numpy as np
 import pytest
 from PIL import Image
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFilm
 from proving_ground.experiments.film.camera import FIELD_OF_VIEW
@@ -24,6 +23,7 @@ from proving_ground.experiments.film.render import render_frames
 from proving_ground.experiments.film.shot import FRAME_RATE, Shot
 from proving_ground.experiments.film.writer import FilmWriter
 from proving_ground.testbed.recording.channels import STATE
+
 from tests.experiments.film.conftest import compiled_with
 
 SMALL = (320, 180)

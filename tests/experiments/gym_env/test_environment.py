@@ -10,7 +10,6 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv
-
 from proving_ground.experiments.errors import BadOptions, InvalidScenario
 from proving_ground.experiments.gym_env.environment import FieldTrial
 from proving_ground.experiments.gym_env.reward import LARGEST_COST, reward

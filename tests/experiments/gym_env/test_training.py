@@ -1,7 +1,6 @@
 """Training: the same search gives the same policy, and its file is one that drives."""
 
 import numpy as np
-
 from proving_ground.experiments.gym_env import training
 from proving_ground.experiments.policy.linear_policy import read_policy
 

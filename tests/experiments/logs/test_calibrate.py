@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.vehicle.vehicle_file import DEFAULT_VEHICLE, read_vehicle
+
 from tests.experiments.conftest import STRAIGHT
 
 WRONG = [

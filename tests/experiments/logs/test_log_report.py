@@ -3,7 +3,6 @@
 import re
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 
 

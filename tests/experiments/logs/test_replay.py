@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidReplay
 from proving_ground.experiments.logs.replay import (
@@ -20,6 +19,7 @@ from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import ESTIMATE, MEASUREMENT, STATE
 from proving_ground.testbed.recording.record import Record, Table
+
 from tests.experiments.conftest import STRAIGHT
 from ttempc.types import Estimate, Innovation, Sensor
 

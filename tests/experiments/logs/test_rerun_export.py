@@ -5,7 +5,6 @@ import subprocess
 import sys
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.logs.panels import PANELS, PATH_COLOURS
 from proving_ground.testbed.log.log_content import read_content

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from rosbags.highlevel import AnyReader
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
@@ -25,6 +23,7 @@ from proving_ground.testbed.recording.channels import (
     STATE,
 )
 from proving_ground.testbed.recording.topics import PREDICTED_PATH_TOPIC
+from rosbags.highlevel import AnyReader
 
 REAR_WHEEL_RADIUS_M = 0.40  # mjcf/vehicles/kayacan2016.toml
 

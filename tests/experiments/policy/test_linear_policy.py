@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import InvalidController
 from proving_ground.experiments.gym_env.environment import FieldTrial
 from proving_ground.experiments.policy.linear_policy import LinearPolicy, learnt, read_policy
@@ -13,6 +12,7 @@ from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record_rows import state_row
+
 from ttempc import Vehicle, figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Estimate

@@ -1,7 +1,6 @@
 """Study of the learnt policy: one short field, in this process."""
 
 import pytest
-
 from proving_ground.experiments.policy import study
 from proving_ground.experiments.studies.batch import BatchSettings, batch_settings
 

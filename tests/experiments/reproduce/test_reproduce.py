@@ -5,7 +5,6 @@ from collections import Counter
 from dataclasses import replace
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidPage
 from proving_ground.experiments.reproduce import driver as driver_module
@@ -20,6 +19,7 @@ from proving_ground.experiments.reproduce.probes import Fingerprint, Probe, fing
 from proving_ground.experiments.scenario.scenario import load, shipped
 from proving_ground.experiments.seeds import FITTING, TUNING, design_seeds
 from proving_ground.experiments.sweep.study import ListAxis, load_study, shipped_studies
+
 from tests.experiments.study_files import CONTROLLERS, SHORT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

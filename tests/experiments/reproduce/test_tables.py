@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.reproduce import comparison_tables, study_tables
 from proving_ground.experiments.reproduce.comparison import Comparison, read_comparison
 from proving_ground.experiments.reproduce.driver import Driver

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import NotComparable
 from proving_ground.experiments.figures.comparison_figures import COMPARISONS

@@ -3,7 +3,6 @@
 import math
 
 import pytest
-
 from proving_ground.experiments.results.leads import MARGIN_CM, RunError, leads, leads_sentence
 
 

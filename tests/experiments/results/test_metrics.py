@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.results.metrics import input_statistics, summarise
 from proving_ground.experiments.results.published import applies_to, compare, published_beside
 from proving_ground.experiments.results.summary import RunFacts
@@ -16,6 +15,7 @@ from proving_ground.experiments.results.table import WIDTH, centimetres, format_
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING
 from proving_ground.testbed.recording.record import OVERRUN, Event, Record
+
 from tests.records import circle, eight, record, straight, table_of
 
 FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {"ttempc": "0"}, "log.mcap")

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.stats import beta, t, ttest_1samp
-
 from proving_ground.experiments.results.statistics import (
     bootstrap,
     caveat,
@@ -18,6 +16,7 @@ from proving_ground.experiments.results.statistics import (
     rate,
     survival,
 )
+from scipy.stats import beta, t, ttest_1samp
 
 
 def covered(estimates, truth):

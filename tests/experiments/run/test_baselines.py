@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import REFERENCE, STATE
+
 from ttempc.types import Command, Input
 
 LARGEST_M = 0.05  # mean Euclidean error after the first 8 s; two to three times what they show

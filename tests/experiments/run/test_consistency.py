@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
-
 from proving_ground.experiments.logs.replay import estimator_of, replay
 from proving_ground.experiments.results.consistency import consistency
 from proving_ground.experiments.run.assembly import assemble
@@ -12,6 +10,8 @@ from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import ESTIMATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import drive
+from scipy.stats import chi2
+
 from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.noise import ProcessNoise
 from ttempc.types import State

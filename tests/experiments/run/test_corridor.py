@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.figures import FIGURES, draw
 from proving_ground.experiments.results.metrics import summarise
@@ -19,6 +18,7 @@ from proving_ground.experiments.run.corridor_judge import CorridorJudge
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CORRIDOR, REFERENCE
+
 from tests.records import record, table_of
 from ttempc.errors import InvalidTuning
 from ttempc.reference.corridor import Corridor

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 
 import pytest
-
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 

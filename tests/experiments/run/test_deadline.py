@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import drive_into
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.deadline import CommandQueue, alarm_handled, time_limit
+
 from ttempc.types import Command
 
 

@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 
 import pytest
-
 from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load

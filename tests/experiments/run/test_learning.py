@@ -1,13 +1,13 @@
 """Learning of a model's lengths in a whole run."""
 
 import numpy as np
-
 from proving_ground.experiments.results.table import format_run
 from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import STATE
+
 from ttempc.vehicle import Vehicle
 
 WRONG = ["path.laps=1", "controller.vehicle.wheelbase_m=1.74", "controller.vehicle.drawbar_m=0.96"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
+
 from ttempc.mpc.solver import PersistentSolver
 
 SHORT = 'path={kind="straight",length_m=20.0}'

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.studies.ablations.recovery import recover
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import STAGES, drive, sense
+
 from ttempc.types import Sensor
 
 SHORT = 'path={kind="straight",length_m=24.0}'

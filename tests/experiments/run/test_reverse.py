@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load

@@ -3,7 +3,6 @@
 import dataclasses
 
 import pytest
-
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.shared_parts import Kept, SharedParts
 from proving_ground.experiments.run.simulate import drive_into

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.figures import FIGURES
 from proving_ground.experiments.logs.replay import estimator_of, replay, same_as_recorded
@@ -16,6 +15,7 @@ from proving_ground.testbed.errors import InvalidFault
 from proving_ground.testbed.faults.registry import KINDS
 from proving_ground.testbed.recording.channels import CHANNELS, CONTROL, MEASUREMENT, STATE, TIMING
 from proving_ground.testbed.recording.record import Event, FaultSpan, fault_spans
+
 from tests.experiments.study_files import plan_of
 from tests.records import record as made_record
 

@@ -4,7 +4,6 @@ import sys
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidController
 from proving_ground.experiments.run.simulate import simulate
@@ -13,6 +12,7 @@ from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.studies.batch import StudyRun, simulate_runs
 from proving_ground.testbed.log.log_reader import read_log
 from proving_ground.testbed.recording.channels import CONTROL, STATE
+
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.path import straight
 from ttempc.reference.reference import ConstantSpeed, Reference

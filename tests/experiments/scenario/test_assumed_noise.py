@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.assumed_noise import NoiseSettings
 from proving_ground.experiments.scenario.scenario import dump, load
 from proving_ground.testbed.recording.channels import ESTIMATE, MEASUREMENT, STATE
+
 from ttempc.estimation.noise import SensorNoise
 
 NOISY = ("sensors.gnss_sd_m=0.1", "sensors.angle_sd_deg=4.0", "sensors.encoder_sd_mps=0.3")

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import InvalidFit, InvalidScenario
 from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.run.simulate import simulate
@@ -11,6 +10,7 @@ from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.tubes.fit import fit_run
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE
+
 from ttempc.errors import InvalidTube
 
 SHORT = 'path={kind="straight",length_m=12.0}'

@@ -4,11 +4,11 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import dump, load
 from proving_ground.testbed.recording.channels import CONTROL
+
 from tests.experiments.study_files import SHORT, plan_of
 from ttempc.guidance.controllers import CONTROLLERS
 

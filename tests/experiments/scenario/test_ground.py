@@ -6,7 +6,6 @@ from typing import get_args
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.scenario.scenario import dump, load

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load

@@ -2,7 +2,6 @@ import dataclasses
 import json
 
 import pytest
-
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.sweep.row import FIGURES, columns, figures, line, no_figures

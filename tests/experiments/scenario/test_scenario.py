@@ -1,7 +1,6 @@
 import json
 
 import pytest
-
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.scenario.path import FigureEight, Straight
 from proving_ground.experiments.scenario.scenario import (

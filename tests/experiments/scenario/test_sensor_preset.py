@@ -5,12 +5,12 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import Scenario, dump, load
 from proving_ground.testbed.recording.channels import CHANNELS, TIMING
 from proving_ground.testbed.sensing.sensor_presets import SENSOR_PRESETS
 from proving_ground.testbed.sensing.sensors import SensorSuite
+
 from tests.testbed.truths import truth
 from ttempc.types import Sensor
 

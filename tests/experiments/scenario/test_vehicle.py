@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import assemble
@@ -15,6 +14,7 @@ from proving_ground.experiments.scenario.scenario import dump, load, shipped
 from proving_ground.testbed.log.log_reader import read_log
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.vehicle.vehicle_file import find_vehicle, read_vehicle
+
 from ttempc.errors import InvalidPath, TtempcError
 from ttempc.vehicle import Vehicle
 

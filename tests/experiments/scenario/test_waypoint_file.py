@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidWaypoints
 from proving_ground.experiments.run.simulate import simulate

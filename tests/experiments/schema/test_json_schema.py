@@ -3,7 +3,6 @@
 import tomllib
 
 import pytest
-
 from proving_ground.experiments.scenario.scenario import (
     dump,
     load,

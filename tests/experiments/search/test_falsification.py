@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.search.falsification import Case, best, distinct, falsify, milder
 from proving_ground.experiments.search.robustness import Outcome
 from proving_ground.experiments.search.space import Parameter, Space

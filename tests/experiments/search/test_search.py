@@ -4,8 +4,6 @@ import functools
 import json
 
 import pytest
-from scipy.stats import norm
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.scenario.scenario import load, parse_overrides, read_scenario
 from proving_ground.experiments.search.quantities import read_subject
@@ -16,6 +14,7 @@ from proving_ground.experiments.sweep.engine import engine
 from proving_ground.experiments.sweep.failure import ERROR
 from proving_ground.experiments.sweep.results import rows
 from proving_ground.experiments.sweep.row import FIGURES, no_figures
+from scipy.stats import norm
 
 SHORT = ["path={kind='straight', length_m=10.0}", "controller.name=pid"]
 WORDS = ["gust", "faults.gust.at_m=2:5:free"]

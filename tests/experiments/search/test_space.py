@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from scipy.stats import kstest, norm
-
 from proving_ground.experiments.errors import ExperimentError
 from proving_ground.experiments.scenario.scenario import parse_overrides, read_scenario
 from proving_ground.experiments.search.quantities import DISTURBANCES, read_subject
 from proving_ground.experiments.search.space import BOUND_SD, Parameter, Space
 from proving_ground.experiments.sweep.envelope import QUANTITIES
 from proving_ground.experiments.sweep.points import points_plan
+from scipy.stats import kstest, norm
 
 FORCE = Parameter(keys=("force",), low=0.0, high=10.0, nominal=0.0)
 STRENGTH = Parameter(keys=("kpa",), low=100.0, high=1600.0, nominal=400.0, spacing="log")

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import norm
-
 from proving_ground.experiments.search.subset_simulation import subset_simulation
+from scipy.stats import norm
 
 
 def linear(probability, dimension):

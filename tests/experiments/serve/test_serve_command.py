@@ -7,7 +7,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.serve.link import Link
 from proving_ground.experiments.serve.remote import RemoteController

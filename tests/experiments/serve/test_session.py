@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import ServeError
 from proving_ground.experiments.run.simulate import drive_into
 from proving_ground.experiments.scenario.scenario import load

@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import pytest
-
 from proving_ground.experiments.studies import batch
 from proving_ground.experiments.sweep.engine import Engine
 

@@ -6,7 +6,6 @@ import json
 from dataclasses import replace
 
 import numpy as np
-
 from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.scenario.tube_file import (
     PointHalfWidths,
@@ -16,6 +15,7 @@ from proving_ground.experiments.scenario.tube_file import (
 )
 from proving_ground.experiments.studies.containment import CASES, read_laps, table
 from proving_ground.experiments.studies.containment_figures import draw_containment
+
 from tests.ttempc.tubes import DESIGN
 
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.stats import gumbel_r
-
 from proving_ground.experiments.results.summary import Summary
 from proving_ground.experiments.seeds import FITTING, report_seeds
 from proving_ground.experiments.studies.ablations import coverage
 from proving_ground.experiments.studies.batch import StudyRun, simulate_run
+from scipy.stats import gumbel_r
 
 
 def draws(count, seed):

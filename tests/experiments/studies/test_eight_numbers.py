@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.studies.batch import BatchSettings, StudyRun, batch_settings

@@ -1,9 +1,9 @@
 """Random driving never leaves MuJoCo with a warning, a reset or a NaN."""
 
 import pytest
-
 from proving_ground.experiments.studies.endurance import endure
 from proving_ground.testbed.ground.terrain import ISO_8608
+
 from tests.cards import bench_of
 
 

@@ -5,7 +5,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.studies import batch
 from proving_ground.experiments.studies.evidence import handling, page, passes, tillage, wheel
 from proving_ground.experiments.studies.evidence.evidence import (

@@ -5,10 +5,10 @@ import tomllib
 from typing import Any
 
 import pytest
-
 from proving_ground.experiments.studies import batch, retuned
 from proving_ground.experiments.studies.retuned import KNOBS, LOST_CM, Knob, objective, search
 from proving_ground.experiments.sweep.engine import engine
+
 from ttempc.guidance.controllers import controller_options
 
 STRAIGHT = 'path={kind="straight",length_m=10.0}'

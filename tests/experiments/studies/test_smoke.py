@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.results.published import COLUMNS
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, to_json
@@ -34,6 +33,7 @@ from proving_ground.experiments.studies.faults import calibration, false_alarms,
 from proving_ground.experiments.studies.faults import study as faults
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS
+
 from ttempc.guidance.detection.bank import detectors
 
 STRAIGHT = 'path={kind="straight",length_m=10.0}'

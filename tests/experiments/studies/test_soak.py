@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.studies.faults import soak
 from proving_ground.experiments.studies.faults.random_scenario import RandomTables
 from proving_ground.experiments.studies.faults.soak import (

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.scenario.tube_file import read_tube
 from proving_ground.experiments.studies.ablations.true_deviation import exact_step
+
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference

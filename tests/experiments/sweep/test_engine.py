@@ -10,17 +10,17 @@ import time
 from pathlib import Path
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.sweep.engine import Engine, InProcess, engine, imap_bounded
 from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.results import rows
 from proving_ground.experiments.sweep.row import no_figures
 from proving_ground.experiments.sweep.sweep import sweep
+
 from tests.experiments.study_files import SHORT, plan_of
 
 ROOT = Path(__file__).parents[3]
-PACKAGES = ("packaging/testbed/proving_ground", "ttempc", "tests")
+PACKAGES = ("packaging/proving_ground", "ttempc", "tests")
 POISON, UNLUCKY = 3, 5
 
 

@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidStudy, SweepStopped
 from proving_ground.experiments.sweep import points

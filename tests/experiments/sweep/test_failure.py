@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import pytest
-
 from proving_ground.experiments.sweep import points
 from proving_ground.experiments.sweep.engine import Engine, InProcess
 from proving_ground.experiments.sweep.envelope import Question, envelope
@@ -19,6 +18,7 @@ from proving_ground.experiments.sweep_report.aggregate import controller_groups
 from proving_ground.experiments.sweep_report.report import make_report
 from proving_ground.experiments.sweep_report.runs import read_sweep
 from proving_ground.experiments.sweep_report.summary import render_summary
+
 from tests.experiments.study_files import SHORT
 from tests.experiments.sweep_rows import swept
 

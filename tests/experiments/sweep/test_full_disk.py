@@ -4,7 +4,6 @@ import errno
 import os
 
 import pytest
-
 from proving_ground.experiments.errors import SweepStopped
 from proving_ground.experiments.sweep.results import Results, settle
 

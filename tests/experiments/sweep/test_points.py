@@ -1,7 +1,6 @@
 """Runs at given points: order, refusals, rows that are kept."""
 
 import pytest
-
 from proving_ground.experiments.errors import InvalidStudy, SweepRefused
 from proving_ground.experiments.sweep import points as points_module
 from proving_ground.experiments.sweep.engine import engine

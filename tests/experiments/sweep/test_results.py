@@ -7,7 +7,6 @@ import os
 import pandas
 import polars
 import pytest
-
 from proving_ground.experiments.errors import SweepRefused, SweepStopped
 from proving_ground.experiments.sweep.results import Results, rows, settle
 from proving_ground.experiments.sweep.row import line

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import ExperimentError, InvalidStudy
 from proving_ground.experiments.sweep.inert_axes import find_inert_axes
 from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.study import load_study, shipped_studies
+
 from tests.experiments.study_files import CONTROLLERS, SHORT, STRENGTHS, plan_of
 
 

@@ -12,7 +12,6 @@ from dataclasses import replace
 import pandas
 import polars
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import SweepRefused, SweepStopped
 from proving_ground.experiments.sweep import folder as folder_module
@@ -23,6 +22,7 @@ from proving_ground.experiments.sweep.row import columns, no_figures
 from proving_ground.experiments.sweep.sweep import sweep
 from proving_ground.experiments.sweep.work import run_job
 from proving_ground.testbed.recording.provenance import versions
+
 from tests.experiments.study_files import CONTROLLERS, SHORT, STRENGTHS, plan_of
 
 WORST = "tracking.all.trailer.cross_p95_m"

@@ -7,7 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidRows
 from proving_ground.experiments.scenario.scenario import dump, load
@@ -26,6 +25,7 @@ from proving_ground.experiments.sweep_report.aggregate import (
 from proving_ground.experiments.sweep_report.axes import scales
 from proving_ground.experiments.sweep_report.format import format_numbers, rerun_command
 from proving_ground.experiments.sweep_report.runs import read_sweep
+
 from tests.experiments.sweep_rows import AXES, DRAWN, swept, synthetic_row
 
 

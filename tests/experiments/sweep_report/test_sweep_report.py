@@ -10,12 +10,12 @@ from functools import reduce
 from html.parser import HTMLParser
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.sweep.envelope import Envelope, Probe, Question
 from proving_ground.experiments.sweep_report.files import docs_page
 from proving_ground.experiments.sweep_report.report import make_report
 from proving_ground.experiments.sweep_report.runs import read_sweep
+
 from tests.browser import dump_dom, measured, needs_browser
 from tests.experiments.sweep_rows import AXES, DRAWN, swept, synthetic_row
 

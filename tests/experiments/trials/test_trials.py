@@ -7,7 +7,6 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import BadOptions, InvalidScoreCard
 from proving_ground.experiments.reproduce import trial_tables

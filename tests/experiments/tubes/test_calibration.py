@@ -6,7 +6,6 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import InvalidFit
 from proving_ground.experiments.results.containment import Containment
 from proving_ground.experiments.scenario.scenario import load
@@ -17,6 +16,7 @@ from proving_ground.experiments.tubes.calibration import (
     calibrated_widths,
     format_calibration,
 )
+
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.tube.reference_tube import ReferenceTube
 from ttempc.vehicle import Vehicle

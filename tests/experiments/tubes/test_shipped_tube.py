@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-
 from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes
+
 from ttempc.laws.articulated_options import MpcOptions
 from ttempc.limits import CommandLimits
 from ttempc.mpc.articulated_error import error_dynamics

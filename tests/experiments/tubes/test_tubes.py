@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFit
 from proving_ground.experiments.figures.tube import tube_figure
@@ -32,6 +31,7 @@ from proving_ground.testbed.recording.channels import (
     TUBE,
 )
 from proving_ground.testbed.recording.record import Record
+
 from tests.records import table_of
 from tests.ttempc.tubes import SPREAD
 from ttempc.errors import InvalidTube

@@ -4,7 +4,6 @@ import json
 from html.parser import HTMLParser
 
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.validation import plant_validation

@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
-
 from proving_ground.testbed.actuation.actuators import (
     Actuators,
     ActuatorSpecification,
@@ -19,6 +17,8 @@ from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from pydantic import ValidationError
+
 from ttempc.types import Command
 
 TIMESTEP_S = 0.002

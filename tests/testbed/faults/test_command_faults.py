@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.actuation.actuators import Actuators, ActuatorSpecification
 from proving_ground.testbed.faults.fault import Window
 from proving_ground.testbed.faults.faulty_actuators import FaultyActuators
 from proving_ground.testbed.faults.registry import KINDS
+
 from ttempc.types import Command
 
 DT, START_S, END_S = 0.01, 0.2, 0.6

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.faults.registry import KINDS
 from proving_ground.testbed.truth import WHEELS
+
 from tests.testbed.plants import SMALL, STOP, changed, plant_on
 
 LEFT, RIGHT = WHEELS.index("trailer_left"), WHEELS.index("trailer_right")

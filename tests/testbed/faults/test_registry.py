@@ -1,6 +1,7 @@
 """Registry of faults and its table in the documentation."""
 
 from proving_ground.testbed.faults.registry import KINDS, kinds_table
+
 from tests.testbed.plants import ROOT
 
 

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.faults.fault import Window
 from proving_ground.testbed.faults.faulty_sensors import FaultySensors
 from proving_ground.testbed.faults.registry import KINDS
@@ -13,6 +12,7 @@ from proving_ground.testbed.sensing.sensor_specification import (
     SensorSpecification,
 )
 from proving_ground.testbed.sensing.sensors import COMPONENTS
+
 from ttempc.types import Measurement, Sensor
 
 DT, EVERY = 0.02, 10  # five samples a second of each sensor

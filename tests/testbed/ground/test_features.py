@@ -2,11 +2,10 @@ import math
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
-
 from proving_ground.testbed.errors import InvalidField
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump, Ditch, Furrows, Rise, Step
+from pydantic import ValidationError
 
 UPHILL = {"x_m": 1.0, "y_m": -2.0, "uphill_deg": math.degrees(0.4)}
 LINE = {"x_m": 1.0, "y_m": -2.0, "along_deg": math.degrees(0.4), "width_m": 0.8, "length_m": 3.0}

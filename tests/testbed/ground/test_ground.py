@@ -1,7 +1,6 @@
 """Ground: cone index of the nearest grid point."""
 
 import numpy as np
-
 from proving_ground.testbed.ground.ground import Ground
 from proving_ground.testbed.ground.terrain import Terrain
 

@@ -2,12 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
-
 from proving_ground.testbed.errors import InvalidField
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import NAMED_SOILS, SoilMap
 from proving_ground.testbed.ground.soil_layers import Patch
+from pydantic import ValidationError
 
 
 def patch(x_m, radius_m, cone_index_kpa):

@@ -3,13 +3,12 @@ import math
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
-
 from proving_ground.testbed.errors import InvalidField
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.soil_layers import Gradient, Patch, RandomStrength, StrengthMap
 from proving_ground.testbed.randomness import generator
+from pydantic import ValidationError
 
 FIELD = terrain.flat((40.0, 30.0), 0.25)
 

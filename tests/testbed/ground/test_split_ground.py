@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump, Furrows
 from proving_ground.testbed.ground.soil import SoilMap
@@ -13,6 +12,7 @@ from proving_ground.testbed.ground.tramlines import Tracks, Tramlines
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.truth import WHEELS
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+
 from ttempc.types import Command
 
 LEFT = [WHEELS.index(name) for name in ("front_left", "rear_left", "trailer_left")]

@@ -3,7 +3,6 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.errors import InvalidField
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.terrain import Terrain

@@ -3,7 +3,6 @@
 import dataclasses
 
 import pytest
-
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.scenario.scenario import load
@@ -12,6 +11,7 @@ from proving_ground.testbed.implement.draft import IMPLEMENTS
 from proving_ground.testbed.implement.implement import Implement
 from proving_ground.testbed.implement.mounted import check_pull
 from proving_ground.testbed.wheels.soil_law import SoilLaw
+
 from tests.testbed.plants import SMALL
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.ground.features import Bump
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat, rough
 from proving_ground.testbed.implement.implement import Implement
+
 from tests.testbed.plants import STOP, both_vehicles, plant_on, state_hash, top_speed
 from ttempc.types import Command
 

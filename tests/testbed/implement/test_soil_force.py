@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.ground.ground import Ground
 from proving_ground.testbed.ground.terrain import flat, rough
 from proving_ground.testbed.implement.implement import POINTS, Implement

@@ -4,7 +4,6 @@ import dataclasses
 import math
 
 import pytest
-
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.inspection.bench import Bench
 from proving_ground.testbed.inspection.check import between, near, not_applicable
@@ -12,6 +11,7 @@ from proving_ground.testbed.inspection.inspect import EXPERIMENTS, inspect
 from proving_ground.testbed.inspection.kinematics import hitch_kinematics
 from proving_ground.testbed.inspection.turning import off_tracking
 from proving_ground.testbed.simulation.plant import Plant
+
 from tests.cards import bench_of
 
 GRASS = bench_of("grass")

@@ -8,7 +8,6 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
-
 from proving_ground.testbed.errors import LogError
 from proving_ground.testbed.log.log import FORMAT_KEY
 from proving_ground.testbed.log.log_reader import read_log
@@ -22,6 +21,7 @@ from proving_ground.testbed.recording.channels import (
     Channel,
 )
 from proving_ground.testbed.recording.record import Event, Record, Recorder
+
 from tests.testbed.logs import ATTACHMENTS, BODIES, METADATA, feed, writer
 
 

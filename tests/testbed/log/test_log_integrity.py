@@ -9,7 +9,6 @@ import zlib
 import numpy as np
 import pytest
 import zstandard
-
 from proving_ground.testbed.errors import InvalidField, LogError
 from proving_ground.testbed.ground.ground import Ground
 from proving_ground.testbed.ground.terrain import flat
@@ -25,6 +24,7 @@ from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_ve
 from proving_ground.testbed.vehicle.vehicle_model import build_spec, level_mjcf, level_model
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS
+
 from tests.testbed.logs import feed, writer
 
 

@@ -5,7 +5,6 @@ import tracemalloc
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     ERROR,
@@ -17,6 +16,7 @@ from proving_ground.testbed.recording.channels import (
 from proving_ground.testbed.recording.position_error import error_rows
 from proving_ground.testbed.recording.record import Event, Recorder
 from proving_ground.testbed.recording.sink import Tee
+
 from tests.testbed.truths import truth
 
 PAIR = Channel("/pair", "two numbers", ("a_m", "b_m"))

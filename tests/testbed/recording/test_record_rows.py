@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.recording.channels import (
     ESTIMATE,
     MEASUREMENT,
@@ -25,6 +24,7 @@ from proving_ground.testbed.sensing.sensor_specification import (
 from proving_ground.testbed.sensing.sensors import COMPONENTS, SensorSuite
 from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
 from proving_ground.testbed.truth import WHEELS
+
 from tests.testbed.plants import ROLL, plant_on
 from tests.testbed.truths import truth
 from ttempc.types import Measurement, Sensor

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.stats import kurtosis
-
 from proving_ground.testbed.sensing.sensor_errors import Correlated, HeavyTailed, White
+from scipy.stats import kurtosis
 
 SD = np.array([0.03, 0.05])
 N = 20_000

@@ -3,8 +3,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
-
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
@@ -16,6 +14,8 @@ from proving_ground.testbed.sensing.sensor_specification import (
 from proving_ground.testbed.sensing.sensors import SensorSuite, lever_in_map
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from pydantic import ValidationError
+
 from tests.testbed.truths import truth
 from ttempc.estimation.measurement_model import LENGTH
 from ttempc.types import Sensor

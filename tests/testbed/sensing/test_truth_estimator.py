@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.sensing.truth_estimator import MEMORY_M, TruthEstimator
+
 from tests.testbed.truths import truth
 from ttempc.models.kinematics import articulated, trailer_point
 from ttempc.types import Command, Disturbance, State

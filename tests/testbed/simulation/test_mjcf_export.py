@@ -5,7 +5,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.scenario.scenario import load

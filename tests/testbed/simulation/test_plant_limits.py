@@ -5,10 +5,10 @@ import math
 import mujoco
 import numpy as np
 import pytest
-
 from proving_ground.testbed.errors import InvalidPlant, PlantDiverged
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.truth import WHEELS
+
 from tests.testbed.plants import ROLL, SMALL, STOP, axle_points, both_vehicles, changed, plant_on
 from ttempc.types import Command
 

@@ -7,9 +7,9 @@ import sys
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
+
 from tests.testbed.plants import (
     ROOT,
     both_vehicles,

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.scenario.scenario import load, shipped
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump
 from proving_ground.testbed.vehicle.axle_loads import AxleLoads, overload_notes
+
 from tests.testbed.plants import SMALL, both_vehicles, changed, plant_on, weight
 
 OVER_THE_FRONT_AXLE = Bump(x_m=1.4, y_m=0.0, width_m=0.6, length_m=0.2, height_m=0.28)

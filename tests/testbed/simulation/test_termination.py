@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.ground.terrain import flat
@@ -14,6 +13,7 @@ from proving_ground.testbed.simulation.termination import (
     TerminationLimits,
     check_termination,
 )
+
 from tests.testbed.plants import ROLL, plant_on
 from tests.testbed.truths import truth
 

@@ -2,7 +2,6 @@ from collections import Counter
 
 import mujoco
 import numpy as np
-
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump
 from proving_ground.testbed.ground.soil import SoilMap

@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.vehicle.axle_loads import GRAVITY, AxleLoads
 from proving_ground.testbed.vehicle.linkage import knuckle_angle, linkage_polynomial

@@ -12,9 +12,6 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
-from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
-
 from proving_ground.testbed.errors import LiveError
 from proving_ground.testbed.messages.publisher import topics_of
 from proving_ground.testbed.messages.scenery import Scenery
@@ -27,6 +24,9 @@ from proving_ground.testbed.recording.topics import (
     TRANSFORMS_TOPIC,
 )
 from proving_ground.testbed.viewers.live import PROTOCOL, LiveView
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
 from tests.testbed.truths import truth
 
 pytest.importorskip("foxglove")

@@ -1,7 +1,6 @@
 """Tyres of the default vehicle for the tests of wheels."""
 
 import pytest
-
 from proving_ground.testbed.vehicle.servos import tyres_of
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
 

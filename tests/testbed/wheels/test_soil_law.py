@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.scenario.scenario import dump, load
 from proving_ground.testbed.vehicle.servos import equilibrium_slip, tyres_of, wheel_loads

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.wheels import tyre

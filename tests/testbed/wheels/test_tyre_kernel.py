@@ -4,7 +4,6 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.truth import Wheels

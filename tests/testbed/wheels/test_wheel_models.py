@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.truth import WHEELS
 from proving_ground.testbed.wheels.soil_wheels import SoilWheels
 from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS, wheel_model
+
 from tests.testbed.plants import ROLL, plant_on, rough_run, state_hash
 
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-
 from proving_ground.experiments.scenario.scenario import load
+
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from ttempc.baselines.pid import front_steering_gains, pole, speed_gains, trailer_steering_gains
 from ttempc.guidance.controllers import make_controller

@@ -5,12 +5,13 @@
     name, scenario = load("grass", ["path.laps=1"])
     summary, record = simulate(name, scenario, seed=1)
 
-`mjcf`, `testbed` and `experiments` lie in this package under an installation; in a checkout they
-are links to the folders at its root. One import root keeps their common names away from the
-packages of a user's own repository.
+`mjcf`, `testbed` and `experiments` lie in this package in an installation, at the root of the
+repository in a checkout. They are imported as parts of this package only, so that their common
+names stay free for packages of a user's own repository.
 """
 
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ttempc import __version__
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from .experiments.sweep.points import drive_points
     from .testbed.log.log_reader import read_log
     from .testbed.recording.record import Record
+
+if not (Path(__file__).parent / "testbed").is_dir():
+    __path__.append(str(Path(__file__).parents[2]))
 
 __all__ = [
     "Record",
