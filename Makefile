@@ -22,9 +22,8 @@ docs: $(VENV)/.ready         ## the documentation site: dist/site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 wheels: $(VENV)/.ready       ## dist/: the control library alone, and the proving ground
-	cd ttempc && $(CURDIR)/$(BIN)/python -P -m hatchling build -t wheel -d $(CURDIR)/dist
 	TTEMPC_LIBRARY="==$$($(BIN)/python -c 'import ttempc; print(ttempc.__version__)')" \
-		$(BIN)/python -m hatchling build -t wheel -d dist
+		$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist ./ttempc .
 
 # Both editable: the library is named here, so that no copy of it is installed.
 $(VENV)/.ready: pyproject.toml ttempc/pyproject.toml

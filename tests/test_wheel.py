@@ -14,6 +14,7 @@ import pytest
 import ttempc
 
 ROOT = Path(__file__).parents[1]
+LIBRARY_FOLDER = ROOT / "ttempc"
 LIBRARY = ("numpy", "scipy", "piqp", "numba")
 STRAIGHT = "path={kind='straight',length_m=10}"
 
@@ -37,15 +38,16 @@ assert not FOREIGN & set(sys.modules)
 
 def build(project, requirement, folder):
     environment = {**os.environ, "TTEMPC_LIBRARY": requirement}
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    subprocess.run(command, cwd=project, env=environment, check=True, capture_output=True)
+    options = ["--no-deps", "--no-build-isolation", "--wheel-dir", str(folder)]
+    command = [sys.executable, "-m", "pip", "wheel", *options, str(project)]
+    subprocess.run(command, env=environment, check=True, capture_output=True)
 
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory):
     """Both wheels, as `make wheels` builds them."""
     folder = tmp_path_factory.mktemp("dist")
-    build(ROOT / "packaging" / "ttempc", "", folder)
+    build(LIBRARY_FOLDER, "", folder)
     build(ROOT, f"=={ttempc.__version__}", folder)
     (library,) = folder.glob("ttempc-*.whl")
     (testbed,) = folder.glob("ttempc_proving_ground-*.whl")
@@ -95,6 +97,9 @@ def test_the_library_is_one_package_with_four_requirements(wheels):
     names, required = content(wheels[0])
     assert {name.partition("/")[0].partition("-")[0] for name in names} == {"ttempc"}
     assert "ttempc/py.typed" in names
+    assert {
+        f"ttempc/{file.relative_to(LIBRARY_FOLDER)}" for file in LIBRARY_FOLDER.rglob("*.py")
+    } <= set(names)
     assert required == set(LIBRARY)
 
 
