@@ -45,15 +45,16 @@ def main(words: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(words)
     if (arguments.seeds or arguments.set) and arguments.out == ROOT:
         parser.error("--seeds and --set: go with --out, so that no committed page rests on them")
-    names = known if "all" in arguments.names else dict.fromkeys(arguments.names)
-    chosen = [known[name] for name in names]
+    paged = [study for study in known.values() if study.page]
+    names = dict.fromkeys(arguments.names)
+    chosen = paged if "all" in names else [known[name] for name in names]
     seeds, overrides = tuple(dict.fromkeys(arguments.seeds)), tuple(arguments.set)
     runner = Runner(arguments.rows, arguments.workers, seeds, overrides)
     try:
         if arguments.check:
-            return _check(chosen or [*known.values()], runner, arguments.out)
+            return _check(chosen or paged, runner, arguments.out)
         if not chosen:
-            _list(known.values(), arguments.out)
+            _list([*known.values()], arguments.out)
         for study in write_tables(chosen, runner, arguments.out):
             print(f"{study.name:<20} {arguments.out / study.page}", flush=True)
     except (ExperimentError, TestbedError, TtempcError) as error:

@@ -6,11 +6,13 @@ import contextlib
 import hashlib
 import inspect
 import json
+import os
+import pickle
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import pandas as pd
 from tqdm import tqdm
@@ -39,10 +41,13 @@ from .checks import (
     write_ledger,
 )
 from .pages import ROOT, check_block, read_page, with_block, write_file
-from .study import Block, Case, Row, Study
+from .study import Block, Case, Row, Study, lap
 
 _SHOWN: Final = ("commit", "code", "ttempc", "mujoco", "numpy", "piqp")
-_ROWS: Final = "rows.jsonl"
+_UNREADABLE: Final = (pickle.UnpicklingError, AttributeError, ImportError, TypeError)
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 
 class Runner:
@@ -50,12 +55,12 @@ class Runner:
 
     Rows lie in folders whose names follow from the study and the fingerprints of its checks: they
     are taken again while both are the same, and an interrupted study goes on. Rows of a study
-    without checks are kept while the code is the same.
+    without checks are kept while the code is the same. A study is made at a time.
 
     Args:
         folder: for rows.
         workers: processes; None: one per core, 0: this process.
-        seeds: of all runs, in place of those of the studies; for a rehearsal.
+        seeds: of all runs, instead of those of the studies; for a rehearsal.
         overrides: of all runs, as of `--set`; for a rehearsal. A path replaces that of the study.
     """
 
@@ -69,6 +74,7 @@ class Runner:
         self.folder, self._workers = folder, workers
         self._seeds, self._overrides = seeds, overrides
         self._fingerprints: dict[str, Fingerprint] = {}
+        self._study: Study
         self.versions = current_versions()  # of the rows that were read last
 
     def seeds(self, seeds: tuple[int, ...]) -> tuple[int, ...]:
@@ -93,55 +99,57 @@ class Runner:
 
     def block(self, study: Study) -> Block:
         """Return the table of a study, made from kept rows and from runs that are still missing."""
+        self._study = study
         if study.make is not None:
             made = study.make(self)
         else:
             assert study.table is not None
-            made = study.table(self.frame(study))
+            cases = study.cases(self._seeds)
+            rows = self.sweep_rows(study.sweeps) if study.sweeps else self.frame(cases, study.drive)
+            made = study.table(rows)
         return made if isinstance(made, Block) else Block(made)
 
-    def frame(self, study: Study) -> pd.DataFrame:
-        """Return the rows of the grid or the sweeps of a study."""
-        if not study.sweeps:
-            return self.map(study, study.drive, study.cases(self._seeds))
-        frames = [pd.DataFrame(rows(self.sweep(name) / "results.jsonl")) for name in study.sweeps]
-        return pd.concat(frames, keys=study.sweeps, names=["study"]).reset_index("study")
+    def sweep_rows(self, names: Sequence[str]) -> pd.DataFrame:
+        """Return the rows of shipped sweeps, with the name of the sweep in the column `study`."""
+        frames = [pd.DataFrame(rows(self.sweep(name) / "results.jsonl")) for name in names]
+        return pd.concat(frames, keys=names, names=["study", None]).reset_index("study")
 
-    def map(
-        self,
-        study: Study,
-        drive: Callable[[Case], Row | list[Row]],
-        cases: Sequence[Case],
+    def frame(
+        self, cases: Sequence[Case], drive: Callable[[Case], Row | list[Row]] = lap
     ) -> pd.DataFrame:
-        """Return the rows of cases in their order, with scenario, seed and labels as columns.
-
-        Args:
-            study: that the rows are kept for.
-            drive: called for each case in a worker process; what it raises is raised here.
-            cases: of one stage of the study.
-        """
+        """Return the rows of cases in their order, with scenario, seed and labels as columns."""
         cases = [self._rehearsed(case) for case in cases]
-        file = self.kept(study) / _ROWS
-        keys = [_key(drive, case) for case in cases]
-        known = _read(file)
-        missing = [(key, case) for key, case in zip(keys, cases, strict=True) if key not in known]
-        with file.open("a", encoding="utf-8") as stream:
-            work = partial(_drive, drive)
-            for (key, _), found in self._imap(work, missing, study.name):
-                line = json.dumps({"key": key, "rows": found}, default=lambda value: value.tolist())
-                stream.write(line + "\n")
-                stream.flush()
-                known[key] = json.loads(line)["rows"]
         return pd.DataFrame(
             [
                 {"scenario": case.scenario, "seed": case.seed, **case.labels, **row}
-                for key, case in zip(keys, cases, strict=True)
-                for row in known[key]
+                for case, found in zip(cases, self.map(drive, cases), strict=True)
+                for row in (found if isinstance(found, list) else [found])
             ]
         )
 
-    def kept(self, study: Study) -> Path:
-        """Return the folder of the rows of a study, while study and fingerprints are the same."""
+    def map(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> list[Result]:
+        """Return the results of tasks in their order; they are kept for the study being made.
+
+        Args:
+            function: called for each task in a worker process; what it raises is raised here.
+            tasks: picklable; equal ones have an equal `repr`.
+        """
+        file = self.kept() / "results.pickle"
+        name = f"{function.__module__}.{function.__qualname__}"
+        keys = [hashlib.sha256(f"{name} {task!r}".encode()).hexdigest() for task in tasks]
+        known = _read(file)
+        missing = {key: task for key, task in zip(keys, tasks, strict=True) if key not in known}
+        with file.open("ab") as stream:
+            work = partial(_keyed, function)
+            for (key, _), result in self._imap(work, [*missing.items()], self._study.name):
+                pickle.dump((key, result), stream)
+                stream.flush()
+                known[key] = result
+        return [known[key] for key in keys]
+
+    def kept(self) -> Path:
+        """Return the folder for results of the study being made, while its checks are the same."""
+        study = self._study
         source = inspect.getmodule(study.make or study.table)
         assert source is not None
         digest = hashlib.sha256(inspect.getsource(source).encode())
@@ -210,33 +218,29 @@ def current_versions() -> dict[str, str]:
     return {**versions(), "code": code_digest()}
 
 
-def _drive(
-    drive: Callable[[Case], Row | list[Row]], keyed: tuple[str, Case]
-) -> list[dict[str, Any]]:
-    """Return the rows of a case; executed in a worker."""
-    found = drive(keyed[1])
-    return [dict(row) for row in (found if isinstance(found, list) else [found])]
+def _keyed(function: Callable[[Task], Result], keyed: tuple[str, Task]) -> Result:
+    return function(keyed[1])
 
 
-def _key(drive: Callable[..., Any], case: Case) -> str:
-    """Return a name of a case that is the same in every process."""
-    name = f"{drive.__module__}.{drive.__qualname__}"
-    return hashlib.sha256(f"{name} {case!r}".encode()).hexdigest()[:16]
-
-
-def _read(file: Path) -> dict[str, list[dict[str, Any]]]:
-    """Return the kept rows by the key of their case, without a torn last line."""
+def _read(file: Path) -> dict[str, Any]:
+    """Return kept results by key, without a torn last one; of other classes: none."""
+    results: dict[str, Any] = {}
+    whole = 0
     if not file.exists():
-        return {}
-    text = file.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
-    if whole != text:
-        file.write_text(whole, encoding="utf-8")
-    return {item["key"]: item["rows"] for item in map(json.loads, whole.splitlines())}
+        return results
+    with file.open("rb") as stream, contextlib.suppress(EOFError, *_UNREADABLE):
+        while True:
+            whole = stream.tell()
+            key, result = pickle.load(stream)
+            results[key] = result
+    os.truncate(file, whole)
+    return results
 
 
 def write_tables(studies: Sequence[Study], runner: Runner, out: Path = ROOT) -> Iterator[Study]:
     """Make tables, one after the other, and yield each study when its page is written.
+
+    The table of a study without a page is printed.
 
     Args:
         studies: to make.
@@ -248,11 +252,15 @@ def write_tables(studies: Sequence[Study], runner: Runner, out: Path = ROOT) -> 
         ExperimentError, TestbedError, TtempcError: a run is refused; tables before it are written.
     """
     for study in studies:
-        check_block(study.page, study.name, out)
+        if study.page:
+            check_block(study.page, study.name, out)
     runner.fingerprints([check for study in studies for check in study.all_checks])
     for study in studies:
         runner.versions = current_versions()
         block = runner.block(study)
+        if not study.page:
+            print(block.text, flush=True)
+            continue
         making = Making(runner.versions, source_digest(), runner.fingerprints(study.all_checks))
         line = provenance(study, making, runner.seeds(study.all_seeds))
         text = with_block(read_page(study.page, out), study.name, f"{block.text.strip()}\n\n{line}")

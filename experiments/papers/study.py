@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .runner import Runner
 
 Row = Mapping[str, Any]
-"""One line of a frame: values that JSON can hold, or NumPy scalars and arrays."""
+"""One line of a frame, by the names of its columns."""
 
 Axis = Mapping[str, tuple[str, ...]] | Sequence[Any]
 """Labels of one column of the frame, with the overrides that each sets, if any."""
@@ -63,7 +63,7 @@ def lap(case: Case, factory: ControllerFactory | None = None) -> Row:
 
     Args:
         case: to drive.
-        factory: of the controller, in place of the one that the scenario names.
+        factory: of the controller, instead of the one that the scenario names.
     """
     return summary_row(simulate(*load(case.scenario, case.overrides), case.seed, factory)[0])
 
@@ -76,13 +76,13 @@ class Study:
     combination (seeds count fastest), and `table` formats the frame of all rows, whose columns are
     `scenario`, `seed`, the axes, and what `drive` returns. A study of shipped sweeps names them in
     `sweeps`; `table` formats the frame of their rows, with the column `study`. Any other study has
-    `make`.
+    `make`, which may call `Runner.frame` and `Runner.map` for runs of its own.
     """
 
     name: str
-    page: str  # with the markers of the table, relative to the checkout
+    page: str  # with the markers of the table, relative to the checkout; "": printed only
     table: Callable[[pd.DataFrame], str | Block] | None = None
-    sweeps: tuple[str, ...] = ()
+    sweeps: tuple[str, ...] = ()  # shipped
     scenarios: tuple[str, ...] = ("grass",)
     axes: Mapping[str, Axis] = field(default_factory=dict)
     seeds: tuple[int, ...] = ()
@@ -96,7 +96,7 @@ class Study:
         """Return the combinations of a grid.
 
         Args:
-            seeds: in place of those of the study.
+            seeds: instead of those of the study.
         """
         axes = [
             [(label, values[label] if isinstance(values, Mapping) else ()) for label in values]
