@@ -158,7 +158,7 @@ def assemble(
     parts = parts or SharedParts()
     terrain = parts.terrain(scenario, seed)
     reference, strength_map = _way(mission, vehicle, terrain, scenario)
-    driven = replace(vehicle, **vehicles.plant_lengths())
+    driven = replace(vehicle, **vehicles.plant_lengths)
     timestep = scenario.plant.timestep_s
     record_rate(timestep, scenario.control.period_s)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
