@@ -11,10 +11,8 @@ import numpy as np
 
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import run_on
-from ttempc.reference.path import Path
-from ttempc.reference.posture import check_drivable
-from ttempc.reference.projection import Projection
-from ttempc.reference.reference import Reference, check_pace
+from ttempc.reference.path import Path, Projection
+from ttempc.reference.reference import Reference, check_drivable, check_pace
 from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
@@ -160,7 +158,7 @@ def assemble(
     parts = parts or SharedParts()
     terrain = parts.terrain(scenario, seed)
     reference, strength_map = _way(mission, vehicle, terrain, scenario)
-    driven = replace(vehicle, **vehicles.plant_lengths())
+    driven = replace(vehicle, **vehicles.plant_lengths)
     timestep = scenario.plant.timestep_s
     record_rate(timestep, scenario.control.period_s)
     soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)

@@ -8,8 +8,7 @@ from typing import Final
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from ttempc.guidance.controllers import CONTROLLERS, controller_options, speed_tube
-from ttempc.guidance.estimators import ESTIMATORS
+from ttempc.guidance.controllers import CONTROLLERS, ESTIMATORS, controller_options, speed_tube
 from ttempc.reference.corridor import SpeedTube
 from ttempc.tube.reference_tube import TubeDesign
 from ttempc.vehicle import Vehicle
