@@ -7,7 +7,7 @@ import itertools
 import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from ttempc.guidance.guidance import ControllerFactory
 
@@ -127,8 +127,11 @@ class Study:
         return (*itertools.chain.from_iterable(map(sweep_checks, self.sweeps)), *own)
 
 
+_OTHERS: Final = (".kayacan.eight_numbers",)
+
+
 def all_studies() -> dict[str, Study]:
     """Return every study by its name."""
     names = [f".studies.{item.name}" for item in pkgutil.iter_modules(declarations.__path__)]
-    modules = [importlib.import_module(name, __package__) for name in names]
+    modules = [importlib.import_module(name, __package__) for name in (*names, *_OTHERS)]
     return {study.name: study for module in modules for study in module.STUDIES}

@@ -3,6 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Final
+
+from ..results.published import PUBLISHED_M
+
+ERRORS: Final = tuple(f"tracking.{where}.{body}.mean_euclidean_m" for where, body in PUBLISHED_M)
+"""Columns of the four mean errors of the paper's table, in the order of `COLUMNS`."""
 
 
 def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
