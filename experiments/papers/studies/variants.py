@@ -111,11 +111,7 @@ def front(runs: pd.DataFrame) -> Block:
         "scenario": label("scenario", "`{}`"),
         "controller": label("controller", "`{}`"),
         "hydrostat weight": _weight,
-        "error [cm]": _of_complete(mean(*POINTS)),
-        **{
-            head: _of_complete(mean(name, form=".1f", factor=scale))
-            for head, name, scale in ACTUATOR_USE
-        },
+        **{head: _of_complete(cell) for head, cell in {"error [cm]": mean(*POINTS), **use}.items()},
         "lost": lost,
     }
     text = grouped(runs, ["scenario", "variant"], cells)
@@ -128,12 +124,8 @@ def front(runs: pd.DataFrame) -> Block:
             line = [one for one in groups(own, ["variant"]) if completed(one)]
             travel = [100.0 * numbers(one, _TRAVEL).mean() for one in line]
             name = str(own["controller"].iloc[0])
-            axes.plot(
-                travel,
-                [100.0 * numbers(one, *POINTS).mean() for one in line],
-                **series(number),
-                label=name,
-            )
+            error = [100.0 * numbers(one, *POINTS).mean() for one in line]
+            axes.plot(travel, error, **series(number, name))
         title = str(field["scenario"].iloc[0])
         dress(axes, "hydrostat travel [%/m]", "mean error of both points [cm]", title)
         axes.set_xlim(left=0.0)
