@@ -34,9 +34,9 @@ from ...testbed.simulation.setup import SimulationSetup, Stage
 from ...testbed.simulation.termination import TerminationLimits
 from ...testbed.vehicle.axle_loads import overload_notes
 from ..errors import InvalidScenario
-from ..scenario.control import ControlSettings, record_rate, record_steps
 from ..scenario.controller import TRUTH
-from ..scenario.mission import Mission
+from ..scenario.path import Mission
+from ..scenario.plant import ControlSettings, record_rate, record_steps
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
 from .corridor_judge import corridor_row

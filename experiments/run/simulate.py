@@ -20,8 +20,8 @@ from ..output import make_folder, refuse_existing, write_file
 from ..results.metrics import summarise
 from ..results.published import PublishedError, published_beside
 from ..results.summary import RunFacts, Summary
-from ..scenario.control import record_steps
 from ..scenario.controller import OptionValue
+from ..scenario.plant import record_steps
 from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import ParameterMismatch
 from .assembly import Assembly, assemble

@@ -29,8 +29,8 @@ from ttempc.vehicle import Vehicle
 from ...testbed.errors import StageFailed
 from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ..errors import InvalidController
+from ..scenario.controller import StageSettings
 from ..scenario.scenario import Scenario
-from ..scenario.stages import StageSettings
 
 _MOST_OFFERED: Final = 20  # names of a module in a message
 

@@ -32,7 +32,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     from mkdocs.structure.files import File
 
     pages = {copy: (ROOT / source).read_text() for source, copy in COPIES.items()}
-    from proving_ground.experiments.schema.reference_page import scenario_reference
+    from proving_ground.experiments.scenario.schema import scenario_reference
 
     pages["scenario-reference.md"] = scenario_reference()
     pages |= _api_pages()

@@ -14,7 +14,7 @@ from ttempc.guidance.controllers import CONTROLLERS
 from ttempc.guidance.estimators import ESTIMATORS
 
 from ...scenario.scenario import Scenario, read_scenario, shipped
-from ...schema.json_schema import json_schema
+from ...scenario.schema import json_schema
 
 _NAMES: Final = {"controller.name": tuple(CONTROLLERS), "controller.estimator": tuple(ESTIMATORS)}
 # Code and texts of a user; a fault has start_s instead of at_m; wall clocks do not repeat.
