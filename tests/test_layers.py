@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PROJECT = {"mjcf", "testbed", "ttempc", "experiments"}
 CONTROL_SIDE_MAY = {"numpy", "scipy", "piqp", "numba", "ttempc"}
-DAQP_MODULE = "ttempc/mpc/daqp_solver.py"
+DAQP_MODULE = "ttempc/mpc/qp.py"
 TESTBED_MAY_OF_TTEMPC = {
     "ttempc.errors",
     "ttempc.jit",
@@ -18,7 +18,6 @@ TESTBED_MAY_OF_TTEMPC = {
     "ttempc.types",
     "ttempc.vehicle",
 }
-MOST_MODULES = 16  # in a folder, its __init__.py included
 
 
 def imports(file: Path) -> set[str]:
@@ -94,14 +93,6 @@ def test_testbed_never_imports_a_controller_or_an_experiment(file):
         top = name.split(".")[0]
         assert top != "experiments", f"{file} imports {name}"
         assert top != "ttempc" or name in TESTBED_MAY_OF_TTEMPC, f"{file} imports {name}"
-
-
-@pytest.mark.parametrize("package", sorted(PROJECT))
-def test_modules_and_folders_stay_small(package):
-    for file in modules(package):
-        assert len(file.read_text().splitlines()) <= 350, f"{file} is too long"
-    for folder in {file.parent for file in modules(package)}:
-        assert len(list(folder.glob("*.py"))) <= MOST_MODULES, f"{folder} holds too many modules"
 
 
 def test_no_circle_of_imports_between_files_or_folders():

@@ -11,10 +11,9 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
-from ttempc.limits import CommandLimits
 from ttempc.reference.reference import Reference
 from ttempc.types import Command, Controller, Estimate, FloatArray
-from ttempc.vehicle import Vehicle
+from ttempc.vehicle import CommandLimits, Vehicle
 
 from ...testbed.recording.sink import Tee
 from ...testbed.simulation.loop import (

@@ -11,10 +11,8 @@ import numpy as np
 
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import run_on
-from ttempc.reference.path import Path
-from ttempc.reference.posture import check_drivable
-from ttempc.reference.projection import Projection
-from ttempc.reference.reference import Reference, check_pace
+from ttempc.reference.path import Path, Projection
+from ttempc.reference.reference import Reference, check_drivable, check_pace
 from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 

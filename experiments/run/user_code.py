@@ -19,8 +19,7 @@ import numpy as np
 
 from ttempc.errors import UnknownController
 from ttempc.estimation.noise import SensorNoise
-from ttempc.guidance.controllers import controller_options
-from ttempc.guidance.estimators import estimator_factory
+from ttempc.guidance.controllers import controller_options, estimator_factory
 from ttempc.reference.reference import Reference
 from ttempc.suggestion import did_you_mean
 from ttempc.types import Controller, Estimator

@@ -10,8 +10,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from ttempc.estimation.noise import SensorNoise
-from ttempc.guidance.controllers import CONTROLLERS, controller_options, speed_tube
-from ttempc.guidance.estimators import ESTIMATORS
+from ttempc.guidance.controllers import CONTROLLERS, ESTIMATORS, controller_options, speed_tube
 from ttempc.reference.corridor import SpeedTube
 from ttempc.tube.reference_tube import TubeDesign
 from ttempc.vehicle import Vehicle

@@ -12,9 +12,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from ttempc.errors import TtempcError
-from ttempc.tube.ancillary import AncillaryWeights
-from ttempc.tube.disturbance_set import DisturbanceSet, Shape
-from ttempc.tube.reference_tube import TubeDesign
+from ttempc.tube.reference_tube import AncillaryWeights, TubeDesign
+from ttempc.tube.sets import DisturbanceSet, Shape
 from ttempc.types import FloatArray, State
 from ttempc.vehicle import Vehicle
 

@@ -10,8 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ttempc.guidance.controllers import CONTROLLERS
-from ttempc.guidance.estimators import ESTIMATORS
+from ttempc.guidance.controllers import CONTROLLERS, ESTIMATORS
 
 from ...scenario.scenario import Scenario, read_scenario, shipped
 from ...scenario.schema import json_schema
