@@ -13,10 +13,11 @@ test: $(VENV)/.dev         ## the whole suite, a process per core
 bench: $(VENV)/.dev        ## cost and speed beside their limits; leave the machine idle
 	$(BIN)/python -m proving_ground.experiments.papers.benchmarks
 
-lint: $(VENV)/.dev         ## ruff and pyright
+lint: $(VENV)/.dev         ## style, types, budgets, layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+	$(BIN)/python packaging/lint.py
 
 docs: $(VENV)/.dev         ## the documentation site: dist/site/index.html
 	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going docs dist/site

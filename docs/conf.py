@@ -1,4 +1,4 @@
-"""Documentation site: `make docs` builds it with Sphinx into dist/site; it needs no network to be read."""
+"""Settings of the documentation site, which `make docs` builds with Sphinx into dist/site."""
 
 from __future__ import annotations
 
@@ -63,7 +63,9 @@ def read_include(app: Sphinx, path: Path, docname: str, content: list[str]) -> N
     link_to_text(app, docname, content)
 
 
-def plain_docstring(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+def plain_docstring(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
     """Turn code spans of Markdown, in which the docstrings are written, into those of RST."""
     lines[:] = [re.sub(r"`([^`]+)`", r"``\1``", line).replace("|", r"\|") for line in lines]
 
