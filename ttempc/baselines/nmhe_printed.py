@@ -13,11 +13,12 @@ from typing import Final
 
 import numpy as np
 
-from ..estimation.measurement_model import LENGTH, first_state
+from ..estimation.filter import first_state
 from ..estimation.noise import SensorNoise
+from ..models.augmented_state import LENGTH
 from ..models.kinematics import wrap_angle
-from ..mpc.qp import QP
-from ..mpc.solver import PersistentSolver
+from ..mpc.lmpc import QP
+from ..mpc.qp import PersistentSolver
 from ..types import Command, Estimate, FloatArray, Measurement, Sensor, State
 from ..vehicle import Vehicle
 from .nmpc_printed_model import (

@@ -17,19 +17,17 @@ from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
-from ..errors import InvalidReference
+from ..errors import InvalidReference, check_choice, check_count, check_positive
 from ..laws.tracking_controller import Actions, TrackingController
-from ..limits import CommandLimits
-from ..mpc.prediction import rotation
-from ..mpc.qp import FirstInputs, HorizonTuning, StageBounds
-from ..reference.projection import Projection
+from ..mpc.articulated_error import rotation
+from ..mpc.lmpc import FirstInputs, HorizonTuning, StageBounds
+from ..reference.path import Projection
 from ..reference.reference import Reference
 from ..types import Estimate, FloatArray, Input
-from ..validation import check_choice, check_count, check_positive
-from ..vehicle import Vehicle
+from ..vehicle import CommandLimits, Vehicle
+from .nmpc import GaussNewton
+from .nmpc_model import Task
 from .nmpc_printed_model import PRINTED, PrintedModel
-from .nmpc_problem import Task
-from .nmpc_solver import GaussNewton
 
 _M = len(Input)
 _RUN_ON_M = 20.0  # of reference beyond the end of the path, for a vehicle that arrives early

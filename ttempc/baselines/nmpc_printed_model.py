@@ -24,7 +24,7 @@ import numpy as np
 from ..jit import cached_njit
 from ..types import FloatArray
 from ..vehicle import Vehicle
-from .nmpc_problem import Subsystem, Task, linear_map, planned_inputs, propagate
+from .nmpc_model import Subsystem, Task, linear_map, planned_inputs, propagate
 
 STATES: Final = 7  # x_t, y_t, psi_t, x_i, y_i, psi_i, v: v is the speed of the rims
 FACTORS: Final = 3  # mu, kappa, eta

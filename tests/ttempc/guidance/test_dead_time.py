@@ -7,10 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ttempc.estimation.augmented_state import SIZE, STATES, augmented_of, estimate_of
-from ttempc.estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.dead_time import DeadTimeCompensation, compensated, lead_s
+from ttempc.models.augmented_state import (
+    SIZE,
+    STATES,
+    advance_augmented_state,
+    augmented_of,
+    estimate_of,
+    vehicle_parameters,
+)
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, Disturbance, MapDisturbance, State
