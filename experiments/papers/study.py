@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Row = Mapping[str, Any]
 """One line of a frame, by the names of its columns."""
 
-Axis = Mapping[str, tuple[str, ...]] | Sequence[Any]
+Axis = Mapping[Any, tuple[str, ...]] | Sequence[Any]
 """Labels of one column of the frame, with the overrides that each sets, if any."""
 
 
