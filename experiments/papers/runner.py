@@ -23,7 +23,7 @@ from ..seeds import report_seeds
 from ..sweep.engine import Engine, engine, imap_bounded
 from ..sweep.folder import is_begun, lock_folder
 from ..sweep.plan import SweepPlan
-from ..sweep.results import rows
+from ..sweep.results import read_frame
 from ..sweep.study import load_study
 from ..sweep.sweep import sweep
 from ..sweep_report.format import format_numbers
@@ -111,7 +111,7 @@ class Runner:
 
     def sweep_rows(self, names: Sequence[str]) -> pd.DataFrame:
         """Return the rows of shipped sweeps, with the name of the sweep in the column `study`."""
-        frames = [pd.DataFrame(rows(self.sweep(name) / "results.jsonl")) for name in names]
+        frames = [read_frame(self.sweep(name)) for name in names]
         return pd.concat(frames, keys=names, names=["study", None]).reset_index("study")
 
     def frame(
