@@ -25,7 +25,7 @@ from ...testbed.recording.record import Record
 from ..errors import InvalidFit
 from ..results.containment import Containment
 from ..results.statistics import fewest_samples
-from ..scenario.control import PAPER_PERIOD_S
+from ..scenario.plant import PAPER_PERIOD_S
 from ..scenario.scenario import Scenario
 from ..scenario.tube_file import (
     HoldOut,

@@ -15,7 +15,7 @@ from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.experiments.run.assembly import check, model_vehicle
 from proving_ground.experiments.run.simulate import run, simulate
-from proving_ground.experiments.scenario.control import PAPER_PERIOD_S
+from proving_ground.experiments.scenario.plant import PAPER_PERIOD_S
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, to_json
 from proving_ground.experiments.tubes.calibration import driven_run
