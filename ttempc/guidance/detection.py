@@ -334,7 +334,7 @@ _RECEIVERS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 _LEAST_DIFFERENCES: Final = 20
 _MOST_DIFFERENCES: Final = 200  # 20 s of both axes at 5 Hz
 _MEDIAN_TO_SD: Final = 1.4826 / math.sqrt(6.0)  # x(k+1) - 2 x(k) + x(k-1) of white noise
-_HISTORY_S: Final = 3.0  # age of the oldest position that speeds are compared with: it may come late
+_HISTORY_S: Final = 3.0  # age of the oldest position that speeds are compared with
 _SIGMAS: Final = 3.0
 _STANDS: Final = 0.5  # share of the encoder's speed below which a vehicle makes no way
 
