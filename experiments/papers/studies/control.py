@@ -235,7 +235,6 @@ def ahead(own: FloatArray, other: FloatArray) -> list[str]:
 STUDIES: Final = (
     Study(
         name="recovery",
-        page="docs/ablation.md",
         scenarios=("grass", "wet-slope"),
         overrides=(),
         axes={"offset": OFFSETS},
@@ -258,7 +257,6 @@ STUDIES: Final = (
     ),
     Study(
         name="learning",
-        page="docs/learning.md",
         overrides=("path.laps=2", 'controller.name="ttempc"'),
         axes={
             "factors": {factors: _lengths(factors) for factors in FACTORS},
@@ -286,7 +284,6 @@ STUDIES: Final = (
     ),
     Study(
         name="ranking",
-        page="docs/ranking.md",
         seeds=report_seeds(DRAWS),
         make=ranking,
         checks=(

@@ -18,8 +18,7 @@ from ...logs.replay import estimator_of, replay
 from ...results.consistency import consistency
 from ...results.tracking_errors import BODIES, START_UP_S, position_fields, rows_at_same_time
 from ...run.simulate import simulate
-from ...scenario.assumed_noise import NoiseSettings
-from ...scenario.controller import TRUTH
+from ...scenario.controller import TRUTH, NoiseSettings
 from ...scenario.path import FigureEight
 from ...scenario.scenario import Scenario, load, shipped
 from ...seeds import report_seeds
@@ -164,7 +163,6 @@ def _pairs(values: FloatArray, form: str) -> list[str]:
 STUDIES: Final = (
     Study(
         name="estimators",
-        page="docs/estimators.md",
         scenarios=FIELDS,
         overrides=("path.laps=1", 'controller.name="ttempc-nominal"'),
         axes={"estimator": {name: (f'controller.estimator="{name}"',) for name in ESTIMATORS}},
@@ -194,7 +192,6 @@ STUDIES: Final = (
     ),
     Study(
         name="consistency",
-        page="docs/estimators.md",
         scenarios=tuple(shipped()),
         overrides=(),
         seeds=report_seeds(2),
@@ -205,7 +202,6 @@ STUDIES: Final = (
     ),
     Study(
         name="limits",
-        page="docs/limits.md",
         scenarios=tuple(shipped()),
         overrides=('controller.name="ttempc"',),
         axes={"variant": tuple(VARIANTS)},

@@ -457,7 +457,6 @@ _STUCK: Final = changes("front steering stuck", 5.0)  # within the time of a reg
 
 FAULTS: Final = Study(
     name="faults",
-    page="docs/faults.md",
     seeds=SEEDS,
     make=lambda runner: fault_tables(runner.frame(fault_cases(runner.seeds(SEEDS)), outcome)),
     checks=tuple(("grass", name, *own) for name in CONTROLLERS for own in ((), _STUCK)),
@@ -465,7 +464,6 @@ FAULTS: Final = Study(
 )
 STUCK_VALVES: Final = Study(
     name="stuck-valves",
-    page="docs/faults.md",
     overrides=(),
     axes={
         "valve": {
@@ -490,7 +488,6 @@ STUCK_VALVES: Final = Study(
 )
 FALSE_ALARMS: Final = Study(
     name="false-alarms",
-    page="docs/faults.md",
     seeds=report_seeds(_DRIVES * len(fields())),
     make=lambda runner: alarm_table(
         runner.frame(alarm_cases(runner.seeds(FALSE_ALARMS.seeds)), alarms)
@@ -500,7 +497,6 @@ FALSE_ALARMS: Final = Study(
 )
 LIMITS: Final = Study(
     name="detector-limits",
-    page="",
     seeds=tuple(TUNING[: _CALIBRATION_DRIVES * len(shipped())]),
     make=lambda runner: limit_table(runner.frame(limit_cases(), residuals)),
     minutes=5.0,

@@ -309,7 +309,6 @@ def _mean(errors: Sequence[float]) -> str:
 STUDIES: Final = (
     Study(
         name="breaking-points",
-        page="docs/results.md",
         seeds=report_seeds(3),
         make=breaking_points,
         checks=tuple(("grass", name) for name in BROKEN),
@@ -317,7 +316,6 @@ STUDIES: Final = (
     ),
     Study(
         name="worst-cases",
-        page="docs/worst-cases.md",
         seeds=report_seeds(1),
         make=worst_cases,
         checks=tuple(("grass", name) for name in CONTROLLERS),
@@ -325,7 +323,6 @@ STUDIES: Final = (
     ),
     Study(
         name="retuned",
-        page="docs/compare.md",
         seeds=report_seeds(2),
         make=retuned,
         checks=(

@@ -206,7 +206,6 @@ def _inside(fresh: FloatArray, widths: FloatArray) -> str:
 STUDIES: Final = (
     Study(
         name="corridor",
-        page="docs/corridor.md",
         seeds=report_seeds(LAPS),
         make=corridor,
         checks=tuple(("rows", name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")),
@@ -214,7 +213,6 @@ STUDIES: Final = (
     ),
     Study(
         name="corridor-options",
-        page="",
         scenarios=("rows",),
         overrides=("controller.options.corridor_at_rest_m=[0.0, 0.0]",),
         axes={
@@ -229,7 +227,6 @@ STUDIES: Final = (
     ),
     Study(
         name="coverage",
-        page="docs/tube.md",
         seeds=report_seeds(LAPS),
         make=coverage,
         checks=tuple((name, "ttempc") for name in FIELDS),
