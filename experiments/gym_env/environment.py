@@ -29,12 +29,12 @@ from ...testbed.simulation.loop import (
 from ...testbed.simulation.setup import SimulationSetup, TickContext
 from ...testbed.truth import Truth
 from ..errors import BadOptions, InvalidScenario
-from ..policy.observation import ESTIMATE_NAMES, EstimateObserver, bounds
-from ..policy.residual import ResidualController, half_range
 from ..run.assembly import assemble, check, model_vehicle
 from ..run.shared_parts import SharedParts
 from ..run.user_code import named_parts, refuse_untrusted
 from ..scenario.scenario import parse_overrides, read_scenario
+from .observation import ESTIMATE_NAMES, EstimateObserver, bounds
+from .residual import ResidualController, half_range
 from .reward import reward
 from .sensor_observer import SensorObserver, sensor_names
 

@@ -13,7 +13,7 @@ from ttempc.types import FloatArray, Measurement
 
 from ...testbed.sensing.sensor_specification import SensorSpecification
 from ...testbed.sensing.sensors import COMPONENTS
-from ..policy.observation import REFERENCE_NAMES, ReferenceAhead, bounds, cut
+from .observation import REFERENCE_NAMES, ReferenceAhead, bounds, cut
 
 _POSE_NAMES: Final = (
     "x_t_reference_m",

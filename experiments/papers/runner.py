@@ -40,7 +40,7 @@ from .checks import (
     sweep_checks,
     write_ledger,
 )
-from .pages import ROOT, check_block, read_page, with_block, write_file
+from .pages import ROOT, pages_of_tables, read_page, with_block, write_file
 from .study import Block, Case, Row, Study, lap
 
 _SHOWN: Final = ("commit", "code", "ttempc", "mujoco", "numpy", "piqp")
@@ -248,25 +248,24 @@ def write_tables(studies: Sequence[Study], runner: Runner, out: Path = ROOT) -> 
         out: folder that gets the pages; by default they are replaced in the checkout.
 
     Raises:
-        InvalidPage: a page has no markers for a table; nothing is driven.
+        InvalidPage: markers of the pages are invalid; nothing is driven.
         ExperimentError, TestbedError, TtempcError: a run is refused; tables before it are written.
     """
-    for study in studies:
-        if study.page:
-            check_block(study.page, study.name, out)
+    pages = pages_of_tables()
     runner.fingerprints([check for study in studies for check in study.all_checks])
     for study in studies:
         runner.versions = current_versions()
         block = runner.block(study)
-        if not study.page:
+        if study.name not in pages:
             print(block.text, flush=True)
             continue
+        page = pages[study.name]
         making = Making(runner.versions, source_digest(), runner.fingerprints(study.all_checks))
         line = provenance(study, making, runner.seeds(study.all_seeds))
-        text = with_block(read_page(study.page, out), study.name, f"{block.text.strip()}\n\n{line}")
+        text = with_block(read_page(page, out), study.name, f"{block.text.strip()}\n\n{line}")
         for name, content in block.files.items():
-            write_file((out / study.page).parent / name, content)
-        write_file(out / study.page, text.encode())
+            write_file((out / page).parent / name, content)
+        write_file(out / page, text.encode())
         write_ledger({**read_ledger(out), study.name: making}, out)
         yield study
 

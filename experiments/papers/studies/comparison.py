@@ -6,7 +6,7 @@ the tool where there is one, else the trailer's axle point.
 
 from __future__ import annotations
 
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -21,12 +21,8 @@ from ...scenario.scenario import load
 from ...seeds import TUNED_FIELDS
 from ...sweep.results import WORKING_P95, WORKING_SD
 from ...sweep.study import DrawnAxis, load_study
-from ...sweep_report.files import docs_page
 from ...sweep_report.format import format_estimate
-from ...sweep_report.report import make_report
-from ...sweep_report.runs import read_sweep
 from ..leads import leads_sentence
-from ..runner import Runner
 from ..study import Block, Study
 from ..tables import ERRORS, markdown
 
@@ -314,12 +310,7 @@ def _range(values: pd.Series) -> str:
 
 
 SWEEPS: Final = ("terrain-slip", "delay", "noise", "speed-radius", "mismatch")
-"""Sweeps with a page of their own in docs/results."""
-
-
-def _page(name: str, runner: Runner) -> Block:
-    """Return the report of a sweep, with its pictures."""
-    return Block(*docs_page(make_report(read_sweep(runner.sweep(name)), against=DEFAULT)))
+"""Sweeps side by side; `ttempc report` makes a page of each."""
 
 
 def side_by_side(rows: pd.DataFrame) -> str:
@@ -341,26 +332,16 @@ def side_by_side(rows: pd.DataFrame) -> str:
         gap = 100.0 * (pairs[_RIVAL] - pairs[DEFAULT]).dropna()
         estimate = mean(gap.to_numpy(float), gap.index.get_level_values(unit).to_numpy())
         difference = f"{format_estimate(estimate, sign='+')} of {len(gap)}"
-        link = f"[{name}](results/{name}.md)"
-        lines.append((link, str(len(own)), study.description, *cells, difference))
+        lines.append((f"`{name}`", str(len(own)), study.description, *cells, difference))
     heads = ("study", "runs", "varied", *(f"`{name}`" for name in _SHOWN))
     table = markdown((*heads, f"`{_RIVAL}` - `{DEFAULT}`, pairs"), lines)
     return f"{table}\n\n{leads_sentence(_errors(rows, 'study'), 'studies')}"
 
 
 STUDIES: Final = (
-    *(
-        Study(name=name, page=page, table=table, sweeps=("compare",))
-        for name, page, table in (
-            ("headline", "README.md", headline),
-            ("fields", "docs/results.md", by_field),
-            ("errors", "docs/results.md", errors),
-            ("compare", "docs/compare.md", controllers),
-        )
-    ),
-    *(
-        Study(name=name, page=f"docs/results/{name}.md", make=partial(_page, name), sweeps=(name,))
-        for name in SWEEPS
-    ),
-    Study(name="studies", page="docs/results.md", table=side_by_side, sweeps=SWEEPS),
+    Study(name="headline", table=headline, sweeps=("compare",)),
+    Study(name="fields", table=by_field, sweeps=("compare",)),
+    Study(name="errors", table=errors, sweeps=("compare",)),
+    Study(name="compare", table=controllers, sweeps=("compare",)),
+    Study(name="studies", table=side_by_side, sweeps=SWEEPS),
 )

@@ -88,7 +88,7 @@ def test_tables_show_where_the_rival_is_better_and_no_mean_over_lost_runs(rows):
 def test_sweeps_stand_side_by_side_with_the_paired_difference(rows):
     text = module.side_by_side(pd.concat([rows.assign(study=name) for name in module.SWEEPS]))
     for name in module.SWEEPS:
-        cells = line(text, f"[{name}]")
+        cells = line(text, f"`{name}`")
         assert cells[1] == str(len(rows))
         assert cells[5].endswith("5 of 20 lost")
         assert cells[6].endswith("of 20")
