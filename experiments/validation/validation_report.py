@@ -67,9 +67,8 @@ class ValidationReport:
         passed, failed, skipped = (
             self.counts[verdict] for verdict in ("pass", "FAIL", "not applicable")
         )
-        return f"{self.scenario}, {self.wheels} wheels: {passed} of {passed + failed} checks hold" + (
-            f", {skipped} do not apply" if skipped else ""
-        )
+        text = f"{self.scenario}, {self.wheels} wheels: {passed} of {passed + failed} checks hold"
+        return text + (f", {skipped} do not apply" if skipped else "")
 
 
 def bench(scenario: Scenario) -> Bench:
@@ -132,15 +131,13 @@ def _write(report: ValidationReport, scenario_toml: str, folder: Path) -> None:
     pictures: list[Picture] = []
     for chart in (check.chart for check in report.checks if check.chart is not None):
         stem = re.sub(r"[^a-z0-9]+", "-", chart.title.lower()).strip("-")
-        pictures.append(Picture.of(stem, chart.title, png(chart_figure(chart))))
-        write_file(folder / f"{stem}.png", pictures[-1].content)
+        content = png(chart_figure(chart))
+        pictures.append(Picture.of(stem, chart.title, content))
+        write_file(folder / f"{stem}.png", content)
     page = environment().get_template("validation.html.j2")
     rows = [(check, figure_text(check)) for check in report.checks]
-    content = {"validation": report, "rows": rows, "pictures": pictures}
-    write_file(
-        folder / "validation.html",
-        page.render(counts=report.counts, scenario_toml=scenario_toml, **content),
-    )
+    tables = {"validation": report, "rows": rows, "counts": report.counts, "pictures": pictures}
+    write_file(folder / "validation.html", page.render(scenario_toml=scenario_toml, **tables))
 
 
 def format_check(check: Check) -> str:

@@ -32,8 +32,8 @@ from ..ground.terrain import (
 )
 from ..simulation.plant import Plant
 from ..truth import WHEELS
-from ..vehicle.axle_loads import AxleLoads
 from ..vehicle.servos import tyres_of, wheel_loads
+from ..vehicle.vehicle import AxleLoads
 from ..wheels import tyre
 from ..wheels.soil_law import SoilLaw
 from ..wheels.wheel_models import wheel_model
@@ -55,7 +55,7 @@ from .bench import (
 from .check import Chart, Line
 from .steady_motion import Planar, steady_motion
 
-_UP_Y: Final = 0.5 * math.pi  # direction of a slope that rises to the left of a vehicle heading east
+_UP_Y: Final = 0.5 * math.pi  # [rad] direction of a slope that rises to the north
 
 
 class Measured(NamedTuple):
@@ -253,9 +253,10 @@ def steering_steps(bench: Bench) -> Iterator[Measured]:
         chart = _chart(f"Step of the {name}", "time [s]", "angle [deg]", time, **lines)
         middle = min(int(np.searchsorted(angle, 0.7 * limit)), len(angle) - 1)
         behind = time[middle] - angle[middle] / rate  # a lag trails a ramp by its time constant
-        fastest, rated, end, stop = np.degrees([np.diff(angle).max() / every_s, rate, angle[-1], limit])
-        yield Measured(fastest, rated, chart=chart, words={"axis": name})
-        yield Measured(end, stop, words={"axis": name})
+        found = np.degrees([np.diff(angle).max() / every_s, angle[-1]])
+        rated, stop = np.degrees([rate, limit])
+        yield Measured(found[0], rated, chart=chart, words={"axis": name})
+        yield Measured(found[1], stop, words={"axis": name})
         yield Measured(behind, lag, words={"axis": name})
 
 

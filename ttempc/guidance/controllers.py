@@ -9,7 +9,6 @@ from typing import Any, Final, Literal, TypeVar
 
 from ..baselines.lqr import LqrOptions, lqr_controller
 from ..baselines.nmhe import MovingHorizonEstimator
-from ..baselines.nmhe_printed import PrintedEstimator
 from ..baselines.nmpc import (
     NmpcOptions,
     NmpcRtiOptions,
@@ -18,7 +17,6 @@ from ..baselines.nmpc import (
     nmpc_distributed_controller,
     nmpc_rti_controller,
 )
-from ..baselines.nmpc_printed import PrintedNmpcOptions, printed_nmpc_controller
 from ..baselines.paper import (
     PaperOptions,
     PrintedSignOptions,
@@ -160,11 +158,6 @@ CONTROLLERS: Final = MappingProxyType(
             nmpc_distributed_controller,
             NmpcOptions,
         ),
-        "kayacan-nmpc": ControllerEntry(
-            "NMPC on the printed model with slip factors and a space-based reference, as published",
-            printed_nmpc_controller,
-            PrintedNmpcOptions,
-        ),
         "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback", feedforward_controller
         ),
@@ -236,7 +229,7 @@ def make_controller(
         >>> reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
         >>> controller = make_controller("ttempc", vehicle, reference, 0.2, options={"horizon": 15})
         >>> sorted(CONTROLLERS)[:3]
-        ['feedforward', 'kayacan-nmpc', 'lqr']
+        ['feedforward', 'lqr', 'nmpc']
     """
     entry = controller_entry(name)
     if entry.tube == "required" and design is None:
@@ -267,7 +260,6 @@ ESTIMATORS: Final = MappingProxyType[str, EstimatorFactory](
     {
         "ekf": ExtendedKalmanFilter,
         "nmhe": MovingHorizonEstimator,
-        "kayacan-nmhe": PrintedEstimator,
     }
 )
 

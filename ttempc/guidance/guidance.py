@@ -214,7 +214,6 @@ class Guidance:
 
     @property
     def period_s(self) -> float:
-        """Control period [s]."""
         return self._period_s
 
     @property

@@ -21,10 +21,10 @@ from typing import Final
 
 import numpy as np
 
-from ..jit import cached_njit
-from ..types import FloatArray
-from ..vehicle import Vehicle
-from .nmpc_model import Subsystem, Task, linear_map, planned_inputs, propagate
+from ttempc.baselines.nmpc_model import Subsystem, Task, linear_map, planned_inputs, propagate
+from ttempc.jit import cached_njit
+from ttempc.types import FloatArray
+from ttempc.vehicle import Vehicle
 
 STATES: Final = 7  # x_t, y_t, psi_t, x_i, y_i, psi_i, v: v is the speed of the rims
 FACTORS: Final = 3  # mu, kappa, eta

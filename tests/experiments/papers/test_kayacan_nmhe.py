@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from proving_ground.experiments.papers.kayacan.model import advance_printed, printed_parameters
+from proving_ground.experiments.papers.kayacan.nmhe import FACTOR_MAX, FACTOR_MIN, Estimator
 
 from tests.ttempc.closed_loop import PERIOD_S
-from ttempc.baselines.nmhe_printed import FACTOR_MAX, FACTOR_MIN, PrintedEstimator
-from ttempc.baselines.nmpc_printed_model import advance_printed, printed_parameters
 from ttempc.types import Command, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -18,7 +18,7 @@ def estimates(factors, noise, ticks=150, seed=1, gap=range(0)):
     """Drive the printed model with slip `factors`; return truth (ticks, 7) and estimates."""
     generator = np.random.default_rng(seed)
     parameters, given = printed_parameters(VEHICLE, 1), np.array(factors)
-    estimator = PrintedEstimator(VEHICLE)
+    estimator = Estimator(VEHICLE)
     z = np.array([0.0, 0.0, 0.0, -2.4, 0.0, 0.0, 1.0])
     truth, found, command = [], [], None
     steering = np.array([0.0, 0.0, 0.72, 0.0])
@@ -80,7 +80,7 @@ def test_factors_keep_their_range(factors, bound):
 
 
 def test_without_samples_there_is_no_estimate():
-    assert np.isnan(PrintedEstimator(VEHICLE).update(0.0, [], None).state).all()
+    assert np.isnan(Estimator(VEHICLE).update(0.0, [], None).state).all()
 
 
 def test_gap_of_gnss_is_bridged_by_the_model():

@@ -6,15 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-
-from tests.ttempc.closed_loop import PERIOD_S
-from ttempc.baselines.nmpc_printed import PrintedNmpcOptions, SpaceBasedTargets
-from ttempc.baselines.nmpc_printed_model import (
+from proving_ground.experiments.papers.kayacan.model import (
     advance_printed,
     along_window,
     printed_parameters,
 )
+from proving_ground.experiments.papers.kayacan.nmpc import (
+    PrintedNmpcOptions,
+    SpaceBasedTargets,
+    controller,
+)
+from scipy.integrate import solve_ivp
+
+from tests.ttempc.closed_loop import PERIOD_S
 from ttempc.errors import InvalidReference, InvalidTuning
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.supervisor import Supervisor
@@ -133,14 +137,14 @@ def estimate(z, beta=0.0):
 
 def own_model_errors(reference, ticks, offset):
     """Distances of both points from the path, (ticks, 2): plant and model are the same."""
-    controller = make_controller("kayacan-nmpc", VEHICLE, reference, PERIOD_S, options=MOVING)
+    law = controller(VEHICLE, reference, PERIOD_S, **MOVING)
     start = reference.at(0.0)
     z = np.array([*start.state[:3], *start.trailer_xy, start.state[3], 1.0])
     z[[1, 4]] += offset
     points = reference.path.pose(np.arange(-4.0, reference.path.length_m, 0.01))[:, :2]
     beta, errors = 0.07, []
     for k in range(ticks):
-        command = controller.step(estimate(z, beta), k).command
+        command = law.step(estimate(z, beta), k).command
         z = after(z, [command.delta_t, command.delta_i + beta, command.hp], [1, 1, 1, beta, 0], 0.2)
         errors.append([np.hypot(*(points - p).T).min() for p in (z[:2], z[3:5])])
     return np.array(errors)
@@ -161,19 +165,19 @@ def test_command_depends_on_the_place_and_not_on_the_time():
     z = [5.0, 0.1, 0.02, 2.6, 0.05, 0.01, 0.9]
     commands = []
     for k in (0, 20, 150):
-        controller = make_controller("kayacan-nmpc", VEHICLE, LINE, PERIOD_S)
+        law = controller(VEHICLE, LINE, PERIOD_S)
         for x in np.arange(0.0, 5.0, 1.0):  # it drives there
-            controller.step(estimate([x, 0.0, 0.0, x - 2.4, 0.0, 0.0, 1.0]), k)
-        commands.append(controller.step(estimate(z), k).command)
+            law.step(estimate([x, 0.0, 0.0, x - 2.4, 0.0, 0.0, 1.0]), k)
+        commands.append(law.step(estimate(z), k).command)
     assert commands[0] == commands[1] == commands[2]
 
 
 def test_supervisor_compares_with_the_nearest_place():
     """A vehicle that is 20 s late is not away from a reference that is followed by place."""
-    for name, late in (("kayacan-nmpc", False), ("ttempc", True)):
-        controller = make_controller(name, VEHICLE, LINE, PERIOD_S)
-        assert isinstance(controller, SpaceBased)
-        supervisor = Supervisor(controller, LINE, PERIOD_S)
+    plain = make_controller("ttempc", VEHICLE, LINE, PERIOD_S)
+    for law, late in ((controller(VEHICLE, LINE, PERIOD_S), False), (plain, True)):
+        assert isinstance(law, SpaceBased)
+        supervisor = Supervisor(law, LINE, PERIOD_S)
         for k in range(100):
             fallback = supervisor.step(estimate([0.0, 0, 0, -2.4, 0, 0, 1.0]), k, 0.0)
         assert ("from its reference" in fallback.diagnostics.fallback) == late
@@ -192,10 +196,10 @@ def test_supervisor_compares_with_the_nearest_place():
 )
 def test_impossible_options_are_refused(options):
     with pytest.raises(InvalidTuning, match=next(iter(options))):
-        make_controller("kayacan-nmpc", VEHICLE, LINE, PERIOD_S, options=options)
+        controller(VEHICLE, LINE, PERIOD_S, **options)
 
 
 def test_reverse_is_refused():
     vehicle = replace(VEHICLE, reverse=True)
     with pytest.raises(InvalidReference, match="forward only"):
-        make_controller("kayacan-nmpc", vehicle, LINE, PERIOD_S)
+        controller(vehicle, LINE, PERIOD_S)

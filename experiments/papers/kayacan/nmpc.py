@@ -1,4 +1,4 @@
-"""NMPC on the printed model with a space-based reference: `kayacan-nmpc`.
+"""NMPC on the printed model with a space-based reference.
 
 The controller that was published for the paper's vehicle: Kayacan, Kayacan, Ramon and Saeys (2015),
 IEEE Transactions on Control Systems Technology 23(1), cited by the paper with its mean errors. From
@@ -17,17 +17,19 @@ from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
-from ..errors import InvalidReference, check_choice, check_count, check_positive
-from ..laws.tracking_controller import Actions, TrackingController
-from ..mpc.articulated_error import rotation
-from ..mpc.lmpc import FirstInputs, HorizonTuning, StageBounds
-from ..reference.path import Projection
-from ..reference.reference import Reference
-from ..types import Estimate, FloatArray, Input
-from ..vehicle import CommandLimits, Vehicle
-from .nmpc import GaussNewton
-from .nmpc_model import Task
-from .nmpc_printed_model import PRINTED, PrintedModel
+from ttempc.baselines.nmpc import GaussNewton
+from ttempc.baselines.nmpc_model import Task
+from ttempc.errors import InvalidReference, check_choice, check_count, check_positive
+from ttempc.guidance.controllers import parse_options
+from ttempc.laws.tracking_controller import Actions, TrackingController
+from ttempc.mpc.articulated_error import rotation
+from ttempc.mpc.lmpc import FirstInputs, HorizonTuning, StageBounds
+from ttempc.reference.path import Projection
+from ttempc.reference.reference import Reference
+from ttempc.types import Estimate, FloatArray, Input
+from ttempc.vehicle import CommandLimits, Vehicle
+
+from .model import PRINTED, PrintedModel
 
 _M = len(Input)
 _RUN_ON_M = 20.0  # of reference beyond the end of the path, for a vehicle that arrives early
@@ -38,7 +40,7 @@ Target = Literal["fixed", "moving"]
 
 @dataclass(frozen=True)
 class PrintedNmpcOptions(HorizonTuning):
-    """Options of `kayacan-nmpc`; every field is a key that a scenario may set.
+    """Options of `controller`; every field is a key that a scenario may set.
 
     Outputs are x, y of the tractor, x, y of the trailer [m] and the speed of the rims [m/s]. Bounds
     hold for delta_t, delta_i and hp themselves, step weights for the changes of delta_t, lambda
@@ -186,25 +188,33 @@ class PrintedFeedback:
         self._solver.prepare()
 
 
-def printed_nmpc_controller(
+def controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    options: PrintedNmpcOptions = PrintedNmpcOptions(),
+    **options: object,
 ) -> TrackingController:
-    """Compose the NMPC on the printed model: `kayacan-nmpc`.
+    """Compose the NMPC on the printed model.
+
+    Args:
+        vehicle: model parameters.
+        reference: what to follow.
+        period_s: control period [s].
+        options: of `PrintedNmpcOptions`.
 
     Raises:
         InvalidReference: the reference is driven in reverse.
+        InvalidTuning: an option is unknown or out of its range.
         MissingPackage: the package of the QP solver is not installed.
     """
     if vehicle.reverse:
-        raise InvalidReference("kayacan-nmpc: drives forward only, the reference is in reverse")
+        raise InvalidReference("kayacan.nmpc: drives forward only, the reference is in reverse")
+    chosen: PrintedNmpcOptions = parse_options(PrintedNmpcOptions, options)
     grid = reference.on_grid(period_s)
     return TrackingController(
         grid,
         np.zeros((len(grid.time_s), _M)),
-        PrintedFeedback(reference, period_s, options),
+        PrintedFeedback(reference, period_s, chosen),
         CommandLimits.of(vehicle, period_s),
         measured_hitch=True,
         space_based=True,

@@ -1,6 +1,6 @@
-"""Moving-horizon estimator of state and slip factors on the printed model: `kayacan-nmhe`.
+"""Moving-horizon estimator of state and slip factors on the printed model.
 
-The companion of `kayacan-nmpc`. That the published NMPC had a moving-horizon estimator of state and
+The companion of `nmpc`. That the published NMPC had a moving-horizon estimator of state and
 slip factors is in the paper; the window of 3 s, the deterministic model within it and the factors'
 range are from memory of the same source; the noise of the arrival cost is assumed.
 """
@@ -13,15 +13,16 @@ from typing import Final
 
 import numpy as np
 
-from ..estimation.filter import first_state
-from ..estimation.noise import SensorNoise
-from ..models.augmented_state import LENGTH
-from ..models.kinematics import wrap_angle
-from ..mpc.lmpc import QP
-from ..mpc.qp import PersistentSolver
-from ..types import Command, Estimate, FloatArray, Measurement, Sensor, State
-from ..vehicle import Vehicle
-from .nmpc_printed_model import (
+from ttempc.estimation.filter import first_state
+from ttempc.estimation.noise import SensorNoise
+from ttempc.models.augmented_state import LENGTH
+from ttempc.models.kinematics import wrap_angle
+from ttempc.mpc.lmpc import QP
+from ttempc.mpc.qp import PersistentSolver
+from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
+from ttempc.vehicle import Vehicle
+
+from .model import (
     FACTORS,
     STATES,
     WINDOW_INPUTS,
@@ -41,7 +42,7 @@ _WALK = np.array([0.02, 0.02, 0.02, 0.02, 0.02, 0.02, 0.05, 0.02, 0.05, 0.05])
 _START_SD = np.array([0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.1, 0.2, 0.2, 0.2])
 
 
-class PrintedEstimator:
+class Estimator:
     """Estimate first state and slip factors of a window of `PERIODS` updates by least squares.
 
     Within the window the printed model runs without noise under the measured steering and hitch
