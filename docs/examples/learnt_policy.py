@@ -122,6 +122,7 @@ def train(
             scenario=scenario,
             overrides=["controller.name=pid", "controller.learn=false"],
             action="residual",
+            normalised=False,
             residual_share=SHARE,
         )
         for scenario in scenarios

@@ -13,8 +13,9 @@ Inspects the plant of a scenario - its vehicle, wheels, soil, roughness and slop
 in experiments whose results are known without the simulation, or published. Prints
 one line per check and writes into DIR:
 
-  card.html   one page, to attach to a paper     card.json   the checks, for scripts
-  *.png       the figures
+  validation.html   one page, to attach to a paper
+  validation.json   the checks, for scripts
+  *.png             the figures
 
 Exit code 0 if all checks hold, 1 if one fails, 2 for bad input (one line;
 nothing is written). Takes up to a minute.
@@ -36,22 +37,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _card(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..validation.plant_validation import format_check, summary_line
-    from ..validation.validation_report import write_plant_validation
+    from ..validation.validation_report import format_check, validation_report
 
     if arguments.wheels is not None:
         arguments.overrides.append(f'plant.wheels="{arguments.wheels}"')
     name, scenario = options.load_scenario(arguments)
     stem = f"{name}-card-{scenario.plant.wheels}"
     folder = arguments.out or options.unused_path(Path("runs"), stem)
-    validation = write_plant_validation(
+    validation = validation_report(
         name,
         scenario,
         folder,
-        lambda check: None if arguments.json else print(format_check(check), flush=True),
+        on_check=lambda check: None if arguments.json else print(format_check(check), flush=True),
     )
     if arguments.json:
         print(validation.to_json(), end="")
     else:
-        print(f"\n{summary_line(validation)}\npage      {folder / 'card.html'}")
+        print(f"\n{validation.summary_line()}\npage      {folder / 'validation.html'}")
     return 0 if validation.passed else options.EXIT_CHECK_FAILED
