@@ -17,7 +17,7 @@ from ttempc.types import FloatArray, State
 from ....testbed.recording.channels import CONTROL
 from ....testbed.recording.record import Recorder
 from ....testbed.simulation.loop import drive
-from ....testbed.vehicle.vehicle_file import read_vehicle
+from ....testbed.vehicle.vehicle import read_vehicle
 from ....testbed.wheels.soil_law import SoilLaw
 from ...results.statistics import proportion
 from ...results.tracking_errors import START_UP_S, tracking_errors

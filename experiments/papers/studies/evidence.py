@@ -21,14 +21,14 @@ from ttempc.types import FloatArray, Sensor
 
 from ....testbed.ground.soil import SoilMap
 from ....testbed.ground.terrain import flat
-from ....testbed.inspection.bench import DRIVEN, FIRM_KPA, Bench, drive, steps
-from ....testbed.inspection.check import Check, between, number
-from ....testbed.inspection.traction import efficiency
+from ....testbed.validation.bench import DRIVEN, FIRM_KPA, Bench, drive, steps
+from ....testbed.validation.check import Check, between, number
+from ....testbed.validation.validate import validate
 from ....testbed.recording.channels import ESTIMATE, MEASUREMENT, REFERENCE, STATE, TOOL
 from ....testbed.recording.record import Record
 from ....testbed.truth import WHEELS
 from ....testbed.vehicle.servos import tyres_of
-from ....testbed.vehicle.vehicle_file import read_vehicle
+from ....testbed.vehicle.vehicle import read_vehicle
 from ....testbed.wheels import tyre
 from ....testbed.wheels.soil_law import SoilLaw
 from ....testbed.wheels.tyre import WheelMotion
@@ -234,7 +234,7 @@ def _efficiency(bench: Bench, bn: float) -> list[Check]:
     load = plant.reset(0.0, 0.0, 0.0, 0.0).wheels.load
     per_kpa = tyre.mobility(bench.wheel_law, plant.tyres, load, np.ones(len(WHEELS)))[0]
     soil = replace(bench.soil, background=bn / float(per_kpa[DRIVEN].mean()))
-    return efficiency(replace(bench, soil=soil))
+    return [*validate(replace(bench, soil=soil), ("tractive efficiency",))]
 
 
 def _best(check: Check) -> float:

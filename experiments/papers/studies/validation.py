@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from ...scenario.scenario import load, shipped
-from ...validation.plant_validation import figure_text
-from ...validation.validation_report import write_plant_validation
+from ...validation.validation_report import figure_text, validation_report
 from ..runner import Runner
 from ..study import Block, Study
 from ..tables import markdown
@@ -20,10 +19,10 @@ def validate(plant: tuple[str, str]) -> tuple[list[str], dict[str, bytes]]:
     stem = name if wheels == "soil" else f"{name}-{wheels}"
     scenario = load(name, [f'plant.wheels="{wheels}"'])[1]
     with tempfile.TemporaryDirectory() as parent:
-        folder = Path(parent) / "card"
-        found = write_plant_validation(name, scenario, folder, lambda check: None)
+        folder = Path(parent) / "report"
+        found = validation_report(name, scenario, folder)
         kinds = ("html", "json")
-        files = {f"card/{stem}.{kind}": (folder / f"card.{kind}").read_bytes() for kind in kinds}
+        files = {f"card/{stem}.{kind}": (folder / f"validation.{kind}").read_bytes() for kind in kinds}
     judged = [check for check in found.checks if check.passed is not None]
     failed = "; ".join(
         f"{check.name}: {figure_text(check)}, expected {check.expectation}"
