@@ -21,12 +21,12 @@ from ttempc.types import FloatArray, Sensor
 
 from ....testbed.ground.soil import SoilMap
 from ....testbed.ground.terrain import flat
-from ....testbed.validation.bench import DRIVEN, FIRM_KPA, Bench, drive, steps
-from ....testbed.validation.check import Check, between, number
-from ....testbed.validation.validate import validate
 from ....testbed.recording.channels import ESTIMATE, MEASUREMENT, REFERENCE, STATE, TOOL
 from ....testbed.recording.record import Record
 from ....testbed.truth import WHEELS
+from ....testbed.validation.bench import DRIVEN, FIRM_KPA, Bench, drive, steps
+from ....testbed.validation.check import Check, between, number
+from ....testbed.validation.validate import validate
 from ....testbed.vehicle.servos import tyres_of
 from ....testbed.vehicle.vehicle import read_vehicle
 from ....testbed.wheels import tyre

@@ -15,7 +15,6 @@ from ttempc.guidance.controllers import CONTROLLERS, controller_options
 
 from ....testbed.errors import TestbedError
 from ...errors import ExperimentError
-from ...results.leads import RunError, leads_sentence
 from ...run.assembly import check
 from ...run.simulate import simulate
 from ...scenario.scenario import merge_tables, parse_overrides, read_scenario, shipped
@@ -25,6 +24,7 @@ from ...seeds import TUNING, report_seeds
 from ...sweep.engine import engine
 from ...sweep.envelope import QUANTITIES, Envelope, Question, envelope
 from ..cells import numbers
+from ..leads import leads_sentence
 from ..runner import Runner
 from ..study import Case, Row, Study, summary_row
 from ..tables import markdown
@@ -285,16 +285,16 @@ def retuned(runner: Runner, fields: Sequence[str] = (), tuned_on: Sequence[str] 
     rows = [line(f"`{name}`", own, _mean) for name, own in runs.groupby("scenario", sort=False)]
     rows.append(line("geometric mean", runs, lambda errors: f"{objective(errors):.2f}"))
     errors_table = markdown(["before, after [cm]", *(f"`{name}`" for name in sources)], rows)
-    compared = [
-        RunError(
-            row["scenario"],
-            row["seed"],
-            row["driver"],
-            row["error"] if math.isfinite(row["error"]) else math.nan,
-        )
-        for row in runs.loc[(runs["stage"] == 1) & runs["error"].notna()].to_dict("records")
-    ]
-    leads = leads_sentence(compared, next(iter(sources)), "fields")
+    after = runs.loc[(runs["stage"] == 1) & runs["error"].notna()]
+    compared = pd.DataFrame(
+        {
+            "place": after["scenario"],
+            "pair": after["seed"],
+            "controller": after["driver"],
+            "error_cm": after["error"].replace(math.inf, math.nan),
+        }
+    )
+    leads = leads_sentence(compared, "fields", error="the mean error of both points")
     return "\n\n".join([chosen_table, errors_table, f"All retuned. {leads}"])
 
 

@@ -22,7 +22,9 @@ def validate(plant: tuple[str, str]) -> tuple[list[str], dict[str, bytes]]:
         folder = Path(parent) / "report"
         found = validation_report(name, scenario, folder)
         kinds = ("html", "json")
-        files = {f"card/{stem}.{kind}": (folder / f"validation.{kind}").read_bytes() for kind in kinds}
+        files = {
+            f"card/{stem}.{kind}": (folder / f"validation.{kind}").read_bytes() for kind in kinds
+        }
     judged = [check for check in found.checks if check.passed is not None]
     failed = "; ".join(
         f"{check.name}: {figure_text(check)}, expected {check.expectation}"
