@@ -18,13 +18,14 @@ import tomllib
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 
 from ttempc.errors import TtempcError
 from ttempc.guidance.controllers import CONTROLLERS, ESTIMATORS
@@ -37,8 +38,9 @@ from ...run.assembly import assemble
 from ...run.simulate import drive_into
 from ...scenario.scenario import Scenario, ScenarioFile, dump, read_scenario, shipped
 from ...scenario.schema import json_schema
+from ..cells import groups, numbers
 from ..runner import Runner
-from ..study import Study
+from ..study import Row, Study
 from ..tables import markdown
 from .faults import faulty_commands
 
@@ -194,22 +196,14 @@ def load_block(block: range) -> tuple[int, int, list[str]]:
     return loaded, len(block) - loaded, defects
 
 
-@dataclass(frozen=True, slots=True)
-class Driven:
-    """What became of a drive."""
+def drive_one(task: tuple[int, float]) -> Row:
+    """Draw scenarios with the generator of a number until one can be driven, for a time [s].
 
-    status: str  # of the run, or "error"
-    refused: int  # scenarios drawn before that could not be driven
-    defects: tuple[str, ...]  # exceptions, warnings, invalid runs, values that are not finite
-    simulated_s: float
-    wall_s: float
-    process: int
-    memory_mb: float  # of the process after the run
-    descriptors: int  # open files of the process after the run
-
-
-def drive_one(task: tuple[int, float]) -> Driven:
-    """Draw scenarios with the generator of a number until one can be driven, for a time [s]."""
+    Returns:
+        `status` of the run, or "error"; `refused` scenarios drawn before; `defects`: exceptions,
+        warnings, invalid runs, values that are not finite; memory and open files of the process
+        after the run.
+    """
     number, seconds = task
     begin, rng = time.perf_counter(), np.random.default_rng((number, 1))
     status, refused, simulated_s, defects = "error", 0, 0.0, list[str]()
@@ -229,16 +223,16 @@ def drive_one(task: tuple[int, float]) -> Driven:
         except Exception:
             defects.append(_last_line())
     defects += [f"{item.category.__name__}: {item.message}" for item in caught]
-    return Driven(
-        status=status,
-        refused=refused,
-        defects=tuple(f"drive {number}: {defect}" for defect in defects),
-        simulated_s=simulated_s,
-        wall_s=time.perf_counter() - begin,
-        process=os.getpid(),
-        memory_mb=_memory_mb(),
-        descriptors=len(os.listdir("/proc/self/fd")),
-    )
+    return {
+        "status": status,
+        "refused": refused,
+        "defects": [f"drive {number}: {defect}" for defect in defects],
+        "simulated_s": simulated_s,
+        "wall_s": time.perf_counter() - begin,
+        "process": os.getpid(),
+        "memory_mb": _memory_mb(),
+        "descriptors": len(os.listdir("/proc/self/fd")),
+    }
 
 
 def _drive(scenario: Scenario, seed: int, seconds: float) -> tuple[str, float, list[str]]:
@@ -270,32 +264,32 @@ def _memory_mb() -> float:
     return pages * resource.getpagesize() / 2**20
 
 
-def _growth(driven: Sequence[Driven], value: str) -> float:
+def _growth(driven: pd.DataFrame, column: str) -> float:
     """Return the largest growth of a value in a process, from its second to its last quarter."""
     growth = [0.0]
-    for process in {item.process for item in driven}:
-        values = [getattr(item, value) for item in driven if item.process == process]
+    for own in groups(driven, ["process"]):
+        values = numbers(own, column)
         if quarter := len(values) // 4:
-            growth.append(np.median(values[-quarter:]) - np.median(values[quarter : 2 * quarter]))
-    return float(max(growth))
+            last, second = values[-quarter:], values[quarter : 2 * quarter]
+            growth.append(float(np.median(last) - np.median(second)))
+    return max(growth)
 
 
-def soak(runner: Runner, loads: int = LOADS, drives: int = DRIVES, seconds: float = SECONDS) -> str:
+def soak(runner: Runner, loads: int = LOADS, drives: int = DRIVES) -> str:
     """Return the counts of what became of loads and drives, and every defect."""
     blocks = [range(begin, min(begin + _BLOCK, loads)) for begin in range(0, loads, _BLOCK)]
     loaded = runner.map(load_block, blocks)
-    driven = runner.map(drive_one, [(number, seconds) for number in range(drives)])
-    statuses = Counter(item.status for item in driven)
-    defects = [line for *_, own in loaded for line in own]
-    defects += [line for item in driven for line in item.defects]
+    tasks = [(number, SECONDS) for number in range(drives)]
+    driven = pd.DataFrame([*runner.map(drive_one, tasks)])
+    defects = [line for own in (*(own for *_, own in loaded), *driven["defects"]) for line in own]
     rows = {
         "scenarios drawn and loaded": sum(count for count, _, _ in loaded),
         "scenarios drawn and refused with one line": sum(count for _, count, _ in loaded),
-        "scenarios with faults drawn, but refused": sum(item.refused for item in driven),
+        "scenarios with faults drawn, but refused": driven["refused"].sum(),
         "driven": len(driven),
-        **{f"driven: {status}": count for status, count in sorted(statuses.items())},
-        "simulated hours": f"{sum(item.simulated_s for item in driven) / 3600.0:.2f}",
-        "longest run on the clock [s]": f"{max((item.wall_s for item in driven), default=0.0):.0f}",
+        **{f"driven: {name}": n for name, n in sorted(Counter(driven["status"]).items())},
+        "simulated hours": f"{driven['simulated_s'].sum() / 3600.0:.2f}",
+        "longest run on the clock [s]": f"{driven['wall_s'].max():.0f}",
         "growth of memory in a process [MB]": f"{_growth(driven, 'memory_mb'):.0f}",
         "growth of open files in a process": f"{_growth(driven, 'descriptors'):.0f}",
         "exceptions, warnings, invalid runs, values not finite, commands beyond limits": len(

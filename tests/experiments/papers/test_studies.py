@@ -262,17 +262,17 @@ def test_random_scenarios_load_or_are_refused_and_drive_without_a_defect(tmp_pat
     )
     assert one == other
     driven = soak.drive_one((3, 5.0))
-    assert not driven.defects
-    assert driven.status in {"completed", "stopped", "lost"}
-    assert driven.simulated_s > 0.0
+    assert not driven["defects"]
+    assert driven["status"] in {"completed", "stopped", "lost"}
+    assert driven["simulated_s"] > 0.0
 
 
 def test_an_exception_and_a_warning_of_a_random_drive_are_defects(monkeypatch):
     monkeypatch.setattr(soak, "assemble", lambda scenario, seed: np.log(np.array(-1.0)).x)
     driven = soak.drive_one((0, 1.0))
-    assert driven.status == "error"
+    assert driven["status"] == "error"
     for kind in ("AttributeError", "RuntimeWarning"):
-        assert any(kind in line for line in driven.defects)
+        assert any(kind in line for line in driven["defects"])
 
 
 # Tubes.
