@@ -24,6 +24,7 @@ from ...seeds import TUNING, report_seeds
 from ...sweep.engine import engine
 from ...sweep.envelope import QUANTITIES, Envelope, Question, envelope
 from ..cells import numbers
+from ..kayacan.eight_numbers import CONTROLLER
 from ..leads import leads_sentence
 from ..runner import Runner
 from ..study import Case, Row, Study, summary_row
@@ -110,22 +111,25 @@ def hunt(task: Hunt, path: str = HEADLAND) -> Report:
         return found.report(found.probability(task.samples) if task.samples else None)
 
 
+SEARCHED: Final = (*CONTROLLERS, CONTROLLER)
+
+
 def worst_cases(runner: Runner) -> str:
     """Return the worst case of every controller by question, and probabilities of failure."""
     (seed, *_) = runner.report_seeds(1)
-    tasks = [Hunt(name, *what, seed) for what in HUNTED.values() for name in CONTROLLERS]
+    tasks = [Hunt(name, *what, seed) for what in HUNTED.values() for name in SEARCHED]
     tasks += [Hunt(name, RARE_WORDS, None, seed, 1, SAMPLES) for name in RARE]
     reports = iter(runner.map(hunt, tasks))
     parts = []
     for title, (words, limit) in HUNTED.items():
         option = f" --limit {limit:g}" if limit else ""
         parts.append(f"**{title}**: `{' '.join(words)}{option}`")
-        parts.append(worst_table([next(reports) for _ in CONTROLLERS]))
+        parts.append(worst_table([next(reports) for _ in SEARCHED]))
     bounds = RARE_WORDS[1].partition("=")[2].replace(":", " to ")
     parts.append(f"**Probability of failure** of gusts with bounds of {bounds} N")
     lines = [[f"`{name}`", *_probability(next(reports))] for name in RARE]
     parts.append(markdown(["controller", "estimate", "95 % interval", "runs"], lines))
-    return "\n\n".join(parts)
+    return "\n\n".join(parts).replace(CONTROLLER, "kayacan-nmpc")
 
 
 def worst_table(reports: Sequence[Report]) -> str:
@@ -294,7 +298,7 @@ def retuned(runner: Runner, fields: Sequence[str] = (), tuned_on: Sequence[str] 
             "error_cm": after["error"].replace(math.inf, math.nan),
         }
     )
-    leads = leads_sentence(compared, "fields", error="the mean error of both points")
+    leads = leads_sentence(compared, "fields", error="the errors of both points")
     return "\n\n".join([chosen_table, errors_table, f"All retuned. {leads}"])
 
 
@@ -318,7 +322,7 @@ STUDIES: Final = (
         name="worst-cases",
         seeds=report_seeds(1),
         make=worst_cases,
-        checks=tuple(("grass", name) for name in CONTROLLERS),
+        checks=tuple(("grass", name) for name in SEARCHED),
         minutes=11.0,
     ),
     Study(

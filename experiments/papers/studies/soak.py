@@ -2,7 +2,7 @@
 
 Those that are loaded have values over the whole range of every key; those that are driven have
 values near the defaults and one to three faults, and end after a time. What must not happen is
-counted. 24 simulated hours are 2880 drives of 30 s.
+counted, and named with the number of the scenario: `drive_one((NUMBER, SECONDS))` repeats it.
 """
 
 from __future__ import annotations
