@@ -51,7 +51,6 @@ _COMMANDS: Final = {
     "mjcf": _Command("mjcf", "export a scenario's vehicle and ground for MuJoCo"),
     "card": _Command("card", "validate the plant of one scenario"),
     "completion": _Command("completion", "print what completes commands in a shell"),
-    "reproduce": _Command("studies.reproduce", "make or check the tables of the documentation"),
     "fit-tube": _Command("studies.fit_tube", "fit a tube to the logs of runs"),
 }
 

@@ -111,8 +111,8 @@ class Runner:
 
     def sweep_rows(self, names: Sequence[str]) -> pd.DataFrame:
         """Return the rows of shipped sweeps, with the name of the sweep in the column `study`."""
-        frames = [read_frame(self.sweep(name)) for name in names]
-        return pd.concat(frames, keys=names, names=["study", None]).reset_index("study")
+        frames = [read_frame(self.sweep(name)).copy().assign(study=name) for name in names]
+        return pd.concat(frames, ignore_index=True)
 
     def frame(
         self, cases: Sequence[Case], drive: Callable[[Case], Row | list[Row]] = lap
@@ -272,7 +272,7 @@ def write_tables(studies: Sequence[Study], runner: Runner, out: Path = ROOT) -> 
 
 def provenance(study: Study, making: Making, seeds: Sequence[int]) -> str:
     """Return the line below a table: study, seeds, versions and the digest of its checks."""
-    parts = [f"`papers {study.name}`"]
+    parts = [f"`python -m proving_ground.experiments.papers {study.name}`"]
     if seeds and study.all_seeds:
         parts.append(f"seed{'s' if len(seeds) > 1 else ''} {format_numbers(seeds)}")
     known = (f"{name} {making.versions[name]}" for name in _SHOWN if name in making.versions)

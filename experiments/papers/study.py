@@ -131,7 +131,7 @@ class Study:
         return (*itertools.chain.from_iterable(map(sweep_checks, self.sweeps)), *own)
 
 
-_OTHERS: Final = (".kayacan.eight_numbers",)
+_OTHERS: Final = (".kayacan.eight_numbers", ".benchmarks")
 sys.path.append(str(ROOT / "docs" / "examples"))  # controllers there; workers get this path, too
 
 

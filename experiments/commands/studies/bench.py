@@ -12,7 +12,7 @@ from .. import options
 
 if TYPE_CHECKING:
     from ...sweep.sweep import Progress
-    from ...trials.draws import Draws
+    from ...trials.score_card import Draws
 
 ABOUT = """\
 Drives a controller through the field trials: frozen scenarios with public seeds. Prints
@@ -79,13 +79,13 @@ def _bench(arguments: argparse.Namespace) -> int:
     if sum(map(bool, asked)) != 1:
         raise BadOptions("bench: give CONTROLLER, or one of --compare, --draw-seeds, --schema")
     if arguments.compare:
-        from ...trials.comparison import compare_cards
-        from ...trials.score_card import read_score_card
+        from ...trials.score_card import compare_cards, read_score_card
+        from ...trials.tables import format_comparison
 
-        comparison = compare_cards(*map(read_score_card, arguments.compare))
-        print(comparison.to_json() if arguments.json else f"{comparison}\n", end="")
+        found = compare_cards(*map(read_score_card, arguments.compare))
+        print(json.dumps(found, indent=1) if arguments.json else format_comparison(found))
     elif arguments.draw_seeds:
-        from ...trials.draws import draw_hidden
+        from ...trials.score_card import draw_hidden
 
         print(f"{draw_hidden(arguments.draw_seeds).sha256}  {arguments.draw_seeds}")
     elif arguments.schema:
@@ -138,7 +138,7 @@ def _draws(arguments: argparse.Namespace) -> Draws:
         BadOptions: they are given twice, or the file is not understood.
     """
     from ...errors import BadOptions
-    from ...trials.draws import PUBLIC, hidden_draws, public_draws
+    from ...trials.score_card import PUBLIC, hidden_draws, public_draws
 
     if arguments.seeds_file is None:
         return public_draws(PUBLIC[:1] if arguments.quick else PUBLIC)
