@@ -24,7 +24,7 @@ from ..errors import InvalidFit
 from .path import AnyPath
 
 _TUBES: Final = ShippedFiles(
-    "tube", "proving_ground.experiments", "fitted", ".json", InvalidFit, "`ttempc fit-tube`"
+    "tube", "proving_ground.experiments", "fitted", ".json", InvalidFit, "`ttempc fit tube`"
 )
 _DIMENSION: Final = len(State)
 _Row = Annotated[list[float], Field(min_length=_DIMENSION, max_length=_DIMENSION)]

@@ -42,7 +42,7 @@ def scenario_reference() -> str:
     lines = [
         "# Scenario reference",
         "",
-        "Keys of a scenario file, made from its JSON schema (`ttempc schema`). An absent key has "
+        "Keys of a scenario file, made from its JSON schema (`ttempc list --schema`). An absent key has "
         "its default. A value outside its range and an unknown key are refused in one line that "
         "names them. A table in double brackets may stand several times.",
     ]

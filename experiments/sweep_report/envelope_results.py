@@ -1,4 +1,4 @@
-"""Results of `ttempc envelope` for the report of a sweep."""
+"""Results of `ttempc search limit` for the report of a sweep."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ...testbed.configuration.config_io import validated
 from ..errors import InvalidRows
-from ..sweep.envelope import QUANTITIES, Envelope, EnvelopeFile, Question
+from ..search.limit import Envelope, EnvelopeFile, Question
 from .format import format_numbers
 
 
@@ -25,7 +25,7 @@ class EnvelopeResults:
 
 
 def read_envelopes(files: Sequence[Path]) -> tuple[EnvelopeResults, ...]:
-    """Return the content of files of `ttempc envelope`, grouped by equal settings.
+    """Return the content of files of `ttempc search limit`, grouped by equal settings.
 
     Raises:
         InvalidRows: a file is not one of these.
@@ -34,17 +34,17 @@ def read_envelopes(files: Sequence[Path]) -> tuple[EnvelopeResults, ...]:
     for file in files:
         for envelope in _read(file).envelopes:
             question = envelope.question
-            group = groups.setdefault((question.quantity, _settings(question)), {})
+            group = groups.setdefault((question.label, _settings(question)), {})
             group[question.controller] = envelope, file.name
     return tuple(
         EnvelopeResults(
-            f"{quantity.replace('-', ' ')} [{QUANTITIES[quantity].unit}]",
+            label.replace("-", " "),
             settings,
-            QUANTITIES[quantity].spacing == "log",
+            next(iter(group.values()))[0].question.parameter.spacing == "log",
             tuple(envelope for envelope, _ in group.values()),
             tuple(dict.fromkeys(name for _, name in group.values())),
         )
-        for (quantity, settings), group in groups.items()
+        for (label, settings), group in groups.items()
     )
 
 
@@ -60,7 +60,7 @@ def _settings(question: Question) -> str:
 
 
 def _read(file: Path) -> EnvelopeFile:
-    foreign = f"{file}: is not what `ttempc envelope` writes"
+    foreign = f"{file}: is not what `ttempc search limit` writes"
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:

@@ -59,7 +59,7 @@ class SweepReport:
     cells: tuple[Cell, ...]  # empty without such a scale
     sections: tuple[Section, ...]
     worst: tuple[tuple[Row, ...], ...]  # worst runs of each controller
-    envelopes: tuple[EnvelopeResults, ...]  # results of `ttempc envelope`
+    envelopes: tuple[EnvelopeResults, ...]  # results of `ttempc search limit`
 
 
 def make_report(
@@ -71,7 +71,7 @@ def make_report(
         runs: of a sweep.
         against: the controller that the others are compared with; if None the best rival, that
             is the second of `ranking`.
-        envelopes: results of `ttempc envelope` to include.
+        envelopes: results of `ttempc search limit` to include.
 
     Raises:
         BadOptions: the study has no such controller.
