@@ -69,11 +69,11 @@ def list_(arguments: argparse.Namespace) -> int:
 
         text = shtab.complete(make_parser(), arguments.completion)
     elif arguments.schema == "markdown":
-        from ..schema.reference_page import scenario_reference
+        from ..scenario.schema import scenario_reference
 
         text = scenario_reference()
     else:
-        from ..schema.json_schema import json_schema
+        from ..scenario.schema import json_schema
 
         text = json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
     if arguments.out:

@@ -20,7 +20,9 @@ _PORTS: Final = {"json": 8890, "agopengps": 8888}
     options.TRUST,
     options.SEED,
     json_of("the summary"),
-    option("--protocol", choices=tuple(_PORTS), default="json", help="of the datagrams (default: json)"),
+    option(
+        "--protocol", choices=tuple(_PORTS), default="json", help="of the datagrams (default: json)"
+    ),
     option(
         "--host",
         default="127.0.0.1",

@@ -147,7 +147,7 @@ def limit(arguments: argparse.Namespace) -> int:
     the results, with every value that was tried, to a JSON file.
     """
     # Imported here so that --help does not load MuJoCo and Dask.
-    from ..run.trust import named_parts, refuse_untrusted
+    from ..run.user_code import named_parts, refuse_untrusted
     from ..scenario.scenario import read_scenario
     from ..search.limit import Question, limit_file
     from ..sweep.engine import engine

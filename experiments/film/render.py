@@ -6,10 +6,11 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -21,11 +22,100 @@ from PIL import Image
 from ...testbed.atomic_write import atomic_write
 from ..errors import InvalidFilm
 from .composition import FilmSetup, FrameSource
+from .replay import read_replay
+from .settings import FilmSettings
+from .shot import Look, Shot
 from .writer import AnimationWriter, FilmWriter, check_codec, check_writable
 
 FILM_SUFFIXES: Final = (".mp4", ".webp")
 STILL_SUFFIXES: Final = (".png", ".jpg")
 _MIN_FRAMES_FOR_POOL: Final = 50  # fewer frames are rendered before a second process starts
+
+
+REFERENCE_GHOST: Final = "reference"
+
+
+@dataclass(frozen=True, slots=True)
+class Film:
+    """A picture or a film of one run, or of several side by side, that can be written."""
+
+    setup: FilmSetup
+    settings: FilmSettings
+
+    @classmethod
+    def of(
+        cls, logs: Sequence[Path], settings: FilmSettings, ghosts: Sequence[str | Path] = ()
+    ) -> Film:
+        """Read the logs of runs; all that can be refused without writing is refused here.
+
+        Args:
+            logs: of the runs, or their folders: one, or several for a film side by side.
+            settings: of the film.
+            ghosts: further vehicles in the picture: logs of other runs, and "reference" for the
+                vehicle on its reference.
+
+        Raises:
+            LogError: a file is not a log of this version.
+            InvalidFilm: a log is torn, or a setting does not suit it.
+            NoGraphics: the camera needs OpenGL, which is unavailable.
+        """
+        runs = tuple(read_replay(Path(log)) for log in logs)
+        first_s, last_s = (max(getattr(run, end) for run in runs) for end in ("begin_s", "end_s"))
+        times = settings.times(first_s, last_s)
+        look = Look(settings.quality, settings.exaggeration, REFERENCE_GHOST in ghosts)
+        begin_s = first_s if settings.begin_s is None else settings.begin_s
+        end_s = last_s if settings.end_s is None else settings.end_s
+        moving = settings.at_s is None
+        shot = Shot(settings.camera, begin_s, end_s, settings.speed, settings.pixels, look)
+        others = tuple(read_replay(Path(log)) for log in ghosts if log != REFERENCE_GHOST)
+        film = cls(FilmSetup(runs, shot, moving, others), settings)
+        assert film.frames == len(times) or not moving
+        film.setup.check()
+        return film
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.setup.shot.times) if self.settings.at_s is None else 1
+
+    def write(
+        self, file: Path, *, workers: int = 2, on_frame: Callable[[], object] = lambda: None
+    ) -> None:
+        """Write the picture (.png, .jpg) or the film (.mp4, .webp, .gif), whole or not at all.
+
+        Args:
+            file: to write.
+            workers: processes that render frames; the file does not depend on their number.
+            on_frame: called after each frame.
+
+        Raises:
+            OutputExists: the file or its partial file exists.
+            InvalidFilm: the suffix or the folder is wrong, or the file cannot be written.
+            MissingExtra: an .mp4 needs the extra `film`.
+        """
+        if self.settings.at_s is None:
+            write_film(self.setup, file, workers, on_frame)
+        else:
+            write_still(self.setup, file, self.settings.at_s)
+
+
+def render(
+    logs: Sequence[Path],
+    file: Path,
+    settings: FilmSettings,
+    ghosts: Sequence[str | Path] = (),
+    *,
+    workers: int = 2,
+    on_frame: Callable[[], object] = lambda: None,
+) -> int:
+    """Write a picture or a film of logs, see `Film.of` and `Film.write`; return its frames.
+
+    `settings.at_s` makes it a picture. A command that writes other files before the film takes
+    `Film.of` first, which refuses bad input, and `Film.write` later.
+    """
+    film = Film.of(logs, settings, ghosts)
+    film.write(file, workers=workers, on_frame=on_frame)
+    return film.frames
 
 
 def write_film(

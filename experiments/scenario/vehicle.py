@@ -1,7 +1,7 @@
-"""`[plant.vehicle]` and `[controller.vehicle]`: vehicle parameters of the plant and of the model.
+"""Vehicle of plant and model: one vehicle file, and what a scenario changes of it.
 
-Both start from one vehicle file. A key of a table replaces the value of the file; `load` of a
-scenario fills in the absent keys.
+`[plant.vehicle]` and `[controller.vehicle]` start from the same vehicle file. A key of a table
+replaces the value of the file; `load` of a scenario fills in the absent keys.
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, field, replace
 from dataclasses import dataclass as stdlib_dataclass
-from types import MappingProxyType
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 from pydantic.dataclasses import dataclass
 
@@ -34,37 +33,43 @@ from ...testbed.errors import InvalidPlant
 from ...testbed.vehicle.vehicle import PlantVehicle
 from ...testbed.vehicle.vehicle_file import DEFAULT_VEHICLE, find_vehicle, read_vehicle
 
-# Table and key of a vehicle file for each key of a scenario.
-_VEHICLE_FILE_KEYS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
-    {
-        "wheelbase_m": ("tractor", "wheelbase_m"),
-        "hitch_offset_m": ("hitch", "offset_m"),
-        "drawbar_m": ("drawbar", "length_m"),
-        "trailer_m": ("trailer", "length_m"),
-        "load_kg": ("load", "mass_kg"),
-        "load_height_m": ("load", "height_m"),
-        "load_forward_m": ("load", "forward_m"),
-        "speed_gain_mps": ("hydrostat", "speed_gain_mps"),
-        "speed_time_constant_s": ("hydrostat", "time_constant_s"),
-        "hp_rate_per_s": ("hydrostat", "rate_per_s"),
-        "front_limit_deg": ("front_steering", "limit_deg"),
-        "front_rate_degps": ("front_steering", "rate_degps"),
-        "front_lag_s": ("front_steering", "lag_s"),
-        "trailer_limit_deg": ("trailer_steering", "limit_deg"),
-        "trailer_rate_degps": ("trailer_steering", "rate_degps"),
-        "trailer_lag_s": ("trailer_steering", "lag_s"),
-    }
-)
+
+class Parameter(NamedTuple):
+    """Where a parameter of a scenario stands in a vehicle file and in `ttempc.vehicle.Vehicle`."""
+
+    table: str  # of the vehicle file
+    key: str  # of that table
+    field: str = ""  # of `Vehicle`, in SI units and radians; "": the model has none
+
+    def of(self, vehicle: PlantVehicle) -> float:
+        """Return the value of a vehicle, in the unit of its file."""
+        return getattr(getattr(vehicle, self.table), self.key)
 
 
-LENGTH_KEYS: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        "wheelbase": "wheelbase_m",
-        "hitch_offset": "hitch_offset_m",
-        "drawbar_length": "drawbar_m",
-        "trailer_length": "trailer_m",
-    }
-)
+PARAMETERS: Final[Mapping[str, Parameter]] = {
+    "wheelbase_m": Parameter("tractor", "wheelbase_m", "wheelbase"),
+    "hitch_offset_m": Parameter("hitch", "offset_m", "hitch_offset"),
+    "drawbar_m": Parameter("drawbar", "length_m", "drawbar_length"),
+    "trailer_m": Parameter("trailer", "length_m", "trailer_length"),
+    "load_kg": Parameter("load", "mass_kg"),
+    "load_height_m": Parameter("load", "height_m"),
+    "load_forward_m": Parameter("load", "forward_m"),
+    "speed_gain_mps": Parameter("hydrostat", "speed_gain_mps", "speed_gain"),
+    "speed_time_constant_s": Parameter("hydrostat", "time_constant_s", "speed_time_constant"),
+    "hp_rate_per_s": Parameter("hydrostat", "rate_per_s", "hp_rate"),
+    "front_limit_deg": Parameter("front_steering", "limit_deg", "steering_limit_t"),
+    "front_rate_degps": Parameter("front_steering", "rate_degps", "steering_rate_t"),
+    "front_lag_s": Parameter("front_steering", "lag_s", "steering_lag_t"),
+    "trailer_limit_deg": Parameter("trailer_steering", "limit_deg", "steering_limit_i"),
+    "trailer_rate_degps": Parameter("trailer_steering", "rate_degps", "steering_rate_i"),
+    "trailer_lag_s": Parameter("trailer_steering", "lag_s", "steering_lag_i"),
+}
+"""Every parameter of `[plant.vehicle]` and `[controller.vehicle]` by its key there."""
+
+LENGTH_KEYS: Final[Mapping[str, str]] = {
+    PARAMETERS[key].field: key
+    for key in ("wheelbase_m", "hitch_offset_m", "drawbar_m", "trailer_m")
+}
 """Key of a scenario for each length of `ttempc.vehicle.Vehicle`."""
 
 
@@ -93,14 +98,6 @@ class PlantVehicleSettings:
     parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Other numbers of the plant that differ from the vehicle file, by its tables and keys."""
 
-    def nominal_vehicle(self) -> PlantVehicle:
-        """Return the vehicle of the file.
-
-        Raises:
-            InvalidPlant: the file is missing or not understood, or its parts do not fit together.
-        """
-        return read_vehicle(self.file)
-
     def plant_vehicle(self, nominal: PlantVehicle) -> PlantVehicle:
         """Return the vehicle of the plant, given that of the file.
 
@@ -110,9 +107,8 @@ class PlantVehicleSettings:
         """
         content = asdict(nominal)
         for key, value in _given(self).items():
-            table, name = _VEHICLE_FILE_KEYS[key]
-            content[table][name] = value
-        own_keys = {place: key for key, place in _VEHICLE_FILE_KEYS.items() if hasattr(self, key)}
+            content[PARAMETERS[key].table][PARAMETERS[key].key] = value
+        own_keys = {place[:2]: key for key, place in PARAMETERS.items() if hasattr(self, key)}
         for table, keys in self.parts.items():
             for name, value in keys.items():
                 if (table, name) in own_keys:
@@ -170,48 +166,6 @@ class ModelVehicleSettings:
     hydrostat_dead_time_s: DeadTime = 0.0
     """The same of the hydrostat."""
 
-    def model_vehicle(self, nominal: PlantVehicle) -> Vehicle:
-        """Return the vehicle model, given the vehicle of the file.
-
-        Raises:
-            InvalidVehicle: the parameters do not fit together.
-        """
-        values = _values(nominal) | _given(self)
-        return Vehicle(
-            wheelbase=values["wheelbase_m"],
-            hitch_offset=values["hitch_offset_m"],
-            drawbar_length=values["drawbar_m"],
-            trailer_length=values["trailer_m"],
-            speed_gain=values["speed_gain_mps"],
-            speed_time_constant=values["speed_time_constant_s"],
-            steering_lag_t=values["front_lag_s"],
-            steering_lag_i=values["trailer_lag_s"],
-            steering_limit_t=math.radians(values["front_limit_deg"]),
-            steering_limit_i=math.radians(values["trailer_limit_deg"]),
-            steering_rate_t=math.radians(values["front_rate_degps"]),
-            steering_rate_i=math.radians(values["trailer_rate_degps"]),
-            hp_rate=values["hp_rate_per_s"],
-            dead_time_t=self.front_dead_time_s,
-            dead_time_i=self.trailer_dead_time_s,
-            dead_time_hp=self.hydrostat_dead_time_s,
-        )
-
-
-def edited_file(text: str, values: Mapping[str, float], note: str) -> str:
-    """Return the text of a vehicle file with other `values`, by their keys of a scenario.
-
-    Every changed line ends with the comment `note` in place of its own; all else stays.
-    """
-    places = {_VEHICLE_FILE_KEYS[key]: value for key, value in values.items()}
-    table, lines = "", []
-    for line in text.splitlines():
-        head = line.split("#")[0].strip()
-        if head.startswith("["):
-            table = head.strip("[] ")
-        value = places.get((table, head.partition("=")[0].strip()))
-        lines.append(line if value is None else f"{head.split('=')[0]}= {value:.4f}  # {note}")
-    return "\n".join(lines) + "\n"
-
 
 @stdlib_dataclass(frozen=True, slots=True)
 class ParameterMismatch:
@@ -227,38 +181,52 @@ class ParameterMismatch:
 
 @stdlib_dataclass(frozen=True, slots=True)
 class Vehicles:
-    """Plant and model of one vehicle file."""
+    """Plant and model of one vehicle file; the model's load is always the file's."""
 
     plant: PlantVehicle
     model: Vehicle
-    mismatch: tuple[ParameterMismatch, ...]
+    plant_values: Mapping[str, float]  # by the keys of `PARAMETERS`
+    model_values: Mapping[str, float]
 
+    @property
+    def mismatch(self) -> tuple[ParameterMismatch, ...]:
+        """Parameters whose values in plant and model differ."""
+        return tuple(
+            ParameterMismatch(key, plant, self.model_values[key])
+            for key, plant in self.plant_values.items()
+            if plant != self.model_values[key]
+        )
+
+    @property
     def plant_lengths(self) -> dict[str, float]:
-        """Return the lengths of the plant [m] by their fields of `ttempc.vehicle.Vehicle`."""
-        values = _values(self.plant)
-        return {name: values[key] for name, key in LENGTH_KEYS.items()}
+        """Lengths of the plant [m] by their fields of `ttempc.vehicle.Vehicle`."""
+        return {name: self.plant_values[key] for name, key in LENGTH_KEYS.items()}
 
 
 def read_vehicles(plant: PlantVehicleSettings, model: ModelVehicleSettings) -> Vehicles:
     """Return plant and model; the vehicle file is read once.
-
-    The model has no load. A load of the plant that differs from that of the file counts as a
-    mismatch.
 
     Raises:
         InvalidPlant: the file is missing or not understood, or the parts of the plant do not fit
             together.
         InvalidVehicle: the parameters of the model do not fit together.
     """
-    nominal = plant.nominal_vehicle()
+    nominal = read_vehicle(plant.file)
     vehicle = plant.plant_vehicle(nominal)
-    plant_values, model_values = _values(vehicle), _values(nominal) | _given(model)
-    mismatch = tuple(
-        ParameterMismatch(key, plant_values[key], model_values[key])
-        for key in _VEHICLE_FILE_KEYS
-        if plant_values[key] != model_values[key]
+    values = _values(nominal) | _given(model)
+    fields = {
+        item.field: math.radians(values[key]) if "_deg" in key else values[key]
+        for key, item in PARAMETERS.items()
+        if item.field
+    }
+    model_vehicle = Vehicle(
+        **fields,
+        dead_time_t=model.front_dead_time_s,
+        dead_time_i=model.trailer_dead_time_s,
+        dead_time_hp=model.hydrostat_dead_time_s,
+        reverse=False,
     )
-    return Vehicles(vehicle, model.model_vehicle(nominal), mismatch)
+    return Vehicles(vehicle, model_vehicle, _values(vehicle), values)
 
 
 def fill_in(
@@ -270,10 +238,25 @@ def fill_in(
         InvalidPlant: the file is missing or not understood, or the parts of the plant do not fit
             together.
     """
-    nominal = plant.nominal_vehicle()
+    nominal = read_vehicle(plant.file)
     plant_values = _values(plant.plant_vehicle(nominal))
-    model_values = _values(nominal) | _given(model)
-    return _filled(plant, plant_values), _filled(model, model_values)
+    return _filled(plant, plant_values), _filled(model, _values(nominal) | _given(model))
+
+
+def edited_file(text: str, values: Mapping[str, float], note: str) -> str:
+    """Return the text of a vehicle file with other `values`, by their keys of a scenario.
+
+    Every changed line ends with the comment `note` instead of its own; all else stays.
+    """
+    places = {PARAMETERS[key][:2]: value for key, value in values.items()}
+    table, lines = "", []
+    for line in text.splitlines():
+        head = line.split("#")[0].strip()
+        if head.startswith("["):
+            table = head.strip("[] ")
+        value = places.get((table, head.partition("=")[0].strip()))
+        lines.append(line if value is None else f"{head.split('=')[0]}= {value:.4f}  # {note}")
+    return "\n".join(lines) + "\n"
 
 
 _Settings = TypeVar("_Settings", PlantVehicleSettings, ModelVehicleSettings)
@@ -285,16 +268,10 @@ def _filled(table: _Settings, values: Mapping[str, float]) -> _Settings:
 
 def _given(table: PlantVehicleSettings | ModelVehicleSettings) -> dict[str, float]:
     """Return the parameters that a table gives."""
-    return {
-        key: value
-        for key, value in asdict(table).items()
-        if key in _VEHICLE_FILE_KEYS and value is not None
-    }
+    given = asdict(table).items()
+    return {key: value for key, value in given if key in PARAMETERS and value is not None}
 
 
 def _values(vehicle: PlantVehicle) -> dict[str, float]:
-    """Return the parameters of a vehicle under their keys of a scenario."""
-    return {
-        key: getattr(getattr(vehicle, table), name)
-        for key, (table, name) in _VEHICLE_FILE_KEYS.items()
-    }
+    """Return the parameters of a vehicle by their keys of a scenario."""
+    return {key: item.of(vehicle) for key, item in PARAMETERS.items()}

@@ -11,11 +11,10 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from ttempc.guidance.detection.bank import detectors
-from ttempc.guidance.detection.detector import Alarm, Observation, Reaction
+from ttempc.guidance.detection import Alarm, Observation, Reaction, detectors
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import SafetyLimits, run_on
-from ttempc.reference.projection import Projection
+from ttempc.reference.path import Projection
 from ttempc.reference.reference import Reference
 from ttempc.types import Command, Estimate, Input, State
 from ttempc.vehicle import Vehicle

@@ -50,7 +50,7 @@ class Case:
         """Return the changes of the scenario."""
         learn = "true" if self.learn else "false"
         own = [PATH, f'controller.name="{self.controller}"', f"controller.learn={learn}"]
-        lengths = load(SCENARIO)[1].vehicles().plant_lengths()
+        lengths = load(SCENARIO)[1].vehicles().plant_lengths
         factors = zip(lengths.items(), self.factors, strict=True)
         changes = (
             f"controller.vehicle.{LENGTH_KEYS[name]}={length * factor}"

@@ -1,4 +1,4 @@
-"""`results.jsonl`: rows appended and synced one by one, read line by line.
+"""`results.jsonl`: rows appended and synced one by one, read line by line or as a data frame.
 
 A row is on the disk before the next run is awaited. A killed driver leaves whole lines and at most
 one incomplete last line, which the next driver removes.
@@ -6,16 +6,29 @@ one incomplete last line, which the next driver removes.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
 from ...testbed.atomic_write import atomic_write
 from ..errors import SweepRefused, SweepStopped
-from .row import Row, line
+from .row import FIGURES, Row, line
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+FILE: Final = "results.jsonl"
+"""Name of the file of the rows in the folder of a sweep."""
+
+WORKING_P95: Final = "working.cross_p95_m"
+WORKING_SD: Final = "working.cross_sd_m"
+"""Columns that `frame` adds: cross-track error of the working point, the tool point where there is
+an implement, else the trailer's axle point: 95th percentile of its size, standard deviation [m]."""
+
+_BATCH: Final = 10_000  # rows that are held as dictionaries at a time
 _INFERENCE_ROWS: Final = 100  # rows from which polars.read_ndjson infers the types
 
 
@@ -92,6 +105,38 @@ def rows(file: Path) -> Iterator[Row]:
     for text in _lines(file):
         if text.endswith(b"\n"):
             yield json.loads(text)
+
+
+def frame(rows: Iterable[Row]) -> DataFrame:
+    """Return rows as a data frame by increasing run number, one row a run, labels from 0.
+
+    The columns are those of `results.jsonl`, and `WORKING_P95`, `WORKING_SD`. A number that a run
+    does not have is NaN.
+    """
+    import pandas as pd  # here, since workers and `ttempc list` do without
+
+    numbers = dict.fromkeys((*FIGURES, WORKING_P95, WORKING_SD, "wall_s"), float)
+    parts = [pd.DataFrame()]
+    iterator = iter(rows)
+    while batch := list(itertools.islice(iterator, _BATCH)):
+        records = [{**row, **_of_working_point(row)} for row in batch]
+        parts.append(pd.DataFrame.from_records(records).astype(numbers))
+    table = pd.concat(parts[1:] or parts, ignore_index=True)
+    return table.sort_values("run", ignore_index=True) if len(table) else table
+
+
+def _of_working_point(row: Row) -> Row:
+    errors: Row = {}
+    for column in (WORKING_P95, WORKING_SD):
+        number = column.removeprefix("working.")
+        tool, trailer = (row[f"tracking.all.{point}.{number}"] for point in ("tool", "trailer"))
+        errors[column] = trailer if tool is None else tool
+    return errors
+
+
+def read_frame(folder: Path) -> DataFrame:
+    """Return the rows in the folder of a sweep, also of one in progress, see `frame`."""
+    return frame(rows(folder / FILE))
 
 
 def settle(file: Path, change: Callable[[Row], Row] = lambda row: row) -> None:

@@ -205,7 +205,14 @@ STAGES: Final[tuple[Stage, ...]] = (
 def with_stages(
     extra: Sequence[tuple[str, Stage]], stages: Sequence[Stage] = STAGES
 ) -> tuple[Stage, ...]:
-    """Return `stages` with more of them, each after the stage of the given name and in order."""
+    """Return `stages` with more of them, each after the stage of the given name and in order.
+
+    Raises:
+        ValueError: there is no stage of a given name.
+    """
+    names = [stage.__name__ for stage in stages]
+    if unknown := sorted({name for name, _ in extra} - {*names}):
+        raise ValueError(f"after {unknown[0]!r}: no such stage, must be one of {', '.join(names)}")
     extended: list[Stage] = []
     for stage in stages:
         extended.append(stage)

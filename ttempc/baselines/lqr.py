@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import check_vector
 from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
+from ..models.linear import riccati_gains
 from ..mpc.articulated_error import error_dynamics, error_state
-from ..mpc.riccati import riccati_gains
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Estimate, FloatArray, Input
-from ..validation import check_vector
 from ..vehicle import Vehicle
 
 _M = len(Input)

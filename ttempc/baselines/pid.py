@@ -14,11 +14,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from ..errors import check_positive
 from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
-from ..models.tracking_error import Error, estimated_error
+from ..models.kinematics import Error, estimated_error
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Estimate, FloatArray, Input, State
-from ..validation import check_positive
 from ..vehicle import Vehicle
 
 

@@ -8,9 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..limits import CommandLimits
-from ..reference.feedforward import exact_feedforward
-from ..reference.reference import Reference, ReferenceSample
+from ..reference.reference import Reference, ReferenceSample, exact_feedforward
 from ..types import (
     Command,
     ControlStep,
@@ -23,7 +21,7 @@ from ..types import (
     State,
     TubeReport,
 )
-from ..vehicle import Vehicle
+from ..vehicle import CommandLimits, Vehicle
 
 _WARM_UP_OFFSET_M = 0.01  # an error, so that iterative solvers iterate
 _WARM_UP_TICKS = 2  # the second one updates solvers that the first one has set up

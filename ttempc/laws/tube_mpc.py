@@ -7,16 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mpc.articulated_error import error_state
-from ..mpc.lmpc import LinearMpc
-from ..mpc.ordered_product import ordered_product
-from ..mpc.prediction import PredictedPath
-from ..mpc.qp import CondensedHorizon
+from ..models.linear import ordered_product
+from ..mpc.articulated_error import PredictedPath, error_state
+from ..mpc.lmpc import CondensedHorizon, LinearMpc
 from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import ReferenceTube, TubeDesign, report_rows
 from ..types import Estimate, FloatArray, Input, State, TubeReport
 from ..vehicle import Vehicle
-from .articulated_options import MpcOptions
+from .articulated_mpc import MpcOptions
 from .tracking_controller import Actions, TrackingController, around_exact_feedforward
 
 _N, _M = len(State), len(Input)

@@ -4,12 +4,21 @@ import errno
 import json
 import os
 
+import numpy as np
 import pandas
 import polars
 import pytest
 from proving_ground.experiments.errors import SweepRefused, SweepStopped
-from proving_ground.experiments.sweep.results import Results, rows, settle
-from proving_ground.experiments.sweep.row import line
+from proving_ground.experiments.sweep.failure import ERROR
+from proving_ground.experiments.sweep.results import (
+    WORKING_P95,
+    WORKING_SD,
+    Results,
+    frame,
+    rows,
+    settle,
+)
+from proving_ground.experiments.sweep.row import line, no_figures
 
 
 def filled(file, count, **more):
@@ -89,3 +98,21 @@ def test_a_file_that_needs_no_settling_is_left_alone(tmp_path):
     before = file.stat().st_ino
     settle(file)
     assert file.stat().st_ino == before
+
+
+def test_rows_are_a_frame_with_the_error_of_the_working_point():
+    numbers = no_figures()
+    trailer = {**numbers, ERROR: 0.2, "tracking.all.trailer.cross_sd_m": 0.1}
+    tool = {**trailer, ERROR.replace("trailer", "tool"): 0.3}
+    made = [
+        {"run": run, "point": 0, "run_id": "1e5", "seed": 1, "status": "completed", **own}
+        | {"wall_s": None}
+        for run, own in ((2, numbers), (1, tool), (0, trailer))
+    ]
+    table = frame(made)
+    assert list(table["run"]) == [0, 1, 2]
+    assert list(table["run_id"]) == ["1e5"] * 3
+    np.testing.assert_array_equal(table[WORKING_P95], [0.2, 0.3, np.nan])
+    np.testing.assert_array_equal(table[WORKING_SD], [0.1, 0.1, np.nan])
+    assert table["wall_s"].dtype == float
+    assert not len(frame([]))
