@@ -243,14 +243,17 @@ search = Group(
 Search quantities of a scenario for failures of a controller. QUANTITY is one of
 
   cone-index slope speed delay roughness
-  gust ditch soil_patch gnss_float angle_noise gnss_out commands_late
-  front_steering_stuck trailer_steering_stuck     a fault of this kind, see docs/faults.md:
-                    of `limit` its first key, of `worst` all of them and its place on the path
   KEY=LOW:HIGH      a key of the scenario, e.g. soil.cone_index_kpa=200:600
-  KEY=LOW:HIGH:free of `worst`: a key without severity, e.g. terrain.uphill_deg=0:360:free
+
+and of `worst` also
+
+  KEY=LOW:HIGH:free a key without severity, e.g. terrain.uphill_deg=0:360:free
+  gust ditch soil_patch gnss_float angle_noise gnss_out commands_late
+  front_steering_stuck trailer_steering_stuck
+                    a fault of this kind (of [[faults]]), anywhere on the path
 
   ttempc search limit grass slope --controller pid --controller ttempc --limit 0.3
-  ttempc search limit grass gust
+  ttempc search limit my-gusty-field.toml faults.gust.force_n=100:4000
   ttempc search worst rows gust soil_patch --budget 300
 
 Exit code 0 if the search completed, 2 for bad input (one line, no run made), 130 if it was

@@ -29,7 +29,7 @@ from ..sweep.plan import SweepPlan
 from ..sweep.points import drive_plan
 from ..sweep.row import Row
 from ..sweep.study import ListAxis, Study
-from .quantities import Parameter, read_quantity
+from .quantities import FAULTS, Parameter, read_quantity
 
 _Count = Annotated[int, Field(ge=0)]
 _SHARE = 1.0 / 40.0  # of the range: tolerance of a quantity without one
@@ -67,6 +67,11 @@ class Question:
             InvalidStudy: there is no such quantity.
             InvalidScenario: the settings are invalid.
         """
+        if word in FAULTS:
+            raise InvalidStudy(
+                f"quantity {word!r}: is of `search worst`; for a limit put the fault into the "
+                "scenario and give KEY=LOW:HIGH, such as faults.gust.force_n=100:4000"
+            )
         parameter, _ = read_quantity(word)
         return cls(
             scenario=scenario,

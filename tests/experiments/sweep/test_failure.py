@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import pytest
+from proving_ground.experiments.search.limit import Question, find_limit
+from proving_ground.experiments.search.quantities import QUANTITIES
 from proving_ground.experiments.sweep import points
 from proving_ground.experiments.sweep.engine import Engine, InProcess
-from proving_ground.experiments.sweep.envelope import Question, envelope
 from proving_ground.experiments.sweep.failure import (
     ERROR,
     has_failed,
@@ -26,8 +27,7 @@ QUESTION = Question(
     scenario="grass",
     controller="paper",
     quantity="slope",
-    low=0.0,
-    high=0.4,
+    parameter=QUANTITIES["slope"],
     tolerance=0.01,
     limit_m=None,
     seeds=(1, 2, 3),
@@ -61,7 +61,7 @@ def test_report_and_envelope_judge_a_run_alike(
     assert (group.fails, len(group.failed)) == (fails, 3 if fails else 0)
 
     monkeypatch.setattr(points, "imap_rows", lambda engine, jobs: map(make_row, jobs))
-    result = envelope(replace(QUESTION, limit_m=limit_m), Engine(InProcess(), lambda: 1))
+    result = find_limit(replace(QUESTION, limit_m=limit_m), Engine(InProcess(), lambda: 1))
     assert result.outcome == ("fails" if fails else "holds")
     assert {probe.failed for probe in result.probes} == {len(group.failed)}
 
@@ -74,7 +74,7 @@ def test_completed_runs_without_an_error_figure_are_counted_in_words(tmp_path, m
     assert "the limit" not in render_summary(make_report(read_sweep(folder)))
 
     monkeypatch.setattr(points, "imap_rows", lambda engine, jobs: map(make_row, jobs))
-    result = envelope(replace(QUESTION, limit_m=0.5), Engine(InProcess(), lambda: 1))
+    result = find_limit(replace(QUESTION, limit_m=0.5), Engine(InProcess(), lambda: 1))
     assert "15 completed runs have no error figure" in str(result)
     assert {probe.unmeasured for probe in result.probes} == {3}
 

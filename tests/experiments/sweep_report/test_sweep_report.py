@@ -11,7 +11,8 @@ from html.parser import HTMLParser
 
 import pytest
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.sweep.envelope import Envelope, Probe, Question
+from proving_ground.experiments.search.limit import Envelope, Probe, Question
+from proving_ground.experiments.search.quantities import QUANTITIES
 from proving_ground.experiments.sweep_report.files import docs_page
 from proving_ground.experiments.sweep_report.report import make_report
 from proving_ground.experiments.sweep_report.runs import read_sweep
@@ -164,8 +165,8 @@ def test_the_page_for_docs_names_its_pictures(tmp_path):
 
 
 def answer(controller, outcome, holds_at, fails_at, probes):
-    """Return an object of the JSON file of `ttempc envelope`."""
-    question = Question("grass", controller, "slope", 0.0, 0.4, 0.01, 0.6, (1, 2))
+    """Return an object of the JSON file of `ttempc search limit`."""
+    question = Question("grass", controller, "slope", QUANTITIES["slope"], 0.01, 0.6, (1, 2))
     probes = tuple(Probe(value, 2, failed, 0, (0.1, None)) for value, failed in probes)
     return asdict(Envelope(question, outcome, True, holds_at, fails_at, probes))
 
