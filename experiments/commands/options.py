@@ -227,8 +227,8 @@ LIMIT: Final = option(
     "--limit",
     type=positive,
     metavar="M",
-    help="a run also fails above this 95 %% cross-track error in m (default: only runs that end "
-    "early fail)",
+    help="a run also fails above this 95 %% cross-track error of the working point, in m "
+    "(default: only runs that end early fail)",
 )
 WORKERS: Final = option(
     "--workers",
@@ -251,8 +251,7 @@ VERBOSE: Final = option(
 AGAINST: Final = option(
     "--against",
     metavar="NAME",
-    help="of a sweep: controller that the others are compared with (default: the best rival of "
-    "the best)",
+    help="of a sweep: controller that the others are compared with (default: the best)",
 )
 
 FIGURES: Final = (

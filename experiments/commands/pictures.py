@@ -108,14 +108,6 @@ def _write_film(setup: FilmSetup, file: Path, workers: int) -> None:
     *options.FIGURES,
     options.AGAINST,
     options.LIMIT,
-    option(
-        "--envelope",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="of a sweep: also show results of `ttempc search limit`; may be repeated",
-    ),
 )
 def report(arguments: argparse.Namespace) -> int:
     """Write the page of a run or of a sweep; with --format its figures for a paper instead.
@@ -140,9 +132,9 @@ def report(arguments: argparse.Namespace) -> int:
         given = ("width", "style", "only")
         refuse_given(arguments, given, "goes with --format, which makes figures")
     else:
-        refuse_given(arguments, ("envelope", "limit"), "goes with the page, not with --format")
+        refuse_given(arguments, ("limit",), "goes with the page, not with --format")
     if source.is_file():
-        refuse_given(arguments, ("against", "limit", "envelope"), "goes with a sweep, not a log")
+        refuse_given(arguments, ("against", "limit"), "goes with a sweep, not a log")
     if arguments.formats is not None:
         beside = source.with_name(f"{source.stem}-figures")
         folder = arguments.out or (source / "figures" if source.is_dir() else beside)
@@ -154,14 +146,12 @@ def report(arguments: argparse.Namespace) -> int:
 
 def _page_of_sweep(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load matplotlib.
-    from ..sweep_report.envelope_results import read_envelopes
-    from ..sweep_report.files import write_report
-    from ..sweep_report.report import make_report
+    from ..sweep_report.report import make_report, write_report
     from ..sweep_report.runs import read_sweep
 
     refuse_given(arguments, ("out",), "the report of a sweep lies in its folder")
     runs = read_sweep(arguments.source, arguments.limit)
-    content = make_report(runs, arguments.against, read_envelopes(arguments.envelope))
+    content = make_report(runs, arguments.against)
     file = write_report(content, arguments.source)
     if runs.missing:
         print(f"in progress: {runs.missing} of {runs.planned} runs are missing")
@@ -188,8 +178,7 @@ def _figures_of(source: Path, against: str | None) -> Mapping[str, Callable[[], 
 
         return run_figures(read_log(source))
     from ..results.run_comparison import STATISTICS_FILE
-    from ..sweep_report.files import panel_figures
-    from ..sweep_report.report import make_report
+    from ..sweep_report.report import make_report, panel_figures
     from ..sweep_report.runs import read_sweep
 
     if (source / STATISTICS_FILE).is_file():

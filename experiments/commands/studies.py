@@ -175,7 +175,7 @@ def limit(arguments: argparse.Namespace) -> int:
         questions.append(question)
 
     with engine(arguments.workers, arguments.dask) as workers:
-        show = None if arguments.json else lambda envelope: print(envelope, flush=True)
+        show = None if arguments.json else lambda found: print(found, flush=True)
         text = limit_file(questions, workers, file, show)
     print(text if arguments.json else f"values    {file}\n", end="")
     return 0

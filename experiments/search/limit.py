@@ -10,32 +10,28 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Any, Final, Literal
 
 import numpy as np
-from pydantic import Field
-from pydantic.dataclasses import dataclass
 
-from ...testbed.configuration.config_io import STRICT
 from ...testbed.recording.provenance import versions
 from ..errors import InvalidStudy, SweepStopped
 from ..output import create_partial, write_file
 from ..scenario.scenario import ScenarioFile
 from ..sweep.engine import Engine
-from ..sweep.failure import ERROR, has_failed, is_unmeasured, mostly_fails, unmeasured_text
+from ..sweep.failure import has_failed, is_unmeasured, mostly_fails, unmeasured_text, working_error
 from ..sweep.plan import SweepPlan
 from ..sweep.points import drive_plan
 from ..sweep.row import Row
 from ..sweep.study import ListAxis, Study
 from .quantities import FAULTS, Parameter, read_quantity
 
-_Count = Annotated[int, Field(ge=0)]
-_SHARE = 1.0 / 40.0  # of the range: tolerance of a quantity without one
+_SHARE: Final = 1.0 / 40.0  # of the range: tolerance of a quantity without one
 
 
-@dataclass(frozen=True, config=STRICT)
+@dataclass(frozen=True)
 class Question:
     """Settings of the search: controller, scenario, quantity, range and criterion of failure."""
 
@@ -47,7 +43,7 @@ class Question:
     limit_m: float | None  # on the 95 % cross-track error; None: completed runs hold
     seeds: tuple[int, ...]
     scan: int = 5  # values over the range before bisection, ends included
-    settings: dict[str, Any] = Field(default_factory=dict)  # override keys of the scenario
+    settings: dict[str, Any] = field(default_factory=dict)  # override keys of the scenario
 
     @classmethod
     def of(
@@ -137,16 +133,16 @@ class Question:
         self.plan(self.scan_numbers()).extent()
 
 
-@dataclass(frozen=True, config=STRICT)
+@dataclass(frozen=True)
 class Probe:
     """Outcome of the runs at one value."""
 
     value: float | str
-    runs: Annotated[int, Field(ge=1)]
-    failed: _Count
-    lost: _Count
-    cross_p95_m: tuple[float | None, ...]  # of each run; None where it has no error figure
-    unmeasured: _Count = 0  # runs that completed without an error figure
+    runs: int
+    failed: int
+    lost: int
+    cross_p95_m: tuple[float | None, ...]  # `working_error` of each run
+    unmeasured: int = 0  # runs that completed without an error figure
 
     @property
     def fails(self) -> bool:
@@ -154,8 +150,8 @@ class Probe:
         return mostly_fails(self.failed, self.runs)
 
 
-@dataclass(frozen=True, config=STRICT)
-class Envelope:
+@dataclass(frozen=True)
+class Limit:
     """Result of the search."""
 
     question: Question
@@ -163,7 +159,7 @@ class Envelope:
     monotone: bool  # failure sets in once over the tested values
     holds_at: float | str | None
     fails_at: float | str | None
-    probes: Annotated[tuple[Probe, ...], Field(min_length=1)]  # by increasing value
+    probes: tuple[Probe, ...]  # by increasing value
 
     def __str__(self) -> str:
         question = self.question
@@ -181,19 +177,11 @@ class Envelope:
         return f"{subject}: {result}" + (f"; {note}" if note else "")
 
 
-@dataclass(frozen=True, config=STRICT)
-class EnvelopeFile:
-    """Content of the JSON file of `ttempc search limit`."""
-
-    versions: dict[str, str]
-    envelopes: tuple[Envelope, ...]  # one per controller
-
-
 def limit_file(
     questions: Sequence[Question],
     engine: Engine,
     file: Path,
-    show: Callable[[Envelope], object] | None = None,
+    show: Callable[[Limit], object] | None = None,
 ) -> str:
     """Answer questions and write the file; return its text. The partial file has those answered.
 
@@ -205,14 +193,14 @@ def limit_file(
         answers.append(find_limit(question, engine))
         if show:
             show(answers[-1])
-        content = asdict(EnvelopeFile(versions(), tuple(answers)))
+        content = {"versions": versions(), "limits": list(map(asdict, answers))}
         text = json.dumps(content, indent=2, allow_nan=False) + "\n"
         write_file(partial, text)
     partial.rename(file)
     return text
 
 
-def find_limit(question: Question, engine: Engine) -> Envelope:
+def find_limit(question: Question, engine: Engine) -> Limit:
     """Search the value from which on a controller fails.
 
     Raises:
@@ -238,10 +226,10 @@ def find_limit(question: Question, engine: Engine) -> Envelope:
     ordered = tuple(probes[number] for number in sorted(probes))
     if found is None:
         outcome = "fails" if ordered[0].fails else "holds"
-        return Envelope(question, outcome, True, None, None, ordered)
+        return Limit(question, outcome, True, None, None, ordered)
     changes = sum(one.fails != other.fails for one, other in itertools.pairwise(ordered))
     holds, fails = sorted((probes[number] for number in found), key=lambda probe: probe.fails)
-    return Envelope(question, "found", changes == 1, holds.value, fails.value, ordered)
+    return Limit(question, "found", changes == 1, holds.value, fails.value, ordered)
 
 
 def _drive(question: Question, numbers: Sequence[float], engine: Engine) -> Iterator[Probe]:
@@ -263,7 +251,7 @@ def _probe(question: Question, value: float | str, rows: Sequence[Row]) -> Probe
         runs=len(rows),
         failed=sum(has_failed(row, question.limit_m) for row in rows),
         lost=sum(row["status"] != "completed" for row in rows),
-        cross_p95_m=tuple(cast("float | None", row[ERROR]) for row in rows),
+        cross_p95_m=tuple(map(working_error, rows)),
         unmeasured=sum(map(is_unmeasured, rows)),
     )
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
-from typing import Annotated, Any, Final, Literal
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final, Literal
 
 import numpy as np
-from pydantic import Field
-from pydantic.dataclasses import dataclass
 
 from ttempc.suggestion import did_you_mean
 from ttempc.types import FloatArray
 
-from ...testbed.configuration.config_io import STRICT
 from ..errors import InvalidStudy
 from ..scenario.scenario import Scenario, ScenarioFile, merge_tables, without_none
 from ..sweep.plan import scenario_value
@@ -24,14 +21,14 @@ _FREE: Final = "free"
 _ENDS: Final = (0.1, 0.9)  # of the path: the vehicle has started, and can still be lost
 
 
-@dataclass(frozen=True, kw_only=True, config=STRICT)
+@dataclass(frozen=True, kw_only=True)
 class Parameter:
     """A bounded quantity of a scenario.
 
     Its position is a number from 0 (`low`) to 1 (`high`), on a logarithmic scale if so spaced.
     """
 
-    keys: Annotated[tuple[str, ...], Field(min_length=1)]  # of the scenario: all have the value
+    keys: tuple[str, ...]  # of the scenario: all have the value
     low: float
     high: float
     nominal: float | None = None  # None: free, as a place or a direction, which is no severity

@@ -37,7 +37,7 @@ from ..errors import MissingExtra, SweepStopped
 from ..output import write_file
 from ..scenario.scenario import Scenario
 from ..sweep.engine import Engine
-from ..sweep.failure import ERROR, has_failed
+from ..sweep.failure import has_failed, working_error
 from ..sweep.plan import Setting, SweepPlan
 from ..sweep.points import drive_plan, points_plan
 from ..sweep.row import Row
@@ -72,7 +72,7 @@ class Specification:
 
     Args:
         limits: figure of a row -> limit, in the unit of the figure.
-        limit_m: on the 95 % cross-track error [m]; None: not limited.
+        limit_m: on the 95 % cross-track error of the working point [m]; None: not limited.
     """
 
     limits: Mapping[str, float]
@@ -90,13 +90,13 @@ class Specification:
         if scenario.corridor is not None:
             width = scenario.corridor.half_width_m
             limits |= {f"corridor.{point}.max_m": width for point in _POINTS}
-        if limit_m is not None:
-            limits[ERROR] = limit_m
         return cls(limits, limit_m)
 
     def shares(self, row: Row) -> dict[str, float]:
         """Return the share of each limit that a run reaches; 0 where it has no such figure."""
-        return {name: _number(row.get(name)) / limit for name, limit in self.limits.items()}
+        shares = {name: _number(row.get(name)) / limit for name, limit in self.limits.items()}
+        error = 0.0 if self.limit_m is None else (working_error(row) or 0.0) / self.limit_m
+        return shares | {"working point": error}
 
     def judge(self, row: Row, nominal: Mapping[str, float]) -> Outcome:
         """Return the outcome of a run.
@@ -122,7 +122,7 @@ class Specification:
         if _number(row["corridor.hitch_outside_fraction"]) > 0.0:
             return "hitch angle beyond the limit of the corridor"
         if has_failed(row, self.limit_m):
-            return f"95 % cross-track error {_number(row[ERROR]):.3f} m"
+            return f"95 % cross-track error {working_error(row):.3f} m"
         return ""
 
 
@@ -286,7 +286,7 @@ class Search:
         subject: scenario and space of parameters.
         engine: executes the runs.
         seed: of all runs, for terrain and noise, and of the optimiser.
-        limit_m: on the 95 % cross-track error [m]; None: not limited.
+        limit_m: as of `Specification`.
         folder: for runs and report; None: nothing is kept.
         on_run: called after every run.
 

@@ -12,7 +12,7 @@ import sys
 from typing import Final
 
 from ...scenario.scenario import parse_overrides
-from ...search.limit import Envelope, Question, find_limit
+from ...search.limit import Limit, Question, find_limit
 from ...search.quantities import QUANTITIES
 from ...seeds import report_seeds
 from ...sweep.engine import engine
@@ -22,7 +22,7 @@ CONTROLLERS: Final = ("ttempc", "pid", "paper")
 TOLERANCES: Final = {"cone-index": 10.0, "slope": 0.01, "delay": 0.05}
 
 
-def search(question: Question) -> Envelope:
+def search(question: Question) -> Limit:
     """Return the answer to a question, found in this process."""
     with engine(workers=0) as here:
         return find_limit(question, here)
@@ -52,7 +52,7 @@ def main(seeds: tuple[int, ...] = report_seeds(3), path: str = "path.laps=1") ->
         print(f"| {quantity.replace('-', ' ')} [{QUANTITIES[quantity].unit}] | {cells} |")
 
 
-def _text(result: Envelope) -> str:
+def _text(result: Limit) -> str:
     if result.outcome != "found":
         return f"{result.outcome} from {result.probes[0].value:g} to {result.probes[-1].value:g}"
     note = "" if result.monotone else ", not monotone"

@@ -106,7 +106,7 @@ def test_the_command_writes_what_it_prints(tmp_path, monkeypatch, capsys):
     line += ["--set", "path={kind='straight', length_m=2.0}", "--workers", "0", "-o", "e.json"]
     assert main(line) == 0
     assert "ttempc on pavement, actuators.front.dead_time_s: holds" in capsys.readouterr().out
-    (result,) = json.loads((tmp_path / "e.json").read_text())["envelopes"]
+    (result,) = json.loads((tmp_path / "e.json").read_text())["limits"]
     assert result["question"]["seeds"] == [7]
     assert [probe["value"] for probe in result["probes"]] == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert main(line) == 2
