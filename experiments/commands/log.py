@@ -13,7 +13,7 @@ from ...testbed.terminal import one_line
 from . import options
 
 if TYPE_CHECKING:
-    from ...testbed.log.log_content import Content
+    from ...testbed.log.reader import Content
 
 ABOUT = """\
   ttempc log info LOG.mcap                     run, duration, failure, topics, events
@@ -101,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _info(arguments: argparse.Namespace) -> int:
-    from ...testbed.log.log_content import read_content
+    from ...testbed.log.reader import read_content
     from ..logs.log_check import format_log_info, log_info
 
     info = log_info(read_content(arguments.log))
@@ -113,7 +113,7 @@ def _info(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from ...testbed.log.log_content import read_content
+    from ...testbed.log.reader import read_content
     from ..logs.log_export import export_log
 
     content = read_content(arguments.log)
@@ -142,7 +142,7 @@ def _ros2(arguments: argparse.Namespace) -> int:
 def _converted(
     log: Path, file: Path, export: Callable[[Content, Path], object], note: str = ""
 ) -> int:
-    from ...testbed.log.log_content import read_content
+    from ...testbed.log.reader import read_content
 
     content = read_content(log)
     export(content, file)
@@ -153,8 +153,7 @@ def _converted(
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from ...testbed.log.log_content import read_content
-    from ...testbed.log.log_recovery import recover
+    from ...testbed.log.reader import read_content, recover
     from ..logs.log_check import check_log
 
     content = read_content(arguments.log)

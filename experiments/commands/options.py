@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from ...testbed.atomic_write import partial_path
-from ...testbed.log.log_path import log_path
+from ...testbed.log.reader import log_path
 
 if TYPE_CHECKING:
     from ..film.composition import FilmSetup

@@ -9,11 +9,16 @@ from typing import Any, Final
 import numpy as np
 
 from ...testbed.ground.ground import GROUND_FILE
-from ...testbed.log.log_content import Content
-from ...testbed.log.log_reader import record_of
-from ...testbed.recording.channels import CONTROL, ESTIMATE, REFERENCE, STATE, TYRES
+from ...testbed.log.reader import Content, record_of
+from ...testbed.recording.channels import (
+    CONTROL,
+    ESTIMATE,
+    REFERENCE,
+    STATE,
+    TRANSFORMS_TOPIC,
+    TYRES,
+)
 from ...testbed.recording.record import Record
-from ...testbed.recording.topics import TRANSFORMS_TOPIC
 
 _CHANNELS: Final = (STATE, REFERENCE, TYRES, ESTIMATE, CONTROL)
 _REQUIRED_TOPICS: Final = (*(channel.topic for channel in _CHANNELS), TRANSFORMS_TOPIC)

@@ -13,11 +13,9 @@ import numpy as np
 
 from ...testbed.atomic_write import partial_path
 from ...testbed.errors import LogError
-from ...testbed.log.log_content import Content
-from ...testbed.log.log_reader import record_of
-from ...testbed.log.log_scene import Motion, motion_of
-from ...testbed.recording.channels import CHANNELS, ERROR
-from ...testbed.recording.topics import EVENT_TOPIC, TRANSFORMS_TOPIC
+from ...testbed.log.reader import Content, record_of
+from ...testbed.log.scene import Motion, motion_of
+from ...testbed.recording.channels import CHANNELS, ERROR, EVENT_TOPIC, TRANSFORMS_TOPIC
 from ..errors import MissingExtra, OutputExists
 from ..output import refuse_existing
 

@@ -14,8 +14,7 @@ from ttempc.learning.learner import RecordedTick
 from ttempc.types import Command, Estimate, Estimator, Measurement
 
 from ...testbed.configuration.config_io import parse_toml
-from ...testbed.log.log_content import read_content
-from ...testbed.log.log_reader import record_of
+from ...testbed.log.reader import read_content, record_of
 from ...testbed.recording import record_rows as rows
 from ...testbed.recording.channels import (
     CONTROL,

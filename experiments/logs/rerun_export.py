@@ -18,13 +18,11 @@ from ttempc.types import FloatArray
 
 from ...testbed.atomic_write import partial_path
 from ...testbed.errors import LogError
-from ...testbed.log.log_content import Content, decoding
-from ...testbed.log.log_reader import record_of
-from ...testbed.log.log_scene import lines_of, motion_of
-from ...testbed.messages.viewer_messages import MAP_FRAME
-from ...testbed.recording.channels import CHANNELS, ERROR
+from ...testbed.log.reader import Content, decoding, record_of
+from ...testbed.log.scene import lines_of, motion_of
+from ...testbed.messages.encoding import MAP_FRAME
+from ...testbed.recording.channels import CHANNELS, ERROR, REFERENCE_PATH_TOPIC, SCENE_TOPIC
 from ...testbed.recording.record import Event, Record
-from ...testbed.recording.topics import REFERENCE_PATH_TOPIC, SCENE_TOPIC
 from ..errors import BadOptions, MissingExtra, OutputExists
 from ..output import refuse_existing
 from .panels import PANELS, PATH_COLOURS

@@ -20,11 +20,10 @@ from ttempc.types import FloatArray, Sensor
 
 from ...testbed.configuration.config_io import parse_toml
 from ...testbed.errors import LogError
-from ...testbed.log.log_content import Content
-from ...testbed.log.log_reader import record_of
-from ...testbed.log.log_scene import attachment, lines_of, motion_of
+from ...testbed.log.reader import Content, record_of
+from ...testbed.log.scene import attachment, lines_of, motion_of
+from ...testbed.messages.encoding import quaternion
 from ...testbed.messages.publisher import nanoseconds
-from ...testbed.messages.viewer_messages import quaternion
 from ...testbed.recording import topics
 from ...testbed.recording.channels import (
     CONTROL,

@@ -15,9 +15,9 @@ import numpy as np
 from ttempc.types import FloatArray
 
 from ...testbed.geodesy import DATUM
-from ...testbed.log.log_scene import Line
+from ...testbed.log.scene import Line
+from ...testbed.messages.encoding import MAP_FRAME, headings, quaternion
 from ...testbed.messages.publisher import nanoseconds
-from ...testbed.messages.viewer_messages import MAP_FRAME, headings, quaternion
 from ...testbed.recording.record import Event
 from ...testbed.truth import Pose
 

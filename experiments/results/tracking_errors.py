@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ttempc.types import FloatArray
 
-from ...testbed.recording.channels import REFERENCE, STATE, TOOL, Channel
-from ...testbed.recording.position_error import in_frame
+from ...testbed.recording.channels import REFERENCE, STATE, TOOL, Channel, in_frame
 from ...testbed.recording.record import Record
 
 START_UP_S: Final = 8.0  # the vehicle starts from standstill; statistics leave this time out

@@ -10,9 +10,8 @@ from types import MappingProxyType
 from typing import Final
 
 from ...testbed.ground.ground import GROUND_FILE
-from ...testbed.log.log import LogWriter
-from ...testbed.log.log_reader import SALVAGED_KEY
-from ...testbed.log.log_recovery import RECOVERED_KEY
+from ...testbed.log.reader import RECOVERED_KEY, SALVAGED_KEY
+from ...testbed.log.writer import LogWriter
 from ...testbed.messages.scenery import Scenery
 from ...testbed.recording.provenance import machine, versions
 from ...testbed.recording.record import Event

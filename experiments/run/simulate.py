@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...testbed.log.log_path import LOG_NAME
+from ...testbed.log.writer import LOG_NAME
 from ...testbed.messages.scenery import Scenery
+from ...testbed.recording.channels import REFERENCE_PATH_TOPIC
 from ...testbed.recording.provenance import versions
-from ...testbed.recording.record import Event, Record, Recorder
-from ...testbed.recording.sink import OnEvent, Sink, Tee
-from ...testbed.recording.topics import REFERENCE_PATH_TOPIC
+from ...testbed.recording.record import Event, OnEvent, Record, Recorder, Sink, Tee
 from ...testbed.simulation.loop import Outcome, drive, prepare
 from ..output import make_folder, refuse_existing, write_file
 from ..results.metrics import summarise

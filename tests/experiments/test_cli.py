@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
-from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.testbed.log.reader import read_log
 from proving_ground.testbed.recording.channels import STATE
 
 from proving_ground import load, simulate

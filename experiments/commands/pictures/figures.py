@@ -79,7 +79,7 @@ def _drawn(arguments: argparse.Namespace) -> dict[str, Callable[[], Figure]]:
                 "ttempc compare LOG LOG --format pdf,svg --width single"
             )
         return panel_figures(make_report(read_sweep(arguments.source), arguments.against))
-    from ....testbed.log.log_reader import read_log
+    from ....testbed.log.reader import read_log
     from ...figures.export import run_figures
 
     if arguments.against is not None:

@@ -15,10 +15,9 @@ from proving_ground.experiments.logs.log_check import check_log
 from proving_ground.experiments.results.tracking_errors import BODIES, tracking_errors
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.log.log import LogWriter
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_reader import read_log
-from proving_ground.testbed.log.log_scene import ground_of, motion_of
+from proving_ground.testbed.log.reader import read_content, read_log
+from proving_ground.testbed.log.scene import ground_of, motion_of
+from proving_ground.testbed.log.writer import LogWriter
 from proving_ground.testbed.recording.channels import CHANNELS, ERROR, STATE
 
 SHORT = ("--set", "path={kind='straight', length_m=15}")

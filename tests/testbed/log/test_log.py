@@ -9,9 +9,9 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 from proving_ground.testbed.errors import LogError
-from proving_ground.testbed.log.log import FORMAT_KEY
-from proving_ground.testbed.log.log_reader import read_log
-from proving_ground.testbed.messages.schemas import RowEncoder, message_class, message_name
+from proving_ground.testbed.log.reader import read_log
+from proving_ground.testbed.log.writer import FORMAT_KEY
+from proving_ground.testbed.messages.encoding import RowEncoder, message_class, message_name
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     CONTROL,

@@ -12,14 +12,10 @@ import zstandard
 from proving_ground.testbed.errors import InvalidField, LogError
 from proving_ground.testbed.ground.ground import Ground
 from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.log.integrity import integrity_error
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_reader import read_log, record_of
-from proving_ground.testbed.log.log_scene import lines_of, motion_of
-from proving_ground.testbed.log.mcap_file import McapFile
-from proving_ground.testbed.log.model_whitelist import check_model
-from proving_ground.testbed.recording.channels import STATE
-from proving_ground.testbed.recording.topics import EVENT_TOPIC, REFERENCE_PATH_TOPIC
+from proving_ground.testbed.log.reader import integrity_error, read_content, read_log, record_of
+from proving_ground.testbed.log.scene import check_model, lines_of, motion_of
+from proving_ground.testbed.log.writer import McapFile
+from proving_ground.testbed.recording.channels import EVENT_TOPIC, REFERENCE_PATH_TOPIC, STATE
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
 from proving_ground.testbed.vehicle.vehicle_model import build_spec, level_mjcf, level_model
 from proving_ground.testbed.wheels.soil_law import SoilLaw

@@ -5,11 +5,11 @@ import pytest
 from proving_ground.testbed.errors import InvalidField, LogError
 from proving_ground.testbed.ground.ground import GROUND_FILE, Ground
 from proving_ground.testbed.ground.terrain import Terrain
-from proving_ground.testbed.log.log import LogWriter
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_scene import attachment, ground_of, lines_of, motion_of
+from proving_ground.testbed.log.reader import read_content
+from proving_ground.testbed.log.scene import attachment, ground_of, lines_of, motion_of
+from proving_ground.testbed.log.writer import LogWriter
 from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
+from proving_ground.testbed.recording.channels import REFERENCE_PATH_TOPIC
 
 from tests.testbed.truths import truth
 

@@ -12,9 +12,7 @@ import numpy as np
 import pytest
 from mcap.stream_reader import StreamReader
 from proving_ground.testbed.errors import LogError, PlantDiverged
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_reader import SALVAGED_KEY, read_log
-from proving_ground.testbed.log.log_recovery import recover
+from proving_ground.testbed.log.reader import SALVAGED_KEY, read_content, read_log, recover
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.recording.record import Record
 

@@ -13,13 +13,13 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from proving_ground.testbed.geodesy import DATUM
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.messages.protobuf_wire import TransformsEncoder, single
-from proving_ground.testbed.messages.viewer_messages import (
+from proving_ground.testbed.messages.encoding import (
     encode_fix,
     encode_paths,
     encode_poses,
     quaternion,
 )
+from proving_ground.testbed.messages.protobuf_wire import TransformsEncoder, single
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.truth import WHEELS, Pose
 from proving_ground.testbed.vehicle.vehicle_file import read_vehicle

@@ -11,11 +11,10 @@ from proving_ground.testbed.recording.channels import (
     REFERENCE,
     STATE,
     Channel,
+    error_rows,
     unit_of,
 )
-from proving_ground.testbed.recording.position_error import error_rows
-from proving_ground.testbed.recording.record import Event, Recorder
-from proving_ground.testbed.recording.sink import Tee
+from proving_ground.testbed.recording.record import Event, Recorder, Tee
 
 from tests.testbed.truths import truth
 

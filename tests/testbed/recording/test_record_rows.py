@@ -10,8 +10,6 @@ from proving_ground.testbed.recording.channels import (
     MEASUREMENT_COLUMNS,
     STATE,
     TYRES,
-)
-from proving_ground.testbed.recording.record_rows import (
     estimate_row,
     measurement_rows,
     state_row,

@@ -15,14 +15,14 @@ from google.protobuf.message_factory import GetMessageClass
 from proving_ground.testbed.errors import LiveError
 from proving_ground.testbed.messages.publisher import topics_of
 from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.channels import STATE
-from proving_ground.testbed.recording.record import Event
-from proving_ground.testbed.recording.topics import (
+from proving_ground.testbed.recording.channels import (
     EVENT_TOPIC,
     REFERENCE_PATH_TOPIC,
     SCENE_TOPIC,
+    STATE,
     TRANSFORMS_TOPIC,
 )
+from proving_ground.testbed.recording.record import Event
 from proving_ground.testbed.viewers.live import PROTOCOL, LiveView
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
