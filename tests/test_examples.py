@@ -1,8 +1,6 @@
 """Examples of docs/examples, run as they stand there, in an empty folder."""
 
-import contextlib
 import importlib
-import io
 import json
 import os
 import re
@@ -56,15 +54,6 @@ def test_fresh_flights_of_the_drone_stay_in_its_tube(tmp_path):
     inside, flights = map(int, re.findall(r"(\d+) of (\d+)", output)[0])
     assert flights == 200
     assert inside >= 0.95 * flights
-
-
-def test_the_code_of_the_tube_page_prints_what_stands_there():
-    page = (EXAMPLES.parent / "tube-library.md").read_text()
-    code, expected = re.findall(r"^```(?:python|text)\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
-    output = io.StringIO()
-    with contextlib.redirect_stdout(output):
-        exec(code, {})
-    assert output.getvalue() == expected
 
 
 @pytest.mark.parametrize("example", sorted(path.name for path in EXAMPLES.glob("*.py")))

@@ -19,11 +19,9 @@ if TYPE_CHECKING:
     from .errors import TtempcError
     from .estimation.ekf import ExtendedKalmanFilter
     from .estimation.noise import ProcessNoise, SensorNoise
-    from .guidance.controllers import CONTROLLERS, make_controller
-    from .guidance.estimators import ESTIMATORS
+    from .guidance.controllers import CONTROLLERS, ESTIMATORS, make_controller
     from .guidance.guidance import Guidance
     from .guidance.supervisor import SafetyLimits
-    from .limits import CommandLimits
     from .reference.headland import headland
     from .reference.path import Path, figure_eight, straight
     from .reference.reference import ConstantSpeed, Reference
@@ -41,7 +39,7 @@ if TYPE_CHECKING:
         Sensor,
         State,
     )
-    from .vehicle import Vehicle
+    from .vehicle import CommandLimits, Vehicle
 
 __all__ = [
     "CONTROLLERS",
@@ -80,11 +78,9 @@ _HOME = {
     "errors": ("TtempcError",),
     "estimation.ekf": ("ExtendedKalmanFilter",),
     "estimation.noise": ("ProcessNoise", "SensorNoise"),
-    "guidance.controllers": ("CONTROLLERS", "make_controller"),
-    "guidance.estimators": ("ESTIMATORS",),
+    "guidance.controllers": ("CONTROLLERS", "ESTIMATORS", "make_controller"),
     "guidance.guidance": ("Guidance",),
     "guidance.supervisor": ("SafetyLimits",),
-    "limits": ("CommandLimits",),
     "reference.headland": ("headland",),
     "reference.path": ("Path", "figure_eight", "straight"),
     "reference.reference": ("ConstantSpeed", "Reference"),
@@ -102,7 +98,7 @@ _HOME = {
         "Sensor",
         "State",
     ),
-    "vehicle": ("Vehicle",),
+    "vehicle": ("CommandLimits", "Vehicle"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

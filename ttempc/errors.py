@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection
+from typing import TypeGuard
+
 
 class TtempcError(Exception):
     """Root of all errors that the library raises on purpose."""
@@ -60,3 +64,50 @@ class EstimatorFailed(GuidanceFailed):
 
 class InvalidTube(TtempcError):
     """A tube does not exist, or was made for another vehicle or control period."""
+
+
+def check_flag(name: str, value: object) -> None:
+    """Refuse anything but True and False."""
+    if not isinstance(value, bool):
+        raise InvalidTuning(f"{name}: got {value!r}, must be true or false")
+
+
+def check_choice(name: str, value: object, allowed: Collection[str | int]) -> None:
+    """Refuse a value that is not one of the `allowed` ones."""
+    if not any(type(value) is type(choice) and value == choice for choice in allowed):
+        choices = ", ".join(repr(choice) for choice in allowed)
+        raise InvalidTuning(f"{name}: got {value!r}, must be one of {choices}")
+
+
+def check_count(name: str, value: object, most: int | None = None) -> None:
+    """Refuse anything but an integer from 1 to `most`."""
+    if (
+        not isinstance(value, int)
+        or isinstance(value, bool)
+        or value < 1
+        or (most is not None and value > most)
+    ):
+        allowed = "of 1 or more" if most is None else f"from 1 to {most}"
+        raise InvalidTuning(f"{name}: got {value!r}, must be an integer {allowed}")
+
+
+def check_positive(name: str, value: object, *, zero: bool = False) -> None:
+    """Refuse anything but a finite number above 0, or of 0 or more where `zero`."""
+    if not (_is_finite(value) and (value > 0.0 or (zero and value == 0.0))):
+        allowed = "0 or more" if zero else "above 0"
+        raise InvalidTuning(f"{name}: got {value!r}, must be finite and {allowed}")
+
+
+def check_vector(name: str, values: object, length: int, *, zero: bool = False) -> None:
+    """Refuse anything but `length` finite numbers above 0, or of 0 or more where `zero`."""
+    if (
+        not isinstance(values, tuple | list)
+        or len(values) != length
+        or not all(_is_finite(v) and (v > 0.0 or (zero and v == 0.0)) for v in values)
+    ):
+        allowed = "of 0 or more" if zero else "above 0"
+        raise InvalidTuning(f"{name}: got {values!r}, must be {length} finite numbers {allowed}")
+
+
+def _is_finite(value: object) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

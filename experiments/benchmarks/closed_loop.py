@@ -31,8 +31,7 @@ from ...testbed.simulation.loop import (
 from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ...testbed.vehicle.vehicle import PlantVehicle
 from ..run.assembly import assemble
-from ..run.log_file import describe, open_log
-from ..run.simulate import drive_into
+from ..run.simulate import describe, drive_into, open_log
 from ..scenario.scenario import load
 from . import physics_loop
 from .figure import BenchmarkFigure, Limit

@@ -19,14 +19,13 @@ from scipy.integrate import solve_ivp
 
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.supervisor import SafetyLimits, Supervisor
-from ttempc.laws.articulated_mpc import ArticulatedFeedback
+from ttempc.laws.articulated_mpc import ArticulatedFeedback, OneStepMonitor
 from ttempc.laws.lq_robust_law import LqRobustLaw
-from ttempc.laws.one_step_monitor import OneStepMonitor
 from ttempc.laws.tracking_controller import TrackingController
 from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
-from ttempc.mpc.prediction import PredictedPath
-from ttempc.mpc.qp import CondensedHorizon
-from ttempc.mpc.solver import PersistentSolver
+from ttempc.mpc.articulated_error import PredictedPath
+from ttempc.mpc.lmpc import CondensedHorizon
+from ttempc.mpc.qp import PersistentSolver
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Estimate, FloatArray

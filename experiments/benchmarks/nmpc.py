@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from ttempc.guidance.controllers import make_controller
-from ttempc.mpc.qp import SOLVERS
+from ttempc.mpc.lmpc import SOLVERS
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Estimate, FloatArray

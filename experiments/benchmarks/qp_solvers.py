@@ -18,8 +18,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from ttempc.mpc.qp import QP, SOLVERS
-from ttempc.mpc.solver import PersistentSolver, QPSolution
+from ttempc.mpc.lmpc import SOLVERS
+from ttempc.mpc.qp import QP, PersistentSolver, QPSolution
 from ttempc.types import FloatArray
 
 from ..run.simulate import simulate

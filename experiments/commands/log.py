@@ -169,7 +169,7 @@ def _check(arguments: argparse.Namespace) -> int:
 def _replay(arguments: argparse.Namespace) -> int:
     from ..logs.replay import estimator_of, read_run, replay, same_as_recorded
     from ..results.consistency import consistency, format_consistency
-    from ..run.trust import refuse_untrusted
+    from ..run.user_code import refuse_untrusted
     from ..scenario.scenario import merge_tables, parse_overrides
 
     changes = parse_overrides(arguments.overrides)

@@ -132,7 +132,7 @@ def load_scenario(arguments: argparse.Namespace) -> tuple[str, Scenario]:
         InvalidScenario: the scenario or a change is invalid, or the file names code that the user
             does not.
     """
-    from ..run.trust import named_parts, refuse_untrusted
+    from ..run.user_code import named_parts, refuse_untrusted
     from ..scenario.scenario import merge_tables, parse_overrides, read_scenario
 
     changes = parse_overrides(arguments.overrides)

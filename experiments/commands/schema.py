@@ -33,8 +33,7 @@ def _schema(arguments: argparse.Namespace) -> int:
     if arguments.out:
         refuse_existing(arguments.out)
     # Imported here so that --help does not load pydantic.
-    from ..schema.json_schema import json_schema
-    from ..schema.reference_page import scenario_reference
+    from ..scenario.schema import json_schema, scenario_reference
 
     if arguments.markdown:
         text = scenario_reference()

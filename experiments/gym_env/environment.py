@@ -11,10 +11,9 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 
-from ttempc.limits import CommandLimits
 from ttempc.reference.reference import Reference
 from ttempc.types import Command, Controller, Estimate, FloatArray
-from ttempc.vehicle import Vehicle
+from ttempc.vehicle import CommandLimits, Vehicle
 
 from ...testbed.recording.record import Tee
 from ...testbed.simulation.loop import (
@@ -34,7 +33,7 @@ from ..policy.observation import ESTIMATE_NAMES, EstimateObserver, bounds
 from ..policy.residual import ResidualController, half_range
 from ..run.assembly import assemble, check, model_vehicle
 from ..run.shared_parts import SharedParts
-from ..run.trust import named_parts, refuse_untrusted
+from ..run.user_code import named_parts, refuse_untrusted
 from ..scenario.scenario import parse_overrides, read_scenario
 from .reward import reward
 from .sensor_observer import SensorObserver, sensor_names

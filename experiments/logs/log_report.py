@@ -20,7 +20,7 @@ from ..report.run_report import render_run_report
 from ..results.metrics import summarise
 from ..results.published import PublishedError, published_beside
 from ..results.summary import RunFacts, Status, Summary
-from ..run.log_file import BEGINS, ENDS, SETTINGS, versions_of
+from ..run.simulate import BEGINS, ENDS, SETTINGS, versions_of
 from ..scenario.scenario import ScenarioFile, identity
 
 _SCENARIO: Final = "scenario.toml"

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from ttempc.models.tracking_error import Error, estimated_error
+from ttempc.models.kinematics import Error, estimated_error
 from ttempc.reference.reference import Reference
 from ttempc.types import Estimate, FloatArray, State
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ttempc.limits import CommandLimits
 from ttempc.reference.reference import Reference
 from ttempc.types import (
     Command,
@@ -20,6 +19,7 @@ from ttempc.types import (
     SpaceBased,
     WarmingUp,
 )
+from ttempc.vehicle import CommandLimits
 
 Residual = Callable[[Estimate, int, FloatArray], FloatArray]
 """Returns an action (3,) in [-1, 1] from the estimate, the tick and the last command (3,)."""

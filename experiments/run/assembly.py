@@ -11,17 +11,15 @@ import numpy as np
 
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import run_on
-from ttempc.reference.path import Path
-from ttempc.reference.posture import check_drivable
-from ttempc.reference.projection import Projection
-from ttempc.reference.reference import Reference, check_pace
+from ttempc.reference.path import Path, Projection
+from ttempc.reference.reference import Reference, ReferenceSample, check_drivable, check_pace
 from ttempc.types import FloatArray, Input
 from ttempc.vehicle import Vehicle
 
 from ...testbed.actuation.actuators import Actuators
 from ...testbed.discretisation import whole_steps
 from ...testbed.ground.grid import Grid
-from ...testbed.ground.soil_layers import StrengthMap
+from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
 from ...testbed.randomness import generator
@@ -34,9 +32,9 @@ from ...testbed.simulation.setup import SimulationSetup, Stage
 from ...testbed.simulation.termination import TerminationLimits
 from ...testbed.vehicle.axle_loads import overload_notes
 from ..errors import InvalidScenario
-from ..scenario.control import ControlSettings, record_rate, record_steps
 from ..scenario.controller import TRUTH
-from ..scenario.mission import Mission
+from ..scenario.path import Mission
+from ..scenario.plant import ControlSettings, record_rate, record_steps
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
 from .corridor_judge import corridor_row
@@ -112,25 +110,26 @@ class Assembly:
         count = (self.ticks + beyond) * round(self.guidance.period_s * record_hz) + 1
         times = np.arange(count) / record_hz
         parts = (times[k : k + _BLOCK] for k in range(0, len(times), _BLOCK))
-        return np.concatenate([self._reference_columns(part) for part in parts])
+        return np.concatenate([_reference_columns(self.reference.at(part)) for part in parts])
 
-    def _reference_columns(self, times: FloatArray) -> FloatArray:
-        sample = self.reference.at(times)
-        x, y, psi_t, psi_i, delta_t, delta_i, v = sample.state.T
-        columns = (
-            x,
-            y,
-            psi_t,
-            sample.trailer_xy,
-            psi_i,
-            v,
-            sample.curvature,
-            sample.hitch_angle,
-            delta_t,
-            delta_i,
-            sample.inputs[:, Input.HP],
-        )
-        return np.column_stack(columns)
+
+def _reference_columns(sample: ReferenceSample) -> FloatArray:
+    x, y, psi_t, psi_i, delta_t, delta_i, v = sample.state.T
+    trailer, hitch, hp = sample.trailer_xy, sample.hitch_angle, sample.inputs[:, Input.HP]
+    columns = (x, y, psi_t, trailer, psi_i, v, sample.curvature, hitch, delta_t, delta_i, hp)
+    return np.column_stack(columns)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What follows from a scenario and a seed before anything is compiled or solved for."""
+
+    mission: Mission
+    vehicles: Vehicles
+    reference: Reference  # of the model
+    terrain: Terrain
+    soil: SoilMap
+    timetable: Timetable
 
 
 def assemble(
@@ -154,50 +153,30 @@ def assemble(
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible;
             the message says what, where and what is allowed.
     """
-    mission = scenario.mission()
-    vehicles = scenario.vehicles()
-    vehicle = model_vehicle(mission, scenario, vehicles)
     parts = parts or SharedParts()
-    terrain = parts.terrain(scenario, seed)
-    reference, strength_map = _way(mission, vehicle, terrain, scenario)
-    driven = replace(vehicle, **vehicles.plant_lengths)
-    timestep = scenario.plant.timestep_s
-    record_rate(timestep, scenario.control.period_s)
-    soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
-    _check_pull(scenario, vehicles, mission, soil.background)
-    timetable = Timetable.of(scenario, vehicles.plant, reference, _ticks(reference, scenario))
-    terrain, soil = timetable.ground(terrain, soil)
-    plant = Plant(
-        vehicles.plant,
-        terrain,
-        soil,
-        wheels=scenario.plant.wheels,
-        wheel_law=scenario.plant.wheel_law,
-        timestep_s=timestep,
-        actuators=scenario.actuators,
-        implement=scenario.implement,
-    )
-    timetable.damage(plant)
-    suite = SensorSuite(scenario.sensors, timestep, seed, plant.lever_arms)
-    guidance = _guidance(scenario, reference, plant, factory, parts, guide)
-    x, y, yaw, *_, speed = reference.at(0.0).state.tolist()
+    plan = _plan(scenario, seed, parts.terrain)
+    plant = _plant(scenario, plan)
+    sensors = _sensors(scenario, plan, plant, seed)
+    guidance = _guidance(scenario, plan, plant, factory, parts, guide)
+    x, y, yaw, *_, speed = plan.reference.at(0.0).state.tolist()
     plant.reset(x, y, yaw, speed)  # refused here, before anything is written
+    vehicle = plan.reference.vehicle
     return Assembly(
         plant=plant,
-        sensors=timetable.sensors(suite, timestep, seed),
+        sensors=sensors,
         guidance=guidance,
-        terrain=terrain,
-        reference=replace(reference, vehicle=driven),
+        terrain=plan.terrain,
+        reference=replace(plan.reference, vehicle=replace(vehicle, **plan.vehicles.plant_lengths)),
         start=plant.snapshot(),
-        ticks=timetable.ticks,
-        mismatch=(*vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
+        ticks=plan.timetable.ticks,
+        mismatch=(*plan.vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=(
-            *mission.notes,
-            *overload_notes(vehicles.plant),
+            *plan.mission.notes,
+            *overload_notes(plan.vehicles.plant),
             *(() if factory else scenario.controller.notes(vehicle, scenario.control.period_s)),
         ),
         control=scenario.control,
-        stages=with_stages([*timetable.stages(plant), *_user_stages(scenario, seed)]),
+        stages=with_stages([*plan.timetable.stages(plant), *_user_stages(scenario, seed)]),
     )
 
 
@@ -210,28 +189,45 @@ def check(scenario: Scenario) -> int:
     Raises:
         ExperimentError, TestbedError, TtempcError: as `assemble`.
     """
-    mission = scenario.mission()
-    vehicles = scenario.vehicles()
-    vehicle = model_vehicle(mission, scenario, vehicles)
-    level = replace(scenario.terrain, iso_class="flat").terrain(seed=0)
-    reference, strength_map = _way(mission, vehicle, level, scenario)
-    check_drivable(mission.path, vehicle)
-    check_pace(reference, scenario.control.period_s)
-    _check_guidance(scenario, vehicle)
+    plan = _plan(scenario, 0, lambda of, seed: replace(of.terrain, iso_class="flat").terrain(seed))
+    settings, vehicle = scenario.controller, plan.reference.vehicle
+    check_drivable(plan.mission.path, vehicle)
+    check_pace(plan.reference, scenario.control.period_s)
+    named_factory(settings.name, settings.options)
+    settings.design(vehicle, scenario.control.period_s)
+    if is_user_code(settings.estimator):
+        load_factory(settings.estimator, "estimator")
     for stage in scenario.stages:
         load_factory(stage.make, "stage")
     timestep_s = scenario.plant.timestep_s
-    record_rate(timestep_s, scenario.control.period_s)
-    soil = scenario.soil.soil(0, level, mission.path, strength_map)
-    _check_pull(scenario, vehicles, mission, soil.background)
-    front_stop = math.radians(vehicles.plant.front_steering.limit_deg)
-    trailer_stop = math.radians(vehicles.plant.trailer_steering.limit_deg)
-    Actuators(scenario.actuators, timestep_s, (front_stop, trailer_stop))
+    front, trailer = plan.vehicles.plant.front_steering, plan.vehicles.plant.trailer_steering
+    stops = math.radians(front.limit_deg), math.radians(trailer.limit_deg)
+    Actuators(scenario.actuators, timestep_s, stops)
     SensorSuite(scenario.sensors, timestep_s, 0, np.zeros((2, 3)))
-    ticks = _ticks(reference, scenario)
-    ground, soil = Timetable.of(scenario, vehicles.plant, reference, ticks).ground(level, soil)
-    soil.rasterised(ground)
-    return ticks
+    plan.soil.rasterised(plan.terrain)
+    return plan.timetable.ticks
+
+
+def _plan(scenario: Scenario, seed: int, make_terrain: Callable[[Scenario, int], Terrain]) -> _Plan:
+    """Return reference and ground of a run: field and soil map cover the path, faults included."""
+    control, mission, vehicles = scenario.control, scenario.mission(), scenario.vehicles()
+    vehicle = model_vehicle(mission, scenario, vehicles)
+    terrain, strength_map = make_terrain(scenario, seed), scenario.soil.strength_map()
+    _check_covered(mission.path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
+    if strength_map:
+        _check_covered(mission.path, strength_map, "soil map", "soil.map")
+    corridor = scenario.kept_corridor()
+    reference = Reference(mission.path, vehicle, mission.speed, corridor=corridor)
+    if corridor and corridor.hitch_limit is not None:
+        corridor.require_hitch(reference.on_grid(control.period_s).hitch_angle)
+    record_rate(scenario.plant.timestep_s, control.period_s)
+    soil = scenario.soil.soil(seed, terrain, mission.path, strength_map)
+    if scenario.implement:
+        law, speed = scenario.plant.wheel_law, mission.speed.top_speed
+        check_pull(law, scenario.implement, vehicles.plant, soil.background, speed)
+    ticks = math.ceil(reference.duration_s / control.period_s - 1e-9)
+    timetable = Timetable.of(scenario, vehicles.plant, reference, ticks)
+    return _Plan(mission, vehicles, reference, *timetable.ground(terrain, soil), timetable)
 
 
 def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> Vehicle:
@@ -248,74 +244,61 @@ def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> V
     return replace(vehicles.model, reverse=mission.reverse)
 
 
-def _way(
-    mission: Mission, vehicle: Vehicle, terrain: Terrain, scenario: Scenario
-) -> tuple[Reference, StrengthMap | None]:
-    """Return the reference, on a field and a soil map that cover it; the map, too."""
-    path = mission.path
-    _check_covered(path, terrain, "field", "terrain.size_x_m, size_y_m or height_map")
-    strength_map = scenario.soil.strength_map()
-    if strength_map:
-        _check_covered(path, strength_map, "soil map", "soil.map")
-    reference = Reference(path, vehicle, mission.speed, corridor=scenario.kept_corridor())
-    if reference.corridor and reference.corridor.hitch_limit is not None:
-        grid = reference.on_grid(scenario.control.period_s)
-        reference.corridor.require_hitch(grid.hitch_angle)
-    return reference, strength_map
+def _plant(scenario: Scenario, plan: _Plan) -> Plant:
+    """Return vehicle and ground in MuJoCo, with the faults of the command path."""
+    settings = scenario.plant
+    plant = Plant(
+        plan.vehicles.plant,
+        plan.terrain,
+        plan.soil,
+        wheels=settings.wheels,
+        wheel_law=settings.wheel_law,
+        timestep_s=settings.timestep_s,
+        actuators=scenario.actuators,
+        implement=scenario.implement,
+    )
+    plan.timetable.damage(plant)
+    return plant
 
 
-def _check_pull(
-    scenario: Scenario, vehicles: Vehicles, mission: Mission, cone_index: float
-) -> None:
-    if scenario.implement:
-        law, speed = scenario.plant.wheel_law, mission.speed.top_speed
-        check_pull(law, scenario.implement, vehicles.plant, cone_index, speed)
-
-
-def _ticks(reference: Reference, scenario: Scenario) -> int:
-    return math.ceil(reference.duration_s / scenario.control.period_s - 1e-9)
+def _sensors(scenario: Scenario, plan: _Plan, plant: Plant, seed: int) -> Sensors:
+    """Return the sensors with their faults."""
+    timestep_s = scenario.plant.timestep_s
+    suite = SensorSuite(scenario.sensors, timestep_s, seed, plant.lever_arms)
+    return plan.timetable.sensors(suite, timestep_s, seed)
 
 
 def _guidance(
     scenario: Scenario,
-    reference: Reference,
+    plan: _Plan,
     plant: Plant,
     factory: Callable[..., object] | None,
     parts: SharedParts,
     guide: Callable[..., Guidance],
 ) -> Guidance:
     """Return estimator, controller and supervisor of a scenario as one object."""
-    settings, vehicle = scenario.controller, reference.vehicle
-    period_s = scenario.control.period_s
-    noise = settings.noise.sensor_noise(scenario.sensors)
-    controller = parts.controller_factory(scenario, vehicle, factory)
-    if settings.estimator == TRUTH:
-        estimator = TruthEstimator(plant.truth, vehicle)
-    else:
-        estimator = partial(named_estimator, settings.estimator)
-    # The disturbances of the true state are those beside the given lengths: there is none to learn.
-    learn = settings.learn and settings.estimator != TRUTH
+    settings, vehicle = scenario.controller, plan.reference.vehicle
+    true_state = settings.estimator == TRUTH
     return guide(
-        vehicle, reference, period_s, controller, estimator, sensor_noise=noise, learn=learn
+        vehicle,
+        plan.reference,
+        scenario.control.period_s,
+        parts.controller_factory(scenario, vehicle, factory),
+        TruthEstimator(plant.truth, vehicle)
+        if true_state
+        else partial(named_estimator, settings.estimator),
+        sensor_noise=settings.noise.sensor_noise(scenario.sensors),
+        # The disturbances of the true state are those beside the given lengths: none to learn.
+        learn=settings.learn and not true_state,
     )
 
 
 def _user_stages(scenario: Scenario, seed: int) -> list[tuple[str, Stage]]:
     """Return the stages of the scenario, each with its own generator, and where they stand."""
-    stages = []
-    for number, settings in enumerate(scenario.stages):
-        draws = generator(seed, f"stage {number} {settings.make}")
-        stages.append((settings.after, user_stage(settings, draws)))
-    return stages
-
-
-def _check_guidance(scenario: Scenario, vehicle: Vehicle) -> None:
-    """Refuse names, options and tubes that `_guidance` would refuse; make no controller."""
-    settings = scenario.controller
-    named_factory(settings.name, settings.options)
-    settings.design(vehicle, scenario.control.period_s)
-    if is_user_code(settings.estimator):
-        load_factory(settings.estimator, "estimator")
+    return [
+        (stage.after, user_stage(stage, generator(seed, f"stage {number} {stage.make}")))
+        for number, stage in enumerate(scenario.stages)
+    ]
 
 
 def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ttempc.reference.corridor import Corridor
-from ttempc.reference.projection import Projection
+from ttempc.reference.path import Projection
 from ttempc.reference.reference import Reference
 from ttempc.types import FloatArray
 

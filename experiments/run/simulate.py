@@ -1,30 +1,34 @@
-"""One run, in memory or into a folder."""
+"""One run, in memory or into a folder, and what its log holds beside the channels."""
 
 from __future__ import annotations
 
 import sys
+import tomllib
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
 
-from ...testbed.log.writer import LOG_NAME
+from ...testbed.ground.ground import GROUND_FILE
+from ...testbed.log.reader import RECOVERED_KEY, SALVAGED_KEY
+from ...testbed.log.writer import LOG_NAME, LogWriter
 from ...testbed.messages.scenery import Scenery
 from ...testbed.recording.channels import REFERENCE_PATH_TOPIC
-from ...testbed.recording.provenance import versions
+from ...testbed.recording.provenance import machine, versions
 from ...testbed.recording.record import Event, OnEvent, Record, Recorder, Sink, Tee
 from ...testbed.simulation.loop import Outcome, drive, prepare
 from ..output import make_folder, refuse_existing, write_file
 from ..results.metrics import summarise
 from ..results.published import PublishedError, published_beside
 from ..results.summary import RunFacts, Summary
-from ..scenario.control import record_steps
 from ..scenario.controller import OptionValue
+from ..scenario.plant import record_steps
 from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import ParameterMismatch
 from .assembly import Assembly, assemble
-from .log_file import describe, first_lines, last_line, open_log
 from .shared_parts import SharedParts
 from .user_code import exits_raise, name_of, user_sources
 
@@ -33,7 +37,14 @@ if TYPE_CHECKING:
 
     from ...testbed.viewers.live import LiveView
 
-_PATH_STEP_M = 0.2  # between the points of the reference path in the log
+SETTINGS: Final = "settings: "
+BEGINS: Final = "run begins: "
+ENDS: Final = "run ends: "
+"""Beginnings of the lines that a log has beside the events of the run's record."""
+
+_NESTED: Final = (dict, list)
+_OF_THE_RUN: Final = ("scenario", "controller", "seed", "started", "machine", "mismatch")
+_PATH_STEP_M: Final = 0.2  # between the points of the reference path in the log
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +217,73 @@ def drive_into(
     sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))
     stages = tuple(stage for stage in assembly.stages if prepared or stage is not prepare)
     return drive(setup, assembly.ticks, stages, on_tick)
+
+
+def describe(
+    name: str,
+    scenario: Scenario,
+    seed: int,
+    assembly: Assembly,
+    sources: Mapping[str, str] = MappingProxyType({}),
+) -> dict[str, str]:
+    """Return the metadata of a run for log and record; `sources` are as of `user_sources`."""
+    return {
+        "scenario": name,
+        "controller": scenario.controller.name,
+        "seed": str(seed),
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": "{processor}, {cores} cores, {system}".format(**machine()),
+        "mismatch": ", ".join(map(str, assembly.mismatch)) or "none",
+        **versions(),
+        **sources,
+    }
+
+
+def versions_of(metadata: Mapping[str, str]) -> dict[str, str]:
+    """Return the versions and the hashes of a user's code in the metadata of a run."""
+    others = (*_OF_THE_RUN, SALVAGED_KEY, RECOVERED_KEY)
+    return {name: text for name, text in metadata.items() if name not in others}
+
+
+def open_log(
+    file: Path, scenario: Scenario, assembly: Assembly, scenery: Scenery, metadata: dict[str, str]
+) -> LogWriter:
+    """Return the writer of a run's log, see `LogWriter`; enter it to write."""
+    return LogWriter(
+        file,
+        metadata=metadata,
+        attachments={
+            "scenario.toml": dump(scenario),
+            "vehicle.toml": scenario.plant.vehicle.file_text(),
+            "model.xml": assembly.plant.mjcf,
+            GROUND_FILE: assembly.plant.ground.to_npz(),
+        },
+        scenery=scenery,
+    )
+
+
+def first_lines(metadata: Mapping[str, str], scenario: Scenario) -> tuple[Event, ...]:
+    """Return the log lines with the settings of a run, a line for each table, and of its start.
+
+    Tables within tables and arrays are left out; the attachment `scenario.toml` has them all.
+    """
+    tables = {
+        name: [f"{key} = {value}" for key, value in table.items() if not isinstance(value, _NESTED)]
+        for name, table in tomllib.loads(dump(scenario)).items()
+        if isinstance(table, dict)
+    }
+    begins = (
+        f"{BEGINS}{metadata['scenario']}, controller {metadata['controller']}, "
+        f"seed {metadata['seed']}, ttempc {metadata['ttempc']}"
+    )
+    settings = [f"{SETTINGS}{name}: {', '.join(lines)}" for name, lines in tables.items() if lines]
+    return tuple(Event(0.0, "info", text) for text in (*settings, begins))
+
+
+def last_line(outcome: Outcome) -> Event:
+    """Return the log line that tells how a run ended."""
+    end_s = outcome.duration_s
+    return Event(end_s, "info", f"{ENDS}{outcome.status} after {end_s:.1f} s")
 
 
 def _with_controller(

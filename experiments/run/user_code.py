@@ -8,7 +8,7 @@ import inspect
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
@@ -19,8 +19,7 @@ import numpy as np
 
 from ttempc.errors import UnknownController
 from ttempc.estimation.noise import SensorNoise
-from ttempc.guidance.controllers import controller_options
-from ttempc.guidance.estimators import estimator_factory
+from ttempc.guidance.controllers import controller_options, estimator_factory
 from ttempc.reference.reference import Reference
 from ttempc.suggestion import did_you_mean
 from ttempc.types import Controller, Estimator
@@ -28,11 +27,21 @@ from ttempc.vehicle import Vehicle
 
 from ...testbed.errors import StageFailed
 from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
-from ..errors import InvalidController
+from ..errors import InvalidController, InvalidScenario
+from ..scenario.controller import StageSettings
 from ..scenario.scenario import Scenario
-from ..scenario.stages import StageSettings
 
 _MOST_OFFERED: Final = 20  # names of a module in a message
+
+
+_leave = os._exit
+_guarded = threading.local()  # .pid: of the process in which this thread is in `exits_raise`
+
+
+def _exit(status: int) -> NoReturn:
+    if getattr(_guarded, "pid", None) == os.getpid():
+        raise SystemExit(f"os._exit({status})")
+    _leave(status)
 
 
 @contextmanager
@@ -42,18 +51,12 @@ def exits_raise() -> Iterator[None]:
     It would end the process without a word: a run with exit code 0, or a worker of a sweep. Calls
     from other threads and from forked processes end them as ever; compiled code is not seen.
     """
-    leave, here = os._exit, (os.getpid(), threading.get_ident())
-
-    def refuse(status: int) -> NoReturn:
-        if (os.getpid(), threading.get_ident()) == here:
-            raise SystemExit(f"os._exit({status})")
-        leave(status)
-
-    os._exit = refuse
+    before, os._exit = getattr(_guarded, "pid", None), _exit
+    _guarded.pid = os.getpid()
     try:
         yield
     finally:
-        os._exit = leave
+        _guarded.pid = before
 
 
 def is_user_code(name: str) -> bool:
@@ -193,6 +196,47 @@ def user_stage(settings: StageSettings, generator: np.random.Generator) -> Stage
             ) from error
 
     return run
+
+
+def refuse_untrusted(
+    file: Path, parts: Iterable[tuple[str, str]], changes: Mapping[str, Any]
+) -> None:
+    """Refuse a file that names code which the user's own changes do not name.
+
+    Args:
+        file: of the scenario, for the message.
+        parts: key and name of each part, as from `named_parts`.
+        changes: tables that the user gave on the command line.
+
+    Raises:
+        InvalidScenario: with the name of the code, and what allows it.
+    """
+    own = set(_texts(changes))
+    for key, name in parts:
+        if is_user_code(name) and name not in own:
+            raise InvalidScenario(
+                f"{file}: {key} = {name!r} is code that this file asks to run; if you trust it, "
+                "give --trust, or name it yourself with --controller or --set"
+            )
+
+
+def named_parts(scenario: Scenario) -> list[tuple[str, str]]:
+    """Return key and name of every part of a scenario that may be a user's code."""
+    settings = scenario.controller
+    parts = [("controller.name", settings.name), ("controller.estimator", settings.estimator)]
+    return parts + [("stages.make", stage.make) for stage in scenario.stages]
+
+
+def _texts(value: object) -> Iterator[str]:
+    """Yield every text in nested tables and lists."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for item in value.values():
+            yield from _texts(item)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _texts(item)
 
 
 def name_of(factory: Callable[..., object]) -> str:

@@ -1,36 +1,123 @@
-"""`[path]`: reference path and speed."""
+"""`[path]` and `[corridor]`: reference path, speed and gear, and the space about the path."""
 
 from __future__ import annotations
 
-from pathlib import Path as File
-from typing import Annotated, Literal
+import math
+from abc import abstractmethod
+from dataclasses import dataclass as stdlib_dataclass
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from ttempc.reference.corridor import Corridor, SpeedTube
 from ttempc.reference.headland import headland
+from ttempc.reference.path import Path as ReferencePath
 from ttempc.reference.path import figure_eight, straight
-from ttempc.reference.reference import ConstantSpeed
+from ttempc.reference.reference import ConstantSpeed, SpeedProfile
 from ttempc.reference.smoothing import smooth
-from ttempc.reference.speed import PlannedSpeed
+from ttempc.reference.speed import Backward, PlannedSpeed, limited_in_corridor
 from ttempc.types import FloatArray
 
 from ...testbed.configuration.config_io import (
     STRICT,
     DataFile,
     LengthM,
+    NotNegative,
     PlaceM,
     Positive,
     SpeedMps,
 )
 from ..errors import InvalidScenario
-from .mission import Mission
 from .waypoint_file import read_waypoints
+
+MOST_M: Final = 100_000
+"""Longest path: a day at 1 m/s."""
+MOST_TICKS: Final = 1_000_000
+"""Largest number of control ticks: two days at 5 Hz, a gigabyte of rows."""
+_ROUNDING = 1e-9  # of half widths
+
+
+@stdlib_dataclass(frozen=True, slots=True)
+class Mission:
+    """Path, speed and gear of a run."""
+
+    path: ReferencePath  # in the direction of the vehicle's heading
+    speed: SpeedProfile
+    reverse: bool  # in reverse gear, from the end of the path to its beginning
+    notes: tuple[str, ...] = ()  # lines for the log
+
+    @classmethod
+    def along(
+        cls, path: ReferencePath, speed: SpeedProfile, *, reverse: bool, notes: tuple[str, ...] = ()
+    ) -> Mission:
+        """Return the mission along `path` from its beginning; `reverse`: in reverse gear."""
+        if reverse:
+            path, speed = path.reversed(), Backward(speed, path.length_m)
+        return cls(path, speed, reverse, notes)
+
+    def check_size(self, period_s: float) -> None:
+        """Refuse a path that is too long for a run with this control period [s].
+
+        Raises:
+            InvalidScenario: with its length or its ticks, and the limit.
+        """
+        length_m = self.path.length_m
+        ticks = self.speed.duration_s(length_m) / period_s
+        for what, count, limit in (("m", length_m, MOST_M), ("control ticks", ticks, MOST_TICKS)):
+            if not count <= limit:
+                raise InvalidScenario(
+                    f"path: {count:.6g} {what}, must be {limit} or fewer: a shorter path, fewer "
+                    "laps or a higher speed"
+                )
+
+    def in_corridor(self, corridor: Corridor, tube: SpeedTube) -> Mission:
+        """Return the mission at speeds at which a tube fits into a corridor, where it can."""
+        half_width = corridor.half_width_m
+        limit = tube.speed_within(half_width)
+        speed = limited_in_corridor(self.speed, self.path.length_m, corridor, limit)
+        if speed is self.speed:
+            return self
+        widths = tube.half_width(limit)
+        kept = ", ".join(f"{100.0 * width:.1f}" for width in widths)
+        late = speed.duration_s(self.path.length_m) - self.speed.duration_s(self.path.length_m)
+        note = (
+            f"corridor of +-{100.0 * half_width:.1f} cm: {limit:.2f} m/s, at which tractor and "
+            f"trailer keep +-({kept}) cm; {late:.0f} s more"
+        )
+        if widths.max() > half_width * (1.0 + _ROUNDING):
+            note += "; corridor cannot be kept at any speed"
+        return replace(self, speed=speed, notes=(*self.notes, note))
+
+
+class _ClosedForm:
+    """A path of a few lengths, driven at one speed."""
+
+    speed_mps: float
+    reverse: bool
+
+    @abstractmethod
+    def path(self) -> ReferencePath:
+        """Return the path.
+
+        Raises:
+            InvalidPath: the lengths do not fit together.
+        """
+
+    def mission(self) -> Mission:
+        """Return path, speed and gear.
+
+        Raises:
+            InvalidPath: as `path`.
+        """
+        return Mission.along(self.path(), ConstantSpeed(self.speed_mps), reverse=self.reverse)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class FigureEight:
+class FigureEight(_ClosedForm):
     """Two circles joined by two crossing straights; the long axis lies east-west."""
 
     kind: Literal["figure-eight"] = "figure-eight"
@@ -48,18 +135,13 @@ class FigureEight:
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
 
-    def mission(self) -> Mission:
-        """Return path, speed and gear.
-
-        Raises:
-            InvalidPath: circles, blends and straights do not fit together.
-        """
-        path = figure_eight(self.radius_m, self.centre_distance_m, self.blend_m, self.laps)
-        return Mission.along(path, ConstantSpeed(self.speed_mps), reverse=self.reverse)
+    def path(self) -> ReferencePath:
+        """Return the path."""
+        return figure_eight(self.radius_m, self.centre_distance_m, self.blend_m, self.laps)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Straight:
+class Straight(_ClosedForm):
     """A straight line to the east from the middle of the field."""
 
     kind: Literal["straight"] = "straight"
@@ -71,14 +153,13 @@ class Straight:
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
 
-    def mission(self) -> Mission:
-        """Return path, speed and gear."""
-        path = straight(self.length_m)
-        return Mission.along(path, ConstantSpeed(self.speed_mps), reverse=self.reverse)
+    def path(self) -> ReferencePath:
+        """Return the path."""
+        return straight(self.length_m)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
-class Headland:
+class Headland(_ClosedForm):
     """Parallel passes, east-west about the middle of the field, with turns beyond their ends."""
 
     kind: Literal["headland"] = "headland"
@@ -98,10 +179,9 @@ class Headland:
     reverse: bool = False
     """Whether the vehicle drives the path in reverse gear."""
 
-    def mission(self) -> Mission:
-        """Return path, speed and gear."""
-        path = headland(self.length_m, self.width_m, self.passes, self.radius_m, self.blend_m)
-        return Mission.along(path, ConstantSpeed(self.speed_mps), reverse=self.reverse)
+    def path(self) -> ReferencePath:
+        """Return the path."""
+        return headland(self.length_m, self.width_m, self.passes, self.radius_m, self.blend_m)
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -138,7 +218,7 @@ class FilePath:
             InvalidReference: the vehicle cannot drive the speeds of the file.
             InvalidScenario: the file drives in reverse gear, the scenario does not.
         """
-        file = File(self.file)
+        file = Path(self.file)
         waypoints = read_waypoints(file, self.origin_m, self.origin_deg)
         if waypoints.backward and not self.reverse:
             raise InvalidScenario(f"path: {file} is driven backward, set path.reverse = true")
@@ -174,3 +254,32 @@ def _check_on_field(points: FloatArray, field_m: tuple[float, float]) -> None:
 
 AnyPath = Annotated[FigureEight | Straight | Headland | FilePath, Field(discriminator="kind")]
 """A table with a key `kind`; without it, a figure eight."""
+
+
+@dataclass(frozen=True, config=STRICT)
+class CorridorSettings:
+    """Corridor about the path for both axle points and the tool, and limit of the hitch angle.
+
+    By it a run is judged, and a controller that can keep to it is told.
+    """
+
+    half_width_m: Positive
+    """Largest distance of a point from the path."""
+    along_m: tuple[tuple[NotNegative, NotNegative], ...] = ()
+    """Intervals [from, to] of the path, by the tractor point, where it holds; empty: everywhere."""
+    hitch_limit_deg: Annotated[float, Field(gt=0, le=120)] | None = None
+    """Largest angle between tractor and drawbar; absent: not limited."""
+
+    def corridor(self, tool_behind_m: float | None) -> Corridor:
+        """Return the corridor of a vehicle with a tool so far behind the trailer point, if any.
+
+        Raises:
+            InvalidTuning: the intervals do not increase.
+        """
+        limit = self.hitch_limit_deg
+        return Corridor(
+            half_width_m=self.half_width_m,
+            along_m=self.along_m,
+            hitch_limit=None if limit is None else math.radians(limit),
+            tool_behind_m=tool_behind_m,
+        )

@@ -19,22 +19,17 @@ from ...testbed.actuation.actuators import ActuatorSpecification
 from ...testbed.configuration.config_io import STRICT, parse_toml, read_toml, validated
 from ...testbed.configuration.resources import ShippedFiles
 from ...testbed.errors import InvalidPlant
-from ...testbed.faults.registry import AnyFault
+from ...testbed.faults.kinds import AnyFault
 from ...testbed.implement.implement import Implement
 from ...testbed.recording.provenance import run_id
 from ...testbed.sensing.sensor_presets import with_preset
 from ...testbed.sensing.sensor_specification import SensorSpecification
 from ...testbed.wheels.soil_law import RADIAL, SoilLaw
 from ..errors import InvalidScenario
-from .assumed_noise import NoiseSettings
-from .control import ControlSettings
-from .controller import ControllerSettings
-from .mission import CorridorSettings, Mission
-from .path import AnyPath, FigureEight, FilePath
-from .plant import PlantSettings
-from .soil import SoilSettings
-from .stages import StageSettings
-from .terrain import TerrainSettings
+from .controller import ControllerSettings, NoiseSettings, StageSettings
+from .ground import SoilSettings, TerrainSettings
+from .path import AnyPath, CorridorSettings, FigureEight, FilePath, Mission
+from .plant import ControlSettings, PlantSettings
 from .vehicle import Vehicles, fill_in, read_vehicles
 
 _SCENARIOS: Final = ShippedFiles(

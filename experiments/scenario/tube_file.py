@@ -12,9 +12,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from ttempc.errors import TtempcError
-from ttempc.tube.ancillary import AncillaryWeights
-from ttempc.tube.disturbance_set import DisturbanceSet, Shape
-from ttempc.tube.reference_tube import TubeDesign
+from ttempc.tube.reference_tube import AncillaryWeights, TubeDesign
+from ttempc.tube.sets import DisturbanceSet, Shape
 from ttempc.types import FloatArray, State
 from ttempc.vehicle import Vehicle
 
@@ -24,7 +23,7 @@ from ..errors import InvalidFit
 from .path import AnyPath
 
 _TUBES: Final = ShippedFiles(
-    "tube", "proving_ground.experiments", "fitted", ".json", InvalidFit, "`ttempc fit-tube`"
+    "tube", "proving_ground.experiments", "fitted", ".json", InvalidFit, "`ttempc fit tube`"
 )
 _DIMENSION: Final = len(State)
 _Row = Annotated[list[float], Field(min_length=_DIMENSION, max_length=_DIMENSION)]
@@ -42,23 +41,9 @@ class SetTable:
     window: Annotated[int, Field(ge=1)]
     shape: Shape
 
-    @classmethod
-    def of(cls, disturbances: DisturbanceSet) -> SetTable:
-        """Return the table of a set."""
-        return cls(disturbances.axes.tolist(), disturbances.window, disturbances.shape)
-
     def set(self) -> DisturbanceSet:
         """Return the set."""
         return DisturbanceSet(np.array(self.axes), self.window, self.shape)
-
-
-@dataclass(frozen=True, config=STRICT)
-class WeightsTable:
-    """Weights of the ancillary gain, see `AncillaryWeights`."""
-
-    outputs: tuple[float, float, float, float]
-    states: tuple[float, float, float, float, float]
-    inputs: tuple[float, float, float]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -143,7 +128,7 @@ class TubeFile:
     period_s: Annotated[float, Field(gt=0)]
     disturbance: SetTable
     estimate_error: SetTable
-    weights: WeightsTable
+    weights: AncillaryWeights
     provenance: Provenance
     calibration: RunCalibration | None = None
 
@@ -158,7 +143,7 @@ class TubeFile:
             period_s=self.period_s,
             disturbance=self.disturbance.set(),
             estimate_error=self.estimate_error.set(),
-            weights=AncillaryWeights(**asdict(self.weights)),
+            weights=self.weights,
         )
 
 
@@ -169,18 +154,20 @@ def tube_file(design: TubeDesign, about: str, provenance: Provenance) -> TubeFil
         about=about,
         vehicle=asdict(design.vehicle),
         period_s=design.period_s,
-        disturbance=SetTable.of(design.disturbance),
-        estimate_error=SetTable.of(design.estimate_error),
-        weights=WeightsTable(**asdict(design.weights)),
+        disturbance=_set_table(design.disturbance),
+        estimate_error=_set_table(design.estimate_error),
+        weights=design.weights,
         provenance=provenance,
     )
 
 
+def _set_table(item: DisturbanceSet) -> SetTable:
+    return SetTable(item.axes.tolist(), item.window, item.shape)
+
+
 def path_table(path: AnyPath) -> dict[str, str]:
     """Return path and speed of a scenario as text."""
-    return {
-        name: str(value) for name, value in sorted(vars(path).items()) if not name.startswith("_")
-    }
+    return {name: str(value) for name, value in sorted(asdict(path).items())}
 
 
 def residual_table(samples: FloatArray) -> ResidualTable:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from ttempc.guidance.detection.detector import Alarm, Observation, Reaction
+from ttempc.guidance.detection import Alarm, Observation, Reaction
 from ttempc.guidance.supervisor import run_on
-from ttempc.reference.projection import Projection
+from ttempc.reference.path import Projection
 from ttempc.reference.reference import Reference
 from ttempc.types import Command, Estimate, Input, State
 from ttempc.vehicle import Vehicle

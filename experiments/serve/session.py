@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
-from ttempc.guidance.detection.bank import detectors
+from ttempc.guidance.detection import detectors
 from ttempc.guidance.guidance import Guidance
 from ttempc.guidance.supervisor import SafetyLimits
 

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ttempc.baselines.paper import PaperOptions, paper_controller
 from ttempc.guidance.guidance import ControllerFactory
-from ttempc.paper.composition import paper_controller
-from ttempc.paper.options import PaperOptions
 
 from ..results.published import COLUMNS
 from ..seeds import report_seeds

@@ -18,9 +18,8 @@ import numpy as np
 
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.disturbance_set import DisturbanceSet
 from ttempc.tube.reference_tube import ReferenceTube
-from ttempc.tube.sets import directions_in, linear_map, minkowski_sum
+from ttempc.tube.sets import DisturbanceSet, directions_in, linear_map, minkowski_sum
 from ttempc.tube.tube import Tube
 from ttempc.types import FloatArray
 

@@ -15,16 +15,14 @@ import math
 
 import numpy as np
 
+from ttempc.baselines.paper import PaperEquations, RobustGains, linearise
 from ttempc.errors import InvalidTube
-from ttempc.models.tracking_error import POSITIONS, Error
-from ttempc.mpc.discretisation import zero_order_hold
-from ttempc.mpc.qp import HorizonTuning
-from ttempc.paper.equations import PaperEquations
-from ttempc.paper.error_model import linearise
-from ttempc.paper.robust_law import RobustGains
+from ttempc.models.kinematics import POSITIONS, Error
+from ttempc.models.linear import zero_order_hold
+from ttempc.mpc.lmpc import HorizonTuning
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.disturbance_set import DisturbanceSet
+from ttempc.tube.sets import DisturbanceSet
 from ttempc.tube.tube import TrackingSystem, invariant_tube
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle

@@ -1,18 +1,23 @@
-"""Executors of a sweep: Dask, or this process.
+"""Executors of runs: processes of this machine, this process, or a Dask cluster.
 
-Dask schedules: it assigns runs to free workers, repeats the runs of a killed worker, and scales
-from the cores of this machine to a cluster. `imap_bounded` bounds the number of submitted runs, so
-that memory does not grow with the size of a plan.
+`imap_bounded` bounds the number of submitted runs, so that memory does not grow with the size of a
+plan.
 """
 
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import logging
+import multiprocessing
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from dataclasses import dataclass
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from multiprocessing import connection
 from typing import Any, Final, TypeVar
 
 from ...testbed.recording.provenance import code_digest, versions
@@ -21,9 +26,7 @@ from ..threads import ONE_THREAD
 
 _CONNECT_S: Final = 5.0
 _FIRST_WORKER_S: Final = 10.0
-_KILLS: Final = 1  # workers, beyond the first, that may die on a run before it is set aside
-# Of a worker. glibc returns freed memory to the system, as in Dask's own environment, which this
-# one replaces.
+# Of a worker. With the last entry glibc returns freed memory to the system.
 _ENVIRONMENT: Final = {**ONE_THREAD, "MALLOC_TRIM_THRESHOLD_": "65536"}
 
 Task = TypeVar("Task")
@@ -36,7 +39,7 @@ class Engine:
 
     executor: Executor
     width: Callable[[], int]
-    worker_died: type[Exception] | tuple[()] = ()  # raised for a task whose workers kept dying
+    worker_died: type[Exception] | tuple[()] = ()  # raised for a task whose workers died
 
 
 class InProcess(Executor):
@@ -52,6 +55,54 @@ class InProcess(Executor):
         return future
 
 
+class Processes(Executor):
+    """Pool of processes that begins anew after the death of a worker.
+
+    All tasks that were under way with it then raise `BrokenProcessPool`. Workers do not see Ctrl-C,
+    which the driver handles, and end with the driver, even if that is killed.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self._workers, self._others = workers, {*multiprocessing.active_children()}
+        self._pool = self._begin()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:  # noqa: ANN401
+        """Submit a call to the pool, which starts its processes with the first calls."""
+        # A new process inherits environment and blocked signals.
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        with _environment(_ENVIRONMENT):
+            try:
+                return self._pool.submit(fn, *args, **kwargs)
+            except BrokenProcessPool:
+                self._pool.shutdown()
+                self._pool = self._begin()
+                return self._pool.submit(fn, *args, **kwargs)
+            finally:
+                signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """End the processes; calls under way are lost."""
+        for process in {*multiprocessing.active_children()} - self._others:
+            process.terminate()
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+    def _begin(self) -> ProcessPoolExecutor:
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self._workers, context, _end_with_driver)
+
+
+def _end_with_driver() -> None:
+    """End this worker when its driver has died; the pool itself would wait forever."""
+    driver = multiprocessing.parent_process()
+    assert driver is not None
+
+    def watch() -> None:
+        connection.wait([driver.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 @contextlib.contextmanager
 def engine(workers: int | None = None, address: str | None = None) -> Iterator[Engine]:
     """Start workers on this machine, or connect to those of a cluster, until the block ends.
@@ -61,26 +112,18 @@ def engine(workers: int | None = None, address: str | None = None) -> Iterator[E
         address: of a Dask scheduler, instead of workers on this machine.
 
     Raises:
-        SweepRefused: there is no scheduler at the address, it has no workers, or their code has
-            another version.
+        SweepRefused: Dask is not installed, there is no scheduler at the address, it has no
+            workers, or their code has another version.
     """
-    if address is None and workers == 0:
+    if address is not None:
+        with _cluster(address) as cluster:
+            yield cluster
+    elif workers == 0:
         yield Engine(InProcess(), lambda: 1)
-        return
-    # Imported here because Dask takes a second to load.
-    from distributed import Client
-    from distributed.scheduler import KilledWorker
-
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # the driver reports what matters
-    with contextlib.ExitStack() as stack:
-        where = stack.enter_context(_local(workers or cores())) if address is None else address
-        client = stack.enter_context(_client(Client, where))
-        _check(client)
-        yield Engine(
-            client.get_executor(pure=False),
-            lambda: max(1, sum(client.nthreads().values())),
-            KilledWorker,
-        )
+    else:
+        count = workers or cores()
+        with Processes(count) as executor:
+            yield Engine(executor, lambda: count, BrokenProcessPool)
 
 
 def imap_bounded(
@@ -115,7 +158,7 @@ def imap_bounded(
 
 def one_at_a_time(engine: Engine) -> Engine:
     """Return the engine limited to one task at a time."""
-    return Engine(engine.executor, lambda: 1, engine.worker_died)
+    return replace(engine, width=lambda: 1)
 
 
 def cores() -> int:
@@ -132,42 +175,46 @@ def provenance() -> dict[str, str]:
 
 
 @contextlib.contextmanager
-def _local(workers: int) -> Iterator[str]:
-    """Start a scheduler in this process with worker processes; yield its address."""
-    import dask.config
-    from distributed import LocalCluster
-
-    options: dict[str, Any] = {
-        "n_workers": workers,
-        "threads_per_worker": 1,
-        "processes": True,
-        "dashboard_address": "127.0.0.1:0",  # any free port: two sweeps can run at a time
-        "memory_limit": 0,
-        "silence_logs": logging.CRITICAL,
-        "preload": [f"{__package__}.worker"],
-        "scheduler_kwargs": {"allowed_failures": _KILLS, "dashboard": False},
-    }
-    with dask.config.set({"distributed.nanny.pre-spawn-environ": _ENVIRONMENT}):
-        cluster: Any = LocalCluster(**options)
-        with cluster:
-            yield str(cluster.scheduler_address)
+def _environment(values: dict[str, str]) -> Iterator[None]:
+    """Set environment variables of this process until the block ends."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            if value is not None:
+                os.environ[name] = value
 
 
-def _client(make: Callable[..., Any], address: str) -> Any:  # noqa: ANN401 - Dask has no types
+@contextlib.contextmanager
+def _cluster(address: str) -> Iterator[Engine]:
+    """Connect to the workers of a Dask scheduler."""
+    if importlib.util.find_spec("distributed") is None:
+        raise SweepRefused(
+            f"scheduler {address}: needs Dask: pip install 'ttempc-proving-ground[cluster]'"
+        )
+    from distributed import Client
     from distributed.comm.addressing import get_address_host_port
+    from distributed.scheduler import KilledWorker
 
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # the driver reports what matters
     try:
         get_address_host_port(address, strict=True)
+        client: Any = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except ValueError as error:
         raise SweepRefused(f"scheduler {address!r}: is no address: {error}") from None
-    try:
-        return make(address, timeout=_CONNECT_S, set_as_default=False)
     except OSError as error:
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise SweepRefused(f"scheduler {address}: cannot be reached: {reason}") from None
+    with client:
+        _check(client)
+        executor = client.get_executor(pure=False)
+        yield Engine(executor, lambda: max(1, sum(client.nthreads().values())), KilledWorker)
 
 
-def _check(client: Any) -> None:  # noqa: ANN401
+def _check(client: Any) -> None:  # noqa: ANN401 - Dask has no types
     """Refuse a cluster without workers, or with workers whose code differs."""
     where = client.scheduler.address
     try:

@@ -19,8 +19,7 @@ from ttempc.errors import TtempcError
 from ...testbed.errors import TestbedError
 from ..errors import ExperimentError, InvalidScenario, InvalidStudy
 from ..run.assembly import check
-from ..run.trust import named_parts, refuse_untrusted
-from ..run.user_code import user_sources
+from ..run.user_code import named_parts, refuse_untrusted, user_sources
 from ..scenario.scenario import (
     Scenario,
     ScenarioFile,

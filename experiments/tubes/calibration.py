@@ -22,7 +22,7 @@ from ...testbed.recording.provenance import versions
 from ...testbed.recording.record import Record
 from ..errors import InvalidFit
 from ..results.containment import QUANTITIES, Containment, containment
-from ..scenario.control import PAPER_PERIOD_S
+from ..scenario.plant import PAPER_PERIOD_S
 from ..scenario.scenario import Scenario
 from ..scenario.tube_file import PointHalfWidths, RunCalibration, TubeFile, path_table, read_tube
 from .logged_runs import LoggedRun, logged_run, require_alike

@@ -7,22 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ttempc.limits import CommandLimits
 from ttempc.mpc.articulated_error import error_dynamics
-from ttempc.reference.feedforward import exact_feedforward
-from ttempc.reference.reference import Reference
-from ttempc.tube.ancillary import AncillaryWeights, InputMargin, search_weights
-from ttempc.tube.disturbance_set import DisturbanceSet, Shape
-from ttempc.tube.reference_tube import ReferenceTube, TubeDesign
-from ttempc.tube.residual_set import fit_set
+from ttempc.reference.reference import Reference, exact_feedforward
+from ttempc.tube.reference_tube import (
+    AncillaryWeights,
+    InputMargin,
+    ReferenceTube,
+    TubeDesign,
+    search_weights,
+)
+from ttempc.tube.sets import DisturbanceSet, Shape, fit_set
 from ttempc.types import FloatArray, State
+from ttempc.vehicle import CommandLimits
 
 from ...testbed.recording.provenance import versions
 from ...testbed.recording.record import Record
 from ..errors import InvalidFit
 from ..results.containment import Containment
 from ..results.statistics import fewest_samples
-from ..scenario.control import PAPER_PERIOD_S
+from ..scenario.plant import PAPER_PERIOD_S
 from ..scenario.scenario import Scenario
 from ..scenario.tube_file import (
     HoldOut,

@@ -16,7 +16,7 @@ from ...testbed.recording.channels import CONTROL
 from ...testbed.recording.record import Record
 from ..errors import InvalidFit, InvalidScenario
 from ..run.assembly import model_vehicle
-from ..scenario.control import PAPER_PERIOD_S
+from ..scenario.plant import PAPER_PERIOD_S
 from ..scenario.scenario import Scenario, load
 
 Run = TypeVar("Run")

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ttempc.mpc.articulated_error import error_dynamics, error_state
-from ttempc.reference.feedforward import exact_feedforward
-from ttempc.reference.reference import Reference
+from ttempc.reference.reference import Reference, exact_feedforward
 from ttempc.types import Estimate, FloatArray, State
 
 from ...testbed.recording.channels import CONTROL, ESTIMATE, STATE

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import binomtest
 
-from ttempc.tube.disturbance_set import DisturbanceSet
+from ttempc.tube.sets import DisturbanceSet
 from ttempc.types import FloatArray
 
 from ..results.statistics import proportion

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 LEARNT: Final = "learnt: "  # beginnings of the texts of events: which parameters were learnt,
 FAULT: Final = "fault: "  # that a fault begins or ends,
 REACTION: Final = "reaction: "  # how the guidance departs from the controller,
+REACTION_ENDED: Final = "reaction ended"
 OVERRUN: Final = "overrun: "  # that a step took longer than its period
 BEGINS: Final = " begins"
 ENDS: Final = " ends"

@@ -15,7 +15,7 @@ from ttempc.errors import GuidanceFailed
 from ..errors import PlantDiverged, StageFailed
 from ..recording import channels
 from ..recording.channels import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
-from ..recording.record import LEARNT, OVERRUN, REACTION, Event
+from ..recording.record import LEARNT, OVERRUN, REACTION, REACTION_ENDED, Event
 from .deadline import alarm_handled, time_limit
 from .setup import SimulationSetup, Stage, TickContext
 from .termination import check_termination
@@ -100,7 +100,7 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
         sink.event(Event(time, "info", LEARNT + ", ".join(diagnostics.learnt)))
     fallback = diagnostics.fallback
     if fallback != tick.fallback:
-        text = f"{REACTION}{fallback}" if fallback else "reaction ended"
+        text = f"{REACTION}{fallback}" if fallback else REACTION_ENDED
         sink.event(Event(time, "warning" if fallback else "info", text))
         tick.fallback = fallback
 
@@ -204,7 +204,14 @@ STAGES: Final[tuple[Stage, ...]] = (
 def with_stages(
     extra: Sequence[tuple[str, Stage]], stages: Sequence[Stage] = STAGES
 ) -> tuple[Stage, ...]:
-    """Return `stages` with more of them, each after the stage of the given name and in order."""
+    """Return `stages` with more of them, each after the stage of the given name and in order.
+
+    Raises:
+        ValueError: there is no stage of a given name.
+    """
+    names = [stage.__name__ for stage in stages]
+    if unknown := sorted({name for name, _ in extra} - {*names}):
+        raise ValueError(f"after {unknown[0]!r}: no such stage, must be one of {', '.join(names)}")
     extended: list[Stage] = []
     for stage in stages:
         extended.append(stage)

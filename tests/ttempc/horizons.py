@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from ttempc.mpc.discretisation import zero_order_hold
-from ttempc.mpc.qp import QP, CondensedHorizon, HorizonTuning
-from ttempc.paper.equations import PaperEquations
-from ttempc.paper.error_model import linearise
+from ttempc.baselines.paper import PaperEquations, linearise
+from ttempc.models.linear import zero_order_hold
+from ttempc.mpc.lmpc import CondensedHorizon, HorizonTuning
+from ttempc.mpc.qp import QP
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import FloatArray

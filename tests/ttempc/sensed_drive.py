@@ -7,12 +7,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ttempc.estimation.augmented_state import SIZE, STATES, AugmentedState, slips
-from ttempc.estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ttempc.estimation.ekf import ExtendedKalmanFilter
-from ttempc.estimation.measurement_model import LENGTH, predicted_measurement
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.guidance.controllers import make_controller
+from ttempc.models.augmented_state import (
+    LENGTH,
+    SIZE,
+    STATES,
+    AugmentedState,
+    advance_augmented_state,
+    predicted_measurement,
+    slips,
+    vehicle_parameters,
+)
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, Estimate, Estimator, FloatArray, Measurement, Sensor, State

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ttempc.limits import CommandLimits
-from ttempc.vehicle import Vehicle
+from ttempc.vehicle import CommandLimits, Vehicle
 
 VEHICLE = Vehicle()
 LIMITS = CommandLimits.of(VEHICLE, 0.2)

@@ -6,9 +6,8 @@ import numpy as np
 
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.ancillary import AncillaryWeights
-from ttempc.tube.disturbance_set import DisturbanceSet
-from ttempc.tube.reference_tube import ReferenceTube, TubeDesign
+from ttempc.tube.reference_tube import AncillaryWeights, ReferenceTube, TubeDesign
+from ttempc.tube.sets import DisturbanceSet
 from ttempc.vehicle import Vehicle
 
 PERIOD_S = 0.2

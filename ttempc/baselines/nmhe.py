@@ -10,20 +10,19 @@ import piqp
 import scipy
 
 from ..errors import InvalidTuning
-from ..estimation.augmented_state import (
+from ..estimation.ekf import ExtendedKalmanFilter, run_all_kernels
+from ..estimation.filter import FilterState, acting_command, steps_over
+from ..estimation.noise import ProcessNoise, SensorNoise
+from ..models.augmented_state import (
+    ANGLES,
     DISTURBANCE_BOUND,
     SIZE,
     STATES,
     AugmentedState,
+    advance_augmented_state,
+    predicted_measurement,
+    vehicle_parameters,
 )
-from ..estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
-from ..estimation.dead_time import acting_command
-from ..estimation.ekf import ExtendedKalmanFilter
-from ..estimation.kalman_filter import FilterState
-from ..estimation.measurement_model import ANGLES, predicted_measurement
-from ..estimation.noise import ProcessNoise, SensorNoise
-from ..estimation.prediction_kernel import steps_over
-from ..estimation.warm_up import run_all_kernels
 from ..models.kinematics import wrap_angle
 from ..types import Command, Estimate, FloatArray, Measurement
 from ..vehicle import Vehicle

@@ -5,21 +5,122 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from ..errors import InvalidTuning
-from ..types import Command, Estimate, Innovation, Measurement, Sensor, State
+from ..models.augmented_state import (
+    GYROS,
+    KERNEL_INDEX,
+    LENGTH,
+    SIZE,
+    STATES,
+    AugmentedState,
+    estimate_of,
+    predicted_measurement,
+)
+from ..types import (
+    Command,
+    Estimate,
+    Estimator,
+    Innovation,
+    Measurement,
+    Sensor,
+    State,
+)
 from ..vehicle import Vehicle
-from .antenna_lean import AntennaLean
-from .augmented_state import SIZE, STATES, AugmentedState, estimate_of
-from .dead_time import HeldCommands, after_dead_times
-from .kalman_filter import FilterState, KalmanFilter, SampleRow
-from .measurement_model import GYROS, KERNEL_INDEX, LENGTH
+from .filter import (
+    SAME_TIME_S,
+    FilterState,
+    HeldCommands,
+    KalmanFilter,
+    SampleRow,
+    after_dead_times,
+)
 from .noise import ProcessNoise, SensorNoise
-from .prediction_kernel import SAME_TIME_S
-from .warm_up import run_all_kernels
+
+_BODIES = ((Sensor.GNSS_TRACTOR, Sensor.IMU_TRACTOR), (Sensor.GNSS_TRAILER, Sensor.IMU_TRAILER))
+
+
+@dataclass(frozen=True, slots=True)
+class _Body:
+    gnss: Sensor
+    imu: Sensor
+    height_m: float  # of the antenna above the axle point
+
+
+class AntennaLean:
+    """Positions of axle points from those of antennas on masts above them.
+
+    An antenna at height h moves h sin(roll) to the right of its point and h cos(roll) sin(pitch)
+    ahead of it; roll is positive with the left side up, pitch with the nose down. The attitude is
+    that of the IMU sample of the body that is nearest in time; without one, and for a height of 0,
+    a position stays as it is.
+
+    Args:
+        heights_m: of the antennas of tractor and trailer above the axle points [m].
+        memory_s: time for which samples of the IMUs are kept, at least the latency of GNSS.
+
+    Examples:
+        >>> lean = AntennaLean((2.0, 0.0), memory_s=1.0)
+        >>> imu = Measurement(0.2, Sensor.IMU_TRACTOR, (0.0, 0.1, 0.0))  # left side up by 0.1 rad
+        >>> gnss = Measurement(0.2, Sensor.GNSS_TRACTOR, (5.0, 3.0))
+        >>> corrected, _ = lean.corrected([gnss, imu], headings=(0.0, 0.0))  # faces east
+        >>> round(corrected.value[1], 3)
+        3.2
+    """
+
+    def __init__(self, heights_m: tuple[float, float], memory_s: float) -> None:
+        self._memory_s = memory_s
+        self._bodies = tuple(
+            _Body(gnss, imu, height)
+            for (gnss, imu), height in zip(_BODIES, heights_m, strict=True)
+            if height > 0.0
+        )
+        self._attitudes: dict[Sensor, list[Measurement]] = {body.imu: [] for body in self._bodies}
+
+    @property
+    def corrects(self) -> bool:
+        """Whether there is an antenna above its point."""
+        return bool(self._bodies)
+
+    def corrected(
+        self, samples: Sequence[Measurement], headings: tuple[float, float]
+    ) -> Sequence[Measurement]:
+        """Return the samples with every position moved to its axle point.
+
+        Args:
+            samples: as they arrive, those of the IMUs among them.
+            headings: of tractor and trailer [rad]; an error e moves a point by height x lean x e.
+        """
+        for body in self._bodies:
+            kept = self._attitudes[body.imu]
+            kept += [
+                sample
+                for sample in samples
+                if sample.sensor is body.imu and all(map(math.isfinite, sample.value))
+            ]
+            newest = max((sample.time_s for sample in kept), default=0.0)
+            kept[:] = [sample for sample in kept if sample.time_s >= newest - self._memory_s]
+        return [self._moved(sample, headings) for sample in samples]
+
+    def _moved(self, sample: Measurement, headings: tuple[float, float]) -> Measurement:
+        for body in self._bodies:
+            attitudes = self._attitudes[body.imu]
+            if sample.sensor is body.gnss and attitudes and len(sample.value) == 2:
+                near = min(attitudes, key=lambda item: abs(item.time_s - sample.time_s))
+                _, roll, pitch = near.value
+                right = body.height_m * math.sin(roll)
+                ahead = body.height_m * math.cos(roll) * math.sin(pitch)
+                yaw = headings[sample.sensor is Sensor.GNSS_TRAILER]
+                cos, sin = math.cos(yaw), math.sin(yaw)
+                x, y = sample.value
+                value = (x - ahead * cos - right * sin, y - ahead * sin + right * cos)
+                return replace(sample, value=value)
+        return sample
+
 
 _Key = tuple[float, int]  # time [s] and `SensorIndex` of a sample
 _SENSORS: Final = {
@@ -286,3 +387,27 @@ def _measurement(row: SampleRow) -> Measurement:
     time_s, index, *value = row
     sensor, length = _SENSORS[index]
     return Measurement(time_s, sensor, tuple(value[:length]))
+
+
+def run_all_kernels(estimator: Estimator, vehicle: Vehicle) -> None:
+    """Update a new `estimator` of `vehicle` with exact readings of a vehicle at rest.
+
+    The updates cover the start, samples of every sensor with and without a command, late samples
+    and no samples. numba compiles a kernel for the types of its arguments, so that other values
+    need no further compilation.
+    """
+    at_rest = np.zeros(SIZE)
+    stop = Command(0.0, 0.0, 0.0)
+
+    def sample(sensor: Sensor, time_s: float) -> Measurement:
+        value, _ = predicted_measurement(sensor, at_rest, vehicle)
+        return Measurement(time_s, sensor, tuple(value.tolist()))
+
+    def samples(time_s: float) -> list[Measurement]:
+        return [sample(sensor, time_s) for sensor in LENGTH]
+
+    estimator.update(0.0, samples(0.0), None)
+    estimator.update(0.2, samples(0.2), None)
+    estimator.update(0.4, samples(0.4), stop)
+    estimator.update(0.6, samples(0.3), stop)
+    estimator.update(0.8, [], stop)

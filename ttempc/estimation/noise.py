@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 
 from ..errors import InvalidTuning, UnknownSensor
+from ..models.augmented_state import SIZE, STATES, AugmentedState
 from ..types import FloatArray, Sensor
 from ..vehicle import Vehicle
-from .augmented_state import SIZE, STATES, AugmentedState
 
 
 def _require_positive(owner: SensorNoise | ProcessNoise) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 from ..baselines.lqr import LqrOptions, lqr_controller
+from ..baselines.nmhe import MovingHorizonEstimator
 from ..baselines.nmpc import (
     NmpcOptions,
     NmpcRtiOptions,
@@ -16,21 +17,68 @@ from ..baselines.nmpc import (
     nmpc_distributed_controller,
     nmpc_rti_controller,
 )
-from ..baselines.nmpc_printed import PrintedNmpcOptions, printed_nmpc_controller
+from ..baselines.paper import (
+    PaperOptions,
+    PrintedSignOptions,
+    paper_controller,
+    printed_sign_controller,
+)
 from ..baselines.pid import PidOptions, pid_controller
-from ..errors import InvalidTube, InvalidTuning, UnknownController
-from ..laws.articulated_mpc import articulated_controller, nominal_controller
-from ..laws.articulated_options import ArticulatedOptions, NominalOptions
+from ..errors import InvalidTube, InvalidTuning, UnknownController, UnknownEstimator
+from ..estimation.ekf import ExtendedKalmanFilter
+from ..estimation.noise import SensorNoise
+from ..laws.articulated_mpc import (
+    ArticulatedOptions,
+    NominalOptions,
+    articulated_controller,
+    nominal_controller,
+)
 from ..laws.tracking_controller import NoFeedback, TrackingController, around_exact_feedforward
 from ..laws.tube_mpc import TubeMpcOptions, tube_controller
-from ..paper.composition import paper_controller, printed_sign_controller
-from ..paper.options import PaperOptions, PrintedSignOptions
 from ..reference.corridor import SpeedTube
 from ..reference.reference import Reference
 from ..suggestion import did_you_mean
 from ..tube.reference_tube import TubeDesign
+from ..types import Estimator
 from ..vehicle import Vehicle
-from .options import parse_options
+
+_Options = TypeVar("_Options")
+
+
+def parse_options(
+    kind: type[_Options], values: Mapping[str, object], where: str = "controller.options"
+) -> _Options:
+    """Return an instance of the options dataclass `kind` with `values` in place of its defaults.
+
+    Lists become tuples, whole numbers become floats where the default is one. The dataclass
+    itself checks types and ranges.
+
+    Raises:
+        InvalidTuning: an unknown name, a value of another type, or one out of its range; the
+            message names the option below `where` and what is allowed.
+    """
+    defaults = {
+        item.name: item.default
+        for item in fields(kind)  # pyright: ignore[reportArgumentType] - a dataclass
+    }
+    for name in values:
+        if name not in defaults:
+            raise InvalidTuning(
+                f"{where}.{name}: unknown, allowed are {', '.join(defaults)}"
+                f"{did_you_mean(name, defaults)}"
+            )
+    entries = {name: _like(defaults[name], value) for name, value in values.items()}
+    try:
+        return kind(**entries)
+    except InvalidTuning as error:
+        raise InvalidTuning(f"{where}.{error}") from None
+
+
+def _like(default: object, value: object) -> object:
+    """Return `value` with lists as tuples, and whole numbers as floats where `default` has them."""
+    if isinstance(default, tuple) and isinstance(value, list | tuple):
+        return tuple(_like(default[0], entry) for entry in value)
+    return float(value) if isinstance(default, float) and type(value) is int else value
 
 
 def feedforward_controller(
@@ -110,11 +158,6 @@ CONTROLLERS: Final = MappingProxyType(
             nmpc_distributed_controller,
             NmpcOptions,
         ),
-        "kayacan-nmpc": ControllerEntry(
-            "NMPC on the printed model with slip factors and a space-based reference, as published",
-            printed_nmpc_controller,
-            PrintedNmpcOptions,
-        ),
         "feedforward": ControllerEntry(
             "inputs of the exact reference geometry, no feedback", feedforward_controller
         ),
@@ -186,7 +229,7 @@ def make_controller(
         >>> reference = Reference(figure_eight(), vehicle, ConstantSpeed(1.0))
         >>> controller = make_controller("ttempc", vehicle, reference, 0.2, options={"horizon": 15})
         >>> sorted(CONTROLLERS)[:3]
-        ['feedforward', 'kayacan-nmpc', 'lqr']
+        ['feedforward', 'lqr', 'nmpc']
     """
     entry = controller_entry(name)
     if entry.tube == "required" and design is None:
@@ -208,3 +251,28 @@ def _options(name: str, values: Mapping[str, object]) -> Any:  # noqa: ANN401 - 
             f"controller.options: the controller {name!r} has none, got {', '.join(values)}"
         )
     return None
+
+
+EstimatorFactory = Callable[[Vehicle, SensorNoise], Estimator]
+"""Makes an estimator from the model parameters and the assumed sensor noise."""
+
+ESTIMATORS: Final = MappingProxyType[str, EstimatorFactory](
+    {
+        "ekf": ExtendedKalmanFilter,
+        "nmhe": MovingHorizonEstimator,
+    }
+)
+
+
+def estimator_factory(name: str) -> EstimatorFactory:
+    """Return the factory of the estimator called `name`.
+
+    Raises:
+        UnknownEstimator: with the names that exist.
+    """
+    if name not in ESTIMATORS:
+        raise UnknownEstimator(
+            f"estimator {name!r} does not exist; allowed are {', '.join(sorted(ESTIMATORS))}"
+            f"{did_you_mean(name, ESTIMATORS)}"
+        )
+    return ESTIMATORS[name]

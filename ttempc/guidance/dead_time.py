@@ -9,10 +9,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..estimation.augmented_state import SIZE, STATES, augmented_of, estimate_of
-from ..estimation.augmented_state_kernel import move_augmented_state, vehicle_parameters
-from ..estimation.prediction_kernel import SAME_TIME_S, steps_over
-from ..limits import CommandLimits
+from ..estimation.filter import SAME_TIME_S, steps_over
+from ..models.augmented_state import (
+    SIZE,
+    STATES,
+    augmented_of,
+    estimate_of,
+    move_augmented_state,
+    vehicle_parameters,
+)
 from ..reference.reference import Reference
 from ..types import (
     Command,
@@ -25,7 +30,7 @@ from ..types import (
     SpaceBased,
     WarmingUp,
 )
-from ..vehicle import Vehicle
+from ..vehicle import CommandLimits, Vehicle
 
 _MOST_SLIP = 0.9  # of the wheels, up to which an estimate is predicted
 
@@ -104,14 +109,12 @@ class DeadTimeCompensation:
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
 
     def warm_up(self) -> None:
-        """Compile the controller and the prediction, see `WarmingUp`."""
         if isinstance(self.controller, WarmingUp):
             self.controller.warm_up()
         state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         self._predicted(Estimate(0.0, state, np.eye(STATES), np.zeros(2), 0.0))
 
     def prepare(self, k: int) -> None:
-        """Let the controller prepare tick `k`, see `Preparing`."""
         if isinstance(self.controller, Preparing):
             self.controller.prepare(k)
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
@@ -12,8 +12,7 @@ from ..learning.actuators import ActuatorIdentifier
 from ..learning.learner import Identifier, Learner, Learnt, RecordedTick
 from ..learning.lengths import LengthIdentifier
 from ..reference.path import Path
-from ..reference.posture import check_drivable
-from ..reference.reference import ConstantSpeed, Reference, check_pace
+from ..reference.reference import ConstantSpeed, Reference, check_drivable, check_pace
 from ..tube.reference_tube import TubeDesign
 from ..types import (
     Command,
@@ -27,13 +26,52 @@ from ..types import (
     WarmingUp,
 )
 from ..vehicle import Vehicle
-from .dead_time import DeadTimeCompensation, resume
-from .detection.bank import detectors
-from .detection.detector import Alarm, Detector, Monitors, Observation, Reaction
-from .estimators import EstimatorFactory
-from .parts import ControllerFactory, Parts, make_estimator, make_guided
-from .supervisor import SafetyLimits, Supervisor
-from .user_part import user_part
+from .controllers import EstimatorFactory, estimator_factory, make_controller
+from .dead_time import DeadTimeCompensation, compensated, resume
+from .detection import Alarm, Detector, Monitors, Observation, Reaction, detectors
+from .supervisor import SafetyLimits, Supervisor, user_part
+
+ControllerFactory = Callable[..., Controller]
+"""Makes a controller from vehicle, reference and control period [s], options as keywords."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """Parts of a guidance for one vehicle; None where the user gave an object, which stays."""
+
+    reference: Reference
+    controller: Controller | None
+    estimator: Estimator | None
+
+
+def make_estimator(
+    estimator: str | EstimatorFactory | Estimator, vehicle: Vehicle, noise: SensorNoise
+) -> Estimator:
+    """Return the estimator of a name or a factory, or the object itself."""
+    if isinstance(estimator, str):
+        estimator = estimator_factory(estimator)
+    if isinstance(estimator, type) or not hasattr(estimator, "update"):
+        return estimator(vehicle, noise)  # pyright: ignore[reportCallIssue] - a factory
+    return estimator  # pyright: ignore[reportReturnType] - it has `update`
+
+
+def make_guided(
+    controller: str | ControllerFactory | Controller,
+    reference: Reference,
+    period_s: float,
+    options: Mapping[str, object] | None,
+    tube: TubeDesign | None,
+) -> Controller:
+    """Return the controller of a name or factory with its dead times compensated, or the object."""
+    if not isinstance(controller, str | type) and hasattr(controller, "step"):
+        return controller  # pyright: ignore[reportReturnType] - it has `step`
+
+    def make(vehicle: Vehicle, reference: Reference) -> Controller:
+        if isinstance(controller, str):
+            return make_controller(controller, vehicle, reference, period_s, tube, options)
+        return controller(vehicle, reference, period_s, **(options or {}))  # pyright: ignore[reportCallIssue] - a factory
+
+    return compensated(make, reference, period_s)
 
 
 class Guidance:
@@ -176,7 +214,6 @@ class Guidance:
 
     @property
     def period_s(self) -> float:
-        """Control period [s]."""
         return self._period_s
 
     @property

@@ -4,28 +4,219 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import ClassVar, Final, Self
 
 import numpy as np
 
-from ..limits import CommandLimits
-from ..mpc.articulated_error import error_dynamics, error_state, remaining_bounds
-from ..mpc.corridor_bounds import corridor_bounds
-from ..mpc.lmpc import FeedbackAction, LinearMpc
-from ..mpc.prediction import PredictedPath
-from ..mpc.qp import CondensedHorizon, HorizonTuning
+from ..errors import check_flag
+from ..models.linear import ordered_product
+from ..mpc.articulated_error import (
+    PredictedPath,
+    corridor_bounds,
+    error_dynamics,
+    error_state,
+    remaining_bounds,
+)
+from ..mpc.lmpc import CondensedHorizon, FeedbackAction, HorizonTuning, LinearMpc
+from ..reference.corridor import SpeedTube
 from ..reference.reference import Reference, ReferenceSample
-from ..tube.growing_tube import GrowingTube
-from ..tube.reference_tube import TubeDesign, tightened
-from ..types import Estimate, FloatArray, Input, State
-from ..vehicle import Vehicle
-from .articulated_options import ArticulatedOptions, NominalOptions
-from .kept_plan import KeptPlan
-from .lq_robust_law import LqRobustLaw, LqRobustTuning, RobustAction
-from .one_step_monitor import OneStepMonitor
+from ..tube.reference_tube import GrowingTube, TubeDesign, report_rows, tightened
+from ..types import Estimate, FloatArray, Input, State, TubeReport
+from ..vehicle import CommandLimits, Vehicle
+from .lq_robust_law import LqRobustLaw, LqRobustTuning, RobustAction, containment
 from .tracking_controller import Actions, TrackingController, around_exact_feedforward
 
+_PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
+_ROUNDING: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class MpcOptions(HorizonTuning):
+    """Horizon, weights and bounds of an MPC on the articulated error model.
+
+    The outputs are x and y of tractor and trailer in the frames of their references. The horizon
+    is four seconds, with six free steps of 0.2 s each. The step weights are low ones that leave a
+    margin: with a sixth of that of the front steering worn valves cycle, with a fifth of that of
+    the hydrostat it runs into the limit of its rate without a smaller error (docs/ablation.md).
+
+    Horizon and weights are those of a period of 0.2 s and the vehicle of the paper at 1 m/s;
+    `for_vehicle` has those of others.
+
+    Raises:
+        InvalidTuning: a value is out of its range.
+    """
+
+    outputs: ClassVar[int] = 4
+
+    horizon: int = 20  # N_p, predicted periods of 0.2 s
+    moves: int = 6  # N_c, free input steps of 0.2 s
+    output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)  # [1/m^2]
+    # [1/rad^2], [1/rad^2], for a hydrostat position as a fraction
+    step_weight: tuple[float, ...] = (0.3, 0.1, 0.1)
+    # [rad], [rad], fraction
+    input_bound: tuple[float, ...] = (math.radians(20.0), math.radians(20.0), 0.5)
+
+    def for_vehicle(self, vehicle: Vehicle, speed_mps: float, period_s: float) -> Self:
+        """Return the options for a vehicle, the largest speed of its reference and a period.
+
+        - Horizon and free steps span the same time. With n steps in place of one, a ramp of an
+          input has the n-th part of its cost and the errors n times theirs, hence the factor n^2
+          of all step weights.
+        - A step of the hydrostat has the cost of the same change of acceleration
+          (`Vehicle.motion_per_input`): a drive of three times the gain cycles at the limit of its
+          rate otherwise.
+        - The weight of the front steering grows with the square root of the lateral acceleration
+          that it causes, from that of the paper's vehicle at 1 m/s on. With its square the error
+          of the farm machine at 3.3 m/s grows by half, with none the loop has little margin there.
+        """
+        steps = _PERIOD_S / period_s
+        ratio = vehicle.motion_per_input(speed_mps) / Vehicle().motion_per_input(1.0)
+        lateral, _, drive = ratio.tolist()
+        front, trailer, hp = (steps**2 * weight for weight in self.step_weight)
+        return replace(
+            self,
+            horizon=math.ceil(steps * self.horizon - _ROUNDING),
+            moves=math.ceil(steps * self.moves - _ROUNDING),
+            step_weight=(front * math.sqrt(max(lateral, 1.0)), trailer, drive**2 * hp),
+        )
+
+
+@dataclass(frozen=True)
+class NominalOptions(MpcOptions):
+    """Options of `ttempc-nominal`.
+
+    Raises:
+        InvalidTuning: a value is out of its range.
+    """
+
+    disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
+    corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
+    # Half widths that tractor and trailer keep about the path: h_0, and h_1 by which they grow with
+    # the speed. Whoever plans the reference drives a corridor as slowly as they ask, see
+    # `ttempc.reference.corridor.SpeedTube`.
+    corridor_at_rest_m: tuple[float, float] = (0.0, 0.0)
+    corridor_per_speed_s: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def speed_tube(self) -> SpeedTube | None:
+        """Return the half widths over speed; None where the MPC does not keep to a corridor."""
+        if not self.corridor:
+            return None
+        return SpeedTube(self.corridor_at_rest_m, self.corridor_per_speed_s)
+
+    def __post_init__(self) -> None:
+        MpcOptions.__post_init__(self)
+        check_flag("disturbances", self.disturbances)
+        check_flag("corridor", self.corridor)
+        SpeedTube(self.corridor_at_rest_m, self.corridor_per_speed_s)
+
+
+@dataclass(frozen=True)
+class ArticulatedOptions(LqRobustTuning, NominalOptions):
+    """Options of `ttempc`: those of its MPC and of its robust law.
+
+    Raises:
+        InvalidTuning: a value is out of its range.
+    """
+
+    robust: bool = True  # whether the robust law acts
+
+    def __post_init__(self) -> None:
+        NominalOptions.__post_init__(self)
+        LqRobustTuning.__post_init__(self)
+        check_flag("robust", self.robust)
+
+
 _N, _M = len(State), len(Input)
+
+
+class KeptPlan:
+    """The policy u_e = ubar_j + K m of the last accepted plan, m = zhat - zbar_j.
+
+    zbar_j starts at the estimate at which the plan was made. It follows the model under ubar_j and
+    the disturbances that the estimator gives at each tick. ubar_j are the planned inputs; after a
+    first input that the robust action has moved away from them, they approach the plan at the rate
+    that the tightening leaves. K m saturates at the share of
+    the inputs that the tightening has reserved for it; inside the tube it is linear, and the sum
+    keeps to the limits of the inputs.
+
+    Args:
+        tube: gains and reserves along the reference.
+        a: A (T, 16, 16) of `error_dynamics`.
+        b: B (T, 16, 3).
+    """
+
+    def __init__(self, tube: GrowingTube, a: FloatArray, b: FloatArray) -> None:
+        self._tube, self._a, self._b = tube, a, b
+        self._made = -1  # tick of the plan
+        self._plan: FloatArray = np.zeros(0)
+        self._next: tuple[int, FloatArray, FloatArray] | None = None  # tick, zbar, ubar before it
+
+    def fresh(self) -> KeptPlan:
+        """Return the object without a plan."""
+        return KeptPlan(self._tube, self._a, self._b)
+
+    def record(self, k: int, state: FloatArray, u: FloatArray, plan: FloatArray) -> None:
+        """Keep the plan of tick `k` from the `state` (16,), whose first input became `u` (3,)."""
+        self._made, self._plan, self._next = k, plan, (k, state, u)
+
+    def inputs(self, k: int, estimate: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return ubar and K m (3,) of tick `k` at the estimate (16,); None without a plan.
+
+        Up to the last stage of its horizon a plan can be kept, at every tick.
+        """
+        stage = k - self._made
+        if self._next is None or self._next[0] != k - 1 or stage >= len(self._tube.reserve):
+            return None
+        _, state, u = self._next
+        state = ordered_product(self._a[k - 1], state) + ordered_product(self._b[k - 1], u)
+        inputs = self._plan[len(state) :].reshape(-1, _M)  # u_e before it and its steps
+        planned = inputs[: stage + 2].sum(axis=0)
+        # A robust action may have moved the first input away from the plan by more than a step.
+        bounds, at = self._tube.bounds, _M * min(stage, len(inputs) - 2)
+        lower = u + bounds.step_lower[self._made, at : at + _M]
+        upper = u + bounds.step_upper[self._made, at : at + _M]
+        u = np.minimum(np.maximum(planned, lower), upper)
+        self._next = k, np.concatenate([state[:_N], estimate[_N:]]), u
+        ancillary = ordered_product(self._tube.gains[k], (estimate - state)[:_N])
+        reserve = self._tube.reserve[stage, k]
+        return u, np.minimum(np.maximum(ancillary, -reserve), reserve)
+
+
+class OneStepMonitor:
+    """Containment of the residual of each step, for a law that predicts its nominal state anew.
+
+    The nominal state is predicted from the estimate of the previous tick and the input that was
+    sent, robust action included. The deviation zhat - zbar is then the disturbance w of that step
+    alone. It lies in the set W of single steps, whatever the gain, to W's coverage; the true error
+    lies in W widened by the error of the estimate. Nothing has to contract, and nothing follows
+    for later steps.
+
+    Args:
+        design: the tube whose sets count.
+        outputs: C (T, 4, 7) of the error dynamics along the reference.
+    """
+
+    def __init__(self, design: TubeDesign, outputs: FloatArray) -> None:
+        self._inverse, _ = design.disturbance.faces
+        self._ellipsoid = design.disturbance.shape == "ellipsoid"
+        self._rows = report_rows(outputs)  # (T, 9, 7)
+        rows = self._rows.reshape(-1, outputs.shape[-1])
+        width = design.disturbance.support(rows) + design.estimate_error.support(rows)
+        self._half_widths = width.reshape(self._rows.shape[:2])  # (T, 9)
+
+    def report(self, k: int, nominal: FloatArray, deviation: FloatArray) -> TubeReport:
+        """Return the containment of the `deviation` (7,) from the `nominal` error (7,) at tick `k`.
+
+        The margin is 1 less the gauge of the deviation in W.
+        """
+        gauge, errors = containment(
+            k, self._inverse, self._ellipsoid, self._rows, nominal, deviation
+        )
+        return TubeReport(gauge <= 1.0, 1.0 - gauge, errors, self._half_widths[k])
+
+
 _RESPONSE_S = 0.8
 _EXCESS = 1e-3  # [m], [rad] violation of the corridor from which it counts as left; assumed
 
@@ -84,7 +275,6 @@ class ArticulatedFeedback:
         self._path, self._horizon = PredictedPath(grid), horizon
 
     def fresh(self) -> ArticulatedFeedback:
-        """Return the law before its first tick, see `FeedbackLaw`."""
         law = copy.copy(self)
         law._mpc = self._mpc.fresh()
         law._robust = self._robust.fresh() if self._robust else None
@@ -97,7 +287,6 @@ class ArticulatedFeedback:
             self._robust.resume(previous._robust)
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`, see `FeedbackLaw`."""
         state = error_state(self._state[k], estimate, self._vehicle)  # (16,) z_e, s, m
         state[_N:] *= self._disturbance_scale
         previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
@@ -152,7 +341,6 @@ class ArticulatedFeedback:
         )
 
     def prepare(self, k: int) -> None:
-        """Get ready for tick `k`, see `FeedbackLaw`."""
         self._mpc.prepare(k)
 
 
@@ -160,13 +348,13 @@ def articulated_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    options: ArticulatedOptions = ArticulatedOptions(),  # noqa: B008 - frozen
+    options: ArticulatedOptions = ArticulatedOptions(),
     design: TubeDesign | None = None,
 ) -> TrackingController:
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
     With a `design`, the inputs of the MPC are tightened by the tube that grows from the estimate
-    (`ttempc.tube.growing_tube`), and the one-step monitor logs the containment of each step's
+    (`ttempc.tube.reference_tube`), and the one-step monitor logs the containment of each step's
     residual, in the one-step reading of the robust law; the monitor changes no command. Without
     one nothing is tightened.
 
@@ -184,7 +372,7 @@ def nominal_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    options: NominalOptions = NominalOptions(),  # noqa: B008 - frozen
+    options: NominalOptions = NominalOptions(),
 ) -> TrackingController:
     """Compose `ttempc` without its robust law: the controller `ttempc-nominal`."""
     return _compose(vehicle, reference, period_s, options, robust=None, design=None)

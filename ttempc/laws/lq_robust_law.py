@@ -9,14 +9,13 @@ from typing import Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
-from ..errors import InvalidTuning
-from ..mpc.riccati import riccati_gains
+from ..errors import InvalidTuning, check_choice, check_positive, check_vector
+from ..jit import cached_njit
+from ..models.linear import riccati_gains
 from ..types import FloatArray, Input, State
-from ..validation import check_choice, check_positive, check_vector
 from ..vehicle import Vehicle
-from .nominal_state import Reading
-from .robust_kernel import predict_nominal, robust_action
 
+Reading = Literal["one-step", "tube"]
 Tightening = Literal["none", "saturation", "tube"]
 
 _N, _M = len(State), len(Input)
@@ -30,7 +29,7 @@ class LqRobustTuning:
         InvalidTuning: a value is out of its range.
     """
 
-    # Reading of erratum 8, see `ttempc.laws.nominal_state.NominalState`.
+    # Reading of erratum 8, see `ttempc.baselines.paper.NominalState`.
     nominal: Reading = "one-step"
     # Largest action k_s [rad], [rad], fraction; the paper's.
     saturation: tuple[float, float, float] = (0.2, 0.1, 0.10)
@@ -38,9 +37,9 @@ class LqRobustTuning:
     # weigh as much as 2 deg of steering or 4 % of the hydrostat. For the vehicle of the paper up to
     # 1 m/s; see `for_speed`.
     input_weight: tuple[float, float, float] = (0.3, 0.3, 0.3)
-    # What the MPC leaves free. "tube": at stage j of the horizon what the tube of
-    # `ttempc.tube.growing_tube` takes; nothing without a tube. "saturation": k_s of every input, so
-    # that the limits never cut the sum of both; it reserves authority that the law seldom uses.
+    # What the MPC leaves free. "tube": at stage j of the horizon what the growing tube takes;
+    # nothing without a tube. "saturation": k_s of every input, so that the limits never cut the
+    # sum of both; it reserves authority that the law seldom uses.
     tightening: Tightening = "tube"
     # In the one-step reading: time constant of the autocorrelation's average [s].
     memory_s: float = 5.0
@@ -134,7 +133,6 @@ class LqRobustLaw:
         self._last: tuple[int, FloatArray, FloatArray] | None = None  # tick, MPC's state, u_b
 
     def fresh(self) -> LqRobustLaw:
-        """Return the law before its first tick; it shares the gains."""
         law = copy.copy(self)
         law._memory = np.zeros_like(self._memory)
         law._last = None
@@ -185,3 +183,114 @@ class LqRobustLaw:
     def record_feedback(self, k: int, mpc_state: FloatArray, feedback: FloatArray) -> None:
         """Store the MPC's state (n,) and its `feedback` u_b (3,) of tick `k` for the next step."""
         self._last = k, mpc_state, feedback
+
+
+_TINY = 1e-30  # keeps the autocorrelation of a signal of zeros finite
+# Largest argument of tanh in the tube reading. Beyond it the law cannot bring the vehicle back.
+_EXHAUSTED = 3.0
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def autocorrelation(memory: FloatArray, forgetting: float, signal: FloatArray) -> FloatArray:
+    """Return the lag-one autocorrelation of each entry of a signal, clipped to [0, 1], (n,).
+
+    Older samples weigh less by the factor `forgetting` with each sample. `memory` (3, n) holds the
+    previous sample and the averages of product and power; the sample `signal` (n,) enters them.
+    """
+    result = np.empty_like(signal)
+    for i in range(signal.size):
+        last, now = memory[0, i], signal[i]
+        memory[1, i] = forgetting * memory[1, i] + now * last
+        memory[2, i] = forgetting * memory[2, i] + 0.5 * (now * now + last * last)
+        memory[0, i] = now
+        result[i] = min(max(memory[1, i] / max(memory[2, i], _TINY), 0.0), 1.0)
+    return result
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def robust_action(
+    k: int,
+    error: FloatArray,
+    nominal: FloatArray,
+    gains: FloatArray,
+    outputs: FloatArray,
+    limit: FloatArray,
+    memory: FloatArray,
+    forgetting: float,
+    one_step: bool,
+) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
+    """Return deviation (n,), modelling error (p,), action (m,), and whether the law is exhausted.
+
+    Args:
+        k: the tick.
+        error: z_e (n,), or more entries, which do not count.
+        nominal: zbar_e (n,).
+        gains: K in units of `limit` (N, m, n).
+        outputs: C (N, p, n).
+        limit: k_s (m,).
+        memory: see `autocorrelation`.
+        forgetting: see `autocorrelation`.
+        one_step: whether the autocorrelation scales the action; else the law may be exhausted.
+    """
+    inputs, n = gains.shape[1:]
+    deviation, action = np.empty(n), np.zeros(inputs)
+    for j in range(n):
+        deviation[j] = error[j] - nominal[j]
+    for i in range(inputs):
+        for j in range(n):
+            action[i] += gains[k, i, j] * deviation[j]
+    exhausted = False
+    if one_step:
+        action *= autocorrelation(memory, forgetting, action)
+    else:
+        exhausted = np.abs(action).max() > _EXHAUSTED
+        if exhausted:
+            deviation[:], action[:] = 0.0, 0.0
+    modelling = np.zeros(outputs.shape[1])
+    for i in range(modelling.size):
+        for j in range(n):
+            modelling[i] += outputs[k, i, j] * deviation[j]
+    for i in range(inputs):
+        action[i] = limit[i] * math.tanh(action[i])
+    return deviation, modelling, action, exhausted
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def predict_nominal(
+    k: int, a: FloatArray, b: FloatArray, state: FloatArray, inputs: FloatArray, n: int
+) -> FloatArray:
+    """Return the first `n` entries of A_k z + B_k u, (n,)."""
+    result = np.zeros(n)
+    for i in range(n):
+        for j in range(state.size):
+            result[i] += a[k, i, j] * state[j]
+        for j in range(inputs.size):
+            result[i] += b[k, i, j] * inputs[j]
+    return result
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def containment(
+    k: int,
+    inverse: FloatArray,
+    ellipsoid: bool,
+    rows: FloatArray,
+    nominal: FloatArray,
+    deviation: FloatArray,
+) -> tuple[float, FloatArray]:
+    """Return the gauge of the `deviation` (n,), and `rows` (T, r, n) of tick `k` on the nominal.
+
+    `inverse` (n, n) is that of the axes of a disturbance set, see `DisturbanceSet.gauge`.
+    """
+    n = nominal.size
+    energy = 0.0
+    for i in range(n):
+        along = 0.0
+        for j in range(n):
+            along += inverse[i, j] * deviation[j]
+        energy = energy + along * along if ellipsoid else max(energy, along * along)
+    errors = np.zeros(rows.shape[1])
+    for i in range(errors.size):
+        for j in range(n):
+            errors[i] += rows[k, i, j] * nominal[j]
+    return math.sqrt(energy), errors

@@ -8,9 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..limits import CommandLimits
-from ..reference.feedforward import exact_feedforward
-from ..reference.reference import Reference, ReferenceSample
+from ..reference.reference import Reference, ReferenceSample, exact_feedforward
 from ..types import (
     Command,
     ControlStep,
@@ -23,7 +21,7 @@ from ..types import (
     State,
     TubeReport,
 )
-from ..vehicle import Vehicle
+from ..vehicle import CommandLimits, Vehicle
 
 _WARM_UP_OFFSET_M = 0.01  # an error, so that iterative solvers iterate
 _WARM_UP_TICKS = 2  # the second one updates solvers that the first one has set up
@@ -72,14 +70,12 @@ class NoFeedback:
     """Feedback law without any action."""
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return no feedback and no robust action, see `FeedbackLaw`."""
         return Actions(np.zeros(3), np.zeros(3))
 
     def prepare(self, k: int) -> None:
         """Do nothing, see `FeedbackLaw`."""
 
     def fresh(self) -> NoFeedback:
-        """Return the law itself: it has no memory."""
         return self
 
 
@@ -122,7 +118,6 @@ class TrackingController:
         self._previous = limits.clamp(grid.inputs[0])
 
     def fresh(self) -> TrackingController:
-        """Return the controller before its first tick; it shares what no step changes."""
         return TrackingController(
             self._grid,
             self._feedforward,
@@ -163,7 +158,6 @@ class TrackingController:
                 self._feedback.resume(previous._feedback)
 
     def prepare(self, k: int) -> None:
-        """Get ready for tick `k`, see `ttempc.types.Preparing`."""
         k = min(k, len(self._feedforward) - 1)
         self._limits.apply(self._feedforward[k], self._previous)
         self._feedback.prepare(k)

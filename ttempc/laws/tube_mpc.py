@@ -7,16 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mpc.articulated_error import error_state
-from ..mpc.lmpc import LinearMpc
-from ..mpc.ordered_product import ordered_product
-from ..mpc.prediction import PredictedPath
-from ..mpc.qp import CondensedHorizon
+from ..models.linear import ordered_product
+from ..mpc.articulated_error import PredictedPath, error_state
+from ..mpc.lmpc import CondensedHorizon, LinearMpc
 from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import ReferenceTube, TubeDesign, report_rows
 from ..types import Estimate, FloatArray, Input, State, TubeReport
 from ..vehicle import Vehicle
-from .articulated_options import MpcOptions
+from .articulated_mpc import MpcOptions
 from .tracking_controller import Actions, TrackingController, around_exact_feedforward
 
 _N, _M = len(State), len(Input)
@@ -78,7 +76,6 @@ class TubeFeedback:
         self._previous: FloatArray = np.zeros(_M)  # ubar(k-1)
 
     def fresh(self) -> TubeFeedback:
-        """Return the law before its first tick, see `FeedbackLaw`."""
         law = copy.copy(self)
         law._mpc = self._mpc.fresh()
         law._restart()
@@ -90,7 +87,6 @@ class TubeFeedback:
             self._previous = previous._previous
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`, see `FeedbackLaw`."""
         state = error_state(self._state[k], estimate, self._vehicle)  # (16,) zhat, s, m
         error = state[:_N].copy()
         nominal = error if self._nominal is None or k != self._tick else self._nominal
@@ -122,7 +118,6 @@ class TubeFeedback:
         )
 
     def prepare(self, k: int) -> None:
-        """Get ready for tick `k`, see `FeedbackLaw`."""
         self._mpc.prepare(k)
 
 

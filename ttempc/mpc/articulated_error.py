@@ -3,18 +3,53 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
-from ..estimation.augmented_state import map_disturbance_gain, map_gain
-from ..limits import CommandLimits
+from ..models.augmented_state import map_disturbance_gain, map_gain
 from ..models.kinematics import articulated_jacobian, trailer_point_jacobian, wrap_angle
+from ..models.linear import zero_order_hold
+from ..reference.corridor import Corridor
 from ..reference.reference import Reference, ReferenceSample
 from ..types import Disturbance, Estimate, FloatArray, Input, MapDisturbance, State
-from ..vehicle import Vehicle
-from .discretisation import zero_order_hold
-from .prediction import rotation
-from .qp import StageBounds
+from ..vehicle import CommandLimits, Vehicle
+from .lmpc import OutputBounds, StageBounds
+
+
+def rotation(angle: FloatArray) -> FloatArray:
+    """Return the rotation matrices by `angle` (N,) [rad], counter-clockwise, (N, 2, 2)."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+
+
+class PredictedPath:
+    """Path of both axle points under a plan, to first order in the errors.
+
+    Args:
+        grid: the reference at every tick.
+    """
+
+    def __init__(self, grid: ReferenceSample) -> None:
+        self._to_map = np.zeros((len(grid.state), 4, 4))
+        self._to_map[:, :2, :2] = rotation(grid.state[:, State.PSI_T])
+        self._to_map[:, 2:, 2:] = rotation(grid.state[:, State.PSI_I])
+        self._reference = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)
+
+    def of(self, k: int, errors: FloatArray, plan: FloatArray) -> FloatArray:
+        """Return x_t, y_t, x_i, y_i [m], map frame, under the plan of tick `k`, (Np, 4).
+
+        Args:
+            k: the tick.
+            errors: (Np, 4, p) matrices from the plan to the position errors of tractor (x, y) and
+                trailer (x, y) in the frames of the reference.
+            plan: (p,)
+        """
+        ahead = slice(k + 1, k + 1 + len(errors))
+        path = self._reference[ahead]
+        in_frames = (errors.reshape(path.size, -1) @ plan).reshape(*path.shape, 1)
+        return path - (self._to_map[ahead] @ in_frames)[..., 0]
+
 
 _N, _M, _D = len(State), len(Input), len(Disturbance)
 _SIZE = _N + _D + len(MapDisturbance)
@@ -121,3 +156,53 @@ def remaining_bounds(feedforward: FloatArray, limits: CommandLimits) -> StageBou
         step_lower=change - limits.step,
         step_upper=change + limits.step,
     )
+
+
+_ACROSS: Final = [1, 3]  # rows of C with the cross-track errors of tractor and trailer point
+
+
+def corridor_bounds(
+    corridor: Corridor,
+    grid: ReferenceSample,
+    outputs: FloatArray,
+    first: int,
+) -> OutputBounds:
+    """Return the bounds on the predicted error that keep the vehicle in its corridor.
+
+    The rows are the cross-track errors of tractor and trailer point, that of the tool point where
+    there is one, and the error of the hitch angle where it is limited. With a tool l behind the
+    trailer point and beta = psi_t - psi_i - delta_i, they are to first order
+
+        y_tool = y_i - l psi_i,    beta_e = psi_t - psi_i - delta_i    of the error z_e,
+
+    and |beta_r - beta_e| is at most the limit. Errors are those to the reference of the same time:
+    on a curve the vehicle has to be near it along the path, too.
+
+    Args:
+        corridor: to keep to.
+        grid: the reference at N + 1 ticks.
+        outputs: C (N + 1, 4, n) of `error_dynamics`.
+        first: stage of the horizon from which on the bounds hold.
+
+    Raises:
+        InvalidTuning: the reference itself is beyond the limit of the hitch angle, with numbers.
+    """
+    ticks, _, n = outputs.shape
+    corridor.require_hitch(grid.hitch_angle)
+    half_width = corridor.half_width(grid.distance_m)
+    rows = [outputs[:, row] for row in _ACROSS]
+    upper = [half_width, half_width]
+    if corridor.tool_behind_m is not None:
+        behind = np.zeros(n)
+        behind[State.PSI_I] = corridor.tool_behind_m
+        rows.append(rows[1] - behind)
+        upper.append(half_width)
+    lower = [-bound for bound in upper]
+    if corridor.hitch_limit is not None:
+        beta, limit = grid.hitch_angle, corridor.hitch_limit
+        hitch = np.zeros((ticks, n))
+        hitch[:, [State.PSI_T, State.PSI_I, State.DELTA_I]] = 1.0, -1.0, -1.0
+        rows.append(hitch)
+        lower.append(beta - limit)
+        upper.append(beta + limit)
+    return OutputBounds(np.stack(rows, 1), np.stack(lower, 1), np.stack(upper, 1), first)

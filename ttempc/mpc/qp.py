@@ -1,337 +1,433 @@
-"""Condensed quadratic programme of a linear MPC along a reference."""
+"""Quadratic programme, with soft rows under an exact penalty."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import ClassVar, Final, Literal, get_args
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from types import MappingProxyType
+from typing import Any, Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+import piqp
+import scipy
 
-from ..errors import InvalidTuning
-from ..models.tracking_error import Error
-from ..types import FloatArray, Input
-from ..validation import check_choice, check_count, check_vector
-from .admissible_kernel import nearest_admissible
-from .ordered_product import ordered_product
-from .quadratic_programme import FREE, QP, SoftRows
+from ..errors import MissingPackage
+from ..jit import cached_njit
+from ..types import FloatArray, SolverReport
 
-# Ticks times horizon of a block, the ticks whose matrices are computed together: 32 ticks of the
-# default horizon, in 2 ms. The first tick of a block waits for all of them, so that a block has
-# fewer ticks where the horizon is longer.
-_BLOCK_STAGES: Final = 640
-Solver = Literal["piqp", "daqp"]
-SOLVERS: Final = get_args(Solver)
+_ACTIVE = 1e-7  # slack below which a bound counts as active in `QP.residuals`
+# Of a slack s: cost PENALTY s + PENALTY s^2 / 2. The penalty is exact, that is the slack is 0 where
+# the hard problem has a solution, if it exceeds the sum of that problem's multipliers of the output
+# (Kerrigan and Maciejowski 2000). Assumed: not proven to be exact. With 1 the slack exceeds 1 mm
+# three times as often on `rows`; with 1000 noise of the estimate saturates the steering.
+PENALTY: Final = 10.0
+FREE: Final = 1e3
+"""Bound in the place of an infinite one: of rows without a bound PIQP drops the coefficients."""
+_HOLDS: Final = 1e-9  # violation that counts as none
 
 
-@dataclass(frozen=True)
-class HorizonTuning:
-    """Horizon, weights and bounds of an MPC on a tracking error.
+@dataclass(frozen=True, slots=True)
+class SoftRows:
+    """Soft constraints of one QP: lower - s_j <= G x <= upper + s_j, for j = row modulo r.
 
-    The defaults are the paper's, eqs. (constraints), (costfunction) and below, with the hydrostat
-    as a fraction. Weights are squared by the unit of their entry, [1/m^2] or [1/rad^2]. Bounds
-    hold for u_e, the reference input less the actual one, in the order of `Input`.
-
-    Raises:
-        InvalidTuning: a horizon is not positive, a weight negative or a bound not positive.
+    The rows are those of r outputs at one stage after the other. Each output has one slack s_j,
+    its largest violation along the horizon.
     """
 
-    outputs: ClassVar[int] = len(Error)  # entries of `output_weight`
+    matrix: FloatArray  # G (Np r, n)
+    lower: FloatArray  # (Np r,)
+    upper: FloatArray  # (Np r,)
+    outputs: int  # r
 
-    horizon: int = 8  # N_p, predicted periods
-    moves: int = 3  # N_c, free input steps; the input is held afterwards
-    output_weight: tuple[float, ...] = (1.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0)  # diagonal of Q
-    step_weight: tuple[float, ...] = (1.0, 1.0, 1.0)  # diagonal of R
-    # [rad], [rad], fraction
-    input_bound: tuple[float, ...] = (math.radians(12.0), math.radians(6.0), 0.10)
-    # [rad/s], [rad/s], [1/s]
-    input_rate: tuple[float, ...] = (math.radians(55.0), math.radians(35.0), 0.30)
-    solver: Solver = "piqp"  # of the QP: an interior-point method, or "daqp", a dual active-set one
+    def hold(self, x: FloatArray) -> bool:
+        """Whether all constraints hold at `x` (n,) without a slack."""
+        rows = self.matrix @ x
+        excess = np.maximum(rows - self.upper, self.lower - rows)
+        return bool((excess <= _HOLDS).all())
 
-    def __post_init__(self) -> None:
-        check_count("horizon", self.horizon)
-        check_count("moves", self.moves, most=self.horizon)
-        check_vector("output_weight", self.output_weight, self.outputs, zero=True)
-        for name in ("step_weight", "input_bound", "input_rate"):
-            check_vector(name, getattr(self, name), len(Input))
-        check_choice("solver", self.solver, SOLVERS)
+    @property
+    def slack_columns(self) -> FloatArray:
+        """Return the matrix from the slacks to the rows, (Np r, r)."""
+        return np.tile(np.eye(self.outputs), (len(self.lower) // self.outputs, 1))
 
 
 @dataclass(frozen=True, slots=True)
-class StageBounds:
-    """Bounds on the input u_e of every tick and on its change from the previous one, (N, m)."""
+class QPResiduals:
+    """Residuals of the Karush-Kuhn-Tucker conditions of a QP at a point."""
 
-    lower: FloatArray
-    upper: FloatArray
-    step_lower: FloatArray
-    step_upper: FloatArray
-
-    def at(self, *index: int | slice | NDArray[np.intp]) -> StageBounds:
-        """Return the bounds at an index of the arrays."""
-        return _each(self, lambda values: values[index])
+    primal: float  # largest violation of a bound
+    stationarity: float  # smallest |gradient of the Lagrangian| over admissible multipliers
 
 
 @dataclass(frozen=True, slots=True)
-class OutputBounds:
-    """Bounds lower <= S z <= upper on r outputs of the state at N + 1 ticks; infinite: free."""
+class QP:
+    """Minimise 1/2 x'Hx + g'x subject to lower <= G x <= upper, step_lower <= x <= step_upper."""
 
-    rows: FloatArray  # S (N + 1, r, n)
-    lower: FloatArray  # (N + 1, r)
-    upper: FloatArray  # (N + 1, r)
-    first: int = 1  # stage of the horizon from which on they hold
+    hessian: FloatArray  # H (n, n)
+    gradient: FloatArray  # g (n,)
+    matrix: FloatArray  # G (m, n)
+    lower: FloatArray  # (m,)
+    upper: FloatArray  # (m,)
+    step_lower: FloatArray  # (n,)
+    step_upper: FloatArray  # (n,)
+    soft: SoftRows | None = None  # further rows, which only `hardened` takes into account
 
+    def hardened(self) -> QP:
+        """Return the problem in (x, s) with the slacks s of its soft rows, whose bounds are hard.
 
-@dataclass(frozen=True, slots=True)
-class FirstInputs:
-    """Bounds on the first input of every tick and on the previous one; (ticks, 2, m)."""
-
-    bounds: FloatArray  # lower, upper
-    reach: FloatArray  # lower, upper of the inputs from which a step leads into the bounds
-
-    @classmethod
-    def of(cls, first: StageBounds) -> FirstInputs:
-        """Return them for the bounds on the `first` stage of every tick, (ticks, m)."""
-        return cls(
-            np.stack([first.lower, first.upper], axis=1),
-            np.stack([first.lower - first.step_upper, first.upper - first.step_lower], axis=1),
+        Without soft rows it is this problem.
+        """
+        soft = self.soft
+        if soft is None:
+            return self
+        n, r = len(self.gradient), soft.outputs
+        hessian = PENALTY * np.eye(n + r)
+        hessian[:n, :n] = self.hessian
+        slack = soft.slack_columns
+        return QP(
+            hessian=hessian,
+            gradient=np.concatenate([self.gradient, np.full(r, PENALTY)]),
+            matrix=np.block(
+                [
+                    [self.matrix, np.zeros((len(self.matrix), r))],
+                    [soft.matrix, -slack],
+                    [-soft.matrix, -slack],
+                ]
+            ),
+            lower=np.concatenate([self.lower, np.full(2 * len(soft.lower), -np.inf)]),
+            upper=np.concatenate([self.upper, soft.upper, -soft.lower]),
+            step_lower=np.concatenate([self.step_lower, np.zeros(r)]),
+            step_upper=np.concatenate([self.step_upper, np.full(r, np.inf)]),
         )
 
-    def clamp(self, k: int, inputs: FloatArray) -> FloatArray:
-        """Return the allowed first input of tick `k` nearest to `inputs` (m,)."""
-        lower, upper = self.bounds[k]
-        return np.minimum(np.maximum(inputs, lower), upper)
+    def objective(self, x: FloatArray) -> float:
+        """Return the cost at `x` (n,)."""
+        return float(0.5 * x @ self.hessian @ x + self.gradient @ x)
 
-    def clamp_previous(self, k: int, previous: FloatArray) -> FloatArray:
-        """Return the input nearest to `previous` (m,) from which a step leads into the bounds.
+    def slack(self, x: FloatArray) -> FloatArray:
+        """Return the distances of `x` (n,) to all bounds, negative beyond one, (2 m + 2 n,).
 
-        From an input beyond them, the QP of tick `k` is infeasible.
+        In the order upper, lower, step_upper, step_lower.
         """
-        lower, upper = self.reach[k]
-        return np.minimum(np.maximum(previous, lower), upper)
+        rows = self.matrix @ x
+        return np.concatenate(
+            [self.upper - rows, rows - self.lower, self.step_upper - x, x - self.step_lower]
+        )
+
+    def residuals(self, x: FloatArray) -> QPResiduals:
+        """Return by how much `x` (n,) misses the optimality conditions; no solver is involved."""
+        rows = np.vstack([self.matrix, -self.matrix, np.eye(len(x)), -np.eye(len(x))])
+        slack = self.slack(x)
+        slope = self.hessian @ x + self.gradient
+        active = slack < _ACTIVE
+        # Optimal means -slope = sum of active rows with multipliers >= 0.
+        rest = float(np.linalg.norm(slope))
+        if active.any():
+            rest = scipy.optimize.nnls(rows[active].T, -slope)[1]
+        return QPResiduals(primal=float(max(0.0, -slack.min())), stationarity=float(rest))
+
+
+class Outcome(IntEnum):
+    """What `interior_minimum` found."""
+
+    NOT_FINITE = 0  # an entry of the gradient or of a bound on the rows
+    NOT_CONVEX = 1  # Hessian not positive definite, or not finite
+    BOUNDED = 2  # the unconstrained minimiser violates a bound
+    INTERIOR = 3  # the unconstrained minimiser is within all bounds: it is the minimiser
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def interior_minimum(
+    hessian: FloatArray,
+    gradient: FloatArray,
+    matrix: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    step_lower: FloatArray,
+    step_upper: FloatArray,
+    x: FloatArray,
+) -> int:
+    """Write -H^-1 g into `x` (n,), by Cholesky's factorisation, and return an `Outcome`.
+
+    The other arguments are those of `ttempc.mpc.lmpc.QP`.
+    """
+    n = gradient.size
+    for i in range(n):
+        if not math.isfinite(gradient[i]):
+            return Outcome.NOT_FINITE
+    for i in range(lower.size):
+        if not (math.isfinite(lower[i]) and math.isfinite(upper[i])):
+            return Outcome.NOT_FINITE
+    factor = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            rest = hessian[i, j]
+            for k in range(j):
+                rest -= factor[i, k] * factor[j, k]
+            if i == j:
+                if not (rest > 0.0 and math.isfinite(rest)):
+                    return Outcome.NOT_CONVEX
+                factor[i, i] = math.sqrt(rest)
+            else:
+                factor[i, j] = rest / factor[j, j]
+    for i in range(n):
+        rest = -gradient[i]
+        for k in range(i):
+            rest -= factor[i, k] * x[k]
+        x[i] = rest / factor[i, i]
+    for i in range(n - 1, -1, -1):
+        rest = x[i]
+        for k in range(i + 1, n):
+            rest -= factor[k, i] * x[k]
+        x[i] = rest / factor[i, i]
+    for i in range(n):
+        if not step_lower[i] <= x[i] <= step_upper[i]:
+            return Outcome.BOUNDED
+    for i in range(lower.size):
+        row = 0.0
+        for k in range(n):
+            row += matrix[i, k] * x[k]
+        if not lower[i] <= row <= upper[i]:
+            return Outcome.BOUNDED
+    return Outcome.INTERIOR
+
+
+# PIQP's default of 1e-8 leaves errors of 1e-5 in the first move where bounds are weakly active.
+_TOLERANCE = 1e-12
+
+
+class PiqpSolver:
+    """See `ttempc.mpc.lmpc.QPSolver`; each problem starts from PIQP's own initial point."""
+
+    def __init__(self) -> None:
+        self._solver: piqp.DenseSolver | None = None
+        self._matrix: FloatArray = np.empty((0, 0))  # of the rows in the solver
+
+    def hold(self, hessian: FloatArray) -> None:
+        """Do nothing: every iteration has a factorisation of its own."""
+
+    def solve(self, qp: QP) -> tuple[FloatArray, SolverReport]:
+        """Return the last iterate (n,) and PIQP's report."""
+        solver = self._load(qp)
+        status = solver.solve()
+        accepted = status == piqp.PIQP_SOLVED
+        info = solver.result.info
+        report = SolverReport(
+            status="solved" if accepted else status.name.removeprefix("PIQP_").lower(),
+            accepted=accepted,
+            iterations=info.iter,
+            solve_time_s=info.solve_time,
+            primal_residual=info.primal_res,
+            dual_residual=info.dual_res,
+        )
+        return solver.result.x.copy(), report
+
+    def _load(self, qp: QP) -> piqp.DenseSolver:
+        """Return a solver that holds the problem: the present one, or a new one."""
+        hessian = qp.hessian.T  # symmetric; the transpose has the column order of PIQP
+        # The rows of the inputs are one array for all ticks; soft rows are new ones at each tick.
+        known, self._matrix = self._matrix, qp.matrix
+        if self._solver is not None and known.shape == qp.matrix.shape:
+            self._solver.update(
+                P=hessian,
+                c=qp.gradient,
+                G=None if qp.matrix is known else np.asfortranarray(qp.matrix),
+                h_l=qp.lower,
+                h_u=qp.upper,
+                x_l=qp.step_lower,
+                x_u=qp.step_upper,
+            )
+            return self._solver
+        solver = piqp.DenseSolver()
+        settings = solver.settings
+        settings.eps_abs = settings.eps_rel = _TOLERANCE
+        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = _TOLERANCE
+        # Ruiz's iterations cost a fifth of a solve and make these small QPs no more accurate.
+        settings.preconditioner_iter = 0
+        settings.compute_timings = True
+        solver.setup(
+            P=hessian,
+            c=qp.gradient,
+            G=np.asfortranarray(qp.matrix),
+            h_l=qp.lower,
+            h_u=qp.upper,
+            x_l=qp.step_lower,
+            x_u=qp.step_upper,
+        )
+        self._solver = solver
+        return solver
+
+
+_SETTINGS: Final = MappingProxyType({"primal_tol": 1e-11, "dual_tol": 1e-12})
+# Exit flags of DAQP's documentation.
+_FAILURES: Final = MappingProxyType(
+    {
+        -1: "primal infeasible",
+        -2: "cycling detected",
+        -3: "unbounded",
+        -4: "max iter reached",
+        -5: "hessian not convex",
+        -6: "initial active set overdetermined",
+        -7: "time limit reached",
+    }
+)
+
+
+class DaqpSolver:
+    """See `ttempc.mpc.lmpc.QPSolver`; each problem starts from an empty active set.
+
+    Raises:
+        MissingPackage: DAQP is not installed.
+    """
+
+    def __init__(self) -> None:
+        try:
+            import daqp
+        except ImportError:
+            raise MissingPackage(
+                "the QP solver DAQP is not installed: pip install 'ttempc[baselines]', or set "
+                "controller.options.solver to 'piqp'"
+            ) from None
+        self._package = daqp
+        self._model: Any = None
+        self._held = b""  # the Hessian in the model, by its bytes
+        self._matrix: FloatArray = np.empty((0, 0))  # of the rows in the model
+
+    def hold(self, hessian: FloatArray) -> None:
+        """Factorise the Hessian (n, n) of the next problem, unless the model holds it."""
+        # Always apart from gradient and bounds, so that the time of it changes no bit of a result.
+        if self._model is None or len(hessian) != self._matrix.shape[1]:
+            return
+        if (content := hessian.tobytes()) != self._held:
+            self._model.update(H=np.ascontiguousarray(hessian))
+            self._held = content
+
+    def solve(self, qp: QP) -> tuple[FloatArray, SolverReport]:
+        """Return the minimiser (n,), or an arbitrary point, and DAQP's report."""
+        lower = np.concatenate([qp.step_lower, qp.lower])
+        upper = np.concatenate([qp.step_upper, qp.upper])
+        # The rows of the inputs are one array for all ticks; soft rows are new ones at each tick.
+        known, self._matrix = self._matrix, qp.matrix
+        if self._model is None or known.shape != qp.matrix.shape:
+            self._model, self._held = self._package.Model(), b""
+            flag, _ = self._model.setup(
+                np.ascontiguousarray(qp.hessian),
+                qp.gradient,
+                np.ascontiguousarray(qp.matrix),
+                upper,
+                lower,
+            )
+            if flag < 0:
+                return qp.gradient, _report(flag, 0, 0.0)
+            self._model.settings = dict(_SETTINGS)
+        elif qp.matrix is not known:
+            self._model.update(A=np.ascontiguousarray(qp.matrix))
+        self.hold(qp.hessian)
+        # Without `sense` it starts from the last active set, and the last bits of a result depend
+        # on the problems before.
+        empty = np.zeros(len(upper), dtype=np.intc)
+        self._model.update(f=qp.gradient, bupper=upper, blower=lower, sense=empty)
+        x, _, flag, info = self._model.solve()
+        return np.asarray(x), _report(flag, info["iterations"], info["solve_time"])
+
+
+def _report(flag: int, iterations: int, solve_time_s: float) -> SolverReport:
+    accepted = flag > 0
+    status = "solved" if accepted else _FAILURES.get(flag, f"daqp exit flag {flag}")
+    return SolverReport(status, accepted, iterations, solve_time_s, math.nan, math.nan)
+
+
+# Violation of a bound above which a solution is rejected; below it is clamped.
+_BOUND_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class _Matrices:
-    """Matrices of some ticks in a row; w, Z_j and C of `CondensedHorizon`."""
+class QPSolution:
+    """Accepted minimiser of a QP, if any, and the solver's report."""
 
-    prediction: FloatArray  # C Z_1 ... C Z_Np (ticks, Np, p, n + m + m Nc)
-    gradient: FloatArray  # over (z_k, u_{k-1}), (ticks, m Nc, n + m)
-    hessian: FloatArray  # (ticks, m Nc, m Nc)
-    soft: FloatArray | None  # S Z_1 ... S Z_Np of the soft bounds (ticks, Np r, n + m + m Nc)
+    # (n,), with soft rows that are active or violated (n + r,), see `QP.hardened`; None where the
+    # result was not accepted
+    x: FloatArray | None
+    report: SolverReport
 
 
-class CondensedHorizon:
-    """QPs of all ticks along a reference; only the state and the previous input are left open.
+class QPSolver(Protocol):
+    """A package's solver, kept between problems of the same size."""
 
-    The unknowns are the input steps Delta U = (Delta u_k ... Delta u_{k+Nc-1}). With
-    w = (z_k, u_{k-1}, Delta U), the states of the horizon are linear in w,
+    def hold(self, hessian: FloatArray) -> None:
+        """Factorise the Hessian of the next problem, where the package can; changes no result."""
+        ...
 
-        z_{k+j} = Z_j w,    Z_0 = [I 0 0],    Z_{j+1} = A_{k+j} Z_j + B_{k+j} U_j,
+    def solve(self, qp: QP) -> tuple[FloatArray, SolverReport]:
+        """Return the last iterate (n,) and the report, accepted where the package solved `qp`."""
+        ...
 
-    where U_j picks u_{k+j} = u_{k-1} + sum of the steps up to min(j, Nc - 1). The cost of
-    eq. (costfunction), sum y'Qy + sum Delta u' R Delta u with y_k = C_k z_k, is then quadratic in
-    w. Bounds hold for the stages with a free step.
 
-    All ticks are checked at once, and their matrices are then computed anew, a block of ticks at a
-    time: those of all ticks take 30 KB a tick.
+_SOLVERS: Final = MappingProxyType[str, Callable[[], QPSolver]](
+    {"piqp": PiqpSolver, "daqp": DaqpSolver}
+)
+
+
+class PersistentSolver:
+    """A QP solver that is set up once and updated from problem to problem.
+
+    A problem whose unconstrained minimiser is within all bounds needs no solver: it is answered by
+    Cholesky's factorisation, with the status "solved" after 0 iterations in a solver's time of 0
+    (docs/ablation.md, Cost).
+
+    PIQP 0.6 and 0.7 fail on bad input as follows: input that is not finite gives a solution that is
+    not finite, and corrupts later solves when it was in the Hessian; an infeasible problem may end
+    at the iteration limit with an arbitrary point; an indefinite Hessian counts as solved.
+    Therefore the input is checked first, a solution is accepted only when it is solved, finite and
+    within its bounds, and the solver is built anew after any failure.
 
     Args:
-        a: A (N, n, n).
-        b: B (N, n, m).
-        tuning: horizon, weights and bounds.
-        period_s: control period [s].
-        outputs: C (N + 1, p, n); without them, the outputs are the states.
-        bounds: (N, m) each, in addition to those of the tuning.
-        free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of
-            the tuning and `bounds`.
-        soft: bounds on outputs of the states z_{k+1} ... z_{k+Np}, kept as far as possible.
+        solver: one of `ttempc.mpc.lmpc.SOLVERS`.
 
     Raises:
-        InvalidTuning: shapes do not fit, or the cost of a tick is not finite and convex.
+        MissingPackage: the solver's package is not installed.
     """
 
-    def __init__(
-        self,
-        a: FloatArray,
-        b: FloatArray,
-        tuning: HorizonTuning,
-        period_s: float,
-        outputs: FloatArray | None = None,
-        bounds: StageBounds | None = None,
-        free_bounds: StageBounds | None = None,
-        soft: OutputBounds | None = None,
-    ) -> None:
-        n, m = b.shape[1:]
-        c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
-        horizon, moves = tuning.horizon, tuning.moves
-        self.ticks, self.solver = len(a) - horizon + 1, tuning.solver
-        self._block_ticks = max(1, _BLOCK_STAGES // horizon)
-        p = c.shape[1]
-        if self.ticks < 1 or len(tuning.output_weight) != p or len(tuning.step_weight) != m:
-            raise InvalidTuning(
-                f"{len(a)} stages of {p} outputs and {m} inputs do not fit a horizon of {horizon}, "
-                f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
-            )
-        self._a, self._b, self._c, self._soft, self._tuning = a, b, c, soft, tuning
-        self._moves = moves
-        changes = (a != np.eye(n)).any(axis=(0, 2)) | b.any(axis=(0, 2))
-        self._changing = np.flatnonzero(changes)  # entries of z; disturbances are constant
-        sums = np.tril(np.ones((moves, moves)))
-        self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
-        self._bounds = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
-        self.first = FirstInputs.of(self._bounds.at(slice(None), slice(m)))
-        self._first_tick = 0  # of the present block
-        self._block = self._matrices(0)
-        for start in range(0, self.ticks, self._block_ticks):
-            self._require_convex(self._matrices(start))
+    def __init__(self, solver: str = "piqp") -> None:
+        self._name = solver
+        self._solver = _SOLVERS[solver]()
 
-    def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
-        """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
-        bounds, (matrices, tick) = self._bounds, self._at(k)
-        shift = np.concatenate([previous_input] * self._moves)  # (m Nc,)
-        given = np.concatenate([state, previous_input])
-        return QP(
-            hessian=matrices.hessian[tick],
-            gradient=ordered_product(matrices.gradient[tick], given),
-            matrix=self._matrix,
-            lower=bounds.lower[k] - shift,
-            upper=bounds.upper[k] - shift,
-            step_lower=bounds.step_lower[k],
-            step_upper=bounds.step_upper[k],
-            soft=self._soft_rows(k, given),
+    def fresh(self) -> PersistentSolver:
+        return PersistentSolver(self._name)
+
+    def hold(self, hessian: FloatArray) -> None:
+        """Factorise the Hessian (n, n) of the next problem, where the package can."""
+        self._solver.hold(hessian)
+
+    def solve(self, qp: QP) -> QPSolution:
+        """Return the minimiser of `qp`, or the reason for which there is none."""
+        x = np.empty_like(qp.gradient)
+        outcome = interior_minimum(
+            qp.hessian,
+            qp.gradient,
+            qp.matrix,
+            qp.lower,
+            qp.upper,
+            qp.step_lower,
+            qp.step_upper,
+            x,
         )
+        if outcome == Outcome.INTERIOR and (qp.soft is None or qp.soft.hold(x)):
+            return QPSolution(x, SolverReport("solved", True, 0, 0.0, 0.0, 0.0))
+        if outcome not in (Outcome.BOUNDED, Outcome.INTERIOR):
+            finite = outcome == Outcome.NOT_CONVEX
+            status = "hessian not convex" if finite else "input not finite"
+            return self._failed(SolverReport(status, False, 0, 0.0, math.inf, math.inf))
+        hard = qp.hardened()
+        x, report = self._solver.solve(hard)
+        if not report.accepted:
+            return self._failed(report)
+        if not (np.isfinite(x).all() and (hard.slack(x) >= -_BOUND_TOLERANCE).all()):
+            return self._failed(replace(report, status="solved outside its bounds", accepted=False))
+        return QPSolution(x, report)
 
-    def _soft_rows(self, k: int, given: FloatArray) -> SoftRows | None:
-        """Return the soft rows of tick `k`, None where no bound of its stages is finite."""
-        if self._soft is None:
-            return None
-        first = min(self._soft.first, self._tuning.horizon)
-        stages = slice(k + first, k + 1 + self._tuning.horizon)
-        lower, upper = self._soft.lower[stages], self._soft.upper[stages]
-        if not (np.isfinite(lower).any() or np.isfinite(upper).any()):
-            return None
-        matrices, tick = self._at(k)
-        assert matrices.soft is not None
-        rows = matrices.soft[tick, (first - 1) * lower.shape[1] :]
-        offset = ordered_product(rows[:, : len(given)], given)
-        return SoftRows(
-            matrix=rows[:, len(given) :],
-            lower=np.maximum(lower.ravel(), -FREE) - offset,
-            upper=np.minimum(upper.ravel(), FREE) - offset,
-            outputs=lower.shape[1],
-        )
-
-    def admissible(self, k: int, inputs: FloatArray, previous: FloatArray) -> FloatArray:
-        """Return the first input of tick `k` nearest to `inputs` (m,) within bounds and a step."""
-        of = self._bounds
-        return nearest_admissible(
-            k, inputs, previous, of.lower, of.upper, of.step_lower, of.step_upper
-        )
-
-    def hessian(self, k: int) -> FloatArray:
-        """Return H of the QP of tick `k`, (m Nc, m Nc)."""
-        matrices, tick = self._at(k)
-        return matrices.hessian[tick]
-
-    def prediction(self, k: int) -> FloatArray:
-        """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""
-        matrices, tick = self._at(k)
-        return matrices.prediction[tick]
-
-    def _at(self, k: int) -> tuple[_Matrices, int]:
-        """Return the block that holds tick `k`, and the place of the tick in it."""
-        tick = k % self._block_ticks
-        if k - tick != self._first_tick:
-            self._first_tick, self._block = k - tick, self._matrices(k - tick)
-        return self._block, tick
-
-    def _matrices(self, start: int) -> _Matrices:
-        """Return the matrices of the ticks from `start` on."""
-        tuning, (n, m) = self._tuning, self._b.shape[1:]
-        horizon, moves, p = tuning.horizon, tuning.moves, self._c.shape[1]
-        ticks = min(self._block_ticks, self.ticks - start)
-        given = n + m  # entries of z_k and u_{k-1} in w
-        state = np.zeros((ticks, n, given + m * moves))  # Z_0
-        state[:, :, :n] = np.eye(n)
-        stages = np.empty((ticks, horizon + 1, p, given + m * moves))  # C Z_0 ... C Z_Np
-        stages[:, 0] = self._c[start : start + ticks] @ state
-        changing, soft = self._changing, []
-        for j in range(horizon):
-            window = slice(start + j, start + j + ticks)
-            moved = self._a[window, changing] @ state
-            inputs = 1 + min(j + 1, moves)  # blocks of w that U_j picks: u_{k-1} and its steps
-            moved[..., n : n + m * inputs] += np.tile(self._b[window, changing], inputs)
-            state[:, changing] = moved
-            ahead = slice(start + j + 1, start + j + 1 + ticks)
-            stages[:, j + 1] = self._c[ahead] @ state
-            if self._soft:
-                soft.append(self._soft.rows[ahead] @ state)
-        weighted = np.asarray(tuning.output_weight)[:, None] * stages
-        flat = (ticks, (horizon + 1) * p, -1)
-        transposed = stages[..., given:].reshape(flat).transpose(0, 2, 1)
-        cost = 2.0 * transposed @ weighted.reshape(flat)
-        cost[:, :, given:] += 2.0 * np.diag(np.tile(tuning.step_weight, moves))
-        hessian = cost[:, :, given:]
-        return _Matrices(
-            prediction=stages[:, 1:],
-            gradient=np.ascontiguousarray(cost[:, :, :given]),
-            hessian=0.5 * (hessian + hessian.transpose(0, 2, 1)),
-            soft=np.concatenate(soft, axis=1) if soft else None,
-        )
-
-    @staticmethod
-    def _require_convex(matrices: _Matrices) -> None:
-        if not (is_convex(matrices.hessian) and np.isfinite(matrices.gradient).all()):
-            raise InvalidTuning("the cost is not finite and convex all along the reference")
-
-
-def is_convex(hessian: FloatArray) -> bool:
-    """Whether one `hessian` (n, n), or each of (N, n, n), is finite and positive definite."""
-    # The factorisation of a matrix that is not finite may end without an error.
-    if not np.isfinite(hessian).all():
-        return False
-    try:
-        np.linalg.cholesky(hessian)
-    except np.linalg.LinAlgError:
-        return False
-    return True
-
-
-def move_bounds(
-    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None = None
-) -> StageBounds:
-    """Return the bounds on the free stages of every tick, concatenated, (ticks, m Nc).
-
-    They are those of the tuning, intersected with `bounds` (`stages`, m) if given.
-    """
-    ticks = stages - tuning.horizon + 1
-    free = np.arange(ticks)[:, None] + np.arange(tuning.moves)  # (ticks, Nc)
-    of_stages = stage_bounds(tuning, period_s, stages, bounds)
-    return _each(of_stages, lambda values: values[free].reshape(ticks, -1))
-
-
-def _each(bounds: StageBounds, change: Callable[[FloatArray], FloatArray]) -> StageBounds:
-    return StageBounds(
-        lower=change(bounds.lower),
-        upper=change(bounds.upper),
-        step_lower=change(bounds.step_lower),
-        step_upper=change(bounds.step_upper),
-    )
-
-
-def stage_bounds(
-    tuning: HorizonTuning, period_s: float, stages: int, bounds: StageBounds | None = None
-) -> StageBounds:
-    """Return the tuning's bounds on every stage, intersected with `bounds` if given."""
-    bound = np.tile(tuning.input_bound, (stages, 1))
-    step = np.tile(tuning.input_rate, (stages, 1)) * period_s
-    if bounds is None:
-        return StageBounds(-bound, bound, -step, step)
-    return StageBounds(
-        lower=np.maximum(-bound, bounds.lower),
-        upper=np.minimum(bound, bounds.upper),
-        step_lower=np.maximum(-step, bounds.step_lower),
-        step_upper=np.minimum(step, bounds.step_upper),
-    )
+    def _failed(self, report: SolverReport) -> QPSolution:
+        self._solver = _SOLVERS[self._name]()
+        return QPSolution(None, report)

@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InvalidTuning
+from ..errors import InvalidTuning, check_positive, check_vector
 from ..types import FloatArray
-from ..validation import check_positive, check_vector
 
 _SLOWEST_MPS: Final = 0.2  # assumed: below it wheels and valves of the plant are not tested
 

@@ -5,14 +5,30 @@ The names below are for any linear system given as arrays, of any dimension, tim
 """
 
 from .conformal import Calibration, calibrate, largest_score
-from .disturbance_set import DisturbanceSet, Shape
-from .gain import feedback_gains, search_tube
-from .plots import draw_band, draw_set
-from .polytope import Polytope, admissible_subset
-from .residual_set import fit_set
-from .sets import ConvexSet, SupportSet, linear_map, minkowski_sum, outline
-from .tightening import tightened_offsets
-from .tube import Certificate, TrackingSystem, Tube, invariant_tube, reachable_set
+from .sets import (
+    ConvexSet,
+    DisturbanceSet,
+    Polytope,
+    Shape,
+    SupportSet,
+    admissible_subset,
+    draw_band,
+    draw_set,
+    fit_set,
+    linear_map,
+    minkowski_sum,
+    outline,
+)
+from .tube import (
+    Certificate,
+    TrackingSystem,
+    Tube,
+    feedback_gains,
+    invariant_tube,
+    reachable_set,
+    search_tube,
+    tightened_offsets,
+)
 
 __all__ = [
     "Calibration",

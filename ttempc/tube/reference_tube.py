@@ -3,21 +3,148 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from ..errors import InvalidTube
-from ..limits import CommandLimits
 from ..mpc.articulated_error import error_dynamics, remaining_bounds
-from ..mpc.qp import StageBounds
-from ..reference.feedforward import exact_feedforward
-from ..reference.reference import Reference
+from ..mpc.lmpc import HorizonTuning, StageBounds, stage_bounds
+from ..reference.reference import Reference, exact_feedforward
 from ..types import FloatArray, Input, State
-from ..vehicle import Vehicle
-from .ancillary import AncillaryWeights, gain_schedule
-from .disturbance_set import DisturbanceSet
-from .tube import TrackingSystem, Tube, invariant_tube
+from ..vehicle import CommandLimits, Vehicle
+from .sets import DisturbanceSet
+from .tube import TrackingSystem, Tube, feedback_gains, invariant_tube, reach_backwards, search_tube
+
+_CROSS = (1, 3)  # cross-track errors among the outputs x_t, y_t, x_i, y_i
+_EVALUATIONS = 700  # of each simplex, at most
+_START = (0.1, 2.5, 0.05, 2.5, 0.01, 0.01, 0.01, 0.01, 0.01, 0.3, 1.5, 0.9)  # weights
+_HYDROSTAT_SHARE = 0.8  # largest share of the hydrostat's margin that the tube may take
+# Largest share of the change in a period that the tube may take; the feedforward takes the rest
+# where curves begin.
+_RATE_SHARE = 0.9
+_PENALTY = 3.0  # [m] for exceeding a margin by 100 %
+_SECONDARY = 0.02  # weight of the other half widths beside the largest cross-track one
+
+
+@dataclass(frozen=True, slots=True)
+class AncillaryWeights:
+    """Diagonals of the quadratic cost that the ancillary gain minimises.
+
+    Raises:
+        InvalidTube: a weight is not finite or not above 0.
+    """
+
+    outputs: tuple[float, float, float, float]  # x, y of tractor and trailer in their frames
+    states: tuple[float, float, float, float, float]  # psi_t, psi_i, delta_t, delta_i, v
+    inputs: tuple[float, float, float]  # delta_t, delta_i, hp
+
+    def __post_init__(self) -> None:
+        flat = self.flat
+        if len(flat) != len(_START) or not (np.isfinite(flat).all() and (flat > 0.0).all()):
+            raise InvalidTube(f"weights: got {flat.tolist()}, must be {len(_START)} above 0")
+
+    @property
+    def flat(self) -> FloatArray:
+        """Return all weights in the order of the fields, (12,)."""
+        return np.array([*self.outputs, *self.states, *self.inputs])
+
+    def with_inputs_times(self, factors: FloatArray) -> AncillaryWeights:
+        """Return the same with the weights of the inputs times `factors` (3,)."""
+        return AncillaryWeights.of(self.flat * np.concatenate([np.ones(9), factors]))
+
+    @classmethod
+    def of(cls, flat: FloatArray) -> AncillaryWeights:
+        """Return the weights from `flat` (12,), the reverse of `AncillaryWeights.flat`."""
+        values = [float(value) for value in flat]
+        return cls(tuple(values[:4]), tuple(values[4:9]), tuple(values[9:]))  # pyright: ignore
+
+
+def gain_schedule(
+    a: FloatArray, b: FloatArray, c: FloatArray, weights: AncillaryWeights
+) -> FloatArray:
+    """Return K (T, m, n) of u = K z at every tick, by the Riccati recursion.
+
+    The last stage is repeated indefinitely.
+
+    Args:
+        a: A (T, n, n) of the minimal state.
+        b: B (T, n, m).
+        c: C (T, p, n).
+        weights: of the cost.
+
+    Raises:
+        InvalidTube: no gain stabilises the last stage.
+    """
+    outputs, states = np.array(weights.outputs), np.diag([0.0, 0.0, *weights.states])
+    cost = c.transpose(0, 2, 1) @ (outputs[:, None] * c) + states  # (T, n, n)
+    try:
+        return feedback_gains(a, b, cost, np.array(weights.inputs))
+    except InvalidTube as reason:
+        raise InvalidTube(f"no ancillary gain minimises {weights}: {reason}") from None
+
+
+@dataclass(frozen=True)
+class InputMargin:
+    """Distances of the feedforward from the limits of the inputs."""
+
+    amplitudes: FloatArray  # (T, m) to the nearer limit
+    step: FloatArray  # (m,) largest change in a period
+
+    @classmethod
+    def of(cls, feedforward: FloatArray, limits: CommandLimits) -> InputMargin:
+        """Return the margin between `feedforward` (T, m) and `limits`."""
+        return cls(np.minimum(limits.upper - feedforward, feedforward - limits.lower), limits.step)
+
+
+def search_weights(
+    a: FloatArray,
+    b: FloatArray,
+    c: FloatArray,
+    disturbance: DisturbanceSet,
+    margin: InputMargin,
+    reserve: FloatArray,
+    start: AncillaryWeights | None = None,
+) -> AncillaryWeights:
+    """Return weights whose tube is narrow across the track, at T stationary motions.
+
+    `search_tube` minimises the largest cross-track half width of the two axle points. The other
+    half widths enter with a small weight. Penalties keep free the `reserve` of each input, a fifth
+    of the hydrostat's margin, and a tenth of every change in a period.
+
+    Args:
+        a: A (T, n, n), one motion each.
+        b: B (T, n, m).
+        c: C (T, p, n).
+        disturbance: that acts in every step.
+        margin: of the inputs, for T motions.
+        reserve: amplitude to leave free (m,).
+        start: first weights; by default those of the shipped search.
+
+    Raises:
+        InvalidTube: no weights give a tube.
+    """
+    amplitudes = margin.amplitudes - reserve
+    amplitudes[:, Input.HP] *= _HYDROSTAT_SHARE
+    amplitudes = np.maximum(amplitudes, 1e-3)
+
+    def system_of(flat: FloatArray) -> TrackingSystem:
+        weights = AncillaryWeights.of(flat)
+        motions = [slice(k, k + 1) for k in range(len(a))]
+        gains = [gain_schedule(a[motion], b[motion], c[motion], weights) for motion in motions]
+        return TrackingSystem(a, b, c, np.concatenate(gains), np.arange(len(a)))
+
+    def cost(candidate: Tube) -> float:
+        outputs = candidate.outputs
+        cross = outputs[:, _CROSS]
+        amplitude = np.maximum(candidate.inputs / amplitudes - 1.0, 0.0).sum()
+        rate = np.maximum(candidate.rates / (_RATE_SHARE * margin.step) - 1.0, 0.0).sum()
+        others = _SECONDARY * cross.sum() + _SECONDARY * outputs.max()
+        return float(cross.max() + _PENALTY * (amplitude + rate) + others)
+
+    first = np.array(_START) if start is None else start.flat
+    return AncillaryWeights.of(search_tube(system_of, cost, disturbance, first, _EVALUATIONS))
+
 
 _N = len(State)
 _DEGREES = math.degrees(1.0)
@@ -196,3 +323,171 @@ def _require_motion(reference: Reference, tube: Tube, period_s: float) -> None:
             f"the tightened set is empty: {k * period_s:.1f} s into the reference the tube takes "
             f"+-{tube.states[k, State.V]:.2f} m/s of a speed of {speed[k]:.2f} m/s"
         )
+
+
+# Largest share of an input's distance to its limit that is reserved, assumed: the plan keeps the
+# rest, so that the reference stays inside the bounds wherever it is inside the limits.
+_MOST_RESERVED = 0.97
+# Largest share of an input's change in a period that the ancillary gain may take, assumed.
+_MOST_OF_RATE = 0.5
+_LARGEST_WEIGHT = 1e6  # of an input, at which the search ends: a smaller gain leaves no more
+
+
+@dataclass(frozen=True)
+class GrowingTube:
+    """Ancillary gain, and the share of the inputs that it has at each stage of the horizon.
+
+    Where the limits leave less than K S_j, the ancillary action saturates at what they leave.
+    """
+
+    gains: FloatArray  # K (T, m, n)
+    reserve: FloatArray  # (Np, T, m) of the input at stage j, by the tick at which the stage lies
+    bounds: StageBounds  # of the free stages of every tick, (ticks, m Nc)
+
+    @classmethod
+    def along(
+        cls,
+        design: TubeDesign,
+        a: FloatArray,
+        b: FloatArray,
+        c: FloatArray,
+        feedforward: FloatArray,
+        tuning: HorizonTuning,
+    ) -> GrowingTube:
+        """Return the tube of `design` along a reference.
+
+        Args:
+            design: gives disturbance set, ancillary gain, vehicle and period.
+            a: A (T, 16, 16), b: B (T, 16, 3), c: C (T + 1, 4, 16) of `error_dynamics`.
+            b: see a.
+            c: see a.
+            feedforward: u_r (T, 3).
+            tuning: horizon and bounds of the MPC.
+
+        Raises:
+            InvalidTube: no gain minimises the cost of the design's weights.
+        """
+        limits = CommandLimits.of(design.vehicle, design.period_s)
+        system, inputs, rates = steered_system(design, a, b, c, limits, tuning.horizon)
+        free = stage_bounds(tuning, design.period_s, len(a), remaining_bounds(feedforward, limits))
+        reserve = np.minimum(inputs, _reservable(free.lower, free.upper))
+        of_rates = np.minimum(rates, _reservable(free.step_lower, free.step_upper))
+        bounds = horizon_bounds(free, reserve, of_rates, tuning.moves)
+        return cls(system.gains, reserve, bounds)
+
+
+def steered_system(
+    design: TubeDesign,
+    a: FloatArray,
+    b: FloatArray,
+    c: FloatArray,
+    limits: CommandLimits,
+    horizon: int,
+) -> tuple[TrackingSystem, FloatArray, FloatArray]:
+    """Return the closed loop of the ancillary gain, and `reachable_inputs` of it.
+
+    A tube that ends with the horizon needs no gain that contracts, so that the gain can leave the
+    plan more of the inputs than that of an invariant tube does:
+
+    - The hydrostat has no ancillary action. It would keep to the place along the path, on which
+      there is no constraint.
+    - The steering keeps to the path with the design's weights, those of an input doubled until it
+      leaves the plan half of its change in a period (`_MOST_OF_RATE`).
+
+    Args:
+        design: gives weights and disturbance set.
+        a: A (T, 16, 16), b: B (T, 16, 3), c: C (T + 1, 4, 16) of `error_dynamics`.
+        b: see a.
+        c: see a.
+        limits: of the inputs.
+        horizon: Np.
+    """
+    weights, most = design.weights, _MOST_OF_RATE * limits.step
+    while True:
+        full = tracking_system(a, b, c, weights)
+        gains = full.gains.copy()
+        gains[:, Input.HP] = 0.0
+        system = replace(full, gains=gains)
+        inputs, rates = reachable_inputs(system, design.disturbance, horizon)
+        factors = np.where(rates.max(axis=(0, 1)) > most, 2.0, 1.0)
+        if np.all(factors == 1.0) or max(weights.inputs) > _LARGEST_WEIGHT:
+            return system, inputs, rates
+        weights = weights.with_inputs_times(factors)
+
+
+def _reservable(lower: FloatArray, upper: FloatArray) -> FloatArray:
+    return _MOST_RESERVED * np.maximum(np.minimum(-lower, upper), 0.0)
+
+
+def reachable_inputs(
+    system: TrackingSystem, disturbance: DisturbanceSet, horizon: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the half widths of K m and of its change in a period, (horizon, T, m) each.
+
+    Entry (j, k) is for the deviation m(k) that was 0 at tick k - j. Blocks of N steps, counted back
+    from tick k, each have bounded energy, see `DisturbanceSet`.
+    """
+    gains, m = system.gains, system.gains.shape[1]
+    rows = np.concatenate([gains, gains], axis=1)  # on m(k): inputs, rates
+    half = np.zeros((horizon, *rows.shape[:2]))
+    backwards = reach_backwards(
+        system, disturbance, np.arange(len(gains)), rows, rates=slice(m, None)
+    )
+    for j, (completed, energy, _) in zip(range(1, horizon), backwards, strict=False):
+        half[j] = completed + disturbance.reach(energy)
+    return half[..., :m], half[..., m:]
+
+
+def horizon_bounds(
+    free: StageBounds, reserve: FloatArray, of_rates: FloatArray, moves: int
+) -> StageBounds:
+    """Return the bounds on the free stages of every tick, (ticks, m Nc).
+
+    Stage j of tick k is bounded by `free` at tick k + j less the reserve of stage j. The last free
+    input is held to the horizon's end and satisfies the bounds of all stages that it is held for.
+
+    The first input is bounded further, to the set V_k from which inputs of all later ticks exist:
+    the viability kernel (Aubin 1991) of the inputs, an interval for each of them,
+
+        V_k = { u : a plan of tick k starts with u, and some u' in V_{k+1} is within a step of u }.
+
+    The constraints are those of the inputs, so that no state enters. Therefore, after a first input
+    in V_0, every QP is feasible, whatever the disturbances. It contains 0 where all bounds do.
+
+    Args:
+        free: bounds on the input and its change without a tube, (T, m) each.
+        reserve: (Np, T, m) of the inputs.
+        of_rates: (Np, T, m) of their changes.
+        moves: Nc, free stages.
+    """
+    horizon, stages, _ = reserve.shape
+    ticks = stages - horizon + 1
+
+    def at(values: FloatArray, less: FloatArray, stage: int) -> FloatArray:
+        window = slice(stage, stage + ticks)
+        return values[window] + less[stage, window]
+
+    lower = [at(free.lower, reserve, j) for j in range(horizon)]
+    upper = [at(free.upper, -reserve, j) for j in range(horizon)]
+    step_lower = [at(free.step_lower, of_rates, j) for j in range(moves)]
+    step_upper = [at(free.step_upper, -of_rates, j) for j in range(moves)]
+    low, high = np.maximum.reduce(lower[moves - 1 :]), np.minimum.reduce(upper[moves - 1 :])
+    lower[moves - 1], upper[moves - 1] = low, high
+    for j in range(moves - 2, -1, -1):  # the inputs of stage j from which the plan can go on
+        low = np.maximum(lower[j], low - step_upper[j + 1])
+        high = np.minimum(upper[j], high - step_lower[j + 1])
+    for k in range(ticks - 2, -1, -1):
+        low[k] = np.maximum(low[k], low[k + 1] - step_upper[0][k + 1])
+        high[k] = np.minimum(high[k], high[k + 1] - step_lower[0][k + 1])
+        beyond = low[k] > high[k]  # the reference asks for more than the limits: no later plan
+        low[k], high[k] = (
+            np.where(beyond, lower[0][k], low[k]),
+            np.where(beyond, upper[0][k], high[k]),
+        )
+    lower[0], upper[0] = low, high
+    return StageBounds(
+        lower=np.stack(lower[:moves], axis=1).reshape(ticks, -1),
+        upper=np.stack(upper[:moves], axis=1).reshape(ticks, -1),
+        step_lower=np.stack(step_lower, axis=1).reshape(ticks, -1),
+        step_upper=np.stack(step_upper, axis=1).reshape(ticks, -1),
+    )

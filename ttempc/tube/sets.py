@@ -7,12 +7,17 @@ dimensions and hundreds of terms cost little.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
+from typing import Literal, Protocol, get_args
 
 import numpy as np
+import scipy
+from numpy.typing import ArrayLike
 
+from ..errors import InvalidTube
 from ..types import FloatArray
 
 
@@ -71,3 +76,378 @@ def outline(of: ConvexSet, plane: FloatArray, count: int = 180) -> FloatArray:
     pairs = np.stack([normal, np.roll(normal, -1, axis=0)], axis=1)  # neighbouring tangents
     corners = np.linalg.solve(pairs, np.stack([reach, np.roll(reach, -1)], axis=1)[..., None])
     return np.asarray(corners[..., 0], dtype=np.float64)
+
+
+Shape = Literal["box", "zonotope", "ellipsoid"]
+
+_ITERATIONS = 100  # of `worst`: within 1 % of the largest sum along the tubes of this project
+_NOTHING = 1e-300  # multiplier of a step that no window limits
+
+
+@dataclass(frozen=True)
+class DisturbanceSet:
+    """Sequences w(0), w(1), ... with bounded energy in every window of N successive steps.
+
+    With y = axes^-1 w, in every window
+
+        box, zonotope:  sum over the window of y_a^2 <= 1 for each axis a,
+        ellipsoid:      sum over the window and all axes of y_a^2 <= 1.
+
+    With N = 1 these are a box (axes along the coordinates), a zonotope (axes of principal
+    components) and an ellipsoid for each single step. The energy of noise in a window is far less
+    than N times the largest energy of a single step, so that a longer window bounds the same data
+    more tightly: by a factor of 0.62 for white Gaussian noise, N = 5 and a coverage of 99.9 %.
+
+    Raises:
+        InvalidTube: the axes are not a regular square matrix, the window is not positive, or there
+            is no such shape.
+    """
+
+    axes: FloatArray  # (n, n) a column for each axis, its length the half width along it
+    window: int = 1  # N [steps]
+    shape: Shape = "zonotope"
+
+    def __post_init__(self) -> None:
+        if self.window < 1:
+            raise InvalidTube(f"window: got {self.window} steps, must be 1 or more")
+        if self.shape not in get_args(Shape):
+            raise InvalidTube(f"shape: got {self.shape!r}, must be one of {get_args(Shape)}")
+        square = self.axes.ndim == 2 and self.axes.shape[0] == self.axes.shape[1]
+        regular = square and bool(np.isfinite(self.axes).all())
+        if not regular or np.linalg.matrix_rank(_scaled(self.axes)) < len(self.axes):
+            raise InvalidTube(
+                f"axes: got {self.axes.shape} with the lengths "
+                f"{np.linalg.norm(self.axes, axis=0).tolist()}, must be square and of full rank"
+            )
+
+    @classmethod
+    def through(
+        cls, directions: FloatArray, floor: float, window: int = 1, shape: Shape = "zonotope"
+    ) -> DisturbanceSet:
+        """Return the set of w = E d, widened to full rank by `floor` along all other directions.
+
+        The certificate of a tube needs a set with an interior; a small `floor` costs little width.
+
+        Args:
+            directions: E (n, g), a column for each entry of d, its length the half width along it.
+            floor: half width along the orthogonal complement of the columns, above 0.
+            window: N [steps].
+            shape: of the set, see the class.
+
+        Raises:
+            InvalidTube: the columns depend on each other, or the floor is not above 0.
+        """
+        others = scipy.linalg.null_space(directions.T)
+        return cls(np.hstack([directions, floor * others]), window, shape)
+
+    @property
+    def dimension(self) -> int:
+        return len(self.axes)
+
+    def fill(self, disturbances: FloatArray) -> FloatArray:
+        """Return the gauge of every window of a run (k, n), at most 1 inside, (k - N + 1,)."""
+        energy = np.linalg.solve(self.axes, disturbances.T) ** 2  # (n, k)
+        windows = np.lib.stride_tricks.sliding_window_view(energy, self.window, axis=1).sum(axis=2)
+        return np.sqrt(self._along(windows))
+
+    def gauge(self, disturbance: FloatArray) -> float:
+        """Return the gauge of a `disturbance` (n,) in the set of single steps, at most 1 inside."""
+        return math.sqrt(self._along((self._inverse @ disturbance) ** 2))
+
+    def _along(self, energies: FloatArray) -> FloatArray:
+        """Return the bounded energy (...) from those along the axes (n, ...)."""
+        return energies.sum(axis=0) if self.shape == "ellipsoid" else energies.max(axis=0)
+
+    def reach(self, energies: FloatArray) -> FloatArray:
+        """Return the largest weighted sum over a window, (...).
+
+        `energies` (..., n) holds, for each axis, the sum over the window of the squared weights of
+        its entries. By Cauchy and Schwarz each axis adds up to the root of its own; an ellipsoid
+        adds up to the root of their sum.
+        """
+        if self.shape == "ellipsoid":
+            return np.sqrt(energies.sum(axis=-1))
+        return np.sqrt(energies).sum(axis=-1)
+
+    def support(self, directions: FloatArray) -> FloatArray:
+        """Return the support function of the set of single steps, (k,) for `directions` (k, n)."""
+        return self.reach((directions @ self.axes) ** 2)
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        return np.linalg.inv(self.axes).astype(np.float64)
+
+    @property
+    def faces(self) -> tuple[FloatArray, float]:
+        """Return rows f (n, n) and r: |f w| <= r for all f is sufficient for a step w inside."""
+        inner = 1.0 / math.sqrt(self.dimension) if self.shape == "ellipsoid" else 1.0
+        return self._inverse, inner
+
+    def worst(self, coefficients: FloatArray) -> FloatArray:
+        """Return an admissible run w (T, n) with a large sum of `coefficients` (T, n) times w.
+
+        Every sliding window of the run lies in the set. Up to T = N the sum is the largest one. For
+        more steps the dual problem, one multiplier for each window, is minimised by its majoriser:
+        a multiplier is multiplied by the root of the energy in its window. The sum converges to the
+        largest one from below.
+        """
+        along, axis = coefficients @ self.axes, 1 if self.shape == "ellipsoid" else None
+        window = min(self.window, len(along))
+        multipliers = np.ones((len(along) - window + 1, 1 if axis else along.shape[1]))
+        y, energy = along, multipliers
+        for _ in range(_ITERATIONS if len(along) > window else 1):
+            multipliers = multipliers * np.sqrt(energy)
+            padded = np.pad(multipliers, ((window - 1,) * 2, (0, 0)))
+            covering = _sliding_sums(padded, window)
+            y = np.divide(along, covering, out=np.zeros_like(along), where=covering > _NOTHING)
+            energy = _sliding_sums(y**2, window)
+            energy = energy.sum(axis=1, keepdims=True) if axis else energy
+        length = np.sqrt(energy.max(axis=0))
+        return np.divide(y, length, out=np.zeros_like(y), where=length > 0.0) @ self.axes.T
+
+
+def _sliding_sums(values: FloatArray, window: int) -> FloatArray:
+    """Return the sums over every `window` successive rows, (k - window + 1, ...) for (k, ...)."""
+    return np.lib.stride_tricks.sliding_window_view(values, window, axis=0).sum(axis=-1)
+
+
+def _scaled(matrix: FloatArray) -> FloatArray:
+    """Return the matrix with rows of unit length, so that its rank does not depend on units."""
+    length = np.linalg.norm(matrix, axis=1, keepdims=True)
+    return np.divide(matrix, length, out=np.zeros_like(matrix), where=length > 0.0)
+
+
+def fit_set(
+    runs: Sequence[FloatArray], coverage: float, window: int = 1, shape: Shape = "box"
+) -> DisturbanceSet:
+    """Return the set that contains a share of all windows of the residuals.
+
+    The axes of a box are the coordinate axes. The axes of a zonotope or an ellipsoid are the
+    principal components of the correlation matrix, scaled by the standard deviations. An ellipsoid
+    has one radius. The half widths of the other shapes are quantiles of equal order along each
+    axis, with the joint coverage asked for, so that heavy tails along one axis do not widen the
+    others. The set is centred at 0: a mean of the residuals belongs into the model.
+
+    Args:
+        runs: residuals w(k) = z(k+1) - A z(k) - B u(k) of each run, (steps, n) each.
+        coverage: share of the windows inside the set, above 0, at most 1.
+        window: length of a window in steps; the set bounds the energy in a window.
+        shape: of the set.
+
+    Raises:
+        InvalidTube: coverage out of range, a run that is no (steps, n) of finite values or shorter
+            than a window, or a residual that does not vary.
+    """
+    if not 0.0 < coverage <= 1.0:
+        raise InvalidTube(f"coverage: got {coverage}, must be above 0 and at most 1")
+    for number, run in enumerate(runs):
+        if run.ndim != 2 or len(run) < window or not np.isfinite(run).all():
+            raise InvalidTube(
+                f"residuals of run {number}: got {run.shape}, must be (steps, n), finite, of "
+                f"{window} steps at least"
+            )
+    samples = np.concatenate(runs)
+    spread = samples.std(axis=0)
+    if not np.all(spread > 0.0):
+        raise InvalidTube(f"residuals without spread: standard deviations {spread.tolist()}")
+    axes = np.diag(spread)
+    if shape != "box":
+        vectors, values, _ = np.linalg.svd(np.corrcoef(samples.T))
+        axes = spread[:, None] * vectors * np.sqrt(values)
+    if shape == "ellipsoid":
+        unit = DisturbanceSet(axes, window, shape)
+        radius = np.quantile(np.concatenate([unit.fill(run) for run in runs]), coverage)
+        return DisturbanceSet(radius * axes, window, shape)
+    single = [
+        np.concatenate([_axis_fill(axes, run, window)[:, axis] for run in runs])
+        for axis in range(len(axes))
+    ]
+    return DisturbanceSet(axes * _joint_quantile(np.array(single).T, coverage), window, shape)
+
+
+def _axis_fill(axes: FloatArray, run: FloatArray, window: int) -> FloatArray:
+    """Return the square root of the energy of each window along each axis, (n - window + 1, n)."""
+    energy = np.linalg.solve(axes, run.T) ** 2
+    windows = np.lib.stride_tricks.sliding_window_view(energy, window, axis=1)
+    return np.sqrt(windows.sum(axis=2)).T
+
+
+def _joint_quantile(samples: FloatArray, coverage: float) -> FloatArray:
+    """Return one quantile per column, all of one order, that contain a share of the rows, (n,)."""
+    low, high = coverage, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        inside = (samples <= np.quantile(samples, middle, axis=0)).all(axis=1).mean()
+        low, high = (middle, high) if inside < coverage else (low, middle)
+    return np.quantile(samples, high, axis=0)
+
+
+_MOST_STEPS = 500  # of the recursion of `admissible_subset`
+_UNBOUNDED = 3  # status of scipy's linprog
+_SLACK = 1e-9  # tolerance of the linear programmes, relative to the offsets
+
+
+@dataclass(frozen=True)
+class Polytope:
+    """The set {x : normals x <= offsets}, bounded or not. It satisfies `ConvexSet`.
+
+    Raises:
+        InvalidTube: the shapes do not fit or a value is not finite.
+    """
+
+    normals: FloatArray  # (h, n)
+    offsets: FloatArray  # (h,)
+
+    def __post_init__(self) -> None:
+        fit = self.normals.ndim == 2 and self.offsets.shape == self.normals.shape[:1]
+        if not fit or not (np.isfinite(self.normals).all() and np.isfinite(self.offsets).all()):
+            raise InvalidTube(
+                f"polytope: got normals {self.normals.shape} and offsets {self.offsets.shape}, "
+                "must be (h, n) and (h,), all finite"
+            )
+
+    @classmethod
+    def box(cls, lower: FloatArray, upper: FloatArray) -> Polytope:
+        """Return {x : lower <= x <= upper}; an infinite bound is none."""
+        unit = np.eye(len(lower))
+        normals, offsets = np.vstack([unit, -unit]), np.concatenate([upper, -np.asarray(lower)])
+        return cls(normals[offsets < np.inf], offsets[offsets < np.inf])
+
+    @property
+    def dimension(self) -> int:
+        return self.normals.shape[1]
+
+    def support(self, directions: FloatArray) -> FloatArray:
+        """Return h(a) of each of the `directions` (k, n), infinite where unbounded, (k,).
+
+        Raises:
+            InvalidTube: the polytope is empty.
+        """
+        reach = np.empty(len(directions))
+        for row, direction in enumerate(directions):
+            programme = scipy.optimize.linprog(
+                -direction, self.normals, self.offsets, bounds=(None, None)
+            )
+            if programme.status not in (0, _UNBOUNDED):
+                raise InvalidTube(f"polytope: {programme.message}")
+            reach[row] = np.inf if programme.status == _UNBOUNDED else -programme.fun
+        return reach
+
+    def contains(self, points: FloatArray, tolerance: float = 0.0) -> np.ndarray:
+        """Return whether each of the `points` (k, n) lies in the polytope, (k,) of bool."""
+        return np.all(points @ self.normals.T <= self.offsets + tolerance, axis=1)
+
+    def difference(self, other: ConvexSet) -> Polytope:
+        """Return the Pontryagin difference {x : x + y in the polytope for every y in `other`}.
+
+        It is exact: each offset loses the support of `other` along its normal.
+
+        Raises:
+            InvalidTube: the difference is empty; with the constraints that exclude each other.
+        """
+        taken = other.support(self.normals)
+        difference = Polytope(self.normals, self.offsets - taken)
+        difference.require_interior(taken)
+        return difference
+
+    def require_interior(self, taken: FloatArray) -> None:
+        """Refuse a polytope without a point; `taken` (h,) was subtracted from its offsets.
+
+        Raises:
+            InvalidTube: with the constraints that exclude each other.
+        """
+        # The largest ball in it has the radius r: normals x + r |normals| <= offsets. Bounded by 1,
+        # because the sign of r alone matters.
+        length = np.linalg.norm(self.normals, axis=1, keepdims=True)
+        n = self.dimension
+        ball = scipy.optimize.linprog(
+            np.append(np.zeros(n), -1.0),
+            np.hstack([self.normals, length]),
+            self.offsets,
+            bounds=[*[(None, None)] * n, (None, 1.0)],
+        )
+        if ball.x[-1] >= 0.0:
+            return
+        rows = np.flatnonzero(ball.ineqlin.marginals < 0.0)
+        numbers = ", ".join(
+            f"row {i}: {taken[i]:.4g} of {taken[i] + self.offsets[i]:.4g}" for i in rows
+        )
+        raise InvalidTube(f"the tightened set is empty: the tube takes, of the bounds, {numbers}")
+
+
+def admissible_subset(closed: FloatArray, constraints: Polytope) -> Polytope:
+    """Return the largest subset of `constraints` that z(k+1) = `closed` z(k) never leaves.
+
+    The recursion of Gilbert and Tan (1991): constraints on closed^i z are added until those of the
+    next step are redundant. The set of a nominal loop under tightened constraints is the terminal
+    set of a tube MPC.
+
+    Args:
+        closed: A + B K (n, n).
+        constraints: on z, the origin in their interior.
+
+    Raises:
+        InvalidTube: the loop does not contract, the origin is not in the interior, or the recursion
+            does not end.
+    """
+    growth = float(np.abs(np.linalg.eigvals(closed)).max())
+    if growth >= 1.0 or not np.all(constraints.offsets > 0.0):
+        raise InvalidTube(
+            f"no admissible subset: the largest eigenvalue has the modulus {growth:.4f} (must be "
+            f"below 1), the smallest offset is {constraints.offsets.min():.4g} (must be above 0)"
+        )
+    result, rows = constraints, constraints.normals
+    scale = _SLACK * (1.0 + np.abs(constraints.offsets))
+    for _ in range(_MOST_STEPS):
+        rows = rows @ closed
+        new = result.support(rows) > constraints.offsets + scale
+        if not new.any():
+            return result
+        result = Polytope(
+            np.vstack([result.normals, rows[new]]),
+            np.concatenate([result.offsets, constraints.offsets[new]]),
+        )
+    raise InvalidTube(
+        f"no admissible subset after {_MOST_STEPS} steps: the largest eigenvalue has the modulus "
+        f"{growth:.4f}"
+    )
+
+
+class Axes(Protocol):
+    """The methods of `matplotlib.axes.Axes` that are needed; this package does not import it."""
+
+    def fill(self, x: ArrayLike, y: ArrayLike, **style: object) -> object:
+        """Draw a filled polygon."""
+
+    def fill_between(
+        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, **style: object
+    ) -> object:
+        """Draw a band."""
+
+
+def draw_set(
+    axes: Axes,
+    of: ConvexSet,
+    plane: tuple[int, int] = (0, 1),
+    centre: FloatArray | None = None,
+    **style: object,
+) -> None:
+    """Draw the projection of a bounded set onto two coordinates, moved to `centre` (n,).
+
+    Args:
+        axes: of matplotlib.
+        of: the set; its outline is that of `ttempc.tube.sets.outline`.
+        plane: horizontal and vertical coordinate.
+        centre: by default the origin.
+        style: keywords of `axes.fill`.
+    """
+    rows = np.eye(of.dimension)[list(plane)]
+    corners = outline(of, rows) + (0.0 if centre is None else rows @ centre)
+    axes.fill(corners[:, 0], corners[:, 1], **style)
+
+
+def draw_band(
+    axes: Axes, times: FloatArray, nominal: FloatArray, half_width: FloatArray, **style: object
+) -> None:
+    """Draw the band of a tube, `nominal` +- `half_width` (T,) of one coordinate over time (T,)."""
+    axes.fill_between(times, nominal - half_width, nominal + half_width, **style)

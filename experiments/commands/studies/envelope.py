@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _envelope(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo and Dask.
     from ....testbed.recording.provenance import versions
-    from ...run.trust import named_parts, refuse_untrusted
+    from ...run.user_code import named_parts, refuse_untrusted
     from ...scenario.scenario import parse_overrides, read_scenario
     from ...sweep.engine import engine
     from ...sweep.envelope import QUANTITIES, EnvelopeFile, Question, envelope

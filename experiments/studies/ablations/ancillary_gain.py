@@ -14,15 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ttempc.laws.articulated_options import MpcOptions
-from ttempc.limits import CommandLimits
+from ttempc.laws.articulated_mpc import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.growing_tube import reachable_inputs, steered_system
-from ttempc.tube.reference_tube import tracking_system
+from ttempc.tube.reference_tube import reachable_inputs, steered_system, tracking_system
 from ttempc.tube.tube import reach_backwards
 from ttempc.types import Input
+from ttempc.vehicle import CommandLimits
 
 from ...scenario.tube_file import read_tube
 

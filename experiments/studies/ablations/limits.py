@@ -25,8 +25,7 @@ from ....testbed.recording.record import Record
 from ....testbed.sensing.sensor_specification import SensorSpecification
 from ...results.tracking_errors import BODIES, START_UP_S, position_fields, rows_at_same_time
 from ...run.simulate import simulate
-from ...scenario.assumed_noise import NoiseSettings
-from ...scenario.controller import TRUTH
+from ...scenario.controller import TRUTH, NoiseSettings
 from ...scenario.scenario import Scenario, load, shipped
 from ...seeds import report_seeds
 from ..batch import one_lap, run_tasks

@@ -33,9 +33,8 @@ from scipy.integrate import solve_ivp
 from ttempc.models.kinematics import articulated, wrap_angle
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.reference import Reference
-from ttempc.tube.disturbance_set import DisturbanceSet
 from ttempc.tube.reference_tube import report_rows, tracking_system
-from ttempc.tube.residual_set import fit_set
+from ttempc.tube.sets import DisturbanceSet, fit_set
 from ttempc.tube.tube import TrackingSystem, invariant_tube
 from ttempc.types import FloatArray, State
 

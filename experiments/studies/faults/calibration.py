@@ -25,16 +25,18 @@ from typing import Final
 import numpy as np
 from scipy.optimize import brentq
 
-from ttempc.guidance.detection.bank import detectors
-from ttempc.guidance.detection.innovation_monitor import InnovationMonitor
-from ttempc.guidance.detection.limits import (
+from ttempc.guidance.detection import (
     MOTION_ALLOWANCE,
     STEERING_ALLOWANCE,
     WHEELS_ALLOWANCE,
+    InnovationMonitor,
+    MotionMonitor,
+    RepetitionMonitor,
+    StandstillMonitor,
+    SteeringMonitor,
+    WheelMonitor,
+    detectors,
 )
-from ttempc.guidance.detection.repetition_monitor import RepetitionMonitor
-from ttempc.guidance.detection.speed_monitors import MotionMonitor, WheelMonitor
-from ttempc.guidance.detection.steering_monitor import StandstillMonitor, SteeringMonitor
 from ttempc.types import FloatArray
 
 from ....testbed.recording.record import Recorder

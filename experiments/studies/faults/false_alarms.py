@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from ttempc.guidance.detection.detector import Alarm, Reaction
+from ttempc.guidance.detection import Alarm, Reaction
 
 from ....testbed.recording.channels import STATE
 from ....testbed.recording.record import Record, Recorder

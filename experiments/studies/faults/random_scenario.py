@@ -10,11 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from ttempc.guidance.controllers import CONTROLLERS
-from ttempc.guidance.estimators import ESTIMATORS
+from ttempc.guidance.controllers import CONTROLLERS, ESTIMATORS
 
 from ...scenario.scenario import Scenario, read_scenario, shipped
-from ...schema.json_schema import json_schema
+from ...scenario.schema import json_schema
 
 _NAMES: Final = {"controller.name": tuple(CONTROLLERS), "controller.estimator": tuple(ESTIMATORS)}
 # Code and texts of a user; a fault has start_s instead of at_m; wall clocks do not repeat.

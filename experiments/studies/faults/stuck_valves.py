@@ -17,7 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from ttempc.guidance.detection.steering_monitor import StandstillMonitor
+from ttempc.guidance.detection import StandstillMonitor
 
 from ....testbed.recording.record import REACTION, Recorder
 from ...run.assembly import assemble

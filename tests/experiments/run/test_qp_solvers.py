@@ -7,7 +7,7 @@ import pytest
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 
-from ttempc.mpc.solver import PersistentSolver
+from ttempc.mpc.qp import PersistentSolver
 
 SHORT = 'path={kind="straight",length_m=20.0}'
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
-from proving_ground.experiments.scenario.assumed_noise import NoiseSettings
+from proving_ground.experiments.scenario.controller import NoiseSettings
 from proving_ground.experiments.scenario.scenario import dump, load
 from proving_ground.testbed.recording.channels import ESTIMATE, MEASUREMENT, STATE
 

@@ -5,7 +5,7 @@ import pytest
 from proving_ground.experiments.errors import InvalidFit, InvalidScenario
 from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.run.simulate import simulate
-from proving_ground.experiments.scenario.control import record_rate, record_steps
+from proving_ground.experiments.scenario.plant import record_rate, record_steps
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.tubes.fit import fit_run
 from proving_ground.testbed.errors import InvalidPlant

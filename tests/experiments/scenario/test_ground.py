@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import assemble
+from proving_ground.experiments.scenario.ground import AnyTramlines, SoilSettings
 from proving_ground.experiments.scenario.scenario import dump, load
-from proving_ground.experiments.scenario.soil import SoilSettings
-from proving_ground.experiments.scenario.tramlines import AnyTramlines
 from proving_ground.testbed.ground.features import AnyFeature
 from proving_ground.testbed.ground.soil import NAMED_SOILS
 

@@ -10,7 +10,7 @@ from proving_ground.experiments.scenario.scenario import (
     load,
     shipped,
 )
-from proving_ground.experiments.schema.json_schema import json_schema
+from proving_ground.experiments.scenario.schema import json_schema
 
 
 @pytest.mark.parametrize("name", shipped())

@@ -11,7 +11,7 @@ from proving_ground.experiments.scenario.scenario import (
     read_scenario,
     shipped,
 )
-from proving_ground.experiments.schema.json_schema import json_schema, unit_of
+from proving_ground.experiments.scenario.schema import json_schema, unit_of
 
 jsonschema = pytest.importorskip("jsonschema")
 

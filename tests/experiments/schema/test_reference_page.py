@@ -7,8 +7,7 @@ import tomllib
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.scenario.scenario import dump, load, shipped
-from proving_ground.experiments.schema.json_schema import json_schema
-from proving_ground.experiments.schema.reference_page import scenario_reference
+from proving_ground.experiments.scenario.schema import json_schema, scenario_reference
 
 from ttempc.guidance.controllers import CONTROLLERS, controller_options
 

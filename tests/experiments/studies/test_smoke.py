@@ -34,7 +34,7 @@ from proving_ground.experiments.studies.faults import study as faults
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.inspection.inspect import EXPERIMENTS
 
-from ttempc.guidance.detection.bank import detectors
+from ttempc.guidance.detection import detectors
 
 STRAIGHT = 'path={kind="straight",length_m=10.0}'
 

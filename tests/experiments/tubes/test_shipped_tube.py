@@ -6,15 +6,12 @@ import numpy as np
 from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes
 
-from ttempc.laws.articulated_options import MpcOptions
-from ttempc.limits import CommandLimits
+from ttempc.laws.articulated_mpc import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics
-from ttempc.reference.feedforward import exact_feedforward
 from ttempc.reference.path import figure_eight
-from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.growing_tube import GrowingTube, steered_system
-from ttempc.tube.reference_tube import ReferenceTube
-from ttempc.vehicle import Vehicle
+from ttempc.reference.reference import ConstantSpeed, Reference, exact_feedforward
+from ttempc.tube.reference_tube import GrowingTube, ReferenceTube, steered_system
+from ttempc.vehicle import CommandLimits, Vehicle
 
 TICKS, PERIOD_S = 680, 0.2
 OPTIONS = MpcOptions()

@@ -15,7 +15,7 @@ from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.experiments.run.assembly import check, model_vehicle
 from proving_ground.experiments.run.simulate import run, simulate
-from proving_ground.experiments.scenario.control import PAPER_PERIOD_S
+from proving_ground.experiments.scenario.plant import PAPER_PERIOD_S
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import read_tube, to_json
 from proving_ground.experiments.tubes.calibration import driven_run
@@ -36,12 +36,10 @@ from tests.records import table_of
 from tests.ttempc.tubes import SPREAD
 from ttempc.errors import InvalidTube
 from ttempc.models.kinematics import trailer_point
-from ttempc.mpc.articulated_error import error_dynamics
-from ttempc.mpc.prediction import rotation
-from ttempc.reference.feedforward import exact_feedforward
-from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.mpc.articulated_error import error_dynamics, rotation
+from ttempc.reference.reference import ConstantSpeed, Reference, exact_feedforward
 from ttempc.tube.reference_tube import ReferenceTube
-from ttempc.tube.residual_set import fit_set
+from ttempc.tube.sets import fit_set
 from ttempc.types import Disturbance, MapDisturbance, State
 from ttempc.vehicle import Vehicle
 
@@ -151,7 +149,7 @@ def test_a_zonotope_of_correlated_residuals_is_smaller_than_a_box():
 
 
 def test_a_tube_is_fitted_written_and_read_back(monkeypatch, tmp_path):
-    monkeypatch.setattr("ttempc.tube.ancillary._EVALUATIONS", 40)
+    monkeypatch.setattr("ttempc.tube.reference_tube._EVALUATIONS", 40)
     fit = fit_tube(fitted())
     provenance = fit.file.provenance
     assert provenance.fitted_seeds == [0, 1, 3, 4]
@@ -185,7 +183,7 @@ def test_too_little_or_too_much_is_refused_with_the_numbers():
 
 
 def test_a_disturbance_beyond_the_actuators_is_refused(monkeypatch):
-    monkeypatch.setattr("ttempc.tube.ancillary._EVALUATIONS", 40)
+    monkeypatch.setattr("ttempc.tube.reference_tube._EVALUATIONS", 40)
     wild = [fit_run(made_up(seed, spread=6.0 * SPREAD)[0], SCENARIO) for seed in range(5)]
     with pytest.raises(InvalidTube, match=r"the tightened set is empty: .* the tube takes \+-"):
         fit_tube(wild)
@@ -334,7 +332,7 @@ def test_runs_of_a_fit_must_be_alike_complete_and_of_different_seeds():
 
 
 def test_a_fit_that_its_hold_out_contradicts_says_so(monkeypatch):
-    monkeypatch.setattr("ttempc.tube.ancillary._EVALUATIONS", 40)
+    monkeypatch.setattr("ttempc.tube.reference_tube._EVALUATIONS", 40)
     wilder = fit_run(made_up(9, spread=2.0 * SPREAD)[0], SCENARIO)
     fit = fit_tube([*fitted(2), wilder])
     first, *_ = fit.warnings

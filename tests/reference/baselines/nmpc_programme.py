@@ -1,6 +1,6 @@
 """The NMPC's problem as a sparse nonlinear programme, solved by CasADi's fatrop.
 
-`ttempc.baselines.nmpc_solver` condenses the same problem to its free input steps. Here every state
+`ttempc.baselines.nmpc` condenses the same problem to its free input steps. Here every state
 is an unknown (multiple shooting), the model is written on CasADi's symbols, and the method is an
 interior-point one.
 """
@@ -13,10 +13,9 @@ import math
 import casadi as ca
 import numpy as np
 
-from ttempc.baselines.nmpc_model import WHOLE
-from ttempc.baselines.nmpc_problem import Subsystem, Task
-from ttempc.baselines.nmpc_solver import Plan
-from ttempc.mpc.qp import HorizonTuning
+from ttempc.baselines.nmpc import Plan
+from ttempc.baselines.nmpc_model import WHOLE, Subsystem, Task
+from ttempc.mpc.lmpc import HorizonTuning
 from ttempc.reference.reference import Reference
 from ttempc.types import Disturbance, FloatArray, Input, SolverReport, State
 from ttempc.vehicle import Vehicle

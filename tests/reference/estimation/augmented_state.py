@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ttempc.estimation.augmented_state import SIZE, STATES, AugmentedState, slips
+from ttempc.models.augmented_state import SIZE, STATES, AugmentedState, slips
 from ttempc.models.kinematics import articulated
 from ttempc.types import Disturbance, FloatArray, Input, State
 from ttempc.vehicle import Vehicle

@@ -17,7 +17,7 @@ from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
 from pydantic import ValidationError
 
 from tests.testbed.truths import truth
-from ttempc.estimation.measurement_model import LENGTH
+from ttempc.models.augmented_state import LENGTH
 from ttempc.types import Sensor
 
 SPEEDS = {"speed": 1.0, "rim_speed": 1.1}

@@ -9,9 +9,9 @@ import numpy as np
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from ttempc.baselines.lqr import LqrOptions, step_gains
 from ttempc.guidance.controllers import make_controller
-from ttempc.laws.articulated_options import MpcOptions
+from ttempc.laws.articulated_mpc import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics
-from ttempc.mpc.qp import CondensedHorizon
+from ttempc.mpc.lmpc import CondensedHorizon
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Disturbance

@@ -8,7 +8,7 @@ import pytest
 from tests.ttempc.sensed_drive import PERIOD_S, VEHICLE, SensedDrive
 from ttempc.baselines.nmhe import MovingHorizonEstimator, _minimum
 from ttempc.errors import InvalidTuning
-from ttempc.estimation.augmented_state import DISTURBANCE_BOUND, SIZE, STATES
+from ttempc.models.augmented_state import DISTURBANCE_BOUND, SIZE, STATES
 from ttempc.types import Measurement
 
 

@@ -15,15 +15,17 @@ from ttempc.baselines.nmpc_model import (
     TRAILER,
     WHOLE,
     ArticulatedModel,
+    Task,
     advance_period,
+    condense,
 )
-from ttempc.baselines.nmpc_problem import Task, condense
 from ttempc.errors import MissingPackage
-from ttempc.estimation.augmented_state_kernel import vehicle_parameters
 from ttempc.guidance.controllers import make_controller
+from ttempc.models.augmented_state import vehicle_parameters
 from ttempc.models.kinematics import trailer_point
-from ttempc.mpc.prediction import rotation
-from ttempc.mpc.qp import QP, StageBounds
+from ttempc.mpc.articulated_error import rotation
+from ttempc.mpc.lmpc import StageBounds
+from ttempc.mpc.qp import QP
 from ttempc.reference.path import straight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import State

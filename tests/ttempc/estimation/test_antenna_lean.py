@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.ttempc.sensed_drive import GNSS, VEHICLE, SensedDrive
 from ttempc.errors import InvalidTuning
-from ttempc.estimation.antenna_lean import AntennaLean
-from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.estimation.ekf import AntennaLean, ExtendedKalmanFilter
 from ttempc.estimation.noise import SensorNoise
 from ttempc.types import Measurement, Sensor, State
 

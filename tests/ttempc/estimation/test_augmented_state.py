@@ -11,22 +11,22 @@ from scipy.linalg import expm
 from tests.reference.estimation.augmented_state import augmented_rate
 from tests.reference.models.valves import slew
 from tests.ttempc.numeric import central_differences
-from ttempc.estimation.augmented_state import (
+from ttempc.estimation.filter import KalmanFilter
+from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
+from ttempc.models.augmented_state import (
     INITIAL_SD,
+    KERNEL_INDEX,
+    LENGTH,
     SIZE,
     AugmentedState,
+    advance_augmented_state,
     estimate_of,
     map_gain,
-)
-from ttempc.estimation.augmented_state_kernel import (
-    advance_augmented_state,
+    predicted_measurement,
     state_rate,
     state_rate_jacobian,
     vehicle_parameters,
 )
-from ttempc.estimation.kalman_filter import KalmanFilter
-from ttempc.estimation.measurement_model import KERNEL_INDEX, LENGTH, predicted_measurement
-from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
 from ttempc.models.kinematics import articulated
 from ttempc.types import Disturbance, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle

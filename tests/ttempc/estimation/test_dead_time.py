@@ -10,8 +10,8 @@ import pytest
 from tests.ttempc.sensed_drive import PERIOD_S, VEHICLE, SensedDrive
 from ttempc.baselines.nmhe import MovingHorizonEstimator
 from ttempc.errors import InvalidVehicle
-from ttempc.estimation.dead_time import after_dead_times
 from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.estimation.filter import after_dead_times
 from ttempc.vehicle import Vehicle
 
 

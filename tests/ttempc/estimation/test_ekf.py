@@ -11,10 +11,9 @@ from scipy.stats import chi2
 
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, REFERENCE, VEHICLE, SensedDrive
 from ttempc.errors import InvalidTuning
-from ttempc.estimation.augmented_state import SIZE, STATES
 from ttempc.estimation.ekf import ExtendedKalmanFilter
-from ttempc.estimation.measurement_model import LENGTH, predicted_measurement
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
+from ttempc.models.augmented_state import LENGTH, SIZE, STATES, predicted_measurement
 from ttempc.models.kinematics import trailer_point
 from ttempc.types import Command, Measurement, Sensor, State
 

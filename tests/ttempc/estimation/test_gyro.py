@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 
 from tests.ttempc.sensed_drive import PERIOD_S, VEHICLE, SensedDrive
 from ttempc.errors import InvalidTuning
-from ttempc.estimation.augmented_state import AugmentedState
 from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.estimation.filter import _turned
 from ttempc.estimation.noise import SensorNoise
-from ttempc.estimation.sample_kernel import _turned
+from ttempc.models.augmented_state import AugmentedState
 from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
 
 BIAS = {Sensor.IMU_TRACTOR: 0.002, Sensor.IMU_TRAILER: -0.0015}  # [rad/s], twice their sd

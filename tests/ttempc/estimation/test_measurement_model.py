@@ -9,9 +9,15 @@ import pytest
 
 from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning, UnknownSensor
-from ttempc.estimation.augmented_state import SIZE, STATES, AugmentedState
-from ttempc.estimation.measurement_model import LENGTH, first_state, predicted_measurement
+from ttempc.estimation.filter import first_state
 from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
+from ttempc.models.augmented_state import (
+    LENGTH,
+    SIZE,
+    STATES,
+    AugmentedState,
+    predicted_measurement,
+)
 from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
 from ttempc.types import Measurement, Sensor, State
 from ttempc.vehicle import Vehicle

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from ttempc.errors import ControllerFailed
-from ttempc.guidance.command_guard import CommandGuard
-from ttempc.limits import CommandLimits
+from ttempc.guidance.supervisor import CommandGuard
 from ttempc.types import Command, ControlStep, Diagnostics, Estimate, SolverReport, TubeReport
-from ttempc.vehicle import Vehicle
+from ttempc.vehicle import CommandLimits, Vehicle
 
 VEHICLE = Vehicle()
 LIMITS = CommandLimits.of(VEHICLE, 0.2)

@@ -9,11 +9,10 @@ import pytest
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.tubes import DESIGN
+from ttempc.baselines.paper import PaperOptions, paper_controller
 from ttempc.errors import UnknownController
 from ttempc.guidance.controllers import CONTROLLERS, make_controller
 from ttempc.guidance.supervisor import Supervisor
-from ttempc.paper.composition import paper_controller
-from ttempc.paper.options import PaperOptions
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import State

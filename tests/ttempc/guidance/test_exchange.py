@@ -12,11 +12,10 @@ from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.guidance import Guidance
 from ttempc.learning.learner import Identification, ParameterChange
-from ttempc.limits import CommandLimits
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command
-from ttempc.vehicle import Vehicle
+from ttempc.vehicle import CommandLimits, Vehicle
 
 PERIOD_S = 0.2
 VEHICLE = Vehicle()

@@ -5,8 +5,7 @@ from dataclasses import asdict, fields
 import pytest
 
 from ttempc.errors import InvalidTuning
-from ttempc.guidance.controllers import CONTROLLERS
-from ttempc.guidance.options import parse_options
+from ttempc.guidance.controllers import CONTROLLERS, parse_options
 
 KINDS = {entry.options for entry in CONTROLLERS.values() if entry.options is not None}
 OPTIONS = sorted(

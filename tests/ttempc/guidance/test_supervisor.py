@@ -10,7 +10,7 @@ import pytest
 from tests.ttempc.closed_loop import PERIOD_S, seen_truth
 from ttempc.errors import InvalidTuning
 from ttempc.guidance.controllers import make_controller
-from ttempc.guidance.detection.detector import Alarm, Reaction
+from ttempc.guidance.detection import Alarm, Reaction
 from ttempc.guidance.supervisor import SafetyLimits, Supervisor
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference

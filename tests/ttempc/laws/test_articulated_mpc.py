@@ -10,16 +10,20 @@ import pytest
 
 from tests.reference.models.kinematics import advance
 from tests.ttempc.closed_loop import PERIOD_S, drive
-from ttempc.estimation.augmented_state import SIZE, AugmentedState, estimate_of
-from ttempc.estimation.augmented_state_kernel import advance_augmented_state, vehicle_parameters
 from ttempc.guidance.controllers import make_controller
-from ttempc.limits import CommandLimits
+from ttempc.models.augmented_state import (
+    SIZE,
+    AugmentedState,
+    advance_augmented_state,
+    estimate_of,
+    vehicle_parameters,
+)
 from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Disturbance, State
-from ttempc.vehicle import Vehicle
+from ttempc.vehicle import CommandLimits, Vehicle
 
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))

@@ -11,8 +11,7 @@ from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.supervisor import Supervisor
 from ttempc.models.kinematics import trailer_point
-from ttempc.mpc.articulated_error import error_dynamics
-from ttempc.mpc.corridor_bounds import corridor_bounds
+from ttempc.mpc.articulated_error import corridor_bounds, error_dynamics
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference

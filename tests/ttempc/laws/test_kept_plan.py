@@ -11,11 +11,11 @@ from tests.ttempc.laws.test_tube_mpc import ALONG, estimate_of
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WINDOW, admissible
 from ttempc.errors import InvalidTuning
 from ttempc.guidance.controllers import make_controller
-from ttempc.laws.articulated_options import ArticulatedOptions
-from ttempc.limits import CommandLimits
-from ttempc.mpc.solver import PersistentSolver, QPSolution
-from ttempc.tube.growing_tube import steered_system
+from ttempc.laws.articulated_mpc import ArticulatedOptions
+from ttempc.mpc.qp import PersistentSolver, QPSolution
+from ttempc.tube.reference_tube import steered_system
 from ttempc.types import Disturbance, MapDisturbance, SolverReport
+from ttempc.vehicle import CommandLimits
 
 TICKS = 120
 FAILED = QPSolution(None, SolverReport("max_iter_reached", False, 0, 0.0, 0.0, 0.0))

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from ttempc.errors import InvalidTuning
-from ttempc.laws.lq_robust_law import LqRobustLaw, LqRobustTuning
-from ttempc.laws.robust_kernel import autocorrelation
+from ttempc.laws.lq_robust_law import LqRobustLaw, LqRobustTuning, autocorrelation
 from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference

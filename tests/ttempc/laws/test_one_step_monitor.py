@@ -9,13 +9,11 @@ import pytest
 
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, STEP, VEHICLE
 from ttempc.errors import InvalidTube
-from ttempc.laws.articulated_mpc import articulated_controller
-from ttempc.laws.articulated_options import ArticulatedOptions
-from ttempc.laws.one_step_monitor import OneStepMonitor
+from ttempc.laws.articulated_mpc import ArticulatedOptions, OneStepMonitor, articulated_controller
 from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.articulated_error import error_dynamics, error_state
-from ttempc.tube.disturbance_set import DisturbanceSet
 from ttempc.tube.reference_tube import report_rows
+from ttempc.tube.sets import DisturbanceSet
 from ttempc.types import Estimate
 
 OUTPUTS = error_dynamics(REFERENCE, PERIOD_S, 60)[2][:-1, :, :7]

@@ -20,13 +20,21 @@ from ttempc.baselines.nmpc import (
     nmpc_decentralised_controller,
     nmpc_rti_controller,
 )
+from ttempc.baselines.paper import (
+    PaperOptions,
+    PrintedSignOptions,
+    paper_controller,
+    printed_sign_controller,
+)
 from ttempc.baselines.pid import PidOptions, pid_controller
 from ttempc.errors import InvalidTuning
-from ttempc.laws.articulated_mpc import articulated_controller, nominal_controller
-from ttempc.laws.articulated_options import ArticulatedOptions, NominalOptions
+from ttempc.laws.articulated_mpc import (
+    ArticulatedOptions,
+    NominalOptions,
+    articulated_controller,
+    nominal_controller,
+)
 from ttempc.laws.tube_mpc import TubeMpcOptions, tube_controller
-from ttempc.paper.composition import paper_controller, printed_sign_controller
-from ttempc.paper.options import PaperOptions, PrintedSignOptions
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference

@@ -8,13 +8,12 @@ import pytest
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WINDOW, admissible, along
 from ttempc.errors import InvalidTube
 from ttempc.guidance.controllers import make_controller
-from ttempc.laws.articulated_options import MpcOptions
-from ttempc.limits import CommandLimits
+from ttempc.laws.articulated_mpc import MpcOptions
 from ttempc.models.kinematics import hitch_angle, trailer_point
-from ttempc.mpc.articulated_error import error_dynamics
-from ttempc.mpc.prediction import rotation
-from ttempc.mpc.qp import CondensedHorizon
+from ttempc.mpc.articulated_error import error_dynamics, rotation
+from ttempc.mpc.lmpc import CondensedHorizon
 from ttempc.types import Disturbance, Estimate, MapDisturbance, State
+from ttempc.vehicle import CommandLimits
 
 TICKS = 300
 ALONG = along()

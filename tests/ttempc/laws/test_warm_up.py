@@ -11,7 +11,7 @@ from tests.ttempc.closed_loop import seen_truth
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE
 from ttempc.guidance.controllers import CONTROLLERS, make_controller
 from ttempc.laws.tracking_controller import Actions, NoFeedback, TrackingController
-from ttempc.limits import CommandLimits
+from ttempc.vehicle import CommandLimits
 
 TICKS = 30
 NOISE = np.array([0.02, 0.02, 0.01, 0.01, 0.002, 0.002, 0.02])

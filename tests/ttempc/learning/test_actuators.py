@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ttempc.learning.actuator_kernel import respond
-from ttempc.learning.actuators import ActuatorIdentifier, fit_actuator
+from ttempc.learning.actuators import ActuatorIdentifier, fit_actuator, respond
 from ttempc.learning.learner import RecordedTick
 from ttempc.types import Command, Input, Measurement, Sensor
 from ttempc.vehicle import Vehicle

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ttempc.mpc.admissible_kernel import nearest_admissible
+from ttempc.mpc.lmpc import nearest_admissible
 
 
 def test_it_is_the_point_of_both_intervals_that_is_nearest():

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.linalg import expm
 
-from ttempc.mpc.discretisation import zero_order_hold
+from ttempc.models.linear import zero_order_hold
 
 PERIOD_S = 0.2
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ttempc.mpc.ordered_product import ordered_product
+from ttempc.models.linear import ordered_product
 
 GENERATOR_SEED = 41
 

@@ -11,7 +11,8 @@ from scipy.optimize import LinearConstraint, minimize
 from tests.ttempc.exact_qp import exact_minimum
 from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, random_qp, stages
 from ttempc.errors import InvalidTuning
-from ttempc.mpc.qp import QP, CondensedHorizon, HorizonTuning, is_convex
+from ttempc.mpc.lmpc import CondensedHorizon, HorizonTuning, is_convex
+from ttempc.mpc.qp import QP
 
 
 def rolled_cost(k, state, previous, steps):

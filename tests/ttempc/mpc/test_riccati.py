@@ -9,8 +9,8 @@ import pytest
 
 from tests.ttempc.tubes import PERIOD_S, REFERENCE
 from ttempc.errors import InvalidTuning
+from ttempc.models.linear import riccati_gains
 from ttempc.mpc.articulated_error import error_dynamics
-from ttempc.mpc.riccati import riccati_gains
 
 TICKS = 150
 

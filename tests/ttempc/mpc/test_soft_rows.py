@@ -9,10 +9,8 @@ import pytest
 
 from tests.ttempc.exact_qp import exact_minimum
 from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, random_qp, stages
-from ttempc.mpc.lmpc import LinearMpc
-from ttempc.mpc.qp import CondensedHorizon, OutputBounds
-from ttempc.mpc.quadratic_programme import SoftRows
-from ttempc.mpc.solver import PersistentSolver
+from ttempc.mpc.lmpc import CondensedHorizon, LinearMpc, OutputBounds
+from ttempc.mpc.qp import PersistentSolver, SoftRows
 
 FIRST = 3
 

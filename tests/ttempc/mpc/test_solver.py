@@ -12,8 +12,8 @@ import pytest
 from tests.ttempc.exact_qp import exact_minimum
 from tests.ttempc.horizons import random_qp
 from ttempc.errors import MissingPackage
-from ttempc.mpc.qp import QP, SOLVERS
-from ttempc.mpc.solver import PersistentSolver
+from ttempc.mpc.lmpc import SOLVERS
+from ttempc.mpc.qp import QP, PersistentSolver
 
 each_solver = pytest.mark.parametrize("name", SOLVERS)
 

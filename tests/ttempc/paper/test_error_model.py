@@ -10,17 +10,12 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from tests.ttempc.numeric import central_differences
+from ttempc.baselines.paper import PaperEquations, RobustGains, linearise, printed_feedforward
 from ttempc.errors import InvalidTuning
-from ttempc.models.kinematics import trailer_point
-from ttempc.models.tracking_error import Error, tracking_error
-from ttempc.mpc.discretisation import zero_order_hold
-from ttempc.paper.equations import PaperEquations
-from ttempc.paper.error_model import linearise
-from ttempc.paper.feedforward import printed_feedforward
-from ttempc.paper.robust_law import RobustGains
-from ttempc.reference.feedforward import exact_feedforward
+from ttempc.models.kinematics import Error, tracking_error, trailer_point
+from ttempc.models.linear import zero_order_hold
 from ttempc.reference.path import figure_eight
-from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.reference.reference import ConstantSpeed, Reference, exact_feedforward
 from ttempc.types import Input
 from ttempc.vehicle import Vehicle
 

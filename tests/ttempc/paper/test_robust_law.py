@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from tests.ttempc.horizons import stages
+from ttempc.baselines.paper import NominalState, RobustGains, RobustLaw
 from ttempc.errors import InvalidTuning
-from ttempc.laws.nominal_state import NominalState
-from ttempc.models.tracking_error import Error
-from ttempc.paper.robust_law import RobustGains, RobustLaw
+from ttempc.models.kinematics import Error
 
 PERIOD_S = 0.2
 

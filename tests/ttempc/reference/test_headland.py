@@ -8,7 +8,7 @@ import pytest
 from ttempc.errors import InvalidPath
 from ttempc.reference.headland import bend, headland
 from ttempc.reference.path import Path
-from ttempc.reference.posture import check_drivable
+from ttempc.reference.reference import check_drivable
 from ttempc.vehicle import Vehicle
 
 WIDTHS = (0.5, 3.0, 9.0, 14.0, 15.0, 16.0, 16.5, 30.0)  # loops, half circles, U's at R = 7 m

@@ -9,7 +9,7 @@ import pytest
 
 from ttempc.errors import InvalidPath
 from ttempc.reference.path import Path, Segment, figure_eight, straight
-from ttempc.reference.posture import check_drivable, posture_on_path
+from ttempc.reference.reference import check_drivable, posture_on_path
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()

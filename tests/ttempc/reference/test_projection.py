@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ttempc.reference.path import figure_eight, straight
-from ttempc.reference.projection import Projection
+from ttempc.reference.path import Projection, figure_eight, straight
 
 STEP_M = 0.05
 

@@ -7,7 +7,7 @@ import pytest
 
 from ttempc.errors import InvalidPath
 from ttempc.reference.path import figure_eight
-from ttempc.reference.posture import check_drivable
+from ttempc.reference.reference import check_drivable
 from ttempc.reference.smoothing import smooth
 from ttempc.vehicle import Vehicle
 

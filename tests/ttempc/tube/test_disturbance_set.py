@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from tests.reference.ttempc.zonotope import Zonotope
 from tests.ttempc.tubes import admissible
 from ttempc.errors import InvalidTube
-from ttempc.tube.disturbance_set import DisturbanceSet
+from ttempc.tube.sets import DisturbanceSet
 
 AXES = np.random.default_rng(5).standard_normal((3, 3))
 

@@ -16,20 +16,15 @@ from tests.ttempc.tubes import (
     admissible,
     along,
 )
-from ttempc.laws.articulated_options import MpcOptions
-from ttempc.limits import CommandLimits
+from ttempc.laws.articulated_mpc import MpcOptions
 from ttempc.mpc.articulated_error import error_dynamics
-from ttempc.mpc.qp import CondensedHorizon, StageBounds
-from ttempc.mpc.solver import PersistentSolver
-from ttempc.reference.feedforward import exact_feedforward
-from ttempc.tube.growing_tube import (
-    GrowingTube,
-    horizon_bounds,
-    reachable_inputs,
-    steered_system,
-)
+from ttempc.mpc.lmpc import CondensedHorizon, StageBounds
+from ttempc.mpc.qp import PersistentSolver
+from ttempc.reference.reference import exact_feedforward
+from ttempc.tube.reference_tube import GrowingTube, horizon_bounds, reachable_inputs, steered_system
 from ttempc.tube.tube import reachable_set
 from ttempc.types import Input
+from ttempc.vehicle import CommandLimits
 
 OPTIONS = MpcOptions()
 RIGID = along()

@@ -10,12 +10,12 @@ from scipy.linalg import solve_discrete_are
 
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WEIGHTS, WINDOW, along
 from ttempc.errors import InvalidTube
-from ttempc.limits import CommandLimits
 from ttempc.mpc.articulated_error import remaining_bounds
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.ancillary import InputMargin, gain_schedule, search_weights
+from ttempc.tube.reference_tube import InputMargin, gain_schedule, search_weights
 from ttempc.tube.tube import TrackingSystem, invariant_tube
 from ttempc.types import Input
+from ttempc.vehicle import CommandLimits
 
 ALONG = along()
 LIMITS = CommandLimits.of(VEHICLE, PERIOD_S)
@@ -93,7 +93,7 @@ def test_at_a_stationary_motion_the_gain_is_the_stationary_one():
 
 
 def test_the_search_narrows_the_tube_and_leaves_the_reserve(monkeypatch):
-    monkeypatch.setattr("ttempc.tube.ancillary._EVALUATIONS", 60)
+    monkeypatch.setattr("ttempc.tube.reference_tube._EVALUATIONS", 60)
     system = ALONG.tube.system
     a, b, c = system.a[MOTIONS], system.b[MOTIONS], system.c[MOTIONS]
     margin = InputMargin.of(ALONG.feedforward[MOTIONS], LIMITS)

@@ -9,8 +9,7 @@ import pytest
 
 from tests.ttempc.tubes import DESIGN, STEP, TICKS, WINDOW, admissible, along
 from ttempc.errors import InvalidTube
-from ttempc.tube.disturbance_set import DisturbanceSet
-from ttempc.tube.sets import directions_in, linear_map, minkowski_sum
+from ttempc.tube.sets import DisturbanceSet, directions_in, linear_map, minkowski_sum
 from ttempc.tube.tube import TrackingSystem, Tube, invariant_tube
 
 TUBES = {

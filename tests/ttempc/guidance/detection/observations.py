@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ttempc.guidance.detection.detector import Observation
+from ttempc.guidance.detection import Observation
 from ttempc.types import Estimate, Measurement, Sensor
 from ttempc.vehicle import Vehicle
 

@@ -8,13 +8,21 @@ import pytest
 
 from tests.ttempc.guidance.detection.observations import PERIOD_S, VEHICLE, observation
 from tests.ttempc.sensed_drive import SensedDrive
-from ttempc.guidance.detection.bank import detectors
-from ttempc.guidance.detection.detector import Alarm, Cusum, Monitors, Observation, Reaction
-from ttempc.guidance.detection.innovation_monitor import InnovationMonitor
-from ttempc.guidance.detection.reactions import Reactions
-from ttempc.guidance.detection.repetition_monitor import RepetitionMonitor
-from ttempc.guidance.detection.speed_monitors import MotionMonitor, WheelMonitor
-from ttempc.guidance.detection.speed_over_ground import SpeedOverGround, median_slopes
+from ttempc.guidance.detection import (
+    Alarm,
+    Cusum,
+    InnovationMonitor,
+    Monitors,
+    MotionMonitor,
+    Observation,
+    Reaction,
+    Reactions,
+    RepetitionMonitor,
+    SpeedOverGround,
+    WheelMonitor,
+    detectors,
+    median_slopes,
+)
 from ttempc.types import Command, Innovation, Measurement, Sensor
 
 

@@ -7,12 +7,7 @@ import numpy as np
 import pytest
 
 from tests.ttempc.guidance.detection.observations import PERIOD_S, VEHICLE, angles, observation
-from ttempc.guidance.detection.detector import Reaction
-from ttempc.guidance.detection.steering_monitor import (
-    StandstillMonitor,
-    SteeringMonitor,
-    SteeringResponse,
-)
+from ttempc.guidance.detection import Reaction, StandstillMonitor, SteeringMonitor, SteeringResponse
 from ttempc.types import Command, Input
 
 

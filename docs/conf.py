@@ -1,0 +1,91 @@
+"""Settings of the documentation site, which `make docs` builds with Sphinx into dist/site."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from docutils.nodes import SkipNode
+from latex2mathml.converter import convert
+
+if TYPE_CHECKING:
+    from docutils.nodes import Element
+    from sphinx.application import Sphinx
+    from sphinx.writers.html5 import HTML5Translator
+
+DOCS = Path(__file__).parent
+project = "ttempc"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["start.md"]  # index.rst includes it
+html_theme = "furo"
+html_title = "ttempc"
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+html_math_renderer = "mathml"
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+autodoc_typehints = "description"
+autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True, "undoc-members": False}
+suppress_warnings = ["myst.header"]
+
+
+def write_pages(app: Sphinx) -> None:
+    """Write the page of keys and the pages of public names, which follow from the code."""
+    from proving_ground.experiments.scenario.schema import scenario_reference
+
+    folder = DOCS / "generated"
+    folder.mkdir(exist_ok=True)
+    (folder / "keys.md").write_text(scenario_reference())
+    for name in ("ttempc", "ttempc.tube", "proving_ground"):
+        text = f"{name}\n{'=' * len(name)}\n\n.. automodule:: {name}\n   :members:\n"
+        (folder / f"{name}.rst").write_text(text)
+
+
+def link_to_text(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Turn links to files that the site does not hold into their text."""
+    page = (DOCS / docname).parent
+
+    def known(found: re.Match[str]) -> str:
+        target = found[2].partition("#")[0]
+        if not target or re.match(r"[a-z]+:", target):
+            return found[0]
+        file = (page / target).resolve()
+        return found[0] if file.is_relative_to(DOCS) and file.suffix != ".py" else found[1]
+
+    source[0] = re.sub(r"(?<!!)\[([^\]\[]+)\]\(([^)\s]+)\)", known, source[0])
+
+
+def read_include(app: Sphinx, path: Path, docname: str, content: list[str]) -> None:
+    """Do the same for an included page."""
+    link_to_text(app, docname, content)
+
+
+def plain_docstring(
+    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
+    """Turn code spans of Markdown, in which the docstrings are written, into those of RST."""
+    lines[:] = [re.sub(r"`([^`]+)`", r"``\1``", line).replace("|", r"\|") for line in lines]
+
+
+def visit_inline(self: HTML5Translator, node: Element) -> None:
+    """Write MathML, which browsers draw without a script."""
+    self.body.append(convert(node.astext()))
+    raise SkipNode
+
+
+def visit_block(self: HTML5Translator, node: Element) -> None:
+    """Write MathML as a block."""
+    self.body.append(convert(node.astext(), display="block"))
+    raise SkipNode
+
+
+def setup(app: Sphinx) -> None:
+    """Register what Sphinx calls."""
+    app.add_html_math_renderer("mathml", (visit_inline, None), (visit_block, None))
+    app.connect("builder-inited", write_pages)
+    app.connect("source-read", link_to_text)
+    app.connect("autodoc-process-docstring", plain_docstring, priority=900)  # after napoleon
+    app.connect("include-read", read_include)

@@ -1,1 +1,0 @@
-"""JSON schema and reference of scenario files."""

@@ -1,0 +1,360 @@
+"""Readings of the printed equations where they leave a choice."""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Literal, get_args, get_type_hints
+
+import numpy as np
+
+from ..errors import check_choice, check_flag, check_vector
+from ..laws.lq_robust_law import Reading
+from ..laws.tracking_controller import Actions, TrackingController
+from ..models.kinematics import POSITIONS, Error, estimated_error
+from ..models.linear import zero_order_hold
+from ..mpc.articulated_error import PredictedPath
+from ..mpc.lmpc import CondensedHorizon, HorizonTuning, LinearMpc
+from ..reference.reference import Reference, ReferenceSample, exact_feedforward
+from ..types import Estimate, FloatArray, Input
+from ..vehicle import CommandLimits, Vehicle
+
+
+@dataclass(frozen=True)
+class PaperEquations:
+    """Reading of the equations of Kayacan, Ramon and Saeys (2016).
+
+    The numbers are those of docs/errata.md. The defaults are those of the controller `paper`: as
+    printed, with 4, 6 and 7 corrected, without which the vehicle stands still or is lost.
+
+    Raises:
+        InvalidTuning: a value is not one of the allowed ones.
+    """
+
+    # 1: sign of the hitch term in the trailer's yaw equation; +1 printed, -1 geometry
+    hitch_sign: Literal[1, -1] = 1
+    # 2: delta_i = lambda - beta with the hitch angle as measured (printed), so that the loop is
+    #    closed through beta, or with the reference's
+    hitch_angle: Literal["measured", "reference"] = "measured"
+    # 3: steering feedforward by eq. (ffcontrolaction), or from the exact posture on the path
+    feedforward: Literal["printed", "geometry"] = "printed"
+    # 4: body whose errors stand in the trailer's rows of the error model; "tractor" is printed in
+    #    eq. (errormodel), "trailer" in the matrix A of eq. (errorstateupdate)
+    trailer_error_frame: Literal["trailer", "tractor"] = "trailer"
+    # 5: speed of the trailer point, the tractor's (printed) or the exact one
+    trailer_speed: Literal["tractor", "exact"] = "tractor"
+    # 6: z_m = robust_sign * (zbar_e - z_e); +1 printed, which pushes the vehicle away
+    robust_sign: Literal[1, -1] = -1
+    # 7: hydrostat position at full stroke in the unit in which K = 1.4 m/s holds; with 100, the
+    #    printed percent, the vehicle stands still
+    hp_full_scale: Literal[1, 100] = 1
+    # 8: the nominal state zbar_e, which is not defined; see `ttempc.baselines.paper`
+    nominal: Reading = "one-step"
+
+    def __post_init__(self) -> None:
+        for name, hint in get_type_hints(PaperEquations).items():
+            check_choice(name, getattr(self, name), get_args(hint))
+
+
+@dataclass(frozen=True)
+class RobustGains:
+    """Gains of eq. (robustcontrollaw), in the order of `Input`.
+
+    The defaults are the paper's, with the hydrostat as a fraction. The front steering acts on y of
+    the tractor, the trailer steering on y of the trailer, the hydrostat on x of the tractor.
+
+    Raises:
+        InvalidTuning: a gain is not finite or not above 0.
+    """
+
+    saturation: tuple[float, float, float] = (0.2, 0.1, 0.10)  # k_s [rad], [rad], fraction
+    proportional: tuple[float, float, float] = (2.0, 1.0, 10.0)  # k_p [1/m]
+    derivative: tuple[float, float, float] = (4.0, 2.0, 20.0)  # k_d [s/m]
+
+    def __post_init__(self) -> None:
+        for item in fields(RobustGains):
+            check_vector(item.name, getattr(self, item.name), len(Input))
+
+
+class RobustLaw:
+    """u_m = k_s tanh(k_p z_m + k_d z_m'), eq. (robustcontrollaw).
+
+    z_m = sign * (zbar_e - z_e) of the four positions, within +-1 m. Its derivative is a backward
+    difference over one period, 0 at the start and after a missed tick.
+    """
+
+    def __init__(self, gains: RobustGains, sign: int, period_s: float) -> None:
+        self._gains = gains
+        self._rows = tuple(zip(gains.saturation, gains.proportional, gains.derivative, strict=True))
+        self._sign = sign
+        self._period_s = period_s
+        self._last: tuple[int, list[float]] | None = None  # tick and z_m
+
+    def fresh(self) -> RobustLaw:
+        return RobustLaw(self._gains, self._sign, self._period_s)
+
+    def step(self, k: int, nominal: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the action and the modelling error of tick `k`.
+
+        Args:
+            k: the tick.
+            nominal: zbar_e (7,), see `NominalState`.
+            error: z_e (7,), see `Error`.
+
+        Returns:
+            u_m (3,) as (delta^t, lambda, HP), and z_m (4,) [m] in the order x_t, y_t, x_i, y_i.
+        """
+        z_m = [
+            max(-1.0, min(1.0, self._sign * (nominal[row] - error[row]))) for row in POSITIONS
+        ]  # eq. (z2)
+        before = self._last[1] if self._last and self._last[0] == k - 1 else z_m
+        self._last = (k, z_m)
+        x_t, y_t, _, y_i = (
+            (now, (now - then) / self._period_s) for now, then in zip(z_m, before, strict=True)
+        )
+        action = [
+            k_s * math.tanh(k_p * value + k_d * rate)
+            for (k_s, k_p, k_d), (value, rate) in zip(self._rows, (y_t, y_i, x_t), strict=True)
+        ]
+        return np.array(action), np.array(z_m)
+
+
+@dataclass(frozen=True)
+class PaperOptions(PaperEquations, RobustGains, HorizonTuning):
+    """Options of `paper`: horizon, weights and bounds, gains, and the reading of the equations.
+
+    Raises:
+        InvalidTuning: a value is out of its range.
+    """
+
+    robust: bool = True  # whether the robust law acts
+
+    def __post_init__(self) -> None:
+        HorizonTuning.__post_init__(self)
+        RobustGains.__post_init__(self)
+        PaperEquations.__post_init__(self)
+        check_flag("robust", self.robust)
+
+
+@dataclass(frozen=True)
+class PrintedSignOptions(PaperOptions):
+    """Options of `paper-printed-sign`: the sign of the robust action as printed (erratum 6).
+
+    The nominal state is the tube's own. In the one-step reading the modelling error does not depend
+    on where the vehicle is, and its sign has next to no effect.
+
+    Raises:
+        InvalidTuning: a value is out of its range.
+    """
+
+    robust_sign: Literal[1, -1] = 1
+    nominal: Reading = "tube"
+
+
+def linearise(
+    reference: ReferenceSample, vehicle: Vehicle, equations: PaperEquations
+) -> tuple[FloatArray, FloatArray]:
+    """Return A (N, 7, 7) and B (N, 7, 3) of eq. (errorstateupdate) at N reference samples.
+
+    z_e' = A z_e + B u_e with u_e = u_r - u, u = (delta^t, lambda, HP).
+    """
+    v = reference.state[:, -1]
+    speed_i = v if equations.trailer_speed == "tractor" else reference.speed_i
+    length_t, length_i = vehicle.wheelbase, vehicle.trailer_length
+    tau = vehicle.speed_time_constant
+    frames = {"trailer": (Error.X_I, Error.Y_I), "tractor": (Error.X_T, Error.Y_T)}
+    x_i, y_i = frames[equations.trailer_error_frame]
+
+    a = np.zeros((len(v), 7, 7))
+    a[:, Error.X_T, Error.Y_T] = reference.yaw_rate_t
+    a[:, Error.X_T, Error.V] = 1.0
+    a[:, Error.Y_T, Error.X_T] = -reference.yaw_rate_t
+    a[:, Error.Y_T, Error.PSI_T] = v
+    a[:, Error.X_I, y_i] = reference.yaw_rate_i
+    a[:, Error.X_I, Error.V] = speed_i / v
+    a[:, Error.Y_I, x_i] = -reference.yaw_rate_i
+    a[:, Error.Y_I, Error.PSI_I] = speed_i
+    a[:, Error.V, Error.V] = -1.0 / tau
+
+    b = np.zeros((len(v), 7, 3))
+    b[:, Error.PSI_T, 0] = v / length_t
+    b[:, Error.PSI_I, 0] = equations.hitch_sign * v * vehicle.drawbar_offset / (length_t * length_i)
+    b[:, Error.PSI_I, 1] = v / length_i
+    b[:, Error.V, 2] = vehicle.speed_gain / tau
+    return a, b
+
+
+def printed_feedforward(
+    reference: ReferenceSample, vehicle: Vehicle, equations: PaperEquations
+) -> FloatArray:
+    """Return u_f = (delta^t_r, lambda_r, HP_r) of eq. (ffcontrolaction), (N, 3).
+
+    With a straight drawbar and small angles, lambda_r = (gamma^i L^i - s gamma^t L^d) / v, where
+    s is the sign at the hitch (+1 as printed). The paper's delta^i_r is lambda_r - beta.
+    """
+    v = reference.state[:, -1]
+    lever_i = reference.yaw_rate_i * vehicle.trailer_length
+    lever_t = equations.hitch_sign * reference.yaw_rate_t * vehicle.drawbar_offset
+    return np.stack(
+        [
+            reference.yaw_rate_t * vehicle.wheelbase / v,
+            (lever_i - lever_t) / v,
+            v / vehicle.speed_gain,
+        ],
+        axis=-1,
+    )
+
+
+class NominalState:
+    """The nominal tracking error zbar_e, which the paper uses and does not define.
+
+    `one-step`: the prediction of the linear model from the previous error and feedback,
+
+        zbar(k) = A_{k-1} z_e(k-1) + B_{k-1} u_b(k-1).
+
+    `tube`: the nominal system of Mayne, Seron and Rakovic (2005), which starts at z_e and then
+    follows the model alone. The MPC acts on it, and the robust law keeps the vehicle near it,
+
+        zbar(k) = A_{k-1} zbar(k-1) + B_{k-1} u_b(k-1).
+
+    Both start at zbar = z_e, and start again there after a missed tick.
+
+    Args:
+        a: A (N, n, n) over one period.
+        b: B (N, n, m) over one period.
+        reading: which of the two.
+    """
+
+    def __init__(self, a: FloatArray, b: FloatArray, reading: Reading) -> None:
+        self._a = a
+        self._b = b
+        self._reading: Reading = reading
+        self._state: FloatArray | None = None
+        self._tick = -1
+
+    def fresh(self) -> NominalState:
+        return NominalState(self._a, self._b, self._reading)
+
+    def at(self, k: int, error: FloatArray) -> FloatArray:
+        """Return zbar_e (n,) at tick `k`, where the estimated tracking error is `error` (n,)."""
+        return error if self._state is None or k != self._tick else self._state
+
+    def mpc_state(self, nominal: FloatArray, error: FloatArray) -> FloatArray:
+        """Return the state on which the MPC acts, (n,)."""
+        return nominal if self._reading == "tube" else error
+
+    def advance(self, k: int, state: FloatArray, feedback: FloatArray) -> None:
+        """Predict tick k + 1 from the MPC's `state` (n,) and the `feedback` u_b (m,)."""
+        self._state = self._a[k] @ state + self._b[k] @ feedback
+        self._tick = k + 1
+
+
+_M = len(Input)
+
+
+class PaperFeedback:
+    """Linear MPC on the printed error model, and the tanh law on the modelling error.
+
+    Args:
+        grid: the reference at every tick.
+        vehicle: its constants.
+        period_s: control period [s].
+        options: with the hydrostat's entries in the unit of the equations.
+    """
+
+    def __init__(
+        self, grid: ReferenceSample, vehicle: Vehicle, period_s: float, options: PaperOptions
+    ) -> None:
+        self._grid = grid
+        a, b = zero_order_hold(*linearise(grid, vehicle, options), period_s)
+        # No period starts at the last sample: it is only predicted.
+        horizon = CondensedHorizon(a[:-1], b[:-1], options, period_s)
+        self._mpc = LinearMpc(horizon)
+        self._previous: FloatArray = np.zeros(_M)  # u_e(k-1)
+        self._nominal = NominalState(a, b, options.nominal)
+        self._robust = None
+        if options.robust:
+            self._robust = RobustLaw(options, options.robust_sign, period_s)
+        self._to_vehicle = np.array([1.0, 1.0, 1.0 / options.hp_full_scale])
+        self._path, self._horizon = PredictedPath(grid), horizon
+
+    def fresh(self) -> PaperFeedback:
+        law = copy.copy(self)
+        law._mpc = self._mpc.fresh()
+        law._previous = np.zeros(_M)
+        law._nominal = self._nominal.fresh()
+        law._robust = self._robust.fresh() if self._robust else None
+        return law
+
+    def resume(self, previous: object) -> None:
+        """Keep the input of the last tick, see `ttempc.types.Resuming`."""
+        if isinstance(previous, PaperFeedback):
+            self._previous = previous._previous
+
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+        error = estimated_error(estimate, self._grid, k)
+        nominal = self._nominal.at(k, error)
+        mpc_state = self._nominal.mpc_state(nominal, error)
+        feedback = self._mpc.step(k, mpc_state, self._previous)
+        self._previous = feedback.input
+        self._nominal.advance(k, mpc_state, feedback.input)
+        errors = self._horizon.prediction(k)[:, POSITIONS]
+        u_m, z_m = np.zeros(_M), None
+        if self._robust:
+            u_m, z_m = self._robust.step(k, nominal, error)
+        return Actions(
+            feedback=-feedback.input * self._to_vehicle,
+            robust=u_m * self._to_vehicle,
+            modelling_error=z_m,
+            predicted_path=self._path.of(k, errors, feedback.plan),
+            solver=feedback.report,
+            fallback=feedback.fallback,
+        )
+
+    def prepare(self, k: int) -> None:
+        self._mpc.prepare(k)
+
+
+def paper_controller(
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    options: PaperOptions = PaperOptions(),
+) -> TrackingController:
+    """Compose the paper's controller: `paper`."""
+    options = _in_paper_unit(options)
+    grid = reference.on_grid(period_s, beyond=options.horizon)
+    ticks = len(grid.time_s) - options.horizon
+    if options.feedforward == "printed":
+        feedforward = printed_feedforward(grid, vehicle, options)[:ticks]
+    else:
+        feedforward = exact_feedforward(reference, ticks, period_s)
+        feedforward[:, Input.DELTA_I] += grid.hitch_angle[:ticks]  # lambda_r = beta_r + delta_i_r
+    feedforward[:, Input.HP] /= options.hp_full_scale
+    feedback = PaperFeedback(grid, vehicle, period_s, options)
+    limits = CommandLimits.of(vehicle, period_s)
+    measured_hitch = options.hitch_angle == "measured"
+    return TrackingController(grid, feedforward, feedback, limits, measured_hitch=measured_hitch)
+
+
+def printed_sign_controller(
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    options: PrintedSignOptions = PrintedSignOptions(),
+) -> TrackingController:
+    """Compose the paper's controller with the sign as printed: `paper-printed-sign`."""
+    return paper_controller(vehicle, reference, period_s, options)
+
+
+def _in_paper_unit(options: PaperOptions) -> PaperOptions:
+    """Return the options with the hydrostat's entries in the unit of the equations."""
+    delta_t, delta_i, hp = options.saturation
+    scale = options.hp_full_scale
+    return replace(
+        options,
+        input_bound=(*options.input_bound[: Input.HP], options.input_bound[Input.HP] * scale),
+        input_rate=(*options.input_rate[: Input.HP], options.input_rate[Input.HP] * scale),
+        saturation=(delta_t, delta_i, hp * scale),
+    )

@@ -1,0 +1,609 @@
+"""Augmented state of the estimators: the vehicle's state and its persistent disturbances."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from ..errors import UnknownSensor
+from ..jit import cached_njit
+from ..types import (
+    Disturbance,
+    Estimate,
+    FloatArray,
+    Innovation,
+    Input,
+    MapDisturbance,
+    Sensor,
+    State,
+)
+from ..vehicle import Vehicle
+from .kinematics import hitch_angle, trailer_point
+
+
+class AugmentedState(IntEnum):
+    """Index of each entry of an augmented state: `State` with the rim speed, then disturbances.
+
+    The hydrostat drives the wheels, not the vehicle: the rim speed follows the hydrostat with the
+    lag tau on any ground, and wheel slip lowers the vehicle's speed without delay. Disturbances
+    that turn with the vehicle and disturbances that are fixed in the map have entries of their
+    own, because a slope acts on a turning vehicle from a direction that changes all the time.
+    """
+
+    X = 0  # [m] tractor point, map frame
+    Y = 1  # [m]
+    PSI_T = 2  # [rad] yaw of the tractor
+    PSI_I = 3  # [rad] yaw of the trailer
+    DELTA_T = 4  # [rad] steering angle of the front wheels
+    DELTA_I = 5  # [rad] steering angle of the trailer at RJ2
+    RIM = 6  # [m/s] speed of the rim of the driven wheels
+    SLIP_T = 7  # [rad] side slip of the rear axle, the part that turns with the vehicle
+    SLIP_I = 8  # [rad] side slip of the trailer axle, likewise
+    STEERING = 9  # [rad] front steering beside the measured angle
+    DRIVE = 10  # [m/s^2] acceleration of the rim beside the hydrostat's
+    WHEEL = 11  # wheel slip, see `Disturbance`, the part that turns with the vehicle
+    SIDE_X = 12  # [rad] side slip of both axles, a vector in the map frame: east
+    SIDE_Y = 13  # [rad] north
+    CLIMB_X = 14  # wheel slip on the way east
+    CLIMB_Y = 15  # wheel slip on the way north
+    GNSS_X = 16  # [m] half the slow error of the trailer's receiver less the tractor's: east
+    GNSS_Y = 17  # [m] north
+    GYRO_T = 18  # [rad/s] bias of the tractor's gyro
+    GYRO_I = 19  # [rad/s] bias of the trailer's
+    PAST_T = 20  # [rad] yaw of the tractor at the last sample of its gyro
+    PAST_I = 21  # [rad] the same of the trailer
+
+
+STATES: Final = len(State)
+SIZE: Final = len(AugmentedState)
+
+DISTURBANCE_BOUND: Final[FloatArray] = np.array(
+    [0.3, 0.3, 0.15, 0.5, 0.5, 0.2, 0.2, 0.3, 0.3, 1.0, 1.0, 0.1, 0.1, math.inf, math.inf]
+)
+"""Largest magnitude of each disturbance, (15,): twice that of a vehicle that can be steered; of
+GNSS and gyros, more than any sensor in order has; none of the past yaw."""
+
+_V_DEPENDS_ON: Final = (
+    int(AugmentedState.PSI_T),
+    int(AugmentedState.RIM),
+    int(AugmentedState.WHEEL),
+    int(AugmentedState.CLIMB_X),
+    int(AugmentedState.CLIMB_Y),
+)
+_NOTHING: Final = np.zeros(STATES)
+
+INITIAL_SD: Final[FloatArray] = np.array([0.02, 0.02, 0.01, 0.03, 0.02, 0.01, 0.01, 0.03, 0.03])
+"""Standard deviation of each disturbance of the vehicle before the first sample, (9,); assumed."""
+
+
+class Slips(NamedTuple):
+    """Total slips of an augmented state: body-fixed and map-fixed parts together."""
+
+    tractor: float  # [rad] side slip of the rear axle
+    trailer: float  # [rad] side slip of the trailer axle
+    wheel: float  # wheel slip 1 - v / rim
+
+
+def slips(augmented: FloatArray) -> Slips:
+    """Return s_t + n(psi_t)'g, s_i + n(psi_i)'g and s_w + e(psi_t)'c of an augmented state (22,).
+
+    e is the unit vector along a heading, n the one to its left, g `SIDE_*` and c `CLIMB_*`. Both
+    map-fixed terms change their sign in reverse, where the vehicle climbs with its back and still
+    drifts downhill.
+    """
+    _, _, psi_t, psi_i, _, _, rim, slip_t, slip_i, _, _, wheel, *of_map = augmented.tolist()
+    gx, gy, cx, cy = of_map[: len(MapDisturbance)]
+    cos_t, sin_t, gear = math.cos(psi_t), math.sin(psi_t), math.copysign(1.0, rim)
+    return Slips(
+        tractor=slip_t + gear * (gy * cos_t - gx * sin_t),
+        trailer=slip_i + gear * (gy * math.cos(psi_i) - gx * math.sin(psi_i)),
+        wheel=wheel + gear * (cx * cos_t + cy * sin_t),
+    )
+
+
+def map_disturbance_gain(
+    psi_t: float, psi_i: float, speed: float, yaw_rate: float, vehicle: Vehicle
+) -> FloatArray:
+    """Return d `Disturbance` / d `MapDisturbance`, (5, 4), at headings [rad] and speed [m/s].
+
+    The signs change in reverse. With the wheel slip s = e(psi_t)'c the vehicle settles at
+    rim - rim s and loses rim s' as it turns, so that to first order in s the drive disturbance is
+    -v (s / tau + s'). `yaw_rate` is that of the tractor [rad/s].
+    """
+    cos, sin = math.cos(psi_t), math.sin(psi_t)
+    tau = vehicle.speed_time_constant
+    by_climb = -speed * (cos / tau - yaw_rate * sin), -speed * (sin / tau + yaw_rate * cos)
+    gain = [  # rows in the order of `Disturbance`
+        [-sin, cos, 0.0, 0.0],
+        [-math.sin(psi_i), math.cos(psi_i), 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, *by_climb],
+        [0.0, 0.0, cos, sin],
+    ]
+    return math.copysign(1.0, speed) * np.array(gain)
+
+
+def map_gain(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
+    """Return `map_disturbance_gain` (5, 4) at the state of an estimate."""
+    _, _, psi_t, psi_i, delta_t, _, v = estimate.state.tolist()
+    angle = delta_t + estimate.disturbance[Disturbance.STEERING]
+    yaw_rate = v * math.tan(angle) / vehicle.wheelbase
+    return map_disturbance_gain(psi_t, psi_i, v, yaw_rate, vehicle)
+
+
+def augmented_of(estimate: Estimate, vehicle: Vehicle) -> FloatArray:
+    """Return the augmented state (18,) of which `estimate_of` makes this estimate.
+
+    What an estimate does not have, the error of GNSS, is 0.
+    """
+    _, _, psi_t, _, delta_t, _, v = estimate.state.tolist()
+    slip_t, slip_i, bias, drive_v, wheel = estimate.disturbance.tolist()
+    rim = v / (1.0 - wheel)
+    augmented = np.zeros(SIZE)
+    augmented[:STATES] = estimate.state
+    augmented[AugmentedState.RIM] = rim
+    augmented[AugmentedState.SIDE_X : AugmentedState.GNSS_X] = estimate.map_disturbance
+    of_map = slips(augmented)  # the part of the map alone
+    _, _, climb_x, climb_y = estimate.map_disturbance.tolist()
+    turning = math.copysign(1.0, rim) * (climb_y * math.cos(psi_t) - climb_x * math.sin(psi_t))
+    slip_rate = turning * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
+    augmented[STATES : AugmentedState.SIDE_X] = (
+        slip_t - of_map.tractor,
+        slip_i - of_map.trailer,
+        bias,
+        drive_v + rim * (wheel / vehicle.speed_time_constant + slip_rate),
+        wheel - of_map.wheel,
+    )
+    return augmented
+
+
+def estimate_of(
+    augmented: FloatArray,
+    covariance: FloatArray,
+    time_s: float,
+    vehicle: Vehicle,
+    innovations: tuple[Innovation, ...],
+    unfollowed: FloatArray = _NOTHING,
+    noise_factors: FloatArray | None = None,
+) -> Estimate:
+    """Return the estimate for a controller from an augmented state (22,).
+
+    `covariance` (22, 22) is carried to the state (7, 7) to first order; the
+    variances `unfollowed` (7,) of what no state follows are added. The drive disturbance of
+    the estimate moves v as the rim speed, its disturbance and the wheel slip do together.
+    `noise_factors` (3,) are handed on.
+    """
+    total = slips(augmented)
+    state = augmented[:STATES].copy()
+    _, _, psi_t, _, delta_t, _, rim, _, _, bias, drive, _, *others = augmented.tolist()
+    of_map = others[: len(MapDisturbance)]
+    _, _, climb_x, climb_y = of_map
+    cos, sin = math.cos(psi_t), math.sin(psi_t)
+    v = rim * (1.0 - total.wheel)
+    state[State.V] = v
+    gear = math.copysign(1.0, rim)
+    slip_by_heading = gear * (climb_y * cos - climb_x * sin)  # ds / d(psi_t)
+    slip_rate = slip_by_heading * v * math.tan(delta_t + bias) / vehicle.wheelbase  # s' [1/s]
+    by_entry = (  # d v / d augmented
+        -rim * slip_by_heading,
+        1.0 - total.wheel,
+        -rim,
+        -abs(rim) * cos,
+        -abs(rim) * sin,
+    )
+    drive_v = drive - rim * (total.wheel / vehicle.speed_time_constant + slip_rate)
+    of_state = np.empty((STATES, STATES))
+    state_covariance(covariance, _V_DEPENDS_ON, by_entry, unfollowed, of_state)
+    return Estimate(
+        time_s=time_s,
+        state=state,
+        covariance=of_state,
+        trailer_xy=trailer_point(state, vehicle),
+        hitch_angle=hitch_angle(state),
+        disturbance=np.array([total.tractor, total.trailer, bias, drive_v, total.wheel]),
+        innovations=innovations,
+        map_disturbance=np.array(of_map),
+        noise_factors=noise_factors,
+    )
+
+
+@cached_njit()
+def state_covariance(
+    covariance: FloatArray,
+    entries: tuple[int, int, int, int, int],
+    slopes: tuple[float, float, float, float, float],
+    unfollowed: FloatArray,
+    result: FloatArray,
+) -> None:
+    """Write J P J' + diag(`unfollowed`) into `result` (7, 7), `covariance` P (22, 22).
+
+    J picks the state (`State`) out of the augmented state, but for the speed, which depends on the
+    five `entries` with the derivatives `slopes`.
+    """
+    speed = State.V
+    for i in range(speed):
+        for j in range(speed):
+            result[i, j] = 0.5 * (covariance[i, j] + covariance[j, i])
+    for i in range(speed):
+        total = 0.0
+        for n in range(len(entries)):
+            total += slopes[n] * 0.5 * (covariance[entries[n], i] + covariance[i, entries[n]])
+        result[speed, i] = result[i, speed] = total
+    variance = 0.0
+    for n in range(len(entries)):
+        for m in range(len(entries)):
+            variance += slopes[n] * slopes[m] * covariance[entries[n], entries[m]]
+    result[speed, speed] = variance
+    for i in range(len(unfollowed)):
+        result[i, i] += unfollowed[i]
+
+
+_TERMS: Final = 4  # of the exponential's series: enough for a third of a lag
+
+
+class VehicleParameter(IntEnum):
+    """Index of each vehicle parameter that the kernels read; the names are fields of `Vehicle`."""
+
+    WHEELBASE = 0
+    HITCH_OFFSET = 1
+    DRAWBAR_LENGTH = 2
+    TRAILER_LENGTH = 3
+    SPEED_GAIN = 4
+    SPEED_TIME_CONSTANT = 5
+    STEERING_LAG_T = 6
+    STEERING_LAG_I = 7
+    STEERING_RATE_T = 8
+    STEERING_RATE_I = 9
+
+
+class SensorIndex(IntEnum):
+    """Number of each sensor in the kernels; the names are those of `Sensor`."""
+
+    GNSS_TRACTOR = 0
+    GNSS_TRAILER = 1
+    STEERING_TRACTOR = 2
+    STEERING_TRAILER = 3
+    HITCH = 4
+    ENCODER = 5
+    IMU_TRACTOR = 6
+    IMU_TRAILER = 7
+
+
+def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
+    """Return the parameters of a vehicle in the order of `VehicleParameter`, (10,), SI units."""
+    return np.array([getattr(vehicle, parameter.name.lower()) for parameter in VehicleParameter])
+
+
+@cached_njit()
+def _steering(command: float, angle: float, lag: float, limit: float) -> tuple[float, float]:
+    """Return the rate of a steering angle [rad/s] and its derivative by the command [1/s]."""
+    rate = (command - angle) / lag
+    if abs(rate) >= limit:
+        return math.copysign(limit, rate), 0.0
+    return rate, 1.0 / lag
+
+
+@cached_njit()
+def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: FloatArray) -> None:
+    """Write dx/dt of the first seven entries under `inputs` (3,) into `rate` (7,).
+
+    The model is `articulated` with the total slips, v = rim (1 - s) and
+    rim' = (K hp - rim) / tau + w. The disturbances are constant.
+    """
+    psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
+    delta_t, delta_i = x[AugmentedState.DELTA_T], x[AugmentedState.DELTA_I]
+    rim = x[AugmentedState.RIM]
+    wheelbase = parameters[VehicleParameter.WHEELBASE]
+    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
+    gear = math.copysign(1.0, rim)
+    gx, gy = gear * x[AugmentedState.SIDE_X], gear * x[AugmentedState.SIDE_Y]
+    cx, cy = gear * x[AugmentedState.CLIMB_X], gear * x[AugmentedState.CLIMB_Y]
+    slip_t = x[AugmentedState.SLIP_T] - gx * sin_t + gy * cos_t
+    slip_i = x[AugmentedState.SLIP_I] - gx * math.sin(psi_i) + gy * math.cos(psi_i)
+    v = rim * (1.0 - x[AugmentedState.WHEEL] - cx * cos_t - cy * sin_t)
+    lam = psi_t - psi_i
+    cos_l, cos_i = math.cos(lam), math.cos(delta_i)
+    rate_t, _ = _steering(
+        inputs[Input.DELTA_T],
+        delta_t,
+        parameters[VehicleParameter.STEERING_LAG_T],
+        parameters[VehicleParameter.STEERING_RATE_T],
+    )
+    rate_i, _ = _steering(
+        inputs[Input.DELTA_I],
+        delta_i,
+        parameters[VehicleParameter.STEERING_LAG_I],
+        parameters[VehicleParameter.STEERING_RATE_I],
+    )
+    yaw_t = v * math.tan(delta_t + x[AugmentedState.STEERING]) / wheelbase
+    across = v * (math.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
+    steady_rim = parameters[VehicleParameter.SPEED_GAIN] * inputs[Input.HP]
+    tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
+    rate[AugmentedState.X] = v * (cos_t - slip_t * sin_t)
+    rate[AugmentedState.Y] = v * (sin_t + slip_t * cos_t)
+    rate[AugmentedState.PSI_T] = yaw_t
+    rate[AugmentedState.PSI_I] = (across - d * rate_i * cos_i) / (length_i + d * cos_i)
+    rate[AugmentedState.DELTA_T] = rate_t
+    rate[AugmentedState.DELTA_I] = rate_i
+    rate[AugmentedState.RIM] = (steady_rim - rim) / tau + x[AugmentedState.DRIVE]
+
+
+@cached_njit()
+def state_rate_jacobian(
+    x: FloatArray, inputs: FloatArray, parameters: FloatArray, jacobian: FloatArray
+) -> None:
+    """Write d `state_rate` / d x under `inputs` (3,) into `jacobian` (7, 22)."""
+    psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
+    delta_t, delta_i = x[AugmentedState.DELTA_T], x[AugmentedState.DELTA_I]
+    rim = x[AugmentedState.RIM]
+    wheelbase = parameters[VehicleParameter.WHEELBASE]
+    a, d = parameters[VehicleParameter.HITCH_OFFSET], parameters[VehicleParameter.DRAWBAR_LENGTH]
+    length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+    sin_t, cos_t = math.sin(psi_t), math.cos(psi_t)
+    sin_p, cos_p = math.sin(psi_i), math.cos(psi_i)
+    gear = math.copysign(1.0, rim)
+    gx, gy = gear * x[AugmentedState.SIDE_X], gear * x[AugmentedState.SIDE_Y]
+    cx, cy = gear * x[AugmentedState.CLIMB_X], gear * x[AugmentedState.CLIMB_Y]
+    slip_t = x[AugmentedState.SLIP_T] - gx * sin_t + gy * cos_t
+    slip_i = x[AugmentedState.SLIP_I] - gx * sin_p + gy * cos_p
+    speed_ratio = 1.0 - x[AugmentedState.WHEEL] - cx * cos_t - cy * sin_t  # v / rim
+    v = rim * speed_ratio
+    lam = psi_t - psi_i
+    sin_l, cos_l = math.sin(lam), math.cos(lam)
+    sin_i, cos_i = math.sin(delta_i), math.cos(delta_i)
+    _, gain_t = _steering(
+        inputs[Input.DELTA_T],
+        delta_t,
+        parameters[VehicleParameter.STEERING_LAG_T],
+        parameters[VehicleParameter.STEERING_RATE_T],
+    )
+    rate_i, gain_i = _steering(
+        inputs[Input.DELTA_I],
+        delta_i,
+        parameters[VehicleParameter.STEERING_LAG_I],
+        parameters[VehicleParameter.STEERING_RATE_I],
+    )
+    angle = delta_t + x[AugmentedState.STEERING]
+    yaw_t_v = math.tan(angle) / wheelbase
+    yaw_t_delta = v / (wheelbase * math.cos(angle) ** 2)
+    arm = length_i + d * cos_i
+    yaw_i_v = (sin_l + slip_t * cos_l - slip_i - a * yaw_t_v * cos_l) / arm
+    yaw_i = v * yaw_i_v - d * rate_i * cos_i / arm
+    yaw_i_lam = v * (cos_l - slip_t * sin_l + a * yaw_t_v * sin_l) / arm
+    yaw_i_delta_t = -a * yaw_t_delta * cos_l / arm
+    yaw_i_rate = -d * cos_i / arm
+    yaw_i_delta_i = d * sin_i * (rate_i + yaw_i) / arm - yaw_i_rate * gain_i
+
+    jacobian[:, :] = 0.0
+    jacobian[AugmentedState.X, AugmentedState.PSI_T] = -v * (sin_t + slip_t * cos_t)
+    jacobian[AugmentedState.Y, AugmentedState.PSI_T] = v * (cos_t - slip_t * sin_t)
+    jacobian[AugmentedState.PSI_T, AugmentedState.DELTA_T] = yaw_t_delta
+    jacobian[AugmentedState.PSI_T, AugmentedState.STEERING] = yaw_t_delta
+    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_T] = yaw_i_lam
+    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_I] = -yaw_i_lam
+    jacobian[AugmentedState.PSI_I, AugmentedState.DELTA_T] = yaw_i_delta_t
+    jacobian[AugmentedState.PSI_I, AugmentedState.STEERING] = yaw_i_delta_t
+    jacobian[AugmentedState.PSI_I, AugmentedState.DELTA_I] = yaw_i_delta_i
+    jacobian[AugmentedState.DELTA_T, AugmentedState.DELTA_T] = -gain_t
+    jacobian[AugmentedState.DELTA_I, AugmentedState.DELTA_I] = -gain_i
+    tau = parameters[VehicleParameter.SPEED_TIME_CONSTANT]
+    jacobian[AugmentedState.RIM, AugmentedState.RIM] = -1.0 / tau
+    jacobian[AugmentedState.RIM, AugmentedState.DRIVE] = 1.0
+    # Through the speed v = rim * speed_ratio, and through the side slips.
+    by_v = (cos_t - slip_t * sin_t, sin_t + slip_t * cos_t, yaw_t_v, yaw_i_v)
+    by_slip_t = (-v * sin_t, v * cos_t, 0.0, v * cos_l / arm)
+    by_slip_i = -v / arm
+    v_psi = rim * (cx * sin_t - cy * cos_t)
+    slip_t_psi = -gx * cos_t - gy * sin_t
+    for row in range(4):  # x, y, psi_t, psi_i
+        jacobian[row, AugmentedState.PSI_T] += by_v[row] * v_psi + by_slip_t[row] * slip_t_psi
+        jacobian[row, AugmentedState.RIM] = by_v[row] * speed_ratio
+        jacobian[row, AugmentedState.SLIP_T] = by_slip_t[row]
+        jacobian[row, AugmentedState.WHEEL] = -by_v[row] * rim
+        jacobian[row, AugmentedState.SIDE_X] = -gear * by_slip_t[row] * sin_t
+        jacobian[row, AugmentedState.SIDE_Y] = gear * by_slip_t[row] * cos_t
+        jacobian[row, AugmentedState.CLIMB_X] = -gear * by_v[row] * rim * cos_t
+        jacobian[row, AugmentedState.CLIMB_Y] = -gear * by_v[row] * rim * sin_t
+    jacobian[AugmentedState.PSI_I, AugmentedState.PSI_I] += by_slip_i * (-gx * cos_p - gy * sin_p)
+    jacobian[AugmentedState.PSI_I, AugmentedState.SLIP_I] = by_slip_i
+    jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_X] -= gear * by_slip_i * sin_p
+    jacobian[AugmentedState.PSI_I, AugmentedState.SIDE_Y] += gear * by_slip_i * cos_p
+
+
+@cached_njit()
+def move_augmented_state(
+    x: FloatArray,
+    valves: FloatArray,
+    command: FloatArray,
+    parameters: FloatArray,
+    fading: FloatArray,
+    step_s: float,
+    middle: FloatArray,
+    inputs: FloatArray,
+    faded: FloatArray,
+) -> None:
+    """Advance `x` (22,) and `valves` (2,) by `step_s` in place.
+
+    The set points of the steering valves `valves` [rad] run to the `command` (3,) at their rate
+    limit, and their mean over the step acts. The state takes one classical Runge-Kutta step.
+    Disturbances fade by exp(-a step_s - b travel) with the rows a [1/s], b [1/m] of `fading`
+    (2, 15). Written are the state in the `middle` of the step (22,), the `inputs` that act (3,) and
+    the logarithm of the factor by which each disturbance fades, `faded` (15,).
+    """
+    inputs[Input.HP] = command[Input.HP]
+    for i in range(2):
+        reach = parameters[VehicleParameter.STEERING_RATE_T + i] * step_s
+        after = min(max(command[i], valves[i] - reach), valves[i] + reach)
+        inputs[i] = 0.5 * (valves[i] + after)
+        valves[i] = after
+    stage_x = x.copy()
+    rates = np.empty((4, STATES))
+    state_rate(x, inputs, parameters, rates[0])
+    for stage in range(3):
+        duration = step_s if stage == 2 else 0.5 * step_s
+        for i in range(STATES):
+            stage_x[i] = x[i] + duration * rates[stage, i]
+        state_rate(stage_x, inputs, parameters, rates[stage + 1])
+    middle[:] = x
+    for i in range(STATES):
+        change = step_s / 6.0 * (rates[0, i] + 2.0 * (rates[1, i] + rates[2, i]) + rates[3, i])
+        middle[i] = x[i] + 0.5 * change
+        x[i] += change
+    travel = abs(middle[AugmentedState.RIM]) * step_s
+    for j in range(SIZE - STATES):
+        faded[j] = -fading[0, j] * step_s - fading[1, j] * travel
+        x[STATES + j] *= math.exp(faded[j])
+
+
+@cached_njit()
+def advance_augmented_state(
+    x: FloatArray,
+    valves: FloatArray,
+    command: FloatArray,
+    parameters: FloatArray,
+    fading: FloatArray,
+    step_s: float,
+    transition: FloatArray,
+) -> None:
+    """Advance `x` and `valves` as `move_augmented_state`; write d after / d before.
+
+    `transition` (22, 22) is the exponential of the Jacobian in the middle of the step.
+    """
+    middle, inputs, faded = np.empty(SIZE), np.empty(3), np.empty(SIZE - STATES)
+    move_augmented_state(x, valves, command, parameters, fading, step_s, middle, inputs, faded)
+    jacobian = np.empty((STATES, SIZE))
+    state_rate_jacobian(middle, inputs, parameters, jacobian)
+
+    size = len(transition)  # no constant, see `correct`
+    # exp([[A, B], [0, F]]) by Horner's scheme, F diagonal: only the upper rows are full.
+    transition[:, :] = 0.0
+    for i in range(size):
+        transition[i, i] = 1.0
+    previous = np.empty((STATES, SIZE))
+    for term in range(_TERMS, 0, -1):
+        previous[:, :] = transition[:STATES]
+        duration = step_s / term
+        for i in range(STATES):
+            for j in range(size):
+                transition[i, j] = jacobian[i, j] * transition[j, j] if j >= STATES else 0.0
+            for k in range(STATES):
+                if jacobian[i, k] != 0.0:
+                    for j in range(size):
+                        transition[i, j] += jacobian[i, k] * previous[k, j]
+            for j in range(size):
+                transition[i, j] *= duration
+        for i in range(STATES):
+            transition[i, i] += 1.0
+        for j in range(STATES, size):
+            transition[j, j] = 1.0 + faded[j - STATES] * transition[j, j] / term
+
+
+@cached_njit()
+def measure(
+    sensor: int,
+    x: FloatArray,
+    parameters: FloatArray,
+    span_s: float,
+    reading: FloatArray,
+    jacobian: FloatArray,
+) -> int:
+    """Write the noise-free reading (2,) of a sensor and d reading / d x (2, 22).
+
+    Returns the number of entries of the reading, 1 or 2. `sensor` is a `SensorIndex` as a number.
+    The reading of a gyro is the integral of its yaw rate over the time `span_s` since its last
+    sample; the other sensors do not need it.
+    """
+    jacobian[:, :] = 0.0
+    error_x, error_y = x[AugmentedState.GNSS_X], x[AugmentedState.GNSS_Y]
+    if sensor == SensorIndex.GNSS_TRACTOR:
+        reading[0], reading[1] = x[AugmentedState.X] - error_x, x[AugmentedState.Y] - error_y
+        jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
+        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = -1.0
+        return 2
+    if sensor == SensorIndex.GNSS_TRAILER:
+        psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
+        psi_d = psi_i + x[AugmentedState.DELTA_I]
+        a = parameters[VehicleParameter.HITCH_OFFSET]
+        d = parameters[VehicleParameter.DRAWBAR_LENGTH]
+        length_i = parameters[VehicleParameter.TRAILER_LENGTH]
+        drawbar_x, drawbar_y = d * math.sin(psi_d), -d * math.cos(psi_d)
+        trailer_x, trailer_y = length_i * math.sin(psi_i), -length_i * math.cos(psi_i)
+        tractor_x, tractor_y = a * math.sin(psi_t), -a * math.cos(psi_t)
+        reading[0] = x[AugmentedState.X] + tractor_y + drawbar_y + trailer_y + error_x
+        reading[1] = x[AugmentedState.Y] - tractor_x - drawbar_x - trailer_x + error_y
+        jacobian[0, AugmentedState.GNSS_X] = jacobian[1, AugmentedState.GNSS_Y] = 1.0
+        jacobian[0, AugmentedState.X] = jacobian[1, AugmentedState.Y] = 1.0
+        jacobian[0, AugmentedState.PSI_T] = tractor_x
+        jacobian[1, AugmentedState.PSI_T] = tractor_y
+        jacobian[0, AugmentedState.PSI_I] = drawbar_x + trailer_x
+        jacobian[1, AugmentedState.PSI_I] = drawbar_y + trailer_y
+        jacobian[0, AugmentedState.DELTA_I] = drawbar_x
+        jacobian[1, AugmentedState.DELTA_I] = drawbar_y
+        return 2
+    if sensor == SensorIndex.HITCH:
+        psi_t, psi_i = x[AugmentedState.PSI_T], x[AugmentedState.PSI_I]
+        reading[0] = psi_t - psi_i - x[AugmentedState.DELTA_I]
+        jacobian[0, AugmentedState.PSI_T] = 1.0
+        jacobian[0, AugmentedState.PSI_I] = -1.0
+        jacobian[0, AugmentedState.DELTA_I] = -1.0
+        return 1
+    if sensor == SensorIndex.IMU_TRACTOR or sensor == SensorIndex.IMU_TRAILER:
+        body = sensor - SensorIndex.IMU_TRACTOR
+        psi, past = AugmentedState.PSI_T + body, AugmentedState.PAST_T + body
+        bias = AugmentedState.GYRO_T + body
+        reading[0] = x[psi] - x[past] + span_s * x[bias]
+        jacobian[0, psi], jacobian[0, past], jacobian[0, bias] = 1.0, -1.0, span_s
+        return 1
+    if sensor == SensorIndex.STEERING_TRACTOR:
+        entry = AugmentedState.DELTA_T
+    elif sensor == SensorIndex.STEERING_TRAILER:
+        entry = AugmentedState.DELTA_I
+    else:
+        entry = AugmentedState.RIM
+    reading[0] = x[entry]
+    jacobian[0, entry] = 1.0
+    return 1
+
+
+LENGTH: Final = {
+    Sensor.GNSS_TRACTOR: 2,
+    Sensor.GNSS_TRAILER: 2,
+    Sensor.STEERING_TRACTOR: 1,
+    Sensor.STEERING_TRAILER: 1,
+    Sensor.HITCH: 1,
+    Sensor.ENCODER: 1,
+}
+"""Entries of a sample of each sensor with a model; estimators ignore the samples of all others."""
+
+KERNEL_INDEX: Final = {sensor: int(SensorIndex[sensor.name]) for sensor in LENGTH}
+"""`SensorIndex` of each of these sensors as a plain number, which numba compiles once."""
+
+GYROS: Final = {s: int(SensorIndex[s.name]) for s in (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER)}
+"""`SensorIndex` of the sensors whose yaw rate the filter uses where they are there."""
+
+ANGLES: Final = frozenset({Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH})
+"""Sensors whose readings are angles, equal modulo a turn."""
+
+
+def predicted_measurement(
+    sensor: Sensor, augmented: FloatArray, vehicle: Vehicle
+) -> tuple[FloatArray, FloatArray]:
+    """Return the noise-free reading h (m,) of `sensor` and its Jacobian (m, 22).
+
+    Both at an augmented state (22,). The encoder reads the rim speed, the others geometry.
+
+    Raises:
+        UnknownSensor: the sensor has no model.
+    """
+    if sensor not in LENGTH:
+        raise UnknownSensor(f"{sensor}: no model, there are those of {', '.join(LENGTH)}")
+    reading, jacobian = np.zeros(2), np.zeros((2, SIZE))
+    m = measure(
+        KERNEL_INDEX[sensor], augmented, vehicle_parameters(vehicle), 0.0, reading, jacobian
+    )
+    return reading[:m], jacobian[:m]

@@ -1,1 +1,0 @@
-"""Controller of Kayacan, Ramon and Saeys (2016)."""
