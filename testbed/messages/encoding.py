@@ -17,8 +17,11 @@ import numpy as np
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from google.protobuf.descriptor_pb2 import (
     FieldDescriptorProto,
     FileDescriptorProto,
@@ -109,11 +112,12 @@ def single(values: FloatArray) -> FloatArray:
     return values.astype(np.float32).astype(np.float64)
 
 
-def _example_pose() -> dict[str, dict[str, float]]:
+def _example_pose() -> Pose:
     """Return a pose with holes 0 to 6: x, y, z and the quaternion w, x, y, z."""
-    position = {name: hole(k) for k, name in enumerate("xyz")}
     orientation = {name: hole(3 + k) for k, name in enumerate("wxyz")}
-    return {"position": position, "orientation": orientation}
+    return Pose(
+        position=Vector3(x=hole(0), y=hole(1), z=hole(2)), orientation=Quaternion(**orientation)
+    )
 
 
 _POSE: Final = Template(PoseInFrame(timestamp=_STAMP, frame_id=MAP_FRAME, pose=_example_pose()))

@@ -10,6 +10,8 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
@@ -141,9 +143,7 @@ def _triangles(
     return triangles
 
 
-_VERTEX: Final = Template(
-    TriangleListPrimitive(points=[{name: hole(k) for k, name in enumerate("xyz")}])
-)
+_VERTEX: Final = Template(TriangleListPrimitive(points=[Point3(x=hole(0), y=hole(1), z=hole(2))]))
 _COLOUR: Final = Template(
-    TriangleListPrimitive(colors=[{name: hole(k) for k, name in enumerate("rgba")}])
+    TriangleListPrimitive(colors=[Color(r=hole(0), g=hole(1), b=hole(2), a=hole(3))])
 )

@@ -133,7 +133,7 @@ def log_info(content: Content) -> dict[str, Any]:
                 "name": topic,
                 "messages": len(messages),
                 "per_s": (len(messages) - 1) / end_s if len(messages) > 1 and end_s else None,
-                "schema": content.schemas[topic].name,
+                "schema": content.topics[topic].schema_name,
             }
             for topic, messages in content.messages.items()
         ],
