@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import signal
@@ -11,7 +12,6 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -47,6 +47,7 @@ _RATES: Final[dict[Quality, dict[str, str]]] = {  # constant rate factor, effort
     "draft": {"crf": "23", "preset": "veryfast"},
     "high": {"crf": "19", "preset": "slow"},
 }
+_TICK: Final = Fraction(1, FRAME_RATE)  # [s]
 _EVERY: Final = 2  # frames of a film to one of an animation
 _MOST_FRAMES: Final = 500  # of a film as an animation: 0.7 GB at 1280x720
 _WEBP_QUALITY: Final = 45
@@ -57,7 +58,7 @@ class Film:
     """A picture or a film of one run, or of several side by side, that can be written."""
 
     runs: tuple[Playback, ...]
-    ghosts: tuple[Ghost, ...]  # in the picture of the only run
+    ghosts: tuple[tuple[Ghost, ...], ...]  # of each run
     settings: FilmSettings
     times: FloatArray  # of the frames, (n,) [s of the run]
 
@@ -82,27 +83,26 @@ class Film:
         times = settings.times(
             *(max(getattr(run, end) for run in runs) for end in ("begin_s", "end_s"))
         )
-        bodies = runs[0].motion.body_names
         others = [read_playback(Path(log)) for log in ghosts if log != REFERENCE_GHOST]
+        bodies = runs[0].motion.body_names
         for other in others:
             if missing := set(bodies) - set(other.motion.body_names):
                 raise InvalidFilm(f"--ghost {other.file}: has no {', '.join(sorted(missing))}")
-        drawn = [Ghost(runs[0], bodies, GHOSTS[0], True)] if REFERENCE_GHOST in ghosts else []
-        drawn += [
-            Ghost(other, bodies, GHOSTS[1 + number % (len(GHOSTS) - 1)])
-            for number, other in enumerate(others)
-        ]
+        colours = itertools.cycle(GHOSTS[1:])
+        drawn = [Ghost(other, bodies, next(colours)) for other in others]
+        references = [[Ghost(run, (), GHOSTS[0], True)] for run in runs]
+        each = [(own if REFERENCE_GHOST in ghosts else []) + drawn for own in references]
         count, width = len(runs), settings.pixels[0]
         if width // count < MIN_SIZE[0]:
             raise InvalidFilm(
                 f"--size: {count} runs abreast need a width of {count * MIN_SIZE[0]} or more, "
                 f"got {width}"
             )
-        if count > 1 and (settings.camera == "split" or drawn):
-            raise InvalidFilm("--camera split, --ghost: show one run, not several abreast")
+        if count > 1 and settings.camera == "split":
+            raise InvalidFilm("--camera split: shows one run; take another for several abreast")
         if settings.camera != "plan":
             check_graphics()
-        return cls(runs, tuple(drawn), settings, times)
+        return cls(runs, tuple(map(tuple, each)), settings, times)
 
     @property
     def frames(self) -> int:
@@ -187,13 +187,15 @@ class Film:
         error_m, count = error_scale_m(self.runs), len(self.runs)
         edges = [round(width * k / count) for k in range(count + 1)]
         panels = []
-        for run, (left, right) in zip(self.runs, pairwise(edges), strict=True):
+        for run, ghosts, (left, right) in zip(
+            self.runs, self.ghosts, itertools.pairwise(edges), strict=True
+        ):
             hud = Hud(
                 run,
                 (right - left, height),
                 error_m,
                 speed=settings.speed if settings.at_s is None else 0.0,
-                ghosts=self.ghosts,
+                ghosts=ghosts,
                 exaggeration=settings.exaggeration,
                 brief=count > 1,
                 plan=settings.camera == "plan",
@@ -206,7 +208,7 @@ class Film:
         camera, (width, height) = self.settings.camera, hud.view_size
         cameras = _SPLIT if camera == "split" else (camera,)
         make = PlanView if camera == "plan" else MujocoScene
-        view = make(run, self.settings, (width // len(cameras), height), self.ghosts)
+        view = make(run, self.settings, (width // len(cameras), height), hud.ghosts)
 
         def panel(time_s: float) -> Picture:
             time_s = min(time_s, run.end_s)  # a run that has ended stays at its last record
@@ -296,9 +298,9 @@ def _encode(file: str, frames: Iterable[Picture], settings: FilmSettings) -> Non
         stream = container.add_stream(_CODEC, rate=FRAME_RATE)
         stream.width, stream.height = settings.pixels
         stream.pix_fmt, stream.options = _PIXELS, dict(_RATES[settings.quality])
-        stream.time_base = Fraction(1, FRAME_RATE)
+        stream.time_base = _TICK
         for number, picture in enumerate(frames):
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-            frame.pts, frame.time_base = number, stream.time_base
+            frame.pts, frame.time_base = number, _TICK
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))

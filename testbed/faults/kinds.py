@@ -37,7 +37,7 @@ from ..sensing.sensor_errors import Correlated
 from ..sensing.sensor_specification import SensorSpecification
 from ..simulation.plant import Plant
 from ..truth import WHEELS
-from ..vehicle.vehicle_parts import Steering
+from ..vehicle.vehicle import Steering
 from ..wheels.soil_wheels import SoilWheels
 from .fault import SAME_TIME_S, Fault, FaultContext, Key, Row, Window, fault_type
 

@@ -26,14 +26,15 @@ from mcap.records import Channel as McapChannel
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
-from ..atomic_write import atomic_write, partial_path
+from ..atomic_write import atomic_write
 from ..bounded_read import read_bounded
 from ..errors import LogError
 from ..messages.encoding import LEVELS, message_class, row_fields
 from ..messages.publisher import Topic
 from ..recording.channels import CHANNELS, EVENT_TOPIC, Channel
 from ..recording.record import Event, Record, Table
-from .writer import FORMAT, FORMAT_KEY, LOG_NAME, RUN_METADATA, McapFile, refuse_existing_log
+from . import LOG_NAME, log_path
+from .writer import FORMAT, FORMAT_KEY, RUN_METADATA, McapFile, refuse_existing_log
 
 SALVAGED_KEY: Final = "salvaged"  # metadata of a truncated log: extent of what was read
 RECOVERED_KEY: Final = "recovered"  # metadata of a recovered log: extent of what was recovered
@@ -105,18 +106,6 @@ class Content:
     topics: Mapping[str, Topic]  # by name
     messages: Mapping[str, list[Message]]  # by topic
     salvage: Salvage | None  # None where the log is whole
-
-
-def log_path(place: str | Path) -> Path:
-    """Return the log that is meant: the file itself, or that in the folder of a run.
-
-    Of a run that was killed it is the part that was written, `log.mcap.part`. A folder without a
-    log is returned as it is.
-    """
-    path = Path(place)
-    whole = path / LOG_NAME
-    inside = (whole, partial_path(whole))
-    return next((file for file in inside if file.is_file()), path)
 
 
 def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic: True) -> Content:

@@ -47,8 +47,6 @@ from ..messages.publisher import Publisher, Topic, topics_of
 from ..messages.scenery import Scenery
 from ..recording import channels as flat
 
-LOG_NAME: Final = "log.mcap"
-"""Name of the log in the folder of a run."""
 PROGRAM: Final = "ttempc"  # writer of the log, in its header
 RUN_METADATA: Final = "run"  # the name of the MCAP metadata record that describes the run
 FORMAT_KEY: Final = "log_format"

@@ -210,3 +210,12 @@ def around_exact_feedforward(
     limits = CommandLimits.of(vehicle, period_s)
     feedback = law(grid, feedforward)
     return TrackingController(grid, as_lambda, feedback, limits, measured_hitch=False)
+
+
+def feedforward_controller(
+    vehicle: Vehicle, reference: Reference, period_s: float
+) -> TrackingController:
+    """Compose the exact feedforward alone: what the reference asks for, whatever happens."""
+    return around_exact_feedforward(
+        vehicle, reference, period_s, 1, lambda grid, feedforward: NoFeedback()
+    )

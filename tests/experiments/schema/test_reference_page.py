@@ -73,7 +73,7 @@ def test_options_of_every_controller_are_listed(page):
 
 def test_the_command_writes_the_schema_once(tmp_path, capsys):
     file = tmp_path / "scenario.json"
-    assert main(["schema", "-o", str(file)]) == 0
+    assert main(["list", "--schema", "-o", str(file)]) == 0
     assert json.loads(file.read_text()) == json.loads(json.dumps(json_schema()))
-    assert main(["schema", "-o", str(file)]) == 2
+    assert main(["list", "--schema", "-o", str(file)]) == 2
     assert "exists already" in capsys.readouterr().err

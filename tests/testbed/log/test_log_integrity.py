@@ -16,7 +16,7 @@ from proving_ground.testbed.log.reader import integrity_error, read_content, rea
 from proving_ground.testbed.log.scene import check_model, lines_of, motion_of
 from proving_ground.testbed.log.writer import McapFile
 from proving_ground.testbed.recording.channels import EVENT_TOPIC, REFERENCE_PATH_TOPIC, STATE
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
+from proving_ground.testbed.vehicle.vehicle import read_vehicle, shipped_vehicles
 from proving_ground.testbed.vehicle.vehicle_model import build_spec, level_mjcf, level_model
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS
