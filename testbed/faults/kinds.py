@@ -32,7 +32,7 @@ from ..configuration.config_io import (
     StrengthKpa,
 )
 from ..ground.features import Ditch, Step
-from ..ground.soil_layers import Patch
+from ..ground.soil import Patch
 from ..sensing.sensor_errors import Correlated
 from ..sensing.sensor_specification import SensorSpecification
 from ..simulation.plant import Plant

@@ -13,7 +13,7 @@ from typing import Final
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
-from ..ground.grid_kernel import grid_cell
+from ..wheels.tyre_kernel import grid_cell
 from . import soil_force
 
 # numba compiles module globals as constants

@@ -16,7 +16,6 @@ import numpy as np
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
-from ..ground.grid_kernel import grid_cell
 from . import tyre
 
 
@@ -42,6 +41,21 @@ _SMALL_SPEED: Final = tyre.SMALL_SPEED
 _LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
 # contact length over radius; a track begins this far of travel behind the wheel that made it
 _CONTACT: Final = float(2.0 * np.sin(tyre.FAN_ANGLES[-1]))
+
+
+@cached_njit(inline="always")
+def grid_cell(coordinate: float, last: int) -> tuple[int, float]:
+    """Return the grid cell and the place in it, 0 to 1; beyond the grid those of the border.
+
+    The integer clamp also holds for NaN.
+
+    Args:
+        coordinate: along one axis of the grid, in cells.
+        last: index of its last point.
+    """
+    coordinate = min(last, max(0.0, coordinate))
+    index = max(0, min(int(coordinate), last - 1))
+    return index, coordinate - index
 
 
 @cached_njit(inline="always")
