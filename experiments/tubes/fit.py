@@ -131,7 +131,7 @@ def fit_tube(
         estimation=residual_table(np.concatenate([run.errors.estimation for run in runs])),
         versions=versions(),
     )
-    about = "Tube for the controller ttempc-tube, written by ttempc fit-tube"
+    about = "Tube for the controller ttempc-tube, written by ttempc fit tube"
     along = ReferenceTube.along(design, reference, ticks)
     warnings = [
         contradiction(provenance.disturbance, "disturbance", coverage, confidence),

@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 
 from ....testbed.ground.terrain import flat
-from ....testbed.inspection.bench import DRIVEN, Bench
-from ....testbed.inspection.check import Check, between
-from ....testbed.inspection.traction import efficiency
 from ....testbed.truth import WHEELS
+from ....testbed.validation.bench import DRIVEN, Bench
+from ....testbed.validation.check import Check, between
+from ....testbed.validation.validate import validate
 from ....testbed.vehicle.servos import tyres_of
 from ....testbed.wheels import tyre
 from ....testbed.wheels.soil_law import SoilLaw
@@ -147,7 +147,7 @@ def _efficiency(bench: Bench, bn: float) -> list[Check]:
     load = plant.reset(0.0, 0.0, 0.0, 0.0).wheels.load
     per_kpa = tyre.mobility(bench.wheel_law, plant.tyres, load, np.ones(len(WHEELS)))[0]
     soil = replace(bench.soil, background=bn / float(per_kpa[DRIVEN].mean()))
-    return efficiency(replace(bench, soil=soil))
+    return [*validate(replace(bench, soil=soil), ("tractive efficiency",))]
 
 
 def _best(check: Check) -> float:

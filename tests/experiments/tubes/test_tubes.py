@@ -296,19 +296,27 @@ def test_a_run_stays_in_its_tube_and_one_run_is_too_few_for_a_fit(tmp_path, caps
     assert finished.files["tube"].exists()
     assert len(read_runs([tmp_path], fit_run)) == 1
     out = tmp_path / "tube.json"
-    assert main(["fit-tube", str(tmp_path), "-o", str(out)]) == 2
+    assert main(["fit", "tube", str(tmp_path), "-o", str(out)]) == 2
     assert "got 1 runs, at least 3 are needed" in capsys.readouterr().err
     assert not out.exists()
     out.write_text("")
-    assert main(["fit-tube", str(tmp_path), "-o", str(out)]) == 2
+    assert main(["fit", "tube", str(tmp_path), "-o", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
-    assert main(["fit-tube", str(tmp_path / "nothing")]) == 2
-    assert main(["fit-tube", "--laps-coverage", "0.95", "--window", "5", str(tmp_path)]) == 2
+    assert main(["fit", "tube", str(tmp_path / "nothing")]) == 2
+    assert main(["fit", "tube", "--laps-coverage", "0.95", "--window", "5", str(tmp_path)]) == 2
     assert "--window: not with --laps-coverage" in capsys.readouterr().err
-    calibrate = ["fit-tube", "--laps-coverage", "0.95", str(tmp_path), "-o", str(tmp_path / "new")]
+    calibrate = [
+        "fit",
+        "tube",
+        "--laps-coverage",
+        "0.95",
+        str(tmp_path),
+        "-o",
+        str(tmp_path / "new"),
+    ]
     assert main(calibrate) == 2
     assert "got 1 runs, a coverage of 0.95 for the next run takes 23" in capsys.readouterr().err
-    assert main(["fit-tube", str(tmp_path / "nothing")]) == 2
+    assert main(["fit", "tube", str(tmp_path / "nothing")]) == 2
     assert "there is no log.mcap in it or below" in capsys.readouterr().err
 
 
