@@ -27,22 +27,21 @@ def validate(arguments: argparse.Namespace) -> int:
     nothing is written). Takes up to a minute.
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..validation.plant_validation import format_check, summary_line
-    from ..validation.validation_report import write_plant_validation
+    from ..validation.validation_report import format_check, validation_report
 
     name, scenario = options.load_scenario(arguments)
     stem = f"{name}-validation-{scenario.plant.wheels}"
     folder = arguments.out or options.unused_path(Path("runs"), stem)
-    validation = write_plant_validation(
+    validation = validation_report(
         name,
         scenario,
         folder,
-        lambda check: None if arguments.json else print(format_check(check), flush=True),
+        on_check=lambda check: None if arguments.json else print(format_check(check), flush=True),
     )
     if arguments.json:
         print(validation.to_json(), end="")
     else:
-        print(f"\n{summary_line(validation)}\n\nopen {next(folder.glob('*.html'))}")
+        print(f"\n{validation.summary_line()}\n\nopen {folder / 'validation.html'}")
     return 0 if validation.passed else options.EXIT_CHECK_FAILED
 
 

@@ -1,4 +1,4 @@
-"""Test bench: builds plants for the experiments of the validation and drives them."""
+"""Test bench: the plants of the validation, and what its experiments read from them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from typing import Final
 
 import numpy as np
@@ -53,12 +54,7 @@ class Bench:
         """Model parameters of the vehicle's file."""
         return nominal(self.vehicle)
 
-    @property
-    def roll(self) -> Command:
-        """Command that drives straight at `SPEED` on firm ground."""
-        return self.command(SPEED)
-
-    def command(self, speed: float, delta_t: float = 0.0, delta_i: float = 0.0) -> Command:
+    def command(self, speed: float = SPEED, delta_t: float = 0.0, delta_i: float = 0.0) -> Command:
         """Return the command for a speed [m/s] on firm ground and steering angles [rad]."""
         return Command(delta_t, delta_i, speed / self.nominal.speed_gain)
 
@@ -80,12 +76,6 @@ class Bench:
             timestep_s=timestep_s or self.timestep_s,
         )
 
-    def scenario_plant(
-        self, *, wheels: str | None = None, timestep_s: float | None = None
-    ) -> Plant:
-        """Return a plant of the vehicle on the scenario's ground."""
-        return self.plant(self.terrain, self.soil, wheels=wheels, timestep_s=timestep_s)
-
 
 def steps(plant: Plant, seconds: float) -> int:
     """Return the number of physics steps in a time [s]."""
@@ -98,9 +88,9 @@ def drive(plant: Plant, command: Command, seconds: float, every: float) -> list[
     return [plant.advance(command, count) for _ in range(round(seconds / every))]
 
 
-def weight(plant: Plant) -> float:
-    """Return the weight of the vehicle [N]."""
-    return float(-plant.model.opt.gravity[2] * plant.model.body_mass.sum())
+def column(truths: Sequence[Truth], name: str) -> FloatArray:
+    """Return a quantity of each truth, (n, ...); `name` may have dots, as "wheels.load"."""
+    return np.array([attrgetter(name)(truth) for truth in truths])
 
 
 def bodies(plant: Plant, root: str) -> Sequence[int]:

@@ -1,4 +1,4 @@
-"""Checks of the plant validation: a measured figure, its expected range and the source."""
+"""Checks of the validation: a measured figure, its permitted range and the source of it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from ttempc.types import FloatArray
 
 Verdict = Literal["pass", "FAIL", "not applicable"]
+_VERDICTS: Final[dict[bool | None, Verdict]] = {True: "pass", False: "FAIL", None: "not applicable"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,26 +61,6 @@ class Check:
         return _VERDICTS[self.passed]
 
 
-_VERDICTS: Final[dict[bool | None, Verdict]] = {True: "pass", False: "FAIL", None: "not applicable"}
-
-
-def near(
-    name: str,
-    figure: float,
-    expected: float,
-    tolerance: float,
-    unit: str,
-    source: str,
-    *,
-    note: str = "",
-    chart: Chart | None = None,
-) -> Check:
-    """Return a check of a figure that must lie within `tolerance` of `expected`, in `unit`."""
-    text = f"{number(expected)} ± {tolerance:.2g}"
-    low, high = expected - tolerance, expected + tolerance
-    return Check(name, float(figure), unit, text, low, high, source, note, chart)
-
-
 def between(
     name: str,
     figure: float,
@@ -92,20 +73,18 @@ def between(
     chart: Chart | None = None,
 ) -> Check:
     """Return a check of a figure that must lie in [low, high]; an infinite end is no bound."""
+    return Check(name, float(figure), unit, range_text(low, high), low, high, source, note, chart)
+
+
+def range_text(low: float, high: float) -> str:
+    """Return a range as text."""
     if np.isinf(high):
-        text = f"at least {number(low)}"
-    elif np.isinf(low) or low == 0.0:
-        text = f"at most {number(high)}"
-    else:
-        text = f"{number(low)} to {number(high)}"
-    return Check(name, float(figure), unit, text, low, high, source, note, chart)
+        return f"at least {number(low)}"
+    if np.isinf(low) or low == 0.0:
+        return f"at most {number(high)}"
+    return f"{number(low)} to {number(high)}"
 
 
 def number(value: float) -> str:
     """Format a number with four digits; a number from 1000 on as an integer."""
     return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
-
-
-def not_applicable(name: str, reason: str) -> Check:
-    """Return a check that does not apply, with the reason."""
-    return Check(name, None, "", "", -np.inf, np.inf, "", reason)
