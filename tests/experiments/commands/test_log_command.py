@@ -110,7 +110,7 @@ def test_check_passes_a_whole_log_and_fails_a_torn_one(log, torn, tmp_path, caps
     assert "whole chunks, up to " in printed
     assert main(["log", "check", str(new)]) == 0
     assert read_content(new).messages == read_content(torn).messages
-    assert read_content(new).descriptions == read_content(torn).descriptions
+    assert read_content(new).topics == read_content(torn).topics
     assert [file.name for file in tmp_path.iterdir()] == ["new.mcap"]
 
 
