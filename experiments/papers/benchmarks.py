@@ -44,15 +44,14 @@ from ...testbed.ground import terrain
 from ...testbed.ground.soil import SoilMap
 from ...testbed.randomness import generator
 from ...testbed.recording.provenance import machine
-from ...testbed.recording.record import Recorder
-from ...testbed.recording.sink import Tee
+from ...testbed.recording.record import Recorder, Tee
 from ...testbed.simulation import loop
 from ...testbed.simulation.plant import Plant
 from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ...testbed.vehicle.vehicle import PlantVehicle
 from ..figures import png
+from ..figures.run_figures import histogram
 from ..figures.style import blank, dress
-from ..figures.timing import histogram
 from ..run.assembly import assemble
 from ..run.simulate import describe, drive_into, open_log
 from ..scenario.scenario import load

@@ -18,11 +18,11 @@ from ...errors import ExperimentError
 from ...run.assembly import check
 from ...run.simulate import simulate
 from ...scenario.scenario import merge_tables, parse_overrides, read_scenario, shipped
-from ...search.quantities import read_subject
-from ...search.search import Report, Search
+from ...search.limit import Limit, Question, find_limit
+from ...search.quantities import QUANTITIES, read_subject
+from ...search.worst_case import Report, Search
 from ...seeds import TUNING, report_seeds
 from ...sweep.engine import engine
-from ...sweep.envelope import QUANTITIES, Envelope, Question, envelope
 from ..cells import numbers
 from ..kayacan.eight_numbers import CONTROLLER
 from ..leads import leads_sentence
@@ -36,10 +36,10 @@ BROKEN: Final = ("ttempc", "pid", "paper")
 TOLERANCES: Final = {"cone-index": 10.0, "slope": 0.01, "delay": 0.05}
 
 
-def breaking_point(question: Question) -> Envelope:
+def breaking_point(question: Question) -> Limit:
     """Return the answer to a question, found in this process."""
     with engine(workers=0) as here:
-        return envelope(question, here)
+        return find_limit(question, here)
 
 
 def breaking_points(runner: Runner, path: str = "path.laps=1") -> str:
@@ -52,8 +52,7 @@ def breaking_points(runner: Runner, path: str = "path.laps=1") -> str:
             scenario="grass",
             controller=controller,
             quantity=quantity,
-            low=QUANTITIES[quantity].low,
-            high=QUANTITIES[quantity].high,
+            parameter=QUANTITIES[quantity],
             tolerance=tolerance,
             limit_m=None,
             seeds=runner.report_seeds(3),
@@ -70,7 +69,7 @@ def breaking_points(runner: Runner, path: str = "path.laps=1") -> str:
     return markdown(["quantity", *(f"`{name}`" for name in BROKEN)], lines)
 
 
-def _broken(found: Envelope) -> str:
+def _broken(found: Limit) -> str:
     if found.outcome != "found":
         return f"{found.outcome} from {found.probes[0].value:g} to {found.probes[-1].value:g}"
     note = "" if found.monotone else ", not monotone"
@@ -86,18 +85,14 @@ class Hunt:
     limit_m: float | None  # of the trailer's 95 % cross-track error
     seed: int
     budget: int = 30  # runs
-    samples: int = 0  # per level, of the probability of failure; 0: none
 
 
 HEADLAND: Final = "path={kind='headland', length_m=10.0, passes=2, width_m=14.0}"
 HUNTED: Final[dict[str, tuple[tuple[str, ...], float | None]]] = {
     "Gust on the trailer": (("gust",), None),
-    "Soft patch on a slope": (("soil-patch", "slope", "terrain.uphill_deg=0:360:free"), None),
-    "Late commands": (("late-commands",), 0.3),
+    "Soft patch on a slope": (("soil_patch", "slope", "terrain.uphill_deg=0:360:free"), None),
+    "Late commands": (("commands_late",), 0.3),
 }
-RARE: Final = ("ttempc", "pid")
-RARE_WORDS: Final = ("gust", "faults.gust.force_n=10:3900")
-SAMPLES: Final = 100
 
 
 def hunt(task: Hunt, path: str = HEADLAND) -> Report:
@@ -108,27 +103,22 @@ def hunt(task: Hunt, path: str = HEADLAND) -> Report:
     with engine(workers=0) as here:
         found = Search(subject, here, task.seed, task.limit_m)
         found.falsify(task.budget)
-        return found.report(found.probability(task.samples) if task.samples else None)
+        return found.report()
 
 
 SEARCHED: Final = (*CONTROLLERS, CONTROLLER)
 
 
 def worst_cases(runner: Runner) -> str:
-    """Return the worst case of every controller by question, and probabilities of failure."""
+    """Return the worst case of every controller by question."""
     (seed, *_) = runner.report_seeds(1)
     tasks = [Hunt(name, *what, seed) for what in HUNTED.values() for name in SEARCHED]
-    tasks += [Hunt(name, RARE_WORDS, None, seed, 1, SAMPLES) for name in RARE]
     reports = iter(runner.map(hunt, tasks))
     parts = []
     for title, (words, limit) in HUNTED.items():
         option = f" --limit {limit:g}" if limit else ""
         parts.append(f"**{title}**: `{' '.join(words)}{option}`")
         parts.append(worst_table([next(reports) for _ in SEARCHED]))
-    bounds = RARE_WORDS[1].partition("=")[2].replace(":", " to ")
-    parts.append(f"**Probability of failure** of gusts with bounds of {bounds} N")
-    lines = [[f"`{name}`", *_probability(next(reports))] for name in RARE]
-    parts.append(markdown(["controller", "estimate", "95 % interval", "runs"], lines))
     return "\n\n".join(parts).replace(CONTROLLER, "kayacan-nmpc")
 
 
@@ -146,14 +136,6 @@ def worst_table(reports: Sequence[Report]) -> str:
     return markdown(
         ["controller", "failed", "severity", *(f"`{key}`" for key in keys), "end"], lines
     )
-
-
-def _probability(report: Report) -> list[str]:
-    found = report.probability
-    if found is None:
-        return ["the nominal run fails", "-", "1"]
-    interval = f"{found.low:.1g} to {found.high:.1g}"
-    return [f"{found.estimate or 0.0:.1g}", interval, f"{found.samples}"]
 
 
 Options = Mapping[str, Any]

@@ -13,7 +13,7 @@ from proving_ground.testbed.validation.check import Check, between
 
 KEYS = ("name", "figure", "unit", "expectation", "low", "high", "passed")
 FAST = ("hydrostat", "roughness")
-COMMAND = "card"
+COMMAND = "validate"
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_wheels_and_overrides_reach_the_bench():
     ("arguments", "message"),
     [
         (("gras",), "scenario 'gras': no such scenario"),
-        (("grass", "--wheels", "tracks"), "--wheels: invalid choice: 'tracks'"),
+        (("grass", "--set", "plant.wheels=tracks"), "plant.wheels"),
         (("grass", "--set", "soil.softnes=3"), "unknown key"),
         (("grass", "--out", "old"), "exists already"),
     ],
