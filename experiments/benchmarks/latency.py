@@ -62,8 +62,8 @@ def figures(
 def histograms(measured: dict[str, tuple[FloatArray, NDArray[np.bool_]]]) -> bytes:
     """Return a picture of the latencies of every kind (PNG)."""
     from ..figures import png
+    from ..figures.run_figures import histogram
     from ..figures.style import blank, dress
-    from ..figures.timing import histogram
 
     figure = blank(2.6)
     places = figure.subplots(1, len(measured), sharex=True, squeeze=False).flat

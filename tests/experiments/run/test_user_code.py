@@ -12,7 +12,7 @@ from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.run.user_code import exits_raise, load_factory, user_controller
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.studies.batch import StudyRun, simulate_runs
-from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.testbed.log.reader import read_log
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 
 from ttempc.guidance.controllers import make_controller
