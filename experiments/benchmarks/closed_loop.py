@@ -19,8 +19,7 @@ import numpy as np
 
 from ttempc.types import FloatArray
 
-from ...testbed.recording.record import Recorder
-from ...testbed.recording.sink import Tee
+from ...testbed.recording.record import Recorder, Tee
 from ...testbed.simulation.loop import (
     advance,
     control,

@@ -13,15 +13,13 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from ...testbed.ground.ground import GROUND_FILE
-from ...testbed.log.log import LogWriter
-from ...testbed.log.log_path import LOG_NAME
-from ...testbed.log.log_reader import SALVAGED_KEY
-from ...testbed.log.log_recovery import RECOVERED_KEY
+from ...testbed.log import LOG_NAME
+from ...testbed.log.reader import RECOVERED_KEY, SALVAGED_KEY
+from ...testbed.log.writer import LogWriter
 from ...testbed.messages.scenery import Scenery
+from ...testbed.recording.channels import REFERENCE_PATH_TOPIC
 from ...testbed.recording.provenance import machine, versions
-from ...testbed.recording.record import Event, Record, Recorder
-from ...testbed.recording.sink import OnEvent, Sink, Tee
-from ...testbed.recording.topics import REFERENCE_PATH_TOPIC
+from ...testbed.recording.record import Event, OnEvent, Record, Recorder, Sink, Tee
 from ...testbed.simulation.loop import Outcome, drive, prepare
 from ..output import make_folder, progress, refuse_existing, write_file
 from ..results.metrics import summarise

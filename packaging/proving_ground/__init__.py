@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .experiments.scenario.scenario import Scenario, load
     from .experiments.sweep.engine import engine
     from .experiments.sweep.sweep import drive_points
-    from .testbed.log.log_reader import read_log
+    from .testbed.log.reader import read_log
     from .testbed.recording.record import Record
 
 if not (Path(__file__).parent / "testbed").is_dir():
@@ -45,7 +45,7 @@ _MODULE_OF = {
     "drive_points": "experiments.sweep.sweep",
     "engine": "experiments.sweep.engine",
     "load": "experiments.scenario.scenario",
-    "read_log": "testbed.log.log_reader",
+    "read_log": "testbed.log.reader",
     "run": "experiments.run.simulate",
     "simulate": "experiments.run.simulate",
 }

@@ -10,8 +10,7 @@ from proving_ground.experiments.gym_env.observation import ESTIMATE_NAMES, Estim
 from proving_ground.experiments.policy.linear_policy import LinearPolicy, learnt, read_policy
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import CONTROL, STATE
-from proving_ground.testbed.recording.record_rows import state_row
+from proving_ground.testbed.recording.channels import CONTROL, STATE, state_row
 
 from ttempc import Vehicle, figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference

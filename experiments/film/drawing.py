@@ -1,4 +1,4 @@
-"""Translucent box with text and bars, laid over a picture."""
+"""Colours, text and translucent boxes of pictures and films."""
 
 from __future__ import annotations
 
@@ -7,11 +7,51 @@ from functools import cache
 from typing import Final, Literal
 
 import matplotlib
-from PIL import Image, ImageDraw, ImageFont
+import numpy as np
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from .colours import FAINT, INK, Rgb
+from .. import colours
 
-_BACKGROUND: Final = (16, 20, 24, 176)  # red, green, blue, opacity
+Rgb = tuple[int, int, int]
+Point = tuple[float, float]
+_BRIGHTENING: Final = 0.35
+
+
+def rgb(colour: str) -> Rgb:
+    """Return the red, green and blue of a colour "#RRGGBB", 0 to 255."""
+    return ImageColor.getrgb(colour)[:3]
+
+
+def _brighter(colour: str) -> Rgb:
+    """Return the colour as lines on dark boxes and on the ground have it, the same on both."""
+    red, green, blue = (round(part + _BRIGHTENING * (255 - part)) for part in rgb(colour))
+    return red, green, blue
+
+
+POINTS: Final = {point: _brighter(each) for point, each in colours.BODY_COLOURS.items()}
+REFERENCE: Final = rgb(colours.REFERENCE)
+PLAN: Final = rgb(colours.PREDICTED)
+GHOSTS: Final = tuple(
+    map(rgb, (colours.PURPLE, colours.ORANGE, colours.GREEN, colours.SKY, colours.GREY))
+)
+"""Colours of ghosts: of the reference, then of other runs."""
+INK: Final[Rgb] = (242, 244, 246)
+FAINT: Final[Rgb] = (160, 170, 180)
+ALARM: Final[Rgb] = (255, 140, 60)
+DARK: Final[Rgb] = (16, 20, 24)
+
+FULL_SLIP: Final = 0.30  # at which a wheel is red; traction peaks well below
+_SLIP_STOPS: Final = (0.0, 0.4 * FULL_SLIP, FULL_SLIP)
+_SLIP_COLOURS: Final = np.array([[26.0, 26.0, 28.0], [235.0, 170.0, 30.0], [225.0, 30.0, 20.0]])
+
+
+def slip_colour(slip: float) -> Rgb:
+    """Return the colour of a wheel: black without slip, then amber, then red."""
+    red, green, blue = (int(np.interp(slip, _SLIP_STOPS, part)) for part in _SLIP_COLOURS.T)
+    return red, green, blue
+
+
+_BACKGROUND: Final = (*DARK, 176)  # red, green, blue, opacity
 _BAR_BACKGROUND: Final = (52, 58, 64)
 _CORNER_RADIUS: Final = 7
 Align = Literal["left", "right", "middle"]
@@ -63,7 +103,7 @@ class OverlayBox:
         left, right = sorted((x0 * self.scale, x1 * self.scale))
         self._draw.rectangle((left, y0 * self.scale, right, y1 * self.scale), fill=colour)
 
-    def line(self, points: Sequence[tuple[float, float]], colour: Rgb, width: float) -> None:
+    def line(self, points: Sequence[Point], colour: Rgb, width: float) -> None:
         """Draw a line through points."""
         pixels = [(x * self.scale, y * self.scale) for x, y in points]
         self._draw.line(pixels, fill=colour, width=max(1, round(width * self.scale)))

@@ -1,7 +1,8 @@
-"""Replay of a run from its log: state, reference and scene at any time."""
+"""Playback of a log: state, reference and scene of a run at any time."""
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,45 +12,49 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from ttempc.types import FloatArray
 
 from ...testbed.ground.ground import Ground
-from ...testbed.log.log_content import read_content
-from ...testbed.log.log_reader import record_of
-from ...testbed.log.log_scene import (
-    Line,
-    Motion,
-    ground_of,
-    lines_of,
-    model_of,
-    motion_of,
-)
-from ...testbed.recording.channels import CONTROL, REFERENCE, STATE, TYRES, Channel
-from ...testbed.recording.record import Record
-from ...testbed.recording.topics import (
+from ...testbed.log.reader import read_content, record_of
+from ...testbed.log.scene import Line, Motion, ground_of, lines_of, model_of, motion_of
+from ...testbed.recording.channels import (
+    CONTROL,
     EVENT_TOPIC,
     PREDICTED_PATH_TOPIC,
     PREDICTED_TRAILER_PATH_TOPIC,
+    REFERENCE,
     REFERENCE_PATH_TOPIC,
+    STATE,
+    TOOL,
     TRANSFORMS_TOPIC,
+    TYRES,
+    Channel,
 )
+from ...testbed.recording.record import Record
 from ...testbed.truth import WHEELS
 from ..errors import InvalidFilm
 from ..results.tracking_errors import BODIES, TrackingErrors, position_fields, tracking_errors
+from .drawing import Rgb
 
-_CHANNELS: Final = (STATE, REFERENCE, CONTROL, TYRES)
+_CHANNELS: Final = (STATE, REFERENCE, CONTROL, TYRES)  # needed; `TOOL` is read besides
 _PREDICTED_PATHS: Final = (PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC)
 _POSITIONS: Final = tuple(field for body in BODIES for field in position_fields(body))
 _SAME_TIME_S: Final = 1e-9  # times closer than this are the same
-_TOPICS: Final = frozenset(
-    {EVENT_TOPIC, REFERENCE_PATH_TOPIC, TRANSFORMS_TOPIC, *_PREDICTED_PATHS}
-    | {channel.topic for channel in _CHANNELS}
-)
+_BEHIND_RJ1: Final = ("drawbar", "trailer")  # beginnings of the names of bodies that it turns
+
+Poses = tuple[FloatArray, FloatArray]
+"""Positions (bodies, 3) [m] and attitudes (bodies, 4), w, x, y, z, of all bodies."""
+
+
+def rotation(quat: FloatArray) -> Rotation:
+    """Return the rotations of quaternions w, x, y, z as in MuJoCo, (4,) or (n, 4)."""
+    return Rotation.from_quat(np.roll(quat, -1, axis=-1))  # SciPy's order is x, y, z, w
 
 
 @dataclass(frozen=True)
-class Replay:
+class Playback:
     """A logged run."""
 
     file: Path
@@ -81,8 +86,8 @@ class Replay:
         """Tracking errors of the whole run."""
         return tracking_errors(self.record)
 
-    def poses(self, time_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return positions (bodies, 3) [m] and attitudes (bodies, 4), w, x, y, z, at a time.
+    def poses(self, time_s: float) -> Poses:
+        """Return the poses of all bodies at a time, in the order of the log.
 
         Positions and quaternions are interpolated linearly between two records, the quaternions
         on the shorter arc and normalised. In the 0.04 s between records the wheels turn by less
@@ -98,6 +103,29 @@ class Replay:
         nearer = np.where(np.sum(start * end, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
         quat = (1.0 - part) * start + part * nearer * end
         return xyz, quat / np.linalg.norm(quat, axis=1, keepdims=True)
+
+    def reference_poses(self, time_s: float) -> Poses:
+        """Return the poses of the vehicle moved to its reference.
+
+        Tractor and trailer move on their own: each by the distance and the turn about the vertical
+        from its axle point to the reference of that point. They keep the tilt that they have.
+        """
+        xyz, quat = self.poses(time_s)
+        placed, turned = xyz.copy(), quat.copy()
+        terrain = self.ground.terrain
+        due = self.positions(REFERENCE, time_s)
+        for (point, letter), (x, y) in zip(BODIES.items(), due, strict=True):
+            names = enumerate(self.motion.body_names)
+            rows = [k for k, n in names if n.startswith(_BEHIND_RJ1) == (point == "trailer")]
+            origin = xyz[self.body(point)]
+            ahead = rotation(quat[self.body(point)]).apply([1.0, 0.0, 0.0])
+            yaw = self.value(REFERENCE, f"psi_{letter}_rad", time_s)
+            turn = Rotation.from_euler("z", yaw - math.atan2(ahead[1], ahead[0]))
+            lift = float(terrain.height(x, y) - terrain.height(*origin[:2]))
+            target = np.array([x, y, origin[2] + lift])
+            placed[rows] = target + turn.apply(xyz[rows] - origin)
+            turned[rows] = np.roll((turn * rotation(quat[rows])).as_quat(), 1, axis=1)
+        return placed, turned
 
     def body(self, name: str) -> int:
         """Return the row of a body in the result of `poses`."""
@@ -171,20 +199,22 @@ def newest_row(times_s: FloatArray, time_s: float) -> int:
     return max(int(np.searchsorted(times_s, time_s + _SAME_TIME_S)) - 1, 0)
 
 
-def read_replay(file: Path) -> Replay:
+def read_playback(file: Path) -> Playback:
     """Read the channels and the scene of a log.
 
     Raises:
         LogError: the file is not a log of this version, or lacks an attachment.
         InvalidFilm: the log is torn, lacks a channel, or is too short to show motion.
     """
-    content = read_content(file, _TOPICS.__contains__)
+    topics = {EVENT_TOPIC, REFERENCE_PATH_TOPIC, TRANSFORMS_TOPIC, *_PREDICTED_PATHS}
+    topics |= {channel.topic for channel in (*_CHANNELS, TOOL)}
+    content = read_content(file, topics.__contains__)
     if content.salvage is not None:
         raise InvalidFilm(
             f"{file}: is torn ({content.salvage}); "
             f"first: ttempc log check {file} --recover NEW.mcap"
         )
-    record = record_of(content, _CHANNELS)
+    record = record_of(content, (*_CHANNELS, TOOL))
     for channel in _CHANNELS:
         if not len(record[channel]):
             raise InvalidFilm(f"{file}: holds nothing on {channel.topic}")
@@ -195,7 +225,7 @@ def read_replay(file: Path) -> Replay:
     if not path:
         raise InvalidFilm(f"{file}: holds nothing on {REFERENCE_PATH_TOPIC}")
     tractor, trailer = (lines_of(content, topic) for topic in _PREDICTED_PATHS)
-    return Replay(
+    return Playback(
         file=file,
         record=record,
         motion=motion,
@@ -204,3 +234,31 @@ def read_replay(file: Path) -> Replay:
         path=path[0].points[:, :2],
         predicted=(tractor, trailer),
     )
+
+
+@dataclass(frozen=True)
+class Ghost:
+    """A vehicle that is drawn translucent: that of another run at the same time, or a reference.
+
+    It has the shape of the vehicle in the picture, whose bodies are `bodies` in their order.
+    """
+
+    playback: Playback
+    bodies: tuple[str, ...]
+    colour: Rgb
+    is_reference: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name in the legend: the reference, or controller and seed of the run."""
+        run = self.playback.record.metadata
+        return "reference" if self.is_reference else f"{run['controller']}, seed {run['seed']}"
+
+    def poses(self, time_s: float) -> Poses:
+        """Return the poses of all bodies at a time; a run that has ended stays where it is."""
+        time_s = min(time_s, self.playback.end_s)
+        if self.is_reference:
+            return self.playback.reference_poses(time_s)
+        xyz, quat = self.playback.poses(time_s)
+        rows = [self.playback.body(name) for name in self.bodies]
+        return xyz[rows], quat[rows]

@@ -9,11 +9,16 @@ from typing import Any, Final
 import numpy as np
 
 from ...testbed.ground.ground import GROUND_FILE
-from ...testbed.log.log_content import Content
-from ...testbed.log.log_reader import record_of
-from ...testbed.recording.channels import CONTROL, ESTIMATE, REFERENCE, STATE, TYRES
+from ...testbed.log.reader import Content, record_of
+from ...testbed.recording.channels import (
+    CONTROL,
+    ESTIMATE,
+    REFERENCE,
+    STATE,
+    TRANSFORMS_TOPIC,
+    TYRES,
+)
 from ...testbed.recording.record import Record
-from ...testbed.recording.topics import TRANSFORMS_TOPIC
 
 _CHANNELS: Final = (STATE, REFERENCE, TYRES, ESTIMATE, CONTROL)
 _REQUIRED_TOPICS: Final = (*(channel.topic for channel in _CHANNELS), TRANSFORMS_TOPIC)
@@ -128,7 +133,7 @@ def log_info(content: Content) -> dict[str, Any]:
                 "name": topic,
                 "messages": len(messages),
                 "per_s": (len(messages) - 1) / end_s if len(messages) > 1 and end_s else None,
-                "schema": content.schemas[topic].name,
+                "schema": content.topics[topic].schema_name,
             }
             for topic, messages in content.messages.items()
         ],

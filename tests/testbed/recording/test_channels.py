@@ -5,17 +5,20 @@ import math
 import numpy as np
 import pytest
 from proving_ground.testbed.recording.channels import (
+    CHANNELS,
+    ERROR,
     ESTIMATE,
     MEASUREMENT,
     MEASUREMENT_COLUMNS,
+    REFERENCE,
     STATE,
     TYRES,
-)
-from proving_ground.testbed.recording.record_rows import (
+    error_rows,
     estimate_row,
     measurement_rows,
     state_row,
     tyres_row,
+    unit_of,
 )
 from proving_ground.testbed.sensing.sensor_specification import (
     ImuSpecification,
@@ -48,14 +51,14 @@ def test_every_sensor_has_components_and_columns_of_its_own():
     assert taken == list(range(len(MEASUREMENT.fields)))
 
 
-@pytest.mark.parametrize("sensor", Sensor)
-def test_a_sample_stands_under_the_names_of_its_components_beside_its_time(sensor):
-    value = tuple(10.0 + k for k in range(len(COMPONENTS[sensor])))
-    (only,) = measurement_rows([Measurement(0.7, sensor, value)])
-    row = named(MEASUREMENT, only)
-    parts = zip((*COMPONENTS[sensor], "time_s"), (*value, 0.7), strict=True)
-    expected = {f"{sensor}_{part}": number for part, number in parts}
-    assert {name: number for name, number in row.items() if not math.isnan(number)} == expected
+def test_a_sample_stands_under_the_names_of_its_components_beside_its_time():
+    for sensor, parts in COMPONENTS.items():
+        value = tuple(10.0 + k for k in range(len(parts)))
+        (only,) = measurement_rows([Measurement(0.7, sensor, value)])
+        row = named(MEASUREMENT, only)
+        pairs = zip((*parts, "time_s"), (*value, 0.7), strict=True)
+        expected = {f"{sensor}_{part}": number for part, number in pairs}
+        assert {name: number for name, number in row.items() if not math.isnan(number)} == expected
 
 
 def test_samples_of_the_suite_have_the_components_of_the_table():
@@ -94,3 +97,33 @@ def test_rows_of_an_estimate_stand_under_their_names(driven):
     assert row["beta_rad"] == driven.beta
     assert row["sd_v_mps"] == 0.0
     assert row["nis_dof"] == 0.0
+
+
+def test_names_of_topics_and_fields_are_unique():
+    assert len({channel.topic for channel in CHANNELS}) == len(CHANNELS)
+    for channel in CHANNELS:
+        assert len(set(channel.fields)) == len(channel.fields)
+        assert "time_s" not in channel.fields
+
+
+def test_units_are_those_of_the_names():
+    fields = {"x_t_m": "m", "x_t_m_m": "m", "delta_t_rad_command": "rad", "hp_min": "1"}
+    fields |= {"curvature_per_m": "1/m", "drive_mps2": "m/s²", "yaw_rate_t_radps": "rad/s"}
+    assert {name: unit_of(name) for name in fields} == fields
+
+
+def test_the_true_error_is_in_the_frame_of_the_reference():
+    """A point 3 m ahead and 4 m to the left of a reference that heads north lies to its west."""
+    state, reference = np.zeros((1, len(STATE.fields))), np.zeros((1, len(REFERENCE.fields)))
+    due = {"x_t_m": 10.0, "y_t_m": 20.0, "psi_t_rad": 0.5 * math.pi}
+    at = {"x_t_m": 6.0, "y_t_m": 23.0, "psi_t_rad": 2.5 * math.pi + 0.1}
+    for row, channel, values in ((reference, REFERENCE, due), (state, STATE, at)):
+        for name, value in values.items():
+            row[0, channel.fields.index(name)] = value
+    row = error_rows(state, reference)[0]
+    error = dict(zip(ERROR.fields, row, strict=True))
+    assert [error[f"tractor_{part}_m"] for part in ("along", "cross", "euclidean")] == (
+        pytest.approx([3.0, 4.0, 5.0])
+    )
+    assert error["tractor_heading_rad"] == pytest.approx(0.1)
+    assert error["trailer_euclidean_m"] == 0.0
