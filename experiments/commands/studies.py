@@ -50,10 +50,9 @@ def sweep(arguments: argparse.Namespace) -> int:
     is made), 130 if the sweep was interrupted.
     """
     # Imported here so that --help does not load MuJoCo and Dask.
-    from ..sweep.cost_estimate import estimate_cost, format_plan
+    from ..sweep.dry_run import find_inert_axes, format_plan
     from ..sweep.engine import engine
     from ..sweep.folder import is_begun, lock_folder
-    from ..sweep.inert_axes import find_inert_axes
     from ..sweep.plan import SweepPlan
     from ..sweep.results import rows
     from ..sweep.study import load_study
@@ -69,7 +68,7 @@ def sweep(arguments: argparse.Namespace) -> int:
         for reason in extent.refused:
             print(f"ttempc: note: left out: {reason}", file=sys.stderr)
     if arguments.dry_run:
-        print(format_plan(plan, extent, estimate_cost(plan, extent), arguments.workers))
+        print(format_plan(plan, arguments.workers))
         return 0
 
     def drive() -> int:
