@@ -119,9 +119,7 @@ def input_statistics(record: Record) -> InputsStatistics:
         )
 
     return InputsStatistics(
-        delta_t=statistics("delta_t_rad"),
-        delta_i=statistics("delta_i_rad"),
-        hp=statistics("hp"),
+        delta_t=statistics("delta_t_rad"), delta_i=statistics("delta_i_rad"), hp=statistics("hp")
     )
 
 
