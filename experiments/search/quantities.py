@@ -60,9 +60,8 @@ class Parameter:
         value = round(round(value / step) * step, 12) if step else float(f"{value:.6g}")
         return min(max(value, self.low), self.high)
 
-    def value(self, position: float) -> float | str:
-        """Return the value that the scenario gets at a position."""
-        number = self.number(position)
+    def named(self, number: float) -> float | str:
+        """Return the value that the scenario gets for a number."""
         return self.names[int(number)] if self.names else number
 
     def severity(self, position: float) -> float:
@@ -97,7 +96,7 @@ class Space:
     def changes(self, point: FloatArray) -> dict[str, Scalar]:
         """Return the values of all scenario keys at a point."""
         pairs = zip(self.parameters, point.tolist(), strict=True)
-        return {key: p.value(position) for p, position in pairs for key in p.keys}
+        return {key: p.named(p.number(position)) for p, position in pairs for key in p.keys}
 
 
 def _range(
