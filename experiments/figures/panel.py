@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .style import GRID, blank, blank_half, series
+from .style import GRID, blank, series
 
 _HEIGHT_IN: Final = 2.9
 
@@ -36,7 +36,7 @@ class Panel:
 
 def alone(panel: Panel) -> Figure:
     """Return a figure of one panel. Its title is left out, since a page shows it as text."""
-    figure = blank_half(_HEIGHT_IN)
+    figure = blank(_HEIGHT_IN, 0.5)
     panel.draw(figure.subplots())
     _add_legend(figure, panel.series, columns=2)
     return figure

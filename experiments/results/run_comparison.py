@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from ...testbed.log.log_reader import SALVAGED_KEY, read_log
+from ...testbed.log.reader import SALVAGED_KEY, read_log
 from ...testbed.recording.channels import REFERENCE, STATE
 from ...testbed.recording.record import Record
 from ..errors import NotComparable

@@ -130,8 +130,6 @@ def holm(p_values: Sequence[float]) -> FloatArray:
 def caveat(units: int, what: str = "seeds", tails: bool = False) -> str:
     """Return what a page must say of intervals over few units, "" where there are many.
 
-    `python -m experiments.benchmarks.intervals` measures the coverage.
-
     Args:
         units: their number.
         what: their name, in the plural.

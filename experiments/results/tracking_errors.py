@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ttempc.types import FloatArray
 
-from ...testbed.recording.channels import REFERENCE, STATE, TOOL, Channel
-from ...testbed.recording.position_error import in_frame
+from ...testbed.recording.channels import REFERENCE, STATE, TOOL, Channel, in_frame
 from ...testbed.recording.record import REACTION, REACTION_ENDED, Record
 from ...testbed.simulation.termination import TerminationLimits
 

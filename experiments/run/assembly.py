@@ -23,7 +23,7 @@ from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
 from ...testbed.randomness import generator
-from ...testbed.recording.sink import Sink
+from ...testbed.recording.record import Sink
 from ...testbed.sensing.sensors import Sensors, SensorSuite
 from ...testbed.sensing.truth_estimator import TruthEstimator
 from ...testbed.simulation.loop import STAGES, with_stages
