@@ -20,11 +20,10 @@ from ..errors import InvalidStudy, SweepStopped
 from ..output import create_partial, write_file
 from ..scenario.scenario import ScenarioFile
 from ..sweep.engine import Engine
-from ..sweep.failure import has_failed, mostly_fails, unmeasured_text, working_error
 from ..sweep.plan import SweepPlan
-from ..sweep.points import drive_plan
-from ..sweep.row import Row
+from ..sweep.row import Row, has_failed, mostly_fails, unmeasured_text, working_error
 from ..sweep.study import ListAxis, Study
+from ..sweep.sweep import drive_plan
 from .quantities import FAULTS, Parameter, read_quantity
 
 _SHARE: Final = 1.0 / 40.0  # of the range: tolerance of a quantity without one

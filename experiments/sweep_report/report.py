@@ -24,7 +24,7 @@ from ..figures.panel import Panel, alone, svg, together
 from ..report.html import environment
 from ..results.statistics import TAIL, caveat
 from ..results.summary import ACTUATOR_USE
-from ..sweep.failure import unmeasured_text
+from ..sweep.row import unmeasured_text
 from .charts import cost_panel, curve_panels, difference_panel, map_panels, tail_panel
 from .format import (
     format_estimate,

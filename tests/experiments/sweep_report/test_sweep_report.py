@@ -14,14 +14,13 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidRows
 from proving_ground.experiments.scenario.scenario import dump, load
-from proving_ground.experiments.sweep.failure import (
-    ERROR,
+from proving_ground.experiments.sweep.plan import SweepPlan
+from proving_ground.experiments.sweep.row import (
     has_failed,
     is_unmeasured,
     mostly_fails,
+    no_figures,
 )
-from proving_ground.experiments.sweep.plan import SweepPlan
-from proving_ground.experiments.sweep.row import no_figures
 from proving_ground.experiments.sweep.study import load_study
 from proving_ground.experiments.sweep_report.format import format_numbers, rerun_command
 from proving_ground.experiments.sweep_report.report import docs_page, make_report
@@ -34,7 +33,7 @@ from proving_ground.experiments.sweep_report.runs import (
 )
 
 from tests.browser import dump_dom, measured, needs_browser
-from tests.experiments.sweep_rows import AXES, DRAWN, swept, synthetic_row
+from tests.experiments.sweep_rows import AXES, DRAWN, ERROR, swept, synthetic_row
 
 VOID = {"meta", "br", "path", "use"}
 TOOL = ERROR.replace("trailer", "tool")
