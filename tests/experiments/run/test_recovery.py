@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from proving_ground.experiments.studies.ablations.recovery import recover
+from proving_ground.experiments.papers.studies.control import recover
+from proving_ground.experiments.papers.study import Case
 
 SHORT = 'path={kind="straight",length_m=24.0}'
 SLOW = 'path={kind="straight",length_m=21.0,speed_mps=0.7}'
@@ -11,7 +12,7 @@ SLOW = 'path={kind="straight",length_m=21.0,speed_mps=0.7}'
 
 @pytest.mark.parametrize(("lateral_m", "yaw_deg"), [(1.0, 20.0), (-1.0, 20.0)])
 def test_recovers_from_a_metre_and_twenty_degrees_in_fifteen_metres(lateral_m, yaw_deg):
-    seen = recover("grass", "ttempc", 1, lateral_m, yaw_deg, ticks=110)
-    assert seen.travel_m < 15.0
-    assert seen.overshoot_m < 0.20
-    assert seen.excess < 1e-9
+    seen = recover(Case("grass", 1, labels={"offset": (lateral_m, yaw_deg)}), ticks=110)
+    assert seen["travel_m"] < 15.0
+    assert seen["overshoot_m"] < 0.20
+    assert seen["excess"] < 1e-9

@@ -11,7 +11,7 @@ from proving_ground.experiments.errors import InvalidController
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.run.user_code import exits_raise, load_factory, user_controller
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.studies.batch import StudyRun, simulate_runs
+from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.log.reader import read_log
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 
@@ -92,8 +92,9 @@ def test_a_name_means_the_same_as_the_factory_itself_also_in_other_processes(pac
     mine = simulate(*load("grass", overrides), seed=3)[0]
     shipped = simulate(*load("grass", (*SHORT, 'controller.name="feedforward"')), seed=3)[0]
     assert mine.tracking == shipped.tracking
-    afar, again = simulate_runs([StudyRun("grass", seed, overrides) for seed in (3, 3)])
-    assert afar.tracking == again.tracking == mine.tracking
+    with engine(1) as workers:
+        afar, _ = workers.executor.submit(simulate, *load("grass", overrides), 3).result()
+    assert afar.tracking == mine.tracking
 
 
 def test_a_name_makes_the_controller_from_vehicle_reference_and_period(package):
