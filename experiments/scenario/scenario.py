@@ -22,8 +22,7 @@ from ...testbed.errors import InvalidPlant
 from ...testbed.faults.kinds import AnyFault
 from ...testbed.implement.implement import Implement
 from ...testbed.recording.provenance import run_id
-from ...testbed.sensing.sensor_presets import with_preset
-from ...testbed.sensing.sensor_specification import SensorSpecification
+from ...testbed.sensing.sensor_specification import SensorSpecification, with_preset
 from ...testbed.wheels.soil_law import RADIAL, SoilLaw
 from ..errors import InvalidScenario
 from .controller import ControllerSettings, NoiseSettings, StageSettings
