@@ -114,7 +114,7 @@ def fingerprint(function: FunctionType) -> str:
 
     Raises:
         TypeError: a global is neither a module, a kernel, a function of a library, an enumeration,
-            a number nor a tuple.
+            a named tuple, a number nor a tuple.
     """
     code = function.__code__
     parts = [code.co_code.hex(), repr(code.co_consts), repr(code.co_names)]
@@ -130,6 +130,8 @@ def _described(name: str, value: object) -> str:
             return fingerprint(value.py_func)
         case EnumType():
             return repr(list(value))
+        case type() if issubclass(value, tuple):  # a named one
+            return repr(getattr(value, "_fields", ()))
         case ModuleType():
             return value.__name__
         case ExternalFunction():

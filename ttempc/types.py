@@ -113,7 +113,7 @@ class Estimate:
     innovations: tuple[Innovation, ...] = ()  # of the samples that came in for this tick
     # (4,) see `MapDisturbance`: the part of `disturbance` that stays with the field
     map_disturbance: FloatArray = field(default_factory=lambda: np.zeros(len(MapDisturbance)))
-    # (3,) mu, kappa, eta of the printed model (`ttempc.baselines.nmpc_printed_model`); None where
+    # (3,) mu, kappa, eta of a model with slip factors; None where
     # the estimator has none
     slip_factors: FloatArray | None = None
     # (3,) learnt factors of the noise variances, see `ttempc.estimation.noise.NoiseScale`; None

@@ -25,8 +25,7 @@ from ...testbed.ground import terrain
 from ...testbed.ground.soil import SoilMap
 from ...testbed.randomness import generator
 from ...testbed.simulation.plant import Plant
-from ...testbed.vehicle.vehicle import PlantVehicle
-from ...testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
+from ...testbed.vehicle.vehicle import PlantVehicle, read_vehicle, shipped_vehicles
 
 STEPS: Final = 500  # of a block
 REPEATS: Final = 200

@@ -32,7 +32,7 @@ def _list(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo.
     from ttempc.guidance.controllers import CONTROLLERS
 
-    from ...testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
+    from ...testbed.vehicle.vehicle import read_vehicle, shipped_vehicles
     from ..scenario.scenario import load, shipped
     from ..scenario.tube_file import shipped_tubes
     from ..sweep.study import load_study, shipped_studies

@@ -38,21 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sweep.add_argument(
         "--against",
         metavar="NAME",
-        help="controller that the others are compared with (default: the best rival of the best)",
+        help="controller that the others are compared with (default: the best)",
     )
     sweep.add_argument(
         "--limit",
         type=_limit,
         metavar="M",
-        help="a run also fails above this 95 %% cross-track error of the trailer, in m",
-    )
-    sweep.add_argument(
-        "--envelope",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="also show the results of `ttempc envelope`; may be repeated",
+        help="a run also fails above this 95 %% cross-track error of the working point, in m",
     )
     parser.add_argument_group("of a log").add_argument(
         "-o",
@@ -77,16 +69,14 @@ def _report(arguments: argparse.Namespace) -> int:
 
 def _of_sweep(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load matplotlib.
-    from ..sweep_report.envelope_results import read_envelopes
-    from ..sweep_report.files import write_report
-    from ..sweep_report.report import make_report
+    from ..sweep_report.report import make_report, write_report
     from ..sweep_report.runs import read_sweep
 
     folder = arguments.source
     if arguments.out is not None:
         raise BadOptions("--out: goes with a log; the report of a sweep lies in its folder")
     runs = read_sweep(folder, arguments.limit)
-    content = make_report(runs, arguments.against, read_envelopes(arguments.envelope))
+    content = make_report(runs, arguments.against)
     file = write_report(content, folder)
     if runs.missing:
         print(f"in progress: {runs.missing} of {runs.planned} runs are missing")
@@ -98,7 +88,7 @@ def _of_log(arguments: argparse.Namespace) -> int:
     from ..logs.log_report import report_of_log
     from ..output import refuse_existing, write_file
 
-    given = ("against", "limit", "envelope")
+    given = ("against", "limit")
     if alone := [name for name in given if getattr(arguments, name)]:
         raise BadOptions(f"--{alone[0]}: goes with the folder of a sweep, not with a log")
     file = arguments.out or options.path_beside(arguments.source, "report.html")

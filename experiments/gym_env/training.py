@@ -83,6 +83,7 @@ def environments(scenarios: Sequence[str], periods: int) -> list[gymnasium.Env]:
             scenario=scenario,
             overrides=overrides,
             action="residual",
+            normalised=False,
             residual_share=SHARE,
         )
         for scenario in scenarios

@@ -19,8 +19,8 @@ from ttempc.vehicle import Vehicle
 from ...testbed.configuration.config_io import STRICT, Fraction, read_toml, validated
 from ...testbed.configuration.resources import ShippedFiles
 from ..errors import InvalidController
-from .observation import ESTIMATE_NAMES, EstimateObserver
-from .residual import ResidualController
+from ..gym_env.observation import ESTIMATE_NAMES, EstimateObserver
+from ..gym_env.residual import ResidualController
 
 _POLICIES: Final = ShippedFiles(
     "policy", "proving_ground.experiments", "fitted", ".toml", InvalidController

@@ -20,7 +20,7 @@ from ..sweep.folder import is_begun, lock_folder
 from ..sweep.plan import SweepPlan
 from ..sweep.study import load_study
 from ..sweep.sweep import sweep
-from ..sweep_report.runs import Runs, read_sweep
+from ..sweep_report.runs import Sweep, read_sweep
 from .probes import Fingerprint, Probe, digest_of, fingerprint, study_probes
 
 
@@ -82,7 +82,7 @@ class Driver:
             self._swept[name] = self._drive(name)
         return self._swept[name]
 
-    def sweep(self, name: str) -> Runs:
+    def sweep(self, name: str) -> Sweep:
         """Return the runs of a shipped study."""
         runs = read_sweep(self.rows(name))
         self.versions = {**runs.origin["versions"], "code": runs.origin["code"]}

@@ -47,7 +47,7 @@ class Ledger:
             entries[name] = {
                 "versions": dict(making.versions),
                 "source": making.source,
-                "probes": keys,
+                "checks": keys,
             }
         lines = [f'  "{key}": {json.dumps(by_digest[key])}' for key in sorted(by_digest)]
         text = (
@@ -77,7 +77,7 @@ def read_ledger(out: Path = ROOT) -> Ledger:
                 name: Making(
                     item["versions"],
                     item["source"],
-                    {probe: known[key] for probe, key in item["probes"].items()},
+                    {probe: known[key] for probe, key in item["checks"].items()},
                 )
                 for name, item in content["entries"].items()
             }

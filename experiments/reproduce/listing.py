@@ -25,8 +25,6 @@ from ..studies import (
     retuned,
 )
 from ..studies.ablations import ablation, conditions, corridor, coverage, limits, recovery
-from ..studies.eight_numbers import tables as eight_numbers
-from ..studies.eight_numbers.study import REPORT_SEEDS
 from ..studies.failures import breaking_points, worst_cases
 from ..studies.faults import cases, false_alarms, soak, stuck_valves
 from ..studies.faults import study as faults
@@ -226,20 +224,6 @@ ENTRIES: Final = (
         seeds=errata.SEEDS,
         probes=(("pavement", "paper"), ("pavement", "paper-printed-sign")),
         minutes=1.0,
-    ),
-    *(
-        Entry(
-            name=name,
-            page="docs/errata.md",
-            make=printed(eight_numbers.print_tables, (stage,), (), fenced=False),
-            seeds=REPORT_SEEDS,
-            probes=(*(("kayacan2016", name) for name in ("paper", "kayacan-nmpc")), *probes),
-            minutes=minutes,
-        )
-        for name, stage, probes, minutes in (
-            ("eight-numbers-fit", "fit", (("grass", "paper"),), 5.0),
-            ("eight-numbers", "search", (), 16.0),
-        )
     ),
     _study(
         "estimators",

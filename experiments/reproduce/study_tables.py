@@ -13,10 +13,9 @@ from ..results.leads import RunError, leads_sentence
 from ..studies import cards, containment, front, ranking
 from ..studies.evidence.page import evidence_page
 from ..sweep.results import rows
-from ..sweep_report.aggregate import controller_groups, paired_differences
-from ..sweep_report.files import docs_page
 from ..sweep_report.format import format_estimate
-from ..sweep_report.report import make_report
+from ..sweep_report.report import docs_page, make_report
+from ..sweep_report.runs import differences, groups
 from .comparison import DEFAULT, run_errors
 from .comparison_tables import table
 from .driver import Driver
@@ -53,19 +52,15 @@ def studies(driver: Driver) -> Product:
     for name in SWEEPS:
         errors += run_errors(rows(driver.rows(name) / "results.jsonl"), name)
         runs = driver.sweep(name)
-        groups = {runs.controllers[group.controller]: group for group in controller_groups(runs)}
-        against = runs.controllers.index("ttempc")
-        (difference,) = (
-            item
-            for item in paired_differences(runs, against)
-            if runs.controllers[item.controller] == "pid"
-        )
+        by_controller = groups(runs).set_index("controller")
+        difference = differences(runs, "ttempc").set_index("controller").loc["pid"]
         cells = []
         for controller in ("ttempc", "pid", "paper"):
-            group = groups[controller]
-            lost = f", {len(group.failed)} of {group.count} lost" if len(group.failed) else ""
-            cells.append(format_estimate(group.error_cm) + lost)
-        cells.append(f"{format_estimate(difference.error_cm, sign='+')} of {difference.pairs}")
+            group = by_controller.loc[controller]
+            lost = len(group["failed"])
+            of_all = f", {lost} of {len(group['runs'])} lost" if lost else ""
+            cells.append(format_estimate(group["error"]) + of_all)
+        cells.append(f"{format_estimate(difference['error'], sign='+')} of {difference['pairs']}")
         link = f"[{name}](results/{name}.md)"
         lines.append((link, str(len(runs.rows)), runs.study.description, *cells))
     heads = ("study", "runs", "varied", "`ttempc`", "`pid`", "`paper`", "`pid` - `ttempc`, pairs")

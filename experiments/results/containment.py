@@ -12,7 +12,7 @@ from ttempc.types import FloatArray
 
 from ...testbed.recording.channels import REFERENCE, STATE, TUBE
 from ...testbed.recording.record import Record
-from .tracking_errors import START_UP_S, body_error, is_curved
+from .tracking_errors import body_error, counted, is_curved
 
 QUANTITIES: Final = tuple(
     name.removesuffix("_nominal") for name in TUBE.fields if name.endswith("_nominal")
@@ -63,7 +63,7 @@ class Containment:
 def containment(record: Record) -> Containment:
     """Return the containment of a run at the common times of state, reference and tube."""
     tables = [record[channel] for channel in (TUBE, STATE, REFERENCE)]
-    time_s = tables[0].time_s[tables[0].time_s >= START_UP_S]
+    time_s = tables[0].time_s[counted(record, tables[0].time_s)]
     for table in tables[1:]:
         time_s = time_s[np.isin(time_s, table.time_s)]
     tube, state, reference = (np.searchsorted(table.time_s, time_s) for table in tables)

@@ -43,9 +43,9 @@ from .summary import (
 )
 from .tracking_errors import (
     BODIES,
-    START_UP_S,
     BodyError,
     TrackingErrors,
+    counted,
     position_fields,
     rows_at_same_time,
     tracking_errors,
@@ -92,7 +92,6 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
 
 def tracking_statistics(errors: TrackingErrors) -> TrackingStatistics:
     """Return the statistics of tracking errors after the start-up."""
-    counted = errors.time_s >= START_UP_S
 
     def over(rows: NDArray[np.bool_]) -> BodyStatistics:
         tool = errors.tool
@@ -103,9 +102,9 @@ def tracking_statistics(errors: TrackingErrors) -> TrackingStatistics:
         )
 
     return TrackingStatistics(
-        straight=over(counted & ~errors.curved),
-        curve=over(counted & errors.curved),
-        all=over(counted),
+        straight=over(errors.counted & ~errors.curved),
+        curve=over(errors.counted & errors.curved),
+        all=over(errors.counted),
     )
 
 
@@ -202,11 +201,11 @@ def corridor_statistics(record: Record) -> CorridorStatistics | None:
     table = record.tables.get(CORRIDOR.topic)  # logs of earlier versions have none
     if table is None or not len(table):
         return None
-    counted = table.time_s >= START_UP_S
+    time_counts = counted(record, table.time_s)
 
     def outside(point: str) -> OutsideStatistics:
         offset = np.abs(table[f"{point}_m"])
-        rows = counted & np.isfinite(table["half_width_m"]) & np.isfinite(offset)
+        rows = time_counts & np.isfinite(table["half_width_m"]) & np.isfinite(offset)
         return OutsideStatistics(
             outside_fraction=_mean(offset[rows] > table["half_width_m"][rows]),
             max_m=_percentile(offset[rows], 100.0),
@@ -214,7 +213,7 @@ def corridor_statistics(record: Record) -> CorridorStatistics | None:
 
     _, state, rows = rows_at_same_time(record, STATE, CORRIDOR)
     limit = table["hitch_limit_rad"][rows]
-    limited = counted[rows] & np.isfinite(limit)
+    limited = time_counts[rows] & np.isfinite(limit)
     beta = np.abs(record[STATE]["beta_rad"][state])
     return CorridorStatistics(
         tractor=outside("tractor"),
@@ -248,7 +247,7 @@ def _implement(record: Record) -> ImplementStatistics | None:
     table = record[TOOL]
     if not len(table):
         return None
-    works = (table.time_s >= START_UP_S) & (table["lowered"] == 1.0)
+    works = counted(record, table.time_s) & (table["lowered"] == 1.0)
     draft = table["draft_n"][works]
     return ImplementStatistics(
         depth_mean_m=_mean(table["depth_m"][works]),

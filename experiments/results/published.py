@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from ...testbed.vehicle.vehicle_file import DEFAULT_VEHICLE, read_vehicle
+from ...testbed.vehicle.vehicle import DEFAULT_VEHICLE, read_vehicle
 from ..scenario.path import FigureEight
 from ..scenario.scenario import Scenario
 from .summary import Summary

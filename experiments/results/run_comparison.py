@@ -20,18 +20,13 @@ from ...testbed.recording.record import Record
 from ..errors import NotComparable
 from .metrics import corridor_statistics, input_statistics, tracking_statistics
 from .summary import ACTUATOR_USE, ErrorStatistics, TrackingStatistics
-from .table import centimetres, format_corridor
-from .tracking_errors import BODIES, TrackingErrors, position_fields, tracking_errors
+from .table import COLUMNS, centimetres, format_corridor
+from .tracking_errors import BODIES, START_UP_S, TrackingErrors, position_fields, tracking_errors
 
 MAX_RUNS: Final = 6  # more lines in one figure cannot be told apart
 STATISTICS_FILE: Final = "comparison.csv"  # of `comparison_csv`, in the folder of a comparison
 _SAME_M: Final = 1e-6  # references closer than this are the same
-_COLUMNS: Final = {  # head of a column: statistic
-    "mean": "mean_euclidean_m",
-    "p95": "p95_m",
-    "max": "max_m",
-    "cross sd": "cross_sd_m",
-}
+_COLUMNS: Final = ("p95", "sd", "mean", "along sd")
 
 
 @dataclass(frozen=True)
@@ -101,16 +96,16 @@ def read_compared(logs: Sequence[Path]) -> list[ComparedRun]:
 
 
 def format_comparison(runs: Sequence[ComparedRun]) -> str:
-    """Return the tracking errors of all runs as text, in centimetres."""
+    """Return the errors of all runs as text, in centimetres, those of the working point first."""
     width = max(len(run.label) for run in runs) + 2
-    blocks = [f"Tracking error [cm], 8 to {runs[0].end_s:.1f} s"]
+    blocks = [f"Cross-track error [cm], {START_UP_S:g} to {runs[0].end_s:.1f} s"]
     points = [run.statistics.all.by_point for run in runs]
     for point in max(points, key=len):
         blocks += ["", point.ljust(width) + "".join(head.rjust(10) for head in _COLUMNS)]
         for run, errors in zip(runs, points, strict=True):
             if (error := errors.get(point)) is None:  # a run without an implement
                 continue
-            cells = (centimetres(getattr(error, name)) for name in _COLUMNS.values())
+            cells = (centimetres(getattr(error, COLUMNS[name])) for name in _COLUMNS)
             blocks.append(run.label.ljust(width) + "".join(cell.rjust(10) for cell in cells))
     corridors = {run.label: corridor_statistics(run.record) for run in runs}
     if any(corridors.values()):

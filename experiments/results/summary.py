@@ -55,18 +55,26 @@ class BodyStatistics:
 
     @property
     def by_point(self) -> dict[str, ErrorStatistics]:
-        """Return the statistics by the name of their point: tractor, trailer, tool if any."""
-        points = {"tractor": self.tractor, "trailer": self.trailer}
-        return points if self.tool is None else {**points, "tool": self.tool}
+        """Statistics by the name of their point, the working point first and the tractor last.
+
+        The working point is the tool where there is an implement, else the trailer's axle point.
+        """
+        points = {"tool": self.tool, "trailer": self.trailer, "tractor": self.tractor}
+        return {name: error for name, error in points.items() if error is not None}
 
 
 @dataclass(frozen=True, slots=True)
 class TrackingStatistics:
-    """Tracking errors after start-up, by shape of the reference."""
+    """Tracking errors by shape of the reference, see `tracking_errors.counted`."""
 
     straight: BodyStatistics
     curve: BodyStatistics
     all: BodyStatistics
+
+    @property
+    def headline(self) -> ErrorStatistics:
+        """Errors of the working point on the whole path: its cross-track p95 and sd are told."""
+        return next(iter(self.all.by_point.values()))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,9 +1,9 @@
-"""Console table of a run: plain text, at most 80 columns, 89 with the published errors."""
+"""Console tables of runs: plain text, at most 80 columns, 89 with the published errors."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -12,47 +12,53 @@ import numpy as np
 from ...testbed.recording.record import OVERRUN, Event
 from ...testbed.terminal import one_line
 from .published import CAVEAT, PublishedError
-from .summary import BodyStatistics, CorridorStatistics, ErrorStatistics, Summary
+from .summary import BodyStatistics, CorridorStatistics, Summary
+from .tracking_errors import START_UP_S
 
 WIDTH: Final = 80
 
-_PUBLISHED: Final = "published"
-_HEADS: Final = ("mean", _PUBLISHED, "rms", "p95", "max", "along mean", "cross mean", "sd")
-_BODY_WIDTH: Final = 19
-_OF_SEEDS: Final = {  # head of a column: point and statistic
-    "tractor": ("tractor", "mean_euclidean_m"),
-    "trailer": ("trailer", "mean_euclidean_m"),
-    "tractor p95": ("tractor", "cross_p95_m"),
-    "trailer p95": ("trailer", "cross_p95_m"),
+COUNTED: Final = f"The first {START_UP_S:g} s and a final standstill do not count."
+COLUMNS: Final = {
+    "p95": "cross_p95_m",
+    "sd": "cross_sd_m",
+    "mean": "cross_mean_m",
+    "along mean": "along_mean_m",
+    "along sd": "along_sd_m",
 }
+"""Columns of the tables of runs: head, and key of an error statistic; the headline first."""
+_PUBLISHED: Final = {"distance": "mean_euclidean_m", "published": ""}
+_BODY_WIDTH: Final = 22  # of the first column of a table
 
 
 def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> str:
     """Return the tracking errors of a run as text, in centimetres.
 
+    The first lines are on the whole path, and of these the first on the working point.
+
     Args:
         summary: of the run.
-        comparison: the published errors, where they apply to the run.
+        comparison: the published mean distances, where they apply to the run.
     """
     published = {(item.where, item.body): item.published_m for item in comparison}
-    heads = _HEADS if published else tuple(head for head in _HEADS if head != _PUBLISHED)
+    columns = COLUMNS | _PUBLISHED if published else COLUMNS
     lines = [
         f"{summary.scenario} · {summary.controller} · seed {summary.seed}: {summary.status} "
         f"after {summary.duration_s:.1f} s",
         "",
-        "Tracking error [cm]".ljust(_BODY_WIDTH) + _row({head: head for head in heads}),
+        "Cross-track error [cm]".ljust(_BODY_WIDTH) + _row(columns, columns),
     ]
-    for where in ("straight", "curve", "all"):
+    for where in ("all", "straight", "curve"):
         bodies: BodyStatistics = getattr(summary.tracking, where)
+        place = "whole path" if where == "all" else where
         for body, error in bodies.by_point.items():
-            cells = _cells(error, published.get((where, body)))
-            shown = {head: cells[head] for head in heads}
-            lines.append(f"{where:<10}{body}".ljust(_BODY_WIDTH) + _row(shown))
-    lines += [
-        "",
-        *_other_numbers(summary),
-        (f"{CAVEAT.capitalize()}. " if published else "") + "The first 8 s do not count.",
-    ]
+            numbers = [getattr(error, key) for key in columns.values() if key]
+            numbers += [published.get((where, body))] if published else []
+            head = f"{place:<12}{body}".ljust(_BODY_WIDTH)
+            lines.append(head + _row(columns, map(centimetres, numbers)))
+    lines += ["", *_other_numbers(summary)]
+    if published:
+        lines.append(f"{CAVEAT.capitalize()}; both: mean distance from the reference.")
+    lines.append("p95: of the absolute error. " + COUNTED)
     for text in summary.learnt:
         lines += textwrap.wrap(f"Learnt at {text}", WIDTH, subsequent_indent="  ")
     if summary.failure:
@@ -65,9 +71,14 @@ def format_seeds(summaries: Sequence[Summary]) -> str:
     from .statistics import caveat, mean  # loads scipy.stats, which a single run does without
 
     first = summaries[0]
-    heads = _OF_SEEDS
+    working_point = next(iter(first.tracking.all.by_point))
+    heads = {
+        f"{point} {head}": (point, COLUMNS[head])
+        for point in (working_point, "tractor")
+        for head in ("p95", "sd")
+    }
     lines = [
-        f"{first.scenario} · {first.controller}, mean error, and p95 of the cross-track error [cm]",
+        f"{first.scenario} · {first.controller}, cross-track error [cm]",
         "",
         "seed".ljust(8) + "status".ljust(11) + "".join(head.rjust(13) for head in heads),
     ]
@@ -128,25 +139,10 @@ def centimetres(metres: float | None, decimals: int = 1) -> str:
     return "–" if metres is None else f"{100.0 * metres:.{decimals}f}"
 
 
-def _cells(error: ErrorStatistics, published_m: float | None) -> dict[str, str]:
-    """Return the cells of one line by their head."""
-    numbers = (
-        error.mean_euclidean_m,
-        published_m,
-        error.rms_m,
-        error.p95_m,
-        error.max_m,
-        error.along_mean_m,
-        error.cross_mean_m,
-        error.cross_sd_m,
-    )
-    cells = (centimetres(number) for number in numbers)
-    return dict(zip(_HEADS, cells, strict=True))
-
-
-def _row(cells: Mapping[str, str]) -> str:
-    """Return cells, by their head, side by side."""
-    return "".join(cell.rjust(max(len(head), 5) + 2) for head, cell in cells.items())
+def _row(heads: Iterable[str], cells: Iterable[str]) -> str:
+    """Return cells side by side, each as wide as its head."""
+    widths = (max(len(head), 5) + 2 for head in heads)
+    return "".join(cell.rjust(width) for width, cell in zip(widths, cells, strict=True))
 
 
 def _other_numbers(summary: Summary) -> list[str]:

@@ -12,9 +12,11 @@ from ttempc.types import FloatArray
 
 from ...testbed.recording.channels import REFERENCE, STATE, TOOL, Channel
 from ...testbed.recording.position_error import in_frame
-from ...testbed.recording.record import Record
+from ...testbed.recording.record import REACTION, REACTION_ENDED, Record
+from ...testbed.simulation.termination import TerminationLimits
 
-START_UP_S: Final = 8.0  # the vehicle starts from standstill; statistics leave this time out
+START_UP_S: Final = 8.0
+"""Time from standstill that statistics and figures leave out."""
 
 BODIES: Final = {"tractor": "t", "trailer": "i"}  # body: the paper's letter in the field names
 
@@ -47,6 +49,7 @@ class TrackingErrors:
 
     time_s: FloatArray  # (n,)
     curved: NDArray[np.bool_]  # (n,) by the reference's curvature at the tractor point
+    counted: NDArray[np.bool_]  # (n,) see `counted`
     tractor: BodyError
     trailer: BodyError
     tool: BodyError | None = None  # of an implement's tool point, NaN while it is not lowered
@@ -60,9 +63,22 @@ class TrackingErrors:
     def until(self, end_s: float) -> TrackingErrors:
         """Return the errors up to a time."""
         rows = self.time_s <= end_s
-        tractor, trailer = self.tractor.at(rows), self.trailer.at(rows)
-        tool = self.tool and self.tool.at(rows)
-        return TrackingErrors(self.time_s[rows], self.curved[rows], tractor, trailer, tool)
+        points = {name: error.at(rows) for name, error in self.by_point.items()}
+        return TrackingErrors(self.time_s[rows], self.curved[rows], self.counted[rows], **points)
+
+
+def counted(record: Record, time_s: FloatArray) -> NDArray[np.bool_]:
+    """Return which times count in statistics, (n,).
+
+    The start-up does not count, nor the time at the end in which a vehicle stands that the
+    supervisor has stopped: its reference may have gone on.
+    """
+    ends = [event.time_s for event in record.events if event.text == REACTION_ENDED]
+    starts = [event.time_s for event in record.events if event.text.startswith(REACTION)]
+    stop_s = min((start for start in starts if start > max(ends, default=-1.0)), default=np.inf)
+    table = record[STATE]
+    moving = table.time_s[~(np.abs(table["v_mps"]) < TerminationLimits().standing)]
+    return (time_s >= START_UP_S) & (time_s <= max(stop_s, moving.max(initial=0.0)))
 
 
 def tracking_errors(record: Record) -> TrackingErrors:
@@ -70,7 +86,8 @@ def tracking_errors(record: Record) -> TrackingErrors:
     time_s, state, reference = rows_at_same_time(record, STATE, REFERENCE)
     errors = {body: body_error(record, state, reference, body) for body in BODIES}
     tool = _tool_error(record, time_s, reference)
-    return TrackingErrors(time_s, is_curved(record)[reference], **errors, tool=tool)
+    curved = is_curved(record)[reference]
+    return TrackingErrors(time_s, curved, counted(record, time_s), **errors, tool=tool)
 
 
 def is_curved(record: Record) -> NDArray[np.bool_]:

@@ -30,7 +30,7 @@ from ...testbed.simulation.loop import STAGES, with_stages
 from ...testbed.simulation.plant import Plant, Snapshot
 from ...testbed.simulation.setup import SimulationSetup, Stage
 from ...testbed.simulation.termination import TerminationLimits
-from ...testbed.vehicle.axle_loads import overload_notes
+from ...testbed.vehicle.vehicle import overload_notes
 from ..errors import InvalidScenario
 from ..scenario.controller import TRUTH
 from ..scenario.path import Mission

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 
 from ttempc.reference.reference import Reference
 
 from ...testbed.errors import InvalidFault
-from ...testbed.faults.command_faults import BusFault, ValveFault
 from ...testbed.faults.fault import Fault, FaultContext, LastingFault, Window
-from ...testbed.faults.faulty_actuators import FaultyActuators
-from ...testbed.faults.faulty_sensors import FaultySensors
-from ...testbed.faults.ground_faults import GroundFault
-from ...testbed.faults.plant_faults import Effect, PlantFault
-from ...testbed.faults.sensor_faults import SensorFault
+from ...testbed.faults.faulty import FaultyActuators, FaultySensors
+from ...testbed.faults.kinds import Effect, refusal
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.soil_layers import Patch
 from ...testbed.ground.terrain import Terrain
@@ -32,8 +27,6 @@ from ..scenario.controller import TRUTH
 from ..scenario.scenario import Scenario
 
 _SAME_TIME: Final = 1e-9  # in control periods
-
-Kind = TypeVar("Kind", bound=Fault)
 
 
 @dataclass(frozen=True)
@@ -66,11 +59,11 @@ class Timetable:
     def __post_init__(self) -> None:
         labels = [fault.label for fault in self.faults]
         for number, (fault, window) in enumerate(zip(self.faults, self.windows, strict=True)):
-            refusal = self._refusal(fault, window) or fault.refusal(window, self.context)
-            if not refusal and labels.count(fault.label) > 1:
-                refusal = "another fault has this name; give each a name of its own"
-            if refusal:
-                raise InvalidFault(f"faults.{number} ({fault.label}): {refusal}")
+            reason = self._refusal(fault, window) or refusal(fault, window, self.context)
+            if not reason and labels.count(fault.label) > 1:
+                reason = "another fault has this name; give each a name of its own"
+            if reason:
+                raise InvalidFault(f"faults.{number} ({fault.label}): {reason}")
 
     def _refusal(self, fault: Fault, window: Window) -> str:
         end_s, length_m = self.ticks * self.context.period_s, self._distances[-1]
@@ -102,10 +95,10 @@ class Timetable:
         distances = self.reference.speed.travel(self._times_s)[0]
         return np.minimum(np.abs(distances - distances[0]), self.reference.path.length_m)
 
-    def _of(self, family: type[Kind]) -> Iterator[tuple[int, Kind, Window]]:
-        for number, fault in enumerate(self.faults):
-            if isinstance(fault, family):
-                yield number, fault, self.windows[number]
+    def _on(self, *targets: str) -> list[tuple[int, Fault, Window]]:
+        """Return the faults that act on targets of `Row.on`, with their numbers and windows."""
+        pairs = enumerate(zip(self.faults, self.windows, strict=True))
+        return [(number, *pair) for number, pair in pairs if pair[0].row.on in targets]
 
     def ground(self, terrain: Terrain, soil: SoilMap) -> tuple[Terrain, SoilMap]:
         """Return the ground with what lies across the path.
@@ -114,9 +107,9 @@ class Timetable:
             InvalidField: a feature does not fit the field or its grid.
         """
         features, patches = [], []
-        for _, fault, window in self._of(GroundFault):
+        for _, fault, window in self._on("ground"):
             x, y, yaw, *_ = self.reference.at(window.start_s).state.tolist()
-            item = fault.lay((x, y, yaw))
+            item = fault.row.effect(fault, (x, y, yaw))
             (patches if isinstance(item, Patch) else features).append(item)
         if features:
             terrain = terrain.shaped(features)
@@ -126,13 +119,12 @@ class Timetable:
 
     def sensors(self, sensors: Sensors, timestep: float, seed: int) -> Sensors:
         """Return the sensors with their faults."""
-        faults = list(self._of(SensorFault))
+        faults = self._on("samples")
         return FaultySensors(sensors, faults, timestep, seed) if faults else sensors
 
     def damage(self, plant: Plant) -> None:
         """Give the faults of its command path to a plant that was not reset yet."""
-        bus, valves = self._of(BusFault), self._of(ValveFault)
-        faults = [(fault, window) for _, fault, window in sorted((*bus, *valves), key=_number)]
+        faults = [(fault, window) for _, fault, window in self._on("bus", "valve")]
         if faults:
             vehicle, timestep = self.context.vehicle, plant.timestep_s
             stops_deg = vehicle.front_steering.limit_deg, vehicle.trailer_steering.limit_deg
@@ -142,7 +134,9 @@ class Timetable:
     def stages(self, plant: Plant) -> list[tuple[str, Stage]]:
         """Return the stages that work and log the faults, each after the stage of a name."""
         stages: list[tuple[str, Stage]] = []
-        effects = [(fault.attach(plant), window) for _, fault, window in self._of(PlantFault)]
+        effects = [
+            (fault.row.effect(fault, plant), window) for _, fault, window in self._on("plant")
+        ]
         if effects:
             stages.append(("control", _plant_stage(effects, self.context.period_s)))
         if self.faults:
@@ -167,10 +161,6 @@ class Timetable:
                 setup.sink.event(event)
 
         return log_faults
-
-
-def _number(item: tuple[int, Fault, Window]) -> int:
-    return item[0]
 
 
 def _plant_stage(effects: list[tuple[Effect, Window]], period_s: float) -> Stage:

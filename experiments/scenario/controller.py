@@ -124,7 +124,7 @@ class ControllerSettings:
     name: str = "ttempc"
     """Name in ttempc/guidance/controllers.py, or "package.module:factory" of a user's own."""
     estimator: str = "ekf"
-    """Name in ttempc/guidance/estimators.py, "truth", or "package.module:factory"."""
+    """Name in ttempc/guidance/controllers.py, "truth", or "package.module:factory"."""
     tube: NameOrFile | None = None
     """Name of a shipped tube, or path of a file relative to the scenario.
 

@@ -19,7 +19,7 @@ from ...testbed.actuation.actuators import ActuatorSpecification
 from ...testbed.configuration.config_io import STRICT, parse_toml, read_toml, validated
 from ...testbed.configuration.resources import ShippedFiles
 from ...testbed.errors import InvalidPlant
-from ...testbed.faults.registry import AnyFault
+from ...testbed.faults.kinds import AnyFault
 from ...testbed.implement.implement import Implement
 from ...testbed.recording.provenance import run_id
 from ...testbed.sensing.sensor_presets import with_preset

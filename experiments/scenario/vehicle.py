@@ -30,8 +30,7 @@ from ...testbed.configuration.config_io import (
     validated,
 )
 from ...testbed.errors import InvalidPlant
-from ...testbed.vehicle.vehicle import PlantVehicle
-from ...testbed.vehicle.vehicle_file import DEFAULT_VEHICLE, find_vehicle, read_vehicle
+from ...testbed.vehicle.vehicle import DEFAULT_VEHICLE, PlantVehicle, find_vehicle, read_vehicle
 
 
 class Parameter(NamedTuple):

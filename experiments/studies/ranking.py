@@ -20,7 +20,7 @@ from scipy.stats import qmc
 
 from ttempc.types import FloatArray
 
-from ...testbed.vehicle.vehicle_file import read_vehicle
+from ...testbed.vehicle.vehicle import read_vehicle
 from ...testbed.wheels.soil_law import SoilLaw
 from ..results.statistics import proportion
 from ..results.summary import Summary

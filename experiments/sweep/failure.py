@@ -1,35 +1,41 @@
-"""Failure of runs: the rule that the sweep report and the envelope share."""
+"""Failure of runs: the rule that sweep report and search share."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from ..results.tracking_errors import START_UP_S
-from .row import Row
+from .row import Value
 
 ERROR: Final = "tracking.all.trailer.cross_p95_m"
-"""The column that a limit applies to: the trailer's 95 % cross-track error [m]."""
+_TOOL: Final = "tracking.all.tool.cross_p95_m"
 
 
-def has_failed(row: Row, limit_m: float | None = None) -> bool:
-    """Return whether a run failed.
+def working_error(row: Mapping[str, Value]) -> float | None:
+    """Return the 95 % cross-track error of the working point [m]; None: the row has none.
 
-    A run that did not complete has failed. A completed run has failed only if its error exceeds
-    the limit: without an error figure the limit does not judge it.
+    The working point is the tool point where there is an implement, else the trailer's axle point.
+    """
+    error = row[ERROR] if row.get(_TOOL) is None else row[_TOOL]
+    return error if isinstance(error, int | float) else None
+
+
+def has_failed(row: Mapping[str, Value], limit_m: float | None = None) -> bool:
+    """Return whether a run failed: it did not complete, or its error exceeds the limit.
 
     Args:
         row: of the run.
-        limit_m: on the error [m]; None: every completed run holds.
+        limit_m: on `working_error` [m], which judges no run without that figure; None: no limit.
     """
-    if row["status"] != "completed":
-        return True
-    error = row[ERROR]
-    return limit_m is not None and isinstance(error, int | float) and error > limit_m
+    error = working_error(row)
+    beyond = limit_m is not None and error is not None and error > limit_m
+    return row["status"] != "completed" or beyond
 
 
-def is_unmeasured(row: Row) -> bool:
+def is_unmeasured(row: Mapping[str, Value]) -> bool:
     """Return whether a run completed without an error figure: it lasted less than `START_UP_S`."""
-    return row["status"] == "completed" and row[ERROR] is None
+    return row["status"] == "completed" and working_error(row) is None
 
 
 def unmeasured_text(count: int, limit_m: float | None = None) -> str:

@@ -110,8 +110,8 @@ def rows(file: Path) -> Iterator[Row]:
 def frame(rows: Iterable[Row]) -> DataFrame:
     """Return rows as a data frame by increasing run number, one row a run, labels from 0.
 
-    The columns are those of `results.jsonl`, and `WORKING_P95`, `WORKING_SD`. A number that a run
-    does not have is NaN.
+    The columns are those of the rows, and `WORKING_P95`, `WORKING_SD`. A number that a run does not
+    have is NaN.
     """
     import pandas as pd  # here, since workers and `ttempc list` do without
 
@@ -120,7 +120,8 @@ def frame(rows: Iterable[Row]) -> DataFrame:
     iterator = iter(rows)
     while batch := list(itertools.islice(iterator, _BATCH)):
         records = [{**row, **_of_working_point(row)} for row in batch]
-        parts.append(pd.DataFrame.from_records(records).astype(numbers))
+        part = pd.DataFrame.from_records(records)
+        parts.append(part.astype({name: kind for name, kind in numbers.items() if name in part}))
     table = pd.concat(parts[1:] or parts, ignore_index=True)
     return table.sort_values("run", ignore_index=True) if len(table) else table
 

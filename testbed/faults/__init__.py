@@ -1,1 +1,1 @@
-"""Faults on a timetable: of samples, of the command path, of the plant and of the ground."""
+"""Faults on a timetable: one table of kinds, and what they act through."""

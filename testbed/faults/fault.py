@@ -1,10 +1,11 @@
-"""Fault: what all kinds of `[[faults]]` have in common, and when it acts."""
+"""Fault: the common keys of `[[faults]]`, and the making of a kind from its row of the table."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass as stdlib_dataclass
-from typing import Annotated, Final
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -13,7 +14,7 @@ from ..configuration.config_io import STRICT, NotNegative, Positive
 from ..sensing.sensor_specification import SensorSpecification
 from ..vehicle.vehicle import PlantVehicle
 
-_SAME_TIME_S: Final = 1e-9  # times closer than this are the same
+SAME_TIME_S: Final = 1e-9  # times closer than this are the same
 
 
 @stdlib_dataclass(frozen=True, slots=True)
@@ -25,7 +26,7 @@ class Window:
 
     def holds(self, time_s: float) -> bool:
         """Return whether a time [s] lies in the window."""
-        return self.start_s - _SAME_TIME_S <= time_s < self.end_s - _SAME_TIME_S
+        return self.start_s - SAME_TIME_S <= time_s < self.end_s - SAME_TIME_S
 
     def share(self, since_s: float, until_s: float) -> float:
         """Return which share of the time between two moments [s] lies in the window, 0..1."""
@@ -34,7 +35,7 @@ class Window:
 
     def holds_multiple(self, period_s: float) -> bool:
         """Return whether a whole multiple of a period [s] lies in the window."""
-        return self.holds(period_s * math.ceil(self.start_s / period_s - _SAME_TIME_S))
+        return self.holds(period_s * math.ceil(self.start_s / period_s - SAME_TIME_S))
 
 
 @stdlib_dataclass(frozen=True, slots=True)
@@ -48,6 +49,37 @@ class FaultContext:
     true_state: bool  # the controller is given the true state; there are no samples
 
 
+class Key(NamedTuple):
+    """A key of a fault; without a default it is required."""
+
+    name: str
+    type: Any  # with its range
+    meaning: str
+    default: Any = ...
+
+
+class Row(NamedTuple):
+    """A row of the table of faults; `effect` and `refusal` get the fault with its keys first.
+
+    What a fault acts on, and the arguments of `effect` after the fault:
+
+        samples   `Sampling` -> filter of the samples of one sensor
+        bus       state of the bus, command, time [s] -> state of the bus
+        valve     set point of the step before (at first the present angle [rad], or position),
+                  set point without the fault, physics step [s], stop [rad] -> set point
+        plant     plant without faults -> what sets the fault for the next control period, from the
+                  share of the period in which it acts
+        ground    pose of the path at the place of the fault -> feature or patch of soil
+    """
+
+    kinds: str  # names with the same keys, separated by blanks
+    on: Literal["samples", "bus", "valve", "plant", "ground"]
+    text: str  # its effect in the docs
+    keys: tuple[Key, ...]
+    effect: Callable[..., Any]
+    refusal: Callable[[Any, FaultContext], str] | None = None
+
+
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class Fault:
     """A fault that begins once; `start_s` or `at_m` tells when.
@@ -55,6 +87,7 @@ class Fault:
     The keys have descriptions as values: pydantic reads no docstrings of inherited attributes.
     """
 
+    row: ClassVar[Row]
     kind: Annotated[str, Field(description="Kind of fault, see docs/faults.md.")] = ""
     name: Annotated[
         str,
@@ -73,16 +106,13 @@ class Fault:
     def __post_init__(self) -> None:
         if (self.start_s is None) == (self.at_m is None):
             raise ValueError("give start_s or at_m, one of the two")
+        if self.row.on == "ground":
+            self.row.effect(self, (0.0, 0.0, 0.0))  # refuses what is too steep
 
     @property
     def label(self) -> str:
         """Name of the fault in log and figures."""
         return self.name or self.kind
-
-    def refusal(self, window: Window, context: FaultContext) -> str:
-        """Return why the fault cannot act in this window and scenario; empty where it can."""
-        del window, context
-        return ""
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -93,3 +123,22 @@ class LastingFault(Fault):
         Positive | None,
         Field(description="Time for which it lasts; absent: to the end of the run."),
     ] = None
+
+
+def fault_type(row: Row, module: str) -> type[Fault]:
+    """Return the strict dataclass of a row; `module` is where pickle finds it, by its name."""
+    kinds = row.kinds.split()
+    keys = (Key("kind", Literal[tuple(kinds)], "Kind of fault.", kinds[0]), *row.keys)
+    content = {
+        "__module__": module,
+        "__doc__": row.text,
+        "__annotations__": {
+            key.name: Annotated[key.type, Field(description=key.meaning)] for key in keys
+        },
+        **{key.name: key.default for key in keys if key.default is not ...},
+        "row": row,
+    }
+    name = "".join(word.capitalize() for word in kinds[0].split("_")) + "Fault"
+    table = type(name, (Fault if row.on == "ground" else LastingFault,), content)
+    made: Any = dataclass(frozen=True, kw_only=True, config=STRICT)(table)
+    return made

@@ -12,7 +12,7 @@ from ttempc.types import FloatArray
 from ..ground.terrain import flat
 from ..simulation.plant import Plant
 from ..truth import WHEELS, Truth
-from ..vehicle.axle_loads import AxleLoads
+from ..vehicle.vehicle import AxleLoads
 from ..wheels import tyre
 from .bench import (
     DRIVEN,

@@ -30,6 +30,7 @@ FAULT: Final = "fault: "
 
 REACTION: Final = "reaction: "
 """Beginning of the text of an event that tells how the guidance departs from the controller."""
+REACTION_ENDED: Final = "reaction ended"
 
 OVERRUN: Final = "overrun: "
 """Beginning of the text of an event that tells that a step took longer than its period."""

@@ -8,6 +8,8 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from ttempc.types import Sensor
+
 from ..configuration.config_io import STRICT, DurationS, Fraction, NotNegative, RateHz
 from .sensor_presets import SensorPreset
 
@@ -119,6 +121,13 @@ class SensorSpecification:
                 "gnss_antenna 'corrected' needs the attitude that an IMU measures "
                 "(sensors.imu.on = true); without one it can be 'point' or 'raw'"
             )
+
+    def period_s(self, sensor: Sensor) -> float:
+        """Return the time from sample to sample of a sensor [s]."""
+        if sensor.startswith("imu"):
+            return 1.0 / self.imu.rate_hz
+        rates = {"gnss": self.gnss_rate_hz, "encoder": self.encoder_rate_hz}
+        return 1.0 / rates.get(sensor.split("_")[0], self.angle_rate_hz)
 
     @property
     def angle_sd(self) -> float:

@@ -15,7 +15,7 @@ from ttempc.errors import GuidanceFailed
 from ..errors import PlantDiverged, StageFailed
 from ..recording import channels
 from ..recording import record_rows as rows
-from ..recording.record import LEARNT, OVERRUN, REACTION, Event
+from ..recording.record import LEARNT, OVERRUN, REACTION, REACTION_ENDED, Event
 from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from .deadline import alarm_handled, time_limit
 from .setup import SimulationSetup, Stage, TickContext
@@ -101,7 +101,7 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
         sink.event(Event(time, "info", LEARNT + ", ".join(diagnostics.learnt)))
     fallback = diagnostics.fallback
     if fallback != tick.fallback:
-        text = f"{REACTION}{fallback}" if fallback else "reaction ended"
+        text = f"{REACTION}{fallback}" if fallback else REACTION_ENDED
         sink.event(Event(time, "warning" if fallback else "info", text))
         tick.fallback = fallback
 

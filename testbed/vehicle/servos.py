@@ -19,9 +19,7 @@ from ..ground.soil import SoilMap
 from ..truth import WHEELS
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import Tyres, mobility
-from .axle_loads import GRAVITY, AxleLoads
-from .vehicle import PlantVehicle
-from .vehicle_parts import Steering
+from .vehicle import GRAVITY, AxleLoads, PlantVehicle, Steering
 
 # Largest cylinder torque over (axle load x lever), and the error of the angle at which a cylinder
 # reaches it; assumed. The torque is far above that of the tyres, so that the ground does not steer.

@@ -1,21 +1,412 @@
-"""True vehicle: a tractor with a steerable trailer."""
+"""True vehicle, a tractor with a steerable trailer: its file, its parts, axle loads and checks.
+
+Field names are the keys of the file in `mjcf/vehicles/` and include units. x forward, y left, z up.
+Heights are above level ground under unloaded tyres, except where a comment gives another reference.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass as stdlib_dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import Annotated, Final
+
+import numpy as np
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from ..configuration.config_io import STRICT
-from .vehicle_checks import check_vehicle
-from .vehicle_parts import VehicleParts
+from ttempc.types import FloatArray
+
+from ..configuration.config_io import (
+    STRICT,
+    AngleDeg,
+    NotNegative,
+    PlaceM,
+    Positive,
+    read_toml,
+    validated,
+)
+from ..configuration.resources import ShippedFiles
+from ..errors import InvalidPlant
+
+DEFAULT_VEHICLE: Final = "kayacan2016"
+_VEHICLES: Final = ShippedFiles("vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant)
+GRAVITY: Final = 9.81  # [m/s^2] as in MuJoCo
+_OVERLOAD: Final = 1.5  # static load over rated load from which a run says so; assumed
+_LEAST_SHARE: Final = 0.05  # of the tractor's weight on each axle; it must steer and drive
+_WIDEST_KNUCKLE_DEG: Final = 65.0  # beyond it the quartic of MuJoCo's coupling does not fit
+
+InertiaKgm2 = tuple[Positive, Positive, Positive]
 
 
 @dataclass(frozen=True, config=STRICT)
-class PlantVehicle(VehicleParts):
-    """Checked vehicle: read by `vehicle_file`, built by `vehicle_model`.
+class Tractor:
+    """The tractor as a whole, with axle and wheels and without trailer."""
+
+    wheelbase_m: Positive  # L^t
+    rear_track_m: Positive  # between the centres of the rear tyres
+    engine_width_m: Positive  # of the body between the front wheels
+    mass_kg: Positive
+    centre_forward_m: PlaceM  # centre of mass ahead of the rear axle
+    centre_height_m: Positive
+    chassis_inertia_kgm2: InertiaKgm2 | None = None  # about x, y, z; absent: from the shapes
+
+
+@dataclass(frozen=True, config=STRICT)
+class FrontAxle:
+    """The steered axle, which pivots in roll; its mass is without the wheels."""
+
+    track_m: Positive  # between the centres of the front tyres, wheels straight
+    kingpin_track_m: Positive  # between the kingpins
+    mass_kg: Positive
+    pivot_limit_deg: AngleDeg
+
+
+@dataclass(frozen=True, config=STRICT)
+class Wheel:
+    """One of a pair of wheels; `testbed.wheels.tyre.Tyres` uses the numbers."""
+
+    size: str  # as printed on the tyre
+    radius_m: Positive  # unloaded
+    width_m: Positive  # of the section
+    section_height_m: Positive
+    relative_deflection: Annotated[float, Field(gt=0, lt=0.5)]  # at the rated load
+    rated_load_n: Positive
+    damping_spm: NotNegative  # growth of the normal force per speed of approach
+    mass_kg: Positive  # tyre and rim
+
+
+@dataclass(frozen=True, config=STRICT)
+class Hitch:
+    """RJ1, the pin between tractor and drawbar."""
+
+    offset_m: Positive  # a, behind the rear axle
+    height_m: Positive
+    yaw_limit_deg: Annotated[float, Field(gt=0, lt=120)]
+    pitch_limit_deg: AngleDeg
+    roll_limit_deg: Annotated[float, Field(gt=0, lt=180)]
+
+
+@dataclass(frozen=True, config=STRICT)
+class Drawbar:
+    """The drawbar from RJ1 to RJ2; its centre of mass is in the middle."""
+
+    length_m: Positive  # d
+    mass_kg: Positive
+
+
+@dataclass(frozen=True, config=STRICT)
+class Trailer:
+    """The empty trailer as a whole, with wheels and without drawbar."""
+
+    length_m: Positive  # L^i, RJ2 to axle
+    track_m: Positive
+    mass_kg: Positive
+    centre_forward_m: PlaceM  # centre of mass ahead of the axle
+    centre_height_m: Positive
+    chassis_inertia_kgm2: InertiaKgm2 | None = None  # about x, y, z; absent: from the shapes
+
+
+@dataclass(frozen=True, config=STRICT)
+class Box:
+    """The box of the trailer, from the underside of its floor to the upper edge of its boards."""
+
+    length_m: Positive
+    width_m: Positive
+    height_m: Positive
+    floor_m: Positive  # underside above the ground
+    forward_m: PlaceM  # middle ahead of the trailer axle
+
+
+@dataclass(frozen=True, config=STRICT)
+class Load:
+    """Load in the box, in addition to the trailer's mass."""
+
+    mass_kg: NotNegative
+    height_m: Positive  # of the centre
+    forward_m: PlaceM  # centre ahead of the trailer axle
+
+
+@dataclass(frozen=True, config=STRICT)
+class Steering:
+    """A steering valve with its cylinder."""
+
+    limit_deg: AngleDeg  # stop, to each side
+    rate_degps: Positive
+    lag_s: Positive
+
+
+@dataclass(frozen=True, config=STRICT)
+class Hydrostat:
+    """The drive, identified by a step test on firm level ground with an empty trailer."""
+
+    speed_gain_mps: Positive  # K, steady speed at position 1
+    time_constant_s: Positive  # tau
+    rate_per_s: Positive  # largest rate of the position; the controller must not exceed it
+    reverse: bool = False  # positions of -1..0 drive backward, with the same K and tau
+
+
+@dataclass(frozen=True, config=STRICT)
+class PlantVehicle:
+    """Vehicle whose parts fit together.
 
     Raises:
-        InvalidPlant: the parts do not fit together, with the reason.
+        InvalidPlant: the parts do not fit together: key, value and reason of the first check.
     """
 
+    description: str
+    tractor: Tractor
+    front_axle: FrontAxle
+    front_wheel: Wheel
+    rear_wheel: Wheel
+    hitch: Hitch
+    drawbar: Drawbar
+    trailer: Trailer
+    trailer_wheel: Wheel
+    box: Box
+    load: Load
+    front_steering: Steering
+    trailer_steering: Steering
+    hydrostat: Hydrostat
+
     def __post_init__(self) -> None:
-        check_vehicle(self)
+        for check in _CHECKS:
+            for keys, reason in check(self):
+                given = attrgetter(*keys.split(", "))(self)
+                raise InvalidPlant(f"{keys} = {given}: {reason}")
+
+    @property
+    def wheels(self) -> dict[str, Wheel]:
+        """Wheels by the name of their axle."""
+        return {"front": self.front_wheel, "rear": self.rear_wheel, "trailer": self.trailer_wheel}
+
+    @property
+    def trailer_behind_m(self) -> float:
+        """Distance from the rear axle to the trailer axle on a straight line."""
+        return self.hitch.offset_m + self.drawbar.length_m + self.trailer.length_m
+
+
+def shipped_vehicles() -> list[str]:
+    """Return the names of the vehicles that ship with the project."""
+    return _VEHICLES.names()
+
+
+def find_vehicle(name: str) -> Path:
+    """Return the path of a vehicle file, given the name of a shipped vehicle or a path.
+
+    Raises:
+        InvalidPlant: there is no such file.
+    """
+    return _VEHICLES.find(name)
+
+
+def read_vehicle(name: str = DEFAULT_VEHICLE) -> PlantVehicle:
+    """Return the vehicle of a file, given the name of a shipped vehicle or a path.
+
+    Raises:
+        InvalidPlant: there is no such file, a key or a value is not allowed (the message names
+            file and key), or the parts do not fit together (the message gives the reason).
+    """
+    file = find_vehicle(name)
+    content = read_toml(file, InvalidPlant)
+    try:
+        return validated(PlantVehicle, content, InvalidPlant)
+    except InvalidPlant as error:
+        raise InvalidPlant(f"{file}: {error}") from None
+
+
+@stdlib_dataclass(frozen=True, slots=True)
+class AxleLoads:
+    """Static load of each axle and of the pin between tractor and drawbar [N]."""
+
+    front: float
+    rear: float
+    trailer: float
+    pin: float  # downward on the tractor
+
+    @classmethod
+    def of(cls, vehicle: PlantVehicle) -> AxleLoads:
+        """Return the static loads of a vehicle with its load."""
+        tractor, drawbar, trailer = vehicle.tractor, vehicle.drawbar, vehicle.trailer
+        load, reach = vehicle.load, drawbar.length_m + trailer.length_m
+        # drawbar and trailer are one beam in pitch: moments about the trailer axle, then about
+        # the rear axle of the tractor
+        ahead = (
+            trailer.mass_kg * trailer.centre_forward_m
+            + drawbar.mass_kg * (trailer.length_m + 0.5 * drawbar.length_m)
+            + load.mass_kg * load.forward_m
+        )
+        pin = GRAVITY * ahead / reach
+        front = (
+            GRAVITY * tractor.mass_kg * tractor.centre_forward_m - pin * vehicle.hitch.offset_m
+        ) / tractor.wheelbase_m
+        towed = GRAVITY * (trailer.mass_kg + drawbar.mass_kg + load.mass_kg)
+        return cls(front, GRAVITY * tractor.mass_kg + pin - front, towed - pin, pin)
+
+
+def overload_notes(vehicle: PlantVehicle) -> tuple[str, ...]:
+    """Return a line for each axle whose tyres carry far more than their rated load.
+
+    They are not refused: the law is linear in the load up to the rim on the ground, at which
+    `Plant.reset` refuses. Its range is exceeded all the same, for a real tyre would be harmed.
+    """
+    loads = AxleLoads.of(vehicle)
+    shares = {
+        axle: 0.5 * getattr(loads, axle) / wheel.rated_load_n
+        for axle, wheel in vehicle.wheels.items()
+    }
+    return tuple(
+        f"{axle} tyres overloaded: each carries {share:.1f} times its rated load of "
+        f"{vehicle.wheels[axle].rated_load_n:g} N"
+        for axle, share in shares.items()
+        if share > _OVERLOAD
+    )
+
+
+def knuckle_angle(delta: FloatArray, wheelbase: float, kingpin_y: float) -> FloatArray:
+    """Return the angle [rad] of the knuckle at `kingpin_y` [m], left positive (Ackermann).
+
+    tan(knuckle) = L tan(delta) / (L - y tan(delta))
+    """
+    tangent = np.tan(delta)
+    return np.arctan2(wheelbase * tangent, wheelbase - kingpin_y * tangent)
+
+
+Problem = tuple[str, str]
+"""Keys of a vehicle file whose values are not allowed, and the reason."""
+
+
+def _check_wheels(vehicle: PlantVehicle) -> Iterator[Problem]:
+    for pair, wheel in vehicle.wheels.items():
+        if wheel.section_height_m >= wheel.radius_m:
+            limit = f"must be below radius_m = {wheel.radius_m}, or there is no rim"
+            yield f"{pair}_wheel.section_height_m", limit
+
+
+def _check_places(vehicle: PlantVehicle) -> Iterator[Problem]:
+    """Yield wheels that overlap, in a pair or from axle to axle."""
+    tractor, axle, trailer = vehicle.tractor, vehicle.front_axle, vehicle.trailer
+    for key, track, wheel in (
+        ("front_axle.track_m", axle.track_m, vehicle.front_wheel),
+        ("tractor.rear_track_m", tractor.rear_track_m, vehicle.rear_wheel),
+        ("trailer.track_m", trailer.track_m, vehicle.trailer_wheel),
+    ):
+        if track <= wheel.width_m:
+            yield key, f"narrower than a tyre of {wheel.width_m} m, its wheels overlap"
+    if axle.kingpin_track_m >= axle.track_m:
+        reason = f"the kingpins must stand inside the wheels, track_m = {axle.track_m}"
+        yield "front_axle.kingpin_track_m", reason
+    front, rear, towed = (wheel.radius_m for wheel in vehicle.wheels.values())
+    if tractor.wheelbase_m <= front + rear:
+        reason = f"front and rear wheels overlap, must be above {front + rear:.3f}"
+        yield "tractor.wheelbase_m", reason
+    behind = vehicle.trailer_behind_m
+    if behind <= rear + towed:
+        yield (
+            "trailer.length_m",
+            f"trailer axle {behind:.3f} m behind the rear axle, its wheels overlap the tractor's; "
+            f"must be above {rear + towed:.3f} m",
+        )
+
+
+def _check_masses(vehicle: PlantVehicle) -> Iterator[Problem]:
+    axle = vehicle.front_axle.mass_kg
+    front, rear, towed = (2.0 * wheel.mass_kg for wheel in vehicle.wheels.values())
+    for name, whole, parts in (
+        ("tractor", vehicle.tractor, axle + front + rear),
+        ("trailer", vehicle.trailer, towed),
+    ):
+        if whole.mass_kg <= parts:
+            reason = f"masses do not add up, axles and wheels alone weigh {parts:g} kg"
+            yield f"{name}.mass_kg", reason
+        inertia = whole.chassis_inertia_kgm2
+        if inertia is not None and 2.0 * max(inertia) > sum(inertia):
+            reason = "no body has one moment of inertia above the sum of the others"
+            yield f"{name}.chassis_inertia_kgm2", reason
+
+
+def _check_axle_loads(vehicle: PlantVehicle) -> Iterator[Problem]:
+    loads, places = AxleLoads.of(vehicle), "trailer.centre_forward_m, load.forward_m"
+    if loads.pin < 0.0:
+        yield places, f"the trailer tips backwards, it lifts the hitch with {-loads.pin:.0f} N"
+    if loads.trailer <= 0.0:
+        yield places, "the trailer's wheels carry nothing, all of it hangs on the hitch"
+    least = _LEAST_SHARE * (loads.front + loads.rear)
+    for axle, load in (("front", loads.front), ("rear", loads.rear)):
+        if load < least:
+            yield (
+                "tractor.centre_forward_m",
+                f"the {axle} axle carries {load:.0f} N with the trailer hitched, "
+                f"must be at least {least:.0f} N",
+            )
+
+
+def _check_front_steering(vehicle: PlantVehicle) -> Iterator[Problem]:
+    """Yield a steering limit at which the inner wheel turns too far or touches the body."""
+    axle, wheel, limit = vehicle.front_axle, vehicle.front_wheel, vehicle.front_steering.limit_deg
+    kingpin, wheelbase = 0.5 * axle.kingpin_track_m, vehicle.tractor.wheelbase_m
+    angle = float(knuckle_angle(np.radians(limit), wheelbase, kingpin))
+    if angle > math.radians(_WIDEST_KNUCKLE_DEG):
+        yield (
+            "front_steering.limit_deg",
+            f"the inner wheel would turn by {math.degrees(angle):.0f} deg, "
+            f"at most {_WIDEST_KNUCKLE_DEG:g} deg are allowed",
+        )
+    arm = 0.5 * (axle.track_m - axle.kingpin_track_m) - 0.5 * wheel.width_m
+    edge = kingpin + arm * math.cos(angle) - wheel.radius_m * math.sin(angle)
+    if edge <= 0.5 * vehicle.tractor.engine_width_m:
+        yield (
+            "front_steering.limit_deg",
+            f"the inner wheel comes {edge:.3f} m near to the middle and touches the body, "
+            f"tractor.engine_width_m = {vehicle.tractor.engine_width_m}",
+        )
+
+
+def _check_drawbar_swing(vehicle: PlantVehicle) -> Iterator[Problem]:
+    """Yield a hitch limit at which the drawbar, as a line, meets the rear wheels."""
+    hitch, wheel = vehicle.hitch, vehicle.rear_wheel
+    inside = 0.5 * (vehicle.tractor.rear_track_m - wheel.width_m)
+    # half the length of a wheel at the height of the hitch, and what of it stands behind the hitch
+    chord = math.sqrt(max(0.0, wheel.radius_m**2 - (hitch.height_m - wheel.radius_m) ** 2))
+    beside = chord - hitch.offset_m
+    if vehicle.drawbar.length_m <= beside:
+        reason = f"the drawbar ends between the rear wheels, must be above {beside:.3f}"
+        yield "drawbar.length_m", reason
+    largest = math.degrees(math.atan2(inside, beside))
+    if hitch.yaw_limit_deg >= largest:
+        yield (
+            "hitch.yaw_limit_deg",
+            f"hitched {hitch.offset_m} m behind the axle the drawbar meets the rear wheels "
+            f"at {largest:.0f} deg",
+        )
+
+
+def _check_box(vehicle: PlantVehicle) -> Iterator[Problem]:
+    box, wheel, trailer, load = vehicle.box, vehicle.trailer_wheel, vehicle.trailer, vehicle.load
+    if box.floor_m <= 2.0 * wheel.radius_m and box.width_m > trailer.track_m - wheel.width_m:
+        yield (
+            "box.floor_m",
+            f"the wheels reach through the floor, must be above {2.0 * wheel.radius_m} "
+            f"or the box narrower than {trailer.track_m - wheel.width_m:.3f} m",
+        )
+    front = vehicle.trailer_behind_m - box.forward_m - 0.5 * box.length_m
+    if front <= vehicle.rear_wheel.radius_m:
+        yield "box.forward_m", "the box reaches into the tractor's rear wheels"
+    if load.mass_kg > 0.0 and abs(load.forward_m - box.forward_m) > 0.5 * box.length_m:
+        yield "load.forward_m", "the load's centre lies outside the box"
+    if load.mass_kg > 0.0 and load.height_m <= box.floor_m:
+        reason = f"the load's centre lies below the floor, {box.floor_m} m above the ground"
+        yield "load.height_m", reason
+
+
+_CHECKS: Final = (
+    _check_wheels,
+    _check_places,
+    _check_masses,
+    _check_axle_loads,
+    _check_front_steering,
+    _check_drawbar_swing,
+    _check_box,
+)

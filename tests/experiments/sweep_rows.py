@@ -5,10 +5,11 @@ from proving_ground.experiments.sweep.failure import ERROR
 from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.row import no_figures
 from proving_ground.experiments.sweep.sweep import sweep
-from proving_ground.experiments.sweep_report.runs import COST
 from proving_ground.testbed.randomness import generator
 
 from tests.experiments.study_files import plan_of
+
+COST = "timing.control_step_us.median"
 
 AXES = """
 [[axis]]

@@ -10,7 +10,7 @@ from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.vehicle.servos import wheel_loads
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
+from proving_ground.testbed.vehicle.vehicle import read_vehicle, shipped_vehicles
 
 from ttempc.types import Command
 

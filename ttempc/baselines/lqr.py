@@ -95,7 +95,6 @@ class LqrFeedback:
         self._vehicle = reference.vehicle
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`, see `FeedbackLaw`."""
         state = error_state(self._state[k], estimate, self._vehicle)
         previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         u_e = previous - self._gains[k] @ np.concatenate([state, previous])
@@ -105,7 +104,6 @@ class LqrFeedback:
         """Do nothing, see `FeedbackLaw`."""
 
     def fresh(self) -> LqrFeedback:
-        """Return the law itself: it has no memory."""
         return self
 
 

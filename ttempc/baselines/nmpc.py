@@ -126,7 +126,6 @@ class GaussNewton:
             self._minimise(self._preparing_qp, *self._last)
 
     def fresh(self) -> GaussNewton:
-        """Return the solver as it was before its first call; it shares model and buffers."""
         solver = copy.copy(self)
         solver._qp, solver._preparing_qp = self._qp.fresh(), self._qp.fresh()
         solver._last = None
@@ -289,7 +288,6 @@ class NonlinearFeedback:
         self._steps = np.zeros((tuning.moves, _M))  # the last plan, Delta u_e
 
     def fresh(self) -> NonlinearFeedback:
-        """Return the law before its first tick, see `FeedbackLaw`."""
         law = copy.copy(self)
         law._parts = [replace(part, solver=part.solver.fresh()) for part in self._parts]
         law._steps = np.zeros_like(self._steps)
@@ -301,7 +299,6 @@ class NonlinearFeedback:
             self._steps = previous._steps
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`, see `FeedbackLaw`."""
         horizon, moves = self._tuning.horizon, self._tuning.moves
         feedforward = self._feedforward[k : k + horizon]
         ends = slice(k + 1, k + 1 + horizon)
@@ -345,7 +342,6 @@ class NonlinearFeedback:
         )
 
     def prepare(self, k: int) -> None:
-        """Get ready for tick `k`, see `FeedbackLaw`."""
         for part in self._parts:
             part.solver.prepare()
 

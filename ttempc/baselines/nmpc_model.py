@@ -177,7 +177,6 @@ class ArticulatedModel:
     def evaluate(
         self, task: Task, steps: FloatArray, errors: FloatArray, jacobian: FloatArray
     ) -> None:
-        """Write errors and derivatives, see `HorizonModel`."""
         articulated_horizon(
             self._parameters,
             self._period_s,

@@ -92,7 +92,6 @@ class RobustLaw:
         self._last: tuple[int, list[float]] | None = None  # tick and z_m
 
     def fresh(self) -> RobustLaw:
-        """Return the law before its first tick."""
         return RobustLaw(self._gains, self._sign, self._period_s)
 
     def step(self, k: int, nominal: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -235,7 +234,6 @@ class NominalState:
         self._tick = -1
 
     def fresh(self) -> NominalState:
-        """Return the nominal state before its first tick."""
         return NominalState(self._a, self._b, self._reading)
 
     def at(self, k: int, error: FloatArray) -> FloatArray:
@@ -282,7 +280,6 @@ class PaperFeedback:
         self._path, self._horizon = PredictedPath(grid), horizon
 
     def fresh(self) -> PaperFeedback:
-        """Return the law before its first tick, see `FeedbackLaw`."""
         law = copy.copy(self)
         law._mpc = self._mpc.fresh()
         law._previous = np.zeros(_M)
@@ -296,7 +293,6 @@ class PaperFeedback:
             self._previous = previous._previous
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`, see `FeedbackLaw`."""
         error = estimated_error(estimate, self._grid, k)
         nominal = self._nominal.at(k, error)
         mpc_state = self._nominal.mpc_state(nominal, error)
@@ -317,7 +313,6 @@ class PaperFeedback:
         )
 
     def prepare(self, k: int) -> None:
-        """Get ready for tick `k`, see `FeedbackLaw`."""
         self._mpc.prepare(k)
 
 

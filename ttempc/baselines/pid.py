@@ -148,7 +148,6 @@ class PidFeedback:
         self._unlimited = self._feedforward[0]  # the previous command before the limits
 
     def fresh(self) -> PidFeedback:
-        """Return the law before its first tick, see `FeedbackLaw`."""
         law = copy.copy(self)
         law._restart()
         return law
@@ -159,7 +158,6 @@ class PidFeedback:
             self._integrals, self._unlimited = previous._integrals, previous._unlimited
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`, see `FeedbackLaw`."""
         z_e = estimated_error(estimate, self._grid, k)
         error = -np.array([z_e[Error.Y_T], z_e[Error.Y_I], z_e[Error.X_T]])
         speed_t, speed_i = self._speed[k]

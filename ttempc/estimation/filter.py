@@ -1,6 +1,7 @@
-"""Prediction of the Kalman filter over the augmented state, compiled.
+"""Extended Kalman filter over the augmented state: start, predict, correct, process; compiled.
 
-Arrays (4, ...) named `levels` hold a value and its derivatives by the factors of `NoiseScale`.
+Of arrays (4, ...) the first entry is a value, the others are its derivatives by the factors of
+`NoiseScale`.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.special import chdtri
@@ -46,6 +47,24 @@ SAME_TIME_S: Final = 1e-6
 _LONGEST_STEP_S: Final = 0.05  # a third of the front steering's lag
 
 
+class Model(NamedTuple):
+    """Constants of a filter: its vehicle and its noise."""
+
+    parameters: FloatArray  # (10,), see `VehicleParameter`
+    rates: FloatArray  # (2, 4, 22), see `ProcessNoise.rates`
+    fading: FloatArray  # (2, 15), see `ProcessNoise.fading`
+    walk: float  # variance that a metre adds to the logarithms of the factors
+
+
+class Levels(NamedTuple):
+    """What a filter predicts and corrects, all of it in place."""
+
+    augmented: FloatArray  # (4, 22)
+    covariances: FloatArray  # (4, 22, 22)
+    scales: FloatArray  # (2, 3) factors of `NoiseScale`, information on their logarithms
+    valves: FloatArray  # (2,) set points of the steering valves [rad]
+
+
 @cached_njit()
 def steps_over(span_s: float) -> int:
     """Return the number of integration steps over a span of time [s], at least 1."""
@@ -54,19 +73,14 @@ def steps_over(span_s: float) -> int:
 
 @cached_njit()
 def process_noise(
-    middle: FloatArray,
-    scales: FloatArray,
-    parameters: FloatArray,
-    rates: FloatArray,
-    step_s: float,
-    levels: FloatArray,
+    middle: FloatArray, scales: FloatArray, model: Model, step_s: float, levels: FloatArray
 ) -> None:
     """Write the covariance that a step of `step_s` gathers into `levels` (4, 24).
 
     The same as `ProcessNoise.density` times the step, at the augmented state `middle` (22,): the
     diagonal, then the entries (x, y) and (psi_i, delta_i), the only others.
-    `scales` (2, 3), `parameters` (10,) and `rates` (2, 4, 22) are as in `predict`.
     """
+    parameters, rates = model.parameters, model.rates
     travel = abs(middle[AugmentedState.RIM]) * step_s
     psi_t = middle[AugmentedState.PSI_T]
     cos, sin = math.cos(psi_t), math.sin(psi_t)
@@ -132,27 +146,13 @@ def _propagate(
 
 
 @cached_njit()
-def predict(
-    augmented: FloatArray,
-    covariances: FloatArray,
-    scales: FloatArray,
-    valves: FloatArray,
-    command: FloatArray,
-    parameters: FloatArray,
-    rates: FloatArray,
-    fading: FloatArray,
-    walk: float,
-    span_s: float,
-    steps: int,
-) -> None:
+def predict(now: Levels, command: FloatArray, model: Model, span_s: float, steps: int) -> None:
     """Advance a filter by `span_s` in `steps` equal steps under the held `command` (3,), in place.
 
-    `augmented` (4, 22) and `covariances` (4, 22, 22) hold values and derivatives; `scales` (2, 3)
-    the factors of `NoiseScale` and the information on their logarithms; `valves` (2,) are set
-    points [rad], `parameters` (10,) those of the vehicle, `rates` (2, 4, 22) and `fading` (2, 15)
-    those of `ProcessNoise`, `walk` the variance that a metre adds to the logarithms. With Q the
-    noise of a step, P <- Phi (P + Q/2) Phi' + Q/2: half of Q acts before the step, half after it.
+    With Q the noise of a step, P <- Phi (P + Q/2) Phi' + Q/2: half of Q acts before the step, half
+    after it.
     """
+    augmented, scales = now.augmented, now.scales
     transition = np.empty((SIZE, SIZE))
     gathered, workspace = np.empty((_LEVELS, _ENTRIES)), np.empty((STATES, SIZE))
     middle, derivative = np.empty(SIZE), np.empty(SIZE)
@@ -160,13 +160,13 @@ def predict(
     for _ in range(steps):
         middle[:] = augmented[0]
         advance_augmented_state(
-            augmented[0], valves, command, parameters, fading, step_s, transition
+            augmented[0], now.valves, command, model.parameters, model.fading, step_s, transition
         )
         for i in range(STATES):
             middle[i] = 0.5 * (middle[i] + augmented[0, i])
-        process_noise(middle, scales, parameters, rates, step_s, gathered)
+        process_noise(middle, scales, model, step_s, gathered)
         for level in range(_LEVELS):
-            _propagate(covariances[level], transition, gathered[level], workspace)
+            _propagate(now.covariances[level], transition, gathered[level], workspace)
         for level in range(1, _LEVELS):
             derivative[:] = augmented[level]
             for i in range(STATES):
@@ -175,7 +175,7 @@ def predict(
                     augmented[level, i] += transition[i, j] * derivative[j]
             for i in range(STATES, SIZE):
                 augmented[level, i] *= transition[i, i]
-        gained = walk * abs(middle[AugmentedState.RIM]) * step_s
+        gained = model.walk * abs(middle[AugmentedState.RIM]) * step_s
         for n in range(SCALES):
             scales[1, n] = scales[1, n] / (1.0 + scales[1, n] * gained)
 
@@ -187,16 +187,14 @@ _MOST_STEP: Final = 0.5  # of the logarithm of a factor at one sample; assumed
 
 @cached_njit()
 def correct(
-    augmented: FloatArray,
-    covariances: FloatArray,
-    scales: FloatArray,
+    now: Levels,
     sensor: int,
     value: tuple[float, float],
     variance: float,
     gate: float,
     forced: bool,
     learns: bool,
-    parameters: FloatArray,
+    model: Model,
     rows: FloatArray,
     pairs: FloatArray,
 ) -> tuple[float, float, float, float]:
@@ -212,6 +210,7 @@ def correct(
     bounds. If it `learns`, the likelihood of the sample updates the factors, see `_learn`. `rows`
     (8, 2, 22) and `pairs` (16, 2) are workspace.
     """
+    augmented, covariances, scales = now.augmented, now.covariances, now.scales
     size = augmented.shape[1]  # no constant: loops over one are unrolled before they can be vector
     # instructions
     jacobian, cross = rows[0], rows[1:5]  # cross: H P and its derivatives, rows become vectors
@@ -225,7 +224,7 @@ def correct(
     precision, nu = pairs[2:4], pairs[4:8]  # nu: innovation and its derivatives
     spread = pairs[8:16].reshape((_LEVELS, 2, 2))  # S = H P H' + R and its derivatives
     x = augmented[0]
-    m = measure(sensor, x, parameters, value[1], reading, jacobian)
+    m = measure(sensor, x, model.parameters, value[1], reading, jacobian)
     for r in range(m):
         nu[0, r] = value[r] - reading[r]
     if (
@@ -396,23 +395,17 @@ _LONGEST_SPAN_S: Final = (
 
 @cached_njit()
 def predict_until(
-    augmented: FloatArray,
-    covariances: FloatArray,
-    scales: FloatArray,
-    valves: FloatArray,
+    now: Levels,
     since_s: float,
     until_s: float,
     ends_s: FloatArray,
     commands: FloatArray,
-    parameters: FloatArray,
-    rates: FloatArray,
-    fading: FloatArray,
-    walk: float,
+    model: Model,
 ) -> None:
     """Advance a filter from `since_s` to `until_s` under the commands held in between, in place.
 
     Command n of `commands` (m, 3) ends at `ends_s[n]`; where an entry is NaN, that steering or the
-    speed is taken as constant. All else is as in `predict`.
+    speed is taken as constant.
     """
     command = np.empty(3)
     for n in range(len(ends_s)):
@@ -421,26 +414,14 @@ def predict_until(
         if ends_s[n] > since_s + SAME_TIME_S:
             end_s = ends_s[n] if ends_s[n] < until_s - SAME_TIME_S else until_s
             command[:] = commands[n]
-            for i in range(len(valves)):
+            for i in range(len(now.valves)):
                 if math.isnan(command[i]):
-                    command[i] = valves[i]
+                    command[i] = now.valves[i]
             if math.isnan(command[Input.HP]):
-                rim = augmented[0, AugmentedState.RIM]
-                command[Input.HP] = rim / parameters[VehicleParameter.SPEED_GAIN]
+                rim = now.augmented[0, AugmentedState.RIM]
+                command[Input.HP] = rim / model.parameters[VehicleParameter.SPEED_GAIN]
             span_s = end_s - since_s
-            predict(
-                augmented,
-                covariances,
-                scales,
-                valves,
-                command,
-                parameters,
-                rates,
-                fading,
-                walk,
-                span_s,
-                steps_over(span_s),
-            )
+            predict(now, command, model, span_s, steps_over(span_s))
             since_s = end_s
 
 
@@ -462,15 +443,16 @@ def _turned(last: FloatArray, sample: FloatArray) -> float:
 
 
 @cached_njit()
-def _keep_yaw(augmented: FloatArray, covariances: FloatArray, body: int) -> None:
+def _keep_yaw(now: Levels, body: int) -> None:
     """Make the yaw of a body, 0 or 1, that at the last sample of its gyro (`PAST_*`), in place."""
     psi, past = AugmentedState.PSI_T + body, AugmentedState.PAST_T + body
-    for level in range(len(augmented)):
-        augmented[level, past] = augmented[level, psi]
+    for level in range(_LEVELS):
+        now.augmented[level, past] = now.augmented[level, psi]
+        covariance = now.covariances[level]
         for i in range(SIZE):
-            covariances[level, past, i] = covariances[level, psi, i]
+            covariance[past, i] = covariance[psi, i]
         for i in range(SIZE):
-            covariances[level, i, past] = covariances[level, i, psi]
+            covariance[i, past] = covariance[i, psi]
 
 
 @cached_njit()
@@ -481,10 +463,7 @@ def process(
     gates: FloatArray,
     ends_s: FloatArray,
     commands: FloatArray,
-    parameters: FloatArray,
-    rates: FloatArray,
-    fading: FloatArray,
-    walk: float,
+    model: Model,
     sampling: float,
     results: FloatArray,
 ) -> None:
@@ -498,7 +477,6 @@ def process(
     `predict_until`.
     """
     rows, pairs = np.empty((8, 2, SIZE)), np.empty((16, 2))
-    levels = 1 + SCALES
     k = 0
     state = states[k]
     for n in range(len(samples)):
@@ -509,24 +487,14 @@ def process(
             state = states[k]
             state[:] = states[k - 1]
             state[0] = time_s
-        augmented = state[AUGMENTED:COVARIANCES].reshape((levels, SIZE))
-        covariances = state[COVARIANCES:LEARNT_SCALES].reshape((levels, SIZE, SIZE))
-        scales = state[LEARNT_SCALES:VALVES].reshape((2, SCALES))
+        now = Levels(
+            state[AUGMENTED:COVARIANCES].reshape((_LEVELS, SIZE)),
+            state[COVARIANCES:LEARNT_SCALES].reshape((_LEVELS, SIZE, SIZE)),
+            state[LEARNT_SCALES:VALVES].reshape((2, SCALES)),
+            state[VALVES:REJECTED_SINCE],
+        )
         if begins:
-            predict_until(
-                augmented,
-                covariances,
-                scales,
-                state[VALVES:REJECTED_SINCE],
-                states[k - 1, 0],
-                time_s,
-                ends_s,
-                commands,
-                parameters,
-                rates,
-                fading,
-                walk,
-            )
+            predict_until(now, states[k - 1, 0], time_s, ends_s, commands, model)
         value, variance = (samples[n, 2], samples[n, 3]), variances[sensor]
         gyro = sensor >= SensorIndex.IMU_TRACTOR
         if gyro:
@@ -534,32 +502,19 @@ def process(
             last = state[IMUS + 4 * body : IMUS + 4 * body + 4]
             span_s = time_s - last[0]
             value = _turned(last, samples[n]), span_s
-            travel = abs(augmented[0, AugmentedState.RIM]) * span_s
+            travel = abs(now.augmented[0, AugmentedState.RIM]) * span_s
             variance = variance * span_s * span_s + sampling * travel
             last[0], last[1:] = time_s, samples[n, 2:]
             if not span_s <= _LONGEST_SPAN_S:
-                _keep_yaw(augmented, covariances, body)
+                _keep_yaw(now, body)
                 results[n, :] = 0.0
                 continue
         rejected = state[REJECTED_SINCE:IMUS]
         gate = gates[sensor]
         forced = time_s - rejected[sensor] >= _PATIENCE_S - SAME_TIME_S
-        result = correct(
-            augmented,
-            covariances,
-            scales,
-            sensor,
-            value,
-            variance,
-            gate,
-            forced,
-            not gyro,
-            parameters,
-            rows,
-            pairs,
-        )
+        result = correct(now, sensor, value, variance, gate, forced, not gyro, model, rows, pairs)
         if gyro:
-            _keep_yaw(augmented, covariances, sensor - SensorIndex.IMU_TRACTOR)
+            _keep_yaw(now, sensor - SensorIndex.IMU_TRACTOR)
         inside = result[0] <= gate
         if inside:
             rejected[sensor] = math.nan
@@ -658,17 +613,28 @@ _LEAST_VARIANCE: Final = (
 )
 
 
+def _part(begin: int, end: int, *shape: int) -> property:
+    return property(lambda state: state.row[begin:end].reshape(shape))
+
+
 class FilterState:
     """All that a filter carries from one time to the next; `KalmanFilter` changes it in place.
 
     Args:
-        row: (`ROW`,) all entries one after the other; the properties are views of it.
+        row: (`ROW`,) all entries one after the other, of which the others are views.
     """
 
     __slots__ = ("row",)
 
     def __init__(self, row: FloatArray) -> None:
         self.row = row
+
+    augmented = _part(AUGMENTED, COVARIANCES, _LEVELS, SIZE)
+    covariances = _part(COVARIANCES, LEARNT_SCALES, _LEVELS, SIZE, SIZE)
+    scales = _part(LEARNT_SCALES, VALVES, 2, SCALES)
+    valves = _part(VALVES, REJECTED_SINCE, 2)
+    rejected_since = _part(REJECTED_SINCE, IMUS, -1)  # without a break [s] by `SensorIndex`, or NaN
+    gyros = _part(IMUS, ROW, 2, 4)  # last samples: time [s], yaw rate, roll, pitch, or NaN
 
     @property
     def time_s(self) -> float:
@@ -680,38 +646,11 @@ class FilterState:
         self.row[0] = time_s
 
     @property
-    def augmented(self) -> FloatArray:
-        """Augmented state, and its derivatives by the factors, (4, 22)."""
-        return self.row[AUGMENTED:COVARIANCES].reshape(-1, SIZE)
-
-    @property
-    def covariances(self) -> FloatArray:
-        """Covariance of the augmented state and its derivatives, (4, 22, 22)."""
-        part = self.row[COVARIANCES:LEARNT_SCALES]
-        return part.reshape(-1, SIZE, SIZE)
-
-    @property
-    def scales(self) -> FloatArray:
-        """Factors of `NoiseScale`, information on their logarithms, (2, 3)."""
-        return self.row[LEARNT_SCALES:VALVES].reshape(2, SCALES)
-
-    @property
-    def valves(self) -> FloatArray:
-        """Set points of the steering valves [rad], (2,)."""
-        return self.row[VALVES:REJECTED_SINCE]
-
-    @property
-    def rejected_since(self) -> FloatArray:
-        """First rejection without a break [s] by `SensorIndex`, or NaN."""
-        return self.row[REJECTED_SINCE:IMUS]
-
-    @property
-    def gyros(self) -> FloatArray:
-        """Last sample of both IMUs: time [s], yaw rate, roll, pitch, or NaN, (2, 4)."""
-        return self.row[IMUS:].reshape(2, 4)
+    def levels(self) -> Levels:
+        """The parts that are predicted and corrected."""
+        return Levels(self.augmented, self.covariances, self.scales, self.valves)
 
     def copy(self) -> FilterState:
-        """Return a deep copy."""
         return FilterState(self.row.copy())
 
 
@@ -734,10 +673,12 @@ class KalmanFilter:
         self._vehicle = vehicle
         self._sensor_noise = sensor_noise
         self._process_noise = process_noise
-        self._parameters = vehicle_parameters(vehicle)
-        self._rates = process_noise.rates(sensor_noise)
-        self._fading = process_noise.fading(sensor_noise)
-        self._walk = process_noise.scale_walk**2
+        self.model = Model(
+            vehicle_parameters(vehicle),
+            process_noise.rates(sensor_noise),
+            process_noise.fading(sensor_noise),
+            process_noise.scale_walk**2,
+        )
         lengths = {**LENGTH, **dict.fromkeys(GYROS, 1)}
         self._variances = np.array([float(sensor_noise.of(sensor)) ** 2 for sensor in lengths])
         self._gates = np.array([float(chdtri(m, gate_probability)) for m in lengths.values()])
@@ -774,18 +715,7 @@ class KalmanFilter:
         """
         ends_s, commands = _arrays(held)
         predict_until(
-            state.augmented,
-            state.covariances,
-            state.scales,
-            state.valves,
-            float(state.time_s),
-            float(time_s),
-            ends_s,
-            commands,
-            self._parameters,
-            self._rates,
-            self._fading,
-            self._walk,
+            state.levels, float(state.time_s), float(time_s), ends_s, commands, self.model
         )
         state.time_s = time_s
 
@@ -818,10 +748,7 @@ class KalmanFilter:
             self._gates,
             ends_s,
             commands,
-            self._parameters,
-            self._rates,
-            self._fading,
-            self._walk,
+            self.model,
             self._process_noise.gyro_sampling**2,
             results,
         )

@@ -109,14 +109,12 @@ class DeadTimeCompensation:
         self.space_based = isinstance(controller, SpaceBased) and controller.space_based
 
     def warm_up(self) -> None:
-        """Compile the controller and the prediction, see `WarmingUp`."""
         if isinstance(self.controller, WarmingUp):
             self.controller.warm_up()
         state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         self._predicted(Estimate(0.0, state, np.eye(STATES), np.zeros(2), 0.0))
 
     def prepare(self, k: int) -> None:
-        """Let the controller prepare tick `k`, see `Preparing`."""
         if isinstance(self.controller, Preparing):
             self.controller.prepare(k)
 

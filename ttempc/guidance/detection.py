@@ -1,14 +1,11 @@
-"""Allowances and limits of the detectors.
-
-An allowance is half of the shift of a residual that is to be detected, as usual for a cumulative
-sum (Montgomery, Introduction to Statistical Quality Control, ch. 9). The shifts are assumed: a
-steering angle 2.5 deg off its command, and a speed that is 0.6 m/s, in the case of motion 0.7 m/s,
-off.
+"""Detectors of faults: what they observe, when they give an alarm, what follows from it.
 
 The limits are those at which all detectors together give at most one false alarm in ten hours on
-every shipped scenario, or above: `python -m experiments.studies.faults.calibration` gives them,
-from tuning seeds. Both steering angles, and both receivers, have the larger one of the two.
-`python -m experiments.studies.faults.false_alarms` counts the alarms on other seeds.
+every shipped scenario, or above, from tuning seeds; both steering angles, and both receivers, have
+the larger one of the two. An allowance is half of the shift of a residual that is to be detected,
+as usual for a cumulative sum (Montgomery, Introduction to Statistical Quality Control, ch. 9). The
+shifts are assumed: a steering angle 2.5 deg off its command, and a speed that is 0.6 m/s, in the
+case of motion 0.7 m/s, off.
 """
 
 from __future__ import annotations
@@ -20,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import pairwise
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -36,19 +33,14 @@ WHEELS: Final = 1.10  # [m/s]
 MOTION_ALLOWANCE: Final = 0.35  # [m/s]
 MOTION: Final = 0.75  # [m/s]
 REPETITIONS: Final = 2.5  # bit-identical readings in succession; assumed
-INNOVATION: Final = {
+INNOVATION: Final = {  # standard normal equivalents
     Sensor.GNSS_TRACTOR: 7.8,
     Sensor.GNSS_TRAILER: 7.8,
     Sensor.HITCH: 8.3,
     Sensor.ENCODER: 5.0,
 }
-"""Standard normal equivalents."""
-
-
 _ENDS: Final = 0.5  # share of its limit below which a statistic ends an alarm
-_SATURATION: Final = (
-    1.5  # limits at which a sum saturates, so that an alarm ends soon after its cause
-)
+_SATURATION: Final = 1.5  # limits at which a sum saturates: an alarm ends soon after its cause
 
 
 class Reaction(IntEnum):
@@ -93,10 +85,7 @@ class Alarm:
 
 
 class Detector(Protocol):
-    """A statistic that grows with a fault, and the limit at which it is one.
-
-    The limits follow from drives without faults, see `ttempc.guidance.detection`.
-    """
+    """A statistic that grows with a fault, and the limit at which it is one."""
 
     name: str
     limit: float
@@ -118,35 +107,6 @@ class Detector(Protocol):
     def alarm(self) -> Alarm:
         """Return the alarm for the present statistic."""
         ...
-
-
-class Cusum:
-    """Cumulative sums of a residual to both sides (Page 1954, Biometrika 41).
-
-        g+ = max(0, g+ + r - k),   g- = max(0, g- - r - k)
-
-    They grow where the mean residual is above the allowance k, half of the shift to be detected.
-
-    Args:
-        allowance: k, in the unit of the residual.
-        limit: of the sums; they saturate at 1.5 times the limit.
-    """
-
-    def __init__(self, allowance: float, limit: float) -> None:
-        self._allowance, self._most = allowance, _SATURATION * limit
-        self.above = self.below = 0.0  # g+, g-
-        self.residual = math.nan  # of the last tick
-
-    def add(self, residual: float) -> None:
-        """Take in the residual of a tick."""
-        self.residual = residual
-        self.above = min(max(0.0, self.above + residual - self._allowance), self._most)
-        self.below = min(max(0.0, self.below - residual - self._allowance), self._most)
-
-    @property
-    def largest(self) -> float:
-        """The larger sum."""
-        return max(self.above, self.below)
 
 
 class Monitors:
@@ -206,33 +166,67 @@ class Reactions:
 
     def __init__(self) -> None:
         self._stopped = ""  # reason of the stop that is held
-        self._way = Reaction.STOP  # of that stop
+        self._kind = Reaction.STOP  # of that stop
         self._last_s = -math.inf  # time of the last alarm that asked for a stop
         self._restarts = 0
 
     def decide(self, alarms: Sequence[Alarm], speed: float, time_s: float) -> tuple[Reaction, str]:
-        """Return the strongest reaction and its reasons.
+        """Return the strongest reaction to the alarms that stand at a time, and its reasons.
 
-        Args:
-            alarms: that stand now.
-            speed: estimated [m/s].
-            time_s: present time.
+        `speed` is the estimated one [m/s].
         """
         stops = [alarm for alarm in alarms if alarm.reaction >= Reaction.STOP_ON_PATH]
         if stops:
             strongest = max(alarm.reaction for alarm in stops)
             if not self._stopped and time_s - self._last_s > _FORGOTTEN_S:
                 self._restarts = 0
-            self._way = max(self._way, strongest) if self._stopped else strongest
+            self._kind = max(self._kind, strongest) if self._stopped else strongest
             self._stopped, self._last_s = self._stopped or stops[0].reason, time_s
         elif self._stopped:
             rests = abs(speed) <= _STANDING and time_s - self._last_s >= _QUIET_S
             if rests and self._restarts < _RESTARTS:
                 self._stopped, self._restarts = "", self._restarts + 1
         if self._stopped:
-            return self._way, self._stopped
+            return self._kind, self._stopped
         reaction = max((alarm.reaction for alarm in alarms), default=Reaction.GO_ON)
         return reaction, "; ".join(alarm.reason for alarm in alarms)
+
+
+class _Monitor:
+    """A detector whose `observe` sets `statistic` and `residual`."""
+
+    def __init__(self, name: str, limit: float) -> None:
+        self.name, self.limit = name, limit
+        self.statistic, self.residual = 0.0, math.nan
+
+
+class Cusum:
+    """Cumulative sums of a residual to both sides (Page 1954, Biometrika 41).
+
+        g+ = max(0, g+ + r - k),   g- = max(0, g- - r - k)
+
+    They grow where the mean residual is above the allowance k, half of the shift to be detected.
+
+    Args:
+        allowance: k, in the unit of the residual.
+        limit: of the sums; they saturate at 1.5 times the limit.
+    """
+
+    def __init__(self, allowance: float, limit: float) -> None:
+        self._allowance, self._most = allowance, _SATURATION * limit
+        self.above = self.below = 0.0  # g+, g-
+        self.residual = math.nan  # of the last tick
+
+    def add(self, residual: float) -> None:
+        """Take in the residual of a tick."""
+        self.residual = residual
+        self.above = min(max(0.0, self.above + residual - self._allowance), self._most)
+        self.below = min(max(0.0, self.below - residual - self._allowance), self._most)
+
+    @property
+    def largest(self) -> float:
+        """The larger sum."""
+        return max(self.above, self.below)
 
 
 _SPAN_S: Final = 1.0
@@ -240,13 +234,15 @@ _SPAN_S: Final = 1.0
 _MOST_SQUARE: Final = 25.0
 
 
-class InnovationMonitor:
+class InnovationMonitor(_Monitor):
     """Sums up the normalised squared innovations of one sensor over a second.
 
     For a consistent filter the sum is chi-square with n degrees of freedom, the entries of all
-    samples. The statistic is its standard normal equivalent (Wilson and Hilferty 1931):
+    samples. The statistic is its standard normal equivalent (Wilson and Hilferty 1931),
 
-        ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)).
+        ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)),
+
+    0 where it is below its mean. A refused sample, of a false time for example, does not count.
 
     Args:
         what: name of the sensor for the reason.
@@ -254,24 +250,11 @@ class InnovationMonitor:
     """
 
     def __init__(self, what: str, sensor: Sensor) -> None:
-        self.name = f"innovations of the {what}"
-        self.limit = INNOVATION[sensor]
+        super().__init__(f"innovations of the {what}", INNOVATION[sensor])
         self._sensor, self._what = sensor, what
         self._ticks: deque[tuple[float, float, int]] = deque()  # time [s], sum of squares, entries
-        self._statistic = 0.0
-
-    @property
-    def statistic(self) -> float:
-        """Standard normal equivalent of the sum, 0 where it is below its mean."""
-        return self._statistic
-
-    @property
-    def residual(self) -> float:
-        """The statistic itself; NaN without a sample."""
-        return self._statistic if self._ticks else math.nan
 
     def observe(self, observation: Observation) -> None:
-        """Take in the innovations of a tick; a refused sample, of a false time say, has none."""
         now, sensor, total, n = observation.time_s, self._sensor, 0.0, 0
         for item in observation.estimate.innovations:
             if item.sensor is sensor and math.isfinite(item.normalised_squared):
@@ -281,17 +264,15 @@ class InnovationMonitor:
             self._ticks.append((now, total, n))
         while self._ticks and self._ticks[0][0] < now - _SPAN_S + 1e-6:
             self._ticks.popleft()
-        self._statistic = 0.0
+        self.statistic, self.residual = 0.0, math.nan
         if self._ticks:
             n = sum([entries for _, _, entries in self._ticks])
             mean, spread = sum([square for _, square, _ in self._ticks]) / n, 2.0 / (9.0 * n)
             equivalent = (mean ** (1.0 / 3.0) - (1.0 - spread)) / math.sqrt(spread)
-            self._statistic = max(0.0, equivalent)
+            self.statistic = self.residual = max(0.0, equivalent)
 
     def alarm(self) -> Alarm:
-        """Return the alarm."""
-        reason = f"{self._what} contradicts the estimate"
-        return Alarm(self.name, reason, Reaction.GO_ON)
+        return Alarm(self.name, f"{self._what} contradicts the estimate", Reaction.GO_ON)
 
 
 # A sensor of coarse resolution repeats readings in good health; it is not judged. Assumed.
@@ -299,67 +280,51 @@ _LEAST_READINGS: Final = 50
 _LARGEST_SHARE: Final = 1 / 500  # of repetitions among the readings of a sensor that is judged
 
 
-class RepetitionMonitor:
+class RepetitionMonitor(_Monitor):
     """Counts the bit-identical readings of one sensor in succession.
 
     The noise of a sensor that works changes every reading. Its samples are not used while it
     repeats itself; the first other reading ends the alarm. Samples under an old time stamp do not
-    count.
+    count. The statistic of a sensor that repeats readings in good health is 0.
 
     Args:
         what: name of the sensor for the reason.
         sensor: whose readings count.
     """
 
-    limit = REPETITIONS
-
     def __init__(self, what: str, sensor: Sensor) -> None:
-        self.name = f"readings of the {what}"
+        super().__init__(f"readings of the {what}", REPETITIONS)
         self._what, self._sensor = what, sensor
         self._last: tuple[float, tuple[float, ...]] = (-math.inf, ())  # time [s], value
         self._run = 0  # repetitions since the last new value
         self._readings = self._repetitions = 0  # in good health
 
-    @property
-    def _judged(self) -> bool:
-        return (
+    def _count(self) -> float:
+        judged = (
             self._readings >= _LEAST_READINGS
             and self._repetitions <= _LARGEST_SHARE * self._readings
         )
-
-    @property
-    def statistic(self) -> float:
-        """Repetitions in succession, 0 for a sensor that repeats readings in good health."""
-        return float(self._run) if self._judged else 0.0
-
-    @property
-    def residual(self) -> float:
-        """The statistic itself."""
-        return self.statistic
+        return float(self._run) if judged else 0.0
 
     def observe(self, observation: Observation) -> None:
-        """Compare every new sample with the one before."""
         for sample in observation.of(self._sensor):
             if sample.time_s <= self._last[0]:
                 continue
             if sample.value == self._last[1]:
                 self._run += 1
             else:
-                if self._run and self.statistic <= self.limit:
+                if self._run and self._count() <= self.limit:
                     self._repetitions += self._run
                     self._readings += self._run
                 self._readings += 1
                 self._run = 0
             self._last = sample.time_s, sample.value
+        self.statistic = self.residual = self._count()
 
     def alarm(self) -> Alarm:
-        """Return the alarm: the vehicle goes on without the sensor."""
         reason = f"{self._what} repeats one reading: not used"
         return Alarm(self.name, reason, Reaction.GO_ON, unused=frozenset({self._sensor}))
 
-
-SPAN_S: Final = 1.0
-"""Time over which speeds are compared [s]."""
 
 _LEAST_S: Final = 0.6  # between the first and the last position of a span
 _FASTEST_MPS: Final = 5.0  # of a vehicle; assumed
@@ -369,11 +334,13 @@ _RECEIVERS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 _LEAST_DIFFERENCES: Final = 20
 _MOST_DIFFERENCES: Final = 200  # 20 s of both axes at 5 Hz
 _MEDIAN_TO_SD: Final = 1.4826 / math.sqrt(6.0)  # x(k+1) - 2 x(k) + x(k-1) of white noise
+_HISTORY_S: Final = 3.0  # age of the oldest position that speeds are compared with
+_SIGMAS: Final = 3.0
+_STANDS: Final = 0.5  # share of the encoder's speed below which a vehicle makes no way
 
 
-@dataclass(frozen=True, slots=True)
-class GroundSpeed:
-    """Speed over a span of time."""
+class GroundSpeed(NamedTuple):
+    """Speed over ground over a span of time."""
 
     mps: float
     begin_s: float
@@ -397,10 +364,6 @@ class SpeedOverGround:
         self._seen: Sequence[Measurement] | None = None  # samples of the last call
         self._last: GroundSpeed | None = None  # its result
 
-    def warm_up(self) -> None:
-        """Compile the median of slopes; nothing else changes."""
-        median_slopes(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
-
     def speed(self, samples: Sequence[Measurement]) -> GroundSpeed | None:
         """Take in samples; return the speed of the span that ends with the newest.
 
@@ -417,7 +380,7 @@ class SpeedOverGround:
             kept = self._positions.get(sample.sensor)
             if kept is None or not all(map(math.isfinite, sample.value)):
                 continue
-            while kept and kept[0][0] < sample.time_s - SPAN_S - 1e-6:
+            while kept and kept[0][0] < sample.time_s - _SPAN_S - 1e-6:
                 kept.popleft()
             if not kept or _is_plausible(kept[-1], sample):
                 new = True
@@ -489,10 +452,6 @@ def median_slopes(positions: FloatArray) -> tuple[float, float]:
     )
 
 
-KEPT_S: Final = 3.0
-"""Age of the oldest position that speeds are compared with [s]: positions may come late."""
-
-
 class PlannedSpeed:
     """K hp after the dead time and the lag of the hydrostat, at every tick."""
 
@@ -518,43 +477,40 @@ class PlannedSpeed:
         share = 1.0 - math.exp((before - now) / vehicle.speed_time_constant)
         speed += share * (target - speed)
         self._plan.append((now, speed))
-        while self._plan[0][0] < now - KEPT_S - SPAN_S:
+        while self._plan[0][0] < now - _HISTORY_S - _SPAN_S:
             self._plan.popleft()
         return self._plan
 
 
-_SIGMAS: Final = 3.0
-_STANDS: Final = 0.5  # share of the encoder's speed below which a vehicle makes no way
+class _SpeedMonitor(_Monitor):
+    """Cumulative sum of the difference of a speed from that over ground, both means of a second.
 
-
-class _SpeedMonitor:
-    """Cumulative sum of the difference of a speed from that over ground.
+    The allowance holds for three standard deviations of the speed over ground, as with a noise of
+    the positions of 10 cm. With more noise the residual is that much smaller and gives no alarm.
 
     Args:
-        allowance: of the sum, and of the noise of the speed over ground [m/s].
+        name: of the detector.
+        allowance: of the sum [m/s].
         limit: of the sum [m/s].
         ground: speed over ground, if other monitors use it too.
+        plan: planned speed, likewise.
     """
 
-    def __init__(self, allowance: float, limit: float, ground: SpeedOverGround | None) -> None:
-        self._allowance = allowance
-        self._cusum = Cusum(allowance, limit)
-        self._ground = ground or SpeedOverGround()
+    def __init__(
+        self,
+        name: str,
+        allowance: float,
+        limit: float,
+        ground: SpeedOverGround | None,
+        plan: PlannedSpeed | None,
+    ) -> None:
+        super().__init__(name, limit)
+        self._allowance, self._cusum = allowance, Cusum(allowance, limit)
+        self._ground, self._plan = ground or SpeedOverGround(), plan or PlannedSpeed()
         self._speeds = 0.0, 0.0  # compared at last: the speed in question, over ground [m/s]
 
-    @property
-    def statistic(self) -> float:
-        """Larger sum of the residuals [m/s]."""
-        return self._cusum.largest
-
-    @property
-    def residual(self) -> float:
-        """Latest residual [m/s]."""
-        return self._cusum.residual
-
     def warm_up(self) -> None:
-        """Compile what a comparison needs."""
-        self._ground.warm_up()
+        median_slopes(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
 
     def _compare(self, history: Iterable[tuple[float, float]], ground: GroundSpeed) -> None:
         """Add the difference of the mean of a `history` of times and speeds over the span."""
@@ -562,40 +518,32 @@ class _SpeedMonitor:
         if not math.isnan(mean):
             self._speeds = mean, ground.mps
             residual = self._speeds[0] - ground.mps
-            self._cusum.add(_beyond_noise(residual, ground, self._allowance))
+            explained = max(0.0, _SIGMAS * ground.sd_mps - self._allowance)
+            self._cusum.add(math.copysign(max(0.0, abs(residual) - explained), residual))
+            self.statistic, self.residual = self._cusum.largest, self._cusum.residual
 
 
 class WheelMonitor(_SpeedMonitor):
     """Compares the speed of the driven wheels with that over ground.
 
-    The residual is the difference of both mean speeds of a second. Above: the wheels spin, or the
-    encoder reads too much. Below: it reads too little, or backward. The encoder is the one that is
-    wrong where the speed over ground is nearer to the planned one.
-
-    Args:
-        ground: speed over ground, if other monitors use it too.
-        plan: planned speed, likewise.
+    Above: the wheels spin, or the encoder reads too much. Below: it reads too little, or backward.
+    The encoder is the one that is wrong where the speed over ground is nearer to the planned one.
     """
-
-    name = "wheels"
-    limit = WHEELS
 
     def __init__(
         self, ground: SpeedOverGround | None = None, plan: PlannedSpeed | None = None
     ) -> None:
-        super().__init__(WHEELS_ALLOWANCE, WHEELS, ground)
-        self._plan = plan or PlannedSpeed()
+        super().__init__("wheels", WHEELS_ALLOWANCE, WHEELS, ground, plan)
         self._encoder: deque[tuple[float, float]] = deque()
         self._planned = math.nan  # over the span of the last comparison [m/s]
 
     def observe(self, observation: Observation) -> None:
-        """Compare the speeds of the last second where there is a new position."""
         planned = self._plan.history(observation)
         sign = -1.0 if observation.vehicle.reverse else 1.0
         for sample in observation.of(Sensor.ENCODER):
             if math.isfinite(sample.value[0]):
                 self._encoder.append((sample.time_s, sign * sample.value[0]))
-        while self._encoder and self._encoder[0][0] < observation.time_s - KEPT_S:
+        while self._encoder and self._encoder[0][0] < observation.time_s - _HISTORY_S:
             self._encoder.popleft()
         ground = self._ground.speed(observation.samples)
         if ground is not None:
@@ -614,24 +562,14 @@ class WheelMonitor(_SpeedMonitor):
 
 
 class MotionMonitor(_SpeedMonitor):
-    """Compares the speed that the hydrostat's commands ask for with that over ground.
-
-    Args:
-        ground: speed over ground, if other monitors use it too.
-        plan: planned speed, likewise.
-    """
-
-    name = "motion"
-    limit = MOTION
+    """Compares the speed that the hydrostat's commands ask for with that over ground."""
 
     def __init__(
         self, ground: SpeedOverGround | None = None, plan: PlannedSpeed | None = None
     ) -> None:
-        super().__init__(MOTION_ALLOWANCE, MOTION, ground)
-        self._plan = plan or PlannedSpeed()
+        super().__init__("motion", MOTION_ALLOWANCE, MOTION, ground, plan)
 
     def observe(self, observation: Observation) -> None:
-        """Continue the plan and compare it with the motion where there is a new position."""
         planned = self._plan.history(observation)
         ground = self._ground.speed(observation.samples)
         if ground is not None:
@@ -640,27 +578,14 @@ class MotionMonitor(_SpeedMonitor):
     def alarm(self) -> Alarm:
         """Return the alarm: a vehicle that does not move as commanded stops."""
         planned, speed = self._speeds
-        return Alarm(
-            self.name,
-            f"planned speed {planned:.2f} m/s, GNSS moves at {speed:.2f} m/s",
-            Reaction.STOP_ON_PATH,
-        )
+        reason = f"planned speed {planned:.2f} m/s, GNSS moves at {speed:.2f} m/s"
+        return Alarm(self.name, reason, Reaction.STOP_ON_PATH)
 
 
 def _mean(history: Iterable[tuple[float, float]], ground: GroundSpeed) -> float:
     """Return the mean of the speeds of a `history` of times and speeds in a span, NaN if none."""
     values = [value for time_s, value in history if ground.begin_s <= time_s <= ground.end_s]
     return sum(values) / len(values) if values else math.nan
-
-
-def _beyond_noise(residual: float, ground: GroundSpeed, allowance: float) -> float:
-    """Return a residual [m/s] less what the noise of the receivers explains beyond the allowance.
-
-    The allowance holds for three standard deviations of the speed, as with a noise of the positions
-    of 10 cm. With more noise the residual is that much smaller, so that it gives no alarm.
-    """
-    explained = max(0.0, _SIGMAS * ground.sd_mps - allowance)
-    return math.copysign(max(0.0, abs(residual) - explained), residual)
 
 
 # Dead time beyond that of the model, not learnt yet: three periods of the paper; assumed.
@@ -694,16 +619,16 @@ class _Interval:
 
 
 class SteeringResponse:
-    """Compares one measured steering angle with the response of a model to the commands.
+    """Compares one measured steering angle with the response of the model to the commands.
 
-    The model is that of the vehicle: rate limit and lag, with the parameters learnt so far. The
-    dead time may not be learnt yet, or wrongly: each interval of possible ones has a residual of
-    its own, the distance of the mean sample of a tick from what the response has covered in it, and
-    a `Cusum` that sums it up. A healthy valve agrees with one of the intervals for good, a stuck
-    valve with none. One that the valve contradicts while it follows another is refuted for a
-    minute, or until the valve moves as it says and as no other. The allowance grows with the noise
-    of that mean, where it is above that of the paper's sensor, and is at least twice the root mean
-    square of the residuals of a valve with play.
+    The model has the rate limit and the lag learnt so far. The dead time may not be learnt yet, or
+    wrongly: each interval of possible ones has a residual of its own, the distance of the mean
+    sample of a tick from what the response has covered in it, and a `Cusum` that sums it up. A
+    healthy valve agrees with one of the intervals for good, a stuck valve with none. One that the
+    valve contradicts while it follows another is refuted for a minute, or until the valve moves as
+    it says and as no other. The allowance grows with the noise of that mean, where it is above that
+    of the paper's sensor, and is at least twice the root mean square of the residuals of a valve
+    with play.
 
     Args:
         axis: the steering, `DELTA_T` or `DELTA_I`.
@@ -714,9 +639,8 @@ class SteeringResponse:
         self._sensor = _STEERING_SENSORS[axis]
         self._seen_s = -math.inf  # time of the last observation
         self._intervals = [_Interval()]
-        # Read several times a tick and found once. The least of the sums of all intervals; that of
-        # the intervals that are not refuted, of all if there are none: the last one is gone where a
-        # shorter dead time was learnt.
+        # The least of the sums of all intervals; that of the intervals that are not refuted, of all
+        # if there are none: the last one is gone where a shorter dead time was learnt.
         self.least = self.least_possible = self._intervals[0].sum
         self._means = deque[float](maxlen=_STANDING_TICKS)  # of the samples of the last ticks [rad]
         self._times: list[float] = []  # of the response [s]
@@ -834,79 +758,66 @@ class SteeringResponse:
         del self._times[:dropped], self._angles[:dropped]
 
 
-class SteeringMonitor:
+def _least(intervals: Sequence[_Interval]) -> Cusum:
+    sums = [item.sum for item in intervals]
+    return min(sums, key=lambda item: (item.largest, abs(item.residual)))
+
+
+class _SteeringMonitor(_Monitor):
+    def __init__(
+        self, axis: Input, name: str, limit: float, response: SteeringResponse | None
+    ) -> None:
+        super().__init__(name, limit)
+        self._what, self._response = _NAMES[axis], response or SteeringResponse(axis)
+
+
+class SteeringMonitor(_SteeringMonitor):
     """Notices a valve that does not follow its command, whatever its dead time.
+
+    The statistic is the least of the sums of residuals [rad].
 
     Args:
         axis: the steering.
         response: of this axis, if another monitor uses it too.
     """
 
-    limit = STEERING_STOP
-
     def __init__(self, axis: Input, response: SteeringResponse | None = None) -> None:
-        self.name = _NAMES[axis]
-        self._response = response or SteeringResponse(axis)
-
-    @property
-    def statistic(self) -> float:
-        """Least of the sums of residuals [rad]."""
-        return self._response.least.largest
-
-    @property
-    def residual(self) -> float:
-        """Latest residual of the interval with the least sum, over its scale [rad]."""
-        return self._response.least.residual
+        super().__init__(axis, _NAMES[axis], STEERING_STOP, response)
 
     def observe(self, observation: Observation) -> None:
-        """Compare the samples with the response."""
         self._response.observe(observation)
+        least = self._response.least
+        self.statistic, self.residual = least.largest, least.residual
 
     def alarm(self) -> Alarm:
         """Return the alarm: a vehicle that cannot be steered stops."""
-        return Alarm(self.name, f"{self.name} does not follow its command", Reaction.STOP)
+        return Alarm(self.name, f"{self._what} does not follow its command", Reaction.STOP)
 
 
-class StandstillMonitor:
+class StandstillMonitor(_SteeringMonitor):
     """Notices steering that stands still while its command asks for motion, as with a stuck valve.
 
     Only dead times that the valve has not contradicted so far count, so that it is earlier than
-    `SteeringMonitor`. Commands that are late or lost for a moment show as well.
+    `SteeringMonitor`: the statistic is the least of their sums [rad], 0 while the angle moves.
+    Commands that are late or lost for a moment show as well.
 
     Args:
         axis: the steering.
         response: of this axis, if another monitor uses it too.
     """
 
-    limit = STEERING
-
     def __init__(self, axis: Input, response: SteeringResponse | None = None) -> None:
-        self.name = f"{_NAMES[axis]} at standstill"
-        self._what = _NAMES[axis]
-        self._response = response or SteeringResponse(axis)
-
-    @property
-    def statistic(self) -> float:
-        """Least of the sums of the dead times that are possible [rad]; 0 while the angle moves."""
-        return self._response.least_possible.largest if self._response.stands else 0.0
-
-    @property
-    def residual(self) -> float:
-        """Latest residual of the interval with that sum, over its scale [rad]."""
-        return self._response.least_possible.residual
+        super().__init__(axis, f"{_NAMES[axis]} at standstill", STEERING, response)
 
     def observe(self, observation: Observation) -> None:
-        """Compare the samples with the response."""
         self._response.observe(observation)
+        least = self._response.least_possible
+        self.statistic = least.largest if self._response.stands else 0.0
+        self.residual = least.residual
 
     def alarm(self) -> Alarm:
         """Return the alarm: the vehicle slows down until it is known whether the valve is stuck."""
         return Alarm(self.name, f"{self._what} stands still against its command", Reaction.SLOW)
-
-
-def _least(intervals: Sequence[_Interval]) -> Cusum:
-    sums = [item.sum for item in intervals]
-    return min(sums, key=lambda item: (item.largest, abs(item.residual)))
 
 
 _SENSORS: Final = {

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
-from ..learning.actuators import ActuatorIdentifier
 from ..learning.learner import Identifier, Learner, Learnt, RecordedTick
-from ..learning.lengths import LengthIdentifier
 from ..reference.path import Path
 from ..reference.reference import ConstantSpeed, Reference, check_drivable, check_pace
-from ..tube.reference_tube import TubeDesign
 from ..types import (
     Command,
     Controller,
@@ -30,6 +28,9 @@ from .controllers import EstimatorFactory, estimator_factory, make_controller
 from .dead_time import DeadTimeCompensation, compensated, resume
 from .detection import Alarm, Detector, Monitors, Observation, Reaction, detectors
 from .supervisor import SafetyLimits, Supervisor, user_part
+
+if TYPE_CHECKING:
+    from ..tube.reference_tube import TubeDesign
 
 ControllerFactory = Callable[..., Controller]
 """Makes a controller from vehicle, reference and control period [s], options as keywords."""
@@ -72,6 +73,14 @@ def make_guided(
         return controller(vehicle, reference, period_s, **(options or {}))  # pyright: ignore[reportCallIssue] - a factory
 
     return compensated(make, reference, period_s)
+
+
+def _identifiers(vehicle: Vehicle, noise: SensorNoise) -> list[Identifier]:
+    from ..learning.actuators import ActuatorIdentifier
+    from ..learning.lengths import LengthIdentifier
+
+    # The lengths last: their fit replays the commands as they act.
+    return [ActuatorIdentifier(), LengthIdentifier(vehicle, noise)]
 
 
 class Guidance:
@@ -156,7 +165,11 @@ class Guidance:
         else:
             check_drivable(reference.path, vehicle)
         check_pace(reference, period_s)
-        self._vehicle, self._reference, self._period_s = vehicle, reference, period_s
+        self.vehicle = vehicle  # model parameters, those that were learnt included
+        self.reference = reference  # that is followed, for the present model parameters
+        self.period_s = period_s
+        self.tick = 0  # number of the next control tick
+        self.reference_tick = 0  # of the reference at that tick: those that waited apart
         noise = sensor_noise or SensorNoise()
         self._estimator = make_estimator(estimator, vehicle, noise)
         self._controller = make_guided(controller, reference, period_s, options, tube)
@@ -182,8 +195,7 @@ class Guidance:
             return parts
 
         if isinstance(learn, bool):
-            # The lengths last: their fit replays the commands as they act.
-            learn = [ActuatorIdentifier(), LengthIdentifier(vehicle, noise)] if learn else []
+            learn = _identifiers(vehicle, noise) if learn else []
         self._learner = Learner(learn, vehicle, period_s, build)
         self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
@@ -194,18 +206,8 @@ class Guidance:
         self._origin_s: float | None = None  # of the clock
         self._time_s = -math.inf  # of the last update, from the origin
         self._estimate: Estimate | None = None
+        self._stale = 0  # steps since the last update
         self._control_step: ControlStep | None = None
-        self._tick = self._reference_tick = 0
-
-    @property
-    def vehicle(self) -> Vehicle:
-        """Model parameters, those that were learnt included."""
-        return self._vehicle
-
-    @property
-    def reference(self) -> Reference:
-        """The reference that is followed, for the present model parameters."""
-        return self._reference
 
     @property
     def space_based(self) -> bool:
@@ -213,24 +215,9 @@ class Guidance:
         return self._supervisor.space_based
 
     @property
-    def period_s(self) -> float:
-        """Control period [s]."""
-        return self._period_s
-
-    @property
-    def tick(self) -> int:
-        """Number of the next control tick, counted from 0."""
-        return self._tick
-
-    @property
-    def reference_tick(self) -> int:
-        """Tick of the reference that the next control tick belongs to: those that waited apart."""
-        return self._reference_tick
-
-    @property
     def finished(self) -> bool:
         """Whether the next tick lies at or beyond the end of the reference."""
-        return self._reference_tick * self._period_s >= self._reference.duration_s - 1e-9
+        return self.reference_tick * self.period_s >= self.reference.duration_s - 1e-9
 
     @property
     def detectors(self) -> tuple[Detector, ...]:
@@ -273,7 +260,7 @@ class Guidance:
 
         For loops that are faster than real time, which give the thread less than its time.
         """
-        self._learner.wait(self._tick)
+        self._learner.wait(self.tick)
 
     def prepare(self) -> None:
         """Do the work of the next `step` that needs no samples, where the controller can.
@@ -283,8 +270,8 @@ class Guidance:
         Raises:
             GuidanceFailed: the controller raised.
         """
-        with user_part(GuidanceFailed, f"prepare raised at tick {self._tick}"):
-            self._supervisor.prepare(self._reference_tick)
+        with user_part(GuidanceFailed, f"prepare raised at tick {self.tick}"):
+            self._supervisor.prepare(self.reference_tick)
 
     def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate:
         """Run the estimator to `time_s` and return its estimate.
@@ -315,18 +302,21 @@ class Guidance:
         sent = None if self._control_step is None else self._control_step.command
         self._exchange()
         estimate = self._run_estimator(now, usable, sent)
-        self._time_s, self._estimate = now, estimate
+        self._time_s, self._estimate, self._stale = now, estimate, 0
         psi_t, psi_i = estimate.state[State.PSI_T : State.DELTA_T].tolist()
         tick = RecordedTick(now, tuple(usable), sent, (psi_t, psi_i))
-        observation = Observation(now, measurements, sent, estimate, self._vehicle)
+        observation = Observation(now, measurements, sent, estimate, self.vehicle)
         self.alarms = self._monitors.observe(observation)
         if any(alarm.reaction > Reaction.GO_ON for alarm in self.alarms):
             self._learner.forget()
-        self._learner.record(self._tick, tick)
+        self._learner.record(self.tick, tick)
         return replace(estimate, time_s=estimate.time_s + origin) if origin else estimate
 
     def step(self) -> Command:
         """Return the command for the period that starts at the time of the last `update`.
+
+        A second step on one update is driven as without an estimate: the command is held for
+        `SafetyLimits.blind_s`, then the vehicle stops.
 
         Raises:
             GuidanceFailed: `update` was not called yet.
@@ -334,17 +324,19 @@ class Guidance:
         """
         if self._estimate is None:
             raise GuidanceFailed("step: call update(time_s, measurements) first")
-        step = self._supervisor.step(
-            self._estimate, self._reference_tick, self._time_s, self.alarms
-        )
+        # Without an update no time has passed by the clock; a period has for the vehicle.
+        self._stale += 1
+        estimate = self._estimate if self._stale == 1 else None
+        now = self._time_s + (self._stale - 1) * self.period_s
+        step = self._supervisor.step(estimate, self.reference_tick, now, self.alarms)
         if self._learnt:
             step = replace(step, diagnostics=replace(step.diagnostics, learnt=self._learnt))
             self._learnt = ()
         self._control_step = step
         if isinstance(self._controller, DeadTimeCompensation):
             self._controller.record(step.command)
-        self._tick += 1
-        self._reference_tick += not self._supervisor.waits
+        self.tick += 1
+        self.reference_tick += not self._supervisor.waits
         return step.command
 
     def _run_estimator(
@@ -362,7 +354,7 @@ class Guidance:
     def _exchange(self) -> None:
         """Take on what was learnt where this tick is the one of its exchange."""
         try:
-            learnt = self._learner.exchange(self._tick)
+            learnt = self._learner.exchange(self.tick)
         except Exception as error:  # a user's factory may raise anything; the old parts drive on
             self._learnt = (f"nothing more: {type(error).__name__}: {error}",)
             return
@@ -382,6 +374,6 @@ class Guidance:
         else:
             sent = [tick.command for tick in learnt.since if tick.command is not None]
             resume(parts.controller, self._controller, [*sent, self.control_step.command])
-            self._controller, self._reference = parts.controller, parts.reference
+            self._controller, self.reference = parts.controller, parts.reference
             self._supervisor.exchange(parts.controller, parts.reference)
-        self._vehicle, self._learnt = learnt.vehicle, tuple(notes)
+        self.vehicle, self._learnt = learnt.vehicle, tuple(notes)

@@ -275,7 +275,6 @@ class ArticulatedFeedback:
         self._path, self._horizon = PredictedPath(grid), horizon
 
     def fresh(self) -> ArticulatedFeedback:
-        """Return the law before its first tick, see `FeedbackLaw`."""
         law = copy.copy(self)
         law._mpc = self._mpc.fresh()
         law._robust = self._robust.fresh() if self._robust else None
@@ -288,7 +287,6 @@ class ArticulatedFeedback:
             self._robust.resume(previous._robust)
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`, see `FeedbackLaw`."""
         state = error_state(self._state[k], estimate, self._vehicle)  # (16,) z_e, s, m
         state[_N:] *= self._disturbance_scale
         previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
@@ -343,7 +341,6 @@ class ArticulatedFeedback:
         )
 
     def prepare(self, k: int) -> None:
-        """Get ready for tick `k`, see `FeedbackLaw`."""
         self._mpc.prepare(k)
 
 

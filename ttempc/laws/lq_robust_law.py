@@ -133,7 +133,6 @@ class LqRobustLaw:
         self._last: tuple[int, FloatArray, FloatArray] | None = None  # tick, MPC's state, u_b
 
     def fresh(self) -> LqRobustLaw:
-        """Return the law before its first tick; it shares the gains."""
         law = copy.copy(self)
         law._memory = np.zeros_like(self._memory)
         law._last = None

@@ -70,14 +70,12 @@ class NoFeedback:
     """Feedback law without any action."""
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return no feedback and no robust action, see `FeedbackLaw`."""
         return Actions(np.zeros(3), np.zeros(3))
 
     def prepare(self, k: int) -> None:
         """Do nothing, see `FeedbackLaw`."""
 
     def fresh(self) -> NoFeedback:
-        """Return the law itself: it has no memory."""
         return self
 
 
@@ -120,7 +118,6 @@ class TrackingController:
         self._previous = limits.clamp(grid.inputs[0])
 
     def fresh(self) -> TrackingController:
-        """Return the controller before its first tick; it shares what no step changes."""
         return TrackingController(
             self._grid,
             self._feedforward,
@@ -161,7 +158,6 @@ class TrackingController:
                 self._feedback.resume(previous._feedback)
 
     def prepare(self, k: int) -> None:
-        """Get ready for tick `k`, see `ttempc.types.Preparing`."""
         k = min(k, len(self._feedforward) - 1)
         self._limits.apply(self._feedforward[k], self._previous)
         self._feedback.prepare(k)
@@ -214,3 +210,12 @@ def around_exact_feedforward(
     limits = CommandLimits.of(vehicle, period_s)
     feedback = law(grid, feedforward)
     return TrackingController(grid, as_lambda, feedback, limits, measured_hitch=False)
+
+
+def feedforward_controller(
+    vehicle: Vehicle, reference: Reference, period_s: float
+) -> TrackingController:
+    """Compose the exact feedforward alone: what the reference asks for, whatever happens."""
+    return around_exact_feedforward(
+        vehicle, reference, period_s, 1, lambda grid, feedforward: NoFeedback()
+    )

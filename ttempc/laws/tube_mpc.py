@@ -76,7 +76,6 @@ class TubeFeedback:
         self._previous: FloatArray = np.zeros(_M)  # ubar(k-1)
 
     def fresh(self) -> TubeFeedback:
-        """Return the law before its first tick, see `FeedbackLaw`."""
         law = copy.copy(self)
         law._mpc = self._mpc.fresh()
         law._restart()
@@ -88,7 +87,6 @@ class TubeFeedback:
             self._previous = previous._previous
 
     def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`, see `FeedbackLaw`."""
         state = error_state(self._state[k], estimate, self._vehicle)  # (16,) zhat, s, m
         error = state[:_N].copy()
         nominal = error if self._nominal is None or k != self._tick else self._nominal
@@ -120,7 +118,6 @@ class TubeFeedback:
         )
 
     def prepare(self, k: int) -> None:
-        """Get ready for tick `k`, see `FeedbackLaw`."""
         self._mpc.prepare(k)
 
 

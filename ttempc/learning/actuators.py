@@ -161,7 +161,6 @@ class ActuatorIdentifier:
     """
 
     def warm_up(self) -> None:
-        """Compile the kernel."""
         respond(np.zeros(1), np.zeros(1), np.ones(1), 0.0, 1.0, 0.0, 1.0, np.zeros(1))
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:

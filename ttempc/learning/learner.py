@@ -118,7 +118,6 @@ class Learner(Generic[_Parts]):
         self._work: Future[tuple[Identification, _Parts | None, list[Identifier]]] | None = None
 
     def warm_up(self) -> None:
-        """Compile what the identifiers need."""
         for identifier in self._identifiers:
             if isinstance(identifier, WarmingUp):
                 identifier.warm_up()

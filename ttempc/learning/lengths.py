@@ -14,6 +14,8 @@ from ..estimation.ekf import AntennaLean
 from ..estimation.filter import (
     HeldCommands,
     KalmanFilter,
+    Levels,
+    Model,
     after_dead_times,
     correct,
     predict,
@@ -30,7 +32,6 @@ from ..models.augmented_state import (
     measure,
     move_augmented_state,
     predicted_measurement,
-    vehicle_parameters,
 )
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
@@ -42,19 +43,13 @@ _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
 
 @cached_njit(nogil=True)
 def replay(
-    augmented: FloatArray,
-    covariances: FloatArray,
-    scales: FloatArray,
-    valves: FloatArray,
+    now: Levels,
     copies: FloatArray,
     events: FloatArray,
     variances: FloatArray,
     gates: FloatArray,
-    parameters: FloatArray,
+    model: Model,
     copy_parameters: FloatArray,
-    rates: FloatArray,
-    fading: FloatArray,
-    walk: float,
     normal: FloatArray,
     gradients: FloatArray,
 ) -> float:
@@ -66,7 +61,7 @@ def replay(
     its gate is used with its noise raised until it just passes. `copies` (4, 22) are the raised
     states, `copy_parameters` (4, 10) their parameters. J' J and J' r of the whitened innovations r
     and their derivatives J by the steps of the parameters are added to `normal` (4, 4) and, by
-    block, to `gradients` (blocks, 4). The rest is as in `predict` and changed in place.
+    block, to `gradients` (blocks, 4).
     """
     middle, inputs, faded = np.empty(SIZE), np.empty(3), np.empty(SIZE - STATES)
     reading, jacobian = np.zeros(2), np.empty((2, SIZE))
@@ -76,45 +71,32 @@ def replay(
     nu, whitened = np.zeros(2), np.zeros(2)
     cross, gain, root = np.zeros((2, SIZE)), np.zeros((2, SIZE)), np.zeros((2, 2))
     rows, pairs = np.empty((8, 2, SIZE)), np.empty((16, 2))  # workspace of `correct`
-    size = augmented.shape[1]  # no constant, see `correct`
+    size = now.augmented.shape[1]  # no constant, see `correct`
     cost = 0.0
     for row in range(len(events)):
         span = events[row, 1]
         if span > 0.0:
             command, steps = events[row, 4:7], int(events[row, 7])
             for j in range(PARAMETERS):
-                copy_valves[:] = valves
+                copy_valves[:] = now.valves
                 for _ in range(steps):
                     move_augmented_state(
                         copies[j],
                         copy_valves,
                         command,
                         copy_parameters[j],
-                        fading,
+                        model.fading,
                         span / steps,
                         middle,
                         inputs,
                         faded,
                     )
-            predict(
-                augmented,
-                covariances,
-                scales,
-                valves,
-                command,
-                parameters,
-                rates,
-                fading,
-                walk,
-                span,
-                steps,
-            )
+            predict(now, command, model, span, steps)
         sensor = int(events[row, 0])
         if sensor < 0:
             continue
-        x = augmented[0]
-        m = measure(sensor, x, parameters, 0.0, reading, jacobian)
-        covariance = covariances[0]
+        m = measure(sensor, now.augmented[0], model.parameters, 0.0, reading, jacobian)
+        covariance = now.covariances[0]
         for r in range(m):
             cross[r, :] = 0.0
             for k in range(size):
@@ -133,19 +115,9 @@ def replay(
         root[1, 0] = spread_01 / root[0, 0]
         root[1, 1] = math.sqrt(spread_11 - root[1, 0] * root[1, 0]) if m == 2 else 1.0
         value = (events[row, 2], events[row, 3])
+        variance, gate = variances[sensor], gates[m - 1]
         normalised, log_determinant, first, second = correct(
-            augmented,
-            covariances,
-            scales,
-            sensor,
-            value,
-            variances[sensor],
-            gates[m - 1],
-            True,
-            True,
-            parameters,
-            rows,
-            pairs,
+            now, sensor, value, variance, gate, True, True, model, rows, pairs
         )
         factor = max(1.0, normalised / gates[m - 1])
         cost += min(normalised, gates[m - 1]) + math.log(factor) * m + log_determinant
@@ -224,7 +196,6 @@ class LengthIdentifier:
         self._noise, self._process = noise, process or ProcessNoise()
 
     def warm_up(self) -> None:
-        """Compile the replay."""
         at_rest = np.zeros(SIZE)
         first = {
             sensor: Measurement(
@@ -395,26 +366,20 @@ class _Replay:
         lengths = _lengths(vehicle)
         count = len(lengths)
         raised = [_with_lengths(vehicle, lengths * (1.0 + _STEP * unit)) for unit in np.eye(count)]
-        state, *copies = (
-            KalmanFilter(item, self.noise, self.process, _GATE).start(self.first)
-            for item in (vehicle, *raised)
-        )
+        filters = [
+            KalmanFilter(item, self.noise, self.process, _GATE) for item in (vehicle, *raised)
+        ]
+        state, *copies = (item.start(self.first) for item in filters)
         normal = np.zeros((count, count))
         gradients = np.zeros((int(self.events[:, -1].max()) + 1, count))
         cost = replay(
-            state.augmented,
-            state.covariances,
-            state.scales,
-            state.valves,
+            state.levels,
             np.array([copy.augmented[0] for copy in copies]),
             self.events,
             np.array([float(self.noise.of(sensor)) ** 2 for sensor in KERNEL_INDEX]),
             np.array([float(chdtri(m, _GATE)) for m in (1, 2)]),
-            vehicle_parameters(vehicle),
-            np.array([vehicle_parameters(item) for item in raised]),
-            self.process.rates(self.noise),
-            self.process.fading(self.noise),
-            self.process.scale_walk**2,
+            filters[0].model,
+            np.array([item.model.parameters for item in filters[1:]]),
             normal,
             gradients,
         )

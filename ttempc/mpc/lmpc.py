@@ -384,7 +384,6 @@ class LinearMpc:
         self._last: tuple[FloatArray, FloatArray] | None = None  # state and input of the last step
 
     def fresh(self) -> LinearMpc:
-        """Return the MPC before its first tick; it shares the horizon."""
         return LinearMpc(self._horizon)
 
     def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:

@@ -395,7 +395,6 @@ class PersistentSolver:
         self._solver = _SOLVERS[solver]()
 
     def fresh(self) -> PersistentSolver:
-        """Return a solver of the same package before its first problem."""
         return PersistentSolver(self._name)
 
     def hold(self, hessian: FloatArray) -> None:

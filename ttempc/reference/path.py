@@ -326,5 +326,4 @@ class Projection:
         return self._last + float(along[nearest])
 
     def fresh(self) -> Projection:
-        """Return a projection on the same polyline before its first call."""
         return Projection(np.vstack([self._points, self._points[-1:] + self._segments[-1:]]))

@@ -199,15 +199,12 @@ class ConstantSpeed:
 
     @property
     def top_speed(self) -> float:
-        """The speed itself [m/s]."""
         return self.speed
 
     def travel(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return arc length [m], speed [m/s] and acceleration [m/s^2] at `times_s`."""
         return self.speed * times_s, np.full_like(times_s, self.speed), np.zeros_like(times_s)
 
     def duration_s(self, length_m: float) -> float:
-        """Return the time that `length_m` takes [s]."""
         return length_m / self.speed
 
 
@@ -278,7 +275,6 @@ class Reference:
 
     @property
     def duration_s(self) -> float:
-        """Time from the beginning of the path to its end [s]."""
         return self.speed.duration_s(self.path.length_m)
 
     def at(self, time_s: ArrayLike) -> ReferenceSample:

@@ -32,16 +32,13 @@ class Backward:
 
     @property
     def top_speed(self) -> float:
-        """Largest magnitude of the speed [m/s]."""
         return self.forward.top_speed
 
     def travel(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return arc length [m], speed [m/s] and acceleration [m/s^2] at `times_s`."""
         distance, speed, acceleration = self.forward.travel(times_s)
         return self.start_m - distance, -speed, -acceleration
 
     def duration_s(self, length_m: float) -> float:
-        """Return the time that `length_m` takes [s]."""
         return self.forward.duration_s(length_m)
 
 
@@ -105,11 +102,9 @@ class PlannedSpeed:
 
     @property
     def top_speed(self) -> float:
-        """Largest desired speed [m/s]."""
         return float(np.max(self.speed_mps))
 
     def travel(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return arc length [m], speed [m/s] and acceleration [m/s^2] at `times_s`."""
         first, last = self._speed.x[[0, -1]]
         inside = np.clip(times_s, first, last)
         speed = self._speed(inside)
@@ -118,7 +113,6 @@ class PlannedSpeed:
         return distance, speed, acceleration
 
     def duration_s(self, length_m: float) -> float:
-        """Return the time that `length_m` takes [s]."""
         last = self._speed.x[-1]
         end, speed, _ = self.travel(np.array(last))
         if length_m >= end:

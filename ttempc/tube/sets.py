@@ -142,7 +142,6 @@ class DisturbanceSet:
 
     @property
     def dimension(self) -> int:
-        """Return n."""
         return len(self.axes)
 
     def fill(self, disturbances: FloatArray) -> FloatArray:
@@ -316,7 +315,6 @@ class Polytope:
 
     @property
     def dimension(self) -> int:
-        """Return n."""
         return self.normals.shape[1]
 
     def support(self, directions: FloatArray) -> FloatArray:

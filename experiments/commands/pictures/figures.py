@@ -69,8 +69,7 @@ def _drawn(arguments: argparse.Namespace) -> dict[str, Callable[[], Figure]]:
     """Return the functions that draw the figures of the log or of the sweep."""
     if arguments.source.is_dir():
         from ...results.run_comparison import STATISTICS_FILE
-        from ...sweep_report.files import panel_figures
-        from ...sweep_report.report import make_report
+        from ...sweep_report.report import make_report, panel_figures
         from ...sweep_report.runs import read_sweep
 
         if (arguments.source / STATISTICS_FILE).is_file():

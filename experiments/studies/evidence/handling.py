@@ -15,8 +15,7 @@ from ....testbed.ground.soil import SoilMap
 from ....testbed.ground.terrain import flat
 from ....testbed.inspection.bench import FIRM_KPA, Bench, drive, steps
 from ....testbed.inspection.check import between
-from ....testbed.vehicle.vehicle import PlantVehicle
-from ....testbed.vehicle.vehicle_file import read_vehicle
+from ....testbed.vehicle.vehicle import PlantVehicle, read_vehicle
 from ....testbed.wheels.soil_law import SoilLaw
 from .evidence import ASSUMED_RULE, Evidence, around
 

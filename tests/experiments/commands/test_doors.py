@@ -26,7 +26,7 @@ from proving_ground.experiments.sweep.study import load_study
 from proving_ground.testbed.errors import InvalidField, InvalidPlant, TestbedError
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.terminal import one_line
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
 
 from ttempc.errors import InvalidPath, TtempcError
 from ttempc.reference.smoothing import smooth

@@ -32,8 +32,8 @@ def test_quiet_prints_nothing_and_the_table_has_a_line_for_each_seed(tmp_path, c
     for seed in (1, 2):
         summary = json.loads((tmp_path / "b" / f"seed-{seed}" / "summary.json").read_text())
         (line,) = re.findall(rf"^{seed} +completed(.*)$", printed, re.MULTILINE)
-        means = summary["tracking"]["all"]
-        shown = [100 * means[body]["mean_euclidean_m"] for body in ("tractor", "trailer")]
+        error = summary["tracking"]["all"]["trailer"]
+        shown = [100 * error[key] for key in ("cross_p95_m", "cross_sd_m")]
         assert line.split()[:2] == [f"{value:.1f}" for value in shown]
     assert "Mean of 2 completed runs" in printed
 

@@ -12,8 +12,7 @@ from proving_ground.experiments.figures.export import export_figures, run_figure
 from proving_ground.experiments.figures.figure_data import figure_csv
 from proving_ground.experiments.figures.style import figure_width
 from proving_ground.experiments.results.tracking_errors import tracking_errors
-from proving_ground.experiments.sweep_report.report import make_report
-from proving_ground.experiments.sweep_report.runs import read_sweep
+from proving_ground.experiments.sweep_report.runs import differences, groups, read_sweep
 from proving_ground.testbed.log.log_reader import read_log
 
 from tests.experiments.sweep_rows import AXES, swept
@@ -103,32 +102,27 @@ def test_the_csv_of_a_sweep_has_the_numbers_of_its_report(tmp_path):
     folder = swept(tmp_path, "seeds = 2", AXES)
     target = tmp_path / "figures"
     assert main(["figures", str(folder), "-o", str(target), "--format", "svg"]) == 0
-    report = make_report(read_sweep(folder))
-    ttempc = report.runs.controllers.index("ttempc")
+    sweep = read_sweep(folder)
 
     def rows(name):
         return list(csv.DictReader(io.StringIO((target / f"{name}.csv").read_text())))
 
     cells = rows("maps-ttempc-trailer-cross-track-p95-cm")
-    shown = {(row["y"], row["x"]): float(row["value"]) for row in cells}
-    iso, cone = report.scales
-    assert shown == {
-        (iso.texts[cell.places[0]], cone.texts[cell.places[1]]): pytest.approx(
-            cell.group.error_cm.value, rel=1e-8
+    iso, cone = sweep.scales
+    table = groups(sweep, sweep.scales)
+    assert {(row["y"], row["x"]): float(row["value"]) for row in cells} == {
+        (iso.texts[cell[iso.label]], cone.texts[cell[cone.label]]): pytest.approx(
+            cell["error"].value, rel=1e-8
         )
-        for cell in report.cells
-        if cell.group.controller == ttempc
+        for cell in table[table["controller"] == "ttempc"].to_dict("records")
     }
-    by_controller = {
-        report.runs.controllers[item.controller]: item.error_cm for item in report.differences
-    }
-    against = report.runs.controllers[report.against]
-    for row in rows(f"overview-better-left-or-worse-than-{against}"):
+    by_controller = differences(sweep, "ttempc").set_index("controller")["error"]
+    for row in rows("overview-better-left-or-worse-right-than-ttempc"):
         value = by_controller[row["line"]]
         ends = [float(row[name]) for name in ("x", "x_low", "x_high")]
         assert ends == pytest.approx([value.value, value.low, value.high], rel=1e-8)
-    curve = rows("curves-error-of-completed-runs-over-cone-index-kpa")
-    assert {row["line"] for row in curve} == {*report.runs.controllers}
+    curve = rows("curves-error-over-cone-index-kpa")
+    assert {row["line"] for row in curve} == {*sweep.controllers}
     assert all(float(row["y_low"]) <= float(row["y"]) <= float(row["y_high"]) for row in curve)
 
 

@@ -5,7 +5,7 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.vehicle.vehicle_file import DEFAULT_VEHICLE, read_vehicle
+from proving_ground.testbed.vehicle.vehicle import DEFAULT_VEHICLE, read_vehicle
 
 from tests.experiments.conftest import STRAIGHT
 

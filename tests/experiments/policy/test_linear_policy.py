@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from proving_ground.experiments.errors import InvalidController
 from proving_ground.experiments.gym_env.environment import FieldTrial
+from proving_ground.experiments.gym_env.observation import ESTIMATE_NAMES, EstimateObserver
 from proving_ground.experiments.policy.linear_policy import LinearPolicy, learnt, read_policy
-from proving_ground.experiments.policy.observation import ESTIMATE_NAMES, EstimateObserver
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CONTROL, STATE
@@ -44,7 +44,9 @@ def test_as_a_controller_it_drives_as_in_the_environment(write):
     policy = read_policy(str(write(GAINS)))
     assert policy.gains == GAINS
     overrides = [*STRAIGHT, "controller.name=pid"]
-    environment = FieldTrial("grass", overrides, action="residual", residual_share=policy.share)
+    environment = FieldTrial(
+        "grass", overrides, action="residual", residual_share=policy.share, normalised=False
+    )
     observation, _ = environment.reset(seed=5)
     states, ended = [state_row(environment.truth)], False
     while not ended:

@@ -11,26 +11,25 @@ import pytest
 from proving_ground.experiments.results.metrics import input_statistics, summarise
 from proving_ground.experiments.results.published import applies_to, compare, published_beside
 from proving_ground.experiments.results.summary import RunFacts
-from proving_ground.experiments.results.table import WIDTH, centimetres, format_events, format_run
+from proving_ground.experiments.results.table import (
+    WIDTH,
+    centimetres,
+    format_events,
+    format_run,
+    format_seeds,
+)
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING
-from proving_ground.testbed.recording.record import OVERRUN, Event, Record
+from proving_ground.testbed.recording.record import OVERRUN, REACTION, REACTION_ENDED, Event, Record
 
 from tests.records import circle, eight, record, straight, table_of
 
 FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {"ttempc": "0"}, "log.mcap")
 INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
-ERROR_KEYS = {
-    "mean_euclidean_m",
-    "rms_m",
-    "p95_m",
-    "max_m",
-    "along_mean_m",
-    "along_sd_m",
-    "cross_mean_m",
-    "cross_sd_m",
-    "cross_p95_m",
-}
+KEYS = (
+    "mean_euclidean_m rms_m p95_m max_m along_mean_m along_sd_m cross_mean_m cross_sd_m cross_p95_m"
+)
+ERROR_KEYS = KEYS.split()
 
 
 def tracking(run: Record):
@@ -41,27 +40,23 @@ def with_table(run: Record, table) -> Record:
     return replace(run, tables={**run.tables, table.channel.topic: table})
 
 
-@pytest.mark.parametrize("curvature", [straight, circle, eight])
-def test_a_constant_error_is_its_own_statistic(curvature):
-    for where in ("straight", "curve", "all"):
-        bodies = getattr(tracking(record(curvature, along=(-0.3, 0.06), cross=(0.4, -0.08))), where)
-        for error, along, cross in (
-            (bodies.tractor, -0.3, 0.4),
-            (bodies.trailer, 0.06, -0.08),
-        ):
-            if error.mean_euclidean_m is None:
-                assert (curvature, where) in {(straight, "curve"), (circle, "straight")}
-                continue
-            distance = math.hypot(along, cross)
-            assert error.mean_euclidean_m == pytest.approx(distance, abs=1e-9)
-            assert error.rms_m == pytest.approx(distance, abs=1e-9)
-            assert error.p95_m == pytest.approx(distance, abs=1e-9)
-            assert error.max_m == pytest.approx(distance, abs=1e-9)
-            assert error.along_mean_m == pytest.approx(along, abs=1e-9)
-            assert error.cross_mean_m == pytest.approx(cross, abs=1e-9)
-            assert error.cross_p95_m == pytest.approx(abs(cross), abs=1e-9)
-            assert error.along_sd_m == pytest.approx(0.0, abs=1e-9)
-            assert error.cross_sd_m == pytest.approx(0.0, abs=1e-9)
+def test_a_constant_error_is_its_own_statistic():
+    for curvature, none in ((straight, "curve"), (circle, "straight"), (eight, "")):
+        run = tracking(record(curvature, along=(-0.3, 0.06), cross=(0.4, -0.08)))
+        for where in ("straight", "curve", "all"):
+            bodies = getattr(run, where)
+            for error, along, cross in ((bodies.tractor, -0.3, 0.4), (bodies.trailer, 0.06, -0.08)):
+                distance = math.hypot(along, cross)
+                expected = dict.fromkeys(ERROR_KEYS, distance)
+                expected |= {
+                    "along_mean_m": along,
+                    "cross_mean_m": cross,
+                    "cross_p95_m": abs(cross),
+                }
+                expected |= {"along_sd_m": 0.0, "cross_sd_m": 0.0}
+                if where == none:
+                    expected = dict.fromkeys(ERROR_KEYS)
+                assert asdict(error) == pytest.approx(expected, abs=1e-9)
 
 
 def test_errors_are_invariant_to_translation_and_rotation_of_the_map():
@@ -101,6 +96,29 @@ def test_the_start_up_does_not_count():
     values[run[STATE].time_s < 8.0] += 5.0
     wild = with_table(run, replace(run[STATE], values=values))
     assert tracking(wild) == tracking(run)
+
+
+def test_a_final_standstill_counts_where_nothing_has_stopped_the_vehicle_alone():
+    """A vehicle stands from 40 s on, 3 m aside; the supervisor has stopped it at 38 s."""
+
+    def summary(*texts):
+        events = tuple(Event(time_s, "warning", text) for time_s, text in texts)
+        run = record(cross=(0.1, 0.1), events=events, tool=(0.0, 0.1))
+        table, stands = run[STATE], run[STATE].time_s >= 40.0
+        values = table.values.copy()
+        values[:, table.channel.fields.index("v_mps")] = np.where(stands, 0.01, 1.0)
+        values[stands, table.channel.fields.index("x_t_m")] += 3.0
+        return summarise(with_table(run, replace(table, values=values)), FACTS)
+
+    stop, end = (38.0, f"{REACTION}stopped"), (39.0, REACTION_ENDED)
+    for texts in (
+        (stop,),
+        (stop, end, (39.5, stop[1])),
+        ((30.0, f"{REACTION}cut"), (30.2, REACTION_ENDED), stop),
+    ):
+        assert summary(*texts).tracking.all.tractor.max_m == pytest.approx(0.1)
+    for texts in ((), (stop, end)):
+        assert summary(*texts).tracking.all.tractor.max_m > 2.9
 
 
 def test_a_missing_sample_makes_a_statistic_unknown():
@@ -170,54 +188,27 @@ def test_summary_has_exactly_the_keys_of_the_interface():
     def unknown(word):
         raise AssertionError(f"{word} is no JSON")
 
+    def keys(table):
+        return {key: keys(value) for key, value in table.items() if isinstance(value, dict)} | {
+            key: None for key, value in table.items() if not isinstance(value, dict)
+        }
+
     summary = json.loads(summarise(record(), FACTS).to_json(), parse_constant=unknown)
-    assert set(summary) == {
-        "run_id",
-        "scenario",
-        "controller",
-        "seed",
-        "status",
-        "failure",
-        "duration_s",
-        "versions",
-        "tracking",
-        "estimation",
-        "timing",
-        "inputs",
-        "tube",
-        "corridor",
-        "slip",
-        "extremes",
-        "implement",
-        "learnt",
-        "log",
+    del summary["versions"]
+    points = {"tractor": dict.fromkeys(ERROR_KEYS), "trailer": dict.fromkeys(ERROR_KEYS)}
+    spread = dict.fromkeys(("median", "p99", "max"))
+    costs = ("estimator_us", "control_step_us", "qp_solve_us", "plant_step_us")
+    use = dict.fromkeys(("saturated_fraction", "rms_rate", "travel_per_m"))
+    plain = "run_id scenario controller seed status failure duration_s tube corridor implement log"
+    assert keys(summary) == {
+        **dict.fromkeys((*plain.split(), "learnt")),
+        "tracking": dict.fromkeys(("straight", "curve", "all"), points | {"tool": None}),
+        "estimation": {key: {"mean_euclidean_m": None} for key in ("tractor", "trailer")},
+        "timing": dict.fromkeys(costs, spread) | {"real_time_factor": None},
+        "inputs": dict.fromkeys(("delta_t", "delta_i", "hp"), use),
+        "slip": dict.fromkeys(("rear_mean", "rear_p95", "trailer_slip_angle_p95_rad")),
+        "extremes": dict.fromkeys(("tilt_rad", "fold_rad")),
     }
-    assert set(summary["tracking"]) == {"straight", "curve", "all"}
-    for bodies in summary["tracking"].values():
-        assert set(bodies) == {"tractor", "trailer", "tool"}
-        assert bodies.pop("tool") is None
-        for error in bodies.values():
-            assert set(error) == ERROR_KEYS
-    for body in ("tractor", "trailer"):
-        assert set(summary["estimation"].pop(body)) == {"mean_euclidean_m"}
-    assert summary["estimation"] == {}
-    assert isinstance(summary["timing"].pop("real_time_factor"), float)
-    assert set(summary["timing"]) == {
-        "estimator_us",
-        "control_step_us",
-        "qp_solve_us",
-        "plant_step_us",
-    }
-    for spread in summary["timing"].values():
-        assert set(spread) == {"median", "p99", "max"}
-    assert set(summary["inputs"]) == {"delta_t", "delta_i", "hp"}
-    for use in summary["inputs"].values():
-        assert set(use) == {"saturated_fraction", "rms_rate", "travel_per_m"}
-    assert summary["tube"] is None
-    assert summary["corridor"] is None
-    assert set(summary["extremes"]) == {"tilt_rad", "fold_rad"}
-    assert set(summary["slip"]) == {"rear_mean", "rear_p95", "trailer_slip_angle_p95_rad"}
-    assert summary["implement"] is None
 
 
 def test_a_tool_counts_while_it_is_lowered():
@@ -234,33 +225,54 @@ def test_a_tool_counts_while_it_is_lowered():
     assert statistics.side_p95_n == pytest.approx(50.0)
     assert statistics.draft_mean_n == pytest.approx(0.5 * (908.0 + 930.0), abs=0.1)
     assert statistics.draft_p95_n == pytest.approx(908.0 + 0.95 * 22.0, abs=0.1)
-    table = format_run(summary)
-    assert table.count(" tool ") == 3
-    assert "Draft 919 N (mean)" in table
+    assert list(summary.tracking.all.by_point) == ["tool", "trailer", "tractor"]
+    assert summary.tracking.headline == summary.tracking.all.tool
+    assert "Draft 919 N (mean)" in format_run(summary)
 
 
-@pytest.mark.parametrize("duration_s", [0.0, 3.0])
-def test_a_run_that_ended_at_once_has_a_summary_and_a_table(duration_s):
+def test_a_run_that_ended_at_once_has_a_summary_and_a_table():
     facts = replace(FACTS, status="lost", failure="roll-over " * 20)
-    summary = summarise(record(duration_s=duration_s), facts)
-    assert summary.tracking.all.tractor.mean_euclidean_m is None
-    assert json.loads(summary.to_json())["duration_s"] == duration_s
-    assert "roll-over" in format_run(summary)
+    for duration_s in (0.0, 3.0):
+        summary = summarise(record(duration_s=duration_s), facts)
+        assert summary.tracking.all.tractor.mean_euclidean_m is None
+        assert json.loads(summary.to_json())["duration_s"] == duration_s
+        assert "roll-over" in format_run(summary)
+
+
+def rows(text):
+    """Numbers of a printed table by their first words."""
+    lines = (re.split(r" {2,}", line.strip()) for line in text.splitlines())
+    return {tuple(words[:2]): words[2:] for words in lines if len(words) > 5}
+
+
+def test_the_table_tells_the_cross_track_error_of_the_working_point_first():
+    summary = summarise(record(cross=(0.1, 0.05), noise_m=0.02), FACTS)
+    text = format_run(summary)
+    assert all(len(line) <= WIDTH for line in text.splitlines())
+    (first, *_), shown = [key for key in rows(text) if key[0] == "whole path"], rows(text)
+    assert first == ("whole path", "trailer")
+    for body in ("trailer", "tractor"):
+        error = getattr(summary.tracking.all, body)
+        keys = ("cross_p95_m", "cross_sd_m", "cross_mean_m", "along_mean_m", "along_sd_m")
+        expected = [centimetres(getattr(error, key)) for key in keys]
+        assert shown["whole path", body] == expected
+    seeds = format_seeds([summary, replace(summary, seed=2)])
+    error = summary.tracking.all.trailer
+    expected = [centimetres(error.cross_p95_m), centimetres(error.cross_sd_m)]
+    assert re.search(r"^2 +completed +(\S+) +(\S+)", seeds, re.MULTILINE).groups() == (*expected,)
 
 
 def test_the_table_sets_the_published_errors_beside_the_runs():
     summary = summarise(record(cross=(0.1, 0.05)), FACTS)
-    text = format_run(summary, compare(summary))
-    assert all(len(line) <= 100 for line in text.splitlines())
-    for number in ("23.5", "21.2", "39.8", "36.2", "10.0", "5.0"):
-        assert number in text
-    assert "published: field experiment; here: simulation" in text.lower()
+    shown = rows(format_run(summary, compare(summary)))
+    assert shown["straight", "tractor"][-2:] == ["10.0", "23.5"]
+    assert shown["curve", "trailer"][-2:] == ["5.0", "36.2"]
     assert [item.published_m for item in compare(summary)] == [0.2349, 0.2121, 0.3982, 0.3621]
 
 
-@pytest.mark.parametrize(
-    ("scenario", "overrides", "applies"),
-    [
+def test_the_published_errors_stand_beside_runs_of_the_papers_vehicle_and_path_alone():
+    rebuilt = replace(FACTS, scenario="kayacan2016")
+    for scenario, overrides, applies in (
         ("grass", (), True),
         ("wet-slope", ("path.laps=1",), True),
         ("grass", ("path.radius_m=9.0",), False),
@@ -269,37 +281,12 @@ def test_the_table_sets_the_published_errors_beside_the_runs():
         ("split", (), False),
         ("farm", (), False),
         ("cultivate", (), False),
-    ],
-)
-def test_the_published_errors_stand_beside_runs_of_the_papers_vehicle_and_path_alone(
-    scenario, overrides, applies
-):
-    settings = load(scenario, overrides)[1]
-    assert applies_to(settings) is applies
-    assert not published_beside(summarise(record(), FACTS), settings)
-    assert "published" not in format_run(summarise(record(), FACTS)).lower()
-
-
-def test_a_run_shows_the_published_errors_in_the_scenario_of_the_experiment_alone():
-    _, rebuilt = load("kayacan2016")
-    summary = summarise(record(), replace(FACTS, scenario="kayacan2016"))
-    assert published_beside(summary, rebuilt) == compare(summary)
-    assert not published_beside(replace(summary, scenario="grass"), rebuilt)
-    assert not published_beside(summary, load("kayacan2016", ["path.radius_m=9.0"])[1])
-
-
-def test_the_table_has_the_mean_along_track_and_fits():
-    text = format_run(summarise(record(cross=(0.1, 0.05)), FACTS))
-    assert all(len(line) <= WIDTH for line in text.splitlines())
-    head, *_ = (line for line in text.splitlines() if "mean" in line)
-    ends = [match.end() for match in re.finditer(r"along mean|cross mean", head)]
-    rows = [line for line in text.splitlines() if line.startswith("all")]
-    assert len(rows) == 2
-    tracking = summarise(record(cross=(0.1, 0.05)), FACTS).tracking.all
-    for line, error in zip(rows, (tracking.tractor, tracking.trailer), strict=True):
-        shown = [line[:end].split()[-1] for end in ends]
-        assert shown == [centimetres(error.along_mean_m), centimetres(error.cross_mean_m)]
-        assert "–" not in shown
+    ):
+        settings = load(scenario, overrides)[1]
+        assert applies_to(settings) is applies
+        assert not published_beside(summarise(record(), FACTS), settings)
+        summary = summarise(record(), rebuilt)
+        assert published_beside(summary, settings) == (compare(summary) if applies else ())
 
 
 def test_warnings_are_counted_and_the_first_is_shown_before_overruns():

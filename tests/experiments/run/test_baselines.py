@@ -30,8 +30,8 @@ def test_baseline_drives_the_plant_straight_ahead(name):
 def test_space_based_reference_waits_for_the_vehicle():
     """It drives slower than 1 m/s; log and statistics have the place nearest to the tractor."""
     overrides = [
-        'controller.name="kayacan-nmpc"',
-        'controller.estimator="kayacan-nmhe"',
+        'controller.name="proving_ground.experiments.papers.kayacan.nmpc:controller"',
+        'controller.estimator="proving_ground.experiments.papers.kayacan.nmhe:Estimator"',
         'path={kind="straight",length_m=16.0}',
     ]
     summary, record = simulate(*load("pavement", overrides), seed=31)

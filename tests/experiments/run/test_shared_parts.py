@@ -22,7 +22,7 @@ def driven(scenario, seed, parts=None):
     return {topic: table.values.tobytes() for topic, table in tables if topic != "/timing"}
 
 
-@pytest.mark.parametrize("name", ["ttempc", "ttempc-tube", "paper", "lqr", "nmpc", "kayacan-nmpc"])
+@pytest.mark.parametrize("name", ["ttempc", "ttempc-tube", "paper", "lqr", "nmpc"])
 def test_a_run_on_shared_parts_has_the_bits_of_a_run_of_its_own(name):
     _, scenario = load("patchy", [f'controller.name="{name}"', *SHORT])
     parts = SharedParts(terrains=1, controllers=1)

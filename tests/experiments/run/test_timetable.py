@@ -12,7 +12,7 @@ from proving_ground.experiments.run.assembly import assemble, check
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.errors import InvalidFault
-from proving_ground.testbed.faults.registry import KINDS
+from proving_ground.testbed.faults.kinds import KINDS
 from proving_ground.testbed.recording.channels import CHANNELS, CONTROL, MEASUREMENT, STATE, TIMING
 from proving_ground.testbed.recording.record import Event, FaultSpan, fault_spans
 

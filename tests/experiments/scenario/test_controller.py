@@ -46,7 +46,7 @@ def test_an_option_replaces_its_default_alone():
         ("controller.options.robust='no'", r"controller.options.robust: got 'no', must be true"),
         (
             "controller.estimator='ukf'",
-            r"controller.estimator: got 'ukf', allowed are ekf, kayacan-nmhe, nmhe",
+            r"controller.estimator: got 'ukf', allowed are ekf, nmhe",
         ),
     ],
 )

@@ -13,7 +13,7 @@ from proving_ground.experiments.scenario import vehicle
 from proving_ground.experiments.scenario.scenario import dump, load, shipped
 from proving_ground.testbed.log.log_reader import read_log
 from proving_ground.testbed.recording.channels import STATE
-from proving_ground.testbed.vehicle.vehicle_file import find_vehicle, read_vehicle
+from proving_ground.testbed.vehicle.vehicle import find_vehicle, read_vehicle
 
 from ttempc.errors import InvalidPath, TtempcError
 from ttempc.vehicle import Vehicle

@@ -220,7 +220,7 @@ def test_a_file_of_other_seeds_is_refused(tmp_path, text):
         (["pid", "--seeds-file", "none.txt"], "none.txt"),
         (["--compare", "a.json", "b.json"], "a.json"),
         (["ttempc", "--set", OWN_SPEED], "crop-rows"),
-        (["kayacan-nmpc"], "space_based"),
+        (["proving_ground.experiments.papers.kayacan.nmpc:controller"], "space_based"),
     ],
 )
 def test_bad_input_gets_one_line_before_any_run(tmp_path, monkeypatch, capsys, words, reason):

@@ -16,7 +16,7 @@ from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
 from pydantic import ValidationError
 
 from ttempc.types import Command

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from proving_ground.testbed.actuation.actuators import Actuators, ActuatorSpecification
 from proving_ground.testbed.faults.fault import Window
-from proving_ground.testbed.faults.faulty_actuators import FaultyActuators
-from proving_ground.testbed.faults.registry import KINDS
+from proving_ground.testbed.faults.faulty import FaultyActuators
+from proving_ground.testbed.faults.kinds import KINDS
 
 from ttempc.types import Command
 
@@ -63,29 +63,16 @@ def test_a_valve_fault_changes_its_axis_in_its_window_alone(kind, axis, keys):
     np.testing.assert_array_equal(moved[:, others], SENT[:, others])
 
 
-def test_a_stuck_valve_holds_the_angle_at_the_start():
-    moved = set_points({"kind": "front_steering_stuck"}, {"kind": "hydrostat_stuck"})
-    np.testing.assert_allclose(moved[INSIDE, 0], 0.2 * (START_S - DT))
-    np.testing.assert_array_equal(moved[INSIDE, 2], 0.5)
-
-
-def test_a_hard_over_goes_to_the_stop():
-    moved = set_points({"kind": "trailer_steering_hard_over", "side": "right"})
-    np.testing.assert_array_equal(moved[INSIDE, 1], -STOPS[1])
-
-
-def test_a_slow_valve_moves_at_its_rate():
-    moved = set_points({"kind": "front_steering_slow", "rate_degps": 3.0})  # 0.2 rad/s asked for
-    np.testing.assert_allclose(np.diff(moved[INSIDE, 0]) / DT, math.radians(3.0))
-
-
-def test_play_lags_by_half_its_width():
-    moved = set_points({"kind": "front_steering_play", "play_deg": 1.0})
-    behind = SENT[INSIDE, 0] - moved[INSIDE, 0]
+def test_valves_have_their_closed_forms():
+    held = set_points({"kind": "front_steering_stuck"}, {"kind": "hydrostat_stuck"})
+    np.testing.assert_allclose(held[INSIDE, 0], 0.2 * (START_S - DT))
+    np.testing.assert_array_equal(held[INSIDE, 2], 0.5)
+    over = set_points({"kind": "trailer_steering_hard_over", "side": "right"})
+    np.testing.assert_array_equal(over[INSIDE, 1], -STOPS[1])
+    slow = set_points({"kind": "front_steering_slow", "rate_degps": 3.0})  # 0.2 rad/s asked for
+    np.testing.assert_allclose(np.diff(slow[INSIDE, 0]) / DT, math.radians(3.0))
+    behind = (SENT - set_points({"kind": "front_steering_play", "play_deg": 1.0}))[INSIDE, 0]
     np.testing.assert_allclose(behind[10:], math.radians(0.5))
-
-
-def test_a_cut_hydrostat_is_at_zero():
     assert not set_points({"kind": "hydrostat_cut"})[INSIDE, 2].any()
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from proving_ground.testbed.faults.registry import KINDS
+from proving_ground.testbed.faults.kinds import KINDS
 from proving_ground.testbed.truth import WHEELS
 
 from tests.testbed.plants import SMALL, STOP, changed, plant_on
@@ -13,7 +13,8 @@ LEFT, RIGHT = WHEELS.index("trailer_left"), WHEELS.index("trailer_right")
 
 
 def attached(plant, **keys):
-    return KINDS[keys["kind"]](start_s=0.0, **keys).attach(plant)
+    fault = KINDS[keys["kind"]](start_s=0.0, **keys)
+    return fault.row.effect(fault, plant)
 
 
 def at_rest(plant):

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from proving_ground.testbed.faults.fault import Window
-from proving_ground.testbed.faults.faulty_sensors import FaultySensors
-from proving_ground.testbed.faults.registry import KINDS
+from proving_ground.testbed.faults.faulty import FaultySensors
+from proving_ground.testbed.faults.kinds import KINDS
 from proving_ground.testbed.sensing.sensor_specification import (
     ImuSpecification,
     SensorSpecification,
@@ -102,17 +102,34 @@ def test_a_lost_fix_gives_no_samples_of_that_receiver():
     assert len(errors(Sensor.GNSS_TRAILER, samples)[0]) == 16
 
 
-def test_a_jump_has_its_length_and_direction():
-    times, wrong = errors(
-        Sensor.GNSS_TRACTOR, delivered(kind="gnss_jump", offset_m=0.5, direction_deg=90.0)
-    )
-    np.testing.assert_allclose(wrong[acting(times)], [[0.0, 0.5]] * 5, atol=1e-12)
-
-
-def test_a_drift_grows_with_its_rate():
-    times, wrong = errors(Sensor.GNSS_TRAILER, delivered(kind="gnss_drift", rate_mps=0.2))
-    inside = acting(times)
-    np.testing.assert_allclose(wrong[inside, 0], 0.2 * (times[inside] - START_S), atol=1e-12)
+@pytest.mark.parametrize(
+    ("keys", "sensor", "expected"),  # error at 0, 0.2, ... 0.8 s after the start
+    [
+        (
+            {"kind": "gnss_jump", "offset_m": 0.5, "direction_deg": 90.0},
+            Sensor.GNSS_TRACTOR,
+            [[0.0, 0.5]] * 5,
+        ),
+        (
+            {"kind": "gnss_drift", "rate_mps": 0.2},
+            Sensor.GNSS_TRAILER,
+            [[0.04 * k, 0.0] for k in range(5)],
+        ),
+        (
+            {"kind": "angle_bias", "sensor": "hitch", "bias_deg": -2.0},
+            Sensor.HITCH,
+            [[math.radians(-2.0)]] * 5,
+        ),
+        (
+            {"kind": "gyro_bias", "body": "tractor", "bias_degps": 1.0},
+            Sensor.IMU_TRACTOR,
+            [[math.radians(1.0), 0.0, 0.0]] * 5,
+        ),
+    ],
+)
+def test_errors_have_size_direction_and_unit_of_their_keys(keys, sensor, expected):
+    times, wrong = errors(sensor, delivered(**keys))
+    np.testing.assert_allclose(wrong[acting(times)], expected, atol=1e-12)
 
 
 def test_outliers_have_one_length_and_are_those_of_the_seed():
@@ -134,19 +151,6 @@ def test_stuck_sensors_repeat_their_first_reading_under_new_stamps():
         inside = [s for s in mine if acting(np.array(s.time_s))]
         assert {s.value for s in inside} == {value(sensor, START_S)}
         assert len({s.time_s for s in inside}) == 5
-
-
-def test_an_angle_bias_is_in_degrees():
-    times, wrong = errors(Sensor.HITCH, delivered(kind="angle_bias", sensor="hitch", bias_deg=-2.0))
-    np.testing.assert_allclose(np.degrees(wrong[acting(times)]), -2.0)
-
-
-def test_a_gyro_bias_leaves_roll_and_pitch():
-    times, wrong = errors(
-        Sensor.IMU_TRACTOR, delivered(kind="gyro_bias", body="tractor", bias_degps=1.0)
-    )
-    expected = [[math.radians(1.0), 0.0, 0.0]] * 5
-    np.testing.assert_allclose(wrong[acting(times)], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("factor", [2.0, -1.0, 0.0])

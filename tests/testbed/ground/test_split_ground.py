@@ -11,7 +11,7 @@ from proving_ground.testbed.ground.soil_layers import Gradient
 from proving_ground.testbed.ground.tramlines import Tracks, Tramlines
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.truth import WHEELS
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
 
 from ttempc.types import Command
 

@@ -20,7 +20,7 @@ from proving_ground.testbed.log.mcap_file import McapFile
 from proving_ground.testbed.log.model_whitelist import check_model
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.recording.topics import EVENT_TOPIC, REFERENCE_PATH_TOPIC
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle, shipped_vehicles
+from proving_ground.testbed.vehicle.vehicle import read_vehicle, shipped_vehicles
 from proving_ground.testbed.vehicle.vehicle_model import build_spec, level_mjcf, level_model
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS

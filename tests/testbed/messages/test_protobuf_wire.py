@@ -22,7 +22,7 @@ from proving_ground.testbed.messages.viewer_messages import (
 )
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.truth import WHEELS, Pose
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
 
 TIMES_NS = (0, 1, 40_000_000, 10**9, 127 * 10**9 + 999_999_999, 128 * 10**9, 20_000 * 10**9 + 127)
 

@@ -13,7 +13,7 @@ from proving_ground.testbed.sensing.sensor_specification import (
 )
 from proving_ground.testbed.sensing.sensors import SensorSuite, lever_in_map
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
 from pydantic import ValidationError
 
 from tests.testbed.truths import truth

@@ -9,7 +9,7 @@ from proving_ground.experiments.scenario.scenario import load, shipped
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump
-from proving_ground.testbed.vehicle.axle_loads import AxleLoads, overload_notes
+from proving_ground.testbed.vehicle.vehicle import AxleLoads, overload_notes
 
 from tests.testbed.plants import SMALL, both_vehicles, changed, plant_on, weight
 

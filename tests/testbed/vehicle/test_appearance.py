@@ -9,7 +9,7 @@ from proving_ground.testbed.ground.soil_layers import Patch
 from proving_ground.testbed.ground.tramlines import Tracks, Tramlines
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.vehicle.appearance import tyre_mesh
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
 
 
 def test_tyre_mesh_is_closed_and_faces_outwards():

@@ -6,14 +6,16 @@ import re
 import numpy as np
 import pytest
 from proving_ground.testbed.errors import InvalidPlant
-from proving_ground.testbed.vehicle.axle_loads import GRAVITY, AxleLoads
-from proving_ground.testbed.vehicle.linkage import knuckle_angle, linkage_polynomial
 from proving_ground.testbed.vehicle.servos import drive_servo, steering_servos
-from proving_ground.testbed.vehicle.vehicle_file import (
+from proving_ground.testbed.vehicle.vehicle import (
+    GRAVITY,
+    AxleLoads,
     find_vehicle,
+    knuckle_angle,
     read_vehicle,
     shipped_vehicles,
 )
+from proving_ground.testbed.vehicle.vehicle_model import linkage_polynomial
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 
 NAMES = shipped_vehicles()

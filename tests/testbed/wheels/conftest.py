@@ -2,7 +2,7 @@
 
 import pytest
 from proving_ground.testbed.vehicle.servos import tyres_of
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
 
 
 @pytest.fixture(scope="module")

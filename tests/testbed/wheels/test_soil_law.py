@@ -10,7 +10,7 @@ import pytest
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.scenario.scenario import dump, load
 from proving_ground.testbed.vehicle.servos import equilibrium_slip, tyres_of, wheel_loads
-from proving_ground.testbed.vehicle.vehicle_file import read_vehicle
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
 from proving_ground.testbed.wheels import tyre
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.tyre import Tyres

@@ -9,7 +9,7 @@ import pytest
 
 from tests.reference.baselines.nmpc_programme import Programme
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
-from ttempc.baselines import nmpc_solver
+from ttempc.baselines import nmpc
 from ttempc.baselines.nmpc import NmpcOptions, nmpc_controller
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.path import figure_eight, straight
@@ -50,7 +50,7 @@ def test_first_move_tends_to_the_linear_one_for_small_errors(name):
 
 def test_converged_plans_are_those_of_an_interior_point_method(monkeypatch):
     """Another formulation, every state an unknown, and another method: the same commands."""
-    monkeypatch.setattr(nmpc_solver, "_TOLERANCE", 1e-9)
+    monkeypatch.setattr(nmpc, "_TOLERANCE", 1e-9)
     theirs = nmpc_controller(VEHICLE, EIGHT, PERIOD_S, solver=Programme)
     ours = nmpc_controller(VEHICLE, EIGHT, PERIOD_S)
     generator = np.random.default_rng(3)

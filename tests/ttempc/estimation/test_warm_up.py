@@ -13,13 +13,9 @@ import pytest
 
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, VEHICLE, SensedDrive
 from ttempc.baselines.nmhe import MovingHorizonEstimator
-from ttempc.estimation import (
-    augmented_state_kernel,
-    correction_kernel,
-    prediction_kernel,
-    sample_kernel,
-)
+from ttempc.estimation import filter as filter_kernels
 from ttempc.estimation.ekf import ExtendedKalmanFilter
+from ttempc.models import augmented_state
 from ttempc.types import Command
 
 ESTIMATORS = [ExtendedKalmanFilter, MovingHorizonEstimator]
@@ -86,6 +82,6 @@ def varied(measurements):
 
 def signatures():
     """Return the compiled signatures of every kernel by its name."""
-    modules = augmented_state_kernel, prediction_kernel, correction_kernel, sample_kernel
+    modules = augmented_state, filter_kernels
     members = {name: item for module in modules for name, item in vars(module).items()}
     return {n: tuple(v.signatures) for n, v in members.items() if hasattr(v, "signatures")}

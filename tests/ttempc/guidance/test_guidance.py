@@ -147,7 +147,7 @@ def test_ticks_are_counted_to_the_end_of_the_reference(samples):
     assert count == guidance.tick == 15
 
 
-@pytest.mark.parametrize("controller", ["ttempc", "pid", "nmpc-rti", "kayacan-nmpc"])
+@pytest.mark.parametrize("controller", ["ttempc", "pid", "nmpc-rti"])
 def test_a_guidance_is_freed_without_the_garbage_collector(samples, controller):
     """A worker drives thousands of runs: one that waits for the collector keeps their memory."""
     gc.collect()
@@ -179,7 +179,7 @@ def test_calls_out_of_order_are_refused(samples):
     ("arguments", "error", "words"),
     [
         ({"controller": "papier"}, UnknownController, "'papier'"),
-        ({"estimator": "ukf"}, UnknownEstimator, "allowed are ekf, kayacan-nmhe, nmhe"),
+        ({"estimator": "ukf"}, UnknownEstimator, "allowed are ekf, nmhe"),
         ({"options": {"colour": 1}, "controller": "feedforward"}, InvalidTuning, "colour"),
         ({"reference": figure_eight(radius_m=2.0)}, InvalidPath, "too tight"),
         ({"speed_mps": 3.0}, InvalidReference, "hydrostat"),

@@ -1,0 +1,1 @@
+"""Studies behind the tables of README and docs; not part of the wheel."""

@@ -1,0 +1,191 @@
+"""Regression checks: short runs whose states stand for the plant and controllers behind a table.
+
+A change of the code that changes no bit of them makes no table stale; a changed constant does.
+`docs/fingerprints.json` is the ledger: the fingerprints with which each table was made.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from ...testbed.recording.channels import STATE
+from ...testbed.recording.provenance import code_digest, versions
+from ...testbed.recording.record import Recorder
+from ..errors import InvalidPage
+from ..results.metrics import tracking_statistics
+from ..results.tracking_errors import tracking_errors
+from ..run.assembly import assemble
+from ..run.simulate import drive_into
+from ..scenario.scenario import Scenario, load
+from ..seeds import FIRST
+from ..sweep.plan import SweepPlan
+from ..sweep.study import load_study
+from .pages import ROOT, write_file
+
+CHECK_S: Final = 20.0  # simulated: a straight, the blend and the first metres of a curve
+LEDGER: Final = "docs/fingerprints.json"
+_REFERENCE: Final = "ttempc"  # the controller that drives every scenario of a sweep
+_CLOSE: Final = 1e-9  # [m]
+_END: Final = ("x_t_m", "y_t_m", "x_i_m", "y_i_m")
+_DATA: Final = ("experiments/scenarios", "experiments/sweeps", "experiments/fitted")
+
+Outcome = Literal["same bits", "equal to 1e-9", "differs"]
+"""Result of a check that was driven again, from best to worst."""
+
+OUTCOMES: Final[tuple[Outcome, ...]] = ("same bits", "equal to 1e-9", "differs")
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A short run."""
+
+    name: str
+    scenario: Scenario
+    seed: int = FIRST
+
+
+@dataclass(frozen=True, slots=True)
+class Fingerprint:
+    """Result of a check."""
+
+    sha256: str  # of times and values of `/state`, little-endian doubles; the first 16 digits
+    values: tuple[float, ...]  # last position and mean error of both axle points [m], (6,)
+
+    def compare(self, other: Fingerprint) -> Outcome:
+        """Return how the same check, driven again, compares.
+
+        The state of another processor may differ in its last bits, because linear algebra libraries
+        choose their instructions by processor; the closed loop does not let the difference grow.
+        """
+        if self == other:
+            return "same bits"
+        pairs = zip(self.values, other.values, strict=True)
+        close = all(abs(one - another) <= _CLOSE for one, another in pairs)
+        return "equal to 1e-9" if close else "differs"
+
+
+def scenario_check(scenario: str, controller: str, *overrides: str) -> Check:
+    """Return the check of a controller on a shipped scenario, with changes as of `--set`."""
+    name = ", ".join((scenario, controller, *overrides))
+    return Check(name, load(scenario, [*overrides, f'controller.name="{controller}"'])[1])
+
+
+def sweep_checks(sweep: str) -> tuple[Check, ...]:
+    """Return the checks of a shipped sweep.
+
+    They are every controller at its first point, and `ttempc` at its last point, or at all points
+    if scenarios are an axis.
+    """
+    plan = SweepPlan(*load_study(sweep))
+    per_point = plan.size // plan.points
+    settings = [plan[run] for run in range(plan.controller_count)]
+    names = [planned.setting.scenario.controller.name for planned in settings]
+    reference = names.index(_REFERENCE)
+    points = range(1, plan.points) if "scenario" in plan.study.names else [plan.points - 1]
+    settings += [plan[point * per_point + reference] for point in points]
+    return tuple(
+        Check(
+            f"{sweep} {planned.point}: {planned.setting.name}, "
+            f"{planned.setting.scenario.controller.name}",
+            planned.setting.scenario,
+            planned.seed,
+        )
+        for planned in settings
+    )
+
+
+def fingerprint(check: Check) -> Fingerprint:
+    """Drive a check and return its fingerprint."""
+    assembly = assemble(check.scenario, check.seed)
+    ticks = min(round(CHECK_S / assembly.guidance.period_s), assembly.ticks)
+    recorder = Recorder()
+    drive_into(recorder, replace(assembly, ticks=ticks))
+    record = recorder.record()
+    state = record[STATE]
+    digest = hashlib.sha256()
+    for array in (state.time_s, state.values):
+        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    errors = tracking_statistics(tracking_errors(record)).all
+    means = (errors.tractor.mean_euclidean_m, errors.trailer.mean_euclidean_m)
+    values = [*state.columns(*_END)[-1], *(mean or 0.0 for mean in means)]
+    return Fingerprint(digest.hexdigest()[:16], tuple(float(value) for value in values))
+
+
+def digest_of(fingerprints: Iterable[Fingerprint]) -> str:
+    """Return a short digest of several fingerprints, in any order."""
+    text = " ".join(sorted(item.sha256 + repr(item.values) for item in fingerprints))
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+@dataclass(frozen=True, slots=True)
+class Making:
+    """Circumstances under which a table was made."""
+
+    versions: Mapping[str, str]  # of project and packages
+    source: str  # see `source_digest`
+    checks: Mapping[str, Fingerprint]  # by name
+
+
+def read_ledger(out: Path = ROOT) -> dict[str, Making]:
+    """Return the making of every table by the name of its study.
+
+    Raises:
+        InvalidPage: the file is not what `write_ledger` writes.
+    """
+    file = out / LEDGER if (out / LEDGER).exists() else ROOT / LEDGER
+    if not file.exists():
+        return {}
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+        known = {
+            key: Fingerprint(item["sha256"], tuple(item["values"]))
+            for key, item in content["fingerprints"].items()
+        }
+        return {
+            name: Making(
+                item["versions"],
+                item["source"],
+                {check: known[key] for check, key in item["checks"].items()},
+            )
+            for name, item in content["entries"].items()
+        }
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise InvalidPage(f"{file}: is no ledger of regression checks") from None
+
+
+def write_ledger(ledger: Mapping[str, Making], out: Path = ROOT) -> None:
+    """Write the ledger; a fingerprint that several tables share stands in it once."""
+    by_digest: dict[str, Any] = {}
+    entries = {}
+    for name, making in sorted(ledger.items()):
+        keys = {check: digest_of([found]) for check, found in making.checks.items()}
+        by_digest |= {keys[check]: asdict(found) for check, found in making.checks.items()}
+        entries[name] = {
+            "versions": dict(making.versions),
+            "source": making.source,
+            "checks": keys,
+        }
+    lines = [f'  "{key}": {json.dumps(by_digest[key])}' for key in sorted(by_digest)]
+    text = (
+        '{\n "fingerprints": {\n' + ",\n".join(lines) + "\n },\n"
+        ' "entries": ' + json.dumps(entries, indent=1).replace("\n", "\n ") + "\n}\n"
+    )
+    write_file(out / LEDGER, text.encode())
+
+
+def source_digest() -> str:
+    """Return a hash of code, shipped data and package versions: equal ones need no check."""
+    digest = hashlib.sha256(code_digest().encode())
+    for folder in _DATA:
+        for file in sorted((ROOT / folder).glob("*.*")):
+            digest.update(file.name.encode() + b"\0" + file.read_bytes())
+    packages = {name: text for name, text in versions().items() if name != "commit"}
+    digest.update(json.dumps(packages, sort_keys=True).encode())
+    return digest.hexdigest()[:12]

@@ -1,0 +1,1 @@
+"""NMPC and moving-horizon estimator published for the vehicle of the paper."""

@@ -1,0 +1,221 @@
+"""NMPC on the printed model with a space-based reference.
+
+The controller that was published for the paper's vehicle: Kayacan, Kayacan, Ramon and Saeys (2015),
+IEEE Transactions on Control Systems Technology 23(1), cited by the paper with its mean errors. From
+the paper: the space-based reference, lambda as an input, delta_i = lambda - beta, slip factors,
+moving-horizon estimator. From memory: horizon of 3 s, one Gauss-Newton iteration a period, one
+desired point at a fixed distance ahead of the nearest point (1.6 m), bounds of the steering. All
+else is assumed, and an option.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+
+from ttempc.baselines.nmpc import GaussNewton
+from ttempc.baselines.nmpc_model import Task
+from ttempc.errors import InvalidReference, check_choice, check_count, check_positive
+from ttempc.guidance.controllers import parse_options
+from ttempc.laws.tracking_controller import Actions, TrackingController
+from ttempc.mpc.articulated_error import rotation
+from ttempc.mpc.lmpc import FirstInputs, HorizonTuning, StageBounds
+from ttempc.reference.path import Projection
+from ttempc.reference.reference import Reference
+from ttempc.types import Estimate, FloatArray, Input
+from ttempc.vehicle import CommandLimits, Vehicle
+
+from .model import PRINTED, PrintedModel
+
+_M = len(Input)
+_RUN_ON_M = 20.0  # of reference beyond the end of the path, for a vehicle that arrives early
+_NO_SLIP = np.ones(3)
+
+Target = Literal["fixed", "moving"]
+
+
+@dataclass(frozen=True)
+class PrintedNmpcOptions(HorizonTuning):
+    """Options of `controller`; every field is a key that a scenario may set.
+
+    Outputs are x, y of the tractor, x, y of the trailer [m] and the speed of the rims [m/s]. Bounds
+    hold for delta_t, delta_i and hp themselves, step weights for the changes of delta_t, lambda
+    (or delta_i) and hp from period to period.
+
+    Raises:
+        InvalidTuning: a value is out of its range.
+    """
+
+    outputs: ClassVar[int] = 5
+
+    horizon: int = 15
+    moves: int = 15
+    output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0, 1.0)
+    input_bound: tuple[float, ...] = (math.radians(35.0), math.radians(20.0), 1.0)
+    look_ahead_m: float = 1.6  # from the nearest point of the path to the first target
+    # One target for the whole horizon, or one that moves on at the reference's speed.
+    target: Target = "fixed"
+    # Which of the two the trailer's step weight and rate hold for.
+    trailer_input: Literal["lambda", "delta_i"] = "lambda"
+    hitch_sign: Literal[1, -1] = 1  # +1 printed, -1 geometry (docs/errata.md, 1)
+    iterations: int = 1  # Gauss-Newton iterations a period, at most
+
+    def __post_init__(self) -> None:
+        HorizonTuning.__post_init__(self)
+        check_positive("look_ahead_m", self.look_ahead_m, zero=True)
+        check_choice("target", self.target, get_args(Target))
+        check_choice("trailer_input", self.trailer_input, ("lambda", "delta_i"))
+        check_choice("hitch_sign", self.hitch_sign, (1, -1))
+        check_count("iterations", self.iterations)
+
+
+class SpaceBasedTargets:
+    """Targets of a horizon that starts at the place on the path nearest to the tractor point."""
+
+    def __init__(self, reference: Reference, period_s: float, options: PrintedNmpcOptions) -> None:
+        speed = reference.speed.top_speed
+        beyond = options.horizon + math.ceil((_RUN_ON_M + options.look_ahead_m) / speed / period_s)
+        grid = reference.on_grid(period_s, beyond=beyond)
+        x, y, psi_t, psi_i, _, _, v = grid.state.T
+        self._table = np.stack([x, y, psi_t, *grid.trailer_xy.T, psi_i, v])  # (7, N)
+        self._distance = grid.distance_m
+        self._ticks = np.arange(len(v), dtype=float)
+        self._projection = Projection(grid.state[:, :2])
+        moving = options.target == "moving"
+        self._ahead = np.arange(1.0, options.horizon + 1.0) * moving  # in ticks of the reference
+        self._look_ahead_m = options.look_ahead_m
+
+    def at(self, x: float, y: float) -> FloatArray:
+        """Return the targets (Np, 7) for a tractor point: see `PrintedModel`."""
+        place = self._projection.place(x, y)
+        if self._look_ahead_m:
+            distance = np.interp(place, self._ticks, self._distance) + self._look_ahead_m
+            place = float(np.interp(distance, self._distance, self._ticks))
+        ticks = place + self._ahead
+        return np.stack([np.interp(ticks, self._ticks, column) for column in self._table], axis=1)
+
+    def fresh(self) -> SpaceBasedTargets:
+        """Return the same before the first call of `at`."""
+        targets = copy.copy(self)
+        targets._projection = self._projection.fresh()
+        return targets
+
+
+class PrintedFeedback:
+    """The NMPC as a feedback law: its action is the whole input (delta_t, lambda, hp).
+
+    Where the QP has no accepted solution, the previous input is held.
+    """
+
+    def __init__(self, reference: Reference, period_s: float, options: PrintedNmpcOptions) -> None:
+        self._options = options
+        self._targets = SpaceBasedTargets(reference, period_s, options)
+        model = PrintedModel(reference.vehicle, options.hitch_sign, period_s)
+        self._solver = GaussNewton(reference, PRINTED, options, period_s, options.iterations, model)
+        limits = CommandLimits.of(reference.vehicle, period_s)
+        bound = np.array(options.input_bound)
+        self._lower, self._upper = np.maximum(-bound, limits.lower), np.minimum(bound, limits.upper)
+        self._step = np.minimum(np.array(options.input_rate) * period_s, limits.step)
+        self._plan = np.zeros((options.moves, _M))  # the last plan, Delta u_e
+        self._lambda: float | None = None  # of the period before
+
+    def fresh(self) -> PrintedFeedback:
+        """Return the law before its first tick, see `FeedbackLaw`."""
+        law = copy.copy(self)
+        law._targets, law._solver = self._targets.fresh(), self._solver.fresh()
+        law._plan, law._lambda = np.zeros_like(self._plan), None
+        return law
+
+    def resume(self, previous: object) -> None:
+        """Keep the place on the path and the plan, see `ttempc.types.Resuming`."""
+        if isinstance(previous, PrintedFeedback):  # the tractor's path is the same
+            self._targets._projection = previous._targets._projection
+            self._plan, self._lambda = previous._plan, previous._lambda
+
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+        """Return the actions of tick `k`, see `FeedbackLaw`."""
+        options, beta = self._options, estimate.hitch_angle
+        x, y, psi_t, psi_i, _, _, ground = estimate.state.tolist()
+        factors = _NO_SLIP if estimate.slip_factors is None else estimate.slip_factors
+        targets = self._targets.at(x, y)
+        previous = sent.copy()
+        previous[Input.DELTA_I] += beta
+        if options.trailer_input == "lambda" and self._lambda is not None:
+            previous[Input.DELTA_I] = self._lambda
+        lower, upper = self._lower.copy(), self._upper.copy()
+        lower[Input.DELTA_I] += beta
+        upper[Input.DELTA_I] += beta
+        # The solver's unknowns are steps of u_e = u_r - u; without a feedforward u_e = -u.
+        bounds = StageBounds(
+            *(
+                np.tile(row, options.moves)[None]
+                for row in (-upper, -lower, -self._step, self._step)
+            )
+        )
+        first = FirstInputs.of(bounds.at(slice(None), slice(_M)))
+        held = first.clamp_previous(0, -previous)
+        task = Task(
+            state=np.array([x, y, psi_t, *estimate.trailer_xy, psi_i, ground / factors[0]]),
+            disturbance=np.tile([*factors, beta, 0.0], (options.horizon, 1)),
+            poses=targets,
+            feedforward=np.zeros((options.horizon, _M)),
+            inputs_e=np.zeros((options.horizon, _M)),
+            previous=held,
+            bounds=bounds.at(0),
+        )
+        guess = np.vstack([self._plan[1:], np.zeros(_M)])
+        plan = self._solver.minimise(task, guess.reshape(-1))
+        self._plan = np.zeros_like(guess) if plan.steps is None else plan.steps.reshape(-1, _M)
+        inputs = -first.clamp(0, held + self._plan[0])
+        self._lambda = float(inputs[Input.DELTA_I])
+        along = plan.errors[:, :4]
+        for body, psi in ((slice(0, 2), targets[:, 2]), (slice(2, 4), targets[:, 5])):
+            along[:, body] = np.einsum("nij,nj->ni", rotation(psi), along[:, body])
+        return Actions(
+            feedback=inputs,
+            robust=np.zeros(_M),
+            predicted_path=targets[:, [0, 1, 3, 4]] - along,
+            solver=plan.report,
+            fallback=plan.fallback,
+        )
+
+    def prepare(self, k: int) -> None:
+        """Get ready for tick `k`, see `FeedbackLaw`."""
+        self._solver.prepare()
+
+
+def controller(
+    vehicle: Vehicle,
+    reference: Reference,
+    period_s: float,
+    **options: object,
+) -> TrackingController:
+    """Compose the NMPC on the printed model.
+
+    Args:
+        vehicle: model parameters.
+        reference: what to follow.
+        period_s: control period [s].
+        options: of `PrintedNmpcOptions`.
+
+    Raises:
+        InvalidReference: the reference is driven in reverse.
+        InvalidTuning: an option is unknown or out of its range.
+        MissingPackage: the package of the QP solver is not installed.
+    """
+    if vehicle.reverse:
+        raise InvalidReference("kayacan.nmpc: drives forward only, the reference is in reverse")
+    chosen: PrintedNmpcOptions = parse_options(PrintedNmpcOptions, options)
+    grid = reference.on_grid(period_s)
+    return TrackingController(
+        grid,
+        np.zeros((len(grid.time_s), _M)),
+        PrintedFeedback(reference, period_s, chosen),
+        CommandLimits.of(vehicle, period_s),
+        measured_hitch=True,
+        space_based=True,
+    )

@@ -1,0 +1,81 @@
+"""Pages with generated blocks: `<!-- table: NAME -->` to `<!-- end -->`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+from ...testbed.atomic_write import atomic_write
+from ..errors import InvalidPage, OutputExists
+
+ROOT: Final = Path(__file__).resolve().parents[2]  # of the checkout
+_BLOCK: Final = re.compile(r"(?<=<!-- table: )([\w-]+)( -->\n)(.*?)(?=<!-- end -->)", re.DOTALL)
+
+
+def blocks(text: str) -> dict[str, str]:
+    """Return the blocks of a page by the name of their table.
+
+    Raises:
+        InvalidPage: a name stands twice, or a marker has no counterpart.
+    """
+    found = [(match[1], match[3]) for match in _BLOCK.finditer(text)]
+    names = [name for name, _ in found]
+    if len(set(names)) < len(names):
+        raise InvalidPage(f"two blocks have one name: {', '.join(sorted(names))}")
+    if not len(names) == text.count("<!-- table: ") == text.count("<!-- end -->"):
+        raise InvalidPage("a marker `<!-- table: NAME -->` or `<!-- end -->` has no counterpart")
+    return dict(found)
+
+
+def with_block(text: str, name: str, block: str) -> str:
+    """Return a page with the content of one block replaced.
+
+    Raises:
+        InvalidPage: the page has no such block, or invalid markers.
+    """
+    if name not in blocks(text):
+        raise InvalidPage(f"has no marker `<!-- table: {name} -->`")
+
+    def replaced(match: re.Match[str]) -> str:
+        return f"{match[1]}{match[2]}\n{block.strip()}\n\n" if match[1] == name else match[0]
+
+    return _BLOCK.sub(replaced, text)
+
+
+def read_page(page: str, out: Path = ROOT) -> str:
+    """Return the text of a page in `out`, or in the checkout if it is not there yet.
+
+    Raises:
+        InvalidPage: there is no such page, as in an installation without docs.
+    """
+    for file in (out / page, ROOT / page):
+        if file.is_file():
+            return file.read_text(encoding="utf-8")
+    raise InvalidPage(f"{ROOT / page}: does not exist; tables are made in a checkout")
+
+
+def check_block(page: str, name: str, out: Path = ROOT) -> None:
+    """Refuse a page without the block of a table.
+
+    Raises:
+        InvalidPage: as `read_page` and `with_block`.
+    """
+    try:
+        with_block(read_page(page, out), name, "")
+    except InvalidPage as error:
+        raise InvalidPage(f"{page}: {error}") from None
+
+
+def write_file(file: Path, content: bytes) -> None:
+    """Replace a file atomically.
+
+    Raises:
+        OutputExists: it cannot be written.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(file) as stream:
+            stream.write(content)
+    except OSError as error:
+        raise OutputExists(f"output {file}: cannot be written: {error.strerror}") from None

@@ -1,0 +1,1 @@
+"""Declarations of the studies: each module has `STUDIES`."""

@@ -1,0 +1,508 @@
+"""Faults: what becomes of runs, delays of detection, false alarms, limits of the detectors."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import brentq
+
+from ttempc.guidance.detection import (
+    MOTION_ALLOWANCE,
+    STEERING_ALLOWANCE,
+    WHEELS_ALLOWANCE,
+    Alarm,
+    InnovationMonitor,
+    MotionMonitor,
+    Reaction,
+    RepetitionMonitor,
+    StandstillMonitor,
+    SteeringMonitor,
+    WheelMonitor,
+    detectors,
+)
+from ttempc.types import FloatArray
+
+from ....testbed.recording.channels import CONTROL, STATE
+from ....testbed.recording.record import REACTION, Record, Recorder
+from ...results.statistics import proportion, rate
+from ...results.tracking_errors import tracking_errors
+from ...run.assembly import assemble
+from ...run.simulate import drive_into
+from ...scenario.scenario import load, shipped
+from ...seeds import TUNING, report_seeds
+from ...trials.definition import trial, trial_files
+from ..cells import Cell, grouped, groups, label, numbers
+from ..study import Case, Row, Study
+from ..tables import markdown
+
+START_S: Final = 25.0
+"""Start of a fault [s]: the tractor enters the first circle of the figure eight."""
+
+CASES: Final = {
+    "GNSS out, 1 s": "kind='gnss_out', duration_s=1.0",
+    "GNSS out, 10 s": "kind='gnss_out', duration_s=10.0",
+    "GNSS out, 10 s, with gyros": "kind='gnss_out', duration_s=10.0",
+    "GNSS out, 10 s, second lap": "kind='gnss_out', duration_s=10.0, start_s=150.0",
+    "GNSS out, to the end": "kind='gnss_out'",
+    "GNSS out, tractor only": "kind='gnss_out', receiver='tractor'",
+    "GNSS frozen": "kind='gnss_frozen'",
+    "GNSS jumps by 1 m": "kind='gnss_jump', offset_m=1.0, direction_deg=90.0",
+    "GNSS of the trailer jumps by 1 m": "kind='gnss_jump', receiver='trailer', offset_m=1.0",
+    "GNSS drifts by 2 cm/s": "kind='gnss_drift', rate_mps=0.02, duration_s=30.0",
+    "GNSS outliers of 5 m, one in ten": "kind='gnss_outlier', offset_m=5.0, share=0.1",
+    "GNSS float": "kind='gnss_float', duration_s=30.0",
+    "GNSS late by 0.6 s": "kind='gnss_late', delay_s=0.6",
+    "GNSS late by 2 s, for 20 s": "kind='gnss_late', delay_s=2.0, duration_s=20.0",
+    "antennas swapped": "kind='antennas_swapped'",
+    "front angle stuck": "kind='angle_stuck', sensor='steering_tractor'",
+    "trailer angle stuck": "kind='angle_stuck', sensor='steering_trailer'",
+    "hitch angle stuck": "kind='angle_stuck', sensor='hitch'",
+    "front angle + 5 deg": "kind='angle_bias', sensor='steering_tractor', bias_deg=5.0",
+    "hitch angle + 5 deg": "kind='angle_bias', sensor='hitch', bias_deg=5.0",
+    "hitch angle drifts by 0.2 deg/s": "kind='angle_drift', sensor='hitch', rate_degps=0.2",
+    "front angle noise of 10 deg": "kind='angle_noise', sensor='steering_tractor', sd_deg=10.0",
+    "gyro + 2 deg/s": "kind='gyro_bias', body='tractor', bias_degps=2.0",
+    "encoder dead": "kind='encoder_dead'",
+    "encoder doubled": "kind='encoder_scaled', factor=2.0",
+    "encoder reversed": "kind='encoder_scaled', factor=-1.0",
+    "samples twice": "kind='samples_duplicated'",
+    "stamps backward": "kind='stamps_backward', duration_s=10.0",
+    "stamps 0.3 s too old": "kind='stamps_shifted', offset_s=-0.3",
+    "commands lost, 1 s": "kind='commands_lost', duration_s=1.0",
+    "commands lost": "kind='commands_lost'",
+    "commands late by 0.4 s": "kind='commands_late', delay_s=0.4",
+    "front steering stuck": "kind='front_steering_stuck'",
+    "front steering stuck, 5 s": "kind='front_steering_stuck', duration_s=5.0",
+    "trailer steering stuck": "kind='trailer_steering_stuck'",
+    "hydrostat stuck": "kind='hydrostat_stuck'",
+    "front steering slow, 5 deg/s": "kind='front_steering_slow', rate_degps=5.0",
+    "trailer steering slow, 5 deg/s": "kind='trailer_steering_slow', rate_degps=5.0",
+    "front steering hard over": "kind='front_steering_hard_over', side='left'",
+    "trailer steering hard over": "kind='trailer_steering_hard_over', side='right'",
+    "front play of 4 deg": "kind='front_steering_play', play_deg=4.0",
+    "trailer play of 4 deg": "kind='trailer_steering_play', play_deg=4.0",
+    "hydrostat cut": "kind='hydrostat_cut'",
+    "hydrostat sluggish, 3 s": "kind='hydrostat_sluggish', time_constant_s=3.0",
+    "front steering free": "kind='front_steering_free'",
+    "trailer steering free": "kind='trailer_steering_free'",
+    "load shifts by 0.3 m": "kind='load_shift', left_m=0.3",
+    "tyre flat, rear left": "kind='tyre_flat', wheel='rear_left'",
+    "gust of 800 N, 2 s": "kind='gust', force_n=800.0, direction_deg=90.0, duration_s=2.0",
+    "stone, 150 Ns": "kind='stone', wheel='front_left', impulse_ns=150.0",
+    "soft patch, 80 kPa": "kind='soil_patch', radius_m=4.0, cone_index_kpa=80.0",
+    "ditch of 0.15 m": "kind='ditch', depth_m=0.15, width_m=1.5",
+    "step of 0.15 m": "kind='step', height_m=0.15, ramp_m=1.0",
+}
+"""Faults of a size that a field may see, as a `[[faults]]` table; without `start_s` they begin at
+`START_S`. At 150 s, in the second lap, the filter has seen the vehicle on all headings."""
+
+_MORE: Final = {
+    "GNSS out, 10 s, with gyros": ("sensors.imu.on=true",),
+    "gyro + 2 deg/s": ("sensors.imu.on=true",),
+    "load shifts by 0.3 m": ("plant.vehicle.load_kg=300.0",),
+}
+CONTROLLERS: Final = ("ttempc", "pid", "nmpc-rti")
+SEEDS: Final = report_seeds(16)
+_AFTER_S: Final = 40.0  # of the reference, after the fault
+_SHARE: Final = 4  # of the seeds, for rivals: one in four
+_ROUNDING: Final = 1e-9  # of a limit
+_RESULTS: Final = ("carried on", "degraded", "stopped", "lost")
+_NUMBER: Final = re.compile(r"-?\d+(?:\.\d+)?")
+
+
+def changes(fault: str, start_s: float = START_S) -> tuple[str, ...]:
+    """Return the changes of a scenario for a fault of `CASES`, from `start_s` [s] on by default."""
+    keys = CASES[fault] if "start_s" in CASES[fault] else f"{CASES[fault]}, start_s={start_s}"
+    return (*_MORE.get(fault, ()), f"faults=[{{{keys}}}]")
+
+
+def outcome(case: Case) -> Row:
+    """Drive until 40 s after the end of the fault, or after its start if it lasts.
+
+    Returns:
+        `result`, `failure`, time from the start of the fault to the first reaction [s], largest
+        error of both points from its start on [m], way of the tractor from the decision to stop to
+        its end [m] (NaN where there is none), and the number of commands that are not finite or
+        beyond their limits.
+    """
+    scenario = load(case.scenario, case.overrides)[1]
+    assembly, recorder = assemble(scenario, case.seed), Recorder()
+    (fault,) = scenario.faults
+    start_s = fault.start_s or 0.0
+    end_s = start_s + (getattr(fault, "duration_s", None) or 0.0) + _AFTER_S
+    ticks = min(round(end_s / assembly.guidance.period_s), assembly.ticks)
+    ended = drive_into(recorder, replace(assembly, ticks=ticks), prepared=False)
+    record = recorder.record()
+    reactions = [
+        event
+        for event in record.events
+        if event.text.startswith(REACTION) and event.time_s >= start_s - 2.0
+    ]
+    result = "degraded" if reactions else "carried on"
+    result = result if ended.status == "completed" else ended.status
+    stops = [event.time_s for event in reactions if event.text.endswith(": stopped")]
+    errors, stop_m = tracking_errors(record), math.nan
+    since = errors.time_s >= start_s
+    if result == "stopped" and stops:
+        state = record[STATE]
+        way = np.diff(state.columns("x_t_m", "y_t_m")[state.time_s >= stops[-1]], axis=0)
+        stop_m = float(np.hypot(*way.T).sum())
+    return {
+        "result": result,
+        "failure": ended.failure or "",
+        "noticed_s": max(0.0, reactions[0].time_s - start_s) if reactions else math.nan,
+        "worst_m": max(
+            float(point.euclidean_m[since].max()) for point in (errors.tractor, errors.trailer)
+        ),
+        "stop_m": stop_m,
+        "faulty": faulty_commands(record),
+    }
+
+
+def faulty_commands(record: Record) -> int:
+    """Return the number of commands that are not finite or beyond their limits."""
+    table = record[CONTROL]
+    within = np.ones(len(table), dtype=bool)
+    for name in ("delta_t_rad", "delta_i_rad", "hp"):
+        command = table[f"{name}_command"]
+        within &= command >= table[f"{name}_min"] - _ROUNDING
+        within &= command <= table[f"{name}_max"] + _ROUNDING
+    return int((~within).sum())
+
+
+def fault_cases(seeds: Sequence[int]) -> list[Case]:
+    """Return the drives: `ttempc` with all seeds, its rivals with a quarter of them."""
+    return [
+        Case(
+            "grass",
+            seed,
+            (*changes(fault), f'controller.name="{controller}"'),
+            {"controller": controller, "fault": fault},
+        )
+        for controller in CONTROLLERS
+        for fault in CASES
+        for seed in (seeds if controller == CONTROLLERS[0] else seeds[::_SHARE])
+    ]
+
+
+def fault_tables(runs: pd.DataFrame) -> str:
+    """Return a table of outcomes for each controller, and why its vehicle was lost."""
+    parts = []
+    for own in groups(runs, ["controller"]):
+        cells = {"fault": label("fault"), **{name: _share(name) for name in _RESULTS}}
+        cells["noticed after [s]"] = _spread("noticed_s", 1)
+        cells["worst error [m]"] = _spread("worst_m", 2)
+        cells["way to the stop [m]"] = _spread("stop_m", 2)
+        parts += [
+            f"`{own['controller'].iloc[0]}`, {own['seed'].nunique()} seeds:",
+            grouped(own, ["fault"], cells),
+            f"{(own['result'] == 'invalid').sum()} of {len(own)} runs invalid, "
+            f"{own['faulty'].sum()} commands not finite or beyond a limit.",
+        ]
+        lost = own[own["result"] == "lost"].groupby("fault", sort=False)["failure"]
+        parts += [f"Lost with {name}: {text}." for name, each in lost for text in alike(each)]
+    return "\n\n".join(parts)
+
+
+def _share(result: str) -> Cell:
+    def cell(runs: pd.DataFrame) -> str:
+        share = proportion(list(runs["result"]).count(result), len(runs))
+        low, high = share.ends
+        return f"{share.count} ({100 * low:.0f}..{100 * high:.0f} %)" if share.count else "-"
+
+    return cell
+
+
+def _spread(column: str, digits: int) -> Cell:
+    def cell(runs: pd.DataFrame) -> str:
+        known = runs[column].dropna()
+        form = f"{{:.{digits}f}}, at most {{:.{digits}f}}"
+        return form.format(known.median(), known.max()) if len(known) else "-"
+
+    return cell
+
+
+def alike(texts: Iterable[str]) -> list[str]:
+    """Return texts that differ in their numbers alone as one, with the range of each number.
+
+    >>> alike(["5.1 m from its reference", "6.6 m from its reference", "off the field"])
+    ['5.1 to 6.6 m from its reference', 'off the field']
+    """
+    numbers: dict[tuple[str, ...], list[list[str]]] = {}
+    for text in texts:
+        numbers.setdefault(tuple(_NUMBER.split(text)), []).append(_NUMBER.findall(text))
+    joined = []
+    for (text, *rest), found in sorted(numbers.items()):
+        for of_place, words in zip(zip(*found, strict=True), rest, strict=True):
+            low, high = min(of_place, key=float), max(of_place, key=float)
+            text += (low if low == high else f"{low} to {high}") + words
+        joined.append(text)
+    return joined
+
+
+VALVES: Final = ("front steering", "trailer steering")
+_SHOWS: Final = math.radians(2.0)  # residual of a detector; larger noise or play shows later
+_STUCK_S: Final = 8.0  # driven after the start of the fault
+
+
+def stuck_valve(case: Case) -> Row:
+    """Return when a stuck valve shows and when the supervisor reacts [s], NaN where it does not.
+
+    It shows where the measured angle is 2 deg from the response of a healthy valve. In a steady
+    curve the commands hardly ask for motion before.
+    """
+    assembly = assemble(load(case.scenario, case.overrides)[1], case.seed)
+    guidance, period_s = assembly.guidance, assembly.guidance.period_s
+    monitors = [item for item in guidance.detectors if isinstance(item, StandstillMonitor)]
+    monitor, shown = monitors[VALVES.index(case["valve"])], list[float]()
+
+    def observe(k: int) -> None:
+        if k * period_s > START_S and abs(monitor.residual) > _SHOWS:
+            shown.append(k * period_s - START_S)
+
+    recorder = Recorder()
+    ticks = round((START_S + _STUCK_S) / period_s)
+    drive_into(recorder, replace(assembly, ticks=ticks), on_tick=observe, prepared=False)
+    begun = (item.time_s for item in recorder.record().events if item.text.startswith(REACTION))
+    noticed = next((time_s - START_S for time_s in begun if time_s > START_S), math.nan)
+    shows = shown[0] if shown else math.nan
+    return {"shows": shows, "noticed": noticed, "after": noticed - shows}
+
+
+_DRIVES: Final = 8  # of each field, for the false alarms
+_SLIPS: Final = 0.2  # true slip with which an alarm of spinning wheels is none; two thirds of the
+# allowance of `wheels` at 1 m/s
+_SPAN_S: Final = 2.0  # before an alarm: a second of the residual, and the sum
+
+
+def fields() -> dict[str, str]:
+    """Return the shipped scenarios and the field trials without a fault, by their labels."""
+    trials = {f"trial {name}": str(file) for name, file in trial_files().items()}
+    return {
+        **{name: name for name in shipped()},
+        **{label: file for label, file in trials.items() if not trial(label[6:]).faults},
+    }
+
+
+def alarms(case: Case) -> Row:
+    """Return the hours driven, and the alarms that began by detector.
+
+    `reported`: the vehicle went on; `acted`: it slowed down, stopped or did without a sensor;
+    `slipping`: an alarm of slip while the driven wheels truly slipped.
+    """
+    assembly, recorder = assemble(load(case.scenario)[1], case.seed), Recorder()
+    guidance, period_s = assembly.guidance, assembly.guidance.period_s
+    begun: list[tuple[float, Alarm]] = []
+    standing: set[str] = set()
+
+    def observe(k: int) -> None:
+        nonlocal standing
+        begun.extend((k * period_s, one) for one in guidance.alarms if one.detector not in standing)
+        standing = {one.detector for one in guidance.alarms}
+
+    ended = drive_into(recorder, assembly, on_tick=observe, prepared=False)
+    state = recorder.record()[STATE]
+    counts: dict[str, Counter[str]] = {name: Counter() for name in _KINDS}
+    for time_s, alarm in begun:
+        acted = alarm.reaction is not Reaction.GO_ON or bool(alarm.unused)
+        kind = "acted" if acted else "reported"
+        if alarm.detector in ("wheels", "motion"):
+            span = (state.time_s > time_s - _SPAN_S) & (state.time_s <= time_s)
+            slip = 1.0 - state["v_mps"][span].mean() / state["v_rim_mps"][span].mean()
+            kind = "slipping" if slip > _SLIPS else kind
+        counts[kind][alarm.detector] += 1
+    return {"hours": ended.duration_s / 3600.0, **{kind: {**n} for kind, n in counts.items()}}
+
+
+_KINDS: Final = {
+    "reported": "reported only",
+    "acted": "acted on",
+    "slipping": "acted on, true slip",
+}
+
+
+def alarm_cases(seeds: Sequence[int]) -> list[Case]:
+    """Return the drives; no two share a seed, so that all of them are independent."""
+    drives = len(seeds) // len(fields())
+    return [
+        Case(scenario, seeds[n * drives + k], labels={"field": label})
+        for n, (label, scenario) in enumerate(fields().items())
+        for k in range(drives)
+    ]
+
+
+def alarm_table(runs: pd.DataFrame) -> str:
+    """Return the alarms of every field, and the rates of false ones in ten hours."""
+    cells = {"field": label("field"), "hours": lambda own: f"{own['hours'].sum():.2f}"}
+    for kind, head in _KINDS.items():
+        cells[head] = lambda own, kind=kind: (
+            ", ".join(f"{name}: {n}" for name, n in sorted(_total(own[kind]).items())) or "-"
+        )
+    lines = [grouped(runs, ["field"], cells)]
+    hours = float(numbers(runs, "hours").sum())
+    counts = {head: _total(runs[kind]).total() for kind, head in [*_KINDS.items()][:2]}
+    for what, count in {**counts, "of both kinds": sum(counts.values())}.items():
+        found = rate(count, hours / 10.0)
+        low, high = found.ends
+        lines.append(
+            f"False alarms {what}: {count} in {hours:.1f} h, "
+            f"{found.value:.2f} ({low:.2f} to {high:.2f}) in ten hours."
+        )
+    return "\n\n".join(lines)
+
+
+def _total(counts: Iterable[dict[str, int]]) -> Counter[str]:
+    return sum((Counter(one) for one in counts), Counter[str]())
+
+
+_CALIBRATION_DRIVES: Final = 6  # of each scenario
+FALSE_ALARM_S: Final = 36_000.0  # at most one false alarm of all detectors in this time
+_ALLOWANCES: Final = {
+    SteeringMonitor: STEERING_ALLOWANCE,
+    StandstillMonitor: STEERING_ALLOWANCE,
+    MotionMonitor: MOTION_ALLOWANCE,
+    WheelMonitor: WHEELS_ALLOWANCE,
+}
+_BLOCK_S: Final = 10.0  # of the maxima
+_PER_S: Final = 5  # ticks
+_COUNT: Final = sum(not isinstance(item, RepetitionMonitor) for item in detectors())
+
+
+def residuals(case: Case) -> Row:
+    """Return the residuals of all detectors at every tick of a drive, (ticks, detectors)."""
+    assembly = assemble(load(case.scenario)[1], case.seed)
+    rows: list[list[float]] = []
+
+    def observe(k: int) -> None:
+        rows.append([item.residual for item in assembly.guidance.detectors])
+
+    drive_into(Recorder(), assembly, on_tick=observe, prepared=False)
+    return {"residuals": np.array(rows)}
+
+
+def sum_limit(values: FloatArray, allowance: float) -> float:
+    """Return the limit h of the cumulative sum of |values| (n,) above an allowance.
+
+    With S the sum of |r| - allowance over a second, the sum exceeds h in a second with probability
+    exp(-theta h) at most, where E exp(theta S) = 1 (Kingman 1964, "A martingale inequality in the
+    theory of queues", for independent S). Where S was never positive, any limit will do: 0.
+    """
+    excess = np.abs(values[np.isfinite(values)]) - allowance
+    sums = excess[: len(excess) // _PER_S * _PER_S].reshape(-1, _PER_S).sum(axis=1)
+    most = sums.max()
+    if most <= 0.0:
+        return 0.0
+
+    def log_mean(theta: float) -> float:
+        return float(np.log(np.mean(np.exp(theta * (sums - most))))) + theta * most
+
+    theta: Any = brentq(log_mean, 1e-6 / most, 1e3 / most)
+    return math.log(FALSE_ALARM_S * _COUNT) / theta
+
+
+def maximum_limit(values: FloatArray) -> float:
+    """Return the level that a nearly normal statistic (n,) exceeds once in `FALSE_ALARM_S`.
+
+    The largest squares in ten seconds follow a Gumbel distribution, fitted by its moments (Coles
+    2001, "An introduction to statistical modeling of extreme values", ch. 3).
+    """
+    values, block = values[np.isfinite(values)], round(_BLOCK_S * _PER_S)
+    maxima = values[: len(values) // block * block].reshape(-1, block).max(axis=1) ** 2
+    scale = float(maxima.std(ddof=1)) * math.sqrt(6.0) / math.pi
+    count = FALSE_ALARM_S / _BLOCK_S * _COUNT
+    return math.sqrt(float(maxima.mean()) - np.euler_gamma * scale + scale * math.log(count))
+
+
+def limit_table(runs: pd.DataFrame) -> str:
+    """Return the limit of every detector: the largest over all scenarios.
+
+    At these limits all detectors together give at most one false alarm in ten hours. Repetitions
+    have no tail, because the noise of a sensor changes every reading.
+    """
+    by_field = {
+        str(name): np.concatenate([*own]) for name, own in runs.groupby("scenario")["residuals"]
+    }
+    rows = []
+    for n, detector in enumerate(detectors()):
+        if isinstance(detector, RepetitionMonitor):
+            continue
+        columns = {name: values[:, n] for name, values in by_field.items()}
+        limits = {
+            name: maximum_limit(column)
+            if isinstance(detector, InnovationMonitor)
+            else sum_limit(column, _ALLOWANCES[type(detector)])
+            for name, column in columns.items()
+        }
+        worst = max(limits, key=limits.__getitem__)
+        largest = max(float(np.nanmax(np.abs(column))) for column in columns.values())
+        on = worst if limits[worst] else "-"
+        rows.append([detector.name, f"{largest:.4f}", f"{limits[worst]:.3f}", on])
+    return markdown(["detector", "largest residual", "limit", "on"], rows)
+
+
+def limit_cases() -> list[Case]:
+    """Return the drives, each scenario on tuning seeds of its own."""
+    names = np.repeat(shipped(), _CALIBRATION_DRIVES).tolist()
+    return [Case(name, seed) for name, seed in zip(names, TUNING, strict=False)]
+
+
+_STUCK: Final = changes("front steering stuck", 5.0)  # within the time of a regression check
+
+FAULTS: Final = Study(
+    name="faults",
+    page="docs/faults.md",
+    seeds=SEEDS,
+    make=lambda runner: fault_tables(runner.frame(fault_cases(runner.seeds(SEEDS)), outcome)),
+    checks=tuple(("grass", name, *own) for name in CONTROLLERS for own in ((), _STUCK)),
+    minutes=35.0,
+)
+STUCK_VALVES: Final = Study(
+    name="stuck-valves",
+    page="docs/faults.md",
+    overrides=(),
+    axes={
+        "valve": {
+            valve: (f"faults=[{{kind='{valve.replace(' ', '_')}_stuck', start_s={START_S}}}]",)
+            for valve in VALVES
+        }
+    },
+    seeds=SEEDS,
+    drive=stuck_valve,
+    table=lambda runs: grouped(
+        runs,
+        ["valve"],
+        {
+            "stuck": label("valve"),
+            "shows after [s]": _spread("shows", 1),
+            "noticed after [s]": _spread("noticed", 1),
+            "after it shows [s]": _spread("after", 1),
+        },
+    ),
+    checks=(("grass", "ttempc", *_STUCK),),
+    minutes=0.5,
+)
+FALSE_ALARMS: Final = Study(
+    name="false-alarms",
+    page="docs/faults.md",
+    seeds=report_seeds(_DRIVES * len(fields())),
+    make=lambda runner: alarm_table(
+        runner.frame(alarm_cases(runner.seeds(FALSE_ALARMS.seeds)), alarms)
+    ),
+    checks=tuple((name, "ttempc") for name in shipped()),
+    minutes=7.0,
+)
+LIMITS: Final = Study(
+    name="detector-limits",
+    page="",
+    seeds=tuple(TUNING[: _CALIBRATION_DRIVES * len(shipped())]),
+    make=lambda runner: limit_table(runner.frame(limit_cases(), residuals)),
+    minutes=5.0,
+)
+STUDIES: Final = (FAULTS, STUCK_VALVES, FALSE_ALARMS, LIMITS)

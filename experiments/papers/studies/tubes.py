@@ -1,0 +1,288 @@
+"""Tubes on their own models: invariance of the shipped one, gains, and the paper's tube."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from ttempc.baselines.paper import PaperEquations, RobustGains, linearise
+from ttempc.errors import InvalidTube
+from ttempc.laws.articulated_mpc import MpcOptions
+from ttempc.models.kinematics import POSITIONS, Error
+from ttempc.models.linear import zero_order_hold
+from ttempc.mpc.articulated_error import error_dynamics
+from ttempc.mpc.lmpc import HorizonTuning
+from ttempc.reference.path import figure_eight
+from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.tube.reference_tube import (
+    ReferenceTube,
+    reachable_inputs,
+    steered_system,
+    tracking_system,
+)
+from ttempc.tube.sets import DisturbanceSet, directions_in, linear_map, minkowski_sum
+from ttempc.tube.tube import TrackingSystem, Tube, invariant_tube, reach_backwards
+from ttempc.types import FloatArray, Input
+from ttempc.vehicle import CommandLimits, Vehicle
+
+from ...scenario.tube_file import read_tube
+from ..study import Study
+from ..tables import markdown
+
+PERIOD_S: Final = 0.2
+
+
+def _fenced(lines: Iterator[str]) -> str:
+    return "\n".join(["```text", *lines, "```"])
+
+
+BATCH: Final = 1_000  # trajectories that end at the same tick
+
+
+def invariance(
+    random: int = 90_000, worst: int = 1_000, batch: int = BATCH, stride: int = 20
+) -> Iterator[str]:
+    """Yield how far disturbances push the deviation in the tube of `grass`; no share may exceed 1.
+
+    Deviations start at zero, at ticks all along the figure eight, and are disturbed over the memory
+    of the tube. Beside them stands the ratio of both sides of the invariance condition in dense
+    directions.
+
+    Args:
+        random: trajectories under noise, noise of full size with random sign, and square waves.
+        worst: trajectories under the worst case of a direction, which is drawn at random or along a
+            state, an output or an input.
+        batch: of the random ones that end at the same tick.
+        stride: ticks between checks of the condition.
+    """
+    generator = np.random.default_rng(1)
+    design = read_tube("grass").design()
+    reference = Reference(figure_eight(laps=1), design.vehicle, ConstantSpeed(1.0))
+    ticks = int(reference.duration_s / design.period_s)
+    tube = ReferenceTube.along(design, reference, ticks).tube
+    certificate = tube.certificate
+    window, steps = certificate.window, certificate.terms * certificate.window
+    yield f"alpha {certificate.alpha:.4f}, {certificate.terms} windows of {window}"
+
+    largest = 0.0
+    for k in range(window, ticks, stride):
+        directions = directions_in(7, 1_000, generator) / tube.states[k]
+        before = linear_map(tube.transition(k, window), tube.at(k - window))
+        after = minkowski_sum([before, tube.last_window(k)]).support(directions)
+        largest = max(largest, float((after / tube.at(k).support(directions)).max()))
+    yield f"Phi S + V over S, largest in 1000 directions every {stride} ticks: {largest:.6f}"
+
+    for kind, label in enumerate(("noise", "noise of full size", "square waves")):
+        largest = 0.0
+        for _ in range(random // batch // 3):
+            k = int(generator.integers(steps, ticks))
+            rows, widths = _bounded(tube, k)
+            runs = admissible(design.disturbance, steps, kind, batch, generator)
+            largest = max(
+                largest, float((np.abs(_response(tube, k, runs) @ rows.T) / widths).max())
+            )
+        yield f"{random // 3} runs of {label}: largest share of a half width {largest:.4f}"
+
+    shares = []
+    for count in range(worst):
+        k = int(generator.integers(steps, ticks))
+        rows, widths = _bounded(tube, k)
+        choice = count % (len(rows) + 6)
+        if choice < len(rows):
+            row, width = rows[choice], widths[choice]
+        else:
+            row = generator.standard_normal(7) / tube.states[k]
+            width = float(tube.at(k).support(row[None])[0])
+        shares.append(float(_response(tube, k, tube.worst_case(k, row)) @ row) / width)
+    yield f"{worst} worst cases: share {min(shares):.4f} to {max(shares):.4f}"
+
+
+def admissible(
+    disturbance: DisturbanceSet, steps: int, kind: int, count: int, generator: np.random.Generator
+) -> FloatArray:
+    """Return disturbance sequences whose fullest window is on the boundary, (`steps`, count, 7).
+
+    Args:
+        disturbance: the set.
+        steps: length.
+        kind: 0 normal noise, 1 noise of full size, 2 square waves.
+        count: of sequences.
+        generator: draws them.
+    """
+    y = generator.standard_normal((steps, count, disturbance.dimension))
+    if kind == 1:
+        y = np.sign(y)
+    elif kind == 2:
+        half_period = generator.integers(1, 30, (count, disturbance.dimension))
+        y = (-1.0) ** ((np.arange(steps)[:, None, None] // half_period) % 2)
+    energy = np.cumsum(y**2, axis=0)
+    windows = energy[disturbance.window - 1 :].copy()
+    windows[1:] -= energy[: -disturbance.window]
+    along = windows.sum(axis=2) if disturbance.shape == "ellipsoid" else windows.max(axis=2)
+    return (y / np.sqrt(along.max(axis=0))[:, None]) @ disturbance.axes.T
+
+
+def _bounded(tube: Tube, k: int) -> tuple[FloatArray, FloatArray]:
+    """Return the rows of states, outputs and inputs at tick `k`, and their half widths."""
+    rows = np.concatenate([np.eye(7), tube.system.c[k], tube.system.gains[k]])
+    return rows, np.concatenate([tube.states[k], tube.outputs[k], tube.inputs[k]])
+
+
+def _response(tube: Tube, k: int, runs: FloatArray) -> FloatArray:
+    """Return the deviation at tick `k` after disturbances (steps, ..., 7), from zero."""
+    m = np.zeros(runs.shape[1:])
+    for step, w in enumerate(runs):
+        m = m @ tube.system.closed[max(0, k - len(runs) + step)].T + w
+    return m
+
+
+def gains(ticks: int = 680) -> str:
+    """Return what ancillary gains of the growing tube take of the inputs, and how wide its tube is.
+
+    Along the figure eight of `grass`: largest shares of the change in a period, and largest half
+    widths of the last stage of the horizon [m].
+    """
+    design, horizon = read_tube("grass").design(), MpcOptions().horizon
+    limits = CommandLimits.of(design.vehicle, design.period_s)
+    reference = Reference(figure_eight(laps=1), design.vehicle, ConstantSpeed(1.0))
+    matrices = error_dynamics(reference, design.period_s, ticks)
+    full = tracking_system(*matrices, design.weights)
+    no_hydrostat = full.gains.copy()
+    no_hydrostat[:, Input.HP] = 0.0
+    systems = {
+        "of the design": full,
+        "without the hydrostat": replace(full, gains=no_hydrostat),
+        "of `ttempc`": steered_system(design, *matrices, limits, horizon)[0],
+        "none": replace(full, gains=np.zeros_like(full.gains)),
+    }
+    lines = []
+    for label, system in systems.items():
+        _, rates = reachable_inputs(system, design.disturbance, horizon)
+        backwards = reach_backwards(system, design.disturbance, np.arange(ticks), system.c)
+        completed, energy, _ = next(itertools.islice(backwards, horizon - 2, None))
+        x_t, y_t, x_i, y_i = (completed + design.disturbance.reach(energy)).max(axis=0)
+        shares = [f"{share:.2f}" for share in rates.max(axis=(0, 1)) / limits.step]
+        lines.append([label, *shares, f"{y_t:.2f}, {x_t:.2f}", f"{y_i:.2f}, {x_i:.2f}"])
+    heads = ("gain", "front", "trailer", "hydrostat")
+    return markdown([*heads, "tractor across, along", "trailer across, along"], lines)
+
+
+_ACTS_ON: Final = (Error.Y_T, Error.Y_I, Error.X_T)  # errors that delta_t, lambda and HP act on
+_BOX_M: Final = 1.0
+_YAW_RAD: Final = 0.1  # yaw deviations of the draws, within
+_SPEED_MPS: Final = 0.05  # speed deviations of the draws, within
+_STEPS: Final = 300  # a minute
+
+
+def paper_tube(draws: int = 2000) -> Iterator[str]:
+    """Yield the parts of the paper's tube, -1 m <= z_m <= 1 m and U - K Z_m, for its own gains.
+
+    The part of the input set that the robust action uses, the modes of the closed loop of the
+    modelling error, and the share of modelling errors inside the assumed box that leave it without
+    disturbance. The robust law acts alone, as a tube requires: z_m is the deviation from the
+    nominal state, and u = u_f - u_b + u_m with erratum 6 corrected and as printed.
+    """
+    law, bound = RobustGains(), HorizonTuning().input_bound
+    yield "What u_m takes of U, and what is left of it (delta_t and lambda [deg], HP [%]):"
+    scale = (math.degrees(1.0), math.degrees(1.0), 100.0)
+    for label, taken in (
+        ("linear in z_m, |z_m| <= 1", np.multiply(law.saturation, law.proportional)),
+        ("saturated, no derivative", np.multiply(law.saturation, np.tanh(law.proportional))),
+        ("saturated, any derivative: k_s", np.array(law.saturation)),
+    ):
+        cells = [
+            f"{s * t:.2f} of {s * u:.2f}, left {s * (u - t):+.2f}"
+            for s, t, u in zip(scale, taken, bound, strict=True)
+        ]
+        yield f"  {label:<32}{'; '.join(cells)}"
+    reference = Reference(figure_eight(), Vehicle(), ConstantSpeed(1.0))
+    for section, time_s in {"straight": 2.0, "curve": 24.0}.items():
+        model = linearise(reference.at(np.array([time_s])), Vehicle(), PaperEquations())
+        a, b = (matrix[0] for matrix in zero_order_hold(*model, PERIOD_S))
+        for name, sign in (("corrected", -1), ("as printed", 1)):
+            loop = _linear_loop(a, b, law, sign)
+            modes = np.sort(np.abs(np.linalg.eigvals(loop)))[::-1][:4]
+            left = 100 * _leaving(a, b, law, sign, draws)
+            yield (
+                f"{section}, sign {name}: largest moduli {np.round(modes, 4).tolist()}, "
+                f"{left:.0f} % leave the box undisturbed"
+            )
+            yield f"  all seven states: {_invariant(loop)}"
+            kept = [row for row in range(11) if row not in (Error.X_I, 7 + 2)]
+            yield f"  without x_i:      {_invariant(loop[np.ix_(kept, kept)])}"
+
+
+def _linear_loop(a: FloatArray, b: FloatArray, law: RobustGains, sign: int) -> FloatArray:
+    """Return the closed loop of (z_m, positions one step before), tanh linearised, (11, 11).
+
+    The modelling error is the deviation of z_e, so that u_m moves it by -B u_m.
+    """
+    now, before = np.zeros((3, 7)), np.zeros((3, 7))
+    parts = (law.saturation, law.proportional, law.derivative)
+    for row, (state, k_s, k_p, k_d) in enumerate(zip(_ACTS_ON, *parts, strict=True)):
+        now[row, state] = k_s * (k_p + k_d / PERIOD_S)
+        before[row, state] = -k_s * k_d / PERIOD_S
+    positions, loop = list(POSITIONS), np.zeros((11, 11))
+    loop[:7, :7] = a + sign * b @ now
+    loop[:7, 7:] = sign * b @ before[:, positions]
+    loop[7:, positions] = np.eye(4)
+    return loop
+
+
+def _leaving(a: FloatArray, b: FloatArray, law: RobustGains, sign: int, draws: int) -> float:
+    """Return the share of deviations from inside the box that leave it, undisturbed."""
+    positions = list(POSITIONS)
+    z = np.random.default_rng(1).uniform(-1.0, 1.0, (draws, 7))
+    z[:, positions] *= _BOX_M
+    z[:, [Error.PSI_T, Error.PSI_I]] *= _YAW_RAD
+    z[:, Error.V] *= _SPEED_MPS
+    before, left = z, np.zeros(draws, dtype=bool)
+    k_s, k_p, k_d = map(np.array, (law.saturation, law.proportional, law.derivative))
+    for _ in range(_STEPS):
+        held, last = (np.clip(one[:, list(_ACTS_ON)], -1.0, 1.0) for one in (z, before))
+        u_m = k_s * np.tanh(k_p * held + k_d * (held - last) / PERIOD_S)
+        before, z = z, z @ a.T + sign * u_m @ b.T
+        left |= (np.abs(z[:, positions]) > _BOX_M).any(axis=1)
+    return float(left.mean())
+
+
+def _invariant(loop: FloatArray) -> str:
+    """Return the half widths of the invariant set under 1 mm, 1 mrad and 1 mm/s per step."""
+    n = len(loop)
+    system = TrackingSystem(
+        loop[None],
+        np.zeros((1, n, 1)),
+        np.eye(n)[None],
+        np.zeros((1, 1, n)),
+        np.zeros(1, dtype=np.intp),
+    )
+    try:
+        half = invariant_tube(system, DisturbanceSet(1e-3 * np.eye(n), shape="box")).states[0]
+    except InvalidTube as error:
+        return f"no invariant set, {error}"
+    trailer = half[Error.Y_I - (n < 11)]  # one place ahead where x_i is left out
+    return f"x_t {half[Error.X_T]:.2f} m, y_t {half[Error.Y_T]:.2f} m, y_i {trailer:.2f} m"
+
+
+STUDIES: Final = (
+    Study(
+        name="invariance",
+        page="docs/tube.md",
+        make=lambda runner: _fenced(invariance()),
+        checks=(("grass", "ttempc-tube"),),
+        minutes=0.5,
+    ),
+    Study(name="growing-gain", page="", make=lambda runner: gains(), minutes=0.1),
+    Study(
+        name="paper-tube",
+        page="docs/tube.md",
+        make=lambda runner: _fenced(paper_tube()),
+        checks=(("pavement", "paper"),),
+        minutes=0.1,
+    ),
+)

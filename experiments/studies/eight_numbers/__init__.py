@@ -1,1 +1,0 @@
-"""Search for one set of parameters under which both published controllers err as published."""

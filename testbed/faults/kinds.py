@@ -1,0 +1,526 @@
+"""Table of faults: what each kind acts on, its keys with their ranges, its effect, its refusal.
+
+A new kind is a row of `_TABLE`. Scenario files, their schema, docs and the search read the kinds
+from it.
+"""
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Union, get_args
+
+import mujoco
+import numpy as np
+from pydantic import Field
+
+from ttempc.types import Command, FloatArray, Measurement, Sensor
+
+from ..actuation.actuators import past_play
+from ..configuration.config_io import (
+    BearingDeg,
+    Fraction,
+    LengthM,
+    NotNegative,
+    PlaceM,
+    Positive,
+    Signed,
+    StrengthKpa,
+)
+from ..ground.features import Ditch, Step
+from ..ground.soil_layers import Patch
+from ..sensing.sensor_errors import Correlated
+from ..sensing.sensor_specification import SensorSpecification
+from ..simulation.plant import Plant
+from ..truth import WHEELS
+from ..vehicle.vehicle import Steering
+from ..wheels.soil_wheels import SoilWheels
+from .fault import SAME_TIME_S, Fault, FaultContext, Key, Row, Window, fault_type
+
+Made = Any
+"""A fault with the keys of its row; without a static type, since the table makes it."""
+
+_WHEEL_NAMES = Literal[
+    "front_left", "front_right", "rear_left", "rear_right", "trailer_left", "trailer_right"
+]
+_RECEIVER = Key(
+    "receiver", Literal["both", "tractor", "trailer"], "Receiver that is concerned.", "both"
+)
+_SENSOR = Key(
+    "sensor", Literal["steering_tractor", "steering_trailer", "hitch"], "Sensor that is concerned."
+)
+_GROUP = Key(
+    "group", Literal["all", "gnss", "angles", "encoder"], "Sensors that are concerned.", "all"
+)
+_OFFSET = Key("offset_m", Positive, "Length of the offset.")
+_DIRECTION = Key(
+    "direction_deg", BearingDeg, "Direction of the offset, counter-clockwise from east.", 0.0
+)
+_SHARE = Key("share", Fraction, "Share of the samples that are outliers, drawn one by one.", 1.0)
+_SD = Key("sd_m", Positive, "Standard deviation of the added error of an axis; assumed.", 0.5)
+_MEMORY = Key("correlation_time_s", Positive, "Correlation time of that error; assumed.", 20.0)
+_SIDE = Key("side", Literal["left", "right"], "Sign of the angle at the stop: left is positive.")
+_PART = Annotated[float, Field(gt=0, le=1)]
+_BODIES = Literal["tractor", "trailer"]
+
+# --- samples: between those that a sensor takes and those that the estimator gets -----------------
+
+SampleFilter = Callable[[Measurement], Sequence[tuple[float, Measurement]]]
+"""Turns a sample into the samples that arrive in its place, each with its further delay [s]."""
+
+_GNSS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
+_ANGLES: Final = (Sensor.STEERING_TRACTOR, Sensor.STEERING_TRAILER, Sensor.HITCH)
+_SETS: Final = {
+    "both": _GNSS,
+    "tractor": _GNSS[:1],
+    "trailer": _GNSS[1:],
+    "all": (*_GNSS, *_ANGLES, Sensor.ENCODER),
+    "gnss": _GNSS,
+    "angles": _ANGLES,
+    "encoder": (Sensor.ENCODER,),
+}
+
+
+def sensors_of(fault: Made) -> tuple[Sensor, ...]:
+    """Return the sensors whose samples a fault changes."""
+    if fault.row.on != "samples":
+        return ()
+    if fault.kind == "gyro_bias":
+        return (Sensor(f"imu_{fault.body}"),)
+    if hasattr(fault, "sensor"):
+        return (Sensor(fault.sensor),)
+    fixed = "encoder" if fault.kind.startswith("encoder") else "both"
+    return _SETS[getattr(fault, "receiver", getattr(fault, "group", fixed))]
+
+
+def refusal(fault: Fault, window: Window, context: FaultContext) -> str:
+    """Return why a fault cannot act in a window and scenario; empty where it can."""
+    row = fault.row
+    if row.refusal and (reason := row.refusal(fault, context)):
+        return reason
+    if row.on == "bus" and not window.holds_multiple(context.period_s):
+        return "no command is sent while it lasts"
+    if row.on == "samples" and context.true_state:
+        return "no sample is read, since controller.estimator is the truth"
+    for sensor in sensors_of(fault):
+        if not window.holds_multiple(context.sensors.period_s(sensor)):
+            return f"no sample of {sensor} is taken while it lasts"
+    return ""
+
+
+class Sampling(NamedTuple):
+    """Circumstances of a fault of one sensor."""
+
+    window: Window
+    specification: SensorSpecification
+    rng: np.random.Generator  # of this fault and sensor alone
+
+
+def _nothing(sample: Measurement) -> Sequence[tuple[float, Measurement]]:
+    return ()
+
+
+def _changed(change: Callable[[Measurement], Measurement]) -> SampleFilter:
+    return lambda sample: [(0.0, change(sample))]
+
+
+def _added(offset: Callable[[float], tuple[float, ...]]) -> SampleFilter:
+    """Return the filter that adds a function of the sampling time [s] to the first components."""
+
+    def change(sample: Measurement) -> Measurement:
+        error = offset(sample.time_s)
+        first = tuple(value + part for value, part in zip(sample.value, error, strict=False))
+        return replace(sample, value=(*first, *sample.value[len(error) :]))
+
+    return _changed(change)
+
+
+def _frozen(fault: Made, run: Sampling) -> SampleFilter:
+    """Return the filter that repeats the value of its first sample."""
+    first: list[tuple[float, ...]] = []
+
+    def change(sample: Measurement) -> Measurement:
+        if not first:
+            first.append(sample.value)
+        return replace(sample, value=first[0])
+
+    return _changed(change)
+
+
+def _stamped(stamp: Callable[[float], float]) -> SampleFilter:
+    return _changed(lambda sample: replace(sample, time_s=stamp(sample.time_s)))
+
+
+def _vector(length: float, direction_deg: float) -> tuple[float, float]:
+    direction = math.radians(direction_deg)
+    return length * math.cos(direction), length * math.sin(direction)
+
+
+def _swapped(sample: Measurement) -> Measurement:
+    return replace(sample, sensor=_GNSS[sample.sensor == _GNSS[0]])
+
+
+def _scaled(factor: float) -> SampleFilter:
+    return _changed(lambda sample: replace(sample, value=(factor * sample.value[0],)))
+
+
+def _outlier(fault: Made, run: Sampling) -> SampleFilter:
+    def offset(time_s: float) -> tuple[float, float]:
+        hit, direction = run.rng.random() < fault.share, run.rng.uniform(0.0, 360.0)
+        return _vector(fault.offset_m * hit, direction)
+
+    return _added(offset)
+
+
+def _float(fault: Made, run: Sampling) -> SampleFilter:
+    rng, period_s = run.rng, 1.0 / run.specification.gnss_rate_hz
+    sd = np.full(2, fault.sd_m)
+    error = Correlated(sd, 0.0, fault.correlation_time_s, period_s, rng, rng)
+    return _added(lambda time_s: tuple(error.draw()))
+
+
+def _without_effect(key: str, value: float) -> Callable[[Made, FaultContext], str]:
+    """Return the refusal of the value of a key at which the fault has no effect."""
+    return lambda fault, context: f"{key} is {value:g}" if getattr(fault, key) == value else ""
+
+
+def _no_gyro_bias(fault: Made, context: FaultContext) -> str:
+    if not context.sensors.imu.on:
+        return "there is no IMU, sensors.imu.on is false"
+    return "" if fault.bias_degps else "bias_degps is 0"
+
+
+# --- commands and valves: between a command and the servos ----------------------------------------
+
+_VALVES: Final = {"front": 0, "trailer": 1, "hydrostat": 2}
+
+
+class BusState(NamedTuple):
+    """Commands on their way to the valves."""
+
+    arrived: Command  # that reaches the valves
+    under_way: tuple[tuple[float, Command], ...] = ()  # times of arrival [s] and later commands
+
+
+def valve(fault: Fault) -> int:
+    """Return the number of a fault's valve: front steering, trailer steering, hydrostat."""
+    return _VALVES[fault.kind.split("_")[0]]
+
+
+def _steering(fault: Fault, context: FaultContext) -> Steering:
+    return (context.vehicle.front_steering, context.vehicle.trailer_steering)[valve(fault)]
+
+
+def _late(fault: Made, bus: BusState, command: Command, now_s: float) -> BusState:
+    arrived, under_way = bus
+    newest = under_way[-1][1] if under_way else arrived
+    if command != newest:
+        under_way = (*under_way, (now_s + fault.delay_s, command))
+    while under_way and under_way[0][0] <= now_s + SAME_TIME_S:
+        arrived, under_way = under_way[0][1], under_way[1:]
+    return BusState(arrived, under_way)
+
+
+def _slow(fault: Made, memory: float, target: float, timestep: float, stop: float) -> float:
+    most = math.radians(fault.rate_degps) * timestep
+    return memory + min(max(target - memory, -most), most)
+
+
+def _sluggish(fault: Made, memory: float, target: float, timestep: float, stop: float) -> float:
+    # exact for a constant target
+    return target + (memory - target) * math.exp(-timestep / fault.time_constant_s)
+
+
+def _not_slower(fault: Made, context: FaultContext) -> str:
+    rate = _steering(fault, context).rate_degps
+    if fault.rate_degps < rate:
+        return ""
+    return f"got rate_degps {fault.rate_degps:g}, must be below that of the valve, {rate:g}"
+
+
+def _too_much_play(fault: Made, context: FaultContext) -> str:
+    stop = _steering(fault, context).limit_deg
+    if fault.play_deg < stop:
+        return ""
+    return f"got play_deg {fault.play_deg:g}, must be below the stop at {stop:g}"
+
+
+# --- plant: forces on its bodies, parameters that change while it drives --------------------------
+# They act in whole control periods. A force is scaled by the share of the period in which it acts,
+# so that its impulse is exact; it is added to `qfrc_applied`, which is 0 before them.
+
+Effect = Callable[[float], None]
+"""Sets a fault for the next control period, from the share of the period in which it acts."""
+
+_RADIUS, _STIFFNESS = 0, 4  # columns of `Tyres.table`
+_LARGEST_SHIFT: Final = 0.5  # of a load over the size of the box: its centre stays in the box
+
+
+def _switched(values: FloatArray, faulty: FloatArray) -> Effect:
+    """Return the effect that replaces values of the model in place while the fault acts."""
+    healthy = values.copy()
+
+    def effect(share: float) -> None:
+        values[:] = faulty if share > 0.0 else healthy
+
+    return effect
+
+
+def _push(plant: Plant, force: FloatArray, point: FloatArray, body: int) -> None:
+    """Add a force [N] at a point [m] of a body, both in the map frame."""
+    if force.any():
+        target = plant.data.qfrc_applied
+        mujoco.mj_applyFT(plant.model, plant.data, force, np.zeros(3), point, body, target)
+
+
+def _free(fault: Fault, plant: Plant) -> Effect:
+    actuator = "steer" if fault.kind.startswith("front") else "rj2"
+    limits = plant.model.actuator_forcerange[plant.model.actuator(actuator).id]
+    return _switched(limits, np.zeros(2))
+
+
+def _shift(fault: Made, plant: Plant) -> Effect:
+    place = plant.model.body_pos[plant.model.body("load").id]
+    return _switched(place, place + np.array([fault.forward_m, fault.left_m, 0.0]))
+
+
+def _no_shift(fault: Made, context: FaultContext) -> str:
+    if not context.vehicle.load.mass_kg:
+        return "the trailer is empty, plant.vehicle.load_kg is 0"
+    box = context.vehicle.box
+    for key, size in (("left_m", box.width_m), ("forward_m", box.length_m)):
+        shift, most = getattr(fault, key), _LARGEST_SHIFT * size
+        if abs(shift) > most:
+            return f"got {key} {shift:g}, must be at most {most:g}, half the box"
+    return "" if fault.left_m or fault.forward_m else "left_m and forward_m are 0"
+
+
+def _flat(fault: Made, plant: Plant) -> Effect:
+    wheels = plant.wheels
+    assert isinstance(wheels, SoilWheels)
+    tyre = wheels.tyre_table[WHEELS.index(fault.wheel)]
+    flat = tyre.copy()
+    flat[_RADIUS] -= fault.radius_loss_m
+    flat[_STIFFNESS] *= fault.stiffness_factor
+    return _switched(tyre, flat)
+
+
+def _not_flat(fault: Made, context: FaultContext) -> str:
+    if not context.soil_wheels:
+        return 'plant.wheels must be "soil"'
+    loss, wheel = fault.radius_loss_m, context.vehicle.wheels[fault.wheel.split("_")[0]]
+    if loss > 0.5 * wheel.radius_m:
+        most = f"{0.5 * wheel.radius_m:g}, half the radius"
+        return f"got radius_loss_m {loss:g}, must be at most {most}"
+    return "" if loss or fault.stiffness_factor < 1.0 else "the tyre is as before"
+
+
+def _gust(fault: Made, plant: Plant) -> Effect:
+    direction = math.radians(fault.direction_deg)
+    force = fault.force_n * np.array([math.cos(direction), math.sin(direction), 0.0])
+    body = plant.model.body(fault.body).id
+    return lambda share: _push(plant, share * force, plant.data.xipos[body], body)
+
+
+def _stone(fault: Made, plant: Plant) -> Effect:
+    wheel = plant.model.body(fault.wheel).id
+    carrier = "trailer" if fault.wheel.startswith("trailer") else "tractor"
+    body = plant.model.body(carrier).id
+
+    def effect(share: float) -> None:
+        ahead = plant.data.xmat[body].reshape(3, 3)[:, 0]
+        force = -fault.impulse_ns / fault.duration_s * share * ahead
+        _push(plant, force, plant.data.xpos[wheel], wheel)
+
+    return effect
+
+
+# --- ground: surprises across the path, where the reference of the tractor is at the start --------
+
+PathPose = tuple[float, float, float]
+"""x, y [m] and heading [rad] of the path at the place of a fault."""
+
+
+def _patch(fault: Made, pose: PathPose) -> Patch:
+    x, y, yaw = pose
+    return Patch(
+        x_m=x - fault.left_m * math.sin(yaw),
+        y_m=y + fault.left_m * math.cos(yaw),
+        radius_m=fault.radius_m,
+        cone_index_kpa=fault.cone_index_kpa,
+    )
+
+
+def _ditch(fault: Made, pose: PathPose) -> Ditch:
+    x, y, yaw = pose
+    across_deg = math.degrees(yaw) + 90.0
+    size = {"depth_m": fault.depth_m, "width_m": fault.width_m, "length_m": fault.length_m}
+    return Ditch(x_m=x, y_m=y, along_deg=across_deg, **size)
+
+
+def _step(fault: Made, pose: PathPose) -> Step:
+    x, y, yaw = pose
+    size = {"height_m": fault.height_m, "ramp_m": fault.ramp_m}
+    return Step(x_m=x, y_m=y, uphill_deg=math.degrees(yaw), **size)
+
+
+# --- the table ------------------------------------------------------------------------------------
+
+# fmt: off
+_TABLE: Final = (
+    Row("gnss_out", "samples", "No samples arrive.", (_RECEIVER,), lambda f, run: _nothing),
+    Row("gnss_frozen", "samples", "The first position is repeated under new stamps.",
+        (_RECEIVER,), _frozen),
+    Row("gnss_jump", "samples", "All positions are off by a constant vector.",
+        (_RECEIVER, _OFFSET, _DIRECTION),
+        lambda f, run: _added(lambda time_s: _vector(f.offset_m, f.direction_deg))),
+    Row("gnss_drift", "samples", "An offset of the positions grows at a constant rate.",
+        (_RECEIVER, Key("rate_mps", Positive, "Rate at which the offset grows."), _DIRECTION),
+        lambda f, run: _added(lambda time_s: _vector(f.rate_mps * (time_s - run.window.start_s),
+                                                     f.direction_deg))),
+    Row("gnss_outlier", "samples",
+        "Single positions are off by a vector of constant length and random direction.",
+        (_RECEIVER, _OFFSET, _SHARE), _outlier, _without_effect("share", 0.0)),
+    Row("gnss_float", "samples",
+        "The receivers lose the fixed ambiguities: a correlated error is added.",
+        (_RECEIVER, _SD, _MEMORY), _float),
+    Row("gnss_late", "samples",
+        "Samples arrive later than the scenario's latency has it; their stamps are right.",
+        (_RECEIVER, Key("delay_s", Positive, "Further time from sampling to delivery.")),
+        lambda f, run: lambda sample: [(f.delay_s, sample)]),
+    Row("antennas_swapped", "samples",
+        "Each receiver's samples come under the name of the other one.",
+        (), lambda f, run: _changed(_swapped)),
+    Row("angle_stuck", "samples", "An angle sensor repeats its first reading.",
+        (_SENSOR,), _frozen),
+    Row("angle_bias", "samples", "An angle sensor reads too much by a constant.",
+        (_SENSOR, Key("bias_deg", BearingDeg, "What is added to a reading.")),
+        lambda f, run: _added(lambda time_s: (math.radians(f.bias_deg),)),
+        _without_effect("bias_deg", 0.0)),
+    Row("angle_drift", "samples", "The error of an angle sensor grows at a constant rate.",
+        (_SENSOR, Key("rate_degps", Signed, "Rate at which the error grows.")),
+        lambda f, run: _added(
+            lambda time_s: (math.radians(f.rate_degps) * (time_s - run.window.start_s),)),
+        _without_effect("rate_degps", 0.0)),
+    Row("angle_noise", "samples", "White noise is added to an angle sensor.",
+        (_SENSOR, Key("sd_deg", Positive, "Standard deviation of the added error.")),
+        lambda f, run: _added(
+            lambda time_s: (math.radians(f.sd_deg) * float(run.rng.standard_normal()),))),
+    Row("gyro_bias", "samples", "The yaw rate of an IMU is too large by a constant.",
+        (Key("body", _BODIES, "Body on which the IMU is."),
+         Key("bias_degps", Signed, "What is added to a yaw rate.")),
+        lambda f, run: _added(lambda time_s: (math.radians(f.bias_degps),)), _no_gyro_bias),
+    Row("encoder_dead", "samples", "The speed encoder reads 0.",
+        (), lambda f, run: _changed(lambda sample: replace(sample, value=(0.0,)))),
+    Row("encoder_scaled", "samples",
+        "The speed encoder reads a multiple of the speed: 2 doubled, -1 reversed.",
+        (Key("factor", Signed, "Factor on a reading, not 1."),),
+        lambda f, run: _scaled(f.factor), _without_effect("factor", 1.0)),
+    Row("samples_duplicated", "samples", "Each sample arrives twice.",
+        (_GROUP,), lambda f, run: lambda sample: [(0.0, sample), (0.0, sample)]),
+    Row("stamps_backward", "samples", "Time stamps run backward from the start of the fault.",
+        (_GROUP,), lambda f, run: _stamped(lambda time_s: 2.0 * run.window.start_s - time_s)),
+    Row("stamps_shifted", "samples",
+        "Time stamps are wrong by a constant: negative ones are too old.",
+        (_GROUP, Key("offset_s", Signed, "What is added to a stamp, not 0.")),
+        lambda f, run: _stamped(lambda time_s: time_s + f.offset_s),
+        _without_effect("offset_s", 0.0)),
+
+    Row("commands_lost", "bus", "Commands do not arrive; the last one before holds.",
+        (), lambda f, bus, command, now_s: bus),
+    Row("commands_late", "bus",
+        "Commands arrive late, as after a missed deadline; those under way at the end are lost.",
+        (Key("delay_s", Positive, "Further time from tick to valve."),), _late),
+    Row("front_steering_stuck trailer_steering_stuck hydrostat_stuck", "valve",
+        "A valve is closed: the axis stays where it is.",
+        (), lambda f, memory, target, timestep, stop: memory),
+    Row("front_steering_slow trailer_steering_slow", "valve",
+        "A steering valve gives less oil: the angle changes at a lower rate.",
+        (Key("rate_degps", Positive, "Largest rate; below that of the vehicle."),),
+        _slow, _not_slower),
+    Row("front_steering_hard_over trailer_steering_hard_over", "valve",
+        "A steering valve is fully open to one side: the axis runs to its stop.",
+        (_SIDE,), lambda f, memory, target, timestep, stop: stop if f.side == "left" else -stop),
+    Row("front_steering_play trailer_steering_play", "valve",
+        "A steering linkage is worn: the wheel follows its cylinder with play.",
+        (Key("play_deg", Positive, "Whole play."),),
+        lambda f, memory, target, timestep, stop: past_play(
+            memory, target, math.radians(f.play_deg)),
+        _too_much_play),
+    Row("hydrostat_cut", "valve",
+        "The position of the hydrostat falls to 0, whatever is commanded.",
+        (), lambda f, memory, target, timestep, stop: 0.0),
+    Row("hydrostat_sluggish", "valve",
+        "The hydrostat follows its command through a further first-order lag.",
+        (Key("time_constant_s", Positive, "Time constant of the lag."),), _sluggish),
+
+    Row("front_steering_free trailer_steering_free", "plant",
+        "A steering cylinder has lost its oil: no torque holds the angle.", (), _free),
+    Row("load_shift", "plant", "The load of the trailer slides.",
+        (Key("left_m", PlaceM, "Shift of its centre to the left.", 0.0),
+         Key("forward_m", PlaceM, "Shift of its centre to the front.", 0.0)), _shift, _no_shift),
+    Row("tyre_flat", "plant", "A tyre loses its air: it is smaller and softer.",
+        (Key("wheel", _WHEEL_NAMES, "Wheel that is concerned."),
+         Key("radius_loss_m", NotNegative, "Loss of radius; assumed.", 0.05),
+         Key("stiffness_factor", _PART, "Factor on the stiffness; assumed.", 0.4)),
+        _flat, _not_flat),
+    Row("gust", "plant", "A constant horizontal force on the centre of mass of a body.",
+        (Key("body", _BODIES, "Body that is pushed.", "trailer"),
+         Key("force_n", Positive, "Force."),
+         Key("direction_deg", BearingDeg, "Direction of the force, counter-clockwise from east.")),
+        _gust),
+    Row("stone", "plant", "A wheel hits an obstacle: an impulse to the rear at its centre.",
+        (Key("wheel", _WHEEL_NAMES, "Wheel that hits the obstacle."),
+         Key("impulse_ns", Positive, "Impulse."),
+         Key("duration_s", Positive, "Time over which the impulse is spread; assumed.", 0.1)),
+        _stone),
+
+    Row("soil_patch", "ground", "A round patch of soil of another strength.",
+        (Key("radius_m", LengthM, "Radius."),
+         Key("cone_index_kpa", StrengthKpa, "Cone index inside the patch."),
+         Key("left_m", PlaceM, "Distance of its centre to the left of the path.", 0.0)), _patch),
+    Row("ditch", "ground", "A ditch across the path.",
+        (Key("depth_m", LengthM, "Depth in the middle."),
+         Key("width_m", LengthM, "Width at the top, along the path."),
+         Key("length_m", NotNegative, "Length across the path; 0: a round hole.", 6.0)), _ditch),
+    Row("step", "ground",
+        "Ground that is higher behind a line across the path; the line spans the field.",
+        (Key("height_m", PlaceM, "Height behind the ramp; negative for a step down."),
+         Key("ramp_m", LengthM, "Length of the ramp.")), _step),
+)
+# fmt: on
+
+_TYPES: Final = tuple(fault_type(row, __name__) for row in _TABLE)
+globals().update({table.__name__: table for table in _TYPES})  # pickle finds them by their names
+
+KINDS: Final[dict[str, type[Fault]]] = {
+    kind: table for table in _TYPES for kind in table.row.kinds.split()
+}
+"""Dataclass of each kind of fault."""
+
+if TYPE_CHECKING:
+    AnyFault = Fault
+else:
+    AnyFault = Annotated[Union[_TYPES], Field(discriminator="kind")]  # noqa: UP007
+    """A table of `[[faults]]`, chosen by its `kind`."""
+
+
+def kinds_table() -> str:
+    """Return the Markdown table of all kinds with their own keys and effects."""
+    lines = ["| kinds | keys beside the common ones | effect |", "|---|---|---|"]
+    for row in _TABLE:
+        kinds = ", ".join(f"`{kind}`" for kind in row.kinds.split())
+        keys = ", ".join(map(_shown, row.keys))
+        lines.append(f"| {kinds} | {keys or '-'} | {row.text} |")
+    return "\n".join(lines)
+
+
+def _shown(key: Key) -> str:
+    if key.default is not ...:
+        return f"`{key.name}` ({key.default})"
+    choices = " or ".join(f'"{word}"' for word in get_args(key.type) if isinstance(word, str))
+    return f"`{key.name}`: {choices}" if choices else f"`{key.name}`"
