@@ -53,22 +53,28 @@ def cached_njit(
 class Compilation(event.TimingListener):
     """Kernels that this process compiled, and the time that it took.
 
-    `done` is whether there was one, `duration` the time [s].
+    `done` is whether there was one, `duration` the time [s]. `on_first` is called before the first
+    one, if the result is kept on disk.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self.kernels = 0
+        self.kernels = self._announced = 0
+        self.on_first: Callable[[], object] = lambda: None
 
     def on_start(self, event: event.Event) -> None:
         """Count a kernel; announce the first, unless a line said already that none is kept."""
         if not (self.kernels or _warn_of_no_cache.cache_info().currsize):
-            _LOG.warning(
-                "compiling kernels, in about 25 s on an idle core, several times that on a busy "
-                "one: later processes load them"
-            )
+            _LOG.warning("compiling kernels, once: later processes load them")
+            self.on_first()
         self.kernels += 1
         super().on_start(event)
+
+    def announce(self) -> None:
+        """Log how many kernels were compiled and in what time, if there are new ones."""
+        if self.kernels > self._announced:
+            self._announced = self.kernels
+            _LOG.warning("compiled %d kernels in %.1f s", self.kernels, self.duration)
 
 
 COMPILATION: Final = Compilation()

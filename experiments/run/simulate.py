@@ -23,7 +23,7 @@ from ...testbed.recording.record import Event, Record, Recorder
 from ...testbed.recording.sink import OnEvent, Sink, Tee
 from ...testbed.recording.topics import REFERENCE_PATH_TOPIC
 from ...testbed.simulation.loop import Outcome, drive, prepare
-from ..output import make_folder, refuse_existing, write_file
+from ..output import make_folder, progress, refuse_existing, write_file
 from ..results.metrics import summarise
 from ..results.published import PublishedError, published_beside
 from ..results.summary import RunFacts, Summary
@@ -36,8 +36,6 @@ from .shared_parts import SharedParts
 from .user_code import exits_raise, name_of, user_sources
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from ...testbed.viewers.live import LiveView
 
 SETTINGS: Final = "settings: "
@@ -120,7 +118,7 @@ def run(
     record_hz: float | None = None,
     watch: Callable[[Scenery], LiveView] | None = None,
     on_event: Callable[[Event], object] | None = None,
-    progress: bool | None = None,
+    shown: bool | None = None,
     factory: Callable[..., object] | None = None,
     options: Mapping[str, OptionValue] | None = None,
     make: Callable[[Scenario, int, Callable[..., object] | None], Assembly] = assemble,
@@ -135,7 +133,7 @@ def run(
         record_hz: how often the truth is written down [Hz]; None: as in `record_rate`.
         watch: opens a live view of the run; it gets the same data as the log.
         on_event: called with every event when it occurs.
-        progress: whether to show a bar; None: where someone watches.
+        shown: whether to show progress, see `output.progress`.
         factory: makes a controller of your own, as in `simulate`.
         options: keyword options of the factory.
         make: makes the objects of the run from scenario, seed and factory.
@@ -161,12 +159,12 @@ def run(
         recorder = Recorder()
         log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
         what = f"{name}, {scenario.controller.name}, seed {seed}"
-        bar = stack.enter_context(_progress(assembly.ticks, what, progress))
+        count = stack.enter_context(progress(assembly.ticks, what, "tick", shown))
         viewers = Tee(log, *views)  # who read of the run's start, settings and end
         for event in first_lines(metadata, scenario):
             viewers.event(event)
         sink = Tee(recorder, viewers, *([OnEvent(on_event)] if on_event else ()))
-        outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
+        outcome = drive_into(sink, assembly, record_hz, lambda k: count())
         viewers.event(last_line(outcome))
     mismatch, notes = assembly.mismatch, assembly.notes
     del assembly  # plant and horizons: record and figures of a long run take their memory
@@ -330,11 +328,3 @@ def _facts(
         versions=code,
         log=log,
     )
-
-
-def _progress(ticks: int, what: str, shown: bool | None) -> tqdm:
-    """Return a bar over control periods; silent where no one is watching."""
-    from tqdm import tqdm  # here, because `simulate` has no bar
-
-    shown = sys.stderr.isatty() if shown is None else shown
-    return tqdm(total=ticks, desc=what, unit="tick", disable=not shown, leave=False)

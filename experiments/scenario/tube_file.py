@@ -63,7 +63,7 @@ class HoldOut:
 
 @dataclass(frozen=True, config=STRICT)
 class ResidualTable:
-    """Size of the residuals, in the order of `State`; see `experiments.tubes.residuals`."""
+    """Size of the residuals, in the order of `State`; see `experiments.tubes.fit`."""
 
     mean: _Row
     sd: _Row

@@ -17,8 +17,7 @@ import numpy as np
 from ttempc.reference.reference import Reference
 from ttempc.types import Estimate, FloatArray, State
 
-from .link import Refused, Trouble
-from .protocol import Received, RemoteCommand, RunFacts, TickData
+from .link import Received, Refused, RemoteCommand, RunFacts, TickData, Trouble
 
 VERSION: Final = 1
 _MOST_BYTES: Final = 1024  # of a datagram of the peer

@@ -13,8 +13,7 @@ import tempfile
 from pathlib import Path
 
 from ..scenario.scenario import load, shipped
-from ..validation.plant_validation import PlantValidation, figure_text
-from ..validation.validation_report import write_plant_validation
+from ..validation.validation_report import ValidationReport, figure_text, validation_report
 
 
 def main(folder: Path) -> None:
@@ -25,15 +24,15 @@ def main(folder: Path) -> None:
         scenario = load(name, [f'plant.wheels="{wheels}"'])[1]
         with tempfile.TemporaryDirectory() as parent:
             output = Path(parent) / "card"
-            card = write_plant_validation(name, scenario, output, lambda check: None)
+            card = validation_report(name, scenario, output)
             stem = name if wheels == "soil" else f"{name}-{wheels}"
             for suffix in ("html", "json"):
-                content = (output / f"card.{suffix}").read_bytes()
+                content = (output / f"validation.{suffix}").read_bytes()
                 (folder / f"{stem}.{suffix}").write_bytes(content)
         print(_row(stem, card), flush=True)
 
 
-def _row(stem: str, card: PlantValidation) -> str:
+def _row(stem: str, card: ValidationReport) -> str:
     judged = [check for check in card.checks if check.passed is not None]
     failed = "; ".join(
         f"{check.name}: {figure_text(check)}, expected {check.expectation}"

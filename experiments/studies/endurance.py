@@ -22,12 +22,12 @@ from ttempc.types import Command
 from ...testbed.errors import PlantDiverged
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import ISO_8608, rough
-from ...testbed.inspection.bench import Bench, steps
 from ...testbed.randomness import generator
 from ...testbed.simulation.plant import Plant
 from ...testbed.simulation.termination import TerminationLimits, check_termination
+from ...testbed.validation.bench import Bench, steps
 from ..scenario.scenario import load
-from ..validation.plant_validation import bench
+from ..validation.validation_report import bench
 
 _PERIOD_S: Final = 0.2
 _HOLD: Final = 10  # periods between two random commands

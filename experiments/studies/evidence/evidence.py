@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Final, Literal
 
-from ....testbed.inspection.check import Check, number
+from ....testbed.validation.check import Check, number
 
 Verdict = Literal["in band", "below", "above", "no figure", "not judged"]
 

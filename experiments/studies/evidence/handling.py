@@ -13,8 +13,8 @@ from ttempc.types import FloatArray
 
 from ....testbed.ground.soil import SoilMap
 from ....testbed.ground.terrain import flat
-from ....testbed.inspection.bench import FIRM_KPA, Bench, drive, steps
-from ....testbed.inspection.check import between
+from ....testbed.validation.bench import FIRM_KPA, Bench, drive, steps
+from ....testbed.validation.check import between
 from ....testbed.vehicle.vehicle import PlantVehicle, read_vehicle
 from ....testbed.wheels.soil_law import SoilLaw
 from .evidence import ASSUMED_RULE, Evidence, around

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ttempc.types import FloatArray, Sensor
 
-from ....testbed.inspection.check import between
 from ....testbed.recording.channels import MEASUREMENT, STATE
 from ....testbed.recording.record import Record
+from ....testbed.validation.check import between
 from ...results.tracking_errors import START_UP_S, tracking_errors
 from ...run.simulate import simulate
 from ...scenario.scenario import load

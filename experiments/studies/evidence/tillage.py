@@ -9,9 +9,9 @@ import numpy as np
 
 from ttempc.types import FloatArray
 
-from ....testbed.inspection.check import between
 from ....testbed.recording.channels import STATE, TOOL
 from ....testbed.recording.record import Record
+from ....testbed.validation.check import between
 from ...results.tracking_errors import START_UP_S, rows_at_same_time
 from .drives import (
     CULTIVATOR,

@@ -9,14 +9,13 @@ from typing import Final
 import numpy as np
 
 from ....testbed.ground.terrain import flat
-from ....testbed.inspection.bench import DRIVEN, Bench
-from ....testbed.inspection.check import Check, between
-from ....testbed.inspection.traction import efficiency
 from ....testbed.truth import WHEELS
+from ....testbed.validation.bench import DRIVEN, Bench
+from ....testbed.validation.check import Check, between
+from ....testbed.validation.validate import validate
 from ....testbed.vehicle.servos import tyres_of
 from ....testbed.wheels import tyre
 from ....testbed.wheels.soil_law import SoilLaw
-from ....testbed.wheels.tyre import WheelMotion
 from .evidence import ASSUMED_RULE, Evidence, around
 from .handling import farm
 
@@ -42,25 +41,16 @@ def side_ratio(slip_angle: float, slip: float, bn: float) -> float:
         slip: driving positive.
         bn: mobility number of the wheel, at its rated load.
     """
-    tyres, law, ground = tyres_of(farm().vehicle), SoilLaw(), flat((40.0, 10.0))
-    speed, count, dt = 1.0, len(WHEELS), 0.01
-    ahead, aside = speed * math.cos(slip_angle), speed * math.sin(slip_angle)
-    rim = ahead / (1.0 - slip) / tyres.radius
-    zero, one = np.zeros(count), np.ones(count)
-    sunk = tyres.relative_deflection * tyres.section_height
-    motion = WheelMotion(
-        np.column_stack([zero, zero, tyres.radius - sunk]),
-        np.column_stack([zero, one, zero]),
-        np.column_stack([ahead * one, aside * one, zero]),
-        np.column_stack([zero, rim, zero]),
-    )
-    load = tyre.contact(tyres, ground, motion).load
-    cone_index = bn / tyre.mobility(law, tyres, load, one)[0]
-    deflection = np.zeros((count, 3))
-    for _ in range(round(_ROLLED_M / (speed * dt))):
-        deflection, _ = tyre.step(law, tyres, ground, cone_index, motion, deflection, dt)
-    _, forces = tyre.step(law, tyres, ground, cone_index, motion, deflection, dt)
-    return float(forces.force_lat[_REAR] / load[_REAR])
+    law = SoilLaw()
+    bn_area, m_area = tyres_of(farm().vehicle).mobility_areas(law)[_REAR]
+    numbers, m = np.array([bn]), np.array([bn * m_area / bn_area])
+    # the slip angle of the law refers to the speed of travel, or of sliding where it is larger
+    travel = max(math.cos(slip_angle), math.cos(slip_angle) * slip / (1.0 - slip))
+    angle = np.arctan(np.array([math.sin(slip_angle) / travel]))
+    traction, side = law.combined_ratios(numbers, m, slip, angle)
+    pull = traction - law.soil_resistance_ratio(numbers, np.array([slip]))
+    used = np.hypot(pull / law.largest_traction_ratio(numbers), side / law.largest_side_ratio(m))
+    return float(side[0] / max(1.0, used[0]))
 
 
 def combined_slip() -> list[Evidence]:
@@ -147,7 +137,7 @@ def _efficiency(bench: Bench, bn: float) -> list[Check]:
     load = plant.reset(0.0, 0.0, 0.0, 0.0).wheels.load
     per_kpa = tyre.mobility(bench.wheel_law, plant.tyres, load, np.ones(len(WHEELS)))[0]
     soil = replace(bench.soil, background=bn / float(per_kpa[DRIVEN].mean()))
-    return efficiency(replace(bench, soil=soil))
+    return [*validate(replace(bench, soil=soil), ("tractive efficiency",))]
 
 
 def _best(check: Check) -> float:

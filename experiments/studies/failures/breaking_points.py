@@ -3,8 +3,7 @@
     python -m experiments.studies.failures.breaking_points [SEEDS]      (default: 3)
 
 Prints the Markdown table of docs/results.md: the last value at which the vehicle completes one lap
-of `grass` and the first at which it is lost, in at least half of the seeds. `ttempc envelope` makes
-one such search.
+of `grass` and the first at which it is lost, in at least half of the seeds.
 """
 
 from __future__ import annotations
@@ -13,19 +12,20 @@ import sys
 from typing import Final
 
 from ...scenario.scenario import parse_overrides
+from ...search.limit import Limit, Question, find_limit
+from ...search.quantities import QUANTITIES
 from ...seeds import report_seeds
 from ...sweep.engine import engine
-from ...sweep.envelope import QUANTITIES, Envelope, Question, envelope
 from ..batch import run_tasks
 
 CONTROLLERS: Final = ("ttempc", "pid", "paper")
 TOLERANCES: Final = {"cone-index": 10.0, "slope": 0.01, "delay": 0.05}
 
 
-def search(question: Question) -> Envelope:
+def search(question: Question) -> Limit:
     """Return the answer to a question, found in this process."""
     with engine(workers=0) as here:
-        return envelope(question, here)
+        return find_limit(question, here)
 
 
 def main(seeds: tuple[int, ...] = report_seeds(3), path: str = "path.laps=1") -> None:
@@ -35,8 +35,7 @@ def main(seeds: tuple[int, ...] = report_seeds(3), path: str = "path.laps=1") ->
             scenario="grass",
             controller=controller,
             quantity=quantity,
-            low=QUANTITIES[quantity].low,
-            high=QUANTITIES[quantity].high,
+            parameter=QUANTITIES[quantity],
             tolerance=tolerance,
             limit_m=None,
             seeds=seeds,
@@ -53,7 +52,7 @@ def main(seeds: tuple[int, ...] = report_seeds(3), path: str = "path.laps=1") ->
         print(f"| {quantity.replace('-', ' ')} [{QUANTITIES[quantity].unit}] | {cells} |")
 
 
-def _text(result: Envelope) -> str:
+def _text(result: Limit) -> str:
     if result.outcome != "found":
         return f"{result.outcome} from {result.probes[0].value:g} to {result.probes[-1].value:g}"
     note = "" if result.monotone else ", not monotone"

@@ -2,7 +2,7 @@
 
     python -m experiments.studies.failures.worst_cases [BUDGET]      (default: 30 runs a search)
 
-Prints the Markdown tables of docs/worst-cases.md. Each row is one `ttempc falsify`.
+Prints the Markdown tables of docs/worst-cases.md. Each row is one `ttempc search worst`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ttempc.guidance.controllers import CONTROLLERS
 
 from ...scenario.scenario import merge_tables, parse_overrides, read_scenario
 from ...search.quantities import read_subject
-from ...search.search import Report, Search
+from ...search.worst_case import Report, Search
 from ...seeds import report_seeds
 from ...sweep.engine import engine
 from ..batch import run_tasks
@@ -26,7 +26,7 @@ from ..batch import run_tasks
 class Question:
     """What is searched for."""
 
-    words: tuple[str, ...]  # of `ttempc falsify`
+    words: tuple[str, ...]  # of `ttempc search worst`
     limit_m: float | None = None  # of the trailer's 95 % cross-track error
 
 
@@ -37,12 +37,9 @@ BUDGET: Final = 30
 LIMIT_M: Final = 0.3  # of the trailer's 95 % cross-track error, where a question has it
 QUESTIONS: Final = {
     "Gust on the trailer": Question(("gust",)),
-    "Soft patch on a slope": Question(("soil-patch", "slope", "terrain.uphill_deg=0:360:free")),
-    "Late commands": Question(("late-commands",), LIMIT_M),
+    "Soft patch on a slope": Question(("soil_patch", "slope", "terrain.uphill_deg=0:360:free")),
+    "Late commands": Question(("commands_late",), LIMIT_M),
 }
-RARE: Final = ("ttempc", "pid")
-RARE_WORDS: Final = ("gust", "faults.gust.force_n=10:3900")
-SAMPLES: Final = 100
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,6 @@ class Task:
     question: Question
     budget: int
     seed: int
-    samples: int = 0  # per level, of the probability of failure; 0: none
 
 
 def search(task: Task) -> Report:
@@ -65,7 +61,7 @@ def search(task: Task) -> Report:
     with engine(workers=0) as here:
         found = Search(subject, here, task.seed, question.limit_m)
         found.falsify(task.budget)
-        return found.report(found.probability(task.samples) if task.samples else None)
+        return found.report()
 
 
 def main(
@@ -80,18 +76,11 @@ def main(
         for question in QUESTIONS.values()
         for name in controllers
     ]
-    rare = [name for name in RARE if name in controllers]
-    tasks += [Task(name, Question(RARE_WORDS), 1, seed, SAMPLES) for name in rare]
     reports = iter(run_tasks(search, tasks, "searches"))
     for title, question in QUESTIONS.items():
         limit = f" --limit {question.limit_m:g}" if question.limit_m else ""
         print(f"**{title}**: `{' '.join(question.words)}{limit}`\n")
         _print_worst([next(reports) for _ in controllers])
-    bounds = RARE_WORDS[1].partition("=")[2].replace(":", " to ")
-    print(f"**Probability of failure** of gusts with bounds of {bounds} N\n")
-    print("| controller | estimate | 95 % interval | runs |\n|---|---|---|---|")
-    for name in rare:
-        print(f"| `{name}` | {_probability(next(reports))} |")
 
 
 def _print_worst(reports: Sequence[Report]) -> None:
@@ -111,14 +100,6 @@ def _print_worst(reports: Sequence[Report]) -> None:
 
 def _values(values: Mapping[str, object]) -> str:
     return " | ".join(f"{v:.3g}" if isinstance(v, float) else str(v) for v in values.values())
-
-
-def _probability(report: Report) -> str:
-    found = report.probability
-    if found is None:
-        return "the nominal run fails | - | 1"
-    interval = f"{found.low:.1g} to {found.high:.1g}"
-    return f"{found.estimate or 0.0:.1g} | {interval} | {found.samples}"
 
 
 if __name__ == "__main__":

@@ -144,7 +144,7 @@ def test_no_site_is_drawn(replay):
 @needs_gl
 @pytest.mark.parametrize("camera", ["chase", "side"])
 def test_a_frame_shows_field_sky_and_vehicle_and_depends_on_its_time_alone(camera, log, tmp_path):
-    line = ["frame", str(log), "--at", "6", "--camera", camera, "--size", "320x180"]
+    line = ["render", str(log), "--at", "6", "--camera", camera, "--size", "320x180"]
     for name in ("one.png", "two.png"):
         assert main([*line, "-o", str(tmp_path / name)]) == 0
     one, two = (np.asarray(Image.open(tmp_path / name)) for name in ("one.png", "two.png"))
@@ -167,7 +167,7 @@ def decoded(file):
 def test_a_plan_film_needs_no_opengl_and_plays_in_a_browser(log, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MUJOCO_GL", "disable")
     file = tmp_path / "plan.mp4"
-    line = ["video", str(log), "--camera", "plan", "--from", "2", "--to", "6", "--speed", "4"]
+    line = ["render", str(log), "--camera", "plan", "--from", "2", "--to", "6", "--speed", "4"]
     assert main([*line, "--size", "320x180", "-o", str(file)]) == 0
     assert "25 frames, 1.0 s" in capsys.readouterr().out
     codec, pixels, frames = decoded(file)
@@ -204,7 +204,7 @@ def test_the_plan_shows_the_tractor_where_it_was(replay):
 def test_without_opengl_the_packages_and_the_plan_are_named(log, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "mujoco.egl", None)
     file = tmp_path / "film.mp4"
-    assert main(["video", str(log), "-o", str(file)]) == 2
+    assert main(["render", str(log), "-o", str(file)]) == 2
     message = capsys.readouterr().err
     assert "libegl1 libgl1" in message
     assert "--camera plan" in message
@@ -214,7 +214,7 @@ def test_without_opengl_the_packages_and_the_plan_are_named(log, tmp_path, monke
 
 def test_a_missing_h264_encoder_is_reported(log, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(av, "codecs_available", {"mpeg4"})
-    assert main(["video", str(log), "--camera", "plan", "-o", str(tmp_path / "f.mp4")]) == 2
+    assert main(["render", str(log), "--camera", "plan", "-o", str(tmp_path / "f.mp4")]) == 2
     assert "no H.264 encoder" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
@@ -245,26 +245,26 @@ def bad_logs(log, tmp_path):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        (["video", "none.mcap"], "cannot be read"),
-        (["video", "text.mcap"], "is not an MCAP log"),
-        (["video", "torn.mcap"], "is torn"),
-        (["video", "log.mcap", "--size", "321x180"], "even"),
-        (["video", "log.mcap", "--size", "16x16"], "must be from 320x180"),
-        (["video", "log.mcap", "--size", "big"], "WIDTHxHEIGHT"),
-        (["video", "log.mcap", "--to", "99"], "the log reaches from 0 to 1"),
-        (["video", "log.mcap", "--from", "-1"], "the log reaches from"),
-        (["video", "log.mcap", "--from", "5", "--to", "5"], "must end after it begins"),
-        (["video", "log.mcap", "--speed", "0"], "--speed: got 0"),
-        (["video", "log.mcap", "--speed", "nan"], "--speed: got nan"),
-        (["video", "log.mcap", "--exaggerate", "0.5"], "--exaggerate: got 0.5, must be from 1"),
-        (["video", "log.mcap", "--ghost", "none.mcap"], "none.mcap: cannot be read"),
-        (["video", "log.mcap", "--quality", "best"], "--quality"),
-        (["video", "log.mcap", "--camera", "plan", "-o", "taken.mp4"], "exists already"),
-        (["video", "log.mcap", "--camera", "plan", "-o", "film.avi"], "must end in .mp4"),
-        (["video", "log.mcap", "--camera", "plan", "-o", "no/film.mp4"], "there is no folder"),
-        (["frame", "log.mcap", "--at", "99"], "the log reaches from"),
-        (["frame", "log.mcap", "--at", "nan"], "must be a finite number"),
-        (["frame", "log.mcap", "--at", "5", "-o", "still.gif"], "must end in .png or .jpg"),
+        (["render", "none.mcap"], "cannot be read"),
+        (["render", "text.mcap"], "is not an MCAP log"),
+        (["render", "torn.mcap"], "is torn"),
+        (["render", "log.mcap", "--size", "321x180"], "even"),
+        (["render", "log.mcap", "--size", "16x16"], "must be from 320x180"),
+        (["render", "log.mcap", "--size", "big"], "WIDTHxHEIGHT"),
+        (["render", "log.mcap", "--to", "99"], "the log reaches from 0 to 1"),
+        (["render", "log.mcap", "--from", "-1"], "the log reaches from"),
+        (["render", "log.mcap", "--from", "5", "--to", "5"], "must end after it begins"),
+        (["render", "log.mcap", "--speed", "0"], "--speed: must be above 0"),
+        (["render", "log.mcap", "--speed", "nan"], "--speed: must be a finite number"),
+        (["render", "log.mcap", "--exaggerate", "0.5"], "--exaggerate: got 0.5, must be from 1"),
+        (["render", "log.mcap", "--ghost", "none.mcap"], "none.mcap: cannot be read"),
+        (["render", "log.mcap", "--quality", "best"], "--quality"),
+        (["render", "log.mcap", "--camera", "plan", "-o", "taken.mp4"], "exists already"),
+        (["render", "log.mcap", "--camera", "plan", "-o", "film.avi"], "must end in .mp4"),
+        (["render", "log.mcap", "--camera", "plan", "-o", "no/film.mp4"], "there is no folder"),
+        (["render", "log.mcap", "--at", "99"], "the log reaches from"),
+        (["render", "log.mcap", "--at", "nan"], "must be a finite number"),
+        (["render", "log.mcap", "--at", "5", "-o", "still.gif"], "--at: makes .png or .jpg"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(bad_logs, line, words, monkeypatch, capsys):
@@ -286,7 +286,7 @@ def test_bad_input_is_refused_in_one_line(bad_logs, line, words, monkeypatch, ca
 def test_an_animation_has_every_second_frame_and_loops(log, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MUJOCO_GL", "disable")
     file = tmp_path / "plan.webp"
-    line = ["video", str(log), "--camera", "plan", "--from", "2", "--to", "3.6", "--speed", "4"]
+    line = ["render", str(log), "--camera", "plan", "--from", "2", "--to", "3.6", "--speed", "4"]
     assert main([*line, "--size", "320x180", "-o", str(file)]) == 0
     with Image.open(file) as animation:
         assert (animation.n_frames, animation.size) == (5, (320, 180))
@@ -298,7 +298,7 @@ def test_an_animation_has_every_second_frame_and_loops(log, tmp_path, monkeypatc
 
 
 def test_an_animation_of_more_frames_than_memory_is_refused(log, tmp_path, capsys):
-    line = ["video", str(log), "--camera", "plan", "--speed", "0.05", "--size", "320x180"]
+    line = ["render", str(log), "--camera", "plan", "--speed", "0.05", "--size", "320x180"]
     assert main([*line, "-o", str(tmp_path / "plan.webp")]) == 2
     assert "at most 500 as WebP" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())

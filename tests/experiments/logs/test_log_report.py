@@ -35,7 +35,7 @@ def test_a_torn_and_a_recovered_log_have_a_page_that_says_so(run, tmp_path):
     torn, whole = tmp_path / "torn.mcap.part", tmp_path / "recovered.mcap"
     data = (run / "log.mcap").read_bytes()
     torn.write_bytes(data[: len(data) // 2])
-    assert main(["log", "check", str(torn), "--recover", str(whole)]) == 1
+    assert main(["log", "check", str(torn), "-o", str(whole)]) == 1
     for log in (torn, whole):
         page = page_of(log, tmp_path / f"{log.name}.html")
         assert ">torn</span>" in page

@@ -28,13 +28,16 @@ from rosbags.highlevel import AnyReader
 REAR_WHEEL_RADIUS_M = 0.40  # mjcf/vehicles/kayacan2016.toml
 
 
+EXPORT = ("log", "export", "--format", "ros2")
+
+
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     """Record and rosbag2 file of a run with every sensor, late samples and predicted paths."""
     folder = tmp_path_factory.mktemp("bag")
     straight = "path={kind='straight', length_m=6}"
     simulate(*load("grass", [straight, "sensors.preset=field"]), 3, log=folder / "log.mcap")
-    assert main(["log", "ros2", str(folder / "log.mcap"), "-o", str(folder / "bag.mcap")]) == 0
+    assert main([*EXPORT, str(folder / "log.mcap"), "-o", str(folder / "bag.mcap")]) == 0
     return read_log(folder / "log.mcap"), folder / "bag.mcap"
 
 
@@ -190,9 +193,9 @@ def test_reference_commands_paths_and_events_are_there(bag, decoded):
 
 def test_what_cannot_be_written_is_refused_in_a_line(bag, capsys, monkeypatch, tmp_path):
     log = str(bag[1].with_name("log.mcap"))
-    assert main(["log", "ros2", log, "-o", str(bag[1])]) == 2
+    assert main([*EXPORT, log, "-o", str(bag[1])]) == 2
     assert "exists already" in capsys.readouterr().err
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert main(["log", "ros2", log, "-o", str(tmp_path / "new.mcap")]) == 2
+    assert main([*EXPORT, log, "-o", str(tmp_path / "new.mcap")]) == 2
     assert "pip install 'ttempc-proving-ground[ros2]'" in capsys.readouterr().err
     assert not any(tmp_path.iterdir())

@@ -5,7 +5,6 @@ from collections import Counter
 from dataclasses import replace
 
 import pytest
-from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidPage
 from proving_ground.experiments.reproduce import driver as driver_module
 from proving_ground.experiments.reproduce import listing, probes
@@ -193,13 +192,3 @@ def test_a_record_that_nobody_wrote_is_refused(out):
     (out / "docs" / "fingerprints.json").write_text("[]")
     with pytest.raises(InvalidPage, match="is not what"):
         read_ledger(out)
-
-
-def test_the_command_lists_and_refuses(tmp_path, capsys):
-    assert main(["reproduce"]) == 0
-    listed = capsys.readouterr().out
-    assert all(entry.name in listed and entry.page in listed for entry in ENTRIES)
-    assert main(["reproduce", "nothing"]) == 2
-    assert "must be all or one of headline" in capsys.readouterr().err
-    assert main(["reproduce", "errata", "--seeds", "201"]) == 2
-    assert "goes with --out" in capsys.readouterr().err

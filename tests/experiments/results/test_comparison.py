@@ -95,7 +95,7 @@ def test_vector_figures_of_a_comparison_have_the_width_of_a_column_and_their_dat
     own = [float(row["y"]) for row in rows if (row["chart"], row["line"]) == ("0", "paper")]
     np.testing.assert_allclose(own, 100.0 * errors.tractor.euclidean_m, rtol=1e-8)
     capsys.readouterr()
-    assert main(["figures", str(folder)]) == 2
+    assert main(["report", str(folder), "--format", "pdf"]) == 2
     message = capsys.readouterr().err
     assert "is a comparison" in message
     assert message.count("\n") == 1
@@ -180,7 +180,7 @@ def test_a_torn_log_or_too_narrow_a_film_is_refused_before_anything_is_written(
     with pytest.raises(NotComparable, match="is torn"):
         read_compared([one, torn])
     folder = tmp_path / "both"
-    narrow = ["--video", "--camera", "plan", "--size", "320x180", "-o", str(folder)]
+    narrow = ["--film", "both.mp4", "--camera", "plan", "--size", "320x180", "-o", str(folder)]
     assert main(["compare", str(one), str(other), *narrow]) == 2
     assert "2 runs abreast need a width of 640" in capsys.readouterr().err
     assert not folder.exists()

@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 from proving_ground.experiments.serve.json_protocol import JsonProtocol
-from proving_ground.experiments.serve.link import Refused, Trouble
-from proving_ground.experiments.serve.protocol import RunFacts, TickData
+from proving_ground.experiments.serve.link import Refused, RunFacts, TickData, Trouble
 
 from ttempc import Vehicle, straight
 from ttempc.reference.reference import ConstantSpeed, Reference

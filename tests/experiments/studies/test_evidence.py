@@ -14,7 +14,7 @@ from proving_ground.experiments.studies.evidence.evidence import (
     verdict_line,
 )
 from proving_ground.experiments.sweep.engine import engine
-from proving_ground.testbed.inspection.check import between
+from proving_ground.testbed.validation.check import between
 
 
 def item(figure, low=1.0, high=2.0, **about):

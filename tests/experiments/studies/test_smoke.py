@@ -32,7 +32,7 @@ from proving_ground.experiments.studies.failures import breaking_points, worst_c
 from proving_ground.experiments.studies.faults import calibration, false_alarms, stuck_valves
 from proving_ground.experiments.studies.faults import study as faults
 from proving_ground.experiments.sweep.engine import engine
-from proving_ground.testbed.inspection.inspect import EXPERIMENTS
+from proving_ground.testbed.validation.validate import EXPERIMENTS
 
 from ttempc.guidance.detection import detectors
 

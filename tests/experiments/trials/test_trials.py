@@ -190,12 +190,12 @@ def test_cards_of_other_trials_or_seeds_are_not_compared(changes, reason):
 
 def test_hidden_seeds_are_checked_by_their_hash(tmp_path, capsys):
     file = tmp_path / "seeds.txt"
-    assert main(["bench", "--draw-seeds", str(file)]) == 0
+    assert main(["bench", "--draw-seeds", "-o", str(file)]) == 0
     printed = capsys.readouterr().out.split()[0]
     draws = hidden_draws(file)
     assert draws.sha256 == printed == seeds_hash(draws.seeds)
     assert draws.count == len(PUBLIC)
-    assert main(["bench", "--draw-seeds", str(file)]) == 2
+    assert main(["bench", "--draw-seeds", "-o", str(file)]) == 2
 
 
 @pytest.mark.parametrize("text", ["", "1 1", "-3", "1.5", "4294967296", "7 x", "007"])
@@ -216,7 +216,7 @@ def test_a_file_of_other_seeds_is_refused(tmp_path, text):
         (["pid", "--set", "controller.name=lqr"], "frozen"),
         (["pid", "--set", "controller.estimator=truth"], "not allowed"),
         (["pid", "--set", "controller.options.horizon=3"], "horizon"),
-        (["pid", "--quick", "--seeds-file", "x"], "exclude"),
+        (["pid", "--quick", "--seeds-file", "x"], "--quick: not with --seeds-file"),
         (["pid", "--seeds-file", "none.txt"], "none.txt"),
         (["--compare", "a.json", "b.json"], "a.json"),
         (["ttempc", "--set", OWN_SPEED], "crop-rows"),

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from proving_ground.testbed.errors import InvalidField
 from proving_ground.testbed.ground import terrain
-from proving_ground.testbed.ground.soil import NAMED_SOILS, SoilMap
-from proving_ground.testbed.ground.soil_layers import Patch
+from proving_ground.testbed.ground.soil import NAMED_SOILS, Patch, SoilMap
 from pydantic import ValidationError
 
 

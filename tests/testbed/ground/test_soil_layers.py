@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from proving_ground.testbed.errors import InvalidField
 from proving_ground.testbed.ground import terrain
-from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.ground.soil_layers import Gradient, Patch, RandomStrength, StrengthMap
+from proving_ground.testbed.ground.soil import Gradient, Patch, RandomStrength, SoilMap, StrengthMap
 from proving_ground.testbed.randomness import generator
 from pydantic import ValidationError
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from proving_ground.testbed.errors import InvalidField
 from proving_ground.testbed.ground import terrain
-from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.ground.tramlines import Tracks, Tramlines, parallel_lines
+from proving_ground.testbed.ground.soil import SoilMap, Tracks, Tramlines, parallel_lines
 from pydantic import ValidationError
 
 TRACKS = Tracks(track_m=1.0, width_m=0.3, strength_factor=1.5)

@@ -7,8 +7,7 @@ from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.errors import InvalidPlant
-from proving_ground.testbed.implement.draft import IMPLEMENTS
-from proving_ground.testbed.implement.implement import Implement
+from proving_ground.testbed.implement.implement import IMPLEMENTS, Implement
 from proving_ground.testbed.implement.mounted import check_pull
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.inspection.bench import nominal
-from proving_ground.testbed.inspection.steady_motion import Planar, steady_motion
+from proving_ground.testbed.validation.bench import nominal
+from proving_ground.testbed.validation.steady_motion import Planar, steady_motion
 from proving_ground.testbed.vehicle.servos import equilibrium_slip, wheel_loads
 from proving_ground.testbed.wheels.tyre import mobility
 from scipy.optimize import curve_fit

@@ -11,6 +11,8 @@ from proving_ground.testbed.wheels import tyre
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.tyre import Tyres, WheelMotion
 
+from tests.testbed.wheels.reference import step
+
 DT = 0.002
 FLAT = terrain.flat((20.0, 20.0))
 LAW = SoilLaw()
@@ -47,7 +49,7 @@ def steady(tyres, cone_index, velocity, spin, axle=(0.0, 1.0, 0.0), load=2500.0)
     wheel = motion([0, 0, height_at(tyres, load)], axle, velocity, np.asarray(axle) * spin)
     state = np.zeros((1, 3))
     for _ in range(400):
-        state, forces = tyre.step(LAW, tyres, FLAT, np.array([cone_index]), wheel, state, 0.02)
+        state, forces = step(LAW, tyres, FLAT, np.array([cone_index]), wheel, state, 0.02)
     return forces
 
 
@@ -183,7 +185,7 @@ def test_forces_stay_inside_the_ellipse_and_only_take_energy(tyres, cone_index):
     wheels = any_motions(np.random.default_rng(5), tyres, 200)
     state, strength = np.zeros((200, 3)), np.full(200, cone_index)
     for _ in range(400):
-        state, forces = tyre.step(LAW, many, FLAT, strength, wheels, state, 0.02)
+        state, forces = step(LAW, many, FLAT, strength, wheels, state, 0.02)
     bn, m = tyre.mobility(LAW, many, forces.load, strength)
     grip_long = LAW.largest_traction_ratio(bn) * forces.load
     grip_lat = LAW.largest_side_ratio(m) * forces.load
@@ -203,7 +205,7 @@ def test_over_cycles_of_speed_and_spin_a_wheel_only_takes_energy(tyres):
         ahead, aside, spin = size * np.sin(2.0 * math.pi * k / 500 + phase)
         velocity = np.hstack([ahead, aside, 0.0 * ahead])
         wheels = WheelMotion(still.centre, still.axle, velocity, still.axle * spin / 0.4)
-        state, forces = tyre.step(LAW, many, FLAT, np.full(n, 300.0), wheels, state, 0.004)
+        state, forces = step(LAW, many, FLAT, np.full(n, 300.0), wheels, state, 0.004)
         work += (k >= 500) * power(wheels, forces) * 0.004
     assert work.max() < 0.0
 
@@ -255,7 +257,7 @@ def test_force_builds_up_over_its_relaxation_length(tyres, name, length, damping
     def force(steps, dt):
         state = np.zeros((1, 3))
         for _ in range(steps):
-            state, forces = tyre.step(LAW, single, FLAT, np.array([600.0]), wheel, state, dt)
+            state, forces = step(LAW, single, FLAT, np.array([600.0]), wheel, state, dt)
         pull, side, moment = forces.force_long[0], forces.force_lat[0], forces.moment[0, 1]
         torque = -moment / single.radius[0] - 0.04 * forces.load[0]  # that of traction
         return {"long": torque, "lat": side, "roll": pull}[name]
@@ -271,7 +273,7 @@ def test_in_a_track_traction_is_larger_and_motion_resistance_smaller(tyres):
     rows = np.tile([[0.0, 0.0, z], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]], (2, 1, 1))
     wheels = WheelMotion(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 1] / (0.9 * both.radius[0]))
     for _ in range(200):
-        state, forces = tyre.step(
+        state, forces = step(
             LAW, both, FLAT, np.full(2, 300.0), wheels, state, 0.02, np.array([False, True])
         )
     torque = -forces.moment[:, 1] / both.radius
@@ -288,10 +290,10 @@ def test_standing_wheel_holds_like_a_spring_in_every_direction(tyres):
     single = one(tyres)
     stand = motion([0, 0, height_at(single, 2500.0)], [0, 1, 0], [0, 0, 0], [0, 0, 0])
     state = np.array([[0.004, 0.004, 0.0]])
-    first = tyre.step(LAW, single, FLAT, np.array([600.0]), stand, state, DT)
+    first = step(LAW, single, FLAT, np.array([600.0]), stand, state, DT)
     later = first
     for _ in range(500):
-        later = tyre.step(LAW, single, FLAT, np.array([600.0]), stand, later[0], DT)
+        later = step(LAW, single, FLAT, np.array([600.0]), stand, later[0], DT)
     np.testing.assert_array_equal(later[0], first[0])
     assert later[1].force_lat[0] < -50.0
 
@@ -302,7 +304,7 @@ def test_no_load_in_the_air_and_never_a_pull(tyres):
     leaving = motion([0, 0, z], [0, 1, 0], [0, 0, 50.0], [0, 0, 0])
     assert tyre.contact(single, FLAT, leaving).load[0] == 0.0
     air = motion([0, 0, 2.0], [0, 1, 0], [1, 0, 0], [0, 2.5, 0])
-    state, forces = tyre.step(LAW, single, FLAT, np.array([600.0]), air, np.full((1, 3), 0.01), DT)
+    state, forces = step(LAW, single, FLAT, np.array([600.0]), air, np.full((1, 3), 0.01), DT)
     assert not forces.force.any()
     assert not forces.moment.any()
     assert not state.any()
