@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 from ...testbed.terminal import one_line
 from ..errors import BadOptions, NoGraphics
 from ..output import make_folder, progress
+from ..warm_up import compile_in_two_processes
 from . import options
 from .options import command, json_of, option, out, refuse_given
 
@@ -79,6 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.live:
         refuse_given(arguments, ("port",), "goes with --live only")
     name, scenario = options.load_scenario(arguments)
+    compile_in_two_processes()
     if arguments.view:
         return _view(arguments, scenario)
     numbers = arguments.seeds or (arguments.seed,)
@@ -119,10 +121,8 @@ def demo(arguments: argparse.Namespace) -> int:
     The film is an animated WebP, which plays in a browser; without OpenGL it is seen from above.
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..film.composition import FilmSetup
-    from ..film.render import write_film
-    from ..film.replay import read_replay
-    from ..film.shot import Camera, Shot
+    from ..film.render import Film
+    from ..film.settings import Camera, FilmSettings
     from ..run.assembly import assemble
     from ..run.simulate import run
 
@@ -134,20 +134,21 @@ def demo(arguments: argparse.Namespace) -> int:
         return replace(assembly, ticks=min(ticks, assembly.ticks))
 
     name, scenario = options.load_scenario(arguments)
+    compile_in_two_processes()
     folder = arguments.out or options.unused_path(Path("runs"), f"demo-{name}")
     finished = run(name, scenario, arguments.seed, folder, shown=True, make=first_seconds)
-    replay, film = read_replay(finished.files["log"]), folder / "film.webp"
+    log, file = finished.files["log"], folder / "film.webp"
 
     def write(camera: Camera) -> None:
-        shot = Shot(camera, replay.begin_s, replay.end_s, _DEMO_SPEED, _DEMO_SIZE)
-        with progress(len(shot.times), film.name, "frame", shown=True) as count:
-            write_film(FilmSetup((replay,), shot), film, workers=2, on_frame=count)
+        film = Film.of([log], FilmSettings(camera=camera, speed=_DEMO_SPEED, size=_DEMO_SIZE))
+        with progress(film.frames, file.name, "frame", shown=True) as count:
+            film.write(file, workers=2, on_frame=count)
 
     try:
         write("chase")
     except NoGraphics:
         write("plan")
-    _print([finished], folder, film=film)
+    _print([finished], folder, film=file)
     return 0 if finished.summary.status == "completed" else options.EXIT_LOST
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from pathlib import Path
 
 from ...testbed.terminal import one_line
 from . import options
@@ -15,8 +14,8 @@ from .options import Group, command, json_of, option, out
 @command(options.LOG, json_of("them"))
 def info(arguments: argparse.Namespace) -> int:
     """Run, duration, failure, topics and events of a log."""
-    from ...testbed.log.log_content import read_content
-    from ..logs.log_check import format_log_info, log_info
+    from ...testbed.log.reader import read_content
+    from ..logs.check import format_log_info, log_info
 
     info = log_info(read_content(arguments.log))
     if arguments.json:
@@ -34,31 +33,19 @@ def info(arguments: argparse.Namespace) -> int:
         choices=("csv", "parquet", "rerun", "ros2"),
         default="csv",
         dest="form",
-        help="csv (default), parquet (extra `export`), rerun or ros2 (extras of their names)",
+        help="csv (default), parquet (extra `export`), rerun (extra `rerun`), or ros2: a recipe",
     ),
 )
 def export(arguments: argparse.Namespace) -> int:
-    """Export a log: tables with a file per topic, a recording for Rerun, a bag for ROS 2."""
-    from ...testbed.log.log_content import read_content
+    """Export a log: tables with a file per topic, or a recording for Rerun."""
+    from ...testbed.log.reader import read_content
+    from ..logs.export import export_log
 
     log, form, content = arguments.log, arguments.form, read_content(arguments.log)
-    files: list[Path] = [arguments.out or log.with_name(f"{log.stem}-{form}")]
-    note = ""
-    if form == "rerun":
-        from ..logs.rerun_export import export_rerun
-
-        files = [arguments.out or log.with_suffix(".rrd")]
-        note = f", to be opened with: rerun {files[0]}"
-        export_rerun(content, files[0])
-    elif form == "ros2":
-        from ..logs.ros2_export import export_ros2
-
-        files = [arguments.out or log.with_name(f"{log.stem}-ros2.mcap")]
-        export_ros2(content, files[0])
-    else:
-        from ..logs.log_export import export_log
-
-        files = list(export_log(content, files[0], form))
+    rerun = form == "rerun"
+    place = log.with_suffix(".rrd") if rerun else log.with_name(f"{log.stem}-{form}")
+    files = export_log(content, arguments.out or place, form)
+    note = f", to be opened with: rerun {files[0]}" if rerun else ""
     if content.salvage is not None:
         print(one_line(f"torn or damaged: {content.salvage}"), file=sys.stderr)
     print("\n".join(f"{file}{note}" for file in files))
@@ -68,9 +55,8 @@ def export(arguments: argparse.Namespace) -> int:
 @command(options.LOG, out("NEW.mcap", "the readable part as a whole log; default: none"))
 def check(arguments: argparse.Namespace) -> int:
     """Is a log whole, complete, of this version? With -o, recover a torn one."""
-    from ...testbed.log.log_content import read_content
-    from ...testbed.log.log_recovery import recover
-    from ..logs.log_check import check_log
+    from ...testbed.log.reader import read_content, recover
+    from ..logs.check import check_log
 
     content = read_content(arguments.log)
     checks = check_log(content)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from ...testbed.atomic_write import partial_path
-from ...testbed.log.log_path import log_path
+from ...testbed.log import log_path
 from ..errors import BadOptions
 from ..seeds import report_seeds
 

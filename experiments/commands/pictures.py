@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from ...testbed.log.log_path import log_path
+from ...testbed.log import log_path
 from ..errors import BadOptions
 from ..output import make_folder, progress, refuse_existing, write_file
 from . import options
@@ -16,8 +16,7 @@ from .options import command, option, out, refuse_given
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..film.composition import FilmSetup
-    from ..film.replay import Replay
+    from ..film.render import Film
 
 _REFERENCE: Final = "reference"  # of --ghost
 
@@ -46,9 +45,8 @@ def render(arguments: argparse.Namespace) -> int:
     Exit code 2 for bad input (one line; nothing is written).
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..film.render import STILL_SUFFIXES, write_still
-    from ..film.replay import read_replay
-    from ..film.shot import FRAME_RATE, check_within
+    from ..film.render import STILL_SUFFIXES
+    from ..film.settings import FRAME_RATE
 
     at_s, log = arguments.at_s, arguments.log
     ending = f"{arguments.camera}.mp4" if at_s is None else f"{arguments.camera}-{at_s:g}.png"
@@ -57,44 +55,36 @@ def render(arguments: argparse.Namespace) -> int:
     if still != (at_s is not None):
         need = "a picture needs --at" if still else f"--at: makes {' or '.join(STILL_SUFFIXES)}"
         raise BadOptions(f"-o {file}: {need}")
-    replay = read_replay(log)
+    film = _film(arguments, [log], at_s)
+    _write_film(film, file, arguments.workers)
     if still:
-        check_within("--at", at_s, replay.begin_s, replay.end_s)
-        write_still(_film(arguments, [replay], moving=False), file, at_s)
         print(f"picture   {file}")
-        return 0
-    setup = _film(arguments, [replay])
-    _write_film(setup, file, arguments.workers)
-    count = len(setup.shot.times)
-    print(f"film      {file} ({count} frames, {count / FRAME_RATE:.1f} s)")
+    else:
+        print(f"film      {file} ({film.frames} frames, {film.frames / FRAME_RATE:.1f} s)")
     return 0
 
 
-def _film(
-    arguments: argparse.Namespace, replays: list[Replay], *, moving: bool = True
-) -> FilmSetup:
+def _film(arguments: argparse.Namespace, logs: list[Path], at_s: float | None = None) -> Film:
     """Return the film that the options ask for, from the latest start to the latest end."""
-    from ..film.composition import FilmSetup
-    from ..film.replay import read_replay
-    from ..film.shot import SIZES, Look, make_shot
+    from ..film.render import Film
+    from ..film.settings import FilmSettings
 
-    ghosts = [log_path(log) for log in arguments.ghost if log != _REFERENCE]
-    shot = make_shot(
-        arguments.camera,
-        span_s=(arguments.begin_s, arguments.end_s),
-        logged_s=(max(r.begin_s for r in replays), max(r.end_s for r in replays)),
+    settings = FilmSettings(
+        camera=arguments.camera,
+        at_s=at_s,
+        begin_s=arguments.begin_s,
+        end_s=arguments.end_s,
         speed=arguments.speed,
-        size=arguments.size or SIZES[arguments.quality],
-        look=Look(arguments.quality, arguments.exaggerate, _REFERENCE in arguments.ghost),
+        quality=arguments.quality,
+        size=arguments.size,
+        exaggeration=arguments.exaggerate,
     )
-    return FilmSetup(tuple(replays), shot, moving, tuple(map(read_replay, ghosts)))
+    return Film.of(logs, settings, arguments.ghost)
 
 
-def _write_film(setup: FilmSetup, file: Path, workers: int) -> None:
-    from ..film.render import write_film
-
-    with progress(len(setup.shot.times), file.name, "frame", shown=True) as count:
-        write_film(setup, file, workers, count)
+def _write_film(film: Film, file: Path, workers: int) -> None:
+    with progress(film.frames, file.name, "frame", shown=film.frames > 1) as count:
+        film.write(file, workers=workers, on_frame=count)
 
 
 @command(
@@ -114,10 +104,8 @@ def report(arguments: argparse.Namespace) -> int:
 
     Of a log, also an old, a recovered or a torn one, it writes the page that `ttempc run`
     makes, with the numbers that the log has. Of a sweep, which may still be running, it reads
-    the rows and writes into DIR/report, in place of an earlier report:
-
-      report.html   one page: tables to sort, charts, the worst runs, all runs
-      summary.md    a short version        *.png   its pictures
+    the rows and writes DIR/report/report.html, in place of an earlier one: tables to sort,
+    charts, the worst runs, all runs.
 
     Figures are vector graphics with editable text; each comes with its data as CSV.
 
@@ -155,7 +143,7 @@ def _page_of_sweep(arguments: argparse.Namespace) -> int:
     file = write_report(content, arguments.source)
     if runs.missing:
         print(f"in progress: {runs.missing} of {runs.planned} runs are missing")
-    print(f"summary   {file.with_name('summary.md')}\n\nopen {file}")
+    print(f"open {file}")
     return 0
 
 
@@ -173,7 +161,7 @@ def _page_of_log(arguments: argparse.Namespace) -> int:
 def _figures_of(source: Path, against: str | None) -> Mapping[str, Callable[[], Figure]]:
     """Return the functions that draw the figures of a log or of a sweep."""
     if not source.is_dir():
-        from ...testbed.log.log_reader import read_log
+        from ...testbed.log.reader import read_log
         from ..figures.export import run_figures
 
         return run_figures(read_log(source))
@@ -232,6 +220,7 @@ def _between(name: str, text: object, low: float, high: float) -> float:
 @command(
     option("logs", type=log_path, nargs="+", metavar="LOG", help="log or folder of a run"),
     out("DIR", "default: a new one in runs/"),
+    option("--label", nargs="+", metavar="NAME", help="names of the runs, in their order"),
     *options.FIGURES,
     option("--film", metavar="NAME", help="also film the runs side by side: NAME.mp4 or .webp"),
     *options.PICTURE,
@@ -239,9 +228,9 @@ def _between(name: str, text: object, low: float, high: float) -> float:
 def compare(arguments: argparse.Namespace) -> int:
     """Compare runs on one reference, aligned by its time; print a table and write into DIR:
 
-      path, error, signals  figures of driven paths, of errors over time and of commands,
-                            each with the data that it shows as CSV (default: png)
-      comparison.csv        the statistics, SI units
+      path, error, cross-track, signals  figures of driven paths, of errors over time and over
+                                         the path, of commands, each with its data as CSV
+      comparison.csv                     the statistics, SI units
 
       ttempc compare runs/grass-paper-1 runs/grass-ttempc-nominal-1 --film side-by-side.webp
       ttempc compare runs/grass-pid-1 runs/grass-ttempc-1 --format pdf,svg --width single
@@ -251,7 +240,6 @@ def compare(arguments: argparse.Namespace) -> int:
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..figures.comparison_figures import comparison_figures
-    from ..film.replay import read_replay
     from ..results.run_comparison import (
         STATISTICS_FILE,
         comparison_csv,
@@ -263,18 +251,16 @@ def compare(arguments: argparse.Namespace) -> int:
     refuse_existing(folder)
     if set(arguments.ghost) - {_REFERENCE}:
         raise BadOptions("--ghost: takes reference alone here; the film has a panel for every run")
-    film = arguments.film and Path(arguments.film)
-    if film and (film.name != arguments.film or film.suffix not in (".mp4", ".webp")):
-        raise BadOptions(f"--film: got {film}, must be a name that ends in .mp4 or .webp")
-    runs = read_compared(arguments.logs)
-    setup = _film(arguments, [read_replay(log) for log in arguments.logs]) if film else None
-    if setup is not None:
-        setup.check()
+    name = arguments.film and Path(arguments.film)
+    if name and (name.name != arguments.film or name.suffix not in (".mp4", ".webp", ".gif")):
+        raise BadOptions(f"--film: got {name}, must be a name that ends in .mp4, .webp or .gif")
+    runs = read_compared(arguments.logs, arguments.label or ())
+    film = _film(arguments, arguments.logs) if name else None
     print(format_comparison(runs) + "\n")
     _write_figures(arguments, comparison_figures(runs), folder)
     write_file(folder / STATISTICS_FILE, comparison_csv(runs))
     print(folder / STATISTICS_FILE)
-    if setup is not None:
-        _write_film(setup, folder / film, arguments.workers)
-        print(folder / film)
+    if film is not None:
+        _write_film(film, folder / name, arguments.workers)
+        print(folder / name)
     return 0

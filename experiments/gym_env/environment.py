@@ -20,7 +20,7 @@ from ttempc.reference.reference import Reference
 from ttempc.types import Command, Controller, Estimate, FloatArray
 from ttempc.vehicle import CommandLimits, Vehicle
 
-from ...testbed.recording.sink import Tee
+from ...testbed.recording.record import Tee
 from ...testbed.simulation.loop import (
     Outcome,
     estimate,

@@ -19,7 +19,7 @@ from proving_ground.experiments.output import progress
 from proving_ground.experiments.run.user_code import load_factory
 from proving_ground.experiments.scenario.scenario import shipped
 from proving_ground.experiments.threads import ONE_THREAD
-from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.testbed.log.reader import read_log
 from proving_ground.testbed.recording.channels import STATE
 
 from ttempc.guidance.controllers import CONTROLLERS

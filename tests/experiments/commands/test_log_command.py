@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.logs.log_check import check_log
+from proving_ground.experiments.logs.check import check_log
 from proving_ground.experiments.results.tracking_errors import BODIES, tracking_errors
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.log.log import LogWriter
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_reader import read_log
-from proving_ground.testbed.log.log_scene import ground_of, motion_of
+from proving_ground.testbed.log.reader import read_content, read_log
+from proving_ground.testbed.log.scene import ground_of, motion_of
+from proving_ground.testbed.log.writer import LogWriter
 from proving_ground.testbed.recording.channels import CHANNELS, ERROR, STATE
 
 SHORT = ("--set", "path={kind='straight', length_m=15}")
@@ -111,7 +110,7 @@ def test_check_passes_a_whole_log_and_fails_a_torn_one(log, torn, tmp_path, caps
     assert "whole chunks, up to " in printed
     assert main(["log", "check", str(new)]) == 0
     assert read_content(new).messages == read_content(torn).messages
-    assert read_content(new).descriptions == read_content(torn).descriptions
+    assert read_content(new).topics == read_content(torn).topics
     assert [file.name for file in tmp_path.iterdir()] == ["new.mcap"]
 
 

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.figures import FIGURES
-from proving_ground.experiments.figures.export import export_figures, run_figures
-from proving_ground.experiments.figures.figure_data import figure_csv
+from proving_ground.experiments.figures.export import export_figures, figure_csv, run_figures
 from proving_ground.experiments.figures.style import figure_width
 from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.experiments.sweep_report.runs import differences, groups, read_sweep
-from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.testbed.log.reader import read_log
 
 from tests.experiments.sweep_rows import AXES, swept
 

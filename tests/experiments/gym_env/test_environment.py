@@ -15,8 +15,13 @@ from proving_ground.experiments.gym_env.environment import LARGEST_COST, FieldTr
 from proving_ground.experiments.gym_env.observation import ESTIMATE_NAMES, bounds
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import CONTROL, MEASUREMENT, STATE, TRACKING
-from proving_ground.testbed.recording.record_rows import state_row
+from proving_ground.testbed.recording.channels import (
+    CONTROL,
+    MEASUREMENT,
+    STATE,
+    TRACKING,
+    state_row,
+)
 
 ENVIRONMENT = "proving_ground.experiments.gym_env:ttempc/FieldTrial-v1"
 STRAIGHT = ("path={kind='straight', length_m=6}",)

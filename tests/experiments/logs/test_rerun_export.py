@@ -7,8 +7,8 @@ import sys
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.logs.panels import PANELS, PATH_COLOURS
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_scene import motion_of
+from proving_ground.testbed.log.reader import read_content
+from proving_ground.testbed.log.scene import motion_of
 
 pytest.importorskip("rerun")
 

@@ -12,17 +12,16 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.geodesy import DATUM, east_north
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_reader import read_log
-from proving_ground.testbed.log.log_scene import lines_of
+from proving_ground.testbed.log.reader import read_content, read_log
+from proving_ground.testbed.log.scene import lines_of
 from proving_ground.testbed.recording.channels import (
     CONTROL,
     ESTIMATE,
     MEASUREMENT,
+    PREDICTED_PATH_TOPIC,
     REFERENCE,
     STATE,
 )
-from proving_ground.testbed.recording.topics import PREDICTED_PATH_TOPIC
 from rosbags.highlevel import AnyReader
 
 REAR_WHEEL_RADIUS_M = 0.40  # mjcf/vehicles/kayacan2016.toml

@@ -12,9 +12,8 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import NotComparable
 from proving_ground.experiments.figures.comparison_figures import COMPARISONS
 from proving_ground.experiments.figures.style import blank, figure_width, legend
-from proving_ground.experiments.film.composition import FilmSetup
-from proving_ground.experiments.film.replay import read_replay
-from proving_ground.experiments.film.shot import Shot
+from proving_ground.experiments.film.render import Film
+from proving_ground.experiments.film.settings import FilmSettings
 from proving_ground.experiments.results.run_comparison import format_comparison, read_compared
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 
@@ -128,15 +127,12 @@ def test_runs_are_compared_up_to_the_end_of_the_shortest(short_runs):
 
 
 def test_a_side_by_side_film_shows_each_run_in_its_own_part(short_runs):
-    both = tuple(map(read_replay, logs(short_runs, "paper", "nominal")))
-    shot = Shot("plan", 0.0, 5.0, 8.0, (640, 180))
-    swapped = FilmSetup(both[::-1], shot).frame_source().picture(8.0)
-    picture = FilmSetup(both, shot).frame_source().picture(8.0)
+    both = logs(short_runs, "paper", "nominal")
+    settings = FilmSettings(camera="plan", at_s=8.0, size=(640, 180))
+    (picture,), (swapped,) = (Film.of(runs, settings).pictures() for runs in (both, both[::-1]))
     assert picture.shape == (180, 640, 3)
     np.testing.assert_array_equal(picture[:, :320], swapped[:, 320:])
     np.testing.assert_array_equal(picture[:, 320:], swapped[:, :320])
-    beyond = FilmSetup(both, shot).frame_source().picture(1e3)
-    assert beyond.shape == picture.shape, "a run that has ended stays"
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario import vehicle
 from proving_ground.experiments.scenario.scenario import dump, load, shipped
-from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.testbed.log.reader import read_log
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.vehicle.vehicle import find_vehicle, read_vehicle
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFit
-from proving_ground.experiments.figures.tube import tube_figure
+from proving_ground.experiments.figures.run_figures import tube_figure
 from proving_ground.experiments.results.containment import QUANTITIES, containment
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
