@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 from ...testbed.terminal import one_line
 from ..errors import BadOptions, NoGraphics
 from ..output import make_folder, progress
+from ..warm_up import compile_in_two_processes
 from . import options
 from .options import command, json_of, option, out, refuse_given
 
@@ -79,6 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.live:
         refuse_given(arguments, ("port",), "goes with --live only")
     name, scenario = options.load_scenario(arguments)
+    compile_in_two_processes()
     if arguments.view:
         return _view(arguments, scenario)
     numbers = arguments.seeds or (arguments.seed,)
@@ -132,6 +134,7 @@ def demo(arguments: argparse.Namespace) -> int:
         return replace(assembly, ticks=min(ticks, assembly.ticks))
 
     name, scenario = options.load_scenario(arguments)
+    compile_in_two_processes()
     folder = arguments.out or options.unused_path(Path("runs"), f"demo-{name}")
     finished = run(name, scenario, arguments.seed, folder, shown=True, make=first_seconds)
     log, file = finished.files["log"], folder / "film.webp"

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
+from ..warm_up import compile_in_two_processes
 from . import options
 from .options import command, json_of, option, out, refuse_given
 
@@ -85,6 +86,7 @@ def serve(arguments: argparse.Namespace) -> int:
     address = address_of(arguments.host, port, "--host")
     peer = None if arguments.peer is None else peer_of(arguments.peer)
     name, scenario = options.load_scenario(arguments)
+    compile_in_two_processes()
     settings = SessionSettings(
         speed=arguments.speed or 1.0,
         lockstep=arguments.step,
