@@ -149,12 +149,12 @@ class Hud:
         """Return the cross-track errors and the inputs as bars."""
         box, errors = OverlayBox(392.0, _BOX, self.scale), self.playback.errors
         row = newest_row(errors.time_s, time_s)
-        lines = [
-            (f"{point} cross-track", 0.5 + 0.5 * error / self.error_m, 0.5, POINTS[point], text)
-            for point, each in errors.by_point.items()
-            for error in [float(each.cross_m[row])]
-            for text in ["raised" if math.isnan(error) else f"{100.0 * error:+.1f} cm"]
-        ]
+        lines: list[tuple[str, float, float, Rgb, str]] = []  # label, share, zero, colour, text
+        for point, each in errors.by_point.items():
+            error = float(each.cross_m[row])
+            text = "raised" if math.isnan(error) else f"{100.0 * error:+.1f} cm"
+            share = 0.5 + 0.5 * error / self.error_m
+            lines.append((f"{point} cross-track", share, 0.5, POINTS[point], text))
         table = self.playback.record[CONTROL]
         row = newest_row(table.time_s, time_s)
         for field, label, factor, unit in _INPUTS:

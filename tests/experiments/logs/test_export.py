@@ -159,18 +159,6 @@ def test_a_bag_has_the_truth_of_the_record(bag):
         assert (origin.x, origin.y, origin.z) == (position.x, position.y, position.z)
 
 
-def test_a_bag_has_the_estimate_with_its_covariance_or_an_unknown_one(bag):
-    _, record, topics = bag
-    estimate = record["/estimate"]
-    messages = [message for _, message in topics["/tractor/odometry/estimated"]]
-    np.testing.assert_array_equal([m.twist.twist.linear.x for m in messages], estimate["v_mps"])
-    diagonals = [np.reshape(m.pose.covariance, (6, 6)).diagonal()[[0, 1, 5]] for m in messages]
-    sds = estimate.columns("sd_x_t_m", "sd_y_t_m", "sd_psi_t_rad")
-    np.testing.assert_allclose(diagonals, sds**2)
-    unknown = {m.pose.covariance[0] for _, m in topics["/trailer/odometry/estimated"]}
-    assert unknown == {-1.0}
-
-
 def test_samples_of_a_bag_are_stamped_when_taken_and_logged_when_delivered(bag):
     _, record, topics = bag
     for place in ("tractor", "trailer"):
@@ -204,8 +192,12 @@ def test_samples_of_a_bag_are_stamped_when_taken_and_logged_when_delivered(bag):
     np.testing.assert_allclose(half, 0.5 * values[:, 1:], atol=1e-4)  # small angles
 
 
-def test_a_bag_has_references_commands_paths_and_events(bag):
+def test_a_bag_has_estimates_references_commands_paths_and_events(bag):
     log, record, topics = bag
+    estimated = [message for _, message in topics["/tractor/odometry/estimated"]]
+    diagonals = [np.reshape(m.pose.covariance, (6, 6)).diagonal()[[0, 1, 5]] for m in estimated]
+    sds = record["/estimate"].columns("sd_x_t_m", "sd_y_t_m", "sd_psi_t_rad")
+    np.testing.assert_allclose(diagonals, sds**2)
     reference = [(m.pose.position.x, m.pose.position.y) for _, m in topics["/trailer/reference"]]
     np.testing.assert_array_equal(reference, record["/reference"].columns("x_i_m", "y_i_m"))
     names = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
