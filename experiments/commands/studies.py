@@ -19,7 +19,7 @@ from .options import Group, command, json_of, option, out, refuse_given
 if TYPE_CHECKING:
     from ..search.worst_case import Report
     from ..sweep.sweep import Progress
-    from ..trials.draws import Draws
+    from ..trials.score_card import Draws
 
 
 @command(
@@ -50,10 +50,9 @@ def sweep(arguments: argparse.Namespace) -> int:
     is made), 130 if the sweep was interrupted.
     """
     # Imported here so that --help does not load MuJoCo and Dask.
-    from ..sweep.cost_estimate import estimate_cost, format_plan
+    from ..sweep.dry_run import find_inert_axes, format_plan
     from ..sweep.engine import engine
     from ..sweep.folder import is_begun, lock_folder
-    from ..sweep.inert_axes import find_inert_axes
     from ..sweep.plan import SweepPlan
     from ..sweep.results import rows
     from ..sweep.study import load_study
@@ -69,7 +68,7 @@ def sweep(arguments: argparse.Namespace) -> int:
         for reason in extent.refused:
             print(f"ttempc: note: left out: {reason}", file=sys.stderr)
     if arguments.dry_run:
-        print(format_plan(plan, extent, estimate_cost(plan, extent), arguments.workers))
+        print(format_plan(plan, arguments.workers))
         return 0
 
     def drive() -> int:
@@ -333,13 +332,12 @@ def bench(arguments: argparse.Namespace) -> int:
     if sum(map(bool, asked)) != 1:
         raise BadOptions("bench: give CONTROLLER, or one of --compare, --draw-seeds, --schema")
     # Imported here so that --help does not load MuJoCo and Dask.
-    from ..trials.comparison import compare_cards
-    from ..trials.draws import draw_hidden
-    from ..trials.score_card import card_schema, read_score_card
+    from ..trials.score_card import card_schema, compare_cards, draw_hidden, read_score_card
+    from ..trials.tables import format_comparison
 
     if arguments.compare:
-        comparison = compare_cards(*map(read_score_card, arguments.compare))
-        print(comparison.to_json() if arguments.json else f"{comparison}\n", end="")
+        found = compare_cards(*map(read_score_card, arguments.compare))
+        print(json.dumps(found, indent=1) if arguments.json else format_comparison(found))
     elif arguments.draw_seeds:
         if arguments.out is None:
             raise BadOptions("bench: --draw-seeds needs -o FILE")
@@ -390,7 +388,7 @@ def _draws(arguments: argparse.Namespace) -> Draws:
     Raises:
         BadOptions: they are given twice, or the file is not understood.
     """
-    from ..trials.draws import PUBLIC, hidden_draws, public_draws
+    from ..trials.score_card import PUBLIC, hidden_draws, public_draws
 
     if arguments.seeds_file is None:
         return public_draws(PUBLIC[:1] if arguments.quick else PUBLIC)

@@ -37,11 +37,10 @@ from ..errors import MissingExtra, SweepStopped
 from ..output import write_file
 from ..scenario.scenario import Scenario
 from ..sweep.engine import Engine
-from ..sweep.failure import has_failed, working_error
 from ..sweep.plan import Setting, SweepPlan
-from ..sweep.points import drive_plan, points_plan
-from ..sweep.row import Row
+from ..sweep.row import Row, has_failed, working_error
 from ..sweep.study import Scalar
+from ..sweep.sweep import drive_plan, points_plan
 from .quantities import Space, Subject
 
 if TYPE_CHECKING:

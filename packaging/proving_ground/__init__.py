@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .experiments.run.simulate import run, simulate
     from .experiments.scenario.scenario import Scenario, load
     from .experiments.sweep.engine import engine
-    from .experiments.sweep.points import drive_points
+    from .experiments.sweep.sweep import drive_points
     from .testbed.log.reader import read_log
     from .testbed.recording.record import Record
 
@@ -42,7 +42,7 @@ __all__ = [
 _MODULE_OF = {
     "Record": "testbed.recording.record",
     "Scenario": "experiments.scenario.scenario",
-    "drive_points": "experiments.sweep.points",
+    "drive_points": "experiments.sweep.sweep",
     "engine": "experiments.sweep.engine",
     "load": "experiments.scenario.scenario",
     "read_log": "testbed.log.reader",

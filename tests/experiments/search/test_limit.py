@@ -8,10 +8,11 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import ExperimentError, SweepStopped
 from proving_ground.experiments.search.limit import Question, find_limit
 from proving_ground.experiments.search.quantities import QUANTITIES
-from proving_ground.experiments.sweep import points
+from proving_ground.experiments.sweep import sweep
 from proving_ground.experiments.sweep.engine import Engine, InProcess
-from proving_ground.experiments.sweep.failure import ERROR
 from proving_ground.experiments.sweep.row import no_figures
+
+from tests.experiments.sweep_rows import ERROR
 
 
 def question(quantity="slope", tolerance=0.01, **bounds):
@@ -33,7 +34,7 @@ def search(monkeypatch):
                 status = "completed" if value is not None else "lost"
                 yield job.row(status, None, {**no_figures(), ERROR: value}, 0.1)
 
-        monkeypatch.setattr(points, "imap_rows", rows_of)
+        monkeypatch.setattr(sweep, "imap_rows", rows_of)
         return find_limit(asked, Engine(InProcess(), lambda: 1))
 
     return find

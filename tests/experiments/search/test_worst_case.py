@@ -27,10 +27,11 @@ from proving_ground.experiments.search.worst_case import (
     milder,
 )
 from proving_ground.experiments.sweep.engine import engine
-from proving_ground.experiments.sweep.failure import ERROR
-from proving_ground.experiments.sweep.points import points_plan
 from proving_ground.experiments.sweep.results import rows
 from proving_ground.experiments.sweep.row import FIGURES, no_figures
+from proving_ground.experiments.sweep.sweep import points_plan
+
+from tests.experiments.sweep_rows import ERROR
 
 FORCE = Parameter(keys=("force",), low=0.0, high=1.0, nominal=0.0)
 DELAY = Parameter(keys=("delay",), low=0.0, high=1.0, nominal=0.0)
