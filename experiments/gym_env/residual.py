@@ -14,7 +14,6 @@ from ttempc.types import (
     ControlStep,
     Estimate,
     FloatArray,
-    Preparing,
     Resuming,
     SpaceBased,
     WarmingUp,
@@ -61,11 +60,6 @@ class ResidualController:
         """Warm the other controller up, see `WarmingUp`."""
         if isinstance(self.inner, WarmingUp):
             self.inner.warm_up()
-
-    def prepare(self, k: int) -> None:
-        """Let the other controller prepare tick `k`, see `Preparing`."""
-        if isinstance(self.inner, Preparing):
-            self.inner.prepare(k)
 
     def resume(self, previous: object) -> None:
         """Continue after a controller for other model parameters, see `Resuming`."""

@@ -70,12 +70,9 @@ class Assembly:
         return self.guidance.vehicle
 
     def setup(self, sink: Sink, record_hz: float | None = None) -> SimulationSetup:
-        """Return the run with the sink in its place, the plant at its start and rolling.
+        """Return the run with a sink that is told everything, the plant at its start and rolling.
 
-        Args:
-            sink: is told everything.
-            record_hz: how often it is told the truth [Hz], see `record_steps`; None: as in
-                `record_rate`.
+        `record_hz` is how often it is told the truth, see `record_steps`; None: as `record_rate`.
         """
         self.plant.restore(self.start)
         timestep, period_s = self.plant.timestep_s, self.guidance.period_s

@@ -23,11 +23,7 @@ Part = TypeVar("Part")
 
 
 class Kept(Generic[Part]):
-    """Parts by what they were made from; the least recently used are dropped.
-
-    Args:
-        most: number of parts that are kept.
-    """
+    """At most so many parts by what they were made from; the least recently used are dropped."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -67,10 +63,7 @@ class SharedParts:
     ) -> ControllerFactory:
         """Return what makes the controller of a run from vehicle, reference and period [s].
 
-        Args:
-            scenario: names the controller and its options.
-            given: model parameters of the scenario.
-            factory: of a user, in the place of the scenario's.
+        `given` are the model parameters of the scenario; a user's `factory` replaces its own.
 
         Raises:
             InvalidController, UnknownController, InvalidTuning: as `named_factory`.

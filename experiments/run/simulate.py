@@ -179,12 +179,7 @@ def run(
     files["report"] = folder / "report.html"
     comparison = published_beside(summary, scenario)
     page = render_run_report(
-        summary,
-        record,
-        resolved,
-        pictures,
-        description=scenario.description,
-        comparison=comparison,
+        summary, record, resolved, pictures, description=scenario.description, comparison=comparison
     )
     write_file(files["report"], page)
     return Finished(summary, record, files, mismatch, notes, comparison)
@@ -200,13 +195,8 @@ def drive_into(
 ) -> Outcome:
     """Drive a run to its end and write it into the sink, the reference path first.
 
-    Args:
-        sink: is told everything.
-        assembly: of the run.
-        record_hz: how often the sink is told the truth [Hz].
-        on_tick: called after every control period.
-        prepared: whether the controller prepares its steps. That shortens the steps and costs more
-            than it saves; the bits are the same.
+    `on_tick` is called after every control period. `prepared`: the controller prepares its steps,
+    which shortens them and costs more than it saves; the bits are the same.
     """
     setup = assembly.setup(sink, record_hz)
     sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))

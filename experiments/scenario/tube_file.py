@@ -184,10 +184,7 @@ def shipped_tubes() -> list[str]:
 
 
 def read_tube(name: str) -> TubeFile:
-    """Return the content of a tube file.
-
-    Args:
-        name: name of a shipped tube, or path of a JSON file.
+    """Return the content of a tube file, given a shipped name or the path of a JSON file.
 
     Raises:
         InvalidFit: there is no such file, or a key or a value is not allowed.

@@ -8,7 +8,6 @@ from proving_ground.experiments.results.statistics import (
     fewest_samples,
     holm,
     mean,
-    pair,
     paired_p,
     proportion,
     quantile95,
@@ -110,17 +109,6 @@ def test_differences_of_equal_runs_are_none_and_one_sample_has_no_interval():
     alone = mean(np.array([2.0, 3.0]), np.array([7, 7]))
     assert (alone.value, alone.low, alone.high) == (2.5, None, None)
     assert alone.ends == (2.5, 2.5)
-
-
-def test_pairing_takes_out_what_runs_share():
-    generator = np.random.default_rng(6)
-    ground = generator.normal(20.0, 10.0, 12)
-    keys, others = generator.permutation(12), generator.permutation(14)
-    mine, theirs = ground[keys] + 1.0, np.append(ground, [0.0, 0.0])[others]
-    here, there = pair(keys, others)
-    difference = mean(mine[here] - theirs[there])
-    np.testing.assert_allclose([difference.value, difference.low, difference.high], 1.0)
-    assert len(here) == 12
 
 
 @pytest.mark.parametrize("count", [1, 5, 14, 100])

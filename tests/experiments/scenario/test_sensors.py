@@ -10,7 +10,7 @@ from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import Scenario, dump, load
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, MEASUREMENT, STATE
-from proving_ground.testbed.sensing.sensor_presets import SENSOR_PRESETS
+from proving_ground.testbed.sensing.sensor_specification import SENSOR_PRESETS
 from proving_ground.testbed.sensing.sensors import SensorSuite
 
 from tests.testbed.truths import truth

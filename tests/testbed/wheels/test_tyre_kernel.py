@@ -112,17 +112,8 @@ def test_compiled_law_reads_the_soil_below_each_wheel(tyres):
     xpos[2:, 1] = np.linspace(5.0, -6.0, 6)
     xmat = np.tile(np.eye(3).ravel(), (8, 1))
     grid = np.array([*FLAT.origin, FLAT.spacing_m, DT])
-    arguments = (
-        LAW.table(),
-        tyres.table(LAW),
-        FLAT.heights,
-        cone,
-        grid,
-        np.arange(2, 8),
-        xpos,
-        xmat,
-    )
-    wheel_step(*arguments, np.zeros((8, 6)), np.zeros((8, 3)), state, output, xfrc)
+    kernel = (LAW.table(), tyres.table(LAW), FLAT.heights, cone, grid, np.arange(2, 8), xpos, xmat)
+    wheel_step(*kernel, np.zeros((8, 6)), np.zeros((8, 3)), state, output, xfrc)
     column = np.rint((xpos[2:, 0] + 10.0) / 0.1).astype(int)
     row = np.rint((xpos[2:, 1] + 10.0) / 0.1).astype(int)
     np.testing.assert_array_equal(output[:, Output.CONE_INDEX], cone[row, column])
