@@ -294,13 +294,16 @@ def _encode(file: str, frames: Iterable[Picture], settings: FilmSettings) -> Non
     """Encode frames as H.264 in MP4."""
     import av
 
-    with av.open(file, "w", format="mp4", options={"movflags": "+faststart"}) as container:
-        stream = container.add_stream(_CODEC, rate=FRAME_RATE)
-        stream.width, stream.height = settings.pixels
-        stream.pix_fmt, stream.options = _PIXELS, dict(_RATES[settings.quality])
-        stream.time_base = _TICK
-        for number, picture in enumerate(frames):
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-            frame.pts, frame.time_base = number, _TICK
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
+    try:
+        with av.open(file, "w", format="mp4", options={"movflags": "+faststart"}) as container:
+            stream = container.add_stream(_CODEC, rate=FRAME_RATE)
+            stream.width, stream.height = settings.pixels
+            stream.pix_fmt, stream.options = _PIXELS, dict(_RATES[settings.quality])
+            stream.time_base = _TICK
+            for number, picture in enumerate(frames):
+                frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+                frame.pts, frame.time_base = number, _TICK
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+    except av.FFmpegError as error:
+        raise OSError(error.errno, error.strerror) from error  # as of any other file
