@@ -104,10 +104,8 @@ def report(arguments: argparse.Namespace) -> int:
 
     Of a log, also an old, a recovered or a torn one, it writes the page that `ttempc run`
     makes, with the numbers that the log has. Of a sweep, which may still be running, it reads
-    the rows and writes into DIR/report, in place of an earlier report:
-
-      report.html   one page: tables to sort, charts, the worst runs, all runs
-      summary.md    a short version        *.png   its pictures
+    the rows and writes DIR/report/report.html, in place of an earlier one: tables to sort,
+    charts, the worst runs, all runs.
 
     Figures are vector graphics with editable text; each comes with its data as CSV.
 
@@ -145,7 +143,7 @@ def _page_of_sweep(arguments: argparse.Namespace) -> int:
     file = write_report(content, arguments.source)
     if runs.missing:
         print(f"in progress: {runs.missing} of {runs.planned} runs are missing")
-    print(f"summary   {file.with_name('summary.md')}\n\nopen {file}")
+    print(f"open {file}")
     return 0
 
 
@@ -222,6 +220,7 @@ def _between(name: str, text: object, low: float, high: float) -> float:
 @command(
     option("logs", type=log_path, nargs="+", metavar="LOG", help="log or folder of a run"),
     out("DIR", "default: a new one in runs/"),
+    option("--label", nargs="+", metavar="NAME", help="names of the runs, in their order"),
     *options.FIGURES,
     option("--film", metavar="NAME", help="also film the runs side by side: NAME.mp4 or .webp"),
     *options.PICTURE,
@@ -229,9 +228,9 @@ def _between(name: str, text: object, low: float, high: float) -> float:
 def compare(arguments: argparse.Namespace) -> int:
     """Compare runs on one reference, aligned by its time; print a table and write into DIR:
 
-      path, error, signals  figures of driven paths, of errors over time and of commands,
-                            each with the data that it shows as CSV (default: png)
-      comparison.csv        the statistics, SI units
+      path, error, cross-track, signals  figures of driven paths, of errors over time and over
+                                         the path, of commands, each with its data as CSV
+      comparison.csv                     the statistics, SI units
 
       ttempc compare runs/grass-paper-1 runs/grass-ttempc-nominal-1 --film side-by-side.webp
       ttempc compare runs/grass-pid-1 runs/grass-ttempc-1 --format pdf,svg --width single
@@ -255,7 +254,7 @@ def compare(arguments: argparse.Namespace) -> int:
     name = arguments.film and Path(arguments.film)
     if name and (name.name != arguments.film or name.suffix not in (".mp4", ".webp", ".gif")):
         raise BadOptions(f"--film: got {name}, must be a name that ends in .mp4, .webp or .gif")
-    runs = read_compared(arguments.logs)
+    runs = read_compared(arguments.logs, arguments.label or ())
     film = _film(arguments, arguments.logs) if name else None
     print(format_comparison(runs) + "\n")
     _write_figures(arguments, comparison_figures(runs), folder)

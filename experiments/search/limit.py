@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -22,7 +21,7 @@ from ..output import create_partial, write_file
 from ..scenario.scenario import ScenarioFile
 from ..sweep.engine import Engine
 from ..sweep.plan import SweepPlan
-from ..sweep.row import Row, has_failed, is_unmeasured, mostly_fails, unmeasured_text, working_error
+from ..sweep.row import Row, has_failed, mostly_fails, unmeasured_text, working_error
 from ..sweep.study import ListAxis, Study
 from ..sweep.sweep import drive_plan
 from .quantities import FAULTS, Parameter, read_quantity
@@ -68,21 +67,11 @@ class Question:
                 "scenario and give KEY=LOW:HIGH, such as faults.gust.force_n=100:4000"
             )
         parameter, _ = read_quantity(word)
-        return cls(
-            scenario=scenario,
-            controller=draft.scenario(settings, "--set").controller.name,
-            quantity=word.partition("=")[0],
-            parameter=parameter,
-            tolerance=tolerance or parameter.tolerance or _SHARE * (parameter.high - parameter.low),
-            limit_m=limit_m,
-            seeds=seeds,
-            settings=settings,
-        )
-
-    @property
-    def label(self) -> str:
-        """Quantity and unit."""
-        return f"{self.quantity} [{self.parameter.unit}]" if self.parameter.unit else self.quantity
+        default = parameter.tolerance or _SHARE * (parameter.high - parameter.low)
+        controller = draft.scenario(settings, "--set").controller.name
+        name = word.partition("=")[0]
+        width = default if tolerance is None else tolerance
+        return cls(scenario, controller, name, parameter, width, limit_m, seeds, settings=settings)
 
     def scan_numbers(self) -> list[float]:
         """Return the values of the scan; those of a named quantity are the indices of its names.
@@ -95,15 +84,10 @@ class Question:
             return [float(number) for number in range(len(parameter.names))]
         if self.tolerance < parameter.step:
             raise InvalidStudy(
-                f"tolerance must be at least {parameter.step:g}, the step of {self.label}, "
+                f"tolerance must be at least {parameter.step:g}, the step of {self.quantity}, "
                 f"got {self.tolerance:g}"
             )
         return sorted({parameter.number(p) for p in np.linspace(0.0, 1.0, self.scan).tolist()})
-
-    def value(self, number: float) -> float | str:
-        """Return the value that the scenario gets for a number of the scan or of the bisection."""
-        names = self.parameter.names
-        return names[int(number)] if names else number
 
     def plan(self, numbers: Sequence[float]) -> SweepPlan:
         """Return the plan of all seeds at these values.
@@ -111,16 +95,12 @@ class Question:
         Raises:
             InvalidScenario: no such scenario.
         """
-        values = tuple(map(self.value, numbers))
-        study = Study(
-            scenario=self.scenario,
-            seeds=self.seeds,
-            set=self.settings,
-            axis=(
-                ListAxis(kind="list", keys=self.parameter.keys, values=values),
-                ListAxis(kind="list", key="controller", values=(self.controller,)),
-            ),
+        values = tuple(map(self.parameter.named, numbers))
+        axes = (
+            ListAxis(kind="list", keys=self.parameter.keys, values=values),
+            ListAxis(kind="list", key="controller", values=(self.controller,)),
         )
+        study = Study(scenario=self.scenario, seeds=self.seeds, set=self.settings, axis=axes)
         return SweepPlan(f"limit of {self.quantity}", study)
 
     def check(self) -> None:
@@ -139,9 +119,7 @@ class Probe:
     value: float | str
     runs: int
     failed: int
-    lost: int
     cross_p95_m: tuple[float | None, ...]  # `working_error` of each run
-    unmeasured: int = 0  # runs that completed without an error figure
 
     @property
     def fails(self) -> bool:
@@ -170,9 +148,11 @@ class Limit:
             result = f"holds at {_text(self.holds_at)}, fails at {_text(self.fails_at)}"
             if not self.monotone:
                 result += f"; not monotone: failure comes and goes {tested}"
-        unmeasured = sum(probe.unmeasured for probe in self.probes)
+        holding = [probe for probe in self.probes if not probe.failed]
+        unmeasured = sum(probe.cross_p95_m.count(None) for probe in holding)
         note = unmeasured_text(unmeasured, question.limit_m).rstrip(".")
-        subject = f"{question.controller} on {question.scenario}, {question.label}"
+        unit = f" [{question.parameter.unit}]" if question.parameter.unit else ""
+        subject = f"{question.controller} on {question.scenario}, {question.quantity}{unit}"
         return f"{subject}: {result}" + (f"; {note}" if note else "")
 
 
@@ -207,21 +187,23 @@ def find_limit(question: Question, engine: Engine) -> Limit:
         SweepStopped: a run raised an error, which is no failure of the controller.
     """
     probes: dict[float, Probe] = {}
+    parameter = question.parameter
 
-    def add(numbers: Sequence[float]) -> None:
-        probes.update(zip(numbers, _drive(question, numbers, engine), strict=True))
+    def drive(numbers: Sequence[float]) -> None:
+        driven = drive_plan(question.plan(numbers), engine)
+        for number, rows in zip(numbers, driven, strict=True):
+            probes[number] = _probe(question, parameter.named(number), rows)
 
     def bracket() -> tuple[float, float] | None:
         """First pair of neighbouring values of which one holds and one fails."""
         pairs = itertools.pairwise(sorted(probes))
         return next((p for p in pairs if probes[p[0]].fails != probes[p[1]].fails), None)
 
-    add(question.scan_numbers())
-    parameter = question.parameter
+    drive(question.scan_numbers())
     while (found := bracket()) and not parameter.names:
         if found[1] - found[0] <= question.tolerance * (1.0 + 1e-9):
             break
-        add([parameter.number(0.5 * sum(map(parameter.position, found)))])
+        drive([parameter.number(0.5 * sum(map(parameter.position, found)))])
     ordered = tuple(probes[number] for number in sorted(probes))
     if found is None:
         outcome = "fails" if ordered[0].fails else "holds"
@@ -231,13 +213,6 @@ def find_limit(question: Question, engine: Engine) -> Limit:
     return Limit(question, "found", changes == 1, holds.value, fails.value, ordered)
 
 
-def _drive(question: Question, numbers: Sequence[float], engine: Engine) -> Iterator[Probe]:
-    """Drive these values under all seeds; yield the outcome at each, in the given order."""
-    driven = drive_plan(question.plan(numbers), engine)
-    for value, rows in zip(map(question.value, numbers), driven, strict=True):
-        yield _probe(question, value, rows)
-
-
 def _probe(question: Question, value: float | str, rows: Sequence[Row]) -> Probe:
     for row in rows:
         if row["status"] in ("failed", "crashed"):
@@ -245,15 +220,9 @@ def _probe(question: Question, value: float | str, rows: Sequence[Row]) -> Probe
                 f"{question.quantity} at {_text(value)}, {question.controller}, seed "
                 f"{row['seed']}: {row['failure']}"
             )
-    return Probe(
-        value,
-        runs=len(rows),
-        failed=sum(has_failed(row, question.limit_m) for row in rows),
-        lost=sum(row["status"] != "completed" for row in rows),
-        cross_p95_m=tuple(map(working_error, rows)),
-        unmeasured=sum(map(is_unmeasured, rows)),
-    )
+    failed = sum(has_failed(row, question.limit_m) for row in rows)
+    return Probe(value, len(rows), failed, tuple(map(working_error, rows)))
 
 
 def _text(value: float | str | None) -> str:
-    return f"{value:.4g}" if isinstance(value, float) and math.isfinite(value) else str(value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -60,9 +60,8 @@ class Parameter:
         value = round(round(value / step) * step, 12) if step else float(f"{value:.6g}")
         return min(max(value, self.low), self.high)
 
-    def value(self, position: float) -> float | str:
-        """Return the value that the scenario gets at a position."""
-        number = self.number(position)
+    def named(self, number: float) -> float | str:
+        """Return the value that the scenario gets for a number."""
         return self.names[int(number)] if self.names else number
 
     def severity(self, position: float) -> float:
@@ -97,7 +96,7 @@ class Space:
     def changes(self, point: FloatArray) -> dict[str, Scalar]:
         """Return the values of all scenario keys at a point."""
         pairs = zip(self.parameters, point.tolist(), strict=True)
-        return {key: p.value(position) for p, position in pairs for key in p.keys}
+        return {key: p.named(p.number(position)) for p, position in pairs for key in p.keys}
 
 
 def _range(
@@ -111,18 +110,28 @@ def _range(
     return Parameter(keys=("",), low=low, high=high, nominal=value, spacing=spacing)
 
 
-_DEAD_TIMES: Final = tuple(f"actuators.{n}.dead_time_s" for n in ("front", "trailer", "hydrostat"))
-_STEP_S: Final = 0.01  # a dead time is a whole number of physics steps
-
 QUANTITIES: Final[Mapping[str, Parameter]] = {
-    name: Parameter(keys=keys, unit=unit, low=low, high=high, tolerance=tolerance, **more)
-    for name, keys, unit, low, high, tolerance, more in (
-        ("cone-index", ("soil.cone_index_kpa",), "kPa", 100.0, 2000.0, 20.0, {"spacing": "log"}),
-        ("slope", ("terrain.slope_rad",), "rad", 0.0, 0.4, 0.01, {}),
-        ("speed", ("path.speed_mps",), "m/s", 0.4, 1.35, 0.05, {}),
-        ("delay", _DEAD_TIMES, "s", 0.0, 1.0, 0.05, {"step": _STEP_S}),
-        ("roughness", ("terrain.iso_class",), "ISO 8608", 0.0, 5.0, 1.0, {"names": (*"ABCDEF",)}),
-    )
+    "cone-index": Parameter(
+        keys=("soil.cone_index_kpa",),
+        unit="kPa",
+        low=100.0,
+        high=2000.0,
+        spacing="log",
+        tolerance=20.0,
+    ),
+    "slope": Parameter(keys=("terrain.slope_rad",), unit="rad", low=0.0, high=0.4, tolerance=0.01),
+    "speed": Parameter(keys=("path.speed_mps",), unit="m/s", low=0.4, high=1.35, tolerance=0.05),
+    "delay": Parameter(
+        keys=tuple(f"actuators.{n}.dead_time_s" for n in ("front", "trailer", "hydrostat")),
+        unit="s",
+        low=0.0,
+        high=1.0,
+        step=0.01,  # a dead time is a whole number of physics steps
+        tolerance=0.05,
+    ),
+    "roughness": Parameter(
+        keys=("terrain.iso_class",), unit="ISO 8608", low=0.0, high=5.0, names=tuple("ABCDEF")
+    ),
 }
 """Quantities of a scenario by name; the ranges are assumed."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -57,13 +57,6 @@ def format_value(value: Value) -> str:
     if isinstance(value, str):
         return re.sub(r".*/|\.toml$", "", value)
     return f"{value:.4g}" if isinstance(value, float) else str(value).lower()
-
-
-def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table in Markdown."""
-    lines = [heads, ["---"] * len(heads), *rows]
-    escaped = ([cell.replace("|", "\\|") for cell in line] for line in lines)
-    return "".join(f"| {' | '.join(cells)} |\n" for cells in escaped)
 
 
 def rerun_command(study: Study, row: Mapping[Any, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Report of a sweep: tables and charts as a page, as Markdown with pictures, as single figures."""
+"""Report of a sweep: tables and charts as a page, charts as single figures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,8 +18,7 @@ from matplotlib.figure import Figure
 
 from ...testbed.atomic_write import atomic_write
 from ..errors import BadOptions, OutputExists
-from ..figures import png
-from ..figures.panel import Panel, alone, svg, together
+from ..figures.panel import Panel, alone, svg
 from ..report.html import environment
 from ..results.statistics import TAIL, caveat
 from ..results.summary import ACTUATOR_USE
@@ -31,7 +29,6 @@ from .format import (
     format_numbers,
     format_percent,
     format_value,
-    markdown_table,
     rerun_command,
 )
 from .runs import Sweep, differences, groups, ranking, tails
@@ -41,7 +38,6 @@ PLACE: Final = "report"
 
 _MOST_MAPS: Final = 3  # pairs of axes
 _MOST_WORST: Final = 4  # runs that are listed of each controller
-_MOST_CELLS: Final = 60  # rows of a table that fits between the pictures of a summary
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +69,7 @@ class Table:
 class Section:
     """A group of charts."""
 
-    name: str  # of the picture's file
+    name: str
     title: str
     caption: str
     panels: tuple[Panel, ...]
@@ -125,63 +121,20 @@ def make_report(sweep: Sweep, against: str | None = None) -> SweepReport:
 
 
 def write_report(report: SweepReport, folder: Path) -> Path:
-    """Write report.html, summary.md and the pictures; return the page's path.
-
-    The files of an earlier report are replaced; all of them follow from the rows.
-
-    Args:
-        report: its content.
-        folder: of the sweep.
+    """Write the page into the folder of the sweep, in place of an earlier one; return its path.
 
     Raises:
-        OutputExists: the folder cannot be written to; each file is the old or the new one.
+        OutputExists: the folder cannot be written to; an earlier page is unchanged.
     """
     target = folder / PLACE
-    summary, pictures = docs_page(report, "")
-    page = render_page(report, folder)
-    files = pictures | {"summary.md": summary.encode(), "report.html": page.encode()}
+    page = render_page(report, folder).encode()
     try:
         target.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as stack:  # all are written before the first takes its place
-            for name, content in files.items():
-                stack.enter_context(atomic_write(target / name)).write(content)
+        with atomic_write(target / "report.html") as file:
+            file.write(page)
     except OSError as error:
         raise OutputExists(f"output {target}: cannot be written: {error.strerror}") from None
-    for stale in {*target.glob("maps*.png"), target / "curves.png"}:
-        if stale.name not in files:
-            stale.unlink(missing_ok=True)
     return target / "report.html"
-
-
-def docs_page(report: SweepReport, prefix: str | None = None) -> tuple[str, dict[str, bytes]]:
-    """Return `summary.md`, and its pictures by file name, which begins with a prefix.
-
-    Args:
-        report: its content.
-        prefix: of the names of the pictures; None: the study and a dash.
-    """
-    sweep = report.sweep
-    prefix = f"{sweep.name}-" if prefix is None else prefix
-    parts = [f"# {sweep.name}", sweep.study.description, f"{_state(sweep)}. {report.method}"]
-    parts += [_markdown(table) for table in report.tables]
-    for section in report.sections:
-        picture = f"![{section.title}]({prefix}{section.name}.png)"
-        parts += [f"## {section.title}", section.caption, picture]
-    if report.cells is not None and len(report.cells.rows) <= _MOST_CELLS:
-        parts += ["## Points", _markdown(report.cells)]
-    parts += ["## The worst run of each controller", "The command repeats it and writes its log."]
-    for row in _worst(sweep).drop_duplicates("controller").to_dict("records"):
-        size = "" if np.isnan(row["error_cm"]) else f", {row['error_cm']:.1f} cm"
-        why = f": {row['failure']}" if row["failure"] else ""
-        parts.append(f"- `{row['controller']}`, run {row['run']}, {row['status']}{why}{size}")
-        parts.append(f"      {rerun_command(sweep.study, row)}")
-    versions = ", ".join(f"{name} {text}" for name, text in sweep.origin["versions"].items())
-    parts += ["## The study", f"Driven with {versions}; code {sweep.origin['code']}."]
-    parts.append(f"```toml\n{sweep.study.dump().rstrip()}\n```")
-    pictures = {
-        f"{prefix}{section.name}.png": png(together(section.panels)) for section in report.sections
-    }
-    return "\n\n".join(parts) + "\n", pictures
 
 
 def panel_figures(report: SweepReport) -> dict[str, Callable[[], Figure]]:
@@ -317,7 +270,7 @@ def _sections(
         maps = map_panels(sweep, across, up, groups(sweep, [across, up]), of_rival, against)
         sections.append(
             Section(
-                "maps" if number == 1 else f"maps-{number}",
+                f"maps-{number}" if number > 1 else "maps",
                 f"{up.label} against {across.label}",
                 caption + (pooled if len(scales) > 2 else ""),
                 tuple(maps),
@@ -412,10 +365,6 @@ def _table(name: str, title: str, frame: pd.DataFrame, columns: Columns, note: s
         for row in frame.to_dict("records")
     )
     return Table(name, title, tuple(shown), rows, note)
-
-
-def _markdown(table: Table) -> str:
-    return markdown_table(table.heads, [[cell.text for cell in row] for row in table.rows]).rstrip()
 
 
 def _picked(runs: Sequence[int], text: str = "") -> Cell:

@@ -1,4 +1,4 @@
-"""Parts of a simulation, and the data of a control period."""
+"""Parts of a simulation, and what a control period hands from stage to stage."""
 
 from __future__ import annotations
 

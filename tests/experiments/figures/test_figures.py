@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 from proving_ground.experiments.figures import CAPTIONS, FIGURES, draw, png
-from proving_ground.experiments.figures.panel import Panel, alone, svg, together
+from proving_ground.experiments.figures.panel import Panel, alone, svg
 from proving_ground.experiments.figures.style import series
 from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.results.metrics import summarise
@@ -277,20 +277,6 @@ def test_figures_are_small_png_files_as_wide_as_a_page():
 
 def test_the_same_record_gives_the_same_picture(run):
     assert png(FIGURES["error"](run)) == png(FIGURES["error"](run))
-
-
-def test_panels_side_by_side_share_one_legend_and_hide_unused_axes():
-    panels = [
-        Panel("first", lambda axes: axes.plot([0.0, 1.0])),
-        Panel("second", lambda axes: axes.plot([1.0, 0.0]), series=("a", "b")),
-        Panel("third", lambda axes: axes.plot([1.0, 1.0])),
-    ]
-    figure = together(panels)
-    titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles == ["first", "second", "third", ""]
-    assert [axes.axison for axes in figure.axes] == [True, True, True, False]
-    (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == ["a", "b"]
 
 
 def test_svg_figures_of_one_page_share_no_id():

@@ -1,4 +1,4 @@
-"""Plant validation and `ttempc card`: keys, exit codes, refusals, the page."""
+"""Plant validation and `ttempc validate`: keys, exit codes, refusals, the page."""
 
 import json
 import math
