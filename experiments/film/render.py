@@ -9,7 +9,7 @@ import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -154,19 +154,19 @@ class Film:
                 "or a larger --speed"
             )
 
-        def frames() -> Iterator[Picture]:
-            for picture in self.pictures(workers):
+        def frames(film: Film, every: int = 1) -> Iterator[Picture]:
+            for picture in film.pictures(workers):
                 yield picture
-                on_frame()
+                for _ in range(every):
+                    on_frame()
 
         try:
             with atomic_write(file) as stream:
                 if suffix == ".mp4":
-                    _encode(stream.name, frames(), self.settings)
+                    _encode(stream.name, frames(self), self.settings)
                 else:
-                    images = [
-                        Image.fromarray(each) for k, each in enumerate(frames()) if k % _EVERY == 0
-                    ]
+                    fewer = replace(self, times=self.times[::_EVERY])
+                    images = [Image.fromarray(each) for each in frames(fewer, _EVERY)]
                     form = {".jpg": "jpeg"}.get(suffix, suffix[1:])
                     animation = {
                         "save_all": True,
