@@ -39,7 +39,7 @@ _SAMPLES: Final[dict[Quality, int]] = {"draft": 4, "high": 8}  # per pixel
 _EMISSION, _LIGHT = 1.5, 2.5  # of a line; with sky and sun on level ground
 _HIDDEN_GROUP: Final = 3  # shapes of this group and above serve contacts and are not drawn
 _GHOST_OPACITY: Final = 0.30
-_GHOST_NEAR_M: Final = 0.08  # of a body to its ghost, which would only tint it
+_GHOST_NEAR_M: Final = 0.15  # of all bodies to their ghosts, which would only tint them
 _TRACKS: Final = ("rear_left", "rear_right", "trailer_left", "trailer_right")  # wheels
 _TRACK_STEP_M: Final = 0.4
 _SOIL: Final = (0.14, 0.11, 0.07, 0.25)  # colour of a wheel track
@@ -314,12 +314,12 @@ class MujocoScene:
             self._add_geom(mujoco.mjtGeom.mjGEOM_BOX, size, middle, turn, colour, emission)
 
     def _add_ghost(self, ghost: Poses, vehicle: Poses, colour: Rgb) -> None:
-        """Add a translucent copy of the bodies that are not at their places in the vehicle."""
-        apart = np.linalg.norm(ghost[0] - vehicle[0], axis=1) > _GHOST_NEAR_M
-        bodies = self._bodies[apart]
-        geoms = self._shell[np.isin(self.model.geom_bodyid[self._shell], bodies)]
+        """Add a translucent copy of the vehicle, unless it is nearly where the vehicle is."""
+        if np.linalg.norm(ghost[0] - vehicle[0], axis=1).max() < _GHOST_NEAR_M:
+            return
         rgba = (*_unit(colour), _GHOST_OPACITY)
-        for geom, place, turn in zip(geoms, *self._geom_poses(geoms, ghost), strict=True):
+        places, turns = self._geom_poses(self._shell, ghost)
+        for geom, place, turn in zip(self._shell, places, turns, strict=True):
             kind = int(self.model.geom_type[geom])
             shape = self._add_geom(kind, self.model.geom_size[geom], place, turn, rgba, 0.0)
             if kind == mujoco.mjtGeom.mjGEOM_MESH:
