@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import check_vector
-from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
+from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 from ..models.linear import riccati_gains
 from ..mpc.articulated_error import error_dynamics, error_state
 from ..reference.reference import Reference, ReferenceSample
-from ..types import Estimate, FloatArray, Input
+from ..types import Diagnostics, Estimate, FloatArray, Input
 from ..vehicle import Vehicle
 
 _M = len(Input)
@@ -66,7 +66,7 @@ def step_gains(
     return riccati_gains(augmented, by_step, cost[:-1], step_weight, cost[-1])
 
 
-class LqrFeedback:
+class LqrFeedback(FeedbackLaw):
     """Time-varying state feedback on the error and the estimated disturbances.
 
     The previous input is the one that was sent, so that what the limits cut off does not wind up.
@@ -94,24 +94,15 @@ class LqrFeedback:
         self._state = grid.state
         self._vehicle = reference.vehicle
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         state = error_state(self._state[k], estimate, self._vehicle)
         previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         u_e = previous - self._gains[k] @ np.concatenate([state, previous])
-        return Actions(feedback=-u_e, robust=np.zeros(_M))
-
-    def prepare(self, k: int) -> None:
-        """Do nothing, see `FeedbackLaw`."""
-
-    def fresh(self) -> LqrFeedback:
-        return self
+        return Diagnostics(feedback=-u_e, robust=np.zeros(_M))
 
 
 def lqr_controller(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: LqrOptions = LqrOptions(),
+    vehicle: Vehicle, reference: Reference, period_s: float, options: LqrOptions = LqrOptions()
 ) -> TrackingController:
     """Compose the exact feedforward and the LQR of the articulated error model."""
 

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from ..errors import check_count
 from ..laws.articulated_mpc import MpcOptions
-from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
+from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 from ..mpc.articulated_error import map_gains, remaining_bounds, rotation, split_disturbance
 from ..mpc.lmpc import QP, FirstInputs, HorizonTuning, Solver, StageBounds, move_bounds
 from ..mpc.qp import PersistentSolver
 from ..reference.reference import Reference, ReferenceSample
-from ..types import Estimate, FloatArray, Input, SolverReport, State
+from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State
 from ..vehicle import CommandLimits, Vehicle
 from .nmpc_model import (
     TRACTOR,
@@ -171,13 +171,7 @@ class GaussNewton:
         self._model.evaluate(task, steps, self._errors, self._jacobian)
         gradient, hessian = np.empty_like(steps), np.empty_like(self._sums)
         cost = condense(
-            self._errors,
-            self._jacobian,
-            self._weight,
-            self._step_weight,
-            steps,
-            hessian,
-            gradient,
+            self._errors, self._jacobian, self._weight, self._step_weight, steps, hessian, gradient
         )
         bounds, repeats = task.bounds, len(steps) // len(task.previous)
         shift = np.concatenate([task.previous] * repeats)
@@ -225,7 +219,7 @@ class NmpcOptions(NmpcRtiOptions):
         check_count("iterations", self.iterations)
 
 
-class NonlinearFeedback:
+class NonlinearFeedback(FeedbackLaw):
     """Receding horizons of one NMPC or of several that share the vehicle.
 
     Each NMPC starts from its own plan of the previous tick, shifted. The inputs of the others enter
@@ -233,7 +227,7 @@ class NonlinearFeedback:
     last sent.
 
     Where a QP has no accepted solution, the previous input is held; where an NMPC does not
-    converge, its last plan is applied. `Actions.fallback` reports both.
+    converge, its last plan is applied. `Diagnostics.fallback` reports both.
 
     Args:
         grid: the reference at N + 1 ticks.
@@ -298,7 +292,7 @@ class NonlinearFeedback:
         if isinstance(previous, NonlinearFeedback):
             self._steps = previous._steps
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         horizon, moves = self._tuning.horizon, self._tuning.moves
         feedforward = self._feedforward[k : k + horizon]
         ends = slice(k + 1, k + 1 + horizon)
@@ -333,7 +327,7 @@ class NonlinearFeedback:
             feedback[own] = part.first.clamp(k, task.previous + steps[0, own])
         self._steps = steps
         along = (self._to_map[ends] @ errors[:, :, None])[:, :, 0]
-        return Actions(
+        return Diagnostics(
             feedback=-feedback,
             robust=np.zeros(_M),
             predicted_path=self._points[ends] - along,

@@ -11,13 +11,13 @@ import numpy as np
 
 from ..errors import check_choice, check_flag, check_vector
 from ..laws.lq_robust_law import Reading
-from ..laws.tracking_controller import Actions, TrackingController
+from ..laws.tracking_controller import FeedbackLaw, TrackingController
 from ..models.kinematics import POSITIONS, Error, estimated_error
 from ..models.linear import zero_order_hold
 from ..mpc.articulated_error import PredictedPath
 from ..mpc.lmpc import CondensedHorizon, HorizonTuning, LinearMpc
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
-from ..types import Estimate, FloatArray, Input
+from ..types import Diagnostics, Estimate, FloatArray, Input
 from ..vehicle import CommandLimits, Vehicle
 
 
@@ -253,7 +253,7 @@ class NominalState:
 _M = len(Input)
 
 
-class PaperFeedback:
+class PaperFeedback(FeedbackLaw):
     """Linear MPC on the printed error model, and the tanh law on the modelling error.
 
     Args:
@@ -292,7 +292,7 @@ class PaperFeedback:
         if isinstance(previous, PaperFeedback):
             self._previous = previous._previous
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         error = estimated_error(estimate, self._grid, k)
         nominal = self._nominal.at(k, error)
         mpc_state = self._nominal.mpc_state(nominal, error)
@@ -303,7 +303,7 @@ class PaperFeedback:
         u_m, z_m = np.zeros(_M), None
         if self._robust:
             u_m, z_m = self._robust.step(k, nominal, error)
-        return Actions(
+        return Diagnostics(
             feedback=-feedback.input * self._to_vehicle,
             robust=u_m * self._to_vehicle,
             modelling_error=z_m,
@@ -317,10 +317,7 @@ class PaperFeedback:
 
 
 def paper_controller(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: PaperOptions = PaperOptions(),
+    vehicle: Vehicle, reference: Reference, period_s: float, options: PaperOptions = PaperOptions()
 ) -> TrackingController:
     """Compose the paper's controller: `paper`."""
     options = _in_paper_unit(options)

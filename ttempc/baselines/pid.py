@@ -15,10 +15,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..errors import check_positive
-from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
+from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 from ..models.kinematics import Error, estimated_error
 from ..reference.reference import Reference, ReferenceSample
-from ..types import Estimate, FloatArray, Input, State
+from ..types import Diagnostics, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 
 
@@ -109,7 +109,7 @@ def pole(lag_s: float, period_s: float, options: PidOptions = PidOptions()) -> f
     return 1.0 / (options.lag_ratio * (lag_s + 0.5 * period_s))
 
 
-class PidFeedback:
+class PidFeedback(FeedbackLaw):
     """Three PID loops; an integral does not grow while its input is at a limit.
 
     Args:
@@ -157,16 +157,12 @@ class PidFeedback:
         if isinstance(previous, PidFeedback):
             self._integrals, self._unlimited = previous._integrals, previous._unlimited
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         z_e = estimated_error(estimate, self._grid, k)
         error = -np.array([z_e[Error.Y_T], z_e[Error.Y_I], z_e[Error.X_T]])
         speed_t, speed_i = self._speed[k]
         rate = -np.array(
-            [
-                speed_t * np.sin(z_e[Error.PSI_T]),
-                speed_i * np.sin(z_e[Error.PSI_I]),
-                z_e[Error.V],
-            ]
+            [speed_t * np.sin(z_e[Error.PSI_T]), speed_i * np.sin(z_e[Error.PSI_I]), z_e[Error.V]]
         )
         growth = -self._integral[k] * error * self._period_s
         winding_up = (self._unlimited - sent) * growth > 0.0
@@ -174,10 +170,7 @@ class PidFeedback:
             self._integrals = self._integrals + np.where(winding_up, 0.0, growth)
         feedback = self._integrals - self._proportional[k] * error - self._derivative[k] * rate
         self._unlimited = self._feedforward[k] + feedback
-        return Actions(feedback=feedback, robust=np.zeros(len(Input)))
-
-    def prepare(self, k: int) -> None:
-        """Do nothing, see `FeedbackLaw`."""
+        return Diagnostics(feedback=feedback, robust=np.zeros(len(Input)))
 
 
 def pid_controller(

@@ -21,15 +21,7 @@ from ..models.augmented_state import (
     estimate_of,
     predicted_measurement,
 )
-from ..types import (
-    Command,
-    Estimate,
-    Estimator,
-    Innovation,
-    Measurement,
-    Sensor,
-    State,
-)
+from ..types import Command, Estimate, Estimator, Innovation, Measurement, Sensor, State
 from ..vehicle import Vehicle
 from .filter import (
     SAME_TIME_S,

@@ -22,10 +22,10 @@ from ..mpc.lmpc import CondensedHorizon, FeedbackAction, HorizonTuning, LinearMp
 from ..reference.corridor import SpeedTube
 from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import GrowingTube, TubeDesign, report_rows, tightened
-from ..types import Estimate, FloatArray, Input, State, TubeReport
+from ..types import Diagnostics, Estimate, FloatArray, Input, State, TubeReport
 from ..vehicle import CommandLimits, Vehicle
 from .lq_robust_law import LqRobustLaw, LqRobustTuning, RobustAction, containment
-from .tracking_controller import Actions, TrackingController, around_exact_feedforward
+from .tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 
 _PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
 _ROUNDING: Final = 1e-9
@@ -221,7 +221,7 @@ _RESPONSE_S = 0.8
 _EXCESS = 1e-3  # [m], [rad] violation of the corridor from which it counts as left; assumed
 
 
-class ArticulatedFeedback:
+class ArticulatedFeedback(FeedbackLaw):
     """Linear MPC on the articulated error model, with or without the robust law.
 
     Args:
@@ -286,7 +286,7 @@ class ArticulatedFeedback:
         if isinstance(previous, ArticulatedFeedback) and self._robust and previous._robust:
             self._robust.resume(previous._robust)
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         state = error_state(self._state[k], estimate, self._vehicle)  # (16,) z_e, s, m
         state[_N:] *= self._disturbance_scale
         previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
@@ -325,11 +325,11 @@ class ArticulatedFeedback:
         feedback: FeedbackAction,
         robust: RobustAction | None = None,
         action: FloatArray | None = None,
-    ) -> Actions:
+    ) -> Diagnostics:
         tube = None
         if robust and self._monitor:
             tube = self._monitor.report(k, robust.nominal, robust.deviation)
-        return Actions(
+        return Diagnostics(
             feedback=-feedback.input,
             robust=np.zeros(_M) if action is None else action,
             modelling_error=robust.modelling_error if robust else None,

@@ -113,12 +113,7 @@ class LqRobustLaw:
     """
 
     def __init__(
-        self,
-        a: FloatArray,
-        b: FloatArray,
-        c: FloatArray,
-        period_s: float,
-        tuning: LqRobustTuning,
+        self, a: FloatArray, b: FloatArray, c: FloatArray, period_s: float, tuning: LqRobustTuning
     ) -> None:
         outputs = np.ascontiguousarray(c[:-1, :, :_N])
         cost = outputs.transpose(0, 2, 1) @ outputs

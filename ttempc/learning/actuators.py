@@ -111,12 +111,7 @@ _ACTUATORS: Final = (
         steering=True,
     ),
     _Actuator(
-        Input.HP,
-        Sensor.ENCODER,
-        "dead_time_hp",
-        "speed_time_constant",
-        None,
-        steering=False,
+        Input.HP, Sensor.ENCODER, "dead_time_hp", "speed_time_constant", None, steering=False
     ),
 )
 

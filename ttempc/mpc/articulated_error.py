@@ -162,10 +162,7 @@ _ACROSS: Final = [1, 3]  # rows of C with the cross-track errors of tractor and 
 
 
 def corridor_bounds(
-    corridor: Corridor,
-    grid: ReferenceSample,
-    outputs: FloatArray,
-    first: int,
+    corridor: Corridor, grid: ReferenceSample, outputs: FloatArray, first: int
 ) -> OutputBounds:
     """Return the bounds on the predicted error that keep the vehicle in its corridor.
 

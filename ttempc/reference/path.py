@@ -221,10 +221,7 @@ def straight(length_m: float) -> Path:
 
 
 def figure_eight(
-    radius_m: float = 10.0,
-    centre_distance_m: float = 30.0,
-    blend_m: float = 2.0,
-    laps: int = 2,
+    radius_m: float = 10.0, centre_distance_m: float = 30.0, blend_m: float = 2.0, laps: int = 2
 ) -> Path:
     """Return two circles on the x axis, joined by two straights that cross at the origin.
 

@@ -228,10 +228,7 @@ def _reached(
 
 
 def reachable_set(
-    system: TrackingSystem,
-    disturbance: DisturbanceSet,
-    k: int,
-    initial: ConvexSet | None = None,
+    system: TrackingSystem, disturbance: DisturbanceSet, k: int, initial: ConvexSet | None = None
 ) -> SupportSet:
     """Return the set of the deviations at tick `k` that start in `initial` at tick 0.
 
