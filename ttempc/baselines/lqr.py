@@ -25,14 +25,11 @@ _BEYOND_S = 30.0
 
 @dataclass(frozen=True)
 class LqrOptions:
-    """Options of `lqr`; every field is a key that a scenario may set.
+    """Options of `lqr`.
 
     The hydrostat's steps weigh more than in the MPC. With a weight of 0.02 the LQR, which has no
     bounds, runs into the rates of the valves from an offset of some decimetres and cycles there by
     metres.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
     """
 
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)  # [1/m^2]

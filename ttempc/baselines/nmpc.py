@@ -195,22 +195,14 @@ SolverFactory = Callable[[Reference, Subsystem, HorizonTuning, float], HorizonSo
 
 @dataclass(frozen=True)
 class NmpcRtiOptions(MpcOptions):
-    """Options of `nmpc-rti`; every field is a key that a scenario may set.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `nmpc-rti`."""
 
     solver: Solver = "daqp"  # of the QP: the faster one, or "piqp"
 
 
 @dataclass(frozen=True)
 class NmpcOptions(NmpcRtiOptions):
-    """Options of `nmpc`, `nmpc-decentralised` and `nmpc-distributed`; keys as above.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `nmpc`, `nmpc-decentralised` and `nmpc-distributed`."""
 
     iterations: int = ITERATIONS  # Gauss-Newton iterations a period, at most
 

@@ -27,9 +27,6 @@ class PaperEquations:
 
     The numbers are those of docs/errata.md. The defaults are those of the controller `paper`: as
     printed, with 4, 6 and 7 corrected, without which the vehicle stands still or is lost.
-
-    Raises:
-        InvalidTuning: a value is not one of the allowed ones.
     """
 
     # 1: sign of the hitch term in the trailer's yaw equation; +1 printed, -1 geometry
@@ -63,9 +60,6 @@ class RobustGains:
 
     The defaults are the paper's, with the hydrostat as a fraction. The front steering acts on y of
     the tractor, the trailer steering on y of the trailer, the hydrostat on x of the tractor.
-
-    Raises:
-        InvalidTuning: a gain is not finite or not above 0.
     """
 
     saturation: tuple[float, float, float] = (0.2, 0.1, 0.10)  # k_s [rad], [rad], fraction
@@ -122,11 +116,7 @@ class RobustLaw:
 
 @dataclass(frozen=True)
 class PaperOptions(PaperEquations, RobustGains, HorizonTuning):
-    """Options of `paper`: horizon, weights and bounds, gains, and the reading of the equations.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `paper`: horizon, weights and bounds, gains, and the reading of the equations."""
 
     robust: bool = True  # whether the robust law acts
 

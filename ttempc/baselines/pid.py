@@ -24,11 +24,7 @@ from ..vehicle import Vehicle
 
 @dataclass(frozen=True)
 class PidOptions:
-    """Options of `pid`; every field is a key that a scenario may set.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `pid`."""
 
     # Time constant of a steering loop over what its design leaves out, the valve's lag and half of
     # a period. With 6, a triple pole keeps a phase margin of 40 deg.

@@ -42,9 +42,6 @@ class MpcOptions(HorizonTuning):
 
     Horizon and weights are those of a period of 0.2 s and the vehicle of the paper at 1 m/s;
     `for_vehicle` has those of others.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
     """
 
     outputs: ClassVar[int] = 4
@@ -84,11 +81,7 @@ class MpcOptions(HorizonTuning):
 
 @dataclass(frozen=True)
 class NominalOptions(MpcOptions):
-    """Options of `ttempc-nominal`.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `ttempc-nominal`."""
 
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
     corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
@@ -114,11 +107,7 @@ class NominalOptions(MpcOptions):
 
 @dataclass(frozen=True)
 class ArticulatedOptions(LqRobustTuning, NominalOptions):
-    """Options of `ttempc`: those of its MPC and of its robust law.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `ttempc`: those of its MPC and of its robust law."""
 
     robust: bool = True  # whether the robust law acts
 
@@ -132,19 +121,13 @@ _N, _M = len(State), len(Input)
 
 
 class KeptPlan:
-    """The policy u_e = ubar_j + K m of the last accepted plan, m = zhat - zbar_j.
+    """Backup policy u_e = ubar_j + K m of the last accepted plan, m = zhat - zbar_j.
 
     zbar_j starts at the estimate at which the plan was made. It follows the model under ubar_j and
     the disturbances that the estimator gives at each tick. ubar_j are the planned inputs; after a
     first input that the robust action has moved away from them, they approach the plan at the rate
-    that the tightening leaves. K m saturates at the share of
-    the inputs that the tightening has reserved for it; inside the tube it is linear, and the sum
-    keeps to the limits of the inputs.
-
-    Args:
-        tube: gains and reserves along the reference.
-        a: A (T, 16, 16) of `error_dynamics`.
-        b: B (T, 16, 3).
+    that the tightening leaves. K m saturates at the share of the inputs that the tightening has
+    reserved for it. A (T, 16, 16) and B (T, 16, 3) are those of `error_dynamics`.
     """
 
     def __init__(self, tube: GrowingTube, a: FloatArray, b: FloatArray) -> None:
@@ -188,14 +171,10 @@ class OneStepMonitor:
     """Containment of the residual of each step, for a law that predicts its nominal state anew.
 
     The nominal state is predicted from the estimate of the previous tick and the input that was
-    sent, robust action included. The deviation zhat - zbar is then the disturbance w of that step
-    alone. It lies in the set W of single steps, whatever the gain, to W's coverage; the true error
-    lies in W widened by the error of the estimate. Nothing has to contract, and nothing follows
-    for later steps.
-
-    Args:
-        design: the tube whose sets count.
-        outputs: C (T, 4, 7) of the error dynamics along the reference.
+    sent. The deviation zhat - zbar is then the disturbance w of that step alone. It lies in the
+    design's set W of single steps, whatever the gain, to W's coverage; the true error lies in W
+    widened by the error of the estimate. Nothing has to contract, and nothing follows for later
+    steps. `outputs` are C (T, 4, 7) of the error dynamics.
     """
 
     def __init__(self, design: TubeDesign, outputs: FloatArray) -> None:
@@ -217,6 +196,8 @@ class OneStepMonitor:
         return TubeReport(gauge <= 1.0, 1.0 - gauge, errors, self._half_widths[k])
 
 
+# Time after which a plan can move a point across its path: the steering's lag, and its first effect
+# through the heading. Nearer stages would ask for nothing but slack. Assumed.
 _RESPONSE_S = 0.8
 _EXCESS = 1e-3  # [m], [rad] violation of the corridor from which it counts as left; assumed
 
@@ -353,10 +334,9 @@ def articulated_controller(
 ) -> TrackingController:
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
-    With a `design`, the inputs of the MPC are tightened by the tube that grows from the estimate
-    (`ttempc.tube.reference_tube`), and the one-step monitor logs the containment of each step's
-    residual, in the one-step reading of the robust law; the monitor changes no command. Without
-    one nothing is tightened.
+    With a `design`, the inputs of the MPC are tightened by the tube that grows from the estimate,
+    and, in the one-step reading of the robust law, the containment of each step's residual is
+    logged, which changes no command.
 
     Raises:
         InvalidTube: the design was made for another vehicle, or the law is to have its authority

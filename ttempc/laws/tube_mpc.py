@@ -23,11 +23,7 @@ _OUTSIDE = "outside its tube: nominal state restarted at the estimate"
 
 @dataclass(frozen=True)
 class TubeMpcOptions(MpcOptions):
-    """Options of `ttempc-tube`: those of its nominal MPC. The tube has a file of its own.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `ttempc-tube`: those of its nominal MPC. The tube has a file of its own."""
 
 
 class TubeFeedback(FeedbackLaw):

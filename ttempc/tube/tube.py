@@ -230,16 +230,10 @@ def _reached(
 def reachable_set(
     system: TrackingSystem, disturbance: DisturbanceSet, k: int, initial: ConvexSet | None = None
 ) -> SupportSet:
-    """Return the set of the deviations at tick `k` that start in `initial` at tick 0.
+    """Return the set of the deviations at tick `k` that start in `initial`, or at 0, at tick 0.
 
     It needs no contraction. It is exact for windows of one step. For longer ones it is an outer
     bound: a partial window at the start may take the energy of a whole one.
-
-    Args:
-        system: the time-varying system; tick `k` in it.
-        disturbance: acts on the state in every step.
-        k: tick, from 0.
-        initial: set of the deviations at tick 0, by default the origin.
 
     Raises:
         InvalidTube: the system has no tick `k`.
@@ -358,18 +352,10 @@ _FIRST_SIMPLEX = 1.0  # edge, in logarithms of the weights
 def feedback_gains(
     a: FloatArray, b: FloatArray, state_cost: FloatArray, input_cost: FloatArray
 ) -> FloatArray:
-    """Return K of u = K z that minimises sum z'Q z + sum u'R u, by the Riccati recursion.
+    """Return K (T, m, n) of u = K z that minimises sum z'Q z + sum u'R u, by the Riccati recursion.
 
+    A is (T, n, n), B (T, n, m), Q (T, n, n) or (n, n) of all stages, and the diagonal of R (m,).
     The last stage is repeated indefinitely; one stage alone gives the stationary gain.
-
-    Args:
-        a: A (T, n, n).
-        b: B (T, n, m).
-        state_cost: Q (T, n, n), or (n, n) of all stages.
-        input_cost: diagonal of R (m,).
-
-    Returns:
-        K (T, m, n).
 
     Raises:
         InvalidTube: no gain stabilises the last stage.

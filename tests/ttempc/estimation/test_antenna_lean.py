@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.ttempc.sensed_drive import GNSS, VEHICLE, SensedDrive
 from ttempc.errors import InvalidTuning
-from ttempc.estimation.ekf import AntennaLean, ExtendedKalmanFilter
+from ttempc.estimation.ekf import ExtendedKalmanFilter, LeverArm
 from ttempc.estimation.noise import SensorNoise
 from ttempc.types import Measurement, Sensor, State
 
@@ -32,27 +32,27 @@ def test_a_position_moves_by_the_lever_arm_turned_by_yaw_pitch_and_roll(body, gn
         yaw, pitch, roll = generator.uniform(-1.0, 1.0, 3) * (3.0, 0.3, 0.3)
         turn = Rotation.from_euler("ZYX", (yaw, pitch, roll))
         east, north, _ = turn.apply((0.0, 0.0, HEIGHTS[body]))
-        lean, headings = AntennaLean(HEIGHTS, 1.0), [9.0, 9.0]
+        arm, headings = LeverArm(HEIGHTS, 1.0), [9.0, 9.0]
         headings[body] = yaw
         antenna = Measurement(0.2, gnss, (5.0 + east, 3.0 + north))
-        point, _ = lean.corrected([antenna, imu(sensor, 0.2, roll, pitch)], tuple(headings))
+        point, _ = arm.corrected([antenna, imu(sensor, 0.2, roll, pitch)], tuple(headings))
         np.testing.assert_allclose(point.value, (5.0, 3.0), atol=1e-12)
 
 
 def test_a_late_position_is_corrected_with_the_attitude_of_its_time():
-    lean = AntennaLean(HEIGHTS, 1.0)
-    lean.corrected([imu(Sensor.IMU_TRACTOR, t, t, 0.0) for t in (0.0, 0.1, 0.2, 0.3)], (0.0, 0.0))
+    arm = LeverArm(HEIGHTS, 1.0)
+    arm.corrected([imu(Sensor.IMU_TRACTOR, t, t, 0.0) for t in (0.0, 0.1, 0.2, 0.3)], (0.0, 0.0))
     late = Measurement(0.1, Sensor.GNSS_TRACTOR, (0.0, 0.0))
-    (point,) = lean.corrected([late], (0.0, 0.0))
+    (point,) = arm.corrected([late], (0.0, 0.0))
     assert point.value[1] == pytest.approx(HEIGHTS[0] * math.sin(0.1))
 
 
 def test_without_height_or_attitude_samples_stay_as_they_are():
     samples = [Measurement(0.2, Sensor.GNSS_TRACTOR, (5.0, 3.0))]
-    assert AntennaLean(HEIGHTS, 1.0).corrected(samples, (0.0, 0.0)) == samples
+    assert LeverArm(HEIGHTS, 1.0).corrected(samples, (0.0, 0.0)) == samples
     samples.append(imu(Sensor.IMU_TRACTOR, 0.2, 0.1, 0.1))
     samples.append(imu(Sensor.IMU_TRACTOR, 0.2, math.nan, 0.1))
-    assert AntennaLean((0.0, 0.0), 1.0).corrected(samples, (0.0, 0.0)) == samples
+    assert LeverArm((0.0, 0.0), 1.0).corrected(samples, (0.0, 0.0)) == samples
 
 
 def test_a_filter_with_imu_drives_through_a_lean_of_six_degrees():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
 
 from ttempc.errors import InvalidTube
 from ttempc.tube import (
@@ -25,6 +26,11 @@ UNIT = DisturbanceSet(np.eye(2), shape="box")
 @pytest.fixture
 def generator():
     return np.random.default_rng(4)
+
+
+def through(directions, floor):
+    """Return the set of w = E d, widened to full rank by `floor` along all other directions."""
+    return DisturbanceSet(np.hstack([directions, floor * null_space(directions.T)]))
 
 
 def varying(generator, ticks=30, n=3):
@@ -112,13 +118,13 @@ def test_a_disturbance_of_fewer_directions_has_the_sum_of_their_effects_as_its_t
     directions = directions_in(3, 50, generator)
     segments = np.hstack([np.linalg.matrix_power(a, i) @ e for i in range(400)])
     exact = np.abs(directions @ segments).sum(axis=1)
-    tube = invariant_tube(system, DisturbanceSet.through(e, 1e-6), 1e-4)
+    tube = invariant_tube(system, through(e, 1e-6), 1e-4)
     support = tube.at(0).support(directions)
     assert np.all(support >= exact)
     np.testing.assert_allclose(support, exact, rtol=3e-4)
     for columns, floor in ((np.hstack([e, 2.0 * e]), 1e-6), (e, 0.0)):
         with pytest.raises(InvalidTube, match="full rank"):
-            DisturbanceSet.through(columns, floor)
+            through(columns, floor)
 
 
 def test_support_of_all_ticks_is_that_of_each(generator):
