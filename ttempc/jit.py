@@ -77,7 +77,6 @@ event.register("numba:compile", COMPILATION)
 
 @functools.cache
 def _warn_of_no_cache() -> None:
-    """Log, once a process, that kernels are not kept on disk."""
     _LOG.warning(
         "no folder for compiled kernels can be written to: this process compiles its own, in about "
         "25 s on an idle core; set NUMBA_CACHE_DIR to a folder that can"

@@ -67,13 +67,6 @@ class LqrFeedback(FeedbackLaw):
     """Time-varying state feedback on the error and the estimated disturbances.
 
     The previous input is the one that was sent, so that what the limits cut off does not wind up.
-
-    Args:
-        grid: the reference at every tick.
-        reference: the same, at any time.
-        feedforward: u_r (N, 3).
-        period_s: control period [s].
-        options: the weights.
     """
 
     def __init__(

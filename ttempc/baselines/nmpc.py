@@ -85,14 +85,6 @@ class GaussNewton:
     are stationary points of the nonlinear problem. With one iteration it is a real-time iteration
     (Diehl, Bock and Schloeder 2005, SIAM J. Control Optim. 43), which need not converge in a tick.
 
-    Args:
-        reference: of the vehicle whose model counts.
-        subsystem: inputs that are decided and outputs that are minimised.
-        tuning: horizon, weights and bounds.
-        period_s: control period [s].
-        iterations: at most, in one call.
-        model: by default the articulated one of the reference's vehicle.
-
     Raises:
         MissingPackage: the package of the tuning's solver is not installed.
     """
@@ -220,16 +212,6 @@ class NonlinearFeedback(FeedbackLaw):
 
     Where a QP has no accepted solution, the previous input is held; where an NMPC does not
     converge, its last plan is applied. `Diagnostics.fallback` reports both.
-
-    Args:
-        grid: the reference at N + 1 ticks.
-        reference: the same, at any time.
-        feedforward: u_r (N, 3).
-        period_s: control period [s].
-        tuning: horizon, weights and bounds.
-        subsystems: one for each NMPC.
-        exchange: whether plans are exchanged.
-        solver: returns the solver of one NMPC.
     """
 
     def __init__(
@@ -349,7 +331,6 @@ def _columns(subsystem: Subsystem, moves: int) -> NDArray[np.intp]:
 
 
 def _joined(reports: Sequence[SolverReport]) -> SolverReport:
-    """Return one report for all NMPCs of a tick: summed work, the worst status and residuals."""
     if len(reports) == 1:
         return reports[0]
     worst = next((report for report in reports if not report.accepted), reports[0])
@@ -366,7 +347,7 @@ def nmpc_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    options: NmpcOptions = NmpcOptions(),
+    options: NmpcRtiOptions = NmpcOptions(),
     subsystems: Sequence[Subsystem] = (WHOLE,),
     *,
     exchange: bool = False,
@@ -374,41 +355,12 @@ def nmpc_controller(
 ) -> TrackingController:
     """Compose the exact feedforward and the NMPCs of `subsystems`, by default Gauss-Newton's.
 
-    Raises:
-        MissingPackage: the package of the QP solver is not installed.
-    """
-    solver = solver or partial(GaussNewton, iterations=options.iterations)
-    return _compose(vehicle, reference, period_s, options, subsystems, exchange, solver)
-
-
-nmpc_decentralised_controller = partial(nmpc_controller, subsystems=(TRACTOR, TRAILER))
-nmpc_distributed_controller = partial(nmpc_decentralised_controller, exchange=True)
-
-
-def nmpc_rti_controller(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: NmpcRtiOptions = NmpcRtiOptions(),
-) -> TrackingController:
-    """Compose the exact feedforward and one NMPC with one Gauss-Newton iteration a period.
+    `NmpcRtiOptions` ask for one iteration a period.
 
     Raises:
         MissingPackage: the package of the QP solver is not installed.
     """
-    solver = partial(GaussNewton, iterations=1)
-    return _compose(vehicle, reference, period_s, options, (WHOLE,), False, solver)
-
-
-def _compose(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: MpcOptions,
-    subsystems: Sequence[Subsystem],
-    exchange: bool,
-    solver: SolverFactory,
-) -> TrackingController:
+    solver = solver or partial(GaussNewton, iterations=getattr(options, "iterations", 1))
     tuning = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> NonlinearFeedback:
@@ -424,3 +376,7 @@ def _compose(
         )
 
     return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)
+
+
+nmpc_decentralised_controller = partial(nmpc_controller, subsystems=(TRACTOR, TRAILER))
+nmpc_distributed_controller = partial(nmpc_decentralised_controller, exchange=True)

@@ -106,15 +106,7 @@ def pole(lag_s: float, period_s: float, options: PidOptions = PidOptions()) -> f
 
 
 class PidFeedback(FeedbackLaw):
-    """Three PID loops; an integral does not grow while its input is at a limit.
-
-    Args:
-        grid: the reference at every tick.
-        feedforward: (N, 3) delta_t, delta_i, hp.
-        vehicle: its constants.
-        period_s: control period [s].
-        options: of the loops.
-    """
+    """Three PID loops; an integral does not grow while its input is at a limit."""
 
     def __init__(
         self,

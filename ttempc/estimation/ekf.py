@@ -246,7 +246,6 @@ class ExtendedKalmanFilter:
         return line, line
 
     def _start(self) -> bool:
-        """Start at the first time with a reading of every sensor; return whether there is one."""
         kept = [_measurement(row) for row in self._samples]
         of_sensor = {s: [m for m in kept if m.sensor is s] for s in LENGTH}
         if not all(of_sensor.values()):
@@ -333,7 +332,6 @@ class ExtendedKalmanFilter:
         return self._states, [_measurement(row) for row in rows]
 
     def _forget(self, time_s: float) -> None:
-        """Drop all that no sample within the memory can need."""
         oldest = time_s - self._memory_s - SAME_TIME_S
         if self._states:
             while len(self._states) > 1 and self._states[1].time_s < oldest:

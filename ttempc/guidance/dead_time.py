@@ -146,7 +146,6 @@ class DeadTimeCompensation:
         return result
 
     def _predicted(self, estimate: Estimate) -> Estimate:
-        """Return the estimate for the time at which a command of now acts."""
         vehicle = self._vehicle
         disturbance = np.minimum(estimate.disturbance, _MOST_SLIP)
         augmented = augmented_of(replace(estimate, disturbance=disturbance), vehicle)

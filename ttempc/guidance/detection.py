@@ -422,7 +422,6 @@ class SpeedOverGround:
 
 
 def _is_plausible(last: tuple[float, float, float], sample: Measurement) -> bool:
-    """Whether a vehicle may have gone from the last position to that of a later sample."""
     span_s = sample.time_s - last[0]
     way = math.hypot(sample.value[0] - last[1], sample.value[1] - last[2])
     return span_s > 0.0 and way <= _FASTEST_MPS * span_s + _LARGEST_ERROR_M
@@ -708,7 +707,6 @@ class SteeringResponse:
         self._compared_s = observation.time_s
 
     def _refute(self, time_s: float) -> None:
-        """Find the least sums, and refute intervals or take that back."""
         self.least, self.least_possible = _least(self._intervals), self._possible()
         follows = self.least_possible.largest <= STEERING
         mistaken = not follows and self.least.largest <= STEERING and not self.stands

@@ -350,7 +350,6 @@ class Guidance:
         return estimate
 
     def _exchange(self) -> None:
-        """Take on what was learnt where this tick is the one of its exchange."""
         try:
             learnt = self._learner.exchange(self.tick)
         except Exception as error:  # a user's factory may raise anything; the old parts drive on

@@ -205,16 +205,6 @@ _EXCESS = 1e-3  # [m], [rad] violation of the corridor from which it counts as l
 class ArticulatedFeedback(FeedbackLaw):
     """Linear MPC on the articulated error model, with or without the robust law.
 
-    Args:
-        grid: the reference at N + 1 ticks.
-        reference: the same, at any time.
-        feedforward: u_r (N, 3).
-        period_s: control period [s].
-        tuning: of the MPC.
-        robust: of the robust law; None leaves it out.
-        options: whether the MPC uses the estimated disturbances, and how it keeps to a corridor.
-        design: tube for the one-step monitor and for `tightening = "tube"`; None leaves both out.
-
     Raises:
         InvalidTube: the law is to have its authority free and the feedforward leaves less.
     """
@@ -329,14 +319,14 @@ def articulated_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    options: ArticulatedOptions = ArticulatedOptions(),
+    options: NominalOptions = ArticulatedOptions(),
     design: TubeDesign | None = None,
 ) -> TrackingController:
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
-    With a `design`, the inputs of the MPC are tightened by the tube that grows from the estimate,
-    and, in the one-step reading of the robust law, the containment of each step's residual is
-    logged, which changes no command.
+    With `NominalOptions` the robust law is left out. With a `design`, the inputs of the MPC are
+    tightened by the tube that grows from the estimate, and, in the one-step reading of the robust
+    law, the containment of each step's residual is logged, which changes no command.
 
     Raises:
         InvalidTube: the design was made for another vehicle, or the law is to have its authority
@@ -344,43 +334,14 @@ def articulated_controller(
     """
     if design:
         design.require(vehicle, period_s)
-    robust = options if options.robust else None
-    return _compose(vehicle, reference, period_s, options, robust, design)
-
-
-def nominal_controller(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: NominalOptions = NominalOptions(),
-) -> TrackingController:
-    """Compose `ttempc` without its robust law: the controller `ttempc-nominal`."""
-    return _compose(vehicle, reference, period_s, options, robust=None, design=None)
-
-
-def _compose(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: NominalOptions,
-    robust: LqRobustTuning | None,
-    design: TubeDesign | None,
-) -> TrackingController:
     speed = reference.speed.top_speed
-    tuning = options.for_vehicle(vehicle, speed, period_s)
-    if robust:
-        robust = robust.for_speed(vehicle, speed)
+    tuning, robust = options.for_vehicle(vehicle, speed, period_s), None
+    if isinstance(options, ArticulatedOptions) and options.robust:
+        robust = options.for_speed(vehicle, speed)
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> ArticulatedFeedback:
         return ArticulatedFeedback(
-            grid=grid,
-            reference=reference,
-            feedforward=feedforward,
-            period_s=period_s,
-            tuning=tuning,
-            robust=robust,
-            options=options,
-            design=design,
+            grid, reference, feedforward, period_s, tuning, robust, options, design
         )
 
     return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)

@@ -25,7 +25,7 @@ _N, _M = len(State), len(Input)
 class LqRobustTuning:
     """Reading, authority and stiffness of the robust law; vectors in the order of `Input`."""
 
-    # Reading of erratum 8, see `ttempc.baselines.paper.NominalState`.
+    # Reading of erratum 8, see `ttempc.baselines.paper.PaperFeedback`.
     nominal: Reading = "one-step"
     # Largest action k_s [rad], [rad], fraction; the paper's.
     saturation: tuple[float, float, float] = (0.2, 0.1, 0.10)

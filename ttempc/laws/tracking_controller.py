@@ -57,14 +57,6 @@ class TrackingController:
     The vehicle is assumed to start on the reference with its inputs. Beyond the reference's end the
     reference of the last tick is tracked. Estimates must be finite: `ttempc.guidance.supervisor`
     keeps others away.
-
-    Args:
-        grid: the reference at every tick.
-        feedforward: (ticks, 3) delta_t, lambda, hp.
-        feedback: the law.
-        limits: of the command.
-        measured_hitch: which hitch angle turns lambda into delta_i.
-        space_based: whether the law follows the place of the vehicle, see `SpaceBased`.
     """
 
     def __init__(

@@ -42,11 +42,6 @@ class TubeFeedback(FeedbackLaw):
     proven. Membership is tested by half widths, in a box around the set. Where the deviation leaves
     that box, as after a push or on ground unlike that of the
     data, the nominal error restarts at the estimate, and the fallback of the tick says so.
-
-    Args:
-        grid: the reference at every tick.
-        along: the tube along it.
-        horizon: of the nominal MPC, within the tightened bounds.
     """
 
     def __init__(

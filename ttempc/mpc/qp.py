@@ -225,7 +225,6 @@ class PiqpSolver:
         return solver.result.x.copy(), report
 
     def _load(self, qp: QP) -> piqp.DenseSolver:
-        """Return a solver that holds the problem: the present one, or a new one."""
         # The rows of the inputs are one array for all ticks; soft rows are new ones at each tick.
         known, self._matrix = self._matrix, qp.matrix
         fits = self._solver is not None and known.shape == qp.matrix.shape

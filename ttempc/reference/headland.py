@@ -103,7 +103,6 @@ def bend(angle: float, radius_m: float, blend_m: float) -> tuple[Segment, ...]:
 
 
 def _mirrored(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
-    """Return the segments with left and right exchanged."""
     return tuple(Segment(length, -first, -last) for length, first, last in segments)
 
 

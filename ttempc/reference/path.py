@@ -169,7 +169,6 @@ class Path:
         return pose
 
     def _check_closed(self) -> None:
-        """Refuse a closed path whose end is not its beginning."""
         gap = math.hypot(*(self._pose[-1, :2] - self._pose[0, :2]))
         turns = (self._pose[-1, 2] - self._pose[0, 2]) / math.tau
         step = self._curvature[-1] - self._curvature[0]
@@ -181,7 +180,6 @@ class Path:
 
 
 def _check_segments(segments: Sequence[Segment]) -> None:
-    """Refuse segments without length, values that are not finite, and jumps of curvature."""
     if not segments:
         raise InvalidPath("a path needs at least one segment, got none")
     begin = 0.0

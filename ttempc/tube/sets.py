@@ -194,7 +194,6 @@ def _sliding_sums(values: FloatArray, window: int) -> FloatArray:
 
 
 def _scaled(matrix: FloatArray) -> FloatArray:
-    """Return the matrix with rows of unit length, so that its rank does not depend on units."""
     length = np.linalg.norm(matrix, axis=1, keepdims=True)
     return np.divide(matrix, length, out=np.zeros_like(matrix), where=length > 0.0)
 

@@ -119,28 +119,6 @@ def test_derivatives_along_the_horizon(subsystem):
     np.testing.assert_allclose(jacobian.reshape(numeric.shape), numeric, atol=1e-7)
 
 
-@pytest.mark.parametrize("subsystem", [WHOLE, TRACTOR, TRAILER])
-def test_a_part_has_the_outputs_of_the_whole(subsystem):
-    """Its own outputs under the same inputs, and their derivatives by its own steps."""
-    problem, steps, inputs = task(WHOLE, np.random.default_rng(9))
-    errors, jacobian = evaluated(WHOLE, problem, steps)
-    own, outputs = list(subsystem.inputs), list(subsystem.outputs)
-    part = Task(
-        problem.state,
-        problem.disturbance,
-        problem.poses,
-        problem.feedforward,
-        0.3 - inputs,
-        problem.previous[own],
-        NO_BOUNDS,
-    )
-    own_steps = steps.reshape(MOVES, 3)[:, own].reshape(-1)
-    own_errors, own_jacobian = evaluated(subsystem, part, own_steps)
-    np.testing.assert_allclose(own_errors, errors[:, outputs], atol=1e-12)
-    by_own = jacobian.reshape(HORIZON, 4, MOVES, 3)[:, outputs][..., own]
-    np.testing.assert_allclose(own_jacobian, by_own.reshape(own_jacobian.shape), atol=1e-12)
-
-
 def test_the_condensed_qp_has_the_cost_of_the_linearised_outputs():
     generator = np.random.default_rng(10)
     errors, jacobian = generator.normal(size=(5, 2)), generator.normal(size=(5, 2, 6))

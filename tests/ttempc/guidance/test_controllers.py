@@ -60,25 +60,6 @@ def test_sign_decides_in_the_tube_reading_only():
     assert not drive(paper(nominal="one-step", robust_sign=1), REFERENCE, NOISE).lost
 
 
-def test_most_of_the_papers_error_is_in_its_equations():
-    """No soil, no noise, no robust term: decimetres are left, more on curves than on straights.
-
-    Exact steering feedforward beside the same feedback brings both points closer on curves.
-    """
-    straight_t, straight_i, curve_t, curve_i = drive(paper(robust=False), REFERENCE).mean_cm()
-    assert 5.0 < straight_t < curve_t < 40.0
-    assert 10.0 < straight_i < curve_i < 50.0
-    exact = paper(feedforward="geometry", hitch_sign=-1, hitch_angle="reference", robust=False)
-    better = drive(exact, REFERENCE).mean_cm()
-    assert better[2] < 0.8 * curve_t
-    assert better[3] < 0.8 * curve_i
-
-
-def test_percent_at_its_word_stands_still():
-    """Erratum 7: with K = 1.4 m/s per percent the hydrostat stays at 0.7 %."""
-    assert drive(paper(hp_full_scale=100), REFERENCE).lost
-
-
 @pytest.mark.parametrize("name", CONTROLLERS)
 def test_commands_stay_within_the_vehicle_whatever_the_estimate(name):
     generator = np.random.default_rng(51)
@@ -141,19 +122,6 @@ def test_diagnostics_of_the_paper_are_complete():
     ahead = REFERENCE.at(30.2)
     np.testing.assert_allclose(first, [*ahead.state[:2], *ahead.trailer_xy], atol=0.15)
     assert first[1] - ahead.state[State.Y] == pytest.approx(0.1, abs=0.02)
-
-
-def test_reference_may_end():
-    controller = make("paper")
-    last = int(REFERENCE.duration_s / PERIOD_S)
-    state = REFERENCE.at(REFERENCE.duration_s).state
-    for k in (last, last + 1, last + 100):
-        assert np.isfinite(controller.step(seen_truth(state, 0.0, VEHICLE), k).command.hp)
-
-
-def test_same_input_same_bits():
-    first, second = (drive(make("paper"), REFERENCE, NOISE, seed=3, ticks=200) for _ in range(2))
-    np.testing.assert_array_equal(first.tractor_m, second.tractor_m)
 
 
 def test_unknown_name_is_refused_with_the_known_ones():
