@@ -12,7 +12,6 @@ from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.mpc.lmpc import CondensedHorizon
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import Disturbance
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
@@ -41,15 +40,6 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
 def test_both_points_stay_on_the_path():
     run = drive(make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S), REFERENCE)
     assert run.largest_m < 0.02
-
-
-def test_a_constant_disturbance_leaves_no_offset():
-    disturbance = np.zeros(5)
-    disturbance[[Disturbance.SLIP_T, Disturbance.STEERING]] = 0.03, -0.02
-    disturbance[Disturbance.DRIVE] = -0.03
-    controller = make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S)
-    run = drive(controller, REFERENCE, ticks=400, disturbance=disturbance)
-    assert np.mean(run.after(20.0).trailer_m) < 0.01
 
 
 def test_saturation_does_not_wind_up():

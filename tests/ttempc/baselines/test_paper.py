@@ -17,8 +17,7 @@ from ttempc.baselines.paper import (
 )
 from ttempc.models.kinematics import Error, tracking_error, trailer_point
 from ttempc.reference.path import figure_eight
-from ttempc.reference.reference import ConstantSpeed, Reference, exact_feedforward
-from ttempc.types import Input
+from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
@@ -119,12 +118,6 @@ def test_printed_feedforward_on_the_circle(sign, degrees):
     assert u_f[0, 2] == pytest.approx(1.0 / 1.4)
 
 
-def test_exact_feedforward_is_the_reference_of_mid_period():
-    u_f = exact_feedforward(REFERENCE, 200, 0.2)
-    np.testing.assert_allclose(u_f[60], REFERENCE.at(12.1).inputs)
-    assert math.degrees(u_f[150, Input.DELTA_I]) == pytest.approx(15.4, abs=0.05)
-
-
 PERIOD_S = 0.2
 
 
@@ -142,12 +135,3 @@ def test_law_is_the_printed_one():
     assert u_m[0] == pytest.approx(0.2 * math.tanh(2 * 0.01 + 4 * -0.05))  # y of the tractor
     assert u_m[1] == pytest.approx(0.1 * math.tanh(1 * 0.05 + 2 * 0.05))  # y of the trailer
     assert u_m[2] == pytest.approx(0.1 * math.tanh(10 * 0.02 + 20 * 0.05))  # x of the tractor
-
-
-def test_derivative_is_zero_at_the_start_and_after_a_missed_tick():
-    robust, error = law(), np.zeros(7)
-    error[Error.Y_T] = 0.1
-    expected = 0.2 * math.tanh(2 * 0.1)
-    assert robust.step(0, np.zeros(7), error)[0][0] == pytest.approx(expected)
-    robust.step(1, np.zeros(7), np.zeros(7))
-    assert robust.step(3, np.zeros(7), error)[0][0] == pytest.approx(expected)

@@ -145,24 +145,3 @@ def test_a_command_of_another_takes_the_place_of_the_controllers_own():
 
     np.testing.assert_array_equal(predicted(True, True), predicted(False, True))
     assert predicted(True, True)[State.V] < predicted(True, False)[State.V] - 0.05
-
-
-def test_a_hydrostat_of_another_leaves_the_steering_the_controllers_own():
-    """Steering that is held back for the slower hydrostat, which someone else limits."""
-    vehicle = replace(PROMPT, dead_time_t=0.1, dead_time_i=0.3, dead_time_hp=0.5)
-    estimate = estimate_of(off_the_path(), np.zeros((SIZE, SIZE)), 0.0, vehicle, ())
-
-    class Ramp:
-        def step(self, estimate, k):
-            return Command(0.01 * k, -0.02 * k, 0.5)
-
-    def steering(limited):
-        controller, sent = DeadTimeCompensation(Ramp(), reference_of(vehicle), PERIOD_S), []
-        for k in range(12):
-            command = controller.step(estimate, k).command
-            controller.record(replace(command, hp=0.2) if limited else command)
-            sent.append(command.as_array()[:2])
-        return np.array(sent)
-
-    np.testing.assert_array_equal(steering(limited=True), steering(limited=False))
-    assert np.ptp(steering(limited=True)[:, 0]) > 0.05

@@ -19,7 +19,6 @@ from ttempc.guidance.detection import (
     Reaction,
     Reactions,
     RepetitionMonitor,
-    SpeedOverGround,
     StandstillMonitor,
     SteeringMonitor,
     SteeringResponse,
@@ -219,30 +218,6 @@ def test_the_strongest_alarm_counts():
     assert Reactions().decide((slow, *STOP), 1.0, 0.0) == (Reaction.STOP, "stuck")
 
 
-@pytest.mark.parametrize("sd_m", [0.03, 0.3])
-def test_the_sd_of_a_speed_over_ground_is_that_of_its_scatter(sd_m):
-    """And speeds whose noise is far above the allowance give no alarm."""
-    rng, ground, wheels = np.random.default_rng(3), SpeedOverGround(), WheelMonitor()
-    along, claimed = [], []
-    for k in range(600):
-        place = 1.0 * k * PERIOD_S
-        samples = [
-            Measurement(k * PERIOD_S, sensor, (place + sd_m * x, sd_m * y))
-            for sensor, (x, y) in zip(
-                (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER), rng.normal(size=(2, 2)), strict=True
-            )
-        ]
-        speed = ground.speed(samples)
-        if speed is not None and speed.sd_mps > 0.0:
-            along.append(speed.mps)
-            claimed.append(speed.sd_mps)
-        encoder = Measurement(k * PERIOD_S, Sensor.ENCODER, (1.0,))
-        wheels.observe(observation(k, [*samples, encoder]))
-        assert wheels.statistic < wheels.limit
-    if sd_m < 0.1:  # with more noise the length of the velocity is no longer normal
-        assert np.median(claimed) == pytest.approx(np.std(along), rel=0.3)
-
-
 @pytest.mark.parametrize("count", [2, 3, 4, 6])
 def test_the_compiled_median_of_slopes_is_that_of_all_pairs(count):
     rows = np.cumsum(np.random.default_rng(count).uniform(0.1, 0.3, (count, 3)), axis=0)
@@ -328,15 +303,3 @@ def test_a_valve_that_stands_still_is_noticed_before_one_that_does_not_follow():
                 first.setdefault(monitor.name, (k - 100) * PERIOD_S)
     assert 0.0 < first[standstill.name] <= 1.0 < first[follows.name]
     assert standstill.alarm().reaction is Reaction.SLOW
-
-
-def test_a_shorter_dead_time_may_be_learnt_at_any_time():
-    """The only interval that the valve has not contradicted is gone then."""
-    rng, monitor = np.random.default_rng(6), StandstillMonitor(Input.DELTA_T)
-    commands = 0.25 * np.sin(0.4 * np.arange(200))
-    for k in range(200):
-        vehicle = replace(VEHICLE, dead_time_t=0.6 if k < 150 else 0.0)
-        samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t - 1.15), rng)
-        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
-        monitor.observe(observation(k, samples, sent, vehicle=vehicle))
-        assert k >= 150 or monitor.statistic < monitor.limit

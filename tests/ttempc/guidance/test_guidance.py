@@ -25,7 +25,7 @@ from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.guidance.controllers import make_controller
 from ttempc.guidance.guidance import Guidance
 from ttempc.learning.learner import Identification, ParameterChange
-from ttempc.reference.path import figure_eight, straight
+from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, ControlStep, Sensor
 from ttempc.vehicle import CommandLimits, Vehicle
@@ -141,16 +141,6 @@ def test_names_factories_and_objects_make_the_same_guidance(samples):
         np.testing.assert_array_equal(commands(guidance, samples), expected)
 
 
-def test_ticks_are_counted_to_the_end_of_the_reference(samples):
-    guidance = Guidance(VEHICLE, straight(3.0), speed_mps=1.0, detect=False)
-    count = 0
-    while not guidance.finished:
-        guidance.update(count * PERIOD_S, samples[count])
-        guidance.step()
-        count += 1
-    assert count == guidance.tick == 15
-
-
 def test_calls_out_of_order_are_refused(samples):
     guidance = Guidance(VEHICLE, PATH)
     with pytest.raises(GuidanceFailed, match="update"):
@@ -234,13 +224,7 @@ def received():
 def driven(received, *identifiers, controller: Any = "ttempc", estimator: Any = "ekf"):
     """Return a guidance after all received, its commands (N, 3) and what was learnt by tick."""
     guidance = Guidance(
-        VEHICLE,
-        PATH,
-        PERIOD_S,
-        controller,
-        estimator,
-        learn=identifiers,
-        detect=False,
+        VEHICLE, PATH, PERIOD_S, controller, estimator, learn=identifiers, detect=False
     )
     sent, learnt = [], {}
     for k, measurements in enumerate(received):
@@ -315,19 +299,3 @@ def test_what_cannot_be_learnt_is_told_and_the_old_parts_drive_on(received, iden
     assert learnt[EXCHANGE][0].startswith(message)
     assert guidance.vehicle == VEHICLE
     np.testing.assert_array_equal(sent, alone)
-
-
-@pytest.mark.parametrize("name", ["ttempc", "pid", "paper"])
-def test_learnt_dead_times_are_compensated_from_the_exchange_on(received, name):
-    class Slow(Fixed):
-        def identify(self, window, vehicle):
-            times = {"dead_time_t": 0.3, "dead_time_i": 0.2, "dead_time_hp": 0.4}
-            changes = tuple(ParameterChange(key, 0.0, t, 0.01) for key, t in times.items())
-            return Identification(replace(vehicle, **times), changes, settled=True)
-
-    guidance, sent, learnt = driven(received, Slow(), controller=name)
-    assert len(learnt[EXCHANGE]) == 3
-    assert guidance.vehicle.dead_times.tolist() == [0.3, 0.2, 0.4]
-    assert np.isfinite(sent).all()
-    steps = np.abs(np.diff(sent, axis=0))
-    assert (steps <= CommandLimits.of(VEHICLE, PERIOD_S).step + 1e-12).all()

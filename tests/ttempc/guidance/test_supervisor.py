@@ -76,17 +76,6 @@ def test_estimate_that_is_not_finite_holds_for_a_second_then_stops(spoilt):
     np.testing.assert_array_equal(commands[-1, :2], commands[49, :2])
 
 
-def test_drives_on_after_a_short_blindness():
-    supervisor = supervised()
-    blind = range(20, 40)
-    _, said = drive(
-        supervisor,
-        60,
-        lambda k: replace(on_reference(k), hitch_angle=np.nan) if k in blind else on_reference(k),
-    )
-    assert not any(said[40:])
-
-
 @pytest.mark.parametrize(
     "stale",
     [
@@ -141,18 +130,6 @@ def test_metres_of_error_stop_the_vehicle_for_good(entry, error, what):
     np.testing.assert_array_equal(commands[20:, :2], np.tile(commands[19, :2], (30, 1)))
 
 
-def test_jump_of_the_error_is_said_and_driven_back_within_the_limits():
-    def estimate(k):
-        state = REFERENCE.at(k * PERIOD_S).state
-        state[:2] += 1.2 if k >= 20 else 0.0
-        return replace(seen_truth(state, k * PERIOD_S, VEHICLE), innovations=SEEN)
-
-    _, said = drive(supervised(), 40, estimate)
-    assert "jumped by 1.7 m: driving back" in said[20]
-    assert not any(said[:20])
-    assert not any(said[21:])
-
-
 def test_reference_beyond_the_limits_is_said_and_driven_at_the_limit():
     weak = replace(VEHICLE, steering_limit_i=0.2)
     reference = Reference(figure_eight(), weak, ConstantSpeed(1.0))
@@ -192,18 +169,6 @@ def test_an_alarm_stops_the_vehicle_and_the_reference_waits_for_it():
     assert supervisor.waits  # until the vehicle is up to speed
     supervisor.step(replace(on_reference(19), time_s=8.0), 20, 8.0)
     assert not supervisor.waits
-
-
-@pytest.mark.parametrize(("place", "waits"), [(45, True), (55, False)])
-def test_the_reference_waits_for_a_vehicle_that_has_turned_away(place, waits):
-    """A metre behind or ahead on the straight, turned by 100 deg: behind is behind."""
-    state = REFERENCE.at(place * PERIOD_S).state.copy()
-    state[[State.PSI_T, State.PSI_I]] += np.radians(100.0)
-    estimate = replace(seen_truth(state, 50 * PERIOD_S, VEHICLE), innovations=SEEN)
-    supervisor = supervised()
-    step = supervisor.step(estimate, 50, 50 * PERIOD_S)
-    assert "turned by more than 60 deg" in step.diagnostics.fallback
-    assert supervisor.waits is waits
 
 
 def test_a_vehicle_that_makes_no_way_stops_and_steers_on_where_it_may():
@@ -256,14 +221,6 @@ def test_an_entry_that_is_not_finite_keeps_its_value_and_is_reported(junk):
     expected = "the controller's delta_t not finite, hp not finite: cut"
     assert step.diagnostics.fallback == expected
     assert guarded(ControlStep(Command(junk, 0.1, junk), EMPTY)).command == Command(0.0, 0.1, 0.0)
-
-
-def test_a_cut_says_which_entry_and_whether_its_range_or_its_rate():
-    beyond = VEHICLE.input_max[0] + 0.01
-    jump = VEHICLE.input_rate[1] * 0.2 + 0.01
-    step = guarded(ControlStep(Command(beyond, jump, 0.5), EMPTY), Command(beyond - 0.02, 0.0, 0.5))
-    reason = "the controller's delta_t beyond its range, delta_i beyond its rate: cut"
-    assert step.diagnostics.fallback == reason
 
 
 @pytest.mark.parametrize(

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WINDOW, admissible, along
 from ttempc.guidance.controllers import make_controller
-from ttempc.laws.articulated_mpc import ArticulatedOptions, MpcOptions
+from ttempc.laws.articulated_mpc import ArticulatedOptions
 from ttempc.models.kinematics import hitch_angle, trailer_point
-from ttempc.mpc.articulated_error import error_dynamics, rotation
-from ttempc.mpc.lmpc import CondensedHorizon
+from ttempc.mpc.articulated_error import rotation
 from ttempc.mpc.qp import PersistentSolver, QPSolution
 from ttempc.tube.reference_tube import steered_system
 from ttempc.types import Disturbance, Estimate, MapDisturbance, SolverReport, State
@@ -20,7 +17,6 @@ from ttempc.vehicle import CommandLimits
 
 TICKS = 300
 ALONG = along()
-OPTIONS = MpcOptions()
 GRID = REFERENCE.on_grid(PERIOD_S)
 
 
@@ -85,26 +81,6 @@ def test_a_push_out_of_the_tube_restarts_the_nominal_state_and_is_reported():
     assert not diagnostics[101].robust.any()
     assert diagnostics[102].tube.margin > 0.99
     assert np.abs(errors[200:, :2]).max() < 0.05
-
-
-def test_the_nominal_loop_contracts_over_a_lap():
-    """No terminal cost is needed: away from the bounds, the gain of the horizon is stable."""
-    ticks = 690
-    a, b, c = error_dynamics(REFERENCE, PERIOD_S, ticks + OPTIONS.horizon)
-    horizon = CondensedHorizon(a, b, OPTIONS, PERIOD_S, c)
-    n, total = a.shape[1], np.eye(10)
-    for k in range(ticks):
-        # The first step is linear in (z, u_{k-1}); the next stage starts from (z, u_k).
-        unit = np.eye(n + 3)
-        slope = np.array([horizon.qp(k, row[:n], row[n:]).gradient for row in unit]).T
-        first = -np.linalg.solve(horizon.qp(k, unit[0, :n], unit[0, n:]).hessian, slope)[:3]
-        keep = [*range(7), *range(n, n + 3)]
-        by_input = first[:, keep] + np.eye(10)[7:]
-        forward = np.vstack([a[k, :7, :7] @ np.eye(10)[:7] + b[k, :7] @ by_input, by_input])
-        total = forward @ total
-        if k == 100:
-            assert np.linalg.norm(total, 2) < 0.1
-    assert np.linalg.norm(total, 2) < 1e-6
 
 
 TICKS_KEPT_PLAN = 120
@@ -182,18 +158,3 @@ def test_without_a_plan_or_beyond_its_horizon_the_previous_feedback_is_held(monk
     monkeypatch.setattr(PersistentSolver, "solve", lambda solver, qp: FAILED)
     _, _, diagnostics = drive_of_kept_plan(np.zeros((3, 7)), controller())
     assert all("previous feedback held" in d.fallback for d in diagnostics)
-
-
-def test_it_goes_on_for_learnt_lengths():
-    """The first input after the exchange is feasible, a step from the last command."""
-    learnt = replace(VEHICLE, trailer_length=1.1 * VEHICLE.trailer_length)
-    run, before = admissible(WINDOW, 41, np.random.default_rng(95)), controller()
-    errors, commands, _ = drive_of_kept_plan(run, before)
-    reference, design = replace(REFERENCE, vehicle=learnt), replace(DESIGN, vehicle=learnt)
-    after = make_controller("ttempc", learnt, reference, PERIOD_S, design)
-    after.resume(before)
-    step = after.step(estimate_of(41, errors[-1], NONE), 41)
-    change = np.abs(step.command.as_array() - commands[-1])
-    assert np.all(change <= CommandLimits.of(learnt, PERIOD_S).step + 1e-12)
-    assert step.diagnostics.solver.accepted
-    assert not step.diagnostics.fallback

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tests.ttempc.sensed_drive import PERIOD_S, VEHICLE, SensedDrive
-from ttempc.estimation.ekf import ExtendedKalmanFilter
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.learning.learner import LENGTHS, RecordedTick
 from ttempc.learning.lengths import LengthIdentifier, fit_lengths
@@ -82,21 +81,3 @@ def test_without_a_sensor_or_time_nothing_is_identified(window, sensor):
     ]
     for unusable in (blind, window[:50], window[:1], []):
         assert fit_lengths(unusable, VEHICLE, VEHICLE, NOISE, PROCESS) is None
-
-
-def test_the_fitted_filter_predicts_better(window):
-    """The likelihood of the innovations of the filter itself, which the fit does not run."""
-
-    def log_likelihood(vehicle):
-        ekf = ExtendedKalmanFilter(vehicle)
-        innovations = [
-            item
-            for tick in window
-            for item in ekf.update(tick.time_s, tick.samples, tick.command).innovations
-        ]
-        return -0.5 * sum(i.normalised_squared + i.log_determinant for i in innovations)
-
-    given = scaled(1.24, 1.09, 1.2, 0.92)
-    learnt = LengthIdentifier(given, NOISE).identify(window, given).vehicle
-    assert log_likelihood(learnt) > log_likelihood(given) + 50.0
-    assert log_likelihood(learnt) > log_likelihood(VEHICLE) - 5.0

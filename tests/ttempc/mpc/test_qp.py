@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import sys
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import LinearConstraint, minimize
 
 from tests.ttempc.exact_qp import exact_minimum
 from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, random_qp, stages
@@ -56,52 +54,6 @@ def test_prediction_is_the_rolled_model():
         np.testing.assert_allclose(predicted[j], z, atol=1e-12)
 
 
-def test_condensed_solution_is_the_uncondensed_one():
-    """States kept as unknowns, the model as equality constraints, another solver."""
-    generator = np.random.default_rng(7)
-    a, b = stages()
-    n, moves = TUNING.horizon, TUNING.moves
-    for k in (0, 55, 100):
-        state, previous = 0.3 * generator.normal(size=7), np.array([0.1, -0.05, 0.02])
-        qp = horizon().qp(k, state, previous)
-        condensed = exact_minimum(qp)
-        # unknowns: z_1 ... z_8, then Delta u_0 ... Delta u_2
-        size = 7 * n + 3 * moves
-        cost = np.zeros((size, size))
-        cost[: 7 * n, : 7 * n] = np.kron(np.eye(n), np.diag(TUNING.output_weight))
-        cost[7 * n :, 7 * n :] = np.eye(3 * moves)
-        model, right = np.zeros((7 * n, size)), np.zeros(7 * n)
-        for j in range(n):
-            rows = slice(7 * j, 7 * j + 7)
-            model[rows, rows] = np.eye(7)
-            if j:
-                model[rows, 7 * (j - 1) : 7 * j] = -a[k + j]
-            else:
-                right[rows] = a[k] @ state
-            right[rows] += b[k + j] @ previous
-            for i in range(min(j + 1, moves)):
-                model[rows, 7 * n + 3 * i : 7 * n + 3 * i + 3] = -b[k + j]
-        sums = np.hstack([np.zeros((9, 7 * n)), np.kron(np.tril(np.ones((3, 3))), np.eye(3))])
-        limit = np.tile(TUNING.input_bound, moves)
-        step = np.tile(TUNING.input_rate, moves) * PERIOD_S
-        steps_only = np.hstack([np.zeros((9, 7 * n)), np.eye(9)])
-        shift = np.tile(previous, moves)
-        full = minimize(
-            lambda x, cost=cost: x @ cost @ x,
-            np.zeros(size),
-            jac=lambda x, cost=cost: 2.0 * cost @ x,
-            method="SLSQP",
-            constraints=[
-                LinearConstraint(model, right, right),
-                LinearConstraint(sums, -limit - shift, limit - shift),
-                LinearConstraint(steps_only, -step, step),
-            ],
-            options={"ftol": 1e-14, "maxiter": 500},
-        )
-        assert full.success
-        np.testing.assert_allclose(full.x[7 * n :], condensed, atol=1e-5)
-
-
 def test_a_step_from_within_reach_leads_into_the_bounds():
     generator = np.random.default_rng(44)
     first, step = horizon().first, np.asarray(TUNING.input_rate) * PERIOD_S
@@ -135,20 +87,6 @@ def test_a_tick_has_the_same_qp_in_any_order_and_on_a_horizon_of_its_own():
             assert qp.hessian.tobytes() == again.hessian.tobytes()
             assert qp.gradient.tobytes() == again.gradient.tobytes()
         assert alone.prediction(0).tobytes() == horizon().prediction(k).tobytes()
-
-
-def test_memory_of_a_long_horizon_is_that_of_its_bounds():
-    """The matrices of all ticks would take 11 KB a tick."""
-    a, b = (np.tile(matrix, (10, 1, 1)) for matrix in stages())
-    tracemalloc.start()
-    try:
-        long = CondensedHorizon(a, b, TUNING, PERIOD_S)
-        held, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    per_tick = 8 * 4 * 3 * (TUNING.moves + 1)  # lower and upper, of input and step
-    assert held < 1.1 * long.ticks * per_tick + 1e6
-    assert peak < 3e6 + 3.0 * long.ticks * per_tick
 
 
 FIRST = 3
@@ -335,24 +273,6 @@ def test_inputs_and_their_rates_stay_within_the_papers_bounds():
         assert np.all(np.abs(action.input) <= BOUND)
         assert np.all(np.abs(action.input - before) <= RATE * PERIOD_S + 1e-9)
         before = action.input
-
-
-def test_feedback_drives_the_model_to_the_reference():
-    """On a straight, by the linear model itself: every position error fades.
-
-    Position errors of tractor and trailer along the path are the same in the model, for one
-    speed moves both; they start alike.
-    """
-    mpc = LinearMpc(horizon())
-    model = horizon().prediction(0)
-    z = np.array([0.2, -0.3, 0.0, 0.2, 0.3, 0.0, 0.0])
-    start = z
-    previous = np.zeros(3)
-    for _ in range(200):
-        u = mpc.step(0, z, previous).input
-        step = np.concatenate([z, previous, u - previous, np.zeros(6)])
-        z, previous = model[0] @ step, u
-    assert np.linalg.norm(z) < 0.05 * np.linalg.norm(start)
 
 
 def test_failure_holds_the_previous_feedback_and_the_next_solve_is_right():

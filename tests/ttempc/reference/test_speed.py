@@ -19,11 +19,7 @@ from ttempc.vehicle import Vehicle
 PLACES = np.array([0.0, 20.0, 20.5, 40.0, 41.0, 60.0])
 SPEEDS = np.array([1.0, 1.0, 0.4, 0.4, 1.2, 1.2])
 PLANNED = PlannedSpeed(PLACES, SPEEDS, 0.2)
-PROFILES = {
-    "constant": ConstantSpeed(0.7),
-    "planned": PLANNED,
-    "backward": Backward(PLANNED, 60.0),
-}
+PROFILES = {"constant": ConstantSpeed(0.7), "planned": PLANNED, "backward": Backward(PLANNED, 60.0)}
 
 
 @pytest.fixture(params=PROFILES)

@@ -14,7 +14,6 @@ from tests.ttempc.tubes import (
     STEP,
     TICKS,
     VEHICLE,
-    WEIGHTS,
     WINDOW,
     admissible,
     along,
@@ -27,11 +26,8 @@ from ttempc.mpc.qp import PersistentSolver
 from ttempc.reference.reference import ConstantSpeed, Reference, exact_feedforward
 from ttempc.tube.reference_tube import (
     GrowingTube,
-    InputMargin,
-    gain_schedule,
     horizon_bounds,
     reachable_inputs,
-    search_weights,
     steered_system,
 )
 from ttempc.tube.sets import DisturbanceSet, directions_in, linear_map, minkowski_sum
@@ -41,7 +37,6 @@ from ttempc.vehicle import CommandLimits
 
 ALONG = along()
 LIMITS = CommandLimits.of(VEHICLE, PERIOD_S)
-MOTIONS = [20, 120]  # a straight, an arc
 
 
 def test_tightened_bounds_and_the_tube_add_up_to_the_limits():
@@ -82,28 +77,6 @@ def test_another_vehicle_or_period_is_refused_with_the_numbers():
 def test_a_disturbance_beyond_the_inputs_is_refused_with_the_numbers(scale, message):
     with pytest.raises(InvalidTube, match=message):
         along(replace(DESIGN, disturbance=replace(WINDOW, axes=scale * WINDOW.axes)))
-
-
-def test_the_search_narrows_the_tube_and_leaves_the_reserve(monkeypatch):
-    monkeypatch.setattr("ttempc.tube.reference_tube._EVALUATIONS", 60)
-    system = ALONG.tube.system
-    a, b, c = system.a[MOTIONS], system.b[MOTIONS], system.c[MOTIONS]
-    margin = InputMargin.of(ALONG.feedforward[MOTIONS], LIMITS)
-    reserve = 0.2 * np.array([VEHICLE.steering_limit_t, VEHICLE.steering_limit_i, 0.0])
-
-    def cross_track(weights):
-        gains = np.concatenate(
-            [gain_schedule(a[[k]], b[[k]], c[[k]], weights) for k in range(len(MOTIONS))]
-        )
-        tube = invariant_tube(TrackingSystem(a, b, c, gains, np.arange(2)), WINDOW)
-        return tube.outputs[:, [1, 3]].max(), tube
-
-    start = replace(WEIGHTS, inputs=(5.0, 5.0, 5.0))
-    weights = search_weights(a, b, c, WINDOW, margin, reserve, start)
-    (before, _), (after, tube) = cross_track(start), cross_track(weights)
-    assert after < 0.9 * before
-    assert np.all(tube.inputs <= margin.amplitudes - reserve)
-    assert np.all(tube.inputs[:, Input.HP] <= margin.amplitudes[:, Input.HP])
 
 
 OPTIONS = MpcOptions()
@@ -194,14 +167,6 @@ def test_the_ancillary_gain_leaves_the_plan_the_hydrostat_and_half_of_every_chan
     assert np.all(steered < 0.75 * free)
 
 
-def test_where_the_limits_leave_less_the_reserve_is_what_they_leave():
-    wide = GrowingTube.along(
-        DESIGN, A, B, C, FEEDFORWARD, MpcOptions(input_bound=(0.01, 0.01, 0.01))
-    )
-    assert np.all(wide.reserve <= 0.01)
-    assert np.all(wide.bounds.upper.reshape(-1, OPTIONS.moves, 3)[:, 1:] > 0.0)
-
-
 TUBES = {
     "window": along().tube,
     "box": along(replace(DESIGN, disturbance=STEP)).tube,
@@ -221,16 +186,6 @@ def unchanging(a, b=None, gains=None):
     b = np.zeros((n, 1)) if b is None else b
     gains = np.zeros((1, n)) if gains is None else gains
     return TrackingSystem(a[None], b[None], np.eye(n)[None], gains[None], np.zeros(1, dtype=int))
-
-
-def test_a_first_order_lag_has_the_geometric_series_as_its_set():
-    for pole in (0.0, 0.5, 0.9, -0.7):
-        tube = invariant_tube(
-            unchanging(np.array([[pole]])), DisturbanceSet(np.array([[2.0]])), 1e-3
-        )
-        exact = 2.0 / (1.0 - abs(pole))
-        assert exact <= tube.states[0, 0] * (1.0 + 1e-12)
-        assert (1.0 - tube.certificate.alpha) * tube.states[0, 0] <= exact * (1.0 + 1e-12)
 
 
 def test_with_windows_of_one_step_it_is_the_set_of_rakovic(generator):
