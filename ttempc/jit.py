@@ -32,9 +32,6 @@ def cached_njit(
     another module has changed. The key of this cache includes the `fingerprint` of the function.
     A process that compiles says so in a line of the logger `ttempc`. Where numba finds no folder
     that it can write to, kernels are compiled anew in every process, and the line says that.
-
-    Args:
-        options: keyword options of `numba.njit` but for `cache`.
     """
 
     def compiled(function: Callable[P, R]) -> Callable[P, R]:

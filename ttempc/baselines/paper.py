@@ -91,11 +91,6 @@ class RobustLaw:
     def step(self, k: int, nominal: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the action and the modelling error of tick `k`.
 
-        Args:
-            k: the tick.
-            nominal: zbar_e (7,), zbar_e of the tick.
-            error: z_e (7,), see `Error`.
-
         Returns:
             u_m (3,) as (delta^t, lambda, HP), and z_m (4,) [m] in the order x_t, y_t, x_i, y_i.
         """

@@ -71,12 +71,7 @@ class LeverArm:
     def corrected(
         self, samples: Sequence[Measurement], headings: tuple[float, float]
     ) -> Sequence[Measurement]:
-        """Return the samples with every position moved to its axle point.
-
-        Args:
-            samples: as they arrive, those of the IMUs among them.
-            headings: of tractor and trailer [rad]; an error e moves a point by height x lean x e.
-        """
+        """Return the samples with every position moved to its axle point."""
         for sensor, kept in self._attitudes.items():
             kept += [s for s in samples if s.sensor is sensor and all(map(math.isfinite, s.value))]
             newest = max((sample.time_s for sample in kept), default=0.0)

@@ -614,11 +614,7 @@ def _part(begin: int, end: int, *shape: int) -> property:
 
 
 class FilterState:
-    """All that a filter carries from one time to the next; `KalmanFilter` changes it in place.
-
-    Args:
-        row: (`ROW`,) all entries one after the other, of which the others are views.
-    """
+    """All that a filter carries from one time to the next; `KalmanFilter` changes it in place."""
 
     __slots__ = ("row",)
 

@@ -187,15 +187,7 @@ def make_controller(
     design: TubeDesign | None = None,
     options: Mapping[str, object] | None = None,
 ) -> TrackingController:
-    """Return the controller called `name`.
-
-    Args:
-        name: one of `CONTROLLERS`.
-        vehicle: model parameters.
-        reference: what to follow.
-        period_s: control period [s].
-        design: the tube of controllers that need or use one; others ignore it.
-        options: values in the place of the defaults of its options.
+    """Return the controller called `name`; one that uses no tube ignores the `design`.
 
     Raises:
         UnknownController: with the names that exist.

@@ -182,11 +182,6 @@ class LengthIdentifier:
     tolerances T, (theta - theta_0)' (P + T)^-1 (theta - theta_0) must be so large that it is
     exceeded with a probability of 1 % only. The tolerance is for what no length describes: slopes,
     on which horizontal distances are shorter, and tyres that slip sideways, in furrows most.
-
-    Args:
-        vehicle: the given lengths.
-        noise: of the sensors.
-        process: of the filter's model.
     """
 
     def __init__(

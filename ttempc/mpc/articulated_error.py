@@ -24,11 +24,7 @@ def rotation(angle: FloatArray) -> FloatArray:
 
 
 class PredictedPath:
-    """Path of both axle points under a plan, to first order in the errors.
-
-    Args:
-        grid: the reference at every tick.
-    """
+    """Path of both axle points under a plan, to first order in the errors."""
 
     def __init__(self, grid: ReferenceSample) -> None:
         self._to_map = np.zeros((len(grid.state), 4, 4))
@@ -69,11 +65,6 @@ def error_dynamics(
     The Jacobians of the exact model in the middle of each period are constant over it (zero-order
     hold by the matrix exponential); T turns with the reference. The outputs C z_e are the errors of
     tractor and trailer point in the frames of the reference tractor and trailer.
-
-    Args:
-        reference: of which vehicle, along which path.
-        period_s: control period [s].
-        ticks: N, periods from the start.
     """
     # a call of its own, after which the slopes are released: of a long reference these matrices are
     # the largest

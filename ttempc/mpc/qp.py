@@ -375,9 +375,6 @@ class PersistentSolver:
     Therefore the input is checked first, a solution is accepted only when it is solved, finite and
     within its bounds, and the solver is built anew after any failure.
 
-    Args:
-        solver: one of `ttempc.mpc.lmpc.SOLVERS`.
-
     Raises:
         MissingPackage: the solver's package is not installed.
     """

@@ -294,9 +294,6 @@ class Projection:
 
     The search covers some metres about the last place alone, so that a path that crosses itself is
     followed in its order. The first call searches from the first point on.
-
-    Args:
-        points: (N, 2) [m], N of 2 or more.
     """
 
     def __init__(self, points: FloatArray) -> None:

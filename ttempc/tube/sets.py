@@ -352,10 +352,6 @@ def admissible_subset(closed: FloatArray, constraints: Polytope) -> Polytope:
     next step are redundant. The set of a nominal loop under tightened constraints is the terminal
     set of a tube MPC.
 
-    Args:
-        closed: A + B K (n, n).
-        constraints: on z, the origin in their interior.
-
     Raises:
         InvalidTube: the loop does not contract, the origin is not in the interior, or the recursion
             does not end.
