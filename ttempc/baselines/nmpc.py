@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ..errors import check_count
 from ..laws.articulated_mpc import MpcOptions
 from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
-from ..mpc.articulated_error import map_gains, remaining_bounds, rotation, split_disturbance
+from ..mpc.articulated_error import PredictedPath, map_gains, remaining_bounds, split_disturbance
 from ..mpc.lmpc import QP, FirstInputs, HorizonTuning, Solver, StageBounds, move_bounds
 from ..mpc.qp import PersistentSolver
 from ..reference.reference import Reference, ReferenceSample
@@ -248,11 +248,7 @@ class NonlinearFeedback(FeedbackLaw):
             )
             for subsystem in subsystems
         ]
-        to_map = np.zeros((len(grid.time_s), 4, 4))
-        to_map[:, :2, :2] = rotation(grid.state[:, State.PSI_T])
-        to_map[:, 2:, 2:] = rotation(grid.state[:, State.PSI_I])
-        self._to_map = to_map
-        self._points = np.hstack([grid.state[:, :2], grid.trailer_xy])  # (N + 1, 4)
+        self._path = PredictedPath(grid)
         self._steps = np.zeros((tuning.moves, _M))  # the last plan, Delta u_e
 
     def fresh(self) -> NonlinearFeedback:
@@ -300,11 +296,10 @@ class NonlinearFeedback(FeedbackLaw):
                 steps[:, own] = plan.steps.reshape(moves, -1)
             feedback[own] = part.first.clamp(k, task.previous + steps[0, own])
         self._steps = steps
-        along = (self._to_map[ends] @ errors[:, :, None])[:, :, 0]
         return Diagnostics(
             feedback=-feedback,
             robust=np.zeros(_M),
-            predicted_path=self._points[ends] - along,
+            predicted_path=self._path.less(k, errors),
             solver=_joined([plan.report for plan in plans]),
             fallback="; ".join(plan.fallback for plan in plans if plan.fallback),
         )

@@ -134,10 +134,7 @@ class CondensedHorizon:
     time: those of all ticks take 30 KB a tick.
 
     Args:
-        a: A (N, n, n).
-        b: B (N, n, m).
-        tuning: horizon, weights and bounds.
-        period_s: control period [s].
+        a: A (N, n, n), with `b` B (N, n, m).
         outputs: C (N + 1, p, n); without them, the outputs are the states.
         bounds: (N, m) each, in addition to those of the tuning.
         free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of

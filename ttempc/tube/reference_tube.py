@@ -414,11 +414,8 @@ def horizon_bounds(
     The constraints are those of the inputs, so that no state enters. Therefore, after a first input
     in V_0, every QP is feasible, whatever the disturbances. It contains 0 where all bounds do.
 
-    Args:
-        free: bounds on the input and its change without a tube, (T, m) each.
-        reserve: (Np, T, m) of the inputs.
-        of_rates: (Np, T, m) of their changes.
-        moves: Nc, free stages.
+    `free` are the bounds without a tube, (T, m) each, `reserve` and `of_rates` (Np, T, m) what the
+    tube takes of the inputs and their changes, `moves` the free stages Nc.
     """
     horizon, stages, _ = reserve.shape
     ticks = stages - horizon + 1
