@@ -1,11 +1,18 @@
-"""Output files and folders: no overwriting."""
+"""Output of commands: files and folders that are never overwritten, and progress on stderr."""
 
 from __future__ import annotations
 
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 from ..testbed.atomic_write import atomic_write, partial_path
 from .errors import OutputExists
+
+_EVERY_S: Final = 5.0  # between two lines of progress
 
 
 def refuse_existing(*paths: Path) -> None:
@@ -64,3 +71,53 @@ def create_partial(file: Path) -> Path:
     except OSError as error:
         raise OutputExists(f"output {file}: cannot be written: {error.strerror}") from None
     return partial
+
+
+@contextmanager
+def progress(
+    total: int, what: str, unit: str, shown: bool | None = None
+) -> Iterator[Callable[[], object]]:
+    """Yield a function that counts one unit of work as done.
+
+    On a terminal a bar shows the progress, otherwise a line every few seconds.
+
+    Args:
+        total: units of work.
+        what: is done.
+        unit: name of a unit.
+        shown: False: nothing is printed; None: a bar on a terminal, otherwise nothing.
+    """
+    terminal = sys.stderr.isatty()
+    if shown is False or not (shown or terminal):
+        yield lambda: None
+        return
+    from tqdm import tqdm
+
+    begun = told = time.monotonic()
+    done = kernels = 0
+
+    def count() -> None:
+        nonlocal done, told, kernels
+        done += 1
+        bar.update()
+        before, kernels = kernels, _kernels()
+        if kernels == before:  # none was compiled for this unit: it may be the end of compiling
+            announce_compilation()
+        if not terminal and (now := time.monotonic()) - told >= _EVERY_S and done < total:
+            told = now
+            text = f"{what}: {done} of {total} {unit}s in {now - begun:.0f} s"
+            print(text, file=sys.stderr, flush=True)
+
+    with tqdm(total=total, desc=what, unit=unit, leave=False, disable=not terminal) as bar:
+        yield count
+
+
+def announce_compilation() -> None:
+    """Say how many kernels this process has compiled, and in what time, once."""
+    if _kernels():
+        sys.modules["ttempc.jit"].COMPILATION.announce()
+
+
+def _kernels() -> int:
+    jit = sys.modules.get("ttempc.jit")  # it loads numba, which help and refusals do without
+    return jit.COMPILATION.kernels if jit else 0

@@ -15,6 +15,8 @@ from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import ExternalFunction
+from numba.extending import overload
+from numba.np import arrayobj
 
 _LOG: Final = logging.getLogger("ttempc")
 
@@ -47,25 +49,47 @@ def cached_njit(
     return compiled
 
 
+def _refuse_slice(source: Any, target: Any) -> Any:  # noqa: ANN401 - tuples, of numba
+    """Raise because an array does not fit into the slice that it is assigned to."""
+
+
+@overload(_refuse_slice)
+def _refuse_slice_compiled(source: Any, target: Any) -> Any:  # noqa: ANN401
+    def refuse(source: Any, target: Any) -> Any:  # noqa: ANN401
+        raise ValueError("an array does not fit into the slice that it is assigned to")
+
+    return refuse
+
+
+# numba's own message has both shapes as text: its formatting is a tenth of all compilation.
+arrayobj.raise_with_shape_context = _refuse_slice
+
+
 class Compilation(event.TimingListener):
     """Kernels that this process compiled, and the time that it took.
 
-    `done` is whether there was one, `duration` the time [s].
+    `done` is whether there was one, `duration` the time [s]. `on_first` is called before the first
+    one, if the result is kept on disk.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        self.kernels = 0
+        self.kernels = self._announced = 0
+        self.on_first: Callable[[], object] = lambda: None
 
     def on_start(self, event: event.Event) -> None:
         """Count a kernel; announce the first, unless a line said already that none is kept."""
         if not (self.kernels or _warn_of_no_cache.cache_info().currsize):
-            _LOG.warning(
-                "compiling kernels, in about 25 s on an idle core, several times that on a busy "
-                "one: later processes load them"
-            )
+            _LOG.warning("compiling kernels, once: later processes load them")
+            self.on_first()
         self.kernels += 1
         super().on_start(event)
+
+    def announce(self) -> None:
+        """Log how many kernels were compiled and in what time, if there are new ones."""
+        if self.kernels > self._announced:
+            self._announced = self.kernels
+            _LOG.warning("compiled %d kernels in %.1f s", self.kernels, self.duration)
 
 
 COMPILATION: Final = Compilation()

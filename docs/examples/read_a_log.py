@@ -10,7 +10,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.testbed.log.reader import read_log
 
 log = Path(sys.argv[1])
 folder = Path(sys.argv[2]) if len(sys.argv) > 2 else log.parent

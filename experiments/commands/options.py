@@ -1,148 +1,104 @@
-"""Exit codes and arguments that several commands share."""
+"""Declaration of commands, the options that several of them share, and exit codes."""
 
 from __future__ import annotations
 
 import argparse
 import math
 import re
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from inspect import cleandoc
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from ...testbed.atomic_write import partial_path
-from ...testbed.log.log_path import log_path
+from ...testbed.log import log_path
+from ..errors import BadOptions
+from ..seeds import report_seeds
 
 if TYPE_CHECKING:
-    from ..film.composition import FilmSetup
-    from ..film.replay import Replay
-    from ..film.shot import Look
     from ..scenario.scenario import Scenario
-
-_REFERENCE: Final = "reference"  # of --ghost
 
 EXIT_CHECK_FAILED: Final = 1
 EXIT_BAD_INPUT: Final = 2
 EXIT_LOST: Final = 3  # the run ended early: stopped, roll-over, jack-knife, off the field, stuck
 EXIT_INTERRUPTED: Final = 130
 
-
-def add_scenario(parser: argparse.ArgumentParser, writes: bool = True) -> None:
-    """Add the scenario, its changes, and the output folder if the command writes one."""
-    parser.add_argument(
-        "scenario",
-        nargs="?",
-        default="grass",
-        metavar="SCENARIO",
-        help="name of a shipped scenario or path of a .toml file (default: grass)",
-    )
-    if writes:
-        parser.add_argument(
-            "-o",
-            "--out",
-            type=Path,
-            metavar="DIR",
-            help="folder to make (default: a new one in runs/); an existing one is refused",
-        )
-    add_overrides(parser)
-    add_trust(parser)
+_COMPLETE_FILES: Final = {"bash": "_shtab_compgen_files", "zsh": "_files"}  # functions of shtab
 
 
-def add_trust(parser: argparse.ArgumentParser) -> None:
-    """Add the permission to run code that a file names."""
-    parser.add_argument(
-        "--trust",
-        action="store_true",
-        help="run the code of controllers, estimators and stages that the file names as "
-        "package.module:factory; what you name yourself is run without",
-    )
+@dataclass(frozen=True)
+class Option:
+    """An option or a positional argument, as `argparse` takes it.
 
-
-def add_overrides(parser: argparse.ArgumentParser) -> None:
-    """Add the changes of a scenario."""
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        dest="overrides",
-        help="override a value of the scenario, e.g. soil.cone_index_kpa=250; may be repeated",
-    )
-
-
-def add_json(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add the choice to print `what` as JSON, for scripts."""
-    parser.add_argument(
-        "--json", action="store_true", help=f"print {what} as JSON, and nothing else, to stdout"
-    )
-
-
-def add_verbosity(parser: argparse.ArgumentParser, more: str) -> None:
-    """Add the choice to print less, or `more`."""
-    level = parser.add_mutually_exclusive_group()
-    level.add_argument("-q", "--quiet", action="store_true", help="print errors only")
-    level.add_argument("-v", "--verbose", action="store_true", help=f"also print {more}")
-
-
-def add_controller_and_seed(parser: argparse.ArgumentParser) -> None:
-    """Add the controller and the seed of a run."""
-    # Imported here because only some commands need it, and it loads SciPy and Numba.
-    from ttempc.guidance.controllers import CONTROLLERS
-
-    parser.add_argument(
-        "--controller",
-        metavar="NAME",
-        help=f"controller: {', '.join(CONTROLLERS)}, or package.module:factory of your own",
-    )
-    add_seed(parser)
-
-
-def add_seed(parser: argparse.ArgumentParser) -> None:
-    """Add the seed of a run."""
-    parser.add_argument(
-        "--seed",
-        type=whole_number(0, 2**32 - 1),
-        default=1,
-        metavar="N",
-        help="draws terrain and noise (default: 1)",
-    )
-
-
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Add the workers of a command that makes many runs."""
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--workers",
-        type=whole_number(0),
-        metavar="N",
-        help="processes on this machine (default: one per core; 0: in this process)",
-    )
-    where.add_argument(
-        "--dask",
-        metavar="ADDRESS",
-        help="address of a Dask scheduler: tls:// or tcp://HOST:PORT. tcp:// has neither password "
-        "nor encryption: everyone who reaches the scheduler runs code here and on the workers",
-    )
-
-
-def load_scenario(arguments: argparse.Namespace) -> tuple[str, Scenario]:
-    """Return name and settings of the scenario with all changes, the controller among them.
-
-    Raises:
-        InvalidScenario: the scenario or a change is invalid, or the file names code that the user
-            does not.
+    Args:
+        flags: names.
+        settings: keyword arguments of `add_argument`.
+        group: options of one group exclude each other; "": of none.
     """
-    from ..run.user_code import named_parts, refuse_untrusted
-    from ..scenario.scenario import merge_tables, parse_overrides, read_scenario
 
-    changes = parse_overrides(arguments.overrides)
-    if getattr(arguments, "controller", None) is not None:
-        merge_tables(changes, {"controller": {"name": arguments.controller}})
-    source = read_scenario(arguments.scenario)
-    scenario = source.scenario(changes, changed_by="--set")
-    if not arguments.trust:
-        refuse_untrusted(source.file, named_parts(scenario), changes)
-    return source.name, scenario
+    flags: tuple[str, ...]
+    settings: Mapping[str, Any]
+    group: str = ""
+
+    def but(self, **changes: Any) -> Option:  # noqa: ANN401 - of argparse
+        """Return the same option with other settings."""
+        return replace(self, settings={**self.settings, **changes})
+
+
+def option(*flags: str, group: str = "", **settings: Any) -> Option:  # noqa: ANN401 - of argparse
+    """Return an option from the arguments of `add_argument`."""
+    return Option(flags, settings, group)
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command: the function that carries it out and returns the exit code, and its options."""
+
+    run: Callable[[argparse.Namespace], int]
+    options: tuple[Option, ...]
+
+    @property
+    def about(self) -> str:
+        """Description of the command: the docstring of its function."""
+        return cleandoc(self.run.__doc__ or "")
+
+    def add_to(self, parser: argparse.ArgumentParser) -> None:
+        """Declare description and options of the command."""
+        parser.description = self.about
+        parser.set_defaults(command=self.run)
+        groups: dict[str, Any] = {"": parser}
+        for item in self.options:
+            if item.group not in groups:
+                groups[item.group] = parser.add_mutually_exclusive_group()
+            action = groups[item.group].add_argument(*item.flags, **item.settings)
+            if action.type in (Path, log_path):
+                action.complete = _COMPLETE_FILES  # of shtab, see `ttempc list --completion`
+
+
+@dataclass(frozen=True)
+class Group:
+    """A command with actions of its own, such as `ttempc log info`."""
+
+    about: str
+    actions: Mapping[str, Command]
+
+    def add_to(self, parser: argparse.ArgumentParser) -> None:
+        """Declare the actions."""
+        parser.description = self.about
+        below = parser.add_subparsers(required=True, metavar="ACTION")
+        for name, action in self.actions.items():
+            title = action.about.partition("\n")[0].rstrip(".")
+            action.add_to(
+                below.add_parser(
+                    name, help=title, formatter_class=argparse.RawDescriptionHelpFormatter
+                )
+            )
+
+
+def command(*options: Option) -> Callable[[Callable[[argparse.Namespace], int]], Command]:
+    """Declare a function as a command; its docstring is the description."""
+    return lambda run: Command(run, options)
 
 
 def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:
@@ -168,110 +124,37 @@ def number(text: str) -> float:
     return value
 
 
-def unused_path(parent: Path, stem: str, suffix: str = "") -> Path:
-    """Return the path of a new folder or file: the stem, with a number appended if it exists."""
-    path, count = parent / f"{stem}{suffix}", 1
-    while path.exists() or partial_path(path).exists():
-        count += 1
-        path = parent / f"{stem}-{count}{suffix}"
-    return path
+def positive(text: str) -> float:
+    """Read a finite number above 0."""
+    if not (value := number(text)) > 0.0:
+        raise argparse.ArgumentTypeError(f"must be above 0, got {text}")
+    return value
 
 
-def add_camera(parser: argparse.ArgumentParser) -> None:
-    """Add camera and size of a picture."""
-    # Imported here because only the commands for pictures need it.
-    from ..film.shot import CAMERAS, QUALITIES, SIZES
-
-    sizes = (f"{quality} {width}x{height}" for quality, (width, height) in SIZES.items())
-
-    parser.add_argument(
-        "--camera",
-        choices=CAMERAS,
-        default="chase",
-        help="chase (behind, default), top, side, hitch, split (chase and top), or plan, which "
-        "needs no OpenGL",
-    )
-    parser.add_argument(
-        "--size",
-        type=_size,
-        metavar="WxH",
-        help="pixels, both even (default: " + ", ".join(sizes) + ")",
-    )
-    parser.add_argument(
-        "--quality",
-        choices=QUALITIES,
-        default="draft",
-        help="draft (default), or high: finer shadows and edges, less compression",
-    )
-    parser.add_argument(
-        "--exaggerate",
-        type=number,
-        default=1.0,
-        metavar="X",
-        help="factor of the cross-track error of driven paths, told in the legend (default: 1)",
-    )
-    parser.add_argument(
-        "--ghost",
-        action="append",
-        default=[],
-        metavar="reference|LOG",
-        help="draw a translucent vehicle where the reference is, or where that of another run is; "
-        "may be repeated",
-    )
+_LARGEST_SEED: Final = 2**32 - 1
+_MOST_SEEDS: Final = 1000
 
 
-def add_span(parser: argparse.ArgumentParser) -> None:
-    """Add time span, speed and number of processes of a film."""
-    parser.add_argument(
-        "--from",
-        type=number,
-        dest="begin_s",
-        metavar="S",
-        help="start [s] (default: of the log)",
-    )
-    parser.add_argument(
-        "--to", type=number, dest="end_s", metavar="S", help="end [s] (default: of the log)"
-    )
-    parser.add_argument(
-        "--speed",
-        type=float,
-        default=8.0,
-        metavar="X",
-        help="simulated time over film time (default: 8)",
-    )
-    parser.add_argument(
-        "--workers",
-        type=whole_number(1, 64),
-        default=2,
-        metavar="N",
-        help="processes that share the frames (default: 2)",
-    )
+def seeds(text: str) -> tuple[int, ...]:
+    """Read seeds: a count, or a list of numbers and ranges; at most 1000.
 
-
-def picture_look(arguments: argparse.Namespace) -> Look:
-    """Return the look that the arguments of `add_camera` ask for."""
-    from ..film.shot import Look
-
-    return Look(arguments.quality, arguments.exaggerate, _REFERENCE in arguments.ghost)
-
-
-def picture_size(arguments: argparse.Namespace) -> tuple[int, int]:
-    """Return width and height [pixels]: as given, else those of the quality."""
-    from ..film.shot import SIZES
-
-    return arguments.size or SIZES[arguments.quality]
-
-
-def read_ghosts(arguments: argparse.Namespace) -> tuple[Replay, ...]:
-    """Return the runs that are drawn as ghosts."""
-    from ..film.replay import read_replay
-
-    return tuple(map(read_replay, ghost_logs(arguments)))
-
-
-def ghost_logs(arguments: argparse.Namespace) -> list[Path]:
-    """Return the logs of the runs that are drawn as ghosts."""
-    return [log_path(log) for log in arguments.ghost if log != _REFERENCE]
+    >>> seeds("3"), seeds("7,"), seeds("7,11-13")
+    ((201, 202, 203), (7,), (7, 11, 12, 13))
+    """
+    if text.isdecimal() and 1 <= int(text) <= _MOST_SEEDS:
+        return report_seeds(int(text))
+    found: dict[int, None] = {}
+    if re.fullmatch(r"\d{1,10}(-\d{1,10})?(,(\d{1,10}(-\d{1,10})?)?)*", text) and (
+        "," in text or "-" in text
+    ):
+        for part in filter(None, text.split(",")):
+            first, _, last = part.partition("-")
+            found |= dict.fromkeys(range(int(first), int(last or first) + 1)[: _MOST_SEEDS + 1])
+    if not 1 <= len(found) <= _MOST_SEEDS or max(found) > _LARGEST_SEED:
+        raise argparse.ArgumentTypeError(
+            f"must be a count from 1 to {_MOST_SEEDS}, or a list such as 3,5,10-20, got {text!r}"
+        )
+    return tuple(found)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -282,17 +165,204 @@ def _size(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def path_beside(log: Path, ending: str) -> Path:
-    """Return the default path of a picture or film of a log."""
-    return log.with_name(f"{log.name.removesuffix('.mcap')}-{ending}")
+def out(metavar: str, default: str) -> Option:
+    """Return `-o`, the place that a command writes, with its default in words."""
+    refusal = "" if "continue" in default else "; an existing one is refused"
+    text = f"{'folder' if metavar == 'DIR' else 'file'} to write ({default}){refusal}"
+    return option("-o", "--out", type=Path, metavar=metavar, help=text)
 
 
-def write_with_progress(setup: FilmSetup, file: Path, workers: int) -> None:
-    """Write a film, with a progress bar if stderr is a terminal."""
-    from tqdm import tqdm
+def json_of(what: str) -> Option:
+    """Return `--json`, for scripts."""
+    text = f"print {what} as JSON, and nothing else, to stdout"
+    return option("--json", action="store_true", help=text)
 
-    from ..film.render import write_film
 
-    quiet, count = not sys.stderr.isatty(), len(setup.shot.times)
-    with tqdm(total=count, desc=file.name, unit="frame", disable=quiet, leave=False) as bar:
-        write_film(setup, file, workers, bar.update)
+SCENARIO: Final = option(
+    "scenario",
+    nargs="?",
+    default="grass",
+    metavar="SCENARIO",
+    help="name of a shipped scenario or path of a .toml file (default: grass)",
+)
+LOG: Final = option("log", type=log_path, metavar="LOG", help="log or folder of a run")
+SET: Final = option(
+    "--set",
+    action="append",
+    default=[],
+    metavar="KEY=VALUE",
+    dest="overrides",
+    help="override a value of the scenario, e.g. soil.cone_index_kpa=250; may be repeated",
+)
+TRUST: Final = option(
+    "--trust",
+    action="store_true",
+    help="run the code of controllers, estimators and stages that the file names as "
+    "package.module:factory; what you name yourself is run without",
+)
+CONTROLLER: Final = option(
+    "--controller",
+    metavar="NAME",
+    help="controller, see `ttempc list`, or package.module:factory of your own",
+)
+SEED: Final = option(
+    "--seed",
+    type=whole_number(0, _LARGEST_SEED),
+    default=1,
+    metavar="N",
+    help="draws terrain and noise (default: 1)",
+    group="seeds",
+)
+SEEDS: Final = option(
+    "--seeds",
+    type=seeds,
+    metavar="N|LIST",
+    help="a count N: the first N seeds of reported runs, from 201 on; or a list such as 3,5,10-20",
+    group="seeds",
+)
+SPEED: Final = option(
+    "--speed", type=positive, metavar="X", help="simulated seconds per second of wall clock or film"
+)
+LIMIT: Final = option(
+    "--limit",
+    type=positive,
+    metavar="M",
+    help="a run also fails above this 95 %% cross-track error of the working point, in m "
+    "(default: only runs that end early fail)",
+)
+WORKERS: Final = option(
+    "--workers",
+    type=whole_number(0),
+    metavar="N",
+    help="processes on this machine (default: one per core; 0: in this process)",
+    group="workers",
+)
+DASK: Final = option(
+    "--dask",
+    metavar="ADDRESS",
+    help="address of a Dask scheduler: tls:// or tcp://HOST:PORT. tcp:// has neither password nor "
+    "encryption: everyone who reaches the scheduler runs code here and on the workers",
+    group="workers",
+)
+QUIET: Final = option("-q", "--quiet", action="store_true", help="print errors only", group="level")
+VERBOSE: Final = option(
+    "-v", "--verbose", action="store_true", help="also print every event", group="level"
+)
+AGAINST: Final = option(
+    "--against",
+    metavar="NAME",
+    help="of a sweep: controller that the others are compared with (default: the best)",
+)
+
+FIGURES: Final = (
+    option(
+        "--format",
+        dest="formats",
+        metavar="FORMAT[,FORMAT]",
+        help="of the figures: pdf, svg, png; each comes with its data as CSV",
+    ),
+    option("--width", metavar="WIDTH", help="single (8.8 cm), double (18.1 cm), or in cm"),
+    option("--style", metavar="STYLE", help="matplotlib style, name or file"),
+    option("--dpi", type=number, default=300.0, help="of PNG (default: 300)"),
+    option("--only", nargs="+", metavar="NAME", help="these figures (default: all)"),
+)
+"""Formats, width, style, resolution and choice of figures, see `figures.FigureFiles`."""
+
+PICTURE: Final = (
+    option(
+        "--camera",
+        default="chase",
+        help="chase (behind, default), top, side, hitch, split (chase and top), or plan, which "
+        "needs no OpenGL",
+    ),
+    option(
+        "--size",
+        type=_size,
+        metavar="WxH",
+        help="pixels, both even (default: draft 1280x720, high 1920x1080)",
+    ),
+    option(
+        "--quality",
+        choices=("draft", "high"),
+        default="draft",
+        help="draft (default), or high: finer shadows and edges, less compression",
+    ),
+    option(
+        "--exaggerate",
+        type=number,
+        default=1.0,
+        metavar="X",
+        help="factor of the cross-track error of driven paths, told in the legend (default: 1)",
+    ),
+    option(
+        "--ghost",
+        action="append",
+        default=[],
+        metavar="reference|LOG",
+        help="draw a translucent vehicle where the reference is, or where that of another run is; "
+        "may be repeated",
+    ),
+    option("--from", type=number, dest="begin_s", metavar="S", help="start [s] (default: of log)"),
+    option("--to", type=number, dest="end_s", metavar="S", help="end [s] (default: of the log)"),
+    SPEED.but(default=8.0, help="simulated seconds per second of film (default: 8)"),
+    option(
+        "--workers",
+        type=whole_number(1, 64),
+        default=2,
+        metavar="N",
+        help="processes that share the frames (default: 2)",
+    ),
+)
+"""Camera, size, span and speed of a picture or film."""
+
+
+def load_scenario(arguments: argparse.Namespace) -> tuple[str, Scenario]:
+    """Return name and settings of the scenario with all changes, the controller among them.
+
+    Raises:
+        InvalidScenario: the scenario or a change is invalid, or the file names code that the user
+            does not.
+    """
+    from ..run.user_code import named_parts, refuse_untrusted
+    from ..scenario.scenario import read_scenario
+
+    changes = scenario_changes(arguments.overrides, getattr(arguments, "controller", None))
+    source = read_scenario(arguments.scenario)
+    scenario = source.scenario(changes, changed_by="--set")
+    if not arguments.trust:
+        refuse_untrusted(source.file, named_parts(scenario), changes)
+    return source.name, scenario
+
+
+def scenario_changes(overrides: list[str], controller: str | None) -> dict[str, Any]:
+    """Return the tables that `--set` and `--controller` change.
+
+    Raises:
+        InvalidScenario: a change is no KEY=VALUE.
+    """
+    from ..scenario.scenario import merge_tables, parse_overrides
+
+    changes = parse_overrides(overrides)
+    if controller is not None:
+        merge_tables(changes, {"controller": {"name": controller}})
+    return changes
+
+
+def refuse_given(arguments: argparse.Namespace, names: tuple[str, ...], reason: str) -> None:
+    """Refuse options that have no meaning beside others.
+
+    Raises:
+        BadOptions: for the first that is given.
+    """
+    for name in names:
+        if vars(arguments)[name] not in (None, False, []):
+            raise BadOptions(f"--{name.replace('_', '-')}: {reason}")
+
+
+def unused_path(parent: Path, stem: str, suffix: str = "") -> Path:
+    """Return the path of a new folder or file: the stem, with a number appended if it exists."""
+    path, count = parent / f"{stem}{suffix}", 1
+    while path.exists() or partial_path(path).exists():
+        count += 1
+        path = parent / f"{stem}-{count}{suffix}"
+    return path

@@ -7,13 +7,15 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...testbed.recording.channels import CONTROL, REFERENCE, STATE
 from ..results.run_comparison import ComparedRun
-from ..results.tracking_errors import BODIES, START_UP_S, position_fields
-from .signals import BOUNDS, INPUTS, draw_bounds
+from ..results.tracking_errors import BODIES, position_fields
+from .run_figures import BOUNDS, INPUTS, LENGTH, TIME_OF_ERRORS, draw_bounds, path_length
 from .style import (
+    BLACK,
     BLUE,
     GREEN,
     ORANGE,
@@ -21,27 +23,25 @@ from .style import (
     PURPLE,
     RED,
     SKY,
-    blank,
     dress,
+    label_below,
     legend,
     note,
     shade,
-    wrapped,
+    stacked,
 )
-from .tracking_error import TIME_OF_ERRORS
 
 _COLOURS: Final = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY)
-_WIDEST: Final = 2.2  # line width of the first run, below all others
-_THINNEST: Final = 0.7  # of the last, on top
+# Equal lines are all seen, since the gaps of a later one show those below it.
+_DASHES: Final = ("-", (0, (6, 2)), (0, (3, 2)), (0, (8, 2, 2, 2)), (0, (1.5, 1.5)), (0, (4, 4)))
 
 
 def paths_figure(runs: Sequence[ComparedRun]) -> Figure:
     """Return the driven paths of both axle points and the reference."""
-    figure = _blank(6.4, runs)
-    rows = figure.subplots(2, 1)
+    figure, rows = _stacked(2, 3.2, runs, share_x=False)
+    longest = max(runs, key=lambda run: len(run.record[REFERENCE]))
     for axes, body in zip(rows, BODIES, strict=True):
         fields = position_fields(body)
-        longest = max(runs, key=lambda run: len(run.record[REFERENCE]))
         reference = longest.record[REFERENCE].columns(*fields)
         axes.plot(*reference.T, color=PALE, linewidth=4.0, label="reference")
         for run, style in _lines(runs):
@@ -56,29 +56,45 @@ def paths_figure(runs: Sequence[ComparedRun]) -> Figure:
 
 
 def errors_figure(runs: Sequence[ComparedRun]) -> Figure:
-    """Return the errors of all points over the common time, curves shaded, start-up hatched."""
+    """Return the Euclidean errors of all points over the common time."""
+    return _errors_figure(runs, across=False)
+
+
+def cross_track_figure(runs: Sequence[ComparedRun]) -> Figure:
+    """Return the errors of all points to the left of the reference over the length of the path."""
+    return _errors_figure(runs, across=True)
+
+
+def _errors_figure(runs: Sequence[ComparedRun], across: bool) -> Figure:
     points = max((run.errors.by_point for run in runs), key=len)
-    figure = _blank(2.3 * len(points), runs)
-    rows = figure.subplots(len(points), 1, sharex=True, sharey=True)
+    figure, rows = _stacked(len(points), 2.3, runs, share_y=True)
     first = runs[0].errors
+
+    def place(run: ComparedRun) -> Any:  # noqa: ANN401 - an array
+        return path_length(run.record)[: len(run.errors.time_s)] if across else run.errors.time_s
+
     for axes, point in zip(rows, points, strict=True):
-        shade(axes, first.time_s, first.curved)
-        shade(axes, first.time_s, first.time_s < START_UP_S, hatch="////")
+        shade(axes, place(runs[0]), first.curved)
+        shade(axes, place(runs[0]), ~first.counted, hatch="////")
         for run, style in _lines(runs):
             if (error := run.errors.by_point.get(point)) is not None:
-                axes.plot(run.errors.time_s, 100 * error.euclidean_m, **style)
-        dress(axes, "", f"{point} error [cm]")
+                shown_m = error.cross_m if across else error.euclidean_m
+                axes.plot(place(run), 100 * shown_m, **style)
+        quantity = "cross-track,\nleft positive" if across else "error"
+        dress(axes, "", f"{point} {quantity} [cm]")
         axes.margins(x=0.0)
-        axes.set_ylim(bottom=0.0)
+        if across:
+            axes.axhline(0.0, color=BLACK, linewidth=0.6)
+        else:
+            axes.set_ylim(bottom=0.0)
     legend(rows[0], len(runs))
-    rows[-1].set_xlabel(wrapped(rows[-1], TIME_OF_ERRORS), fontsize=8.5)
+    label_below(rows[-1], LENGTH if across else TIME_OF_ERRORS)
     return figure
 
 
 def inputs_figure(runs: Sequence[ComparedRun]) -> Figure:
     """Return the commands of all runs with the bounds of the first run."""
-    figure = _blank(6.2, runs)
-    rows = figure.subplots(3, 1, sharex=True)
+    figure, rows = _stacked(3, 2.1, runs)
     bounds, in_view = runs[0].record[CONTROL], False
     for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
         for run, style in _lines(runs):
@@ -90,13 +106,14 @@ def inputs_figure(runs: Sequence[ComparedRun]) -> Figure:
         in_view |= draw_bounds(axes, bounds, name, factor)
     rows[-1].set_xlim(0.0, runs[0].end_s)
     legend(rows[0], len(runs) + 1, [BOUNDS] if in_view else [])
-    rows[-1].set_xlabel("time [s]", fontsize=8.5)
+    label_below(rows[-1], "time [s]")
     return figure
 
 
 COMPARISONS: Final[dict[str, Callable[[Sequence[ComparedRun]], Figure]]] = {
     "path": paths_figure,
     "error": errors_figure,
+    "cross-track": cross_track_figure,
     "signals": inputs_figure,
 }
 
@@ -106,19 +123,18 @@ def comparison_figures(runs: Sequence[ComparedRun]) -> dict[str, Callable[[], Fi
     return {name: partial(draw, runs) for name, draw in COMPARISONS.items()}
 
 
-def _blank(height_in: float, runs: Sequence[ComparedRun]) -> Figure:
-    """Return an empty figure with what all runs have in common as its title."""
-    figure = blank(height_in)
+def _stacked(
+    count: int, height_in: float, runs: Sequence[ComparedRun], **share: bool
+) -> tuple[Figure, list[Axes]]:
+    """Return `stacked` axes, with what all runs have in common as the title of their figure."""
+    figure, rows = stacked(count, height_in, **share)
     if runs[0].common:
         figure.suptitle(runs[0].common, x=0.01, ha="left", fontsize=8.5, fontweight="bold")
-    return figure
+    return figure, rows
 
 
 def _lines(runs: Sequence[ComparedRun]) -> Iterator[tuple[ComparedRun, dict[str, Any]]]:
-    """Yield the runs with label, colour and width of their lines.
-
-    A later line is thinner, so that equal lines are all seen.
-    """
-    widths = np.geomspace(_WIDEST, _THINNEST, len(runs)).tolist()
-    for run, colour, width in zip(runs, _COLOURS, widths, strict=False):
-        yield run, {"label": run.short_label, "color": colour, "linewidth": width}
+    """Yield the runs with label, colour and dashes of their lines."""
+    for run, colour, dashes in zip(runs, _COLOURS, _DASHES, strict=False):
+        style = {"color": colour, "linestyle": dashes, "linewidth": 1.1}
+        yield run, {"label": run.short_label, **style}

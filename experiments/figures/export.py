@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import io
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
@@ -10,13 +12,20 @@ from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib import style as styles
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection, QuadMesh
+from matplotlib.container import BarContainer, ErrorbarContainer
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter
+from PIL import Image
 
 from ...testbed.recording.record import Record
-from . import FIGURES, png, shown_figures
-from .figure_data import figure_csv
-from .style import figure_width
+from .run_figures import FIGURES, shown_figures
+from .style import DPI, figure_width
 
 FORMATS: Final = ("pdf", "svg", "png")
 WIDTHS_CM: Final = {"single": 8.8, "double": 18.1}
@@ -30,6 +39,14 @@ _EDITABLE: Final[dict[Any, Any]] = {
 }
 _NO_DATE: Final = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 _CM_PER_IN: Final = 2.54
+_PALETTE: Final = 256  # colours
+
+_ALWAYS: Final = ("chart", "quantity", "line", "x", "y")
+_WHERE_GIVEN: Final = ("value", "x_low", "x_high", "y_low", "y_high")
+_COLOUR_BAR: Final = "<colorbar>"  # label that matplotlib gives to its axes
+_UNNAMED: Final = "_child"  # begin of the label that matplotlib gives to a line without one
+
+_Coordinate = float | str
 
 
 def run_figures(record: Record) -> dict[str, Callable[[], Figure]]:
@@ -78,6 +95,19 @@ def _content(figure: Figure, form: str, dpi: float) -> bytes:
     return buffer.getvalue()
 
 
+def png(figure: Figure, dpi: float = DPI) -> bytes:
+    """Return the content of a PNG file of a figure. Equal figures give equal bytes."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    buffer = io.BytesIO()
+    # A palette makes the file three times smaller, invisibly in a plot of a few colours.
+    picture.quantize(_PALETTE, Image.Quantize.MAXCOVERAGE).save(
+        buffer, format="png", optimize=True, dpi=(dpi, dpi)
+    )
+    return buffer.getvalue()
+
+
 def style_of(text: str) -> str:
     """Return the name of a matplotlib style, or the absolute path of a style file.
 
@@ -90,3 +120,94 @@ def style_of(text: str) -> str:
         return str(Path(text).resolve())
     known = ", ".join(styles.available)
     raise ValueError(f"{text!r} is no file and no style of matplotlib: {known}")
+
+
+def figure_csv(figure: Figure) -> str:
+    """Return lines, intervals, histograms and maps of a figure as CSV.
+
+    Columns: chart from 0, its quantity, line, x and y; value of a cell of a map; ends of intervals.
+    A column that no row needs is left out. Of a bar of a histogram, x is the middle. Lines that
+    only mark a place, with two points at most, are left out.
+    """
+    charts = [axes for axes in figure.axes if axes.get_label() != _COLOUR_BAR]
+    records = [
+        {"chart": chart, "quantity": quantity.replace("\n", " "), **point}
+        for chart, axes in enumerate(charts)
+        for quantity in [axes.get_title(loc="left") or axes.get_ylabel()]
+        for point in _points(axes)
+    ]
+    used = [name for name in _WHERE_GIVEN if any(name in record for record in records)]
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, [*_ALWAYS, *used], lineterminator="\n")
+    writer.writeheader()
+    for record in records:
+        writer.writerow({name: _text(value) for name, value in record.items()})
+    return buffer.getvalue()
+
+
+def _points(axes: Axes) -> Iterator[dict[str, _Coordinate]]:
+    """Yield the points of a chart as columns of the file."""
+    bands, in_bars = _bands(axes), set()
+    for item in axes.containers:
+        if isinstance(item, ErrorbarContainer):
+            line, _, bars = item.lines
+            in_bars.add(line)
+            ways = [way for way, has in (("x", item.has_xerr), ("y", item.has_yerr)) if has]
+            ends = {way: bar.get_segments() for way, bar in zip(ways, bars, strict=True)}
+            for number, (x, y) in enumerate(np.asarray(line.get_xydata()).tolist()):
+                point = _place(axes, str(item.get_label()), x, y)
+                for way, segments in ends.items():
+                    low, high = np.asarray(segments[number])[:, "xy".index(way)].tolist()
+                    point |= {f"{way}_low": low, f"{way}_high": high}
+                yield point
+        elif isinstance(item, BarContainer) and len(item) > 2:
+            for bar in item:
+                x = bar.get_x() + 0.5 * bar.get_width()
+                yield {"line": "histogram", "x": x, "y": bar.get_height()}
+    for number, line in enumerate(axes.get_lines()):
+        points, label = np.asarray(line.get_xydata()), str(line.get_label())
+        if len(points) > 2 and line not in in_bars:
+            name = f"line {number}" if label.startswith(_UNNAMED) else label.removeprefix("_")
+            for x, y in points.tolist():
+                yield _place(axes, name, x, y) | bands.get((label, x), {})
+    for mesh in axes.collections:
+        if isinstance(mesh, QuadMesh):
+            cells = np.ma.filled(np.ma.asarray(mesh.get_array()), np.nan)
+            for (up, across), value in np.ndenumerate(cells):
+                yield _place(axes, "map", across, up) | {"value": float(value)}
+
+
+def _place(axes: Axes, line: str, x: float, y: float) -> dict[str, _Coordinate]:
+    return {"line": line, "x": _named(axes.xaxis, x), "y": _named(axes.yaxis, y)}
+
+
+def _bands(axes: Axes) -> dict[tuple[str, float], dict[str, _Coordinate]]:
+    """Return the ends of bands around lines, by the label of both and x."""
+    ends: dict[tuple[str, float], dict[str, _Coordinate]] = {}
+    for band in axes.collections:
+        label = str(band.get_label())
+        if isinstance(band, PolyCollection) and not label.startswith("_"):
+            vertices = np.array(band.get_paths()[0].vertices)
+            for x in np.unique(vertices[:, 0]):
+                y = vertices[vertices[:, 0] == x, 1]
+                ends[label, float(x)] = {"y_low": float(y.min()), "y_high": float(y.max())}
+    return ends
+
+
+def _named(axis: Axis, value: float) -> _Coordinate:
+    """Return the text of a tick nearest to a value on an axis of texts, else the value."""
+    locator, formatter = axis.get_major_locator(), axis.get_major_formatter()
+    fixed = isinstance(locator, FixedLocator) and isinstance(formatter, FuncFormatter)
+    if not fixed or not math.isfinite(value) or round(value) not in np.asarray(locator()):
+        return float(value)
+    text = formatter(round(value))
+    try:
+        float(text)
+    except ValueError:
+        return text
+    # A number beside the tick is itself, one on it is what the tick says.
+    return text if value == round(value) else float(value)
+
+
+def _text(value: _Coordinate) -> str:
+    return value if isinstance(value, str) else f"{value:.9g}"

@@ -1,11 +1,10 @@
-"""Panels: charts that are drawn alone on a page or side by side in one picture."""
+"""Panels: charts of half a page's width, and figures as SVG in a page."""
 
 from __future__ import annotations
 
 import io
-import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from .style import GRID, blank, blank_half, series
+from .style import GRID, blank, series
 
 _HEIGHT_IN: Final = 2.9
 
@@ -36,43 +35,23 @@ class Panel:
 
 def alone(panel: Panel) -> Figure:
     """Return a figure of one panel. Its title is left out, since a page shows it as text."""
-    figure = blank_half(_HEIGHT_IN)
+    figure = blank(_HEIGHT_IN, 0.5)
     panel.draw(figure.subplots())
-    _add_legend(figure, panel.series, columns=2)
-    return figure
-
-
-def together(panels: Sequence[Panel]) -> Figure:
-    """Return a figure of page width with the panels in two columns and a common legend."""
-    columns = min(2, len(panels))
-    rows = math.ceil(len(panels) / columns)
-    figure = blank(_HEIGHT_IN * rows)
-    grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, panel in zip(grid, panels, strict=False):
-        panel.draw(axes)
-        axes.set_title(panel.title, fontsize=8.5, loc="left", fontweight="bold")
-    for axes in grid[len(panels) :]:
-        axes.set_axis_off()
-    _add_legend(figure, max((panel.series for panel in panels), key=len), columns=4)
-    return figure
-
-
-def _add_legend(figure: Figure, names: Sequence[str], columns: int) -> None:
-    """Add the legend of the series above the charts."""
     handles = [
         Line2D([], [], linewidth=1.4, markersize=4.5, label=name, **series(number))
-        for number, name in enumerate(names)
+        for number, name in enumerate(panel.series)
     ]
     if handles:
         figure.legend(
             handles=handles,
             loc="outside upper left",
-            ncols=columns,
+            ncols=2,
             frameon=False,
             fontsize=8.0,
             handlelength=1.8,
             columnspacing=1.2,
         )
+    return figure
 
 
 def svg(figure: Figure, name: str) -> str:

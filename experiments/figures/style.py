@@ -44,36 +44,36 @@ _FONT_PT: Final = 8.5
 _CHARACTERS_PER_IN: Final = 13.0  # of this font
 _HANDLE: Final = 4  # characters as wide as the line of a legend's entry and the spaces around it
 _BOLD_PER_IN: Final = 10.0  # of titles
-_width_in: ContextVar[float | None] = ContextVar("width of figures [in]", default=None)
+_WIDTH_IN: Final[ContextVar[float | None]] = ContextVar("width of figures [in]", default=None)
 
 
 @contextmanager
 def figure_width(width_in: float) -> Iterator[None]:
     """Draw the figures inside the block with another width than that of the page."""
-    token = _width_in.set(width_in)
+    token = _WIDTH_IN.set(width_in)
     try:
         yield
     finally:
-        _width_in.reset(token)
+        _WIDTH_IN.reset(token)
 
 
-def blank(height_in: float) -> Figure:
-    """Return an empty figure of page width, or of `figure_width`, independent of pyplot."""
-    return _figure(_width_in.get() or PAGE_WIDTH_IN, height_in)
+def blank(height_in: float, share: float = 1.0) -> Figure:
+    """Return an empty figure independent of pyplot.
+
+    Args:
+        height_in: its height [in].
+        share: its width over that of the page; `figure_width` has precedence.
+    """
+    size = (_WIDTH_IN.get() or share * PAGE_WIDTH_IN, height_in)
+    return Figure(figsize=size, dpi=DPI, layout="constrained")
 
 
-def blank_half(height_in: float) -> Figure:
-    """Return an empty figure of half the page's width, or of `figure_width`."""
-    return _figure(_width_in.get() or 0.5 * PAGE_WIDTH_IN, height_in)
-
-
-def _figure(width_in: float, height_in: float) -> Figure:
-    return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
-
-
-def figure_width_in(axes: Axes) -> float:
-    """Return the width of the figure that holds the axes [in]."""
-    return axes.figure.bbox.width / axes.figure.dpi
+def stacked(
+    count: int, height_in: float, share_x: bool = True, share_y: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure with axes below each other, each of this height [in]."""
+    figure = blank(height_in * count)
+    return figure, [*figure.subplots(count, sharex=share_x, sharey=share_y, squeeze=False).flat]
 
 
 def wrapped(axes: Axes, text: str, per_in: float = _CHARACTERS_PER_IN) -> str:
@@ -86,7 +86,7 @@ def _characters(axes: Axes, per_in: float = _CHARACTERS_PER_IN) -> int:
     place, share = axes.get_subplotspec(), 1.0
     if place is not None:
         share = len(place.colspan) / place.get_gridspec().ncols
-    return max(12, int(per_in * share * figure_width_in(axes)))
+    return max(12, int(per_in * share * axes.figure.bbox.width / axes.figure.dpi))
 
 
 def series(number: int, name: str = "") -> dict[str, Any]:
@@ -115,6 +115,11 @@ def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
+def label_below(axes: Axes, text: str) -> None:
+    """Label the horizontal axis of the last of `stacked` axes."""
+    axes.set_xlabel(wrapped(axes, text), fontsize=_FONT_PT)
+
+
 def legend(axes: Axes, columns: int, more: Sequence[Line2D] = ()) -> None:
     """Add a legend above the axes, where it covers no line.
 
@@ -127,7 +132,10 @@ def legend(axes: Axes, columns: int, more: Sequence[Line2D] = ()) -> None:
     fit = _characters(axes)
     labels = [fill(str(handle.get_label()), fit - _HANDLE) for handle in handles]
     widths = [_HANDLE + max(map(len, label.splitlines())) for label in labels]
-    while columns > 1 and sum(max(w, default=0) for w in _split(widths, columns)) > fit:
+    while columns > 1:
+        parts = np.array_split(np.array(widths, dtype=int), columns)
+        if sum(part.max(initial=0) for part in parts) <= fit:
+            break
         columns -= 1
     axes.legend(
         handles,
@@ -141,11 +149,6 @@ def legend(axes: Axes, columns: int, more: Sequence[Line2D] = ()) -> None:
         columnspacing=1.2,
         borderaxespad=0.1,
     )
-
-
-def _split(widths: Sequence[int], columns: int) -> list[list[int]]:
-    """Return the widths of the entries in each column of a legend."""
-    return [part.tolist() for part in np.array_split(np.array(widths, dtype=int), columns)]
 
 
 def note(axes: Axes, x: float, y: float, text: str, **style: Any) -> None:  # noqa: ANN401

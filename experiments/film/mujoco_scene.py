@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
@@ -16,49 +17,83 @@ from numpy.typing import NDArray
 from ttempc.types import FloatArray
 
 from ...testbed.errors import first_line
+from ...testbed.ground.terrain import Terrain
 from ...testbed.recording.channels import REFERENCE as REFERENCE_ROWS
 from ...testbed.truth import WHEELS
 from ...testbed.vehicle.appearance import ground_colours
-from ..errors import InvalidFilm
-from .camera import FIELD_OF_VIEW, FollowCamera, View
-from .drawing.body_poses import place_bodies, rotation
-from .drawing.colours import PLAN, REFERENCE, TRACTOR, TRAILER, Rgb, brighter, slip_colour, unit_rgb
-from .drawing.field import FieldMesh, mown
-from .drawing.offscreen import OffscreenRenderer
-from .drawing.ribbon import MeshView, Ribbon
-from .ghosts import Ghost
-from .replay import Replay
-from .shot import Quality, Shot
+from ..errors import InvalidFilm, NoGraphics
+from .camera import FIELD_OF_VIEW, FollowCamera
+from .drawing import PLAN, POINTS, REFERENCE, Rgb, slip_colour
+from .playback import Ghost, Playback, Poses, rotation
+from .settings import FilmSettings, Quality
 
+_PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"
+_OFF: Final = ("disable", "disabled", "off", "false", "0")  # values of MUJOCO_GL
 _HORIZON: Final = (0.80, 0.87, 0.94)  # colour of the sky at the horizon, and of the fog
-_SUN: Final = (
-    0.45,
-    -0.45,
-    -0.77,
-)  # direction of light: from the north-west, as in the texture
+_SUN: Final = (0.45, -0.45, -0.77)  # direction of light: from the north-west, as in the texture
 _SUN_AWAY_M: Final = 1.6  # distance of the light; farther away, shadow acne appears on the ground
-_TRAIL_STEP_M: Final = 0.25  # between the points of a driven path
-_TARGETS: Final = ("target_tractor", "target_trailer")  # markers of the references of both points
+_STEP_M: Final = 0.25  # between the points of a line
 _POLE_M: Final = 2.6  # height, above the roof so that the top is always visible
 _SHADOW_MAP: Final[dict[Quality, int]] = {"draft": 2048, "high": 4096}  # pixels
 _SAMPLES: Final[dict[Quality, int]] = {"draft": 4, "high": 8}  # per pixel
-_LINE_LIGHT: Final = 2.5  # of emission, sky and sun together on a line on level ground
+_EMISSION, _LIGHT = 1.5, 2.5  # of a line; with sky and sun on level ground
 _HIDDEN_GROUP: Final = 3  # shapes of this group and above serve contacts and are not drawn
 _GHOST_OPACITY: Final = 0.30
+_GHOST_NEAR_M: Final = 0.08  # of a body to its ghost, which would only tint it
 _TRACKS: Final = ("rear_left", "rear_right", "trailer_left", "trailer_right")  # wheels
 _TRACK_STEP_M: Final = 0.4
-_TRACK_WIDTH_M: Final = 0.16
 _SOIL: Final = (0.14, 0.11, 0.07, 0.25)  # colour of a wheel track
 _EXTENT_M: Final = 4.0  # half the side of the area with shadows
 _TEXTURE: Final = (2560, 1600)  # pixels of the ground, width and height
+_MOST_CELLS: Final = 90_000  # of the drawn ground: every 0.2 m on 80 x 50 m; that of the simulation
+# has nine times as many, and a picture takes four times as long
+_MEADOW_BELOW_M: Final = 0.15
+_SWATH_M: Final = 3.0  # width of the stripes that a mower leaves
+_SWATH_SHADE: Final = 0.055  # of their brightness
+_EDGE_M: Final = 0.35  # width of the bare strip along the edge of the field
+_BARE: Final = np.array([0.36, 0.30, 0.20])
+
+
+def _context() -> Any:  # noqa: ANN401 - mujoco has no types
+    """Return an OpenGL context that needs no screen, in software without a GPU.
+
+    Raises:
+        NoGraphics: no context can be created.
+    """
+    if os.environ.get("MUJOCO_GL", "").lower() in _OFF:
+        raise NoGraphics(
+            f"MUJOCO_GL={os.environ['MUJOCO_GL']}: rendering is switched off; unset it, "
+            "or take --camera plan, which needs no OpenGL"
+        )
+    try:
+        from mujoco.egl import GLContext
+
+        context = GLContext(1, 1)  # the size is that of MuJoCo's own frame buffer
+        context.make_current()
+    except (ImportError, AttributeError, OSError, RuntimeError) as error:
+        raise NoGraphics(
+            f"off-screen OpenGL is unavailable ({first_line(error)}): install {_PACKAGES}, "
+            "or take --camera plan, which needs none"
+        ) from None
+    return context
+
+
+def check_graphics() -> None:
+    """Raise if rendering is unavailable.
+
+    Raises:
+        NoGraphics: the message names the packages to install.
+    """
+    _context().free()
 
 
 class MujocoScene:
     """Renderer of one run at any time, with the bodies at their logged poses.
 
     Args:
-        replay: the run.
-        shot: settings of the film.
+        playback: of the run.
+        settings: of the film.
+        size: width and height of the picture [pixels].
         ghosts: vehicles that are drawn translucent.
 
     Raises:
@@ -66,114 +101,105 @@ class MujocoScene:
         NoGraphics: OpenGL is unavailable.
     """
 
-    def __init__(self, replay: Replay, shot: Shot, ghosts: Sequence[Ghost] = ()) -> None:
-        self.replay, self.camera = replay, FollowCamera(replay, shot.speed)
-        self._shot, self._ghosts = shot, ghosts
-        unit = self.camera.unit
-        self._field = FieldMesh(replay.ground.terrain, unit)
-        trail = replay.driven(replay.end_s, _TRAIL_STEP_M).shape[1] + 1
-        predicted = max(
-            (len(line.points) for lines in replay.predicted for line in lines), default=2
-        )
-        self._reference = Ribbon("reference", len(replay.path), 0.12 * unit, 0.015)
-        self._trails = (
-            Ribbon("trail_tractor", trail, 0.09 * unit, 0.020),
-            Ribbon("trail_trailer", trail, 0.09 * unit, 0.024),
-        )
-        self._predictions = (
-            Ribbon("predicted_tractor", predicted, 0.12 * unit, 0.030),
-            Ribbon("predicted_trailer", predicted, 0.12 * unit, 0.030),
-        )
-        self._track_rows = replay.spaced_rows(_TRACK_STEP_M)
-        count, width = len(self._track_rows) + 1, _TRACK_WIDTH_M * unit
-        self._tracks = [Ribbon(f"track_{wheel}", count, width, 0.010, "track") for wheel in _TRACKS]
-        self.model = self._compiled()
-        self.data = mujoco.MjData(self.model)
-        ribbons = (self._reference, *self._trails, *self._predictions, *self._tracks)
-        meshes = [FieldMesh.NAME, "meadow", *(ribbon.name for ribbon in ribbons)]
-        self._meshes = {name: MeshView(self.model, name) for name in meshes}
+    def __init__(
+        self,
+        playback: Playback,
+        settings: FilmSettings,
+        size: tuple[int, int],
+        ghosts: Sequence[Ghost] = (),
+    ) -> None:
+        self._playback, self.camera = playback, FollowCamera(playback, settings.speed)
+        self._settings, self._ghosts, self._size = settings, ghosts, size
+        self._terrain = _drawn(playback.ground.terrain)
+        self.model = model = self._compiled()
+        self.data = mujoco.MjData(model)
         self._paint_ground()
-        self._bodies = self._body_ids()
-        self._lugs = [self.model.geom(f"{wheel}_lugs").id for wheel in WHEELS]
-        self.model.geom_matid[self._lugs] = -1  # no material: the colour shows the slip
-        self._targets = [self.model.geom(name).id for name in _TARGETS]
-        mujoco.mj_kinematics(self.model, self.data)  # poses of the static geoms
-        self._field.lay_meadow(self._meshes["meadow"])
-        self._reference.lay(self._meshes["reference"], replay.path, replay.ground.terrain)
-        self._renderer = OffscreenRenderer(self.model, shot.size)
-        self._shell = self._shell_geoms() if ghosts else np.empty(0, np.intp)
-        geoms = self.model.ngeom + len(ghosts) * len(self._shell) + 8
-        self._scene = mujoco.MjvScene(self.model, geoms)
+        names = {model.body(i).name: i for i in range(model.nbody)}
+        missing = sorted(set(playback.motion.body_names) - set(names))
+        if missing:
+            raise InvalidFilm(
+                f"{playback.file}: has transforms of {', '.join(missing)}, which its model lacks"
+            )
+        self._bodies = np.array([names[name] for name in playback.motion.body_names])
+        self._row = np.zeros(model.nbody, np.intp)  # of a body in the log
+        self._row[self._bodies] = np.arange(len(self._bodies))
+        self._moving = np.flatnonzero(np.isin(model.geom_bodyid, self._bodies))
+        self._shell = self._opaque_geoms()
+        self._lugs = [model.geom(f"{wheel}_lugs").id for wheel in WHEELS]
+        model.geom_matid[self._lugs] = -1  # no material: the colour shows the slip
+        self._track_rows = playback.spaced_rows(_TRACK_STEP_M)
+        mujoco.mj_kinematics(model, self.data)  # poses of the static geoms
+        self._gl = _context()
+        model.vis.global_.offwidth, model.vis.global_.offheight = size
+        self._renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._renderer)
+        lines = len(playback.path) + 2 * playback.driven(playback.end_s, _STEP_M).shape[1]
+        lines += len(_TRACKS) * (len(self._track_rows) + 1)
+        lines += sum(
+            max((len(line.points) for line in each), default=0) for each in playback.predicted
+        )
+        geoms = model.ngeom + len(ghosts) * len(self._shell) + lines + 8
+        self._scene = mujoco.MjvScene(model, geoms)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
         self._options = mujoco.MjvOption()
-        self._options.sitegroup[:] = 0  # a replay moves bodies only: sites would stay at the start
+        self._options.sitegroup[:] = 0  # a playback moves bodies only: sites would stay behind
 
     def picture(self, camera: str, time_s: float) -> NDArray[np.uint8]:
         """Return the picture of a camera of `camera.VIEWS` at a time, (height, width, 3)."""
-        self.pose(time_s)
-        self._draw_lines(time_s)
-        view = self.camera.view(camera, time_s)
-        middle = self.camera.pose(time_s).middle
-        if self._field.lay(self._meshes[FieldMesh.NAME], *middle[:2].tolist()):
-            self._renderer.upload_mesh(self._meshes[FieldMesh.NAME].id)
-        self._light(middle)
+        self._gl.make_current()
+        poses = self._playback.poses(time_s)
+        self.data.xpos[self._bodies], self.data.xquat[self._bodies] = poses
+        places, turns = self._geom_poses(self._moving, poses)
+        self.data.geom_xpos[self._moving], self.data.geom_xmat[self._moving] = places, turns
+        slips = self._playback.slips(time_s)
+        self.model.geom_rgba[self._lugs, :3] = [_unit(slip_colour(slip)) for slip in slips]
+        middle = self.camera.middle(time_s)
+        # The sun moves with the vehicle, since shadows extend only `_EXTENT_M` around it.
+        self.data.light_xpos[0] = middle - _SUN_AWAY_M * self.camera.unit * np.array(_SUN)
+        self.data.light_xdir[0] = np.array(_SUN) / np.linalg.norm(_SUN)
         mujoco.mjv_updateScene(
             self.model,
             self.data,
             self._options,
             None,
-            _camera(view),
+            _camera(*self.camera.view(camera, time_s)),
             mujoco.mjtCatBit.mjCAT_ALL.value,
             self._scene,
         )
+        self._add_lines(time_s)
         for ghost in self._ghosts:
-            self._add_ghost(ghost, time_s)
-        return self._renderer.picture(self._scene)
+            self._add_ghost(ghost.poses(time_s), poses, ghost.colour)
+        width, height = self._size
+        rectangle = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(rectangle, self._scene, self._renderer)
+        pixels = np.empty((height, width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(pixels, None, rectangle, self._renderer)
+        return pixels[::-1]  # OpenGL's first row is the bottom row
 
-    def pose(self, time_s: float) -> None:
-        """Set the logged poses of all bodies in `data`, and the slip colours of the wheels."""
-        place_bodies(self.model, self.data, self._bodies, *self.replay.poses(time_s))
-        slips = self.replay.slips(time_s)
-        self.model.geom_rgba[self._lugs, :3] = [unit_rgb(slip_colour(slip)) for slip in slips]
+    def close(self) -> None:
+        """Free the graphics memory. Nothing can be rendered afterwards."""
+        self._gl.make_current()
+        self._renderer.free()
+        self._gl.free()
 
     def _compiled(self) -> mujoco.MjModel:
-        """Return the log's model with the ground, light and lines of a film."""
+        """Return the log's model with the ground and light of a film."""
         try:
-            spec = mujoco.MjSpec.from_string(self.replay.mjcf)
+            spec = mujoco.MjSpec.from_string(self._playback.mjcf)
             for light in list(spec.lights):
                 spec.delete(light)
             return self._dressed(spec).compile()
         except (ValueError, KeyError, AttributeError) as error:
             raise InvalidFilm(
-                f"{self.replay.file}: its model cannot be used: {first_line(error)}"
+                f"{self._playback.file}: its model cannot be used: {first_line(error)}"
             ) from None
 
     def _dressed(self, spec: mujoco.MjSpec) -> mujoco.MjSpec:
-        """Add ground, light and lines of a film to a model."""
-        unit, visual = self.camera.unit, spec.visual
+        """Add ground and light of a film to a model."""
+        unit, visual, quality = self.camera.unit, spec.visual, self._settings.quality
         ground = spec.texture("ground")
         ground.width, ground.height = _TEXTURE
-        spec.add_material(name="meadow", specular=0.0)
-        spec.add_material(name="line", emission=1.5, specular=0.0)
-        spec.add_material(name="track", specular=0.0)
-        self._field.add_to(spec)
-        self._reference.add_to(spec, (*unit_rgb(REFERENCE), 1.0))
-        for ribbon, colour in zip(self._trails, (TRACTOR, TRAILER), strict=True):
-            ribbon.add_to(spec, _lit(brighter(colour)))
-        for ribbon in self._predictions:
-            ribbon.add_to(spec, _lit(PLAN))
-        for ribbon in self._tracks:
-            ribbon.add_to(spec, _SOIL)
-        for name, colour in zip(_TARGETS, (TRACTOR, TRAILER), strict=True):
-            spec.worldbody.add_geom(
-                name=name,
-                type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-                size=[0.018 * unit, 0.5 * _POLE_M * unit, 0.0],
-                rgba=_lit(brighter(colour)),
-                material="line",
-                contype=0,
-                conaffinity=0,
-            )
+        self._add_field(spec)
         spec.worldbody.add_light(
             name="sun",
             type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
@@ -188,7 +214,6 @@ class MujocoScene:
         visual.headlight.specular = (0.0, 0.0, 0.0)
         visual.rgba.fog = (*_HORIZON, 1.0)
         visual.global_.fovy = math.degrees(FIELD_OF_VIEW)
-        quality = self._shot.look.quality
         visual.quality.shadowsize = _SHADOW_MAP[quality]
         visual.quality.offsamples = _SAMPLES[quality]
         # Clipping planes, fog and shadow distance are multiples of the extent.
@@ -198,102 +223,174 @@ class MujocoScene:
         visual.map.shadowclip = 1.0
         return spec
 
-    def _body_ids(self) -> NDArray[np.intp]:
-        """Return the model's ids of the bodies in the order of the log, (n,)."""
-        names = self.replay.motion.body_names
-        ids = {self.model.body(i).name: i for i in range(self.model.nbody)}
-        missing = sorted(set(names) - set(ids))
-        if missing:
-            raise InvalidFilm(
-                f"{self.replay.file}: has transforms of {', '.join(missing)}, which its model lacks"
-            )
-        return np.array([ids[name] for name in names])
-
-    def _draw_lines(self, time_s: float) -> None:
-        """Lay driven and predicted paths on the ground, and move the reference markers."""
-        terrain = self.replay.ground.terrain
-        driven = self.replay.driven(time_s, _TRAIL_STEP_M, self._shot.look.exaggeration)
-        lines = list(zip(self._trails, driven, strict=True))
-        lines += zip(self._tracks, self._wheel_paths(time_s), strict=True)
-        paths = self.replay.predicted_paths(time_s) or (np.empty((0, 2)), np.empty((0, 2)))
-        lines += zip(self._predictions, paths, strict=True)
-        for ribbon, points in lines:
-            mesh = self._meshes[ribbon.name]
-            ribbon.lay(mesh, points, terrain)
-            self._renderer.upload_mesh(mesh.id)
-        middle = 0.5 * _POLE_M * self.camera.unit
-        positions = self.replay.positions(REFERENCE_ROWS, time_s)
-        for geom, (x, y) in zip(self._targets, positions, strict=True):
-            self.data.geom_xpos[geom] = x, y, float(terrain.height(x, y)) + middle
-
-    def _wheel_paths(self, time_s: float) -> list[FloatArray]:
-        """Return the paths of the wheels of `_TRACKS` up to a time, (n, 2) [m] each."""
-        motion = self.replay.motion
-        xyz, _ = self.replay.poses(time_s)
-        passed = self._track_rows[motion.time_s[self._track_rows] < time_s]
-        bodies = [self.replay.body(wheel) for wheel in _TRACKS]
-        return [np.vstack([motion.xyz[passed, body, :2], xyz[body, :2]]) for body in bodies]
+    def _add_field(self, spec: mujoco.MjSpec) -> None:
+        """Replace the ground of the simulation by a coarser one, and a meadow around it."""
+        terrain, heights = self._terrain, self._terrain.heights
+        (x0, y0), (width, depth) = terrain.origin, terrain.size_m
+        middle, low = (x0 + 0.5 * width, y0 + 0.5 * depth), float(heights.min())
+        field, span = spec.hfield("ground"), max(float(np.ptp(heights)), 1e-6)
+        field.nrow, field.ncol = heights.shape
+        field.size = [0.5 * width, 0.5 * depth, span, 0.01]
+        field.userdata = ((heights - low) / span).ravel()
+        spec.geom("ground").pos = [*middle, low]
+        # The meadow lies in the plane that fits the field, a little below it.
+        x, y = (points.ravel() for points in np.broadcast_arrays(*terrain.points()))
+        design = np.column_stack([x - middle[0], y - middle[1], np.ones(x.size)])
+        east, north, level = np.linalg.lstsq(design, heights.ravel(), rcond=None)[0]
+        spec.add_material(name="meadow", specular=0.0)
+        spec.worldbody.add_geom(
+            name="meadow",
+            type=mujoco.mjtGeom.mjGEOM_PLANE,
+            size=[0.0, 0.0, 1.0],  # without end
+            pos=[*middle, level - _MEADOW_BELOW_M],
+            zaxis=[-east, -north, 1.0],
+            material="meadow",
+        )
 
     def _paint_ground(self) -> None:
         """Paint soil, light and stripes into the texture of the field, and match the meadow."""
-        texture, ground = self.model.texture("ground"), self.replay.ground
+        texture, ground = self.model.texture("ground"), self._playback.ground
         columns, rows = texture.width[0], texture.height[0]
         colours = ground_colours(ground.terrain, ground.cone_index, rows, columns)
         # the first row of a texture lies at the far side of a height field
         texture.data[:] = (255.0 * mown(colours, ground.terrain)[::-1]).astype(np.uint8)
         self.model.material("meadow").rgba[:3] = colours.mean(axis=(0, 1))
 
-    def _shell_geoms(self) -> NDArray[np.intp]:
+    def _opaque_geoms(self) -> NDArray[np.intp]:
         """Return the ids of the vehicle's visible shapes, glass left out."""
         model = self.model
-        seen = (model.geom_bodyid > 0) & (model.geom_group < _HIDDEN_GROUP)
-        opaque = [
-            model.geom_matid[geom] < 0 or model.mat_rgba[model.geom_matid[geom], 3] == 1.0
-            for geom in range(model.ngeom)
-        ]
-        return np.flatnonzero(seen & np.array(opaque))
+        material = model.geom_matid[self._moving]
+        opaque = (material < 0) | (model.mat_rgba[material, 3] == 1.0)
+        return self._moving[opaque & (model.geom_group[self._moving] < _HIDDEN_GROUP)]
 
-    def _add_ghost(self, ghost: Ghost, time_s: float) -> None:
-        """Add a translucent copy of the vehicle to the scene."""
-        model, scene = self.model, self._scene
-        xyz, quat = np.zeros((model.nbody, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (model.nbody, 1))
-        xyz[self._bodies], quat[self._bodies] = ghost.poses(time_s)
-        body = model.geom_bodyid[self._shell]
-        attitude = rotation(quat[body])
-        places = xyz[body] + attitude.apply(model.geom_pos[self._shell])
-        turns = (attitude * rotation(model.geom_quat[self._shell])).as_matrix()
-        colour = np.array([*unit_rgb(ghost.colour), _GHOST_OPACITY], np.float32)
-        for geom, place, turn in zip(self._shell, places, turns, strict=True):
-            shape = scene.geoms[scene.ngeom]
-            kind = int(model.geom_type[geom])
-            mujoco.mjv_initGeom(shape, kind, model.geom_size[geom], place, turn.ravel(), colour)
+    def _geom_poses(self, geoms: NDArray[np.intp], poses: Poses) -> tuple[FloatArray, FloatArray]:
+        """Return positions (n, 3) [m] and rotations (n, 9) of geoms on bodies at poses."""
+        model = self.model
+        row = self._row[model.geom_bodyid[geoms]]
+        attitude = rotation(poses[1][row])
+        places = poses[0][row] + attitude.apply(model.geom_pos[geoms])
+        turns = (attitude * rotation(model.geom_quat[geoms])).as_matrix()
+        return places, turns.reshape(-1, 9)
+
+    def _add_lines(self, time_s: float) -> None:
+        """Add paths, wheel tracks, and the poles on the references of both points."""
+        playback, unit = self._playback, self.camera.unit
+        motion, (xyz, _) = playback.motion, playback.poses(time_s)
+        passed = self._track_rows[motion.time_s[self._track_rows] < time_s]
+        for wheel in _TRACKS:
+            body = playback.body(wheel)
+            points = np.vstack([motion.xyz[passed, body, :2], xyz[body, :2]])
+            self._add_line(points, 0.16 * unit, 0.006, _SOIL, emission=0.0)
+        self._add_line(playback.path, 0.12 * unit, 0.010, _lit(REFERENCE))
+        driven = playback.driven(time_s, _STEP_M, self._settings.exaggeration)
+        for point, line, lift in zip(("tractor", "trailer"), driven, (0.014, 0.018), strict=True):
+            self._add_line(line, 0.09 * unit, lift, _lit(POINTS[point]))
+        for line in playback.predicted_paths(time_s):
+            self._add_line(line, 0.12 * unit, 0.024, _lit(PLAN))
+        size, upright = [0.018 * unit, 0.5 * _POLE_M * unit, 0.0], np.eye(3).ravel()
+        due = playback.positions(REFERENCE_ROWS, time_s)
+        for point, (x, y) in zip(("tractor", "trailer"), due, strict=True):
+            place = [x, y, float(self._terrain.height(x, y)) + size[1]]
+            self._add_geom(mujoco.mjtGeom.mjGEOM_CAPSULE, size, place, upright, _lit(POINTS[point]))
+
+    def _add_line(
+        self,
+        points: FloatArray,
+        width_m: float,
+        lift_m: float,
+        colour: Sequence[float],
+        emission: float = _EMISSION,
+    ) -> None:
+        """Add a line through points (n, 2) [m], flat boxes that lie on the ground."""
+        height = self._terrain.height(points[:, 0], points[:, 1])
+        places = np.column_stack([points, height + lift_m])
+        steps = np.diff(places, axis=0)
+        lengths = np.linalg.norm(steps, axis=1)
+        kept = lengths > 1e-6
+        along = steps[kept] / lengths[kept, None]
+        across = np.cross([0.0, 0.0, 1.0], along)
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        turns = np.stack([along, across, np.cross(along, across)], axis=2).reshape(-1, 9)
+        middles = (0.5 * (places[1:] + places[:-1]))[kept]
+        overlap = 0.1 * width_m if emission else 0.0  # closes the outer side of a bend
+        for length, middle, turn in zip(lengths[kept].tolist(), middles, turns, strict=True):
+            size = [0.5 * length + overlap, 0.5 * width_m, 0.002]
+            self._add_geom(mujoco.mjtGeom.mjGEOM_BOX, size, middle, turn, colour, emission)
+
+    def _add_ghost(self, ghost: Poses, vehicle: Poses, colour: Rgb) -> None:
+        """Add a translucent copy of the bodies that are not at their places in the vehicle."""
+        apart = np.linalg.norm(ghost[0] - vehicle[0], axis=1) > _GHOST_NEAR_M
+        bodies = self._bodies[apart]
+        geoms = self._shell[np.isin(self.model.geom_bodyid[self._shell], bodies)]
+        rgba = (*_unit(colour), _GHOST_OPACITY)
+        for geom, place, turn in zip(geoms, *self._geom_poses(geoms, ghost), strict=True):
+            kind = int(self.model.geom_type[geom])
+            shape = self._add_geom(kind, self.model.geom_size[geom], place, turn, rgba, 0.0)
             if kind == mujoco.mjtGeom.mjGEOM_MESH:
-                shape.dataid = 2 * model.geom_dataid[geom]  # 2i + 1 is the mesh's hull
-            shape.category = mujoco.mjtCatBit.mjCAT_DECOR
-            scene.ngeom += 1
+                shape.dataid = 2 * self.model.geom_dataid[geom]  # 2i + 1 is the mesh's hull
 
-    def _light(self, middle: FloatArray) -> None:
-        """Move the sun with the vehicle, since shadows extend only `_EXTENT_M` around it."""
-        self.data.light_xpos[0] = middle - _SUN_AWAY_M * self.camera.unit * np.array(_SUN)
-        self.data.light_xdir[0] = np.array(_SUN) / np.linalg.norm(_SUN)
+    def _add_geom(
+        self,
+        kind: int,
+        size: Sequence[float],
+        place: FloatArray | Sequence[float],
+        turn: FloatArray,
+        rgba: Sequence[float],
+        emission: float = _EMISSION,
+    ) -> mujoco.MjvGeom:
+        """Add a shape to the scene of this frame, and return it."""
+        shape = self._scene.geoms[self._scene.ngeom]
+        mujoco.mjv_initGeom(shape, int(kind), size, place, turn, np.array(rgba, np.float32))
+        shape.category = mujoco.mjtCatBit.mjCAT_DECOR
+        shape.emission, shape.specular = emission, 0.0
+        self._scene.ngeom += 1
+        return shape
 
-    def close(self) -> None:
-        """Free the graphics memory."""
-        self._renderer.close()
+
+def _unit(colour: Rgb) -> tuple[float, float, float]:
+    """Return a colour in fractions of 1, as in OpenGL."""
+    red, green, blue = colour
+    return red / 255.0, green / 255.0, blue / 255.0
 
 
 def _lit(colour: Rgb) -> tuple[float, float, float, float]:
     """Return the colour of a line for which light and emission show the given one."""
-    red, green, blue = (part / _LINE_LIGHT for part in unit_rgb(colour))
+    red, green, blue = (part / _LIGHT for part in _unit(colour))
     return red, green, blue, 1.0
 
 
-def _camera(view: View) -> mujoco.MjvCamera:
-    forward = view.forward
+def _drawn(terrain: Terrain) -> Terrain:
+    """Return the terrain on a coarser grid, on which ground and lines are drawn."""
+    ny, nx = terrain.heights.shape
+    stride = max(1, math.ceil(math.sqrt(nx * ny / _MOST_CELLS)))
+    spacing = stride * terrain.spacing_m
+    return Terrain(terrain.heights[::stride, ::stride], spacing, terrain.origin)
+
+
+def mown(colours: FloatArray, terrain: Terrain) -> FloatArray:
+    """Return the colours of the field with the stripes of a mower and a bare edge.
+
+    Args:
+        colours: of the ground from above, (rows, columns, 3) in 0..1, south first.
+        terrain: of the field.
+    """
+    rows, columns, _ = colours.shape
+    width, depth = terrain.size_m
+    x, y = width * np.arange(columns) / (columns - 1), depth * np.arange(rows) / (rows - 1)
+    swath = np.tanh(4.0 * np.sin(np.pi * y / _SWATH_M))  # soft edges: no flicker far off
+    to_edge = np.minimum.outer(np.minimum(y, depth - y), np.minimum(x, width - x))
+    bare = np.clip(1.5 - to_edge / _EDGE_M, 0.0, 1.0)[..., None]
+    striped = colours * (1.0 + _SWATH_SHADE * swath[:, None, None])
+    return np.clip((1.0 - 0.6 * bare) * striped + 0.6 * bare * _BARE, 0.0, 1.0)
+
+
+def _camera(eye: FloatArray, target: FloatArray) -> mujoco.MjvCamera:
+    """Return the free camera of MuJoCo at an eye with a target in the middle of its picture."""
+    forward = (target - eye) / np.linalg.norm(target - eye)
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-    camera.lookat = view.target
-    camera.distance = float(np.linalg.norm(view.target - view.eye))
+    camera.lookat = target
+    camera.distance = float(np.linalg.norm(target - eye))
     camera.elevation = math.degrees(math.asin(float(np.clip(forward[2], -1.0, 1.0))))
     level = math.hypot(forward[0], forward[1])
     camera.azimuth = 90.0 if level < 1e-9 else math.degrees(math.atan2(forward[1], forward[0]))

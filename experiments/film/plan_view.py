@@ -23,27 +23,23 @@ from ...testbed.truth import WHEELS
 from ...testbed.vehicle.appearance import ground_colours
 from ..errors import InvalidFilm
 from .camera import FollowCamera
-from .drawing.body_poses import rotation
-from .drawing.colours import PLAN, REFERENCE, TRACTOR, TRAILER, Rgb, brighter, slip_colour
-from .drawing.field import mown
-from .drawing.overlay_box import font
-from .ghosts import Ghost
-from .replay import Replay
-from .shot import Shot
+from .drawing import DARK, PLAN, POINTS, REFERENCE, Rgb, font, slip_colour
+from .mujoco_scene import mown
+from .playback import Ghost, Playback, rotation
+from .settings import FilmSettings
 
 _MARGIN_M: Final = 3.0  # of ground around the path
 _TRAIL_STEP_M: Final = 0.25
 _SUPERSAMPLING: Final = 2  # pictures are drawn this much larger and then reduced
-_MAP: Final = (0.0, 0.08, 0.68, 0.77)  # left, top, right, bottom of the path in the frame
-_CLOSE: Final = (0.695, 0.09, 0.29)  # left and top of the close-up, its side over the width
+_MAP: Final = (0.0, 0.10, 0.68, 1.0)  # left, top, right, bottom of the path in the picture
+_CLOSE: Final = (0.695, 0.12, 0.29)  # left and top of the close-up, its side over the width
 _CLOSE_SPAN: Final = 9.0  # [m] across the close-up for a vehicle of the paper's length
 _BEYOND: Final = (84, 94, 58)  # colour of the ground beyond the field
-_MARGIN: Final = 14.0 / 720.0  # of the frame's height
-_SCALE_AT: Final = 0.66  # height of the scale bar in the frame
+_SCALE_AT: Final = 0.92  # height of the scale bar in the picture
 _BARS_M: Final = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4)
-_DARK: Final = (40, 44, 48)
 _PIXELS_PER_M: Final = 16.0  # of the picture of the ground
 _MOST_PIXELS: Final = 100_000_000  # of that picture
+_COLOURS: Final = (POINTS["tractor"], POINTS["trailer"])
 _SHAPES: Final = (  # of the vehicle, lower ones first: geom, colour
     ("bed", (88, 138, 96)),
     ("gearbox", (60, 62, 66)),
@@ -53,7 +49,7 @@ _SHAPES: Final = (  # of the vehicle, lower ones first: geom, colour
 
 
 @dataclass(frozen=True, slots=True)
-class MapSheet:
+class _Sheet:
     """A map with north up."""
 
     centre: tuple[float, float]  # [m] east, north
@@ -69,7 +65,7 @@ class MapSheet:
 
 
 @dataclass(frozen=True, slots=True)
-class Outline:
+class _Outline:
     """Outline of a box of the vehicle seen from above."""
 
     body: int  # row of the logged poses
@@ -82,19 +78,26 @@ class PlanView:
     """Plan view of one run at any time.
 
     Args:
-        replay: the run.
-        shot: settings of the film.
+        playback: of the run.
+        settings: of the film.
+        size: width and height of the picture [pixels].
         ghosts: vehicles that are drawn as outlines.
 
     Raises:
         InvalidFilm: the log's model cannot be read.
     """
 
-    def __init__(self, replay: Replay, shot: Shot, ghosts: Sequence[Ghost] = ()) -> None:
-        self._replay, self._ghosts, self._factor = replay, ghosts, shot.look.exaggeration
-        width, height = (_SUPERSAMPLING * side for side in shot.size)
-        self._outlines, unit = _outlines(replay)
-        low, high = replay.path.min(axis=0) - _MARGIN_M, replay.path.max(axis=0) + _MARGIN_M
+    def __init__(
+        self,
+        playback: Playback,
+        settings: FilmSettings,
+        size: tuple[int, int],
+        ghosts: Sequence[Ghost] = (),
+    ) -> None:
+        self._playback, self._ghosts, self._factor = playback, ghosts, settings.exaggeration
+        width, height = (_SUPERSAMPLING * side for side in size)
+        self._outlines = _outlines(playback)
+        low, high = playback.path.min(axis=0) - _MARGIN_M, playback.path.max(axis=0) + _MARGIN_M
         left, top, right, bottom = _MAP
         free = ((right - left) * width, (bottom - top) * height)
         scale = float(min(free[0] / (high[0] - low[0]), free[1] / (high[1] - low[1])))
@@ -103,22 +106,22 @@ class PlanView:
             east + (0.5 - 0.5 * (left + right)) * width / scale,
             north - (0.5 - 0.5 * (top + bottom)) * height / scale,
         )
-        self._sheet = MapSheet(centre, scale, (width, height))
-        self._close_side = round(_CLOSE[2] * width)
-        self._close_scale = self._close_side / (_CLOSE_SPAN * unit)
-        self._ground = _ground_image(replay)
+        self._sheet = _Sheet(centre, scale, (width, height))
+        self._close_side = min(round(_CLOSE[2] * width), round(0.75 * height))
+        self._close_scale = self._close_side / (_CLOSE_SPAN * FollowCamera(playback, 1.0).unit)
+        self._ground = _ground_image(playback)
         self._background = self._ground_map(self._sheet, width_m=0.4)
-        _draw_scale(self._background, self._sheet, width - round(_MARGIN * height), height)
+        _draw_scale(self._background, self._sheet)
 
-    def picture(self, time_s: float) -> NDArray[np.uint8]:
+    def picture(self, camera: str, time_s: float) -> NDArray[np.uint8]:
         """Return the whole path and a close-up of the vehicle, (height, width, 3)."""
         whole = self._background.copy()
         self._draw(whole, self._sheet, time_s, trail_m=0.3)
-        xyz, _ = self._replay.poses(time_s)
-        ends = xyz[[self._replay.body("tractor"), self._replay.body("trailer")], :2]
+        xyz, _ = self._playback.poses(time_s)
+        ends = xyz[[self._playback.body("tractor"), self._playback.body("trailer")], :2]
         east, north = ends.mean(axis=0).tolist()
         side = self._close_side
-        close = MapSheet((east, north), self._close_scale, (side, side))
+        close = _Sheet((east, north), self._close_scale, (side, side))
         inset = self._ground_map(close, width_m=0.12)
         self._draw(inset, close, time_s, trail_m=0.08)
         frame = (0, 0, side - 1, side - 1)
@@ -127,15 +130,12 @@ class PlanView:
         whole.paste(inset, (round(left * whole.width), round(top * whole.height)))
         return np.asarray(whole.reduce(_SUPERSAMPLING))
 
-    def _ground_map(self, sheet: MapSheet, width_m: float) -> Image.Image:
+    def _ground_map(self, sheet: _Sheet, width_m: float) -> Image.Image:
         """Return the picture of the ground for a sheet, with the reference path."""
-        terrain = self._replay.ground.terrain
+        terrain = self._playback.ground.terrain
         (x0, y0), (size_x, size_y) = terrain.origin, terrain.size_m
         columns, rows = self._ground.size
-        per_x, per_y = (
-            columns / size_x,
-            rows / size_y,
-        )  # of the ground's picture [pixels/m]
+        per_x, per_y = columns / size_x, rows / size_y  # of the ground's picture [pixels/m]
         width, height = sheet.size
         west = sheet.centre[0] - 0.5 * width / sheet.scale
         top = sheet.centre[1] + 0.5 * height / sheet.scale
@@ -148,34 +148,33 @@ class PlanView:
             Image.Resampling.BILINEAR,
             fillcolor=_BEYOND,
         )
-        _draw_line(ImageDraw.Draw(image), sheet, self._replay.path, REFERENCE, width_m)
+        _draw_line(ImageDraw.Draw(image), sheet, self._playback.path, REFERENCE, width_m)
         return image
 
-    def _draw(self, image: Image.Image, sheet: MapSheet, time_s: float, trail_m: float) -> None:
+    def _draw(self, image: Image.Image, sheet: _Sheet, time_s: float, trail_m: float) -> None:
         """Draw driven and predicted paths, the vehicle, and the references of both points."""
         draw = ImageDraw.Draw(image)
-        trails = self._replay.driven(time_s, _TRAIL_STEP_M, self._factor)
-        for points, colour in zip(trails, map(brighter, (TRACTOR, TRAILER)), strict=True):
+        trails = self._playback.driven(time_s, _TRAIL_STEP_M, self._factor)
+        for points, colour in zip(trails, _COLOURS, strict=True):
             _draw_line(draw, sheet, points, colour, trail_m)
-        for points in self._replay.predicted_paths(time_s):
+        for points in self._playback.predicted_paths(time_s):
             _draw_line(draw, sheet, points, PLAN, trail_m)
         for ghost in self._ghosts:
             for _, pixels in self._polygons(sheet, *ghost.poses(time_s)):
                 draw.polygon(pixels, outline=ghost.colour, width=_SUPERSAMPLING)
-        slips = self._replay.slips(time_s)
-        for part, pixels in self._polygons(sheet, *self._replay.poses(time_s)):
+        slips = self._playback.slips(time_s)
+        for part, pixels in self._polygons(sheet, *self._playback.poses(time_s)):
             colour = part.colour or slip_colour(float(slips[part.wheel]))
             draw.polygon(pixels, fill=colour, outline=(20, 20, 20))
         radius = max(0.5 * trail_m * sheet.scale, 1.5 * _SUPERSAMPLING)
-        desired = self._replay.positions(REFERENCE_ROWS, time_s)
-        marks = map(brighter, (TRACTOR, TRAILER))
-        for (x, y), colour in zip(sheet.pixels(desired), marks, strict=True):
+        desired = self._playback.positions(REFERENCE_ROWS, time_s)
+        for (x, y), colour in zip(sheet.pixels(desired), _COLOURS, strict=True):
             box = (x - 2 * radius, y - 2 * radius, x + 2 * radius, y + 2 * radius)
             draw.ellipse(box, fill=colour, outline=REFERENCE, width=_SUPERSAMPLING)
 
     def _polygons(
-        self, sheet: MapSheet, xyz: FloatArray, quat: FloatArray
-    ) -> Iterator[tuple[Outline, list[tuple[float, float]]]]:
+        self, sheet: _Sheet, xyz: FloatArray, quat: FloatArray
+    ) -> Iterator[tuple[_Outline, list[tuple[float, float]]]]:
         """Yield the outlines of a vehicle with bodies at these poses, and their pixels."""
         for part in self._outlines:
             attitude = quat[part.body]
@@ -185,61 +184,61 @@ class PlanView:
             yield part, sheet.pixels(corners[:, :2])
 
 
-def _draw_scale(image: Image.Image, sheet: MapSheet, right: int, height: int) -> None:
-    """Draw a scale bar and an arrow to the north above the legend at the right of a map."""
-    draw, unit = ImageDraw.Draw(image), height / 720.0
+def _draw_scale(image: Image.Image, sheet: _Sheet) -> None:
+    """Draw a scale bar and an arrow to the north in the lower right corner of a map."""
+    draw, unit = ImageDraw.Draw(image), image.width / 1280.0
     length_m = next(step for step in _BARS_M if step * sheet.scale >= 90.0 * unit)
-    length, y = length_m * sheet.scale, _SCALE_AT * height
-    left, thick = right - length - 50.0 * unit, 3.0 * unit
+    length, y = length_m * sheet.scale, _SCALE_AT * image.height
+    left, thick = image.width - length - 64.0 * unit, 3.0 * unit
     draw.rectangle((left, y - thick, left + length, y + thick), fill=REFERENCE)
-    draw.rectangle((left, y - thick, left + 0.5 * length, y + thick), fill=_DARK)
+    draw.rectangle((left, y - thick, left + 0.5 * length, y + thick), fill=DARK)
     letters = font(round(15.0 * unit), bold=True)
     place = (left + 0.5 * length, y - 14.0 * unit)
     draw.text(place, f"{length_m:g} m", font=letters, fill=REFERENCE, anchor="mm")
-    x = right - 16.0 * unit
+    x = image.width - 30.0 * unit
     head = [(x, y - 30.0 * unit), (x - 8.0 * unit, y), (x, y - 7.0 * unit), (x + 8.0 * unit, y)]
     draw.polygon(head, fill=REFERENCE)
     draw.text((x, y + 12.0 * unit), "N", font=letters, fill=REFERENCE, anchor="mm")
 
 
 def _draw_line(
-    draw: ImageDraw.ImageDraw, sheet: MapSheet, points: FloatArray, colour: Rgb, width_m: float
+    draw: ImageDraw.ImageDraw, sheet: _Sheet, points: FloatArray, colour: Rgb, width_m: float
 ) -> None:
     width = max(round(width_m * sheet.scale), _SUPERSAMPLING)
     draw.line(sheet.pixels(points), fill=colour, width=width, joint="curve")
 
 
-def _ground_image(replay: Replay) -> Image.Image:
-    terrain = replay.ground.terrain
+def _ground_image(playback: Playback) -> Image.Image:
+    terrain = playback.ground.terrain
     columns, rows = (math.ceil(_PIXELS_PER_M * side) for side in terrain.size_m)
     if columns * rows > _MOST_PIXELS:
         raise InvalidFilm(
-            f"{replay.file}: the plan has {columns} x {rows} pixels, at most {_MOST_PIXELS} in all"
+            f"{playback.file}: the plan has {columns} x {rows} pixels, at most {_MOST_PIXELS}"
         )
-    colours = mown(ground_colours(terrain, replay.ground.cone_index, rows, columns), terrain)
+    colours = mown(ground_colours(terrain, playback.ground.cone_index, rows, columns), terrain)
     return Image.fromarray((255.0 * colours[::-1]).astype(np.uint8))
 
 
-def _outlines(replay: Replay) -> tuple[list[Outline], float]:
-    """Return the outlines of the vehicle, wheels first, and its relative length."""
+def _outlines(playback: Playback) -> list[_Outline]:
+    """Return the outlines of the vehicle, wheels first."""
     try:
-        model = mujoco.MjSpec.from_string(replay.mjcf).compile()
+        model = mujoco.MjSpec.from_string(playback.mjcf).compile()
         boxes = [(f"{wheel}_tyre", None, k) for k, wheel in enumerate(WHEELS)]
         boxes += [(name, colour, -1) for name, colour in _SHAPES]
         outlines = []
         for name, colour, wheel in boxes:
             geom = model.geom(name)
-            body = replay.body(model.body(int(geom.bodyid[0])).name)
+            body = playback.body(model.body(int(geom.bodyid[0])).name)
             half = geom.size if wheel < 0 else [geom.size[0], geom.size[1], geom.size[0]]
             signs = np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]])
             # The axes of a tyre's geom are rotated, those of its body are the vehicle's.
             corners = signs * half if wheel >= 0 else rotation(geom.quat).apply(signs * half)
-            outlines.append(Outline(body, corners + geom.pos, colour, wheel))
+            outlines.append(_Outline(body, corners + geom.pos, colour, wheel))
     except (ValueError, KeyError) as error:
         raise InvalidFilm(
-            f"{replay.file}: its model cannot be drawn: {first_line(error)}"
+            f"{playback.file}: its model cannot be drawn: {first_line(error)}"
         ) from None
-    return outlines, FollowCamera(replay, 1.0).unit
+    return outlines
 
 
 def _without_roll(quat: FloatArray) -> FloatArray:

@@ -1,4 +1,7 @@
-"""Environment of a field trial: one run of a scenario, a control period a step."""
+"""Environment of Gymnasium: one run of a scenario, a control period a step."""
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
@@ -7,15 +10,17 @@ from collections.abc import Generator, Sequence
 from typing import Any, Final, Literal
 
 import gymnasium
+import mujoco
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
+from numpy.typing import NDArray
 
 from ttempc.reference.reference import Reference
 from ttempc.types import Command, Controller, Estimate, FloatArray
 from ttempc.vehicle import CommandLimits, Vehicle
 
-from ...testbed.recording.sink import Tee
+from ...testbed.recording.record import Tee
 from ...testbed.simulation.loop import (
     Outcome,
     estimate,
@@ -29,32 +34,55 @@ from ...testbed.simulation.loop import (
 from ...testbed.simulation.setup import SimulationSetup, TickContext
 from ...testbed.truth import Truth
 from ..errors import BadOptions, InvalidScenario
-from ..policy.observation import ESTIMATE_NAMES, EstimateObserver, bounds
-from ..policy.residual import ResidualController, half_range
 from ..run.assembly import assemble, check, model_vehicle
 from ..run.shared_parts import SharedParts
 from ..run.user_code import named_parts, refuse_untrusted
 from ..scenario.scenario import parse_overrides, read_scenario
-from .reward import reward
-from .sensor_observer import SensorObserver, sensor_names
+from .observation import ESTIMATE_NAMES, EstimateObserver, SensorObserver, bounds, sensor_names
+from .residual import ResidualController, half_range
 
-_LEFT_OUT: Final = (
-    prepare,
-    log_control,
-    log_truth,
-    log_timing,
-)  # stages that serve real time and the log
+ERROR_M: Final = 0.1
+"""Distance of both points from their reference that costs 1; assumed."""
+
+EFFORT: Final = 0.1
+"""Cost where all commands change as fast as the vehicle allows; assumed: as an error of 3 cm."""
+
+LARGEST_COST: Final = 100.0
+"""Of a period: that of 1 m; assumed."""
+
+_LEFT_OUT: Final = (prepare, log_control, log_truth, log_timing)  # of real time and the log
+_PICTURE: Final = (360, 640)  # height and width
+CAMERA: Final = "chase"
+"""Camera of the MJCF from which `FieldTrial.render` looks."""
 _SEEDS: Final = 2**32  # as of `ttempc run --seed`
 
 Observation = Literal["estimate", "sensors"]
 Action = Literal["command", "residual"]
 
 
+def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int) -> float:
+    """Return the reward of a period.
+
+        reward = -min(mean((e / ERROR_M)^2) + EFFORT mean(c^2), LARGEST_COST)
+
+    The periods that are left when a vehicle is lost have the largest cost, so that no policy gains
+    by ending its run early.
+
+    Args:
+        errors_m: e, true distances of tractor and trailer point from their references [m].
+        change: c, changes of the commands as shares of the largest ones in a period, of each input.
+        periods_lost: periods of the reference after this one that are not driven.
+    """
+    error = sum(e * e for e in errors_m) / (len(errors_m) * ERROR_M**2)
+    effort = sum(c * c for c in change) / len(change)
+    return -min(error + EFFORT * effort, LARGEST_COST) - LARGEST_COST * periods_lost
+
+
 class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
     """A run of a scenario; `reset(seed=N)` starts that of `ttempc run --seed N`.
 
-    Estimator, supervisor and command guard of the run stay in place; the action takes the place of
-    the controller, or is added to its command.
+    Estimator, supervisor and command guard of the run stay in place; the action replaces the
+    command of the controller, or is added to it.
 
     Args:
         scenario: name of a scenario that ships, or path of a TOML file.
@@ -62,17 +90,19 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         observation: "estimate", what a controller sees, or "sensors", the newest samples and the
             reference in the map frame; `observation_names` has the entries.
         action: "command", or "residual" on the controller of the scenario.
-        normalised: whether a command of -1 to 1 spans the vehicle's limits; else it is in rad and
-            as a fraction of the hydrostat's range. A residual is always from -1 to 1.
+        normalised: whether a command of -1 to 1 spans the vehicle's limits and entries of the
+            observation are scaled to -1 to 1; else both are in the units of their names. A residual
+            is always from -1 to 1.
         residual_share: of half the range of a command that a residual of 1 adds.
         trust: whether code that the scenario file names may run.
+        render_mode: "rgb_array" for pictures of MuJoCo's scene from `CAMERA`.
 
     Raises:
         BadOptions: an argument has none of the allowed values.
         ExperimentError, TestbedError, TtempcError: as a run of the scenario.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012 - as in `gymnasium.Env`
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 - as in its base
 
     def __init__(
         self,
@@ -84,9 +114,13 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         normalised: bool = True,
         residual_share: float = 0.25,
         trust: bool = False,
+        render_mode: Literal["rgb_array"] | None = None,
     ) -> None:
         _require("observation", observation, ("estimate", "sensors"))
         _require("action", action, ("command", "residual"))
+        if render_mode is not None:
+            _require("render_mode", render_mode, self.metadata["render_modes"])
+        self.render_mode, self._renderer = render_mode, None
         if not 0.0 < residual_share <= 1.0:
             raise BadOptions(f"residual_share: must be above 0 and at most 1, got {residual_share}")
         source, changes = read_scenario(scenario), parse_overrides(overrides)
@@ -101,7 +135,9 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         specification = self._scenario.sensors if observation == "sensors" else None
         names = sensor_names(specification) if specification else ESTIMATE_NAMES
         self.observation_names = names
-        largest = bounds(names)
+        largest, scale = bounds(names)
+        self._scale = scale if normalised else None
+        largest = np.ones_like(scale) if normalised else largest
         self.observation_space = Box(-largest, largest, dtype=np.float64)
         self._normalised = normalised and not self._residual
         low, high = (self._limits.lower, self._limits.upper)
@@ -127,6 +163,7 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
             BadOptions: the seed is above 2**32 - 1.
         """
         super().reset(seed=seed, options=options)
+        self.close()  # a picture is of the ground of its run
         if seed is not None and seed >= _SEEDS:
             raise BadOptions(f"seed: must be from 0 to {_SEEDS - 1}, got {seed}")
         run_seed = int(self.np_random.integers(_SEEDS)) if seed is None else seed
@@ -191,6 +228,25 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         completed = outcome is not None and not ended_early
         return self._observe(), gained, ended_early, completed, info
 
+    def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return a picture of the scene (height, width, 3), None without a render mode."""
+        if self.render_mode is None:
+            return None
+        plant = self._setup.plant
+        if self._renderer is None:
+            self._renderer = mujoco.Renderer(plant.drawn_model(), *_PICTURE)
+            self._drawn = mujoco.MjData(self._renderer.model)
+        self._drawn.qpos[:] = plant.data.qpos
+        mujoco.mj_forward(self._renderer.model, self._drawn)
+        self._renderer.update_scene(self._drawn, CAMERA)
+        return self._renderer.render()
+
+    def close(self) -> None:
+        """Release the renderer."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
     def _controller(
         self, vehicle: Vehicle, reference: Reference, period_s: float, **options: object
     ) -> Controller:
@@ -217,12 +273,14 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
     def _observe(self) -> FloatArray:
         tick, k = self._tick, self._guidance.reference_tick
         if self._samples:
-            return self._samples.observe(tick.now.time_s, tick.measurements, k, self._sent)
-        assert tick.estimate is not None
-        if self._guidance.reference is not self._reference:  # the model was learnt anew
-            self._reference = self._guidance.reference
-            self._estimates = EstimateObserver(self._reference, self._guidance.period_s)
-        return self._estimates.observe(tick.estimate, k, self._sent)
+            entries = self._samples.observe(tick.now.time_s, tick.measurements, k, self._sent)
+        else:
+            assert tick.estimate is not None
+            if self._guidance.reference is not self._reference:  # the model was learnt anew
+                self._reference = self._guidance.reference
+                self._estimates = EstimateObserver(self._reference, self._guidance.period_s)
+            entries = self._estimates.observe(tick.estimate, k, self._sent)
+        return entries if self._scale is None else np.clip(entries / self._scale, -1.0, 1.0)
 
     def _errors_m(self) -> tuple[float, float]:
         """Return the true distances of both points from their references [m]."""

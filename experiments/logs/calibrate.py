@@ -1,4 +1,4 @@
-"""Vehicle file with the lengths that fit the samples of a log: `ttempc calibrate`."""
+"""Vehicle file with the lengths that fit the samples of a log: `ttempc fit vehicle`."""
 
 from __future__ import annotations
 

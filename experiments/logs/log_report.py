@@ -11,12 +11,9 @@ from ttempc.errors import TtempcError
 
 from ...testbed.configuration.config_io import parse_toml
 from ...testbed.errors import TestbedError
-from ...testbed.log.log_content import read_content
-from ...testbed.log.log_reader import SALVAGED_KEY, record_of
-from ...testbed.log.log_recovery import RECOVERED_KEY
-from ...testbed.recording.channels import CHANNELS, STATE
+from ...testbed.log.reader import RECOVERED_KEY, SALVAGED_KEY, read_content, record_of
+from ...testbed.recording.channels import CHANNELS, EVENT_TOPIC, STATE
 from ...testbed.recording.record import Record
-from ...testbed.recording.topics import EVENT_TOPIC
 from ..errors import ExperimentError, InvalidReplay
 from ..figures import draw
 from ..report.run_report import render_run_report

@@ -14,15 +14,14 @@ from ttempc.learning.learner import RecordedTick
 from ttempc.types import Command, Estimate, Estimator, Measurement
 
 from ...testbed.configuration.config_io import parse_toml
-from ...testbed.log.log_content import read_content
-from ...testbed.log.log_reader import record_of
-from ...testbed.recording import record_rows as rows
+from ...testbed.log.reader import read_content, record_of
 from ...testbed.recording.channels import (
     CONTROL,
     ESTIMATE,
     MEASUREMENT,
     MEASUREMENT_COLUMNS,
     STATE,
+    estimate_row,
 )
 from ...testbed.recording.record import Record
 from ..errors import InvalidReplay
@@ -116,7 +115,7 @@ def replay(record: Record, estimator: Estimator) -> list[Estimate]:
 
 def same_as_recorded(estimates: Sequence[Estimate], record: Record) -> bool:
     """Return whether estimates are those of the record, bit for bit."""
-    again = np.array([rows.estimate_row(estimate) for estimate in estimates])
+    again = np.array([estimate_row(estimate) for estimate in estimates])
     return np.array_equal(again, record[ESTIMATE].values, equal_nan=True)
 
 

@@ -23,7 +23,7 @@ from ...testbed.errors import TestbedError
 from ..errors import ExperimentError
 from ..sweep_report.format import format_numbers
 from .checks import read_ledger, source_digest
-from .pages import ROOT
+from .pages import ROOT, pages_of_tables
 from .runner import Runner, check, holds, write_tables
 from .study import Study, all_studies
 
@@ -45,7 +45,8 @@ def main(words: Sequence[str] | None = None) -> int:
     arguments = parser.parse_args(words)
     if (arguments.seeds or arguments.set) and arguments.out == ROOT:
         parser.error("--seeds and --set: go with --out, so that no committed page rests on them")
-    paged = [study for study in known.values() if study.page]
+    pages = pages_of_tables()
+    paged = [study for study in known.values() if study.name in pages]
     names = dict.fromkeys(arguments.names)
     chosen = paged if "all" in names else [known[name] for name in names]
     seeds, overrides = tuple(dict.fromkeys(arguments.seeds)), tuple(arguments.set)
@@ -56,7 +57,7 @@ def main(words: Sequence[str] | None = None) -> int:
         if not chosen:
             _list([*known.values()], arguments.out)
         for study in write_tables(chosen, runner, arguments.out):
-            print(f"{study.name:<20} {arguments.out / study.page}", flush=True)
+            print(f"{study.name:<20} {arguments.out / pages[study.name]}", flush=True)
     except (ExperimentError, TestbedError, TtempcError) as error:
         print(f"papers: {error}", file=sys.stderr)
         return 2
@@ -68,21 +69,21 @@ def main(words: Sequence[str] | None = None) -> int:
 def _check(studies: Sequence[Study], runner: Runner, out: Path) -> int:
     states = check(studies, runner, out)
     for study in studies:
-        print(f"{study.name:<20}{study.page:<30}{states[study.name]}")
-    stale = sorted({study.page for study in studies if not holds(states[study.name])})
-    print(f"to be made anew: {', '.join(stale)}" if stale else "all pages hold")
+        print(f"{study.name:<20}{states[study.name]}")
+    stale = [study.name for study in studies if not holds(states[study.name])]
+    print(f"to be made anew: {', '.join(stale)}" if stale else "all tables hold")
     return 1 if stale else 0
 
 
 def _list(studies: Sequence[Study], out: Path) -> None:
-    ledger, source = read_ledger(out), source_digest()
+    ledger, source, pages = read_ledger(out), source_digest(), pages_of_tables()
     print(f"{'name':<20}{'page':<30}{'seeds':<10}{'min':>4}  state")
     for study in studies:
-        seeds = format_numbers(study.all_seeds) or "-"
+        page, seeds = pages.get(study.name, "-"), format_numbers(study.all_seeds) or "-"
         making = ledger.get(study.name)
         fresh = "fresh" if making and making.source == source else "code or data changed: --check"
         state = fresh if making else "not made"
-        print(f"{study.name:<20}{study.page:<30}{seeds:<10}{study.minutes:4.0f}  {state}")
+        print(f"{study.name:<20}{page:<30}{seeds:<10}{study.minutes:4.0f}  {state}")
     print("Minutes on two cores without those of shipped sweeps; rows of a sweep are shared.")
 
 

@@ -29,13 +29,7 @@ def blocks(text: str) -> dict[str, str]:
 
 
 def with_block(text: str, name: str, block: str) -> str:
-    """Return a page with the content of one block replaced.
-
-    Raises:
-        InvalidPage: the page has no such block, or invalid markers.
-    """
-    if name not in blocks(text):
-        raise InvalidPage(f"has no marker `<!-- table: {name} -->`")
+    """Return a page with the content of one block replaced."""
 
     def replaced(match: re.Match[str]) -> str:
         return f"{match[1]}{match[2]}\n{block.strip()}\n\n" if match[1] == name else match[0]
@@ -43,28 +37,29 @@ def with_block(text: str, name: str, block: str) -> str:
     return _BLOCK.sub(replaced, text)
 
 
-def read_page(page: str, out: Path = ROOT) -> str:
-    """Return the text of a page in `out`, or in the checkout if it is not there yet.
+def pages_of_tables(root: Path = ROOT) -> dict[str, str]:
+    """Return the page of every table by its name, relative to `root`.
 
     Raises:
-        InvalidPage: there is no such page, as in an installation without docs.
+        InvalidPage: markers of a page are invalid, or a table stands on two pages.
     """
-    for file in (out / page, ROOT / page):
-        if file.is_file():
-            return file.read_text(encoding="utf-8")
-    raise InvalidPage(f"{ROOT / page}: does not exist; tables are made in a checkout")
+    found: dict[str, str] = {}
+    for file in (root / "README.md", *sorted((root / "docs").rglob("*.md"))):
+        page = file.relative_to(root).as_posix()
+        try:
+            names = blocks(file.read_text(encoding="utf-8"))
+        except InvalidPage as error:
+            raise InvalidPage(f"{page}: {error}") from None
+        if twice := names.keys() & found.keys():
+            raise InvalidPage(f"{page}: {min(twice)} stands in {found[min(twice)]}, too")
+        found |= dict.fromkeys(names, page)
+    return found
 
 
-def check_block(page: str, name: str, out: Path = ROOT) -> None:
-    """Refuse a page without the block of a table.
-
-    Raises:
-        InvalidPage: as `read_page` and `with_block`.
-    """
-    try:
-        with_block(read_page(page, out), name, "")
-    except InvalidPage as error:
-        raise InvalidPage(f"{page}: {error}") from None
+def read_page(page: str, out: Path) -> str:
+    """Return the text of a page in `out`, or in the checkout if it is not there yet."""
+    file = out / page if (out / page).is_file() else ROOT / page
+    return file.read_text(encoding="utf-8")
 
 
 def write_file(file: Path, content: bytes) -> None:

@@ -23,7 +23,7 @@ from ..seeds import report_seeds
 from ..sweep.engine import Engine, engine, imap_bounded
 from ..sweep.folder import is_begun, lock_folder
 from ..sweep.plan import SweepPlan
-from ..sweep.results import rows
+from ..sweep.results import read_frame
 from ..sweep.study import load_study
 from ..sweep.sweep import sweep
 from ..sweep_report.format import format_numbers
@@ -40,7 +40,7 @@ from .checks import (
     sweep_checks,
     write_ledger,
 )
-from .pages import ROOT, check_block, read_page, with_block, write_file
+from .pages import ROOT, pages_of_tables, read_page, with_block, write_file
 from .study import Block, Case, Row, Study, lap
 
 _SHOWN: Final = ("commit", "code", "ttempc", "mujoco", "numpy", "piqp")
@@ -111,8 +111,8 @@ class Runner:
 
     def sweep_rows(self, names: Sequence[str]) -> pd.DataFrame:
         """Return the rows of shipped sweeps, with the name of the sweep in the column `study`."""
-        frames = [pd.DataFrame(rows(self.sweep(name) / "results.jsonl")) for name in names]
-        return pd.concat(frames, keys=names, names=["study", None]).reset_index("study")
+        frames = [read_frame(self.sweep(name)).copy().assign(study=name) for name in names]
+        return pd.concat(frames, ignore_index=True)
 
     def frame(
         self, cases: Sequence[Case], drive: Callable[[Case], Row | list[Row]] = lap
@@ -248,32 +248,31 @@ def write_tables(studies: Sequence[Study], runner: Runner, out: Path = ROOT) -> 
         out: folder that gets the pages; by default they are replaced in the checkout.
 
     Raises:
-        InvalidPage: a page has no markers for a table; nothing is driven.
+        InvalidPage: markers of the pages are invalid; nothing is driven.
         ExperimentError, TestbedError, TtempcError: a run is refused; tables before it are written.
     """
-    for study in studies:
-        if study.page:
-            check_block(study.page, study.name, out)
+    pages = pages_of_tables()
     runner.fingerprints([check for study in studies for check in study.all_checks])
     for study in studies:
         runner.versions = current_versions()
         block = runner.block(study)
-        if not study.page:
+        if study.name not in pages:
             print(block.text, flush=True)
             continue
+        page = pages[study.name]
         making = Making(runner.versions, source_digest(), runner.fingerprints(study.all_checks))
         line = provenance(study, making, runner.seeds(study.all_seeds))
-        text = with_block(read_page(study.page, out), study.name, f"{block.text.strip()}\n\n{line}")
+        text = with_block(read_page(page, out), study.name, f"{block.text.strip()}\n\n{line}")
         for name, content in block.files.items():
-            write_file((out / study.page).parent / name, content)
-        write_file(out / study.page, text.encode())
+            write_file((out / page).parent / name, content)
+        write_file(out / page, text.encode())
         write_ledger({**read_ledger(out), study.name: making}, out)
         yield study
 
 
 def provenance(study: Study, making: Making, seeds: Sequence[int]) -> str:
     """Return the line below a table: study, seeds, versions and the digest of its checks."""
-    parts = [f"`papers {study.name}`"]
+    parts = [f"`python -m proving_ground.experiments.papers {study.name}`"]
     if seeds and study.all_seeds:
         parts.append(f"seed{'s' if len(seeds) > 1 else ''} {format_numbers(seeds)}")
     known = (f"{name} {making.versions[name]}" for name in _SHOWN if name in making.versions)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import itertools
 import pkgutil
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
@@ -18,6 +19,7 @@ from ..sweep.row import figures
 from ..sweep.study import load_study
 from . import studies as declarations
 from .checks import Check, scenario_check, sweep_checks
+from .pages import ROOT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 Row = Mapping[str, Any]
 """One line of a frame, by the names of its columns."""
 
-Axis = Mapping[str, tuple[str, ...]] | Sequence[Any]
+Axis = Mapping[Any, tuple[str, ...]] | Sequence[Any]
 """Labels of one column of the frame, with the overrides that each sets, if any."""
 
 
@@ -70,7 +72,10 @@ def lap(case: Case, factory: ControllerFactory | None = None) -> Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """A table of a page and the runs it is made from.
+    """A table and the runs it is made from.
+
+    It is written into the page that has the markers of its name, see `pages`; without markers it is
+    printed.
 
     There are three forms. A grid has `scenarios`, `axes` and `seeds`: `drive` is called for each
     combination (seeds count fastest), and `table` formats the frame of all rows, whose columns are
@@ -80,7 +85,6 @@ class Study:
     """
 
     name: str
-    page: str  # with the markers of the table, relative to the checkout; "": printed only
     table: Callable[[pd.DataFrame], str | Block] | None = None
     sweeps: tuple[str, ...] = ()  # shipped
     scenarios: tuple[str, ...] = ("grass",)
@@ -127,7 +131,8 @@ class Study:
         return (*itertools.chain.from_iterable(map(sweep_checks, self.sweeps)), *own)
 
 
-_OTHERS: Final = (".kayacan.eight_numbers",)
+_OTHERS: Final = (".kayacan.eight_numbers", ".benchmarks")
+sys.path.append(str(ROOT / "docs" / "examples"))  # controllers there; workers get this path, too
 
 
 def all_studies() -> dict[str, Study]:

@@ -55,12 +55,7 @@ _AT_BOUND: Final = 1e-9  # [rad] or fraction: a command this close to a limit co
 
 
 def summarise(record: Record, facts: RunFacts) -> Summary:
-    """Return the summary of a run.
-
-    Args:
-        record: channels of the run.
-        facts: identity and outcome of the run, which the record does not hold.
-    """
+    """Return the summary of a run."""
     times = record[STATE].time_s
     duration_s = round(float(times[-1]), 6) if len(times) else 0.0  # of whole physics steps
     return Summary(

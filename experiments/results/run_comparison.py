@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from ...testbed.log.log_reader import SALVAGED_KEY, read_log
+from ...testbed.log.reader import SALVAGED_KEY, read_log
 from ...testbed.recording.channels import REFERENCE, STATE
 from ...testbed.recording.record import Record
 from ..errors import NotComparable
@@ -58,17 +58,23 @@ class ComparedRun:
         return tracking_statistics(self.errors)
 
 
-def read_compared(logs: Sequence[Path]) -> list[ComparedRun]:
+def read_compared(logs: Sequence[Path], labels: Sequence[str] = ()) -> list[ComparedRun]:
     """Read the logs of runs and check that the runs are comparable.
 
+    Args:
+        logs: of the runs.
+        labels: names of the runs, as many and all different; default: what differs.
+
     Raises:
-        NotComparable: too few or too many logs, a torn log, or different references.
+        NotComparable: too few or too many logs or labels, a torn log, or different references.
         LogError: a file is not a log of this project.
     """
     if not 2 <= len(logs) <= MAX_RUNS:
         raise NotComparable(f"compare: got {len(logs)} logs, takes 2 to {MAX_RUNS}")
     if len({log.resolve() for log in logs}) < len(logs):
         raise NotComparable("compare: the same log is given twice")
+    if labels and (len(labels) != len(logs) or len({*labels}) < len(labels)):
+        raise NotComparable(f"--label: must be {len(logs)} different names, got {len(labels)}")
     records = [read_log(log) for log in logs]
     for log, record in zip(logs, records, strict=True):
         if SALVAGED_KEY in record.metadata:
@@ -85,13 +91,13 @@ def read_compared(logs: Sequence[Path]) -> list[ComparedRun]:
     differs = [len(set(column)) > 1 for column in zip(*parts, strict=True)]
     return [
         ComparedRun(
-            label=_joined(own),
-            short_label=_joined(compress(own, differs)),
+            label=label or _joined(own),
+            short_label=label or _joined(compress(own, differs)),
             common=_joined(compress(own, (not each for each in differs))),
             record=record,
             end_s=end_s,
         )
-        for own, record in zip(parts, records, strict=True)
+        for own, record, label in zip(parts, records, labels or [""] * len(logs), strict=True)
     ]
 
 

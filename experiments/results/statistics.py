@@ -128,14 +128,9 @@ def holm(p_values: Sequence[float]) -> FloatArray:
 
 
 def caveat(units: int, what: str = "seeds", tails: bool = False) -> str:
-    """Return what a page must say of intervals over few units, "" where there are many.
+    """Return what a page must say of intervals over few `units`, called `what`, "" where enough.
 
-    `python -m experiments.benchmarks.intervals` measures the coverage.
-
-    Args:
-        units: their number.
-        what: their name, in the plural.
-        tails: whether the page has quantiles and means of the worst runs, too.
+    `tails`: the page has quantiles and means of the worst runs, too.
     """
     sentences = []
     if units < _ENOUGH_FOR_MEANS:
@@ -285,21 +280,6 @@ def fewest_samples(coverage: float, confidence: float = CONFIDENCE) -> int:
     probability 1 - coverage^n.
     """
     return math.ceil(math.log(1.0 - confidence) / math.log(coverage))
-
-
-def pair(
-    keys: NDArray[np.intp], other_keys: NDArray[np.intp]
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the indices of the common keys in the first and in the second array.
-
-    Args:
-        keys: of samples, (n,), unique.
-        other_keys: of the samples to pair them with, (m,), unique.
-    """
-    _, places, other_places = np.intersect1d(
-        keys, other_keys, assume_unique=True, return_indices=True
-    )
-    return places, other_places
 
 
 def survival(values: FloatArray, worse: int = 0) -> tuple[FloatArray, FloatArray]:

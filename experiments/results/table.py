@@ -33,11 +33,8 @@ _BODY_WIDTH: Final = 22  # of the first column of a table
 def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> str:
     """Return the tracking errors of a run as text, in centimetres.
 
-    The first lines are on the whole path, and of these the first on the working point.
-
-    Args:
-        summary: of the run.
-        comparison: the published mean distances, where they apply to the run.
+    The first lines are on the whole path, and of these the first on the working point. `comparison`
+    has the published mean distances, where they apply to the run.
     """
     published = {(item.where, item.body): item.published_m for item in comparison}
     columns = COLUMNS | _PUBLISHED if published else COLUMNS

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ttempc.types import FloatArray
 
-from ...testbed.recording.channels import REFERENCE, STATE, TOOL, Channel
-from ...testbed.recording.position_error import in_frame
+from ...testbed.recording.channels import REFERENCE, STATE, TOOL, Channel, in_frame
 from ...testbed.recording.record import REACTION, REACTION_ENDED, Record
 from ...testbed.simulation.termination import TerminationLimits
 
@@ -119,14 +118,7 @@ def position_fields(body: str) -> tuple[str, str]:
 def body_error(
     record: Record, state: NDArray[np.intp], reference: NDArray[np.intp], body: str
 ) -> BodyError:
-    """Return the position error of one body.
-
-    Args:
-        record: of the run.
-        state: rows of the state channel, (n,).
-        reference: rows of the reference channel at the same times, (n,).
-        body: key of `BODIES`.
-    """
+    """Return the position error of one body at rows (n,) of state and reference of equal times."""
     fields = position_fields(body)
     position = record[STATE].columns(*fields)[state]
     error = position - record[REFERENCE].columns(*fields)[reference]
@@ -137,13 +129,7 @@ def body_error(
 def _tool_error(
     record: Record, time_s: FloatArray, reference: NDArray[np.intp]
 ) -> BodyError | None:
-    """Return the error of the tool point, None without an implement.
-
-    Args:
-        record: of the run; its rows of the implement are as many as those of the state, or none.
-        time_s: times of the errors, (n,).
-        reference: rows of the reference channel at these times, (n,).
-    """
+    """Return the error of the tool point at times and reference rows (n,), None without one."""
     table = record.tables.get(TOOL.topic)
     if table is None or not len(table):
         return None

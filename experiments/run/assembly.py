@@ -23,7 +23,7 @@ from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
 from ...testbed.randomness import generator
-from ...testbed.recording.sink import Sink
+from ...testbed.recording.record import Sink
 from ...testbed.sensing.sensors import Sensors, SensorSuite
 from ...testbed.sensing.truth_estimator import TruthEstimator
 from ...testbed.simulation.loop import STAGES, with_stages
@@ -70,12 +70,9 @@ class Assembly:
         return self.guidance.vehicle
 
     def setup(self, sink: Sink, record_hz: float | None = None) -> SimulationSetup:
-        """Return the run with the sink in its place, the plant at its start and rolling.
+        """Return the run with a sink that is told everything, the plant at its start and rolling.
 
-        Args:
-            sink: is told everything.
-            record_hz: how often it is told the truth [Hz], see `record_steps`; None: as in
-                `record_rate`.
+        `record_hz` is how often it is told the truth, see `record_steps`; None: as `record_rate`.
         """
         self.plant.restore(self.start)
         timestep, period_s = self.plant.timestep_s, self.guidance.period_s

@@ -23,11 +23,7 @@ Part = TypeVar("Part")
 
 
 class Kept(Generic[Part]):
-    """Parts by what they were made from; the least recently used are dropped.
-
-    Args:
-        most: number of parts that are kept.
-    """
+    """At most so many parts by what they were made from; the least recently used are dropped."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -47,12 +43,10 @@ class Kept(Generic[Part]):
 class SharedParts:
     """Terrains and controllers of runs; a run changes neither, so that its bits stay the same.
 
-    A terrain takes 3 MB at the default size, a controller up to 6 MB for each lap of the default
-    path.
-
     Args:
-        terrains: number of terrains that are kept.
-        controllers: number of controllers that are kept, each as before its first tick.
+        terrains: number of terrains that are kept, 3 MB each at the default size.
+        controllers: number of controllers that are kept, each as before its first tick, up to 6 MB
+            for each lap of the default path.
     """
 
     def __init__(self, terrains: int = 0, controllers: int = 0) -> None:
@@ -69,10 +63,7 @@ class SharedParts:
     ) -> ControllerFactory:
         """Return what makes the controller of a run from vehicle, reference and period [s].
 
-        Args:
-            scenario: names the controller and its options.
-            given: model parameters of the scenario.
-            factory: of a user, in the place of the scenario's.
+        `given` are the model parameters of the scenario; a user's `factory` replaces its own.
 
         Raises:
             InvalidController, UnknownController, InvalidTuning: as `named_factory`.
@@ -94,15 +85,8 @@ class SharedParts:
     ) -> TrackingController:
         """Return the shipped controller of a scenario before its first tick.
 
-        That for learnt model parameters belongs to one run and is not kept.
-
-        Args:
-            scenario: whose controller and path.
-            given: model parameters of the scenario.
-            vehicle: present model parameters; those that were learnt are of one run alone, and
-                the tube goes on for them.
-            reference: of the scenario's path and `vehicle`.
-            period_s: control period [s].
+        A controller for parameters `vehicle` that were learnt, unlike those `given` by the
+        scenario, belongs to one run and is not kept; its tube is that of the given ones.
         """
         settings = scenario.controller
         tube = settings.design(given, period_s)

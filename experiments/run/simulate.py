@@ -13,17 +13,15 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from ...testbed.ground.ground import GROUND_FILE
-from ...testbed.log.log import LogWriter
-from ...testbed.log.log_path import LOG_NAME
-from ...testbed.log.log_reader import SALVAGED_KEY
-from ...testbed.log.log_recovery import RECOVERED_KEY
+from ...testbed.log import LOG_NAME
+from ...testbed.log.reader import RECOVERED_KEY, SALVAGED_KEY
+from ...testbed.log.writer import LogWriter
 from ...testbed.messages.scenery import Scenery
+from ...testbed.recording.channels import REFERENCE_PATH_TOPIC
 from ...testbed.recording.provenance import machine, versions
-from ...testbed.recording.record import Event, Record, Recorder
-from ...testbed.recording.sink import OnEvent, Sink, Tee
-from ...testbed.recording.topics import REFERENCE_PATH_TOPIC
+from ...testbed.recording.record import Event, OnEvent, Record, Recorder, Sink, Tee
 from ...testbed.simulation.loop import Outcome, drive, prepare
-from ..output import make_folder, refuse_existing, write_file
+from ..output import make_folder, progress, refuse_existing, write_file
 from ..results.metrics import summarise
 from ..results.published import PublishedError, published_beside
 from ..results.summary import RunFacts, Summary
@@ -36,8 +34,6 @@ from .shared_parts import SharedParts
 from .user_code import exits_raise, name_of, user_sources
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
     from ...testbed.viewers.live import LiveView
 
 SETTINGS: Final = "settings: "
@@ -104,10 +100,8 @@ def simulate(
             outcome = drive_into(Tee(recorder, writer), assembly, prepared=False)
             writer.event(last_line(outcome))
     del assembly  # plant and horizons: the summary of a long run takes their memory
-    _print_traceback(outcome)
-    record = recorder.record()
-    facts = _facts(name, scenario, seed, outcome, log and log.name, sources)
-    return summarise(record, facts), record
+    record, file = recorder.record(), log and log.name
+    return _summarise(record, name, scenario, seed, outcome, file, sources), record
 
 
 @exits_raise()
@@ -120,7 +114,7 @@ def run(
     record_hz: float | None = None,
     watch: Callable[[Scenery], LiveView] | None = None,
     on_event: Callable[[Event], object] | None = None,
-    progress: bool | None = None,
+    shown: bool | None = None,
     factory: Callable[..., object] | None = None,
     options: Mapping[str, OptionValue] | None = None,
     make: Callable[[Scenario, int, Callable[..., object] | None], Assembly] = assemble,
@@ -135,7 +129,7 @@ def run(
         record_hz: how often the truth is written down [Hz]; None: as in `record_rate`.
         watch: opens a live view of the run; it gets the same data as the log.
         on_event: called with every event when it occurs.
-        progress: whether to show a bar; None: where someone watches.
+        shown: whether to show progress, see `output.progress`.
         factory: makes a controller of your own, as in `simulate`.
         options: keyword options of the factory.
         make: makes the objects of the run from scenario, seed and factory.
@@ -161,19 +155,17 @@ def run(
         recorder = Recorder()
         log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
         what = f"{name}, {scenario.controller.name}, seed {seed}"
-        bar = stack.enter_context(_progress(assembly.ticks, what, progress))
+        count = stack.enter_context(progress(assembly.ticks, what, "tick", shown))
         viewers = Tee(log, *views)  # who read of the run's start, settings and end
         for event in first_lines(metadata, scenario):
             viewers.event(event)
         sink = Tee(recorder, viewers, *([OnEvent(on_event)] if on_event else ()))
-        outcome = drive_into(sink, assembly, record_hz, lambda k: bar.update())
+        outcome = drive_into(sink, assembly, record_hz, lambda k: count())
         viewers.event(last_line(outcome))
     mismatch, notes = assembly.mismatch, assembly.notes
     del assembly  # plant and horizons: record and figures of a long run take their memory
-    _print_traceback(outcome)
     record = recorder.record(metadata)
-    facts = _facts(name, scenario, seed, outcome, files["log"].name, sources)
-    summary = summarise(record, facts)
+    summary = _summarise(record, name, scenario, seed, outcome, files["log"].name, sources)
     files["summary"] = folder / "summary.json"
     write_file(files["summary"], summary.to_json())
     # Here, because matplotlib takes a second to load: a run starts without it.
@@ -208,13 +200,8 @@ def drive_into(
 ) -> Outcome:
     """Drive a run to its end and write it into the sink, the reference path first.
 
-    Args:
-        sink: is told everything.
-        assembly: of the run.
-        record_hz: how often the sink is told the truth [Hz].
-        on_tick: called after every control period.
-        prepared: whether the controller prepares its steps. That shortens the steps and costs more
-            than it saves; the bits are the same.
+    `on_tick` is called after every control period. `prepared`: the controller prepares its steps,
+    which shortens them and costs more than it saves; the bits are the same.
     """
     setup = assembly.setup(sink, record_hz)
     sink.path(REFERENCE_PATH_TOPIC, 0.0, assembly.reference_path(_PATH_STEP_M))
@@ -305,21 +292,19 @@ def _with_controller(
     return scenario, user_sources(scenario, factory)
 
 
-def _print_traceback(outcome: Outcome) -> None:
-    if outcome.traceback:
-        print(outcome.traceback, end="", file=sys.stderr)
-
-
-def _facts(
+def _summarise(
+    record: Record,
     name: str,
     scenario: Scenario,
     seed: int,
     outcome: Outcome,
     log: str | None,
     sources: Mapping[str, str],
-) -> RunFacts:
+) -> Summary:
+    if outcome.traceback:
+        print(outcome.traceback, end="", file=sys.stderr)
     code = {**versions(), **sources}
-    return RunFacts(
+    facts = RunFacts(
         run_id=identity(dump(scenario), seed, code),
         scenario=name,
         controller=scenario.controller.name,
@@ -330,11 +315,4 @@ def _facts(
         versions=code,
         log=log,
     )
-
-
-def _progress(ticks: int, what: str, shown: bool | None) -> tqdm:
-    """Return a bar over control periods; silent where no one is watching."""
-    from tqdm import tqdm  # here, because `simulate` has no bar
-
-    shown = sys.stderr.isatty() if shown is None else shown
-    return tqdm(total=ticks, desc=what, unit="tick", disable=not shown, leave=False)
+    return summarise(record, facts)

@@ -15,8 +15,7 @@ from ...testbed.errors import InvalidFault
 from ...testbed.faults.fault import Fault, FaultContext, LastingFault, Window
 from ...testbed.faults.faulty import FaultyActuators, FaultySensors
 from ...testbed.faults.kinds import Effect, refusal
-from ...testbed.ground.soil import SoilMap
-from ...testbed.ground.soil_layers import Patch
+from ...testbed.ground.soil import Patch, SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.recording.record import BEGINS, ENDS, FAULT, Event
 from ...testbed.sensing.sensors import Sensors

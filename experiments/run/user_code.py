@@ -31,6 +31,11 @@ from ..errors import InvalidController, InvalidScenario
 from ..scenario.controller import StageSettings
 from ..scenario.scenario import Scenario
 
+_ROLES: Final = {  # by key of a scenario
+    "controller.name": "controller",
+    "controller.estimator": "estimator",
+    "stages.make": "stage",
+}
 _MOST_OFFERED: Final = 20  # names of a module in a message
 
 
@@ -66,48 +71,40 @@ def is_user_code(name: str) -> bool:
 
 @exits_raise()
 def load_factory(name: str, what: str) -> Callable[..., object]:
-    """Return the callable of the name `package.module:factory`.
+    """Return the callable of the name `package.module:factory`; `what` is its role in messages.
 
     The module is looked for as by `python -m`: in the working directory too.
-
-    Args:
-        name: of the callable.
-        what: its role in messages, such as "controller".
 
     Raises:
         InvalidController: no such module or attribute, a module that cannot be imported, or an
             attribute that is not callable.
     """
     module_name, _, attribute = name.partition(":")
+
+    def refuse(why: str) -> InvalidController:
+        return InvalidController(f"{what} {name!r}: {why}")
+
     if not all(part.isidentifier() for part in (*module_name.split("."), *attribute.split("."))):
-        raise InvalidController(
-            f"{what} {name!r}: must be package.module:factory, as lawn.steering:make_controller"
-        )
+        raise refuse("must be package.module:factory, as lawn.steering:make_controller")
     folder = _search_working_directory()
     try:
         item: object = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
-        raise InvalidController(
-            f"{what} {name!r}: no module {error.name!r}; it is looked for in {folder} and among "
-            "the installed packages"
+        raise refuse(
+            f"no module {error.name!r}; it is looked for in {folder} and among the installed "
+            "packages"
         ) from None
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a user's module may raise anything, SystemExit too
-        raise InvalidController(
-            f"{what} {name!r}: importing {module_name} raised {_in_a_line(error)}"
-        ) from error
+        raise refuse(f"importing {module_name} raised {_in_a_line(error)}") from error
     for part in attribute.split("."):
         if not hasattr(item, part):
-            raise InvalidController(
-                f"{what} {name!r}: {module_name} has no {attribute}"
-                f"{_offered(sys.modules[module_name], attribute)}"
-            )
+            offered = _offered(sys.modules[module_name], attribute)
+            raise refuse(f"{module_name} has no {attribute}{offered}")
         item = getattr(item, part)
     if not callable(item):
-        raise InvalidController(
-            f"{what} {name!r}: {attribute} is {type(item).__name__}, must be callable"
-        )
+        raise refuse(f"{attribute} is {type(item).__name__}, must be callable")
     return item
 
 
@@ -201,7 +198,7 @@ def user_stage(settings: StageSettings, generator: np.random.Generator) -> Stage
 def refuse_untrusted(
     file: Path, parts: Iterable[tuple[str, str]], changes: Mapping[str, Any]
 ) -> None:
-    """Refuse a file that names code which the user's own changes do not name.
+    """Refuse a scenario file that names code which the user's own changes do not name.
 
     Args:
         file: of the scenario, for the message.
@@ -231,11 +228,8 @@ def _texts(value: object) -> Iterator[str]:
     """Yield every text in nested tables and lists."""
     if isinstance(value, str):
         yield value
-    elif isinstance(value, Mapping):
-        for item in value.values():
-            yield from _texts(item)
-    elif isinstance(value, list | tuple):
-        for item in value:
+    elif isinstance(value, Mapping | list | tuple):
+        for item in value.values() if isinstance(value, Mapping) else value:
             yield from _texts(item)
 
 
@@ -279,20 +273,17 @@ def user_sources(
 ) -> dict[str, str]:
     """Return a hash of the source of controller, estimator and stages where they are a user's.
 
-    Args:
-        scenario: names them.
-        factory: of the controller, where it is not to be found by its name.
+    `factory` is that of the controller, where it is not to be found by its name.
 
     Raises:
         InvalidController: as `load_factory`.
     """
-    settings = scenario.controller
-    sources = {} if factory is None else {f"controller {settings.name}": source_digest(factory)}
-    parts = [] if factory else [("controller", settings.name)]
-    parts.append(("estimator", settings.estimator))
-    parts += [("stage", stage.make) for stage in scenario.stages]
-    for what, name in parts:
+    sources = {}
+    if factory is not None:
+        sources[f"controller {scenario.controller.name}"] = source_digest(factory)
+    for key, name in named_parts(scenario)[factory is not None :]:
         if is_user_code(name):
+            what = _ROLES[key]
             sources[f"{what} {name}"] = source_digest(load_factory(name, what))
     return sources
 

@@ -21,10 +21,18 @@ from ...testbed.configuration.config_io import (
     StrengthKpa,
 )
 from ...testbed.ground.features import AnyFeature
-from ...testbed.ground.soil import Layer, SoilMap
-from ...testbed.ground.soil_layers import Gradient, Patch, RandomStrength, StrengthMap
+from ...testbed.ground.soil import (
+    Gradient,
+    Layer,
+    Patch,
+    RandomStrength,
+    SoilMap,
+    StrengthMap,
+    Tracks,
+    Tramlines,
+    parallel_lines,
+)
 from ...testbed.ground.terrain import Terrain, flat, rough
-from ...testbed.ground.tramlines import Tracks, Tramlines, parallel_lines
 from ...testbed.randomness import generator
 
 _DEFAULT_KPA: Final = 600.0  # if the scenario has neither a name nor a cone index

@@ -22,8 +22,7 @@ from ...testbed.errors import InvalidPlant
 from ...testbed.faults.kinds import AnyFault
 from ...testbed.implement.implement import Implement
 from ...testbed.recording.provenance import run_id
-from ...testbed.sensing.sensor_presets import with_preset
-from ...testbed.sensing.sensor_specification import SensorSpecification
+from ...testbed.sensing.sensor_specification import SensorSpecification, with_preset
 from ...testbed.wheels.soil_law import RADIAL, SoilLaw
 from ..errors import InvalidScenario
 from .controller import ControllerSettings, NoiseSettings, StageSettings
@@ -138,9 +137,7 @@ class ScenarioFile:
     ) -> Scenario:
         """Return the validated scenario, every absent key filled in and every path absolute.
 
-        Args:
-            changes: tables that replace values of the file.
-            changed_by: what makes the changes, for messages.
+        `changes` are tables that replace values of the file; messages name `changed_by`.
 
         Raises:
             InvalidScenario: a key or a value is not allowed, or the vehicle is not possible.
@@ -175,10 +172,7 @@ class ScenarioFile:
 
 
 def read_scenario(name: str) -> ScenarioFile:
-    """Return the content of a scenario file.
-
-    Args:
-        name: name of a shipped scenario, or path of a TOML file.
+    """Return the content of a scenario file, given a shipped name or the path of a TOML file.
 
     Raises:
         InvalidScenario: there is no such scenario, or its file is no TOML.
@@ -188,11 +182,9 @@ def read_scenario(name: str) -> ScenarioFile:
 
 
 def load(name: str, overrides: Sequence[str] = ()) -> tuple[str, Scenario]:
-    """Return name and content of a scenario.
+    """Return name and content of a scenario, given a shipped name or the path of a TOML file.
 
-    Args:
-        name: name of a shipped scenario, or path of a TOML file.
-        overrides: see `parse_overrides`; they replace values of the file.
+    `overrides` replace values of the file, see `parse_overrides`.
 
     Raises:
         InvalidScenario: there is no such scenario, or a key or a value is not allowed.
@@ -261,28 +253,21 @@ def merge_tables(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
         below = content.get(key)
         if isinstance(value, Mapping) and isinstance(below, list):
             for entry, table in value.items():
-                _replace_in(below, list_index(key, below, entry), table)
+                index = list_index(key, below, entry)
+                if isinstance(table, Mapping) and isinstance(below[index], dict):
+                    merge_tables(below[index], table)
+                else:
+                    below[index] = copy.deepcopy(table)
         elif isinstance(value, Mapping) and isinstance(below, dict):
             merge_tables(below, value)
         else:
             content[key] = copy.deepcopy(value)
 
 
-def _replace_in(entries: list[Any], index: int, value: Any) -> None:  # noqa: ANN401
-    """Replace an entry of a list in place; of a table, the values that the other one has."""
-    if isinstance(value, Mapping) and isinstance(entries[index], dict):
-        merge_tables(entries[index], value)
-    else:
-        entries[index] = copy.deepcopy(value)
-
-
 def list_index(key: str, entries: Sequence[Any], entry: str) -> int:
-    """Return the place in a list of tables that a part of a dotted key means.
+    """Return the place in a list of tables, or objects, that a part of a dotted key means.
 
-    Args:
-        key: of the list.
-        entries: tables, or objects with attributes.
-        entry: number from 0, `name` or, where one alone has it, `kind` of a table.
+    `entry` is a number from 0, the `name` or, where one alone has it, the `kind` of a table.
 
     Raises:
         InvalidScenario: there is no such table, or there are several.

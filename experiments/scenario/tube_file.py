@@ -63,7 +63,7 @@ class HoldOut:
 
 @dataclass(frozen=True, config=STRICT)
 class ResidualTable:
-    """Size of the residuals, in the order of `State`; see `experiments.tubes.residuals`."""
+    """Size of the residuals, in the order of `State`; see `experiments.tubes.fit`."""
 
     mean: _Row
     sd: _Row
@@ -184,10 +184,7 @@ def shipped_tubes() -> list[str]:
 
 
 def read_tube(name: str) -> TubeFile:
-    """Return the content of a tube file.
-
-    Args:
-        name: name of a shipped tube, or path of a JSON file.
+    """Return the content of a tube file, given a shipped name or the path of a JSON file.
 
     Raises:
         InvalidFit: there is no such file, or a key or a value is not allowed.

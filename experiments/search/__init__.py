@@ -1,1 +1,1 @@
-"""Search for worst cases, and probability of failure."""
+"""Search for failures: limit of one quantity by bisection, worst case of several by CMA-ES."""

@@ -1,88 +1,175 @@
-"""Quantities of a search: those of `ttempc envelope`, disturbances, keys of a scenario."""
+"""Quantities of a search, their space, and their names on the command line."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from types import MappingProxyType
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, Literal
 
+import numpy as np
+
 from ttempc.suggestion import did_you_mean
+from ttempc.types import FloatArray
 
 from ..errors import InvalidStudy
 from ..scenario.scenario import Scenario, ScenarioFile, merge_tables, without_none
-from ..sweep.envelope import QUANTITIES
 from ..sweep.plan import scenario_value
-from .space import Parameter, Space
+from ..sweep.study import Scalar
 
 _FREE: Final = "free"
 _ENDS: Final = (0.1, 0.9)  # of the path: the vehicle has started, and can still be lost
 
 
-@dataclass(frozen=True)
-class Range:
-    """Range of one key of a fault."""
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A bounded quantity of a scenario.
 
+    Its position is a number from 0 (`low`) to 1 (`high`), on a logarithmic scale if so spaced.
+    """
+
+    keys: tuple[str, ...]  # of the scenario: all have the value
     low: float
     high: float
-    nominal: Literal["low", "high", "free"] = "low"
+    nominal: float | None = None  # None: free, as a place or a direction, which is no severity
     spacing: Literal["linear", "log"] = "linear"
+    step: float = 0.0  # values are whole multiples of it; 0: any value
+    names: tuple[str, ...] = ()  # values of which `low` to `high` are the indices
+    unit: str = ""
+    tolerance: float = 0.0  # width at which a bisection ends; 0: 1/40 of the range
+
+    def position(self, value: float) -> float:
+        """Return the position of a value."""
+        if self.spacing == "log":
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+    @property
+    def nominal_position(self) -> float:
+        """Return the position of the nominal value, of a free parameter the middle."""
+        return 0.5 if self.nominal is None else self.position(self.nominal)
+
+    def number(self, position: float) -> float:
+        """Return the value at a position; of a named parameter the index of its name."""
+        if self.spacing == "log":
+            value = self.low * (self.high / self.low) ** position
+        else:
+            value = self.low + position * (self.high - self.low)
+        step = 1.0 if self.names else self.step
+        # Six digits, so that a scenario file shows 812.25, not 812.2495170431.
+        value = round(round(value / step) * step, 12) if step else float(f"{value:.6g}")
+        return min(max(value, self.low), self.high)
+
+    def named(self, number: float) -> float | str:
+        """Return the value that the scenario gets for a number."""
+        return self.names[int(number)] if self.names else number
+
+    def severity(self, position: float) -> float:
+        """Return the distance from the nominal value over that of the farther bound, 0 to 1."""
+        nominal = self.nominal_position
+        distance = abs(self.position(self.number(position)) - nominal)
+        return distance / max(nominal, 1.0 - nominal)
 
 
 @dataclass(frozen=True)
-class Disturbance:
-    """A fault that a search adds to a scenario, once, at any place of the path."""
+class Space:
+    """All parameters of a search; a point has a position for each, (n,)."""
 
-    fault: Mapping[str, str | float]  # keys with one value, see docs/faults.md
-    ranges: Mapping[str, Range]  # keys that are searched
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def nominal(self) -> FloatArray:
+        """Return the nominal point, (n,)."""
+        return np.array([parameter.nominal_position for parameter in self.parameters])
+
+    @property
+    def counted(self) -> FloatArray:
+        """Return 1 for a parameter that counts as severity, 0 for a free one, (n,)."""
+        return np.array([float(p.nominal is not None) for p in self.parameters])
+
+    def severity(self, point: FloatArray) -> float:
+        """Return the root mean square of the severities: 0 nominal, 1 every value at its bound."""
+        pairs = zip(self.parameters, point.tolist(), strict=True)
+        squares = [p.severity(x) ** 2 for p, x in pairs if p.nominal is not None]
+        return math.sqrt(sum(squares) / len(squares))
+
+    def changes(self, point: FloatArray) -> dict[str, Scalar]:
+        """Return the values of all scenario keys at a point."""
+        pairs = zip(self.parameters, point.tolist(), strict=True)
+        return {key: p.named(p.number(position)) for p, position in pairs for key in p.keys}
 
 
-DISTURBANCES: Final[Mapping[str, Disturbance]] = MappingProxyType(
-    {
-        "gust": Disturbance(
-            {"kind": "gust", "body": "trailer", "duration_s": 2.0},
-            {"force_n": Range(10.0, 6000.0), "direction_deg": Range(0.0, 360.0, "free")},
-        ),
-        "ditch": Disturbance(
-            {"kind": "ditch", "width_m": 1.5},
-            {"depth_m": Range(0.01, 0.6)},
-        ),
-        "soil-patch": Disturbance(
-            {"kind": "soil_patch"},
-            {
-                "radius_m": Range(1.0, 8.0),
-                "cone_index_kpa": Range(60.0, 600.0, "high", "log"),
-                "left_m": Range(-3.0, 3.0, "free"),
-            },
-        ),
-        "gnss-noise": Disturbance(
-            {"kind": "gnss_float", "correlation_time_s": 2.0},
-            {"sd_m": Range(0.01, 2.0), "duration_s": Range(0.5, 20.0)},
-        ),
-        "angle-noise": Disturbance(
-            {"kind": "angle_noise", "sensor": "hitch"},
-            {"sd_deg": Range(0.1, 20.0), "duration_s": Range(0.5, 20.0)},
-        ),
-        "gnss-outage": Disturbance({"kind": "gnss_out"}, {"duration_s": Range(0.5, 30.0)}),
-        "late-commands": Disturbance(
-            {"kind": "commands_late"},
-            {"delay_s": Range(0.02, 2.0), "duration_s": Range(0.5, 20.0)},
-        ),
-        "stuck-front": Disturbance(
-            {"kind": "front_steering_stuck"}, {"duration_s": Range(0.5, 20.0)}
-        ),
-        "stuck-trailer": Disturbance(
-            {"kind": "trailer_steering_stuck"}, {"duration_s": Range(0.5, 20.0)}
-        ),
-    }
-)
-"""Faults by their names, with ranges from hardly felt to far outside of normal use; assumed."""
+def _range(
+    low: float,
+    high: float,
+    nominal: Literal["low", "high", "free"] = "low",
+    spacing: Literal["linear", "log"] = "linear",
+) -> Parameter:
+    """Return the range of a key of a fault; its key follows from its place in `FAULTS`."""
+    value = {"low": low, "high": high, _FREE: None}[nominal]
+    return Parameter(keys=("",), low=low, high=high, nominal=value, spacing=spacing)
+
+
+QUANTITIES: Final[Mapping[str, Parameter]] = {
+    "cone-index": Parameter(
+        keys=("soil.cone_index_kpa",),
+        unit="kPa",
+        low=100.0,
+        high=2000.0,
+        spacing="log",
+        tolerance=20.0,
+    ),
+    "slope": Parameter(keys=("terrain.slope_rad",), unit="rad", low=0.0, high=0.4, tolerance=0.01),
+    "speed": Parameter(keys=("path.speed_mps",), unit="m/s", low=0.4, high=1.35, tolerance=0.05),
+    "delay": Parameter(
+        keys=tuple(f"actuators.{n}.dead_time_s" for n in ("front", "trailer", "hydrostat")),
+        unit="s",
+        low=0.0,
+        high=1.0,
+        step=0.01,  # a dead time is a whole number of physics steps
+        tolerance=0.05,
+    ),
+    "roughness": Parameter(
+        keys=("terrain.iso_class",), unit="ISO 8608", low=0.0, high=5.0, names=tuple("ABCDEF")
+    ),
+}
+"""Quantities of a scenario by name; the ranges are assumed."""
+
+# Kind of `[[faults]]` -> keys with one value, and ranges of the keys that are searched. From hardly
+# felt to far outside of normal use; assumed.
+FAULTS: Final[Mapping[str, tuple[dict[str, str | float], dict[str, Parameter]]]] = {
+    "gust": (
+        {"body": "trailer", "duration_s": 2.0},
+        {"force_n": _range(10.0, 6000.0), "direction_deg": _range(0.0, 360.0, _FREE)},
+    ),
+    "ditch": ({"width_m": 1.5}, {"depth_m": _range(0.01, 0.6)}),
+    "soil_patch": (
+        {},
+        {
+            "radius_m": _range(1.0, 8.0),
+            "cone_index_kpa": _range(60.0, 600.0, "high", "log"),
+            "left_m": _range(-3.0, 3.0, _FREE),
+        },
+    ),
+    "gnss_float": (
+        {"correlation_time_s": 2.0},
+        {"sd_m": _range(0.01, 2.0), "duration_s": _range(0.5, 20.0)},
+    ),
+    "angle_noise": (
+        {"sensor": "hitch"},
+        {"sd_deg": _range(0.1, 20.0), "duration_s": _range(0.5, 20.0)},
+    ),
+    "gnss_out": ({}, {"duration_s": _range(0.5, 30.0)}),
+    "commands_late": ({}, {"delay_s": _range(0.02, 2.0), "duration_s": _range(0.5, 20.0)}),
+    "front_steering_stuck": ({}, {"duration_s": _range(0.5, 20.0)}),
+    "trailer_steering_stuck": ({}, {"duration_s": _range(0.5, 20.0)}),
+}
+"""Faults that a search of the worst case adds to a scenario, once, anywhere on the path."""
 
 
 @dataclass(frozen=True)
 class Subject:
-    """What is searched: a scenario with its changes, and the space of its parameters."""
+    """Scenario with its changes, and the space of its parameters."""
 
     scenario: str
     settings: dict[str, Any]  # override tables of the scenario, the added faults among them
@@ -98,9 +185,9 @@ def read_subject(
         draft: the scenario.
         name: by which the scenario is read again.
         settings: override tables.
-        words: names of `QUANTITIES` and `DISTURBANCES`, or `KEY=LOW:HIGH` for a key of the
-            scenario, `KEY=LOW:HIGH:free` for one without severity. A key that a name has, too,
-            gets other bounds.
+        words: names of `QUANTITIES` and `FAULTS`, or `KEY=LOW:HIGH` for a key of the scenario,
+            `KEY=LOW:HIGH:free` for one without severity. A key that a name has, too, gets other
+            bounds.
 
     Raises:
         InvalidScenario: the settings are invalid.
@@ -109,104 +196,76 @@ def read_subject(
     scenario = draft.scenario(settings, "--set")
     tables: dict[str, Any] = {}
     merge_tables(tables, settings)
-    added = [_fault(word) for word in words if word in DISTURBANCES]
+    added = [
+        {"kind": kind, "at_m": 0.0, **FAULTS[kind][0], **{k: p.low for k, p in ranges.items()}}
+        for kind in words
+        if kind in FAULTS
+        for ranges in (FAULTS[kind][1],)
+    ]
     if added:
         tables["faults"] = [*(without_none(asdict(f)) for f in scenario.faults), *added]
         scenario = draft.scenario(tables, "--set")
-    parameters: dict[str, Parameter] = {}
-    for word in words:
-        for parameter in _parameters(word, scenario, draft.name, words):
-            parameters[parameter.keys[0]] = parameter
+    parameters = {
+        parameter.keys[0]: parameter
+        for word in words
+        for parameter in _parameters(word, scenario, draft.name, words)
+    }
     space = Space(tuple(parameters.values()))
     if not space.counted.any():
         raise InvalidStudy("no quantity has a severity: give one that is not free")
     return Subject(name, tables, space)
 
 
-def _fault(word: str) -> dict[str, Any]:
-    """Return the table of an added fault, with a value for every key that is searched."""
-    disturbance = DISTURBANCES[word]
-    values = {key: bounds.low for key, bounds in disturbance.ranges.items()}
-    return {"name": word, "at_m": 0.0, **disturbance.fault, **values}
-
-
 def _parameters(
     word: str, scenario: Scenario, name: str, words: Sequence[str]
 ) -> Iterator[Parameter]:
-    if word in DISTURBANCES:
+    if word in FAULTS:
         length_m = scenario.mission().path.length_m
         low, high = (round(share * length_m, 2) for share in _ENDS)
-        for key, bounds in (
-            *DISTURBANCES[word].ranges.items(),
-            ("at_m", Range(low, high, "free")),
-        ):
-            ends = {"low": bounds.low, "high": bounds.high, "free": None}
-            yield Parameter(
-                keys=(f"faults.{word}.{key}",),
-                low=bounds.low,
-                high=bounds.high,
-                nominal=ends[bounds.nominal],
-                spacing=bounds.spacing,
-            )
-    elif word in QUANTITIES:
-        quantity = QUANTITIES[word]
-        names = quantity.names
-        nominal = scenario_value(scenario, quantity.keys[0], name)
-        yield Parameter(
-            keys=quantity.keys,
-            low=quantity.low,
-            high=quantity.high,
-            nominal=_nominal(
-                word,
-                names.index(str(nominal)) if nominal in names else nominal,
-                quantity.low,
-                quantity.high,
-            ),
-            spacing=quantity.spacing,
-            step=quantity.step,
-            names=names,
-        )
+        for key, bounds in (*FAULTS[word][1].items(), ("at_m", _range(low, high, _FREE))):
+            yield replace(bounds, keys=(f"faults.{word}.{key}",))
+        return
+    parameter, free = read_quantity(word)
+    key = parameter.keys[0]
+    _, fault, last = f"{key}..".split(".")[:3]
+    known = FAULTS[fault][1].get(last) if fault in words and fault in FAULTS else None
+    if known:  # other bounds of an added fault
+        ends = {known.low: parameter.low, known.high: parameter.high, None: None}
+        nominal, parameter = ends[known.nominal], replace(parameter, spacing=known.spacing)
     else:
-        key, low, high, free = _bounds(word)
-        _, fault, last = f"{key}..".split(".")[:3]
-        ranges = DISTURBANCES[fault].ranges if fault in words and fault in DISTURBANCES else {}
-        if bounds := ranges.get(last):
-            free = free or bounds.nominal == _FREE
-            nominal = high if bounds.nominal == "high" else low
-            spacing = bounds.spacing
-        else:
-            nominal, spacing = scenario_value(scenario, key, name), "linear"
-        yield Parameter(
-            keys=(key,),
-            low=low,
-            high=high,
-            nominal=None if free else _nominal(key, nominal, low, high),
-            spacing=spacing,
-        )
+        nominal = scenario_value(scenario, key, name)
+        if nominal in parameter.names:
+            nominal = parameter.names.index(str(nominal))
+    yield parameter if free else replace(parameter, nominal=_within(parameter, nominal))
 
 
-def _nominal(key: str, value: object, low: float, high: float) -> float:
-    """Return the nominal value.
+def _within(parameter: Parameter, value: object) -> float | None:
+    """Return a nominal value.
 
     Raises:
         InvalidStudy: it is no number between the bounds.
     """
+    low, high = parameter.low, parameter.high
+    if value is None and parameter.keys[0].startswith("faults."):
+        return None
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise InvalidStudy(
-            f"{key}: the scenario's value must be a number from {low:g} to {high:g}, the bounds, "
-            f"got {value!r}; change the bounds (KEY=LOW:HIGH), or make it :free"
+            f"{parameter.keys[0]}: the scenario's value must be a number from {low:g} to {high:g}, "
+            f"the bounds, got {value!r}; change the bounds (KEY=LOW:HIGH), or make it :free"
         )
     return float(value)
 
 
-def _bounds(word: str) -> tuple[str, float, float, bool]:
-    """Read `KEY=LOW:HIGH` or `KEY=LOW:HIGH:free`.
+def read_quantity(word: str) -> tuple[Parameter, bool]:
+    """Return a quantity by its name, or of `KEY=LOW:HIGH` or `KEY=LOW:HIGH:free`; is it free?
 
     Raises:
-        InvalidStudy: it is neither, and no name.
+        InvalidStudy: it is none of these.
     """
+    if word in QUANTITIES:
+        return QUANTITIES[word], False
     key, equals, text = word.partition("=")
-    names = (*QUANTITIES, *DISTURBANCES)
+    names = (*QUANTITIES, *FAULTS)
     if not equals:
         raise InvalidStudy(
             f"quantity {word!r}: must be KEY=LOW:HIGH or one of {', '.join(names)}"
@@ -223,4 +282,4 @@ def _bounds(word: str) -> tuple[str, float, float, bool]:
             f"quantity {word!r}: must be KEY=LOW:HIGH with two numbers, LOW below HIGH, or "
             "KEY=LOW:HIGH:free"
         )
-    return key, low, high, bool(colon)
+    return Parameter(keys=(key,), low=low, high=high), bool(colon)

@@ -1,18 +1,153 @@
 """AgOpenGPS over UDP: the plant in the place of GNSS receiver and steering module.
 
-docs/howto/serve.md describes the set-up; `agopengps_frames` the bytes and their source.
+docs/howto/serve.md describes the set-up. The bytes are checked against AgOpenGPS
+(https://github.com/AgOpenGPS-Official/AgOpenGPS) at commit
+d3cfa141be6259c894604fe80da177275323ff2f: docs/pgn-protocol.md; under SourceCode the receiver
+GPS/Forms/UDPComm.Designer.cs, the sender GPS/Forms/PGN.Designer.cs and Position.designer.cs, the
+bridge AgIO/Source/Forms/UDP.designer.cs and NMEA.Designer.cs, the simulated modules
+ModSim/Source/Forms/UDP.designer.cs. Where documentation and source differ, as in the lengths of
+data, the source holds. A frame is
+
+    0x80 0x81 source number length data... checksum,
+
+little-endian, with the sum of all bytes from the source on, modulo 256, as checksum. Angles are
+positive clockwise: headings from north, steering and roll to the right.
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
 
 from ttempc.types import Sensor, State
 
 from ...testbed.geodesy import DATUM, Datum
-from . import agopengps_frames as frames
-from .protocol import Received, RemoteCommand, RunFacts, TickData
+from .link import Received, Refused, RemoteCommand, RunFacts, TickData, Trouble
+
+STEER: Final = 254  # from AgOpenGPS: speed, switch, steering angle
+STEER_STATUS: Final = 253  # from the steering module
+POSITION: Final = 214  # 0xD6, as AgIO makes it from NMEA
+HELLO: Final = 200  # from AgIO to all modules
+_HELLO_REPLY: Final = 126
+
+_HEADER: Final = b"\x80\x81"
+_SHORTEST: Final = 6  # header, source, number, length, checksum
+_MODULE: Final = 126  # source address of a steering module (ModSim)
+_AGIO: Final = 0x7C  # source address that AgIO gives to positions (NMEA.Designer.cs)
+# AgIO sends hello, new subnet and scan with the constant 0x47 in the place of a checksum
+# (UDP.designer.cs, FormUDP.cs).
+_WITHOUT_CHECKSUM: Final = frozenset({HELLO, 201, 202})
+
+_STEER: Final = struct.Struct("<HBhBBB")  # speed, status, angle, line distance, sections
+_STEER_STATUS: Final = struct.Struct("<hhhBB")  # angle, heading, roll, switches, PWM
+_HELLO_DATA: Final = struct.Struct("<hhB")  # angle, counts of its sensor, switches
+# Longitude, latitude, headings of two antennas and of one, speed, roll, altitude; satellites, fix,
+# 100 HDOP, 100 age; heading, roll, pitch, yaw rate of an IMU.
+_POSITION: Final = struct.Struct("<ddfffffHBHHHhhh")
+
+_NO_FLOAT: Final = float.fromhex("0x1.fffffep+127")  # float.MaxValue of C#
+_NO_USHORT: Final = 0xFFFF
+_NO_SHORT: Final = 0x7FFF
+_NO_HEADING: Final = 9999  # of a module without an IMU (UDPComm.Designer.cs)
+_NO_ROLL: Final = 8888
+_SIMULATED: Final = 8  # fix quality "Sim" (GUI.Designer.cs)
+_SWITCHES_OPEN: Final = 0b11  # work and steer switch are low when closed (CModuleComm.cs)
+
+
+@dataclass(frozen=True, slots=True)
+class Steering:
+    """Content of a steering frame, PGN 254."""
+
+    angle_deg: float  # desired, positive to the right
+    engaged: bool  # whether the autosteer button is on
+    speed_kmh: float  # as AgOpenGPS measures it
+
+
+def frame(source: int, number: int, data: bytes) -> bytes:
+    """Return a frame with its checksum."""
+    body = bytes((source, number, len(data))) + data
+    return _HEADER + body + bytes((sum(body) % 256,))
+
+
+def parse(datagram: bytes) -> tuple[int, bytes]:
+    """Return number and data of a frame.
+
+    Raises:
+        Refused: no frame, or one of wrong length or checksum.
+    """
+    if datagram[:2] != _HEADER:
+        raise Refused(Trouble.CONTENT, f"{datagram[:16].hex(' ')}: a frame starts with 80 81")
+    if len(datagram) < _SHORTEST or len(datagram) != _SHORTEST + datagram[4]:
+        declared = _SHORTEST + datagram[4] if len(datagram) > 4 else _SHORTEST
+        raise Refused(
+            Trouble.LENGTH, f"a frame of {len(datagram)} bytes, must have {declared} by its header"
+        )
+    number = datagram[3]
+    expected = sum(datagram[2:-1]) % 256
+    if number not in _WITHOUT_CHECKSUM and datagram[-1] != expected:
+        raise Refused(
+            Trouble.CHECKSUM, f"PGN {number}: checksum {datagram[-1]:02x}, must be {expected:02x}"
+        )
+    return number, datagram[5:-1]
+
+
+def steering(data: bytes) -> Steering:
+    """Return the content of a steering frame, PGN 254.
+
+    Raises:
+        Refused: the data are of another length.
+    """
+    if len(data) != _STEER.size:
+        raise Refused(Trouble.LENGTH, f"PGN 254: {len(data)} bytes of data, must be {_STEER.size}")
+    speed, status, angle, *_ = _STEER.unpack(data)
+    return Steering(0.01 * angle, bool(status & 1), 0.1 * speed)
+
+
+def steering_frame(content: Steering, source: int = 0x7F) -> bytes:
+    """Return a steering frame as AgOpenGPS sends it: for tests and examples.
+
+    Distance from the line and sections are those of no line and no section.
+    """
+    angle, speed = round(100.0 * content.angle_deg), round(10.0 * content.speed_kmh)
+    return frame(source, STEER, _STEER.pack(speed, content.engaged, angle, 255, 0, 0))
+
+
+def position_frame(
+    latitude_deg: float,
+    longitude_deg: float,
+    heading_deg: float,
+    speed_kmh: float,
+    roll_deg: float | None,
+) -> bytes:
+    """Return a position frame, PGN 214, with the heading as that of two antennas.
+
+    What no sensor measures has the value that AgOpenGPS takes for "not available".
+    """
+    roll = _NO_FLOAT if roll_deg is None else roll_deg
+    motion = (heading_deg % 360.0, _NO_FLOAT, speed_kmh, roll, _NO_FLOAT)
+    quality = (_NO_USHORT, _SIMULATED, _NO_USHORT, _NO_USHORT)
+    no_imu = (_NO_USHORT, _NO_SHORT, _NO_SHORT, _NO_SHORT)
+    data = _POSITION.pack(longitude_deg, latitude_deg, *motion, *quality, *no_imu)
+    return frame(_AGIO, POSITION, data)
+
+
+def status_frame(angle_deg: float) -> bytes:
+    """Return the frame of the steering module, PGN 253: its measured angle, both switches open."""
+    data = (_centi(angle_deg), _NO_HEADING, _NO_ROLL, _SWITCHES_OPEN, 0)
+    return frame(_MODULE, STEER_STATUS, _STEER_STATUS.pack(*data))
+
+
+def hello_frame(angle_deg: float) -> bytes:
+    """Return the steering module's answer to the hello of AgIO."""
+    data = _HELLO_DATA.pack(_centi(angle_deg), 0, _SWITCHES_OPEN)
+    return frame(_MODULE, _HELLO_REPLY, data)
+
+
+def _centi(angle_deg: float) -> int:
+    return max(-_NO_SHORT, min(_NO_SHORT, round(100.0 * angle_deg)))
 
 
 class AgOpenGpsProtocol:
@@ -49,16 +184,16 @@ class AgOpenGpsProtocol:
         Raises:
             Refused: no frame, wrong length, wrong checksum.
         """
-        number, data = frames.parse(payload)
-        if number == frames.HELLO:
-            return Received(replies=(frames.hello_frame(self._angle_deg),))
-        if number != frames.STEER:  # settings, sections, machine data: nothing for this plant
+        number, data = parse(payload)
+        if number == HELLO:
+            return Received(replies=(hello_frame(self._angle_deg),))
+        if number != STEER:  # settings, sections, machine data: nothing for this plant
             return Received()
-        steering = frames.steering(data)
-        if not steering.engaged:
+        wanted = steering(data)
+        if not wanted.engaged:
             return Received()
         self.ready = True
-        return Received(RemoteCommand(tick=None, delta_t=-math.radians(steering.angle_deg)))
+        return Received(RemoteCommand(tick=None, delta_t=-math.radians(wanted.angle_deg)))
 
     def standing(self) -> Sequence[bytes]:
         """Return the place of the start, without motion."""
@@ -78,7 +213,7 @@ class AgOpenGpsProtocol:
             elif item.sensor == Sensor.IMU_TRACTOR:
                 self._roll_deg = math.degrees(item.value[1])
         if place is None:
-            return (frames.status_frame(self._angle_deg),)
+            return (status_frame(self._angle_deg),)
         return self._frames(*place, float(data.estimate.state[State.PSI_T]))
 
     def end(self, status: str) -> Sequence[bytes]:
@@ -89,7 +224,5 @@ class AgOpenGpsProtocol:
     def _frames(self, x: float, y: float, yaw: float) -> Sequence[bytes]:
         latitude, longitude = self._datum.degrees(x, y)
         heading_deg = 90.0 - math.degrees(yaw)
-        position = frames.position_frame(
-            latitude, longitude, heading_deg, self._speed_kmh, self._roll_deg
-        )
-        return frames.status_frame(self._angle_deg), position
+        position = position_frame(latitude, longitude, heading_deg, self._speed_kmh, self._roll_deg)
+        return status_frame(self._angle_deg), position

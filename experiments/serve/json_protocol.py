@@ -10,22 +10,44 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Final
+from typing import Annotated, Final, Literal
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from ttempc.reference.reference import Reference
 from ttempc.types import Estimate, FloatArray, State
 
-from .link import Refused, Trouble
-from .protocol import Received, RemoteCommand, RunFacts, TickData
+from .link import Received, Refused, RemoteCommand, RunFacts, TickData, Trouble
 
 VERSION: Final = 1
 _MOST_BYTES: Final = 1024  # of a datagram of the peer
 _MOST_STAGES: Final = 100  # of the reference in a datagram: some 25 kB of the 64 that UDP carries
-_MOST_NAME: Final = 60  # characters
-_HELLO: Final = {"type", "version", "name", "reference", "estimate"}
-_COMMAND: Final = {"type", "tick", "delta_t_rad", "delta_i_rad", "hp"}
+
+
+class _Message(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+
+class _Hello(_Message):
+    type: Literal["hello"]
+    version: Literal[1]
+    name: Annotated[str, Field(max_length=60)] = ""
+    reference: Annotated[int, Field(ge=0, le=_MOST_STAGES)] = 0  # stages that are asked for
+    estimate: bool = False  # whether it is asked for
+
+
+class _Command(_Message):
+    type: Literal["command"]
+    tick: Annotated[int, Field(ge=0, le=2**53)]
+    delta_t_rad: float
+    delta_i_rad: float | None = None
+    hp: float | None = None
+
+
+_RECEIVED: Final[TypeAdapter[_Hello | _Command]] = TypeAdapter(
+    Annotated[_Hello | _Command, Field(discriminator="type")]
+)
 
 
 class JsonProtocol:
@@ -57,28 +79,18 @@ class JsonProtocol:
                 Trouble.LENGTH, f"a datagram of {len(payload)} bytes, must be {_MOST_BYTES} at most"
             )
         try:
-            message: object = json.loads(payload, parse_constant=_no_constant)
-        except (ValueError, RecursionError):
-            raise Refused(Trouble.CONTENT, f"{payload[:80]!r} is no JSON") from None
-        if not isinstance(message, dict) or message.get("type") not in ("hello", "command"):
-            raise Refused(Trouble.CONTENT, f"{payload[:80]!r}: `type` must be `hello` or `command`")
-        allowed = _HELLO if message["type"] == "hello" else _COMMAND
-        unknown = sorted(message.keys() - allowed)
-        if unknown:
-            raise Refused(
-                Trouble.CONTENT,
-                f"unknown key {unknown[0]!r}, allowed: {', '.join(sorted(allowed))}",
-            )
-        if message["type"] == "hello":
-            return self._hello(message)
+            message = _RECEIVED.validate_json(payload)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            key = ".".join(map(str, first["loc"][1:]))
+            what = f"{first['msg']}, got {str(first['input'])[:80]!r}"
+            raise Refused(Trouble.CONTENT, f"`{key}`: {what}" if key else what) from None
+        if isinstance(message, _Hello):
+            return self._welcome(message)
         if not self.ready:
             raise Refused(Trouble.CONTENT, "command before a hello")
-        tick = _whole(message, "tick", 2**53)
-        delta_t = _number(message, "delta_t_rad")
-        if delta_t is None:
-            raise Refused(Trouble.CONTENT, "command without `delta_t_rad`")
         return Received(
-            RemoteCommand(tick, delta_t, _number(message, "delta_i_rad"), _number(message, "hp"))
+            RemoteCommand(message.tick, message.delta_t_rad, message.delta_i_rad, message.hp)
         )
 
     def standing(self) -> Sequence[bytes]:
@@ -108,19 +120,9 @@ class JsonProtocol:
         """Return the last datagram of the run."""
         return (_encoded({"type": "end", "status": status}),)
 
-    def _hello(self, message: Mapping[str, object]) -> Received:
-        if message.get("version") != VERSION:
-            raise Refused(Trouble.CONTENT, f"hello: `version` must be {VERSION}")
-        name = message.get("name", "")
-        if not isinstance(name, str) or len(name) > _MOST_NAME:
-            raise Refused(
-                Trouble.CONTENT, f"hello: `name` must be text of {_MOST_NAME} letters at most"
-            )
-        estimate = message.get("estimate", False)
-        if not isinstance(estimate, bool):
-            raise Refused(Trouble.CONTENT, "hello: `estimate` must be true or false")
-        self._stages = _whole(message, "reference", _MOST_STAGES, default=0)
-        self._estimate, self.peer_name, self.ready = estimate, name, True
+    def _welcome(self, hello: _Hello) -> Received:
+        self._stages, self._estimate = hello.reference, hello.estimate
+        self.peer_name, self.ready = hello.name, True
         assert self._facts is not None
         facts = self._facts
         welcome = {
@@ -180,38 +182,3 @@ def _plain(values: Iterable[float]) -> list[float | None]:
 
 def _encoded(message: Mapping[str, object]) -> bytes:
     return json.dumps(message, allow_nan=False, separators=(",", ":")).encode()
-
-
-def _no_constant(text: str) -> float:
-    raise ValueError(f"{text} is no JSON")
-
-
-def _number(message: Mapping[str, object], key: str) -> float | None:
-    """Return a number of a message, None where the key is absent.
-
-    Raises:
-        Refused: it is no finite number.
-    """
-    value = message.get(key)
-    if value is None:
-        return None
-    try:
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            number = float(value)
-            if math.isfinite(number):
-                return number
-    except OverflowError:
-        pass
-    raise Refused(Trouble.CONTENT, f"command: `{key}` must be a finite number")
-
-
-def _whole(message: Mapping[str, object], key: str, most: int, default: int | None = None) -> int:
-    """Return a whole number from 0 to `most` of a message.
-
-    Raises:
-        Refused: it is none, or absent without a default.
-    """
-    value = message.get(key, default)
-    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= most:
-        return value
-    raise Refused(Trouble.CONTENT, f"`{key}` must be a whole number from 0 to {most}")

@@ -1,4 +1,4 @@
-"""Session of a peer with a run: stages of the loop that exchange datagrams and keep the pace."""
+"""Session of a peer with a run: its command as controller, exchange of datagrams, pace."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Final
 
-from ttempc.guidance.detection import detectors
+from ttempc.guidance.detection import Alarm, Observation, Reaction, detectors
 from ttempc.guidance.guidance import Guidance
-from ttempc.guidance.supervisor import SafetyLimits
+from ttempc.guidance.supervisor import SafetyLimits, run_on
+from ttempc.reference.path import Projection
+from ttempc.reference.reference import Reference
+from ttempc.types import Command, Estimate, Input, State
+from ttempc.vehicle import Vehicle
 
 from ...testbed.errors import StageFailed
 from ...testbed.recording.record import Event
@@ -20,12 +25,24 @@ from ...testbed.simulation.loop import with_stages
 from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ...testbed.simulation.termination import TerminationLimits
 from ...testbed.terminal import one_line
-from ..errors import ServeError
+from ..errors import InvalidController, ServeError
 from ..run.assembly import Assembly, assemble
+from ..run.simulate import Finished, run
 from ..scenario.scenario import Scenario
-from .link import Address, Link, Refused, Trouble, text_of
-from .protocol import CommandLink, RemoteCommand, RunFacts, TickData, WireProtocol
-from .remote import SilenceDetector
+from .agopengps import AgOpenGpsProtocol
+from .json_protocol import JsonProtocol
+from .link import (
+    Address,
+    CommandLink,
+    Link,
+    Refused,
+    RemoteCommand,
+    RunFacts,
+    TickData,
+    Trouble,
+    WireProtocol,
+    text_of,
+)
 
 _WAIT_SHARE: Final = 0.8  # of a period, for the command; the rest is the plant's; assumed
 _MOST_DATAGRAMS: Final = 1000  # that are read after their time: a flood does not hold the plant
@@ -40,10 +57,97 @@ _FREE_GROUND: Final = {"deviation": math.inf, "stuck_deviation": math.inf}
 class SessionSettings:
     """Settings of a session."""
 
-    factor: float = 1.0  # simulated time over the clock's
+    speed: float = 1.0  # simulated seconds per second of the clock
     lockstep: bool = False  # whether the plant waits for every command and keeps no pace
     wait_s: float = 600.0  # for the start, and in lock-step for each command
     hold_s: float = 1.0  # for which the last command is held before the vehicle stops
+
+
+class RemoteController:
+    """Controller that returns the command of a session's peer.
+
+    Where the peer gives no hydrostat position, the speed of the reference is held,
+
+        hp = hp_r + (v_r - v) / K,
+
+    with the reference at the same place (space-based protocols) or time, and K of the model; the
+    gain 1 / K is assumed. Where it gives no steering of the trailer, the trailer is towed with its
+    steering straight.
+
+    Args:
+        vehicle: model parameters.
+        reference: where both axle points should be over time.
+        period_s: control period [s].
+        link: to the peer.
+
+    Raises:
+        InvalidController: there is no link; such a run needs `ttempc serve`.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        reference: Reference,
+        period_s: float,
+        link: CommandLink | None = None,
+    ) -> None:
+        if link is None:
+            raise InvalidController("this run was driven over UDP: use ttempc serve")
+        self._link, self._gain = link, 1.0 / vehicle.speed_gain
+        self.space_based = link.space_based
+        grid = reference.on_grid(period_s)
+        if self.space_based:
+            grid = reference.on_grid(period_s, beyond=run_on(len(grid.time_s)))
+            self._projection = Projection(grid.state[:, : State.PSI_T])
+        self._grid = grid
+
+    def step(self, estimate: Estimate, k: int) -> Command:
+        """Return the latest command of the peer, before the first one that of the reference."""
+        speed = float(estimate.state[State.V])
+        if self.space_based:
+            k = round(self._projection.place(*estimate.state[: State.PSI_T].tolist()))
+        k = min(k, len(self._grid.time_s) - 1)
+        command = self._link.command
+        if command is None:
+            return Command(*self._grid.inputs[k].tolist())
+        hp = command.hp
+        if hp is None:
+            deviation = float(self._grid.state[k, State.V]) - speed
+            hp = float(self._grid.inputs[k, Input.HP]) + self._gain * deviation
+        delta_i = 0.0 if command.delta_i is None else command.delta_i
+        return Command(command.delta_t, delta_i, hp)
+
+
+class SilenceDetector:
+    """Detector of a peer that sends no command: the supervisor stops until it does again.
+
+    Args:
+        link: to the peer.
+        limit: time without a command after which the vehicle stops [s].
+    """
+
+    name = "command link"
+
+    def __init__(self, link: CommandLink, limit: float) -> None:
+        self._link, self.limit = link, limit
+
+    @property
+    def statistic(self) -> float:
+        """Time since the latest command [s], simulated."""
+        return self._link.silence_s
+
+    @property
+    def residual(self) -> float:
+        """The same."""
+        return self._link.silence_s
+
+    def observe(self, observation: Observation) -> None:
+        """Nothing: the session counts the ticks."""
+
+    def alarm(self) -> Alarm:
+        """Return the alarm that stops the vehicle."""
+        reason = f"no command over UDP for more than {self.limit:g} s"
+        return Alarm(self.name, reason, Reaction.STOP)
 
 
 class Session:
@@ -56,7 +160,7 @@ class Session:
     scenario, seed and commands alone; a command of an earlier tick is answered with the present
     samples again, by which a peer repairs a lost datagram.
 
-    Ticks begin at multiples of the period on the monotonic clock, divided by the factor. A tick
+    Ticks begin at multiples of the period on the monotonic clock, divided by the speed. A tick
     that begins late is an overrun; the next ones catch up with a lag below a period, a longer one
     is dropped, so that the peer is never asked for commands faster than that.
 
@@ -171,7 +275,7 @@ class Session:
 
     def _pace(self, setup: SimulationSetup, tick: TickContext) -> None:
         """Wait for the beginning of a tick on the clock."""
-        period = self._period_s / self._settings.factor
+        period = self._period_s / self._settings.speed
         now = time.monotonic()
         self._due = self._due + period if tick.k else now
         if now > self._due:
@@ -204,7 +308,7 @@ class Session:
         if self._settings.lockstep:
             until = time.monotonic() + self._settings.wait_s
         else:
-            until = self._due + _WAIT_SHARE * self._period_s / self._settings.factor
+            until = self._due + _WAIT_SHARE * self._period_s / self._settings.speed
         self._open = True
         self._listen(until, lambda: self._latest_tick == tick.k)
         self._open = False
@@ -271,3 +375,49 @@ class Session:
 def _counted(counts: Counter[Trouble]) -> list[str]:
     """Return what was counted as text, in the order of `Trouble`."""
     return [f"{counts[trouble]} {trouble}" for trouble in Trouble if counts[trouble]]
+
+
+PROTOCOLS: Final[dict[str, Callable[[], WireProtocol]]] = {
+    "json": JsonProtocol,
+    "agopengps": AgOpenGpsProtocol,
+}
+
+
+def serve(
+    name: str,
+    scenario: Scenario,
+    seed: int,
+    folder: Path,
+    link: Link,
+    protocol: WireProtocol,
+    settings: SessionSettings | None = None,
+    *,
+    say: Callable[[str], None] = lambda line: None,
+) -> tuple[Finished, str]:
+    """Run a scenario with the controller at the other end of a link; write as `run` does.
+
+    Args:
+        name: of the scenario.
+        scenario: what to run; its controller is replaced.
+        seed: draws terrain and noise.
+        folder: to make.
+        link: socket, open.
+        protocol: of the datagrams; of this run alone.
+        settings: of the session.
+        say: is told what happens beside the run, in lines.
+
+    Returns:
+        What the run left, and what was exchanged as one line.
+
+    Raises:
+        ServeError: no peer was ready in time; nothing is written.
+        OutputExists, ExperimentError, TestbedError, TtempcError: as `run`.
+    """
+    session = Session(name, link, protocol, settings or SessionSettings(), say)
+    factory = partial(RemoteController, link=session.commands)
+    try:
+        finished = run(name, scenario, seed, folder, factory=factory, make=session.assemble)
+        session.end(finished.summary.status)
+    finally:
+        session.end("interrupted")
+    return finished, session.totals()

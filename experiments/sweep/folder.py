@@ -17,13 +17,12 @@ from ...testbed.atomic_write import atomic_write, partial_path
 from ...testbed.recording.provenance import code_digest, versions
 from ..errors import SweepRefused, SweepStopped
 from .plan import SweepPlan
-from .results import rows
+from .results import FILE, rows
 from .row import Row, columns, line
 
 _LOCK: Final = ".lock"
 _STUDY: Final = "study.toml"
 _VERSIONS: Final = "versions.json"
-_RESULTS: Final = "results.jsonl"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +55,7 @@ class SweepFolder:
     @property
     def results(self) -> Path:
         """Return the file of the rows."""
-        return self.path / _RESULTS
+        return self.path / FILE
 
     @property
     def logs(self) -> Path:
@@ -94,7 +93,13 @@ def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
     except OSError as error:
         raise SweepRefused(f"output folder {path}: cannot be made: {error.strerror}") from None
     with lock:
-        _acquire(lock.fileno(), path)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            holder = (path / _LOCK).read_text(encoding="utf-8") or "unknown"
+            raise SweepRefused(
+                f"output folder {path}: another sweep is at work in it (process {holder})"
+            ) from None
         lock.truncate(0)
         lock.write(str(os.getpid()))
         lock.flush()
@@ -106,16 +111,6 @@ def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
             _write_origin(path, origin)
             _write(path / _STUDY, plan.study.dump())
         yield SweepFolder(path, origin)
-
-
-def _acquire(lock: int, path: Path) -> None:
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        holder = (path / _LOCK).read_text(encoding="utf-8") or "unknown"
-        raise SweepRefused(
-            f"output folder {path}: another sweep is at work in it (process {holder})"
-        ) from None
 
 
 def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
@@ -136,7 +131,7 @@ def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
     kept = _renumbered(path, plan, origin)
     # The digest of the plan comes last: until it is written, rows are found by their identity.
     _write(path / _STUDY, plan.study.dump())
-    _write(path / _RESULTS, "".join(map(line, kept)))
+    _write(path / FILE, "".join(map(line, kept)))
     _write_origin(path, origin)
     return origin
 
@@ -148,7 +143,7 @@ def _renumbered(path: Path, plan: SweepPlan, origin: Origin) -> list[Row]:
         SweepRefused: a row is of a run that the plan does not have.
     """
     by_identity: defaultdict[str, list[Row]] = defaultdict(list)
-    for row in rows(path / _RESULTS) if (path / _RESULTS).exists() else ():
+    for row in rows(path / FILE) if (path / FILE).exists() else ():
         by_identity[str(row["run_id"])].append(row)
     kept: list[Row] = []
     for run in plan.runs() if by_identity else ():

@@ -29,9 +29,8 @@ from ..scenario.scenario import (
     merge_tables,
     read_scenario,
 )
-from .dimensions import Change, Dimension, dimensions
 from .row import Value
-from .study import MOST_RUNS, Scalar, Study
+from .study import MOST_RUNS, Change, Dimension, Scalar, Study, dimensions
 
 _CACHED = 64  # scenarios: those of one point, for all its seeds
 
@@ -86,8 +85,8 @@ class SweepPlan:
         factors = dimensions(study)
         self._shared = [factor for factor in factors if not factor.selects_controller]
         self._controllers = next((f for f in factors if f.selects_controller), Dimension([{}]))
-        self._relative = frozenset(key for factor in factors for key in factor.relative)
-        self._optional = frozenset(key for factor in factors for key in factor.optional)
+        self._relative = {key for axis in study.axis if axis.relative for key in axis.names}
+        self._optional = {key for axis in study.axis if axis.optional for key in axis.names}
         self._seeds = study.point_seeds
         self._drafts: dict[str, ScenarioFile] = {}
         for dimension in factors:
@@ -117,16 +116,20 @@ class SweepPlan:
         """
         if not 0 <= run < self.size:
             raise IndexError(f"run {run}: the plan has runs 0 to {self.size - 1}")
-        rest, controller = divmod(run, self.controller_count)
-        point, seed = divmod(rest, len(self._seeds))
+        point, seed, controller = self._place(run)
         return PlannedRun(run, point, self._seeds[seed], self._setting(point, controller))
+
+    def _place(self, run: int) -> tuple[int, int, int]:
+        """Return point, index of the seed, and controller of a run."""
+        rest, controller = divmod(run, self.controller_count)
+        return *divmod(rest, len(self._seeds)), controller
 
     def runs(self) -> Iterator[int]:
         """Yield the numbers of the runs to drive: all but those of refused combinations."""
         refused = self.refusals if self.study.skip_refused else {}
         for run in range(self.size):
-            rest, controller = divmod(run, self.controller_count)
-            if (rest // len(self._seeds), controller) not in refused:
+            point, _, controller = self._place(run)
+            if (point, controller) not in refused:
                 yield run
 
     @property
@@ -155,34 +158,26 @@ class SweepPlan:
 
     @property
     def refusals(self) -> Mapping[tuple[int, int], InvalidStudy]:
-        """Return the refused pairs of point and controller with their reasons.
-
-        Raises:
-            InvalidStudy: as `extent`.
-        """
+        """Return the refused pairs of point and controller with their reasons, see `extent`."""
         return self._survey[1]
 
     @functools.cached_property
     def _survey(self) -> tuple[PlanExtent, Mapping[tuple[int, int], InvalidStudy]]:
         digest, simulated = hashlib.sha256(), 0.0
-        names: dict[str, None] = {}
-        accepted: set[int] = set()
+        accepted: dict[int, str] = {}  # names of the controllers
         refusals: dict[tuple[int, int], InvalidStudy] = {}
-        for point, controller in itertools.product(
-            range(self.points), range(self.controller_count)
-        ):
+        for place in itertools.product(range(self.points), range(self.controller_count)):
             try:
-                setting = self._setting(point, controller)
+                setting = self._setting(*place)
                 ticks = self._ticks(setting)
             except InvalidStudy as error:
                 if not self.study.skip_refused:
                     raise
-                refusals[point, controller] = error
+                refusals[place] = error
                 continue
-            accepted.add(controller)
             digest.update(setting.toml.encode())
             simulated += setting.scenario.control.period_s * ticks * len(self._seeds)
-            names[setting.scenario.controller.name] = None
+            accepted.setdefault(place[1], setting.scenario.controller.name)
         for (_, controller), error in refusals.items():
             if controller not in accepted:
                 raise error
@@ -190,19 +185,15 @@ class SweepPlan:
         extent = PlanExtent(
             runs=self.size - len(refusals) * len(self._seeds),
             points=self.points,
-            controllers=tuple(names),
+            controllers=tuple(dict.fromkeys(accepted.values())),
             simulated_s=simulated,
             digest=digest.hexdigest()[:12],
-            refused=tuple(str(error) for error in refusals.values()),
+            refused=tuple(map(str, refusals.values())),
         )
         return extent, refusals
 
     def _ticks(self, setting: Setting) -> int:
-        """Check a scenario and return its control ticks.
-
-        Raises:
-            InvalidStudy: it is refused.
-        """
+        """Check a scenario and return its control ticks."""
         try:
             return check(setting.scenario)
         except (ExperimentError, TestbedError, TtempcError) as error:

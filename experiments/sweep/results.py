@@ -9,13 +9,12 @@ from __future__ import annotations
 import itertools
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Self
 
-from ...testbed.atomic_write import atomic_write
 from ..errors import SweepRefused, SweepStopped
-from .row import FIGURES, Row, line
+from .row import FIGURES, Row, line, working_error
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -29,7 +28,6 @@ WORKING_SD: Final = "working.cross_sd_m"
 an implement, else the trailer's axle point: 95th percentile of its size, standard deviation [m]."""
 
 _BATCH: Final = 10_000  # rows that are held as dictionaries at a time
-_INFERENCE_ROWS: Final = 100  # rows from which polars.read_ndjson infers the types
 
 
 class Results:
@@ -110,8 +108,8 @@ def rows(file: Path) -> Iterator[Row]:
 def frame(rows: Iterable[Row]) -> DataFrame:
     """Return rows as a data frame by increasing run number, one row a run, labels from 0.
 
-    The columns are those of `results.jsonl`, and `WORKING_P95`, `WORKING_SD`. A number that a run
-    does not have is NaN.
+    The columns are those of the rows, and `WORKING_P95`, `WORKING_SD`. A number that a run does not
+    have is NaN.
     """
     import pandas as pd  # here, since workers and `ttempc list` do without
 
@@ -119,59 +117,23 @@ def frame(rows: Iterable[Row]) -> DataFrame:
     parts = [pd.DataFrame()]
     iterator = iter(rows)
     while batch := list(itertools.islice(iterator, _BATCH)):
-        records = [{**row, **_of_working_point(row)} for row in batch]
-        parts.append(pd.DataFrame.from_records(records).astype(numbers))
+        records = [
+            {
+                **row,
+                WORKING_P95: working_error(row),
+                WORKING_SD: working_error(row, "cross_sd_m"),
+            }
+            for row in batch
+        ]
+        part = pd.DataFrame.from_records(records)
+        parts.append(part.astype({name: kind for name, kind in numbers.items() if name in part}))
     table = pd.concat(parts[1:] or parts, ignore_index=True)
     return table.sort_values("run", ignore_index=True) if len(table) else table
-
-
-def _of_working_point(row: Row) -> Row:
-    errors: Row = {}
-    for column in (WORKING_P95, WORKING_SD):
-        number = column.removeprefix("working.")
-        tool, trailer = (row[f"tracking.all.{point}.{number}"] for point in ("tool", "trailer"))
-        errors[column] = trailer if tool is None else tool
-    return errors
 
 
 def read_frame(folder: Path) -> DataFrame:
     """Return the rows in the folder of a sweep, also of one in progress, see `frame`."""
     return frame(rows(folder / FILE))
-
-
-def settle(file: Path, change: Callable[[Row], Row] = lambda row: row) -> None:
-    """Rewrite a file of results so that readers can infer the type of each column.
-
-    A row with the first number of a column is moved up if it stands below the rows from which
-    readers infer types. The file is replaced atomically.
-
-    Args:
-        file: of results, closed.
-        change: applied to every row.
-
-    Raises:
-        SweepStopped: writing failed; the file is unchanged.
-    """
-    typed: set[str] = set()
-    moved: set[int] = set()
-    changed = False
-    for number, row in enumerate(rows(file)):
-        new_row = change(row)
-        changed |= new_row != row
-        columns = {key for key, value in new_row.items() if value is not None} - typed
-        if columns and number >= _INFERENCE_ROWS:
-            moved.add(number)
-        typed |= columns
-    if not changed and not moved:
-        return
-    try:
-        with atomic_write(file) as stream:
-            for first in (True, False):
-                for number, row in enumerate(rows(file)):
-                    if (number in moved) is first:
-                        stream.write(line(change(row)).encode())
-    except OSError as error:
-        raise SweepStopped(f"{file}: cannot be written: {error.strerror}") from None
 
 
 def _lines(file: Path) -> Iterator[bytes]:

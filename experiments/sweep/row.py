@@ -1,7 +1,7 @@
-"""Rows of `results.jsonl`: one flat JSON object per run, with the same columns in every row.
+"""Rows of a sweep: one flat JSON object per run, with the same columns in every row.
 
-docs/sweeps.md describes the columns. They follow from `Summary`: a number added there becomes a
-column here. Text is "" where there is none, never null; numbers are null where there are none.
+The columns follow from `Summary`: a number added there becomes a column here. Text is "" where
+there is none, never null; numbers are null where there are none.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import asdict, fields, is_dataclass
 from typing import Any, Final, Literal
 
 from ..results.summary import Status, Summary
+from ..results.tracking_errors import START_UP_S
 
 Value = str | float | int | bool | None
 Row = dict[str, Value]
@@ -71,3 +72,48 @@ def _dig(content: Mapping[str, Any], name: str) -> float | None:
     for part in name.split("."):
         value = value[part] if value is not None else None
     return None if value is None else float(value)
+
+
+def working_error(row: Mapping[str, Value], figure: str = "cross_p95_m") -> float | None:
+    """Return an error of the working point [m]; None: the row has none.
+
+    The working point is the tool point where there is an implement, else the trailer's axle point.
+
+    Args:
+        row: of the run.
+        figure: name in `ErrorStatistics`; default: 95th percentile of the cross-track error.
+    """
+    tool, trailer = (row.get(f"tracking.all.{point}.{figure}") for point in ("tool", "trailer"))
+    error = trailer if tool is None else tool
+    return error if isinstance(error, int | float) else None
+
+
+def has_failed(row: Mapping[str, Value], limit_m: float | None = None) -> bool:
+    """Return whether a run failed: it did not complete, or its error exceeds the limit.
+
+    Args:
+        row: of the run.
+        limit_m: on `working_error` [m], which judges no run without that figure; None: no limit.
+    """
+    error = working_error(row)
+    beyond = limit_m is not None and error is not None and error > limit_m
+    return row["status"] != "completed" or beyond
+
+
+def is_unmeasured(row: Mapping[str, Value]) -> bool:
+    """Return whether a run completed without an error figure: it lasted less than `START_UP_S`."""
+    return row["status"] == "completed" and working_error(row) is None
+
+
+def unmeasured_text(count: int, limit_m: float | None = None) -> str:
+    """Return a sentence on the completed runs without an error figure, "" where there are none."""
+    if not count:
+        return ""
+    verb = "run has" if count == 1 else "runs have"
+    scope = "" if limit_m is None else ", and the limit does not apply"
+    return f"{count} completed {verb} no error figure (shorter than {START_UP_S:g} s){scope}."
+
+
+def mostly_fails(failed: int, runs: int) -> bool:
+    """Return whether at least half of the runs fail, which counts as failing at a value."""
+    return 2 * failed >= runs

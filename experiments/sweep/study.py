@@ -1,20 +1,25 @@
-"""Study files: axes, seeds, samples and the logs to keep. docs/sweeps.md lists the keys."""
+"""Study files: axes, seeds, samples and the logs to keep; the dimensions of a study's grid."""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
+import numpy as np
 import tomli_w
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from ttempc.types import FloatArray
+
 from ...testbed.configuration.config_io import STRICT, read_toml, validated
 from ...testbed.configuration.resources import ShippedFiles
+from ...testbed.randomness import generator
 from ..errors import InvalidStudy
 from ..scenario.scenario import without_none
-from .row import FIGURES
 
 _STUDIES: Final = ShippedFiles(
     "study", "proving_ground.experiments", "sweeps", ".toml", InvalidStudy
@@ -26,6 +31,7 @@ MOST_RUNS: Final = 10_000_000
 """Largest number of runs of a study."""
 
 Scalar = bool | int | float | str
+Change = Mapping[str, Scalar]  # dotted key -> value
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 Count = Annotated[int, Field(ge=1, le=MOST)]
 Distribution = Literal["uniform", "log-uniform", "normal"]
@@ -126,16 +132,12 @@ class Study:
     ) = 1
     samples: Count | None = None  # of all drawn axes together
     draw: Seed = 1  # seed of the drawn values
-    keep: Literal["none", "all", "failed", "worst"] = "none"
-    worst: Count = 5
-    worst_by: str = "tracking.all.trailer.cross_p95_m"
+    keep: Literal["none", "all", "failed"] = "none"  # logs
     skip_refused: bool = False  # leave out what a scenario or a controller refuses
     set: dict[str, Any] = Field(default_factory=dict)
     axis: tuple[Axis, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.worst_by not in FIGURES:
-            raise ValueError(f"worst_by must be a figure of results.jsonl, got {self.worst_by!r}")
         drawn = any(isinstance(axis, DrawnAxis) for axis in self.axis)
         if drawn != (self.samples is not None):
             raise ValueError(
@@ -198,21 +200,93 @@ def _anchored(content: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return the content of a file with the paths of its scenarios made absolute."""
 
     def anchored(value: Any) -> Any:  # noqa: ANN401 - not validated yet
-        if isinstance(value, str) and value.endswith(".toml"):
-            return str((folder / value).resolve())
-        return value
+        if isinstance(value, list):
+            return [anchored(item) for item in value]
+        named = isinstance(value, str) and value.endswith(".toml")
+        return str((folder / value).resolve()) if named else value
 
-    content = dict(content)
-    if "scenario" in content:
-        content["scenario"] = anchored(content["scenario"])
+    content = {**content, "scenario": anchored(content.get("scenario", "grass"))}
     axes = content.get("axis")
     if isinstance(axes, list):
         content["axis"] = [
-            {**axis, "values": [anchored(value) for value in axis["values"]]}
-            if isinstance(axis, dict)
-            and axis.get("key") == "scenario"
-            and isinstance(axis.get("values"), list)
+            {**axis, "values": anchored(axis.get("values"))}
+            if isinstance(axis, dict) and axis.get("key") == "scenario"
             else axis
             for axis in axes
         ]
     return content
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Dimension:
+    """One factor of the grid; its entries are combined with those of all others."""
+
+    entries: Sequence[Change]
+    selects_controller: bool = False  # all its entries meet the same terrain and noise
+
+
+def dimensions(study: Study) -> tuple[Dimension, ...]:
+    """Return the dimensions of a study: one for each axis, one for all drawn axes together."""
+    result = []
+    for axis in study.axis:
+        if not isinstance(axis, DrawnAxis):
+            values = grid(axis) if isinstance(axis, GridAxis) else axis.values
+            changes = [_change(axis.names, value) for value in values]
+            result.append(Dimension(changes, selects_controller="controller" in axis.names))
+    if study.samples is not None:
+        drawn = [axis for axis in study.axis if isinstance(axis, DrawnAxis)]
+        points = draw(drawn, study.samples, study.draw).tolist()
+        names = [axis.names for axis in drawn]
+        result.append(Dimension([_joint_change(names, point) for point in points]))
+    return tuple(result)
+
+
+def _joint_change(names: Sequence[Sequence[str]], point: Sequence[float]) -> Change:
+    return {name: value for own, value in zip(names, point, strict=True) for name in own}
+
+
+def grid(axis: GridAxis) -> tuple[float, ...]:
+    """Return the values of a grid axis; its ends are exactly `low` and `high`."""
+    space = np.geomspace if axis.spacing == "log" else np.linspace
+    inner = space(axis.low, axis.high, axis.count)[1:-1]
+    # Four digits, so that an axis shows 387.3 kPa, not 387.2983346207417 kPa.
+    return (axis.low, *(float(f"{value:.4g}") for value in inner), axis.high)
+
+
+def draw(axes: Sequence[DrawnAxis], samples: int, seed: int) -> FloatArray:
+    """Return `samples` points of the drawn axes, (samples, len(axes)).
+
+    Every independent axis has its own generator, so that adding an axis does not change the
+    values of the others.
+    """
+    from scipy.stats import qmc  # loads for a second, which `ttempc list` does without
+
+    uniform = np.empty((samples, len(axes)))
+    joint = [column for column, axis in enumerate(axes) if axis.kind == "latin-hypercube"]
+    if joint:
+        sampler = qmc.LatinHypercube(len(joint), rng=generator(seed, "latin-hypercube"))
+        uniform[:, joint] = sampler.random(samples)
+    for column, axis in enumerate(axes):
+        if axis.kind == "random":
+            uniform[:, column] = generator(seed, f"random {axis.label}").random(samples)
+    return np.column_stack(
+        [_quantile(axis, uniform[:, column]) for column, axis in enumerate(axes)]
+    )
+
+
+def _quantile(axis: DrawnAxis, probability: FloatArray) -> FloatArray:
+    """Return the quantiles of the axis's distribution at these probabilities, (n,) each."""
+    low, high = axis.low, axis.high
+    if axis.distribution == "uniform":
+        return low + probability * (high - low)
+    if axis.distribution == "log-uniform":
+        return low * (high / low) ** probability
+    from scipy.stats import norm
+
+    # `low` and `high` are 2.5 and 97.5 %.
+    return norm.ppf(probability, 0.5 * (low + high), 0.5 * (high - low) / norm.ppf(0.975))
+
+
+def _change(names: Sequence[str], value: Scalar | tuple[Scalar, ...]) -> Change:
+    values = value if isinstance(value, tuple) else (value,) * len(names)
+    return dict(zip(names, values, strict=True))

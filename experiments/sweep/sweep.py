@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from ..errors import SweepStopped
+from ..errors import InvalidStudy, SweepStopped
 from .engine import Engine, imap_bounded, one_at_a_time
-from .folder import SweepFolder
+from .folder import Origin, SweepFolder, lock_folder
 from .plan import SweepPlan
-from .results import Results, rows, settle
+from .results import Results, rows
 from .row import Row
+from .study import ListAxis, Scalar, Study
 from .work import SweepJob, run_job
 
 
@@ -49,32 +50,28 @@ def sweep(
     for partial in folder.logs.glob(".*"):  # of workers that were killed
         partial.unlink()
     with Results(folder.results, plan.size) as results:
-        worst = WorstLogs(plan, folder)
         jobs = (sweep_job(plan, folder, run) for run in plan.runs() if not results.has(run))
         done = results.count
         for row in imap_rows(engine, jobs, work):
-            worst.add(row)
             results.append(row)
             done += 1
             on_row(Progress(done, plan.run_count, row))
-    settle(folder.results, worst.without_removed_log)
 
 
 def sweep_job(plan: SweepPlan, folder: SweepFolder, run: int) -> SweepJob:
     """Return the job of a run, as it is sent to a worker."""
     planned = plan[run]
-    setting, keep = planned.setting, plan.study.keep
     return SweepJob(
         run=run,
         point=planned.point,
         run_id=plan.identity(planned, folder.origin.versions),
-        name=setting.name,
-        scenario=setting.scenario,
+        name=planned.setting.name,
+        scenario=planned.setting.scenario,
         seed=planned.seed,
-        axes=setting.axes,
+        axes=planned.setting.axes,
         code=folder.origin.code,
         folder=folder.path.resolve(),
-        keep="all" if keep == "worst" else keep,
+        keep=plan.study.keep,
     )
 
 
@@ -83,8 +80,8 @@ def imap_rows(
 ) -> Iterator[Row]:
     """Yield the row of every job as it completes.
 
-    If a worker dies, Dask repeats its runs on another. A run that kills its workers can also take
-    down runs beside it; each suspect is therefore repeated alone before its row says crashed.
+    A run that kills its worker can take down runs beside it; each suspect is repeated alone, once,
+    before its row says crashed.
 
     Raises:
         SweepStopped: the scheduler is gone, or a worker cannot continue.
@@ -107,34 +104,73 @@ def imap_rows(
         yield {**row, "attempts": 2}
 
 
-class WorstLogs:
-    """Retention of the logs of the worst runs, with `keep = "worst"`; other logs are removed."""
+def drive_points(
+    scenario: str,
+    points: Sequence[Mapping[str, Scalar]],
+    engine: Engine,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    seeds: Sequence[int] = (1,),
+    folder: Path | None = None,
+) -> list[list[Row]]:
+    """Drive a scenario at every point and return the rows of each point, one per seed.
 
-    def __init__(self, plan: SweepPlan, folder: SweepFolder) -> None:
-        self._count = plan.study.worst if plan.study.keep == "worst" else 0
-        self._by, self._folder = plan.study.worst_by, folder
-        self._worst: list[tuple[bool, float, int, str]] = []
-        if self._count and folder.results.exists():
-            for row in rows(folder.results):
-                self.add(row)
+    The order of the rows and their numbers do not depend on the number of workers, the columns on
+    time and cost apart.
 
-    def add(self, row: Row) -> None:
-        """Take a row in; of one log too many, remove that of the best run."""
-        if not self._count or not row["log"]:
-            return
-        figure, run = row[self._by], row["run"]
-        assert isinstance(run, int)
-        severity = float(figure) if isinstance(figure, float) else float("-inf")
-        entry = (row["status"] != "completed", severity, run, str(row["log"]))
-        heapq.heappush(self._worst, entry)
-        if len(self._worst) > self._count:
-            best = heapq.heappop(self._worst)
-            self._log(best[-1]).unlink(missing_ok=True)
+    Args:
+        scenario: name of a shipped scenario, or path of a TOML file.
+        points: values of scenario keys (`soil.cone_index_kpa`, `faults.gust.force_n`), the same
+            keys in each.
+        engine: executes the runs, see `engine.engine`.
+        settings: nested tables that all points share, such as `{"controller": {"name": "pid"}}`.
+        seeds: draw terrain and noise.
+        folder: to keep the rows in; the same call with the same folder goes on after an
+            interruption and drives nothing twice. None: rows are not kept.
 
-    def without_removed_log(self, row: Row) -> Row:
-        """Return the row, without the name of its log if that was removed."""
-        kept = not row["log"] or self._log(str(row["log"])).exists()
-        return row if kept else {**row, "log": ""}
+    Returns:
+        Rows in the order of the points; those of a point that the scenario refuses are missing.
 
-    def _log(self, name: str) -> Path:
-        return self._folder.path / name
+    Raises:
+        InvalidScenario: there is no such scenario.
+        InvalidStudy: a point has other keys than the first, or all points are refused.
+        SweepRefused: the folder has other content.
+        SweepStopped: the workers are gone, or the folder cannot be written to.
+    """
+    return drive_plan(points_plan(scenario, points, settings, seeds), engine, folder)
+
+
+def points_plan(
+    scenario: str,
+    points: Sequence[Mapping[str, Scalar]],
+    settings: Mapping[str, Any] | None = None,
+    seeds: Sequence[int] = (1,),
+) -> SweepPlan:
+    """Return the plan of all points, see `drive_points`."""
+    keys = tuple(points[0]) if points else ()
+    if not keys or any(point.keys() != points[0].keys() for point in points):
+        raise InvalidStudy("points: must be one or more, each with a value for the same keys")
+    values = tuple(tuple(point[key] for key in keys) for point in points)
+    study = Study(
+        scenario=scenario,
+        seeds=tuple(seeds),
+        skip_refused=True,
+        set=dict(settings or {}),
+        axis=(ListAxis(kind="list", keys=keys, values=values),),
+    )
+    return SweepPlan("points", study)
+
+
+def drive_plan(plan: SweepPlan, engine: Engine, folder: Path | None = None) -> list[list[Row]]:
+    """Drive all runs of a plan and return the rows of each point, see `drive_points`."""
+    if folder is None:
+        here = SweepFolder(Path(), Origin.here(plan.extent().digest, plan.size))
+        driven = [*imap_rows(engine, (sweep_job(plan, here, run) for run in plan.runs()))]
+    else:
+        with lock_folder(folder, plan) as locked:
+            sweep(plan, locked, engine)
+            driven = [*rows(locked.results)]
+    result: list[list[Row]] = [[] for _ in range(plan.points)]
+    for row in sorted(driven, key=lambda row: int(str(row["run"]))):
+        result[int(str(row["point"]))].append(row)
+    return result

@@ -1,4 +1,4 @@
-"""Formatting of numbers, axis values and commands."""
+"""Formatting of estimates, run numbers, axis values and commands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..results.statistics import IntervalEstimate, Proportion
-from ..sweep.row import Row, Value
+from ..sweep.row import Value
 from ..sweep.study import BY_NAME, Study
 
 
@@ -59,15 +59,13 @@ def format_value(value: Value) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value).lower()
 
 
-def rerun_command(study: Study, row: Row) -> str:
+def rerun_command(study: Study, row: Mapping[Any, Any]) -> str:
     """Return the command that repeats a run of a study and writes its log."""
     parts = ["ttempc", "run", str(row["scenario"]), "--seed", str(row["seed"])]
     parts += ["--controller", str(row["controller"])]
     axes = {name: row[name] for name in study.names if name not in BY_NAME}
-    for key, value in _leaves(study.set):
-        if key not in axes and key != "controller.name":
-            parts += ["--set", f"{key}={_toml(value)}"]
-    for key, value in axes.items():
+    fixed = {key: value for key, value in _leaves(study.set) if key != "controller.name"}
+    for key, value in {**{key: fixed[key] for key in fixed if key not in axes}, **axes}.items():
         if value is not None:
             parts += ["--set", f"{key}={_toml(value)}"]
     return shlex.join(parts)

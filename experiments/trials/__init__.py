@@ -1,1 +1,1 @@
-"""Field trials: a benchmark of controllers on frozen scenarios."""
+"""Benchmark of controllers on frozen scenarios."""

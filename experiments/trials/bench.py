@@ -1,16 +1,16 @@
-"""Bench: all trials of an entry, driven as a sweep, and its score card."""
+"""Benchmark: all runs of an entry, driven as a sweep, and its score card."""
 
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from ...testbed.recording.provenance import versions
-from ..benchmarks.figure import machine
+from ...testbed.recording.provenance import machine, versions
 from ..errors import BadOptions, InvalidController
 from ..run.assembly import assemble
 from ..run.user_code import named_factory, user_sources
@@ -23,11 +23,15 @@ from ..sweep.results import rows
 from ..sweep.row import Row
 from ..sweep.study import ListAxis, Study
 from ..sweep.sweep import Progress, sweep
-from .definition import VERSION, frozen_probes, identifier, trial_files
-from .draws import Draws
-from .plant_probe import differing, probe
-from .score import TrialRun, score
-from .score_card import ScoreCard, entry_label
+from .definition import (
+    VERSION,
+    differing,
+    frozen_checks,
+    identifier,
+    plant_check,
+    trial_files,
+)
+from .score_card import Draws, ScoreCard, TrialRun, entry_label, score
 
 _COLUMNS: Final = {  # key of a run: column of a row
     "trailer_p95_m": "tracking.all.trailer.cross_p95_m",
@@ -99,14 +103,14 @@ class Entrant:
                 )
         assert draws.seeds is not None
         study = Study(
-            description=f"Field trials {VERSION} of {self.controller}",
+            description=f"Benchmark {VERSION} of {self.controller}",
             scenario=str(next(iter(files.values()))),
             seeds=draws.seeds,
             skip_refused=True,
             set=self.changes,
             axis=(ListAxis(key="scenario", kind="list", values=(*map(str, files.values()),)),),
         )
-        plan = SweepPlan(f"field trials {VERSION}", study)
+        plan = SweepPlan(f"benchmark {VERSION}", study)
         plan.extent()
         if _is_space_based(plan[next(iter(plan.runs()))].setting.scenario, draws.seeds[0]):
             raise BadOptions(
@@ -143,18 +147,19 @@ def bench(
         ExperimentError, TestbedError, TtempcError: the entry is refused.
     """
     plan = entrant.plan(draws)
-    probes = {name: task.result() for name, task in imap_bounded(engine, probe, trial_files())}
+    checks = {n: task.result() for n, task in imap_bounded(engine, plant_check, trial_files())}
     with lock_folder(folder, plan) as locked:
         sweep(plan, locked, engine, on_row)
+    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
     runs = runs_of(rows(folder / "results.jsonl"), plan, draws)
     scenario = plan.setting(plan.changes(0)).scenario
     return ScoreCard(
-        identifier=identifier(differing(probes, frozen_probes())),
+        identifier=identifier(differing(checks, frozen_checks())),
         controller=entrant.controller,
         settings={**entrant.settings},
         source=", ".join(sorted(user_sources(scenario).values())),
         draws=replace(draws, seeds=None) if draws.kind == "hidden" else draws,
-        machine=machine(),
+        machine={**machine(), "load": load},
         versions=versions(),
         score=score(runs),
         trials=runs,

@@ -1,72 +1,155 @@
-"""Frozen scenarios of the field trials and their identifier."""
+"""Frozen scenarios of the benchmark, their identifier, and the regression check of their plant."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
+from ttempc.reference.reference import ReferenceSample
+from ttempc.types import Command, State
+
 from ...testbed.configuration.resources import resource
+from ...testbed.recording.channels import CORRIDOR, MEASUREMENT, STATE, TOOL
 from ...testbed.recording.provenance import code_digest
+from ...testbed.recording.record import Recorder
+from ...testbed.simulation import loop
+from ...testbed.simulation.setup import TickContext
+from ..run.assembly import assemble
 from ..scenario.scenario import Scenario, read_scenario
 
 VERSION: Final = "v1"
-"""Version of the field trials; other scenarios, seeds or scores are another version."""
+"""Version of the benchmark; other scenarios, seeds or scores are another version."""
 
-_PROBES: Final = "plant.json"
+FORWARD_S: Final = 40.0
+"""Simulated time of a check: it covers a straight, half a circle and the first faults."""
+
+REVERSE_S: Final = 10.0
+"""The same in reverse, where the law does not hold the trailer: rounding errors must not grow."""
+
+_TOLERANCE: Final = 1e-6  # between processors; a change of a constant changes more
+_SEED: Final = 1
+_NOT_DRIVEN: Final = tuple(
+    getattr(loop, name)
+    for name in ("prepare", "estimate", "control", "log_control", "log_timing", "terminate")
+)
 
 
 def trial_files() -> dict[str, Path]:
-    """Return the scenario files of the trials by name."""
+    """Return the scenario files of the benchmark by name."""
     return {file.stem: file for file in sorted(_folder().glob("*.toml"))}
 
 
 def trial(name: str) -> Scenario:
-    """Return the scenario of a trial, with the default controller."""
+    """Return a scenario of the benchmark, with the default controller."""
     return read_scenario(str(trial_files()[name])).scenario()
 
 
-def frozen_probes() -> dict[str, tuple[float, ...]]:
-    """Return the results of the plant's probes that the identifier stands for, by trial."""
-    content = json.loads((_folder() / _PROBES).read_text(encoding="utf-8"))
+def frozen_checks() -> dict[str, tuple[float, ...]]:
+    """Return the frozen results of `plant_check` by scenario."""
+    content = json.loads((_folder() / "plant.json").read_text(encoding="utf-8"))
     return {name: tuple(values) for name, values in content.items()}
 
 
 @functools.cache
 def frozen_identifier() -> str:
-    """Return version and content hash of the trials.
-
-    The hash is that of the scenario files without their descriptions, and of the frozen results of
-    the plant's probes, in which defaults, vehicle and plant count. A new key that is off by default
-    changes neither.
-    """
+    """Return version and content hash of the benchmark, see `identifier_of`."""
     contents = {name: read_scenario(str(file)).content for name, file in trial_files().items()}
-    return identifier_of(contents, frozen_probes())
+    return identifier_of(contents, frozen_checks())
 
 
 def identifier_of(
-    contents: Mapping[str, Mapping[str, Any]], probes: Mapping[str, tuple[float, ...]]
+    contents: Mapping[str, Mapping[str, Any]], checks: Mapping[str, tuple[float, ...]]
 ) -> str:
-    """Return the identifier of the tables of scenario files and of probe results."""
+    """Return version and hash of the tables of scenario files and of results of their checks.
+
+    Descriptions do not count. Defaults, vehicle and plant count by the results of the checks: a new
+    key that is off by default changes neither.
+    """
     trials = {
         name: {key: value for key, value in content.items() if key != "description"}
         for name, content in contents.items()
     }
-    text = json.dumps([trials, {**probes}], sort_keys=True)
+    text = json.dumps([trials, {**checks}], sort_keys=True)
     return f"{VERSION}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
 def identifier(differing: tuple[str, ...]) -> str:
-    """Return the identifier of a bench.
+    """Return the identifier of scores.
 
     Args:
-        differing: trials on which the plant of this code differs from the frozen one. The
+        differing: scenarios on which the plant of this code differs from the frozen one. The
             identifier then has the digest of the code, so that runs compare within one code only.
     """
     return f"{frozen_identifier()}+{code_digest()}" if differing else frozen_identifier()
+
+
+def plant_check(name: str) -> tuple[float, ...]:
+    """Drive a scenario by a fixed law and return means and last values of its channels.
+
+    The commands follow from the true state, so that neither estimator nor controllers matter.
+    Channels: reference of the whole path, true state, samples of the sensors, tool and corridor;
+    numbers that do not exist are left out.
+    """
+    changes = {"controller": {"name": "feedforward"}}
+    assembly = assemble(read_scenario(str(trial_files()[name])).scenario(changes), _SEED)
+    period_s = assembly.guidance.period_s
+    recorder = Recorder()
+    setup, tick = assembly.setup(recorder), TickContext()
+    tick.truths = [(0, setup.plant.truth())]
+    grid = assembly.reference.on_grid(period_s)
+    stages = [stage for stage in assembly.stages if stage not in _NOT_DRIVEN]
+    duration_s = REVERSE_S if assembly.vehicle.reverse else FORWARD_S
+    for k in range(min(round(duration_s / period_s), assembly.ticks)):
+        tick.k = tick.reference_tick = k
+        tick.command = fixed_law(grid, k, tick)
+        for stage in stages:
+            stage(setup, tick)
+    record = recorder.record()
+    channels = (record[channel].values for channel in (STATE, MEASUREMENT, TOOL, CORRIDOR))
+    values: list[float] = []
+    for table in (grid.state, grid.trailer_xy, grid.inputs, *channels):
+        for column in table.T:
+            numbers = column[np.isfinite(column)]
+            values += [float(numbers.mean()), float(numbers[-1])] if len(numbers) else []
+    return tuple(values)
+
+
+def fixed_law(grid: ReferenceSample, k: int, tick: TickContext) -> Command:
+    """Return the inputs of the reference and, forward, a turn back to it by the true state.
+
+    A law of its own: a change of a controller must not change the checks.
+    """
+    truth, state = tick.now, grid.state[k]
+    delta_t, delta_i, hp = grid.inputs[k].tolist()
+    if state[State.V] > 0.0:
+        yaw = float(state[State.PSI_T])
+        x, y = truth.tractor.x - state[State.X], truth.tractor.y - state[State.Y]
+        left = y * math.cos(yaw) - x * math.sin(yaw)
+        ahead = x * math.cos(yaw) + y * math.sin(yaw)
+        delta_t += math.remainder(yaw - truth.tractor.yaw, math.tau) - math.atan(0.5 * left)
+        hp -= 0.3 * ahead
+    return Command(max(-0.5, min(0.5, delta_t)), delta_i, max(-1.0, min(1.0, hp)))
+
+
+def differing(
+    results: Mapping[str, tuple[float, ...]], frozen: Mapping[str, tuple[float, ...]]
+) -> tuple[str, ...]:
+    """Return the scenarios whose checks differ by more than rounding of another processor."""
+
+    def same(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+        return len(one) == len(other) and np.allclose(one, other, rtol=_TOLERANCE, atol=_TOLERANCE)
+
+    names = {*results, *frozen}
+    return tuple(
+        name for name in sorted(names) if not same(results.get(name, ()), frozen.get(name, ()))
+    )
 
 
 def _folder() -> Path:

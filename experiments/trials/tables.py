@@ -1,16 +1,15 @@
-"""Tables of score cards: one entry as text and HTML, all entries as a leaderboard."""
+"""Score cards and their comparison as text, score cards as pages."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 from ..report.html import environment
 from .definition import trial, trial_files
-from .score import LOSS_M, Interval, TrialScore
-from .score_card import ScoreCard
+from .score_card import LOSS_M, Interval, ScoreCard, TrialScore
 
 HEADS: Final = (
     "trial",
@@ -35,16 +34,43 @@ def trial_rows(card: ScoreCard) -> list[tuple[str, ...]]:
 
 def format_card(card: ScoreCard) -> str:
     """Return the score card as plain text."""
-    table = [HEADS, *trial_rows(card)]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = [
-        "  ".join(
-            cell.ljust(width) if k == 0 else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in table
+    return "\n".join([*_aligned([HEADS, *trial_rows(card)]), "", *_failures(card), card.badge])
+
+
+def format_comparison(found: Mapping[str, Any]) -> str:
+    """Return what `compare_cards` found as plain text."""
+    lines = [["", "A", "B", "B - A", "95 % interval", "not completed"]]
+    for name, item in found["trials"].items():
+        gap, lost = item["difference_m"], item["not_completed"]
+        values = [100.0 * item[key] for key in ("first_m", "second_m")]
+        cells = [f"{value:.2f}" for value in values] + [f"{100.0 * gap['value']:+.2f}"]
+        lines.append([name, *cells, _ends(gap, 100.0, "+.2f"), f"{lost[0]} / {lost[1]}"])
+    ratio = found["ratio"]
+    return "\n".join(
+        [
+            f"A: {found['first']}",
+            f"B: {found['second']}",
+            f"Benchmark {found['identifier']}; costs [cm], paired by scenario and seed",
+            "",
+            *_aligned(lines),
+            "",
+            f"Overall cost B / A: {ratio['value']:.3f} ({_ends(ratio, 1.0, '.3f')})",
+        ]
+    )
+
+
+def _ends(interval: Mapping[str, Any], factor: float, form: str) -> str:
+    if interval["low"] is None:
+        return "one seed: none"
+    return f"{factor * interval['low']:{form}} to {factor * interval['high']:{form}}"
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return lines of columns of equal width, all but the first to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows
     ]
-    return "\n".join([*lines, "", *_failures(card), card.badge])
 
 
 def card_page(card: ScoreCard) -> str:
@@ -62,60 +88,10 @@ def card_page(card: ScoreCard) -> str:
     )
 
 
-def leaderboard(cards: Sequence[ScoreCard]) -> str:
-    """Return the cards of one identifier as Markdown tables, the least cost first."""
-    ordered = sorted(cards, key=lambda card: card.score.cost_m.value)
-    heads = ("entry", "cost [cm]", "not completed", "outside rows [%]", "step p99 [ms]")
-    rows = []
-    for card in ordered:
-        item = card.score
-        outside = [t.outside for t in item.trials.values() if t.outside is not None]
-        rows.append(
-            (
-                f"`{card.label}`",
-                _interval(item.cost_m),
-                f"{item.not_completed} of {item.runs}",
-                _number(max(outside, default=None), 100.0, 1),
-                _number(item.step_p99_us, 1e-3, 2),
-            )
-        )
-    names = [*trial_files()]
-    by_trial = [
-        (
-            f"`{card.label}`",
-            *(f"{100 * card.score.trials[name].cost_m.value:.1f}" for name in names),
-        )
-        for card in ordered
-    ]
-    loads: dict[str, list[str]] = {}
-    for card in cards:
-        processor, cores, system = (
-            card.machine.get(key, "unknown") for key in ("processor", "cores", "system")
-        )
-        own = loads.setdefault(f"{processor} ({system}), cores: {cores}", [])
-        own.append(card.machine.get("load", ""))
-    machines = [f"{name}, load {_range(own)}" for name, own in sorted(loads.items())]
-    return "\n\n".join(
-        (
-            _markdown(heads, rows),
-            "Mean cost of each trial [cm]:",
-            _markdown(("entry", *names), by_trial),
-            f"Steps were timed on: {'; '.join(machines)}. A load above the number of cores makes "
-            "them longer.",
-        )
-    )
-
-
-def _range(loads: Sequence[str]) -> str:
-    """Return the least and the greatest load."""
-    known = sorted({load for load in loads if load}, key=float)
-    return " to ".join(dict.fromkeys((known[0], known[-1]))) if known else "unknown"
-
-
 def _cells(item: TrialScore, runs: int) -> tuple[str, ...]:
     degrees = math.degrees(1.0)
     return (
-        _interval(item.cost_m),
+        format_interval(item.cost_m),
         _number(item.tail_m, 100.0, 1),
         _number(item.trailer_p95_m, 100.0, 1),
         _number(item.tool_p95_m, 100.0, 1),
@@ -139,7 +115,8 @@ def _failures(card: ScoreCard) -> list[str]:
     ]
 
 
-def _interval(interval: Interval) -> str:
+def format_interval(interval: Interval) -> str:
+    """Return an estimate with its interval [cm]."""
     value = f"{100 * interval.value:.2f}"
     if interval.low is None or interval.high is None:
         return value
@@ -148,8 +125,3 @@ def _interval(interval: Interval) -> str:
 
 def _number(value: float | None, factor: float, decimals: int) -> str:
     return "–" if value is None else f"{factor * value:.{decimals}f}"
-
-
-def _markdown(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [heads, ["---", *("--:" for _ in heads[1:])], *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

@@ -1,4 +1,4 @@
-"""Fit of a tube to the logs of runs."""
+"""Fit of a tube to logged runs: one-step residuals, a set of them, its check on held-out runs."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import binomtest
 
-from ttempc.mpc.articulated_error import error_dynamics
+from ttempc.mpc.articulated_error import error_dynamics, error_state
 from ttempc.reference.reference import Reference, exact_feedforward
 from ttempc.tube.reference_tube import (
     AncillaryWeights,
@@ -17,14 +18,16 @@ from ttempc.tube.reference_tube import (
     search_weights,
 )
 from ttempc.tube.sets import DisturbanceSet, Shape, fit_set
-from ttempc.types import FloatArray, State
+from ttempc.types import Estimate, FloatArray, State
 from ttempc.vehicle import CommandLimits
 
+from ...testbed.recording.channels import CONTROL, ESTIMATE, STATE
 from ...testbed.recording.provenance import versions
 from ...testbed.recording.record import Record
 from ..errors import InvalidFit
 from ..results.containment import Containment
-from ..results.statistics import fewest_samples
+from ..results.statistics import fewest_samples, proportion
+from ..results.tracking_errors import START_UP_S
 from ..scenario.plant import PAPER_PERIOD_S
 from ..scenario.scenario import Scenario
 from ..scenario.tube_file import (
@@ -36,14 +39,147 @@ from ..scenario.tube_file import (
     tube_file,
 )
 from .logged_runs import LoggedRun, logged_run, require_alike
-from .residuals import Residuals, RunErrors, residuals, run_errors
-from .set_fit import contradiction, hold_out
 
 WINDOW_STEPS = 10  # two seconds, in which the vehicle moves by two thirds of its length
 COVERAGE = 0.9
 RESERVE = 0.2  # share of each steering range that the tube leaves free
 _HOLD_OUT_EVERY = 3  # of three runs, the third is held out
 _N = len(State)
+_STATE = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
+# In the order of `Disturbance` and `MapDisturbance`.
+_DISTURBANCE = ("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel_slip")
+_MAP_DISTURBANCE = ("side_x_rad", "side_y_rad", "climb_x", "climb_y")
+_COMMAND = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
+_SAME_TIME_S = 1e-6
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """Errors of one run, see `error_state`, at consecutive control ticks after start-up."""
+
+    tick: FloatArray  # (n,) whole numbers
+    state: FloatArray  # (n, 16) error of the estimate, with the estimated disturbances
+    true: FloatArray  # (n, 7)
+    command: FloatArray  # (n, 3) as sent
+
+    @property
+    def estimated(self) -> FloatArray:
+        """Error z_e of the estimate, (n, 7)."""
+        return self.state[:, :_N]
+
+    @property
+    def estimation(self) -> FloatArray:
+        """True error minus estimated error, (n, 7)."""
+        return self.true - self.estimated
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """One-step residuals w = z_e(k+1) - A z_e(k) - B u_e(k) + E s(k).
+
+    The estimated disturbances s, map disturbance included, are part of the model. `true` takes the
+    true error at both ends of the step, `estimated` the error of the estimate, on which a
+    controller acts. They differ by the correction of the estimate in that step, which is one more
+    disturbance to the controller.
+    """
+
+    estimated: FloatArray  # (n - 1, 7)
+    true: FloatArray  # (n - 1, 7)
+
+
+def run_errors(record: Record, reference: Reference) -> RunErrors:
+    """Return the errors of a run from the end of start-up to the first missing tick.
+
+    Raises:
+        InvalidFit: there are fewer than two consecutive ticks.
+    """
+    time_s = record[ESTIMATE].time_s
+    ticks = np.round(time_s / PAPER_PERIOD_S)
+    kept = (time_s >= START_UP_S) & (np.abs(ticks * PAPER_PERIOD_S - time_s) < _SAME_TIME_S)
+    for table in (record[STATE], record[CONTROL]):
+        kept &= np.isin(time_s, table.time_s)
+    kept &= np.isfinite(record[ESTIMATE].columns(*_STATE)).all(axis=1)
+    first = int(np.argmax(kept))
+    gaps = np.flatnonzero(~kept[first:])
+    last = first + int(gaps[0]) if len(gaps) else len(kept)
+    if not kept.any() or last - first < 2:
+        raise InvalidFit(
+            f"the run has {int(kept.sum())} control ticks after {START_UP_S:g} s, at least 2 in a "
+            "row are needed"
+        )
+    at = time_s[first:last]
+    sample = reference.at(at)
+    estimates = record[ESTIMATE].columns(*_STATE, *_DISTURBANCE, *_MAP_DISTURBANCE)[first:last]
+    true = record[STATE].columns(*_STATE)[np.searchsorted(record[STATE].time_s, at)]
+    command = record[CONTROL].columns(*_COMMAND)[np.searchsorted(record[CONTROL].time_s, at)]
+
+    def errors(states: FloatArray) -> FloatArray:
+        """Return the errors (n, 16) of states (n, 7), with the disturbances of the estimate."""
+        rows = zip(sample.state, states, estimates, strict=True)
+        return np.array([_error(target, state, row, reference) for target, state, row in rows])
+
+    return RunErrors(ticks[first:last], errors(estimates[:, :_N]), errors(true)[:, :_N], command)
+
+
+def residuals(run: RunErrors, reference: Reference) -> Residuals:
+    """Return the one-step residuals of a run along its reference."""
+    tick = run.tick[:-1].astype(int)
+    count = int(tick[-1]) + 1
+    a, b, _ = error_dynamics(reference, PAPER_PERIOD_S, count)
+    feedforward = exact_feedforward(reference, count, PAPER_PERIOD_S)
+    u_e = feedforward[tick] - run.command[:-1]  # (n - 1, 3)
+    driven = np.einsum("kij,kj->ki", b[tick, :_N], u_e)
+
+    def residual(error: FloatArray) -> FloatArray:
+        state = np.concatenate([error, run.state[:, _N:]], axis=1)[:-1]
+        return error[1:] - np.einsum("kij,kj->ki", a[tick, :_N], state) - driven
+
+    return Residuals(estimated=residual(run.estimated), true=residual(run.true))
+
+
+def _error(
+    target: FloatArray, state: FloatArray, estimate: FloatArray, reference: Reference
+) -> FloatArray:
+    """Return the augmented error (z_e, s, m), (16,), of a state (7,) from its target (7,).
+
+    The disturbances are those of `estimate`, a row (16,).
+    """
+    end = _N + len(_DISTURBANCE)
+    estimated = Estimate(
+        time_s=0.0,
+        state=state,
+        covariance=np.zeros((_N, _N)),
+        trailer_xy=np.zeros(2),
+        hitch_angle=0.0,
+        disturbance=estimate[_N:end],
+        map_disturbance=estimate[end:],
+    )
+    return error_state(target, estimated, reference.vehicle)
+
+
+def hold_out(
+    disturbance: DisturbanceSet, runs: Sequence[FloatArray], confidence: float, apart: int
+) -> HoldOut:
+    """Count the windows of held-out runs inside the set, one every `apart` steps."""
+    fills = np.concatenate([disturbance.fill(run)[::apart] for run in runs])
+    inside = proportion(int((fills <= 1.0).sum()), len(fills), confidence)
+    return HoldOut(inside.total, inside.count, inside.low, inside.high)
+
+
+def contradiction(count: HoldOut, what: str, coverage: float, confidence: float) -> str:
+    """Return a sentence where a hold-out count contradicts the coverage, "" where it does not.
+
+    The test is the one-sided binomial one.
+    """
+    if not count.windows:
+        return ""
+    p = binomtest(count.inside, count.windows, coverage, alternative="less").pvalue
+    if p >= 1.0 - confidence:
+        return ""
+    return (
+        f"{count.inside} of {count.windows} held-out windows of the {what} lie in its set, a "
+        f"coverage of {coverage:g} is contradicted (binomial test, p = {p:.2g}): fit to more runs"
+    )
 
 
 @dataclass(frozen=True)
@@ -73,12 +209,8 @@ def fit_run(record: Record, scenario: Scenario) -> FitRun:
             path.
     """
     run = logged_run(record, scenario)
-    errors = run_errors(record, run.reference, PAPER_PERIOD_S)
-    return FitRun(
-        **vars(run),
-        errors=errors,
-        residuals=residuals(errors, run.reference, PAPER_PERIOD_S),
-    )
+    errors = run_errors(record, run.reference)
+    return FitRun(**vars(run), errors=errors, residuals=residuals(errors, run.reference))
 
 
 def fit_tube(
@@ -131,7 +263,7 @@ def fit_tube(
         estimation=residual_table(np.concatenate([run.errors.estimation for run in runs])),
         versions=versions(),
     )
-    about = "Tube for the controller ttempc-tube, written by ttempc fit-tube"
+    about = "Tube for the controller ttempc-tube, written by ttempc fit tube"
     along = ReferenceTube.along(design, reference, ticks)
     warnings = [
         contradiction(provenance.disturbance, "disturbance", coverage, confidence),

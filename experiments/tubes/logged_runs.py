@@ -11,7 +11,7 @@ from ttempc.guidance.controllers import CONTROLLERS
 from ttempc.reference.reference import Reference
 
 from ...testbed.errors import LogError
-from ...testbed.log.log_reader import read_log
+from ...testbed.log.reader import read_log
 from ...testbed.recording.channels import CONTROL
 from ...testbed.recording.record import Record
 from ..errors import InvalidFit, InvalidScenario

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from .experiments.run.simulate import run, simulate
     from .experiments.scenario.scenario import Scenario, load
     from .experiments.sweep.engine import engine
-    from .experiments.sweep.points import drive_points
-    from .testbed.log.log_reader import read_log
+    from .experiments.sweep.sweep import drive_points
+    from .testbed.log.reader import read_log
     from .testbed.recording.record import Record
 
 if not (Path(__file__).parent / "testbed").is_dir():
@@ -42,10 +42,10 @@ __all__ = [
 _MODULE_OF = {
     "Record": "testbed.recording.record",
     "Scenario": "experiments.scenario.scenario",
-    "drive_points": "experiments.sweep.points",
+    "drive_points": "experiments.sweep.sweep",
     "engine": "experiments.sweep.engine",
     "load": "experiments.scenario.scenario",
-    "read_log": "testbed.log.log_reader",
+    "read_log": "testbed.log.reader",
     "run": "experiments.run.simulate",
     "simulate": "experiments.run.simulate",
 }

@@ -32,13 +32,13 @@ from ..configuration.config_io import (
     StrengthKpa,
 )
 from ..ground.features import Ditch, Step
-from ..ground.soil_layers import Patch
+from ..ground.soil import Patch
 from ..sensing.sensor_errors import Correlated
 from ..sensing.sensor_specification import SensorSpecification
 from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..vehicle.vehicle import Steering
-from ..wheels.soil_wheels import SoilWheels
+from ..wheels.wheel_models import SoilWheels
 from .fault import SAME_TIME_S, Fault, FaultContext, Key, Row, Window, fault_type
 
 Made = Any

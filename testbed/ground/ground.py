@@ -19,19 +19,10 @@ from .terrain import Terrain
 GROUND_FILE: Final = "ground.npz"  # the attachment of a log
 
 _MOST_BYTES: Final = 8 * MOST_POINTS  # of both grids in single precision
-_FOREIGN: Final = (
-    KeyError,
-    ValueError,
-    TypeError,
-    OSError,
-    EOFError,
-    MemoryError,
-    RuntimeError,
-    OverflowError,
-    zipfile.BadZipFile,
-    zlib.error,
-    InvalidField,
-)  # raised by archives of someone else
+_FOREIGN: Final = (  # raised by archives of someone else
+    *(KeyError, ValueError, TypeError, OSError, EOFError, MemoryError, RuntimeError, OverflowError),
+    *(zipfile.BadZipFile, zlib.error, InvalidField),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Mounted implement: the law of `soil_force` on the trailer of a plant, compiled."""
+"""Mounted implement: the forces of `tool_kernel` on the trailer of a plant, compiled."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 import mujoco
 import numpy as np
@@ -22,8 +22,7 @@ from ..vehicle.vehicle import PlantVehicle
 from ..wheels.soil_law import SoilLaw
 from ..wheels.tyre import WheelMotion, contact
 from .implement import POINTS, Implement
-from .soil_force import ToolLaw
-from .tool_kernel import tool_step
+from .tool_kernel import ToolLaw, tool_arguments, tool_step
 
 _MOST_SLIP: Final = 0.3  # of the driven wheels, above which a tractor is not used; assumed
 _LIFT: Final = 2  # numbers of the lift in the state
@@ -63,24 +62,9 @@ class MountedImplement:
         self._output = self.state[_LIFT:].reshape(POINTS, 3)
         self._body = int(model.body("trailer").id)
         self._xpos, self._xmat = data.xpos, data.xmat
-        terrain = ground.terrain
-        self.arguments: Final[tuple[Any, ...]] = (
-            self.law.table(),
-            implement.offsets,
-            np.array(implement.work_m).reshape(-1, 2),
-            terrain.heights,
-            ground.cone_index,
-            np.array([*terrain.origin, terrain.spacing_m, model.opt.timestep]),
-            self._body,
-            data.xpos,
-            data.xmat,
-            data.xipos,
-            data.cvel,
-            data.subtree_com,
-            self._lift,
-            self._output,
-            data.xfrc_applied,
-        )
+        work = np.array(implement.work_m).reshape(-1, 2)
+        tables = (self.law.table(), implement.offsets, work, self._lift, self._output)
+        self.arguments: Final = tool_arguments(model, data, ground, *tables)
         self.step: Final[Callable[[], object]] = partial(tool_step, *self.arguments)
 
     def tool(self) -> Tool:

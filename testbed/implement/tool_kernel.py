@@ -1,24 +1,91 @@
-"""Compiled law of `soil_force`: all points of an implement in one call, on MuJoCo's arrays.
+"""Forces of the soil on the tools of an implement, compiled: all points in one call.
 
-Equations and their order are those of `soil_force`; a test compares the two. In addition it keeps
-the distance driven and the lift, converts MuJoCo's quantities to the motion of the trailer, and
-writes the sum of the forces into `xfrc_applied`.
+The tools are points across the width, fixed to the trailer. Each has a depth d below the ground,
+perpendicular to the trailer, and a velocity (u, w) along and across the trailer:
+
+    draft      F_i (A + B |u| + C u^2) d    against u, times tanh(|u| / 0.1 m/s)   (ASABE D497)
+    side       -s a d tanh(k alpha / (s a)),  alpha = atan(w / max(|u|, 0.3 m/s))
+
+with a the draft per depth at speed 0, s = `side_limit` and k the side force per depth and slip
+angle. Side force is proportional to lateral velocity in measurements on implements (Pearson and
+Bevly 2007, Journal of Terramechanics 44, 439-450); its limit is assumed. Both forces oppose the
+velocity and vanish with it: an implement never gives energy to the vehicle. There is no vertical
+force.
+
+The tests hold the kernel to a twin in numpy.
 """
+
+# mujoco fills its name space from compiled modules without type information
+# pyright: reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from dataclasses import astuple, dataclass
+from typing import Any, Final
+
+import mujoco
+import numpy as np
 
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
-from ..ground.grid_kernel import grid_cell
-from . import soil_force
+from ..ground.ground import Ground
+from ..wheels.tyre_kernel import grid_cell
+from .implement import POINTS, Implement, draft_equation
 
-# numba compiles module globals as constants
-_DRAFT_SPEED: Final = soil_force.DRAFT_SPEED
-_SIDE_SPEED: Final = soil_force.SIDE_SPEED
+DRAFT_SPEED: Final = 0.1  # [m/s] below which the draft fades; assumed
+SIDE_SPEED: Final = 0.3  # [m/s] floor of the forward speed in the slip angle; assumed
+
+
+@dataclass(frozen=True, slots=True)
+class ToolLaw:
+    """Constants of one implement on one trailer; forces are those of one point."""
+
+    behind: float  # [m] distance of the points behind the axle
+    frame: float  # [m] height of the trailer's frame above level ground, at the points
+    depth: float  # [m] of the lowered points
+    clearance: float  # [m] of the raised points
+    lift_rate: float  # [1/s] of the lowered share
+    draft: float  # [N/m] per depth, at speed 0
+    draft_speed: float  # [N s/m^2]
+    draft_square: float  # [N s^2/m^3]
+    side: float  # [N/m] per depth and radian of slip angle
+    side_limit: float  # [N/m] per depth
+    exponent: float  # of the strength
+    background: float  # [kPa] cone index to which a strength is compared
+
+    @classmethod
+    def of(cls, implement: Implement, frame: float, background: float) -> ToolLaw:
+        """Return the constants of an implement.
+
+        Args:
+            implement: settings.
+            frame: height of the trailer's frame at rest on level ground, at the points [m].
+            background: cone index of the field without its layers [kPa].
+        """
+        share = implement.size / POINTS
+        equation = draft_equation(implement.type).coefficients(implement.texture)
+        a, b, c = (share * coefficient for coefficient in equation)
+        stiffness = implement.side_stiffness_n_per_deg_m2 * math.degrees(1.0)
+        return cls(
+            behind=implement.behind_m,
+            frame=frame,
+            depth=implement.depth_m,
+            clearance=implement.clearance_m,
+            lift_rate=1.0 / implement.lift_s,
+            draft=a,
+            draft_speed=b,
+            draft_square=c,
+            side=stiffness * implement.width_m / POINTS,
+            side_limit=implement.side_limit * a,
+            exponent=implement.strength_exponent,
+            background=background,
+        )
+
+    def table(self) -> FloatArray:
+        """Return the constants in the order of the fields, for the compiled law, (12,)."""
+        return np.array(astuple(self))
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -108,8 +175,8 @@ def tool_step(
         speed = abs(along)
         bulk = deep * strength
         draft = bulk * (draft0 + (draft1 + draft2 * speed) * speed)
-        draft *= math.tanh(along / _DRAFT_SPEED)
-        angle = math.atan(across / max(speed, _SIDE_SPEED))
+        draft *= math.tanh(along / DRAFT_SPEED)
+        angle = math.atan(across / max(speed, SIDE_SPEED))
         side = -bulk * limit * math.tanh(stiffness / limit * angle)
         output[point, 1], output[point, 2] = draft, side
         gx, gy, gz = side * lx - draft * fx, side * ly - draft * fy, side * lz - draft * fz
@@ -120,3 +187,24 @@ def tool_step(
         mz += rx * gy - ry * gx
     xfrc[body, 0], xfrc[body, 1], xfrc[body, 2] = tx, ty, tz
     xfrc[body, 3], xfrc[body, 4], xfrc[body, 5] = mx, my, mz
+
+
+def tool_arguments(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    ground: Ground,
+    law: FloatArray,
+    offsets: FloatArray,
+    work: FloatArray,
+    lift: FloatArray,
+    output: FloatArray,
+) -> tuple[Any, ...]:
+    """Return the arguments of `tool_step`: its arrays, and views of MuJoCo's."""
+    terrain = ground.terrain
+    return (
+        *(law, offsets, work, terrain.heights, ground.cone_index),
+        np.array([*terrain.origin, terrain.spacing_m, model.opt.timestep]),
+        int(model.body("trailer").id),
+        *(data.xpos, data.xmat, data.xipos, data.cvel, data.subtree_com),
+        *(lift, output, data.xfrc_applied),
+    )

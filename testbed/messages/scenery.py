@@ -10,6 +10,8 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.TriangleListPrimitive_pb2 import TriangleListPrimitive
@@ -19,8 +21,7 @@ from ttempc.types import FloatArray
 
 from ..ground.ground import Ground
 from ..vehicle.appearance import ground_colours
-from .protobuf_wire import MessageTemplate, single, varint
-from .viewer_messages import MAP_FRAME
+from .encoding import MAP_FRAME, Template, hole, single
 
 _GEOM: Final = mujoco.mjtGeom
 _UNPAINTED: Final = np.array(
@@ -133,17 +134,16 @@ def _every(stride: int, count: int) -> NDArray[np.int64]:
 def _triangles(
     points: FloatArray, faces: NDArray[np.integer], colours: FloatArray | None = None
 ) -> TriangleListPrimitive:
-    """Return triangles; written in the wire's format, because 25 000 message objects take 0.2 s."""
-    wire = _records(b"\x12\x1b", points)  # field 2: Point3
+    """Return triangles; parsed from joined templates: 25 000 message objects would take 0.2 s."""
+    wire = _VERTEX.fill(single(points)).tobytes()
     if colours is not None:
-        opaque = np.column_stack([colours, np.ones(len(colours))])
-        wire += _records(b"\x22\x24", opaque)  # field 4: Color
-    indices = faces.astype("<u4").tobytes()
-    wire += b"\x2a" + varint(len(indices)) + indices  # field 5: packed fixed32
-    return TriangleListPrimitive.FromString(wire)
+        wire += _COLOUR.fill(single(np.column_stack([colours, np.ones(len(colours))]))).tobytes()
+    triangles = TriangleListPrimitive.FromString(wire)
+    triangles.indices.extend(faces.ravel().tolist())
+    return triangles
 
 
-def _records(head: bytes, values: FloatArray) -> bytes:
-    """Return one message of doubles, fields 1, 2, ..., for every row of values."""
-    first, *others = (bytes([number << 3 | 1]) for number in range(1, values.shape[1] + 1))
-    return MessageTemplate.of_doubles([head + first, *others]).fill(single(values)).tobytes()
+_VERTEX: Final = Template(TriangleListPrimitive(points=[Point3(x=hole(0), y=hole(1), z=hole(2))]))
+_COLOUR: Final = Template(
+    TriangleListPrimitive(colors=[Color(r=hole(0), g=hole(1), b=hole(2), a=hole(3))])
+)

@@ -1,19 +1,48 @@
-"""Flat channels of a run: topics, names of their numbers and their units.
+"""Channels of a run: topics, names and units of their numbers, and their rows.
 
-Record, log, metrics, figures and readers share this table. A row has one number per field; the time
-of a row is the simulated time at which it was true. Units are part of the names, see `unit_of`. A
-number that does not exist in a row is NaN.
+Loop, record, log, metrics, figures and readers share this table. A row has one number per field;
+its time is the simulated time at which it was true. Units are part of the names, see `unit_of`. A
+number that does not exist in a row is NaN. Further topics hold what viewers draw.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final
 
-from ttempc.types import Sensor
+import numpy as np
+
+from ttempc.types import (
+    ControlStep,
+    Diagnostics,
+    Estimate,
+    FloatArray,
+    Measurement,
+    Sensor,
+    TubeReport,
+)
+from ttempc.vehicle import Vehicle
 
 from ..sensing.sensors import COMPONENTS
-from ..truth import WHEELS
+from ..truth import WHEELS, Tool, Truth
+
+NAN: Final = float("nan")
+
+TRANSFORMS_TOPIC: Final = "/tf"
+TRACTOR_TOPIC: Final = "/tractor/pose"
+TRAILER_TOPIC: Final = "/trailer/pose"
+DRIVEN_TOPIC: Final = "/tractor/path"  # so far, every few seconds, later less often
+DRIVEN_TRAILER_TOPIC: Final = "/trailer/path"
+REFERENCE_PATH_TOPIC: Final = "/reference/path"  # once, at the start of the run
+PREDICTED_PATH_TOPIC: Final = "/mpc/predicted_path"  # of the tractor point, every control tick
+PREDICTED_TRAILER_PATH_TOPIC: Final = "/mpc/predicted_path_trailer"
+GNSS_TOPIC: Final = "/gnss/tractor"  # as measured
+GNSS_TRAILER_TOPIC: Final = "/gnss/trailer"
+SCENE_TOPIC: Final = "/scene"  # once: ground and vehicle, the vehicle fixed to its frames
+EVENT_TOPIC: Final = "/log"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,41 +56,38 @@ class Channel:
 
 _INPUTS: Final = ("delta_t_rad", "delta_i_rad", "hp")
 _POSES: Final = ("x_t_m", "y_t_m", "psi_t_rad", "x_i_m", "y_i_m", "psi_i_rad")
-_ATTITUDES: Final = ("z_t_m", "pitch_t_rad", "roll_t_rad", "z_i_m", "pitch_i_rad", "roll_i_rad")
-_SPEEDS: Final = (
-    "v_mps",
-    "v_lateral_mps",
-    "yaw_rate_t_radps",
-    "yaw_rate_i_radps",
-    "v_rim_mps",
-)
-
-
+_STATE: Final = {  # field: place in `Truth`
+    "x_t_m": "tractor.x",
+    "y_t_m": "tractor.y",
+    "psi_t_rad": "tractor.yaw",
+    "x_i_m": "trailer.x",
+    "y_i_m": "trailer.y",
+    "psi_i_rad": "trailer.yaw",
+    "z_t_m": "tractor.z",
+    "pitch_t_rad": "tractor.pitch",
+    "roll_t_rad": "tractor.roll",
+    "z_i_m": "trailer.z",
+    "pitch_i_rad": "trailer.pitch",
+    "roll_i_rad": "trailer.roll",
+    "psi_d_rad": "psi_d",
+    "beta_rad": "beta",
+    "delta_t_rad": "delta_t",
+    "delta_i_rad": "delta_i",
+    "hp": "hp",
+    "v_mps": "speed",
+    "v_lateral_mps": "lateral_speed",
+    "yaw_rate_t_radps": "yaw_rate_t",
+    "yaw_rate_i_radps": "yaw_rate_i",
+    "v_rim_mps": "rim_speed",
+}
 _SAMPLES: Final = {sensor: (*parts, "time_s") for sensor, parts in COMPONENTS.items()}
-
-
-def _sensor_columns() -> dict[Sensor, slice]:
-    """Return the columns of each sensor in `MEASUREMENT`: its components, then the sample time."""
-    columns, first = {}, 0
-    for sensor, parts in _SAMPLES.items():
-        columns[sensor] = slice(first, first + len(parts))
-        first += len(parts)
-    return columns
 
 
 STATE: Final = Channel(
     "/state",
     "truth: axle centres, attitudes (pitch nose down, roll left side up), joints, speeds, and the "
     "set points of the servos behind dead time, dead band and play",
-    (
-        *_POSES,
-        *_ATTITUDES,
-        "psi_d_rad",
-        "beta_rad",
-        *_INPUTS,
-        *_SPEEDS,
-        *(f"{name}_set_point" for name in _INPUTS),
-    ),
+    (*_STATE, *(f"{name}_set_point" for name in _INPUTS)),
 )
 REFERENCE: Final = Channel(
     "/reference",
@@ -74,7 +100,12 @@ MEASUREMENT: Final = Channel(
     "NaN where a sensor delivered none",
     tuple(f"{sensor}_{part}" for sensor, parts in _SAMPLES.items() for part in parts),
 )
-MEASUREMENT_COLUMNS: Final = _sensor_columns()
+_SAMPLE_ENDS: Final = np.cumsum([len(parts) for parts in _SAMPLES.values()]).tolist()
+MEASUREMENT_COLUMNS: Final[dict[Sensor, slice]] = {
+    sensor: slice(end - len(parts), end)
+    for (sensor, parts), end in zip(_SAMPLES.items(), _SAMPLE_ENDS, strict=True)
+}
+"""Columns of each sensor in `MEASUREMENT`: its components, then the sample time."""
 ESTIMATE: Final = Channel(
     "/estimate",
     "the estimate that the controller acts on, its standard deviations, the persistent "
@@ -82,28 +113,12 @@ ESTIMATE: Final = Channel(
     "squared of the samples used at this tick with their degrees of freedom",
     (
         *_POSES,
-        "delta_t_rad",
-        "delta_i_rad",
-        "v_mps",
-        "beta_rad",
-        "sd_x_t_m",
-        "sd_y_t_m",
-        "sd_psi_t_rad",
-        "sd_psi_i_rad",
-        "sd_delta_t_rad",
-        "sd_delta_i_rad",
-        "sd_v_mps",
-        "slip_t_rad",
-        "slip_i_rad",
-        "steering_rad",
-        "drive_mps2",
-        "wheel_slip",
-        "side_x_rad",
-        "side_y_rad",
-        "climb_x",
-        "climb_y",
-        "nis",
-        "nis_dof",
+        *("delta_t_rad", "delta_i_rad", "v_mps", "beta_rad"),
+        *("sd_x_t_m", "sd_y_t_m", "sd_psi_t_rad", "sd_psi_i_rad"),
+        *("sd_delta_t_rad", "sd_delta_i_rad", "sd_v_mps"),
+        *("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel_slip"),
+        *("side_x_rad", "side_y_rad", "climb_x", "climb_y"),
+        *("nis", "nis_dof"),
     ),
 )
 _ACTIONS: Final = ("feedforward", "feedback", "robust", "total", "command", "min", "max", "limited")
@@ -117,29 +132,13 @@ TRACKING: Final = Channel(
     "the controller's tracking error z_e in the vehicles' frames and modelling error z_m of the "
     "robust action",
     (
-        "x_t_e_m",
-        "y_t_e_m",
-        "psi_t_e_rad",
-        "x_i_e_m",
-        "y_i_e_m",
-        "psi_i_e_rad",
-        "v_e_mps",
-        "x_t_m_m",
-        "y_t_m_m",
-        "x_i_m_m",
-        "y_i_m_m",
+        *("x_t_e_m", "y_t_e_m", "psi_t_e_rad", "x_i_e_m", "y_i_e_m", "psi_i_e_rad", "v_e_mps"),
+        *("x_t_m_m", "y_t_m_m", "x_i_m_m", "y_i_m_m"),
     ),
 )
 _TUBE_ERRORS: Final = (
-    "x_t_e_m",
-    "y_t_e_m",
-    "psi_t_e_rad",
-    "psi_i_e_rad",
-    "delta_t_e_rad",
-    "delta_i_e_rad",
-    "v_e_mps",
-    "x_i_e_m",
-    "y_i_e_m",
+    *("x_t_e_m", "y_t_e_m", "psi_t_e_rad", "psi_i_e_rad", "delta_t_e_rad", "delta_i_e_rad"),
+    *("v_e_mps", "x_i_e_m", "y_i_e_m"),
 )
 TUBE: Final = Channel(
     "/tube",
@@ -164,14 +163,9 @@ TIMING: Final = Channel(
     ("estimator_us", "control_step_us", "qp_solve_us", "plant_step_us"),
 )
 _WHEEL_QUANTITIES: Final = (
-    "load_n",
-    "slip",
-    "slip_angle_rad",
-    "force_long_n",
-    "force_lat_n",
-    "cone_index_kpa",
-    "ground_m",
-)
+    *("load_n", "slip", "slip_angle_rad", "force_long_n", "force_lat_n"),
+    *("cone_index_kpa", "ground_m"),
+)  # as `Wheels`
 TYRES: Final = Channel(
     "/tyres",
     "load, slip, forces and ground of every wheel",
@@ -182,17 +176,9 @@ TOOL: Final = Channel(
     "implement on the trailer: its tool point and the reference of that point, depth (mean, "
     "outermost points), forces on the trailer, lift (1 lowered, 0 raised), distance driven",
     (
-        "x_m",
-        "y_m",
-        "x_reference_m",
-        "y_reference_m",
-        "depth_m",
-        "depth_left_m",
-        "depth_right_m",
-        "draft_n",
-        "side_n",
-        "lowered",
-        "distance_m",
+        *("x_m", "y_m", "x_reference_m", "y_reference_m"),
+        *("depth_m", "depth_left_m", "depth_right_m"),
+        *("draft_n", "side_n", "lowered", "distance_m"),
     ),
 )
 CORRIDOR: Final = Channel(
@@ -212,18 +198,8 @@ ERROR: Final = Channel(
 """Channel of logs and viewers: a record computes it from `/state` and `/reference`."""
 
 CHANNELS: Final = (
-    STATE,
-    REFERENCE,
-    MEASUREMENT,
-    ESTIMATE,
-    CONTROL,
-    TRACKING,
-    TUBE,
-    SOLVER,
-    TIMING,
-    TYRES,
-    TOOL,
-    CORRIDOR,
+    *(STATE, REFERENCE, MEASUREMENT, ESTIMATE, CONTROL, TRACKING, TUBE),
+    *(SOLVER, TIMING, TYRES, TOOL, CORRIDOR),
 )
 
 _UNITS: Final = {
@@ -248,3 +224,159 @@ def unit_of(field: str) -> str:
     if words[-2:] == ["per", "m"]:
         return "1/m"
     return next((_UNITS[word] for word in reversed(words) if word in _UNITS), "1")
+
+
+def state_row(truth: Truth) -> list[float]:
+    """Return the row of `STATE`."""
+    return [*_of_state(truth), *truth.set_points.tolist()]
+
+
+_of_state: Final = attrgetter(*_STATE.values())
+
+
+def tyres_row(truth: Truth) -> list[float]:
+    """Return the row of `TYRES`."""
+    return np.transpose(truth.wheels).ravel().tolist()
+
+
+def tool_row(tool: Tool, reference: Sequence[float]) -> list[float]:
+    """Return the row of `TOOL`.
+
+    Its reference lies as far behind the trailer's as the tool point behind the trailer point.
+
+    Args:
+        tool: of the truth.
+        reference: row of `REFERENCE` at this time.
+    """
+    x, y, yaw = reference[3:6]  # of `_POSES`
+    right, left = tool.depth[0], tool.depth[-1]
+    return [
+        tool.x,
+        tool.y,
+        x - tool.behind * math.cos(yaw),
+        y - tool.behind * math.sin(yaw),
+        float(tool.depth.mean()),
+        float(left),
+        float(right),
+        float(tool.draft.sum()),
+        float(tool.side.sum()),
+        tool.lowered,
+        tool.distance,
+    ]
+
+
+def measurement_rows(samples: Sequence[Measurement]) -> list[list[float]]:
+    """Return the rows of `MEASUREMENT` for samples that are delivered at one moment.
+
+    A row holds one sample of a sensor: there are more rows than one where a sensor delivers several
+    samples.
+    """
+    rows: list[list[float]] = []
+    filled: dict[Sensor, int] = {}  # rows with a sample of each sensor
+    for sample in samples:
+        number = filled.get(sample.sensor, 0)
+        filled[sample.sensor] = number + 1
+        if number == len(rows):
+            rows.append([NAN] * len(MEASUREMENT.fields))
+        rows[number][MEASUREMENT_COLUMNS[sample.sensor]] = (*sample.value, sample.time_s)
+    return rows
+
+
+def estimate_row(estimate: Estimate) -> list[float]:
+    """Return the row of `ESTIMATE`."""
+    x, y, psi_t, psi_i, delta_t, delta_i, v = estimate.state.tolist()
+    # A sample that the filter could not weigh, such as one that is not finite, has no innovation.
+    weighed = [item for item in estimate.innovations if math.isfinite(item.normalised_squared)]
+    return [
+        x,
+        y,
+        psi_t,
+        *estimate.trailer_xy.tolist(),
+        psi_i,
+        delta_t,
+        delta_i,
+        v,
+        estimate.hitch_angle,
+        *np.sqrt(estimate.covariance.diagonal()).tolist(),
+        *estimate.disturbance.tolist(),
+        *estimate.map_disturbance.tolist(),
+        sum(item.normalised_squared for item in weighed),
+        sum(item.dimension for item in weighed),
+    ]
+
+
+def control_row(step: ControlStep, vehicle: Vehicle) -> list[float]:
+    """Return the row of `CONTROL`; `vehicle` gives the bounds."""
+    diagnostics = step.diagnostics
+    parts = (
+        diagnostics.feedforward,
+        diagnostics.feedback,
+        diagnostics.robust,
+        diagnostics.total,
+        step.command.as_array(),
+        vehicle.input_min,
+        vehicle.input_max,
+        diagnostics.limited,
+    )
+    return np.array(parts, dtype=float).T.ravel().tolist()
+
+
+def tracking_row(diagnostics: Diagnostics) -> list[float]:
+    """Return the row of `TRACKING`."""
+    return [*_or_nan(diagnostics.tracking_error, 7), *_or_nan(diagnostics.modelling_error, 4)]
+
+
+def tube_row(report: TubeReport) -> list[float]:
+    """Return the row of `TUBE`."""
+    widths = [*report.nominal.tolist(), *report.half_width.tolist()]
+    return [float(report.inside), report.margin, *widths]
+
+
+def solver_row(diagnostics: Diagnostics) -> list[float]:
+    """Return the row of `SOLVER`."""
+    report = diagnostics.solver
+    fallback = float(bool(diagnostics.fallback))
+    if report is None:
+        return [NAN, NAN, NAN, NAN, fallback]
+    return [
+        float(report.accepted),
+        float(report.iterations),
+        report.primal_residual,
+        report.dual_residual,
+        fallback,
+    ]
+
+
+def _or_nan(values: FloatArray | None, size: int) -> list[float]:
+    return [NAN] * size if values is None else values.tolist()
+
+
+def in_frame(error: FloatArray, heading: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return errors along and across references, each (n,) [m], positive ahead and to the left.
+
+    Args:
+        error: position minus reference, (n, 2) [m] map frame.
+        heading: of the references, (n,) [rad].
+    """
+    dx, dy = error.T
+    cos, sin = np.cos(heading), np.sin(heading)
+    return cos * dx + sin * dy, cos * dy - sin * dx
+
+
+def error_rows(state: FloatArray, reference: FloatArray) -> FloatArray:
+    """Return the rows of `ERROR` (n, fields) from rows of state and reference.
+
+    Args:
+        state: rows of `STATE`, (n, fields).
+        reference: rows of `REFERENCE` of the same times, (n, fields).
+    """
+    columns = []
+    with np.errstate(invalid="ignore"):  # a row that is not finite has errors that are NaN
+        for names in (_POSES[:3], _POSES[3:]):
+            at = state[:, [STATE.fields.index(name) for name in names]]
+            due = reference[:, [REFERENCE.fields.index(name) for name in names]]
+            along, cross = in_frame(at[:, :2] - due[:, :2], due[:, 2])
+            turned = at[:, 2] - due[:, 2]
+            heading = np.arctan2(np.sin(turned), np.cos(turned))
+            columns += [along, cross, np.hypot(along, cross), heading]
+    return np.column_stack(columns)

@@ -1,11 +1,10 @@
-"""Record of a run: its channels as tables, its events and its metadata."""
+"""Sinks and record of a run: its channels as tables, its events and its metadata."""
 
 from __future__ import annotations
 
-import html
 import math
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -15,26 +14,16 @@ from ttempc.types import FloatArray
 
 from ..errors import TestbedError
 from ..truth import Truth
-from .channels import CHANNELS, ERROR, REFERENCE, STATE, Channel, unit_of
-from .position_error import error_rows
+from .channels import CHANNELS, ERROR, REFERENCE, STATE, Channel, error_rows
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-LEARNT: Final = "learnt: "
-"""Beginning of the text of an event that tells which model parameters were learnt."""
-
-
-FAULT: Final = "fault: "
-"""Beginning of the text of an event that tells that a fault begins or ends."""
-
-REACTION: Final = "reaction: "
-"""Beginning of the text of an event that tells how the guidance departs from the controller."""
+LEARNT: Final = "learnt: "  # beginnings of the texts of events: which parameters were learnt,
+FAULT: Final = "fault: "  # that a fault begins or ends,
+REACTION: Final = "reaction: "  # how the guidance departs from the controller,
 REACTION_ENDED: Final = "reaction ended"
-
-OVERRUN: Final = "overrun: "
-"""Beginning of the text of an event that tells that a step took longer than its period."""
-
+OVERRUN: Final = "overrun: "  # that a step took longer than its period
 BEGINS: Final = " begins"
 ENDS: Final = " ends"
 
@@ -93,15 +82,6 @@ class Table:
         ends = f", {self.time_s[0]:g} to {self.time_s[-1]:g} s" if len(self) else ""
         return f"<{self.channel.topic}: {len(self)} rows{ends}, {len(self.channel.fields)} fields>"
 
-    def _repr_html_(self) -> str:
-        """Return field, unit and range of each column as a table of a notebook."""
-        rows = []
-        for name, column in zip(self.channel.fields, self.values.T, strict=True):
-            finite = column[np.isfinite(column)]
-            ends = (f"{finite.min():.6g}", f"{finite.max():.6g}") if len(finite) else ("-", "-")
-            rows.append((name, unit_of(name), *ends))
-        return _html(repr(self), ("field", "unit", "least", "most"), rows)
-
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Record:
@@ -136,33 +116,13 @@ class Record:
         """
         return {topic: table.to_pandas() for topic, table in self.tables.items() if len(table)}
 
-    @property
-    def _title(self) -> str:
+    def __repr__(self) -> str:
         run = [self.metadata[key] for key in ("scenario", "controller") if key in self.metadata]
         run += [f"seed {self.metadata['seed']}"] if "seed" in self.metadata else []
         end_s = max((table.time_s[-1] for table in self.tables.values() if len(table)), default=0.0)
-        return ", ".join(["Record", *run, f"{end_s:.1f} s, {len(self.events)} events"])
-
-    def __repr__(self) -> str:
+        title = ", ".join(["Record", *run, f"{end_s:.1f} s, {len(self.events)} events"])
         topics = (f"{topic} ({len(table)})" for topic, table in self.tables.items() if len(table))
-        return f"<{self._title}: {', '.join(topics)}>"
-
-    def _repr_html_(self) -> str:
-        """Return the topics with their rows as a table of a notebook."""
-        rows = [
-            (topic, str(len(table)), str(len(table.channel.fields)), table.channel.about)
-            for topic, table in self.tables.items()
-        ]
-        return _html(self._title, ("topic", "rows", "fields", "content"), rows)
-
-
-def _html(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table as HTML, all cells as text."""
-    cells = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
-    )
-    titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
-    return f"<table><caption>{html.escape(caption)}</caption><tr>{titles}</tr>{cells}</table>"
+        return f"<{title}: {', '.join(topics)}>"
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +146,85 @@ def fault_spans(events: Sequence[Event]) -> tuple[FaultSpan, ...]:
     return tuple(spans)
 
 
-class Recorder:
-    """Collector of rows and events in memory; a `testbed.recording.sink.Sink`."""
+def check_row(channel: Channel, values: Sequence[float]) -> None:
+    """Raise where a row has not one number per field of its channel.
+
+    Raises:
+        ValueError: with both numbers.
+    """
+    if len(values) != len(channel.fields):
+        raise ValueError(
+            f"{channel.topic}: got {len(values)} values, has {len(channel.fields)} fields"
+        )
+
+
+class Sink:
+    """Receiver of the data of a run, each channel in the order of its time; it ignores them.
+
+    Rows and events are the record of the run. Scenes and paths serve viewers only: they repeat
+    numbers of the rows.
+    """
+
+    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
+        """Receive one row, one number per field of the channel.
+
+        Raises:
+            ValueError: the number of values is not the channel's.
+        """
+
+    def event(self, event: Event) -> None:
+        """Receive one event."""
+
+    def scene(self, truth: Truth) -> None:
+        """Receive the poses of every body and of both axle points at one moment."""
+
+    def path(self, topic: str, time_s: float, points: FloatArray) -> None:
+        """Receive a line of points (n, 2) [m], map frame, to be drawn under a topic.
+
+        A point every 0.2 m is enough.
+        """
+
+
+class Tee(Sink):
+    """Sink that passes all data to several sinks, in their order."""
+
+    def __init__(self, *sinks: Sink) -> None:
+        self._sinks = sinks
+
+    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
+        """Pass on one row."""
+        for sink in self._sinks:
+            sink.row(channel, time_s, values)
+
+    def event(self, event: Event) -> None:
+        """Pass on one event."""
+        for sink in self._sinks:
+            sink.event(event)
+
+    def scene(self, truth: Truth) -> None:
+        """Pass on one scene."""
+        for sink in self._sinks:
+            sink.scene(truth)
+
+    def path(self, topic: str, time_s: float, points: FloatArray) -> None:
+        """Pass on one path."""
+        for sink in self._sinks:
+            sink.path(topic, time_s, points)
+
+
+class OnEvent(Sink):
+    """Sink that calls a function with every event."""
+
+    def __init__(self, call: Callable[[Event], object]) -> None:
+        self._call = call
+
+    def event(self, event: Event) -> None:
+        """Pass on one event."""
+        self._call(event)
+
+
+class Recorder(Sink):
+    """Collector of rows and events in memory."""
 
     def __init__(self, channels: Sequence[Channel] = CHANNELS) -> None:
         self._channels = {channel.topic: channel for channel in channels}
@@ -201,27 +238,14 @@ class Recorder:
         self._events: list[Event] = []
 
     def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Add one row, one number per field of the channel.
-
-        Raises:
-            ValueError: the number of values is not the channel's.
-        """
-        if len(values) != len(channel.fields):
-            raise ValueError(
-                f"{channel.topic}: got {len(values)} values, has {len(channel.fields)} fields"
-            )
+        """Add one row."""
+        check_row(channel, values)
         self._times[channel.topic].append(time_s)
         self._values[channel.topic].fromlist(list(values))
 
     def event(self, event: Event) -> None:
         """Add one event."""
         self._events.append(event)
-
-    def scene(self, truth: Truth) -> None:
-        """Ignore a scene: the rows have its numbers."""
-
-    def path(self, topic: str, time_s: float, points: FloatArray) -> None:
-        """Ignore a path: the rows have its numbers."""
 
     def record(self, metadata: Mapping[str, str] | None = None) -> Record:
         """Return the record of the data collected so far."""

@@ -1,9 +1,11 @@
-"""Specification of the sensors: rates, errors and delays, in the units of a scenario file."""
+"""Specification of the sensors, in the units of a scenario file, and named sets of its values."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final, Literal
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -11,7 +13,6 @@ from pydantic.dataclasses import dataclass
 from ttempc.types import Sensor
 
 from ..configuration.config_io import STRICT, DurationS, Fraction, NotNegative, RateHz
-from .sensor_presets import SensorPreset
 
 GnssError = Literal["white", "correlated", "non-gaussian"]
 GnssAntenna = Literal["point", "raw", "corrected"]
@@ -19,6 +20,52 @@ EncoderOn = Literal["wheel", "ground"]
 
 MAX_LATENCY_S: Final = 2.0  # ten control periods
 Latency = Annotated[float, Field(ge=0, le=MAX_LATENCY_S)]
+
+SensorPreset = Literal["paper", "field"]
+
+SENSOR_PRESETS: Final[Mapping[str, Mapping[str, Any]]] = MappingProxyType(
+    {
+        # Kayacan, Ramon and Saeys (2016), sec. II: the defaults of `SensorSpecification`.
+        "paper": {},
+        "field": {
+            # The size is that of the paper's RTK receivers, sec. II, so that a comparison with
+            # "paper" shows the effect of the correlation alone. Rural RTK in motion has 1.4 cm
+            # across the row (Carballido 2014, 610 rows), and 0.6 to 6.1 cm against a total station.
+            "gnss_sd_m": 0.03,
+            # First-order Gauss-Markov, as Odolinski (2012, doi 10.1007/s10291-011-0213-0) fits it
+            # to network RTK. The 13 to 17 min of its slow part are a constant offset over a lap; a
+            # minute, near the lower end of carrier multipath (10 to 900 s, Joerger and Pervan
+            # 2020), moves within a lap. Time and white share are assumed.
+            "gnss_error": "correlated",
+            "gnss_correlation_time_s": 60.0,
+            "gnss_white_share": 0.1,
+            # Antennas on masts, their lever arms corrected with the attitude that an IMU measures.
+            "gnss_antenna": "corrected",
+            "imu": {"on": True},
+            # Assumed. Receivers state below 0.02 s where they extrapolate the base station's
+            # phase, and 0.5 to 2 s where they wait for it (manuals of Trimble BD950 and 5700).
+            "gnss_latency_s": 0.2,
+        },
+    }
+)
+"""Settings that differ from the defaults of `SensorSpecification`, by the name of the preset."""
+
+
+def with_preset(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a table `[sensors]` with the values of its preset under the keys that it gives.
+
+    A resolved table gives every key, so that its preset changes nothing. An unknown preset adds
+    nothing; the validation of the table refuses it.
+    """
+    preset = SENSOR_PRESETS.get(str(table.get("preset")), {})
+    return {**preset, **{key: _over(preset.get(key), value) for key, value in table.items()}}
+
+
+def _over(below: object, value: object) -> object:
+    """Return a value that a table gives; a table of its own lies over that of the preset."""
+    if isinstance(below, Mapping) and isinstance(value, Mapping):
+        return {**below, **value}
+    return value
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -76,7 +123,7 @@ class SensorSpecification:
     preset: SensorPreset = "paper"
     """Preset that gives the absent keys of a file: "paper", white noise at the axle points, or
     "field", GNSS with correlated errors, antennas on masts, an IMU and latency
-    (`testbed/sensing/sensor_presets.py`). A change of preset drops the file's other keys."""
+    (`SENSOR_PRESETS`). A change of preset drops the file's other keys."""
     gnss_rate_hz: RateHz = 5.0
     """Sampling rate of both RTK receivers."""
     gnss_sd_m: NotNegative = 0.03
@@ -144,36 +191,27 @@ class SensorSpecification:
 
         Rates and standard deviations are not listed.
         """
-        notes = []
-        if self.gnss_error == "correlated":
-            notes.append(
-                f"GNSS error correlated over {self.gnss_correlation_time_s:g} s, "
-                f"{100.0 * self.gnss_white_share:g} % of its variance white"
-            )
-        elif self.gnss_error == "non-gaussian":
-            notes.append("GNSS error heavy-tailed")
-        if self.gnss_antenna == "raw":
-            notes.append("GNSS of the antennas taken for the axle points")
-        elif self.gnss_antenna == "corrected":
-            notes.append("GNSS of the antennas, lever arms corrected with the IMU's attitude")
-        if self.encoder_on == "ground":
-            notes.append("encoder reads the speed over ground")
-        if self.imu.on:
-            notes.append("IMU on tractor and trailer")
-            notes += [f"IMU latency {self.imu.latency_s:g} s"] if self.imu.latency_s else []
-        for name, latency in (
-            ("GNSS", self.gnss_latency_s),
-            ("angle", self.angle_latency_s),
-            ("encoder", self.encoder_latency_s),
-        ):
-            notes += [f"{name} latency {latency:g} s"] if latency else []
-        for name, resolution, unit in (
-            ("GNSS", self.gnss_resolution_m, "m"),
-            ("angle", self.angle_resolution_deg, "deg"),
-            ("encoder", self.encoder_resolution_mps, "m/s"),
-        ):
-            notes += [f"{name} resolution {resolution:g} {unit}"] if resolution else []
-        return [f"sensors: {line}" for line in notes]
+        texts = {
+            f"GNSS error correlated over {self.gnss_correlation_time_s:g} s, "
+            f"{100.0 * self.gnss_white_share:g} % of its variance white": (
+                self.gnss_error == "correlated"
+            ),
+            "GNSS error heavy-tailed": self.gnss_error == "non-gaussian",
+            "GNSS of the antennas taken for the axle points": self.gnss_antenna == "raw",
+            "GNSS of the antennas, lever arms corrected with the IMU's attitude": (
+                self.gnss_antenna == "corrected"
+            ),
+            "encoder reads the speed over ground": self.encoder_on == "ground",
+            "IMU on tractor and trailer": self.imu.on,
+            f"IMU latency {self.imu.latency_s:g} s": self.imu.on and self.imu.latency_s,
+            f"GNSS latency {self.gnss_latency_s:g} s": self.gnss_latency_s,
+            f"angle latency {self.angle_latency_s:g} s": self.angle_latency_s,
+            f"encoder latency {self.encoder_latency_s:g} s": self.encoder_latency_s,
+            f"GNSS resolution {self.gnss_resolution_m:g} m": self.gnss_resolution_m,
+            f"angle resolution {self.angle_resolution_deg:g} deg": self.angle_resolution_deg,
+            f"encoder resolution {self.encoder_resolution_mps:g} m/s": self.encoder_resolution_mps,
+        }
+        return [f"sensors: {text}" for text, applies in texts.items() if applies]
 
 
 def _yaw_rate_and_angles(yaw_rate_degps: float, angle_deg: float) -> tuple[float, float, float]:

@@ -10,7 +10,7 @@ heading would move the corrected point by height x sin(roll) x error, 3 mm at 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from operator import add
 from typing import Final, Protocol
@@ -46,14 +46,14 @@ The log derives its columns from this table: their names, their number and their
 """
 
 _GNSS: Final = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)  # in the order of `Truth.antennas`
-_ANGLES: Final[dict[Sensor, _Read]] = {
-    Sensor.STEERING_TRACTOR: lambda truth: (truth.delta_t,),
-    Sensor.STEERING_TRAILER: lambda truth: (truth.delta_i,),
-    Sensor.HITCH: lambda truth: (truth.beta,),
-}
-_ENCODER: Final[dict[str, _Read]] = {
-    "wheel": lambda truth: (truth.rim_speed,),
-    "ground": lambda truth: (truth.speed,),
+_ANGLES: Final[tuple[tuple[Sensor, _Read], ...]] = (
+    (Sensor.STEERING_TRACTOR, lambda truth: (truth.delta_t,)),
+    (Sensor.STEERING_TRAILER, lambda truth: (truth.delta_i,)),
+    (Sensor.HITCH, lambda truth: (truth.beta,)),
+)
+_ENCODER: Final[dict[str, tuple[Sensor, _Read]]] = {
+    "wheel": (Sensor.ENCODER, lambda truth: (truth.rim_speed,)),
+    "ground": (Sensor.ENCODER, lambda truth: (truth.speed,)),
 }
 _IMU: Final[dict[Sensor, _Read]] = {  # bodies in the order of `Truth.antennas`
     Sensor.IMU_TRACTOR: lambda truth: (truth.yaw_rate_t, truth.tractor.roll, truth.tractor.pitch),
@@ -113,19 +113,13 @@ class SensorSuite:
         self._timestep, self._seed, self._lever_arms = timestep, seed, lever_arms
         self._attitude = dict.fromkeys(_IMU, (0.0, 0.0))  # roll, pitch [rad] as last measured
         self._in_transit: list[tuple[int, Measurement]] = []  # physics step of delivery, sample
-        # IMUs come first: corrected GNSS samples of the same moment need them.
-        self._sensors = (
-            *(self._imu(sensor, specification.imu) for sensor in _IMU if specification.imu.on),
-            *(self._gnss(body) for body in range(len(_GNSS))),
-            *(self._angle(sensor) for sensor in _ANGLES),
-            self._encoder(),
-        )
+        self._sensors = tuple(self._entries())
         self._delays = any(sensor.delay for sensor in self._sensors)
 
     @property
     def every(self) -> int:
         """Physics steps between two moments at which any sensor samples or delivers."""
-        # A delay of 0 leaves the greatest common divisor as it is.
+        # a delay of 0 leaves the greatest common divisor as it is
         return math.gcd(*(n for sensor in self._sensors for n in (sensor.every, sensor.delay)))
 
     def sample(self, truth: Truth, step: int) -> list[Measurement]:
@@ -152,71 +146,36 @@ class SensorSuite:
         self._in_transit = [item for item in self._in_transit if item[0] > step]
         return delivered
 
-    def _sampled(
+    def _entries(self) -> Iterator[_SampledSensor]:
+        """Yield the sensors; IMUs first: corrected GNSS samples of the same moment need them."""
+        of, imu = self.specification, self.specification.imu
+        if imu.on:
+            for sensor, read in _IMU.items():
+                error = _imu_error(imu, self._seed, sensor)
+                yield self._entry(sensor, read, error, imu.latency_s, imu.resolution)
+        for body, sensor in enumerate(_GNSS):
+            error, resolution = _gnss_error(of, self._seed, sensor), 2 * (of.gnss_resolution_m,)
+            read = self._gnss_reader(body)
+            yield self._entry(sensor, read, error, of.gnss_latency_s, resolution)
+        angle = (of.angle_sd, of.angle_latency_s, of.angle_resolution)
+        speed = (of.encoder_sd_mps, of.encoder_latency_s, of.encoder_resolution_mps)
+        plain = [*((pair, angle) for pair in _ANGLES), (_ENCODER[of.encoder_on], speed)]
+        for (sensor, read), (sd, latency_s, resolution) in plain:
+            error = White(np.array([sd]), generator(self._seed, f"sensor/{sensor}"))
+            yield self._entry(sensor, read, error, latency_s, (resolution,))
+
+    def _entry(
         self,
         sensor: Sensor,
         read: _Read,
         error: ErrorSource,
-        *,
-        rate: float,
-        latency: float,
+        latency_s: float,
         resolution: tuple[float, ...],
     ) -> _SampledSensor:
-        period = 1.0 / rate if rate else math.inf
-        return _SampledSensor(
-            sensor,
-            read,
-            error,
-            every=whole_steps(period, self._timestep, f"rate of sensor {sensor} ({rate} Hz)"),
-            delay=delay_steps(latency, self._timestep, f"latency of sensor {sensor}"),
-            resolution=resolution,
-        )
-
-    def _imu(self, sensor: Sensor, imu: ImuSpecification) -> _SampledSensor:
-        return self._sampled(
-            sensor,
-            _IMU[sensor],
-            _imu_error(imu, self._seed, sensor),
-            rate=imu.rate_hz,
-            latency=imu.latency_s,
-            resolution=imu.resolution,
-        )
-
-    def _gnss(self, body: int) -> _SampledSensor:
-        sensor, specification = _GNSS[body], self.specification
-        return self._sampled(
-            sensor,
-            self._gnss_reader(body),
-            _gnss_error(specification, self._seed, sensor),
-            rate=specification.gnss_rate_hz,
-            latency=specification.gnss_latency_s,
-            resolution=(specification.gnss_resolution_m, specification.gnss_resolution_m),
-        )
-
-    def _angle(self, sensor: Sensor) -> _SampledSensor:
-        specification = self.specification
-        return self._sampled(
-            sensor,
-            _ANGLES[sensor],
-            self._white(sensor, specification.angle_sd),
-            rate=specification.angle_rate_hz,
-            latency=specification.angle_latency_s,
-            resolution=(specification.angle_resolution,),
-        )
-
-    def _encoder(self) -> _SampledSensor:
-        specification = self.specification
-        return self._sampled(
-            Sensor.ENCODER,
-            _ENCODER[specification.encoder_on],
-            self._white(Sensor.ENCODER, specification.encoder_sd_mps),
-            rate=specification.encoder_rate_hz,
-            latency=specification.encoder_latency_s,
-            resolution=(specification.encoder_resolution_mps,),
-        )
-
-    def _white(self, sensor: Sensor, sd: float) -> White:
-        return White(np.array([sd]), generator(self._seed, f"sensor/{sensor}"))
+        period_s, timestep = self.specification.period_s(sensor), self._timestep
+        every = whole_steps(period_s, timestep, f"rate of sensor {sensor} ({1.0 / period_s:g} Hz)")
+        delay = delay_steps(latency_s, timestep, f"latency of sensor {sensor}")
+        return _SampledSensor(sensor, read, error, every, delay, resolution)
 
     def _gnss_reader(self, body: int) -> _Read:
         """Return the function that reads the position (x, y) [m] which a body's receiver reports.

@@ -1,8 +1,13 @@
-"""Physics steps with soil wheels in one compiled call.
+"""Physics steps with soil wheels in one compiled call; a lower bound of the chassis' clearance.
 
 MuJoCo's functions are called by their symbols in its library, without Python in between. An error
 inside MuJoCo, such as a lack of memory for its stack, therefore ends the process; a state that is
 not finite remains a warning of MuJoCo's.
+
+The clearance: each tile of the field has a plane that no height in its window exceeds. The window
+is the tile, widened by the reach of the largest shape of the chassis and by `MOTION_M`. A shape
+with its centre in the tile is clear of the ground as long as it is above the plane, and stays so
+while no point of the chassis has moved farther than it was above the plane, or than `MOTION_M`.
 """
 
 # mujoco fills its name space from compiled modules without type information
@@ -11,6 +16,7 @@ not finite remains a warning of MuJoCo's.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -25,17 +31,21 @@ from numpy.typing import NDArray
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
-from ..ground.terrain import Terrain
+from ..ground.ground import Ground
 from ..implement.mounted import MountedImplement
-from ..implement.tool_kernel import tool_step
-from ..wheels.soil_wheels import SoilWheels
+from ..implement.tool_kernel import tool_arguments, tool_step
 from ..wheels.tyre_kernel import wheel_step
-from .clearance_kernel import TILE_M, clearance
+from ..wheels.wheel_models import SoilWheels
 
 for _pattern in ("libmujoco*.so*", "libmujoco*.dylib", "mujoco.dll"):
     for _library in Path(mujoco.__file__).parent.glob(_pattern):
         # loaded already by `mujoco`: this makes its symbols known to numba
         llvmlite.binding.load_library_permanently(str(_library))
+
+MOTION_M: Final = 0.2  # largest motion from one look at the shapes to the next
+TILE_M: Final = 0.5
+# of the plane over the heights: MuJoCo keeps them in single precision
+_ROUNDING_M: Final = 1e-3
 
 _OF_MODEL_AND_DATA: Final = types.void(types.intp, types.intp)
 _step1: Final = types.ExternalFunction("mj_step1", _OF_MODEL_AND_DATA)
@@ -53,6 +63,90 @@ def _clock() -> np.ndarray:
 
 
 _CLOCK: Final = int(_clock()[0])
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def clearance(
+    centres: FloatArray,
+    axes: FloatArray,
+    shapes: np.ndarray,
+    halves: FloatArray,
+    reach: float,
+    heights: FloatArray,
+    grid: FloatArray,
+    planes: FloatArray,
+) -> float:
+    """Return a lower bound of the distance that the chassis may move before it meets the ground.
+
+    Args:
+        centres: (ngeom, 3) [m] MuJoCo's `geom_xpos`.
+        axes: (ngeom, 9) MuJoCo's `geom_xmat`, row major.
+        shapes: (n,) indices of the shapes of the chassis.
+        halves: (n, 4) [m] half lengths of a box along its axes, then the radius by which it is
+            rounded.
+        reach: [m] of the farthest point of any shape from its centre.
+        heights: (ny, nx) [m] of the ground.
+        grid: (3,) x and y [m] of the first grid point, spacing [m].
+        planes: (ty, tx, 4) slopes along x and y, height [m] at the middle of the tile, and 1;
+            tiles that were not used yet are zeros, and are written.
+
+    Returns:
+        The distance [m], at most `MOTION_M`; 0 where the ground may be touched, or a shape
+        is beside the field.
+    """
+    least = MOTION_M
+    for item in range(shapes.size):
+        shape = shapes[item]
+        x, y, z = centres[shape, 0], centres[shape, 1], centres[shape, 2]
+        column, row = math.floor((x - grid[0]) / TILE_M), math.floor((y - grid[1]) / TILE_M)
+        if not (0 <= column < planes.shape[1] and 0 <= row < planes.shape[0]):
+            return 0.0
+        if planes[row, column, 3] == 0.0:
+            _put_plane(planes[row, column], column, row, reach, heights, grid)
+        px, py, height = planes[row, column, 0], planes[row, column, 1], planes[row, column, 2]
+        along_x = x - (grid[0] + (column + 0.5) * TILE_M)
+        along_y = y - (grid[1] + (row + 0.5) * TILE_M)
+        steepness = math.sqrt(px * px + py * py + 1.0)
+        above = z - height - px * along_x - py * along_y - halves[item, 3] * steepness
+        for axis in range(3):
+            to_normal = axes[shape, 6 + axis] - px * axes[shape, axis] - py * axes[shape, 3 + axis]
+            above -= abs(to_normal) * halves[item, axis]
+        if not above > 0.0:  # nor where it is not a number
+            return 0.0
+        least = min(least, above / steepness)
+    return least
+
+
+@cached_njit(error_model="numpy", boundscheck=False)
+def _put_plane(
+    plane: FloatArray, column: int, row: int, reach: float, heights: FloatArray, grid: FloatArray
+) -> None:
+    """Write the plane of a tile, (4,): the mean slopes of its window, above all its heights."""
+    ny, nx = heights.shape
+    spacing = grid[2]
+    middle_x, middle_y = (column + 0.5) * TILE_M, (row + 0.5) * TILE_M
+    half = 0.5 * TILE_M + reach + MOTION_M
+    # outwards to the next points: a facet that is partly in the window is wholly below the plane
+    left = max(0, math.floor((middle_x - half) / spacing))
+    right = min(nx - 1, math.ceil((middle_x + half) / spacing))
+    low = max(0, math.floor((middle_y - half) / spacing))
+    high = min(ny - 1, math.ceil((middle_y + half) / spacing))
+    mid_column, mid_row = 0.5 * (left + right), 0.5 * (low + high)
+    sum_x, sum_y, square_x, square_y = 0.0, 0.0, 0.0, 0.0
+    for j in range(low, high + 1):
+        for i in range(left, right + 1):
+            u, v = i - mid_column, j - mid_row
+            sum_x += u * heights[j, i]
+            sum_y += v * heights[j, i]
+            square_x += u * u
+            square_y += v * v
+    px, py = sum_x / (square_x * spacing), sum_y / (square_y * spacing)
+    top = -math.inf
+    for j in range(low, high + 1):
+        for i in range(left, right + 1):
+            along_x, along_y = i * spacing - middle_x, j * spacing - middle_y
+            top = max(top, heights[j, i] - px * along_x - py * along_y)
+    plane[0], plane[1], plane[2], plane[3] = px, py, top + _ROUNDING_M, 1.0
 
 
 @cached_njit(error_model="numpy", boundscheck=False, nogil=True)
@@ -127,7 +221,7 @@ def compiled_steps(
     data: mujoco.MjData,
     wheels: SoilWheels,
     implement: MountedImplement | None,
-    terrain: Terrain,
+    ground: Ground,
 ) -> Callable[[int], object] | None:
     """Return the function that runs a number of physics steps of a plant with soil wheels.
 
@@ -135,14 +229,14 @@ def compiled_steps(
     """
     if config.DISABLE_JIT:
         return None
-    ground = model.geom("ground").id
-    shapes: NDArray[np.int64] = np.flatnonzero(model.geom_conaffinity & model.geom_contype[ground])
+    terrain, field = ground.terrain, model.geom("ground").id
+    shapes: NDArray[np.int64] = np.flatnonzero(model.geom_conaffinity & model.geom_contype[field])
     rows, columns = (int(np.ceil(side / TILE_M)) for side in reversed(terrain.size_m))
     chassis = (
         data.geom_xpos,
         data.geom_xmat,
         shapes,
-        np.array([_half_lengths(model, shape, ground) for shape in shapes.tolist()]),
+        np.array([_half_lengths(model, shape, field) for shape in shapes.tolist()]),
         float(model.geom_rbound[shapes].max()),
         terrain.heights,
         np.array([*terrain.origin, terrain.spacing_m]),
@@ -153,27 +247,24 @@ def compiled_steps(
         model._address,
         data._address,
         wheels.arguments,
-        implement.arguments if implement else _without_tool(data, wheels),
+        implement.arguments if implement else _without_tool(model, data, ground),
         implement is not None,
         chassis,
         _reaches(model, shapes),
         np.zeros(model.nq + 1),
         data.qpos,
         data.qvel,
-        model.geom_contype[ground : ground + 1],
+        model.geom_contype[field : field + 1],
         _clock(),
         _CLOCK,
         model.opt.timestep,
     )
 
 
-def _without_tool(data: mujoco.MjData, wheels: SoilWheels) -> tuple[Any, ...]:
+def _without_tool(model: mujoco.MjModel, data: mujoco.MjData, ground: Ground) -> tuple[Any, ...]:
     """Return arguments of the types of `tool_step`'s, so that there is one compiled version."""
-    heights, cone_indices, grid = wheels.arguments[2:5]
     law, offsets, work = np.zeros(12), np.zeros(0), np.zeros((0, 2))
-    bodies = (0, data.xpos, data.xmat, data.xipos, data.cvel, data.subtree_com)
-    lift, output = np.zeros(2), np.zeros((0, 3))
-    return law, offsets, work, heights, cone_indices, grid, *bodies, lift, output, data.xfrc_applied
+    return tool_arguments(model, data, ground, law, offsets, work, np.zeros(2), np.zeros((0, 3)))
 
 
 def _half_lengths(model: mujoco.MjModel, shape: int, ground: int) -> list[float]:

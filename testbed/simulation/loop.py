@@ -14,9 +14,8 @@ from ttempc.errors import GuidanceFailed
 
 from ..errors import PlantDiverged, StageFailed
 from ..recording import channels
-from ..recording import record_rows as rows
+from ..recording.channels import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..recording.record import LEARNT, OVERRUN, REACTION, REACTION_ENDED, Event
-from ..recording.topics import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from .deadline import alarm_handled, time_limit
 from .setup import SimulationSetup, Stage, TickContext
 from .termination import check_termination
@@ -59,7 +58,7 @@ def sense(setup: SimulationSetup, tick: TickContext) -> None:
     tick.measurements = []
     for step, truth in tick.truths:
         samples = setup.sensors.sample(truth, step)
-        for row in rows.measurement_rows(samples):
+        for row in channels.measurement_rows(samples):
             setup.sink.row(channels.MEASUREMENT, truth.time_s, row)
         tick.measurements += samples
 
@@ -71,7 +70,7 @@ def estimate(setup: SimulationSetup, tick: TickContext) -> None:
         start = perf_counter_ns()
         tick.estimate = setup.guidance.update(tick.now.time_s, tick.measurements)
         tick.estimator_ns = perf_counter_ns() - start
-    setup.sink.row(channels.ESTIMATE, tick.now.time_s, rows.estimate_row(tick.estimate))
+    setup.sink.row(channels.ESTIMATE, tick.now.time_s, channels.estimate_row(tick.estimate))
 
 
 def control(setup: SimulationSetup, tick: TickContext) -> None:
@@ -89,11 +88,11 @@ def log_control(setup: SimulationSetup, tick: TickContext) -> None:
     """Log the command and its diagnostics."""
     assert tick.control is not None
     diagnostics, time, sink = tick.control.diagnostics, tick.now.time_s, setup.sink
-    sink.row(channels.CONTROL, time, rows.control_row(tick.control, setup.vehicle))
-    sink.row(channels.TRACKING, time, rows.tracking_row(diagnostics))
-    sink.row(channels.SOLVER, time, rows.solver_row(diagnostics))
+    sink.row(channels.CONTROL, time, channels.control_row(tick.control, setup.vehicle))
+    sink.row(channels.TRACKING, time, channels.tracking_row(diagnostics))
+    sink.row(channels.SOLVER, time, channels.solver_row(diagnostics))
     if diagnostics.tube is not None:
-        sink.row(channels.TUBE, time, rows.tube_row(diagnostics.tube))
+        sink.row(channels.TUBE, time, channels.tube_row(diagnostics.tube))
     if diagnostics.predicted_path is not None:
         sink.path(PREDICTED_PATH_TOPIC, time, diagnostics.predicted_path[:, :2])
         sink.path(PREDICTED_TRAILER_PATH_TOPIC, time, diagnostics.predicted_path[:, 2:])
@@ -139,11 +138,11 @@ def log_truth(setup: SimulationSetup, tick: TickContext) -> None:
         if step % setup.record_steps == 0:
             driven = tick.reference_step(step, setup.control_steps)
             reference = setup.reference_row(driven, truth).tolist()
-            setup.sink.row(channels.STATE, truth.time_s, rows.state_row(truth))
+            setup.sink.row(channels.STATE, truth.time_s, channels.state_row(truth))
             setup.sink.row(channels.REFERENCE, truth.time_s, reference)
-            setup.sink.row(channels.TYRES, truth.time_s, rows.tyres_row(truth))
+            setup.sink.row(channels.TYRES, truth.time_s, channels.tyres_row(truth))
             if truth.tool is not None:
-                row = rows.tool_row(truth.tool, reference)
+                row = channels.tool_row(truth.tool, reference)
                 setup.sink.row(channels.TOOL, truth.time_s, row)
             if setup.corridor_row is not None:
                 setup.sink.row(channels.CORRIDOR, truth.time_s, setup.corridor_row(truth))
@@ -155,7 +154,7 @@ def log_timing(setup: SimulationSetup, tick: TickContext) -> None:
     assert tick.control is not None
     report = tick.control.diagnostics.solver
     # A QP that was answered without the solver (time 0) has no time of one.
-    qp_us = 1e6 * report.solve_time_s if report and report.solve_time_s else rows.NAN
+    qp_us = 1e6 * report.solve_time_s if report and report.solve_time_s else channels.NAN
     plant_us = 1e-3 * tick.plant_ns / setup.control_steps
     row = (1e-3 * tick.estimator_ns, 1e-3 * tick.control_ns, qp_us, plant_us)
     setup.sink.row(channels.TIMING, tick.now.time_s, row)

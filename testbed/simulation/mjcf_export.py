@@ -15,7 +15,7 @@ from ..errors import InvalidPlant
 from ..ground.terrain import Terrain
 from ..truth import WHEELS
 from ..vehicle.vehicle_model import build_spec
-from ..wheels.contact_wheels import ContactWheels
+from ..wheels.wheel_models import ContactWheels
 from .plant import Plant
 
 SCENE_FILE: Final = "scene.xml"

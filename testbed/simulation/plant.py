@@ -30,17 +30,17 @@ from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
 from ..vehicle.vehicle_model import build_spec, level_mjcf, level_model, physics_model
 from ..wheels.soil_law import SoilLaw
-from ..wheels.soil_wheels import SoilWheels
+from ..wheels.tyre import Tyres
 from ..wheels.tyre_kernel import Output
-from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, wheel_model
+from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, SoilWheels, wheel_model
 from .compiled_steps import compiled_steps
-from .standing import check_standing
 from .truth_reader import TruthReader
 
 _DEFAULT_LAW: Final = SoilLaw()
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _SETTLE_CHUNK_S: Final = 0.1  # between comparisons of the wheel loads
 _SETTLE_CHUNKS: Final = 30  # largest number of comparisons
+_BALANCE: Final = 0.02  # largest difference of the ground's force to the weight, over the weight
 _SETTLED: Final = 1e-4  # largest change of a wheel load over the weight
 
 
@@ -100,7 +100,7 @@ class Plant:
             implement, model, data, vehicle, self.ground, soil.background
         )
         self._steps = (
-            compiled_steps(model, data, self.wheels, self.implement, terrain)
+            compiled_steps(model, data, self.wheels, self.implement, self.ground)
             if type(self.wheels) is SoilWheels  # a subclass may step in a way of its own
             else None
         )
@@ -345,3 +345,47 @@ class Plant:
         data.act[self._hydrostat] = hp
         data.ctrl[:] = 0.0, 0.0, hp  # the set points of the present speed, until the first command
         self._valves = self.actuators.start(hp)
+
+
+def check_standing(
+    model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, output: FloatArray
+) -> None:
+    """Refuse a settled vehicle that touches the ground with more than its tyres, or still falls.
+
+    The force of the ground along the vehicle's upward axis must be the weight's part along it. The
+    wheel loads are normal to the ground below each wheel, which may be the flank of a furrow: their
+    sum alone is up to 2 % larger.
+
+    Args:
+        model: of the plant.
+        data: of the plant, after a physics step.
+        tyres: in the order of `WHEELS`.
+        output: (6, 7) report of the wheels, columns of `Output`.
+
+    Raises:
+        InvalidPlant: a body touches the ground, a tyre is pressed flat on its rim, where its law
+            ends, or the ground does not carry the weight to within 2 %.
+    """
+    place = "reset: at ({:.1f}, {:.1f}) m".format(*data.qpos[:2])
+    for pair in data.contact.geom:
+        bodies = {model.body(model.geom_bodyid[geom]).name for geom in pair} - {"world"}
+        if not bodies <= set(WHEELS):
+            raise InvalidPlant(f"{place} the {', '.join(sorted(bodies))} touches the ground")
+    height = data.xpos[[model.body(wheel).id for wheel in WHEELS], 2] - output[:, Output.GROUND]
+    spare = height - (tyres.radius - tyres.section_height)  # of the rim above the ground
+    worst = int(np.argmin(spare))
+    if spare[worst] <= 0.0:
+        load, rated = output[worst, Output.LOAD], tyres.rated_load[worst]
+        raise InvalidPlant(
+            f"{place} the {WHEELS[worst]} tyre is pressed flat on its rim: "
+            f"it carries {load:.0f} N, {load / rated:.1f} times its rated load"
+        )
+    # forces of soil wheels are applied forces, those of contact wheels are constraints
+    force = data.xfrc_applied[:, :3].sum(axis=0) + data.qfrc_constraint[:3]
+    up = data.body("tractor").xmat.reshape(3, 3)[:, 2]
+    share = -(force @ up) / (model.body_mass.sum() * (model.opt.gravity @ up))
+    if not abs(share - 1.0) <= _BALANCE:
+        raise InvalidPlant(
+            f"{place} the vehicle does not come to rest on its wheels: the ground carries "
+            f"{share:.0%} of its weight"
+        )

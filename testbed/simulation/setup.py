@@ -11,7 +11,7 @@ from ttempc.types import Command, ControlStep, Estimate, FloatArray, Measurement
 from ttempc.vehicle import Vehicle
 
 from ..ground.terrain import Terrain
-from ..recording.sink import Sink
+from ..recording.record import Sink
 from ..sensing.sensors import Sensors
 from ..truth import Truth
 from .deadline import STEP_LIMIT_S, CommandQueue

@@ -15,13 +15,14 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from ..errors import LiveError
 from ..messages.publisher import Publisher, topics_of
 from ..messages.scenery import Scenery
-from ..recording.channels import CHANNELS, Channel
-from ..recording.topics import (
+from ..recording.channels import (
+    CHANNELS,
     DRIVEN_TOPIC,
     DRIVEN_TRAILER_TOPIC,
     EVENT_TOPIC,
     REFERENCE_PATH_TOPIC,
     SCENE_TOPIC,
+    Channel,
 )
 from .origin_gate import OriginGate
 

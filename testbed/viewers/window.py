@@ -8,24 +8,20 @@ import math
 import os
 import sys
 import time
-from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
 import mujoco
 import mujoco.viewer
 
-from ttempc.types import FloatArray
-
 from ..errors import LiveError, WindowClosed
-from ..recording.channels import Channel
-from ..recording.record import Event
+from ..recording.record import Sink
 from ..simulation.plant import Plant
 from ..truth import Truth
 
 
-class Window:
-    """Window on a plant; a `testbed.recording.sink.Sink` and a context manager.
+class Window(Sink):
+    """Window on a plant; a sink and a context manager.
 
     Args:
         plant: the plant to draw; it is not changed.
@@ -66,15 +62,6 @@ class Window:
         trace: TracebackType | None,
     ) -> None:
         self._viewer.close()
-
-    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Ignore a row: the window draws shapes only."""
-
-    def event(self, event: Event) -> None:
-        """Ignore an event."""
-
-    def path(self, topic: str, time_s: float, points: FloatArray) -> None:
-        """Ignore a path."""
 
     def scene(self, truth: Truth) -> None:
         """Draw the bodies when their simulated time has come.

@@ -1,8 +1,22 @@
-"""Compiled law of `tyre`: all wheels of a vehicle in one call, on MuJoCo's arrays.
+"""Law of a wheel on soil, compiled: all wheels of a vehicle in one call, on MuJoCo's arrays.
 
-Equations and their order are those of `tyre`; a test compares the two. In addition it converts
-MuJoCo's quantities to the motion of a wheel, and forces to `xfrc_applied`. The law itself is an
-argument.
+A wheel is a disc above a Winkler bed: height look-ups under the disc give the normal force
+(`tyre.contact`), and the cone index gives traction, motion resistance and side force (`soil_law`).
+
+The state of a wheel are its tread deflections u: along, across, in rolling. They follow the sliding
+speed w and fade over the relaxation length sigma (single-contact-point model, H. B. Pacejka, "Tire
+and Vehicle Dynamics", 3rd ed., 2012, eq. (7.7)),
+
+    du/dt = w - |V| / sigma u,
+
+with |V| along the wheel that of rim or hub, whichever is faster, and across it that of the hub, or
+of the sliding along the wheel where this is faster. u / sigma is the slip in steady rolling, across
+the tangent of the slip angle. At V = 0 it is a spring, so that a standing wheel holds on a slope.
+The law is the same in reverse. The third deflection follows the wheel's speed; over its short
+length it is the sign of the speed, with which motion resistance acts. Its damping is near the
+critical one of a vehicle at rest, so that a stop does not swing back.
+
+The tests hold the kernel to a twin in numpy.
 """
 
 from __future__ import annotations
@@ -16,7 +30,6 @@ import numpy as np
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
-from ..ground.grid_kernel import grid_cell
 from . import tyre
 
 
@@ -42,6 +55,21 @@ _SMALL_SPEED: Final = tyre.SMALL_SPEED
 _LEAST_UPRIGHT: Final = tyre.LEAST_UPRIGHT
 # contact length over radius; a track begins this far of travel behind the wheel that made it
 _CONTACT: Final = float(2.0 * np.sin(tyre.FAN_ANGLES[-1]))
+
+
+@cached_njit(inline="always")
+def grid_cell(coordinate: float, last: int) -> tuple[int, float]:
+    """Return the grid cell and the place in it, 0 to 1; beyond the grid those of the border.
+
+    The integer clamp also holds for NaN.
+
+    Args:
+        coordinate: along one axis of the grid, in cells.
+        last: index of its last point.
+    """
+    coordinate = min(last, max(0.0, coordinate))
+    index = max(0, min(int(coordinate), last - 1))
+    return index, coordinate - index
 
 
 @cached_njit(inline="always")

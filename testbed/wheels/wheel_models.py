@@ -1,6 +1,6 @@
-"""Registry of wheel models: the forces of the ground on the wheels, by name.
+"""Wheel models: the forces of the ground on the wheels, by name.
 
-A new model is a module with a class that satisfies `WheelModel`, and a line in `WHEEL_MODELS`.
+A new model is a class that satisfies `WheelModel`, and a line in `WHEEL_MODELS`.
 """
 
 # mujoco fills its name space from compiled modules without type information
@@ -8,23 +8,24 @@ A new model is a module with a class that satisfies `WheelModel`, and a line in 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated, ClassVar, Final, Protocol
+from functools import partial
+from typing import Annotated, ClassVar, Final
 
 import mujoco
+import numpy as np
 from pydantic import AfterValidator, Field
 
 from ttempc.types import FloatArray
 
 from ..errors import InvalidPlant
 from ..ground.ground import Ground
-from .contact_wheels import ContactWheels
+from ..truth import WHEELS
 from .soil_law import SoilLaw
-from .soil_wheels import SoilWheels
-from .tyre import Tyres
+from .tyre import Tyres, mobility
+from .tyre_kernel import Output, wheel_step
 
 
-class WheelModel(Protocol):
+class WheelModel:
     """The wheels of one plant.
 
     The plant calls `adapt` before it compiles the MJCF. For every series of physics steps it calls
@@ -32,22 +33,10 @@ class WheelModel(Protocol):
     accelerations of the last one. A reset sets `state` and `output` to zero.
     """
 
-    follows_soil_law: ClassVar[bool]  # its forces are those of `soil_law`
+    follows_soil_law: ClassVar[bool] = False  # its forces are those of `soil_law`
 
-    @property
-    def state(self) -> FloatArray:
-        """Everything that the future depends on besides MuJoCo's state; changed in place."""
-        ...
-
-    @property
-    def output(self) -> FloatArray:
-        """The last report, (6, 7): wheels in the order of `WHEELS`, columns of `Output`."""
-        ...
-
-    @property
-    def step(self) -> Callable[[], object]:
-        """Apply the forces of the ground for one physics step."""
-        ...
+    state: FloatArray  # all that the future depends on besides MuJoCo's state; changed in place
+    output: FloatArray  # (6, 7) last report: wheels in the order of `WHEELS`, columns of `Output`
 
     def __init__(
         self,
@@ -56,20 +45,132 @@ class WheelModel(Protocol):
         tyres: Tyres,
         ground: Ground,
         law: SoilLaw,
-    ) -> None: ...
+    ) -> None:
+        self.state = np.zeros(0)
+        self.output = np.zeros((len(WHEELS), len(Output)))
 
     @staticmethod
     def adapt(spec: mujoco.MjSpec) -> None:
         """Change the MJCF, in place, to what the model needs."""
-        ...
 
     def prepare(self) -> None:
         """Prepare a series of steps from the loads of the last report."""
-        ...
+
+    def step(self) -> None:
+        """Apply the forces of the ground for one physics step."""
 
     def report(self) -> None:
         """Write loads, slips and forces of the present step into `output`."""
-        ...
+
+
+class SoilWheels(WheelModel):
+    """Writes the forces of `wheel_step` on every wheel into `xfrc_applied`.
+
+    The state holds the tread deflections [m]: a restored run without them is 29 mm away after
+    10 s. With a second pass it also holds the tracks of the run.
+    """
+
+    follows_soil_law: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        tyres: Tyres,
+        ground: Ground,
+        law: SoilLaw,
+    ) -> None:
+        super().__init__(model, data, tyres, ground, law)
+        tracks = 1 + ground.cone_index.size if law.second_pass else 0
+        self.state = np.zeros(3 * len(WHEELS) + tracks)
+        self.tyre_table: Final = tyres.table(law)
+        terrain = ground.terrain
+        # views of MuJoCo's arrays, bound once: they outlive a reset of the data
+        self.arguments: Final = (  # of `wheel_step`
+            law.table(),
+            self.tyre_table,
+            terrain.heights,
+            ground.cone_index,
+            np.array([*terrain.origin, terrain.spacing_m, model.opt.timestep]),
+            np.array([model.body(wheel).id for wheel in WHEELS]),
+            *(data.xpos, data.xmat, data.cvel, data.subtree_com),
+            *(self.state, self.output, data.xfrc_applied),
+        )
+        self.step = partial(wheel_step, *self.arguments)
+
+
+class ContactWheels(WheelModel):
+    """MuJoCo's own contact of ellipsoid wheels, to compare with the soil wheels; without a state.
+
+    The contact has Coulomb friction. Its coefficient is the largest traction ratio of the soil
+    under the wheel (Brixius, see `soil_law`); the motion resistance without slip acts as dry
+    friction at the wheel's bearing. Both follow the cone index under the wheel and the load of the
+    last report, and are set once per `prepare`. Slip and slip angle are not reported (NaN).
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        tyres: Tyres,
+        ground: Ground,
+        law: SoilLaw,
+    ) -> None:
+        super().__init__(model, data, tyres, ground, law)
+        self._model, self._data, self._tyres, self._ground = model, data, tyres, ground
+        self._law = law
+        self._bodies = np.array([model.body(wheel).id for wheel in WHEELS])
+        self._geoms = np.array([model.geom(f"{wheel}_contact").id for wheel in WHEELS])
+        self._dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
+
+    @staticmethod
+    def adapt(spec: mujoco.MjSpec) -> None:
+        """Let the ellipsoid of every wheel collide with the ground."""
+        for wheel in WHEELS:
+            geom = spec.geom(f"{wheel}_contact")
+            geom.contype, geom.conaffinity = 2, 1
+
+    def prepare(self) -> None:
+        """Set friction and motion resistance for the soil under each wheel and its last load.
+
+        MuJoCo's contacts are computed again: the present ones have the previous friction.
+        """
+        load = self.output[:, Output.LOAD]
+        bn, _ = mobility(self._law, self._tyres, load, self._cone_index())
+        self._model.geom_friction[self._geoms, 0] = self._law.largest_traction_ratio(bn)
+        resistance = load * self._law.motion_resistance_ratio(bn, np.zeros_like(bn))  # (6,) [N]
+        self._model.dof_frictionloss[self._dofs] = resistance * self._tyres.radius
+        mujoco.mj_step1(self._model, self._data)
+
+    def report(self) -> None:
+        """Write loads and forces of the present contacts into `output`, (6, 7)."""
+        data, output = self._data, self.output
+        output[:] = 0.0
+        output[:, [Output.SLIP, Output.SLIP_ANGLE]] = np.nan
+        wrench = np.zeros(6)
+        for index, pair in enumerate(data.contact.geom):
+            wheel = np.flatnonzero((self._geoms == pair[0]) | (self._geoms == pair[1]))
+            if not wheel.size:
+                continue
+            mujoco.mj_contactForce(self._model, data, index, wrench)
+            frame = data.contact.frame[index].reshape(3, 3)
+            # the contact's normal points from the first geom to the second
+            sign = 1.0 if pair[1] == self._geoms[wheel[0]] else -1.0
+            force = sign * (frame.T @ wrench[:3])
+            normal = sign * frame[0]
+            axle = data.xmat[self._bodies[wheel[0]]].reshape(3, 3)[:, 1]
+            ahead = np.cross(axle, normal)
+            ahead /= np.linalg.norm(ahead)
+            output[wheel, Output.LOAD] += wrench[0]
+            output[wheel, Output.FORCE_LONG] += force @ ahead
+            output[wheel, Output.FORCE_LAT] += force @ np.cross(normal, ahead)
+        place = data.xpos[self._bodies]
+        output[:, Output.CONE_INDEX] = self._cone_index()
+        output[:, Output.GROUND] = self._ground.terrain.height(place[:, 0], place[:, 1])
+
+    def _cone_index(self) -> FloatArray:
+        """Return the cone index under each wheel [kPa], (6,)."""
+        return self._ground.cone_index_at(*self._data.xpos[self._bodies, :2].T)
 
 
 WHEEL_MODELS: Final[dict[str, type[WheelModel]]] = {"soil": SoilWheels, "contact": ContactWheels}

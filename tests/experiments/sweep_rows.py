@@ -1,14 +1,15 @@
 """Sweeps of synthetic rows, for tests of their reports."""
 
 from proving_ground.experiments.sweep.engine import engine
-from proving_ground.experiments.sweep.failure import ERROR
 from proving_ground.experiments.sweep.folder import lock_folder
 from proving_ground.experiments.sweep.row import no_figures
 from proving_ground.experiments.sweep.sweep import sweep
-from proving_ground.experiments.sweep_report.runs import COST
 from proving_ground.testbed.randomness import generator
 
 from tests.experiments.study_files import plan_of
+
+ERROR = "tracking.all.trailer.cross_p95_m"
+COST = "timing.control_step_us.median"
 
 AXES = """
 [[axis]]

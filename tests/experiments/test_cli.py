@@ -1,145 +1,185 @@
-"""Command line in a process of its own, in an empty folder."""
+"""Command line: files of a run, exit codes, refusals in one line, what a process loads."""
 
 import json
+import os
+import re
+import shlex
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
-from proving_ground.experiments.commands.cli import main
-from proving_ground.testbed.log.log_reader import read_log
+from PIL import Image
+from proving_ground.experiments.commands import drive
+from proving_ground.experiments.commands.cli import _COMMANDS, main, make_parser
+from proving_ground.experiments.commands.options import seeds
+from proving_ground.experiments.output import progress
+from proving_ground.experiments.run.user_code import load_factory
+from proving_ground.experiments.scenario.scenario import shipped
+from proving_ground.experiments.threads import ONE_THREAD
+from proving_ground.testbed.log.reader import read_log
 from proving_ground.testbed.recording.channels import STATE
 
-from proving_ground import load, simulate
+from ttempc.guidance.controllers import CONTROLLERS
 
-SHORT = ("--set", "path={kind='straight', length_m=15}")
+SHORT = ("--set", "path={kind='straight', length_m=12}")
 
 
-def ttempc(*arguments, cwd):
-    return subprocess.run(
-        [sys.executable, "-m", "proving_ground.experiments.commands.cli", *arguments],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    return tmp_path
+
+
+def refusal(capsys, *arguments):
+    """Return the one line with which a command is refused."""
+    try:
+        code = main(list(map(str, arguments)))
+    except SystemExit as stopped:  # argparse's way out
+        code = stopped.code
+    printed = capsys.readouterr()
+    assert code == 2
+    assert printed.err.count("\n") == 1, printed.err
+    assert not printed.out
+    return printed.err
+
+
+def states(folder):
+    return read_log(folder / "log.mcap")[STATE].values
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A short run with its folder."""
-    cwd = tmp_path_factory.mktemp("run")
-    done = ttempc("run", "grass", "--seed", "3", "--out", "short", *SHORT, cwd=cwd)
-    assert done.returncode == 0, done.stderr
-    return done, cwd / "short"
+    """Folder of a short run, driven by a process of its own, with what it printed."""
+    folder = tmp_path_factory.mktemp("run") / "short"
+    environment = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
+    command = [sys.executable, "-m", "proving_ground.experiments.commands.cli", "run", "grass"]
+    done = subprocess.run(
+        [*command, *SHORT, "--seed", "3", "-o", str(folder)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    return folder, done.stdout
 
 
-def test_a_run_writes_its_files_and_prints_their_paths(finished):
-    done, folder = finished
+def test_a_run_writes_its_files_and_its_last_line_says_what_to_open(finished):
+    folder, printed = finished
     names = {file.name for file in folder.iterdir()}
-    assert {"log.mcap", "summary.json", "scenario.toml", "report.html"} <= names
-    assert sum(name.endswith(".png") for name in names) >= 5
-    for name in ("log.mcap", "summary.json", "report.html"):
-        assert name in done.stdout
-    assert "Tracking error" in done.stdout
+    assert {"log.mcap", "summary.json", "scenario.toml", "report.html", "path.png"} <= names
+    assert all(name in printed for name in names)
+    assert printed.splitlines()[-1] == f"open {folder / 'report.html'}"
 
 
-def test_json_goes_to_stdout_alone_and_another_process_has_the_same_bits(finished, tmp_path):
-    _, folder = finished
-    done = ttempc("run", "--json", "--seed", "3", "--out", "again", *SHORT, cwd=tmp_path)
-    assert done.returncode == 0
-    printed = json.loads(done.stdout)
-    written = json.loads((folder / "summary.json").read_text())
-    for part in ("tracking", "estimation", "inputs", "slip", "run_id"):
-        assert printed[part] == written[part], "same scenario and seed, another process"
-    again = read_log(tmp_path / "again" / "log.mcap")[STATE].values
-    assert np.array_equal(again, read_log(folder / "log.mcap")[STATE].values)
+def test_the_same_seed_has_the_same_bits_in_another_process_and_from_the_resolved_scenario(
+    finished, here, capsys
+):
+    folder, _ = finished
+    resolved = str(folder / "scenario.toml")
+    assert main(["run", resolved, "--seed", "3", "--json", "-o", "again"]) == 0
+    printed, written = capsys.readouterr().out, json.loads((folder / "summary.json").read_text())
+    assert json.loads(printed)["tracking"] == written["tracking"]
+    assert np.array_equal(states(here / "again"), states(folder))
+    assert main(["run", *SHORT, "--seeds", "3,4", "-o", "both", "-q"]) == 0
+    assert capsys.readouterr().out == ""
+    assert sorted(item.name for item in (here / "both").iterdir()) == ["seed-3", "seed-4"]
+    one_of_two = json.loads((here / "both" / "seed-3" / "summary.json").read_text())
+    assert all(one_of_two[key] == written[key] for key in ("run_id", "tracking"))
+    assert not np.array_equal(states(here / "both" / "seed-4"), states(folder))
 
 
-def test_another_seed_has_other_bits(finished):
-    _, folder = finished
-    _, record = simulate(*load("grass", [SHORT[1]]), seed=4)
-    assert not np.array_equal(record[STATE].values, read_log(folder / "log.mcap")[STATE].values)
+def test_several_seeds_make_a_list_and_a_table(here, capsys):
+    line = ["run", "pavement", "--set", "path={kind='straight', length_m=6}", "--seeds", "2"]
+    assert main([*line, "--json", "-o", "a"]) == 0
+    assert [run["seed"] for run in json.loads(capsys.readouterr().out)] == [201, 202]
+    assert main([*line, "-v", "-o", "b"]) == 0
+    printed = capsys.readouterr()
+    assert re.search(r"^202 +completed", printed.out, re.MULTILINE)
+    assert printed.out.splitlines()[-1] == "open b/seed-*/report.html"
 
 
-def test_help_loads_no_library_that_takes_time(tmp_path):
-    """A process without other tests: only it shows what help loads."""
-    for arguments in (["--help"], ["report", "--help"]):
-        code = (
-            "import contextlib, sys\n"
-            "from proving_ground.experiments.commands.cli import main\n"
-            f"with contextlib.suppress(SystemExit): main({arguments})\n"
-            "print(sorted(SLOW & set(sys.modules)))\n"
-        )
-        slow = "SLOW = {'mujoco', 'numba', 'scipy', 'matplotlib', 'pydantic', 'dask'}\n"
-        done = subprocess.run(
-            [sys.executable, "-c", slow + code], capture_output=True, text=True, check=True
-        )
-        assert "usage: ttempc" in done.stdout
-        assert done.stdout.splitlines()[-1] == "[]"
+def test_seeds_are_a_count_or_a_list():
+    assert seeds("3") == (201, 202, 203)
+    assert seeds("7,11-13,7") == (7, 11, 12, 13)
+    for text in ("0", "x", "3-1", ",", "1-5000", "1-", "99999999999,", "4294967296,"):
+        with pytest.raises(Exception, match="count"):
+            seeds(text)
 
 
-def test_a_run_reaches_its_first_physics_step_without_figures():
-    code = (
-        "import sys\n"
-        "import proving_ground.experiments.commands.run\n"
-        "import proving_ground.experiments.results.table\n"
-        "from proving_ground import load\n"
-        "from proving_ground.experiments.run import simulate\n"
-        "simulate.assemble(load('grass', sys.argv[1:])[1], seed=1)\n"
-        "print(sorted({'matplotlib', 'scipy.stats', 'casadi', 'dask'} & set(sys.modules)))\n"
-    )
-    command = [sys.executable, "-c", code, SHORT[1]]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout == "[]\n"
+def test_early_termination_is_exit_code_3_with_log_and_summary(here, capsys):
+    line = ["run", "--controller", "feedforward", "--set", "path.laps=1", "--set"]
+    assert main([*line, "terrain.slope_rad=0.2", "-o", "ended"]) == 3
+    summary = json.loads((here / "ended" / "summary.json").read_text())
+    assert summary["status"] in ("lost", "stopped")
+    assert summary["failure"] in capsys.readouterr().out.replace("\n", " ")
+    *_, failure, end = read_log(here / "ended" / "log.mcap").events
+    assert failure.text == summary["failure"]
+    assert end.text.startswith(f"run ends: {summary['status']} after ")
 
 
-def test_a_resolved_scenario_drives_the_same_run(finished, tmp_path):
-    _, folder = finished
-    done = ttempc(
-        "run", str(folder / "scenario.toml"), "--seed", "3", "--out", "again", cwd=tmp_path
-    )
-    assert done.returncode == 0
-    again = read_log(tmp_path / "again" / "log.mcap")[STATE].values
-    assert np.array_equal(again, read_log(folder / "log.mcap")[STATE].values)
+def test_a_demo_is_20_s_with_a_film_also_without_opengl(here, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "mujoco.egl", None)
+    monkeypatch.setattr(drive, "_DEMO_S", 4.0)
+    assert main(["demo", "pavement"]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == "open runs/demo-pavement/report.html"
+    folder = here / "runs" / "demo-pavement"
+    assert json.loads((folder / "summary.json").read_text())["duration_s"] == pytest.approx(4.0)
+    with Image.open(folder / "film.webp") as film:
+        assert film.n_frames > 10
 
 
-def test_an_existing_folder_is_refused_and_left_alone(finished):
-    _, folder = finished
-    before = {file: file.stat().st_mtime_ns for file in folder.rglob("*")}
-    done = ttempc("run", "grass", "--out", str(folder), cwd=folder.parent)
-    assert done.returncode == 2
-    assert "exists already" in done.stderr
-    assert before == {file: file.stat().st_mtime_ns for file in folder.rglob("*")}
+def test_progress_is_told_without_a_terminal_every_few_seconds(monkeypatch, capsys):
+    clock = iter(np.arange(0.0, 100.0, 2.0))
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    with progress(10, "a run", "tick", shown=True) as count:
+        for _ in range(10):
+            count()
+    assert capsys.readouterr().err.splitlines() == [
+        "a run: 3 of 10 ticks in 6 s",
+        "a run: 6 of 10 ticks in 12 s",
+        "a run: 9 of 10 ticks in 18 s",
+    ]
+    with progress(1, "a run", "tick") as count:
+        count()
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("gras",), "scenario 'gras': no such scenario; shipped are cultivate, farm, furrows"),
+        (("gras",), "scenario 'gras'"),
         (("nowhere.toml",), "no such file"),
-        (("--seed", "-1"), "--seed: must be a whole number"),
-        (("--seed", "x"), "--seed: must be a whole number"),
-        (("--controller", "pidd"), "pidd"),
+        (("--seed", "-1"), "--seed"),
+        (("--seed", "x"), "--seed"),
+        (("--seeds", "0"), "--seeds"),
+        (("--seed", "3", "--seeds", "2"), "not allowed with"),
+        (("-q", "-v"), "not allowed with"),
+        (("--seeds", "2", "--live"), "--live"),
+        (("--speed", "2"), "--speed"),
+        (("--port", "2"), "--port"),
+        (("--live", "--speed", "0"), "must be above 0"),
+        (("--record-rate", "30"), "must be one of 5, 10, 20, 25, 50"),
+        (("--record-rate", "nan"), "got nan Hz"),
+        (("--controller", "pidd"), "did you mean pid"),
         (("--set", "soil.cone_index_kpa=-3"), "soil.cone_index_kpa"),
         (("--set", "soil.cone_index_kpa=nan"), "soil.cone_index_kpa"),
         (("--set", "soil.softnes=3"), "unknown key"),
-        (("--set", "path.radius_m=2.0"), "path too tight at s ="),
+        (("--set", "path.radius_m=2.0"), "too tight"),
         (("--set", "path.speed_mps=1.5"), "1.4 m/s"),
         (("--set", "terrain.size_x_m=40.0"), "must stay 4 m inside the field"),
         (("--set", "terrain.height_map='no.npy'"), "no.npy"),
-        (("pavement", "--set", "soil.name='concrete'"), "must be one of hard, dry, moist, wet"),
+        (("pavement", "--set", "soil.name='concrete'"), "hard, dry, moist, wet"),
         (("--set", "soil.map={file='no.npy', spacing_m=1.0}"), "soil map file"),
-        (("--set", "soil.random={correlation_m=500.0}"), "correlation length 500.0 m"),
-        (("--set", "soil.tramlines=[{kind='path', width_m=0.05}]"), "tramlines 0.05 m wide"),
-        (
-            ("--set", "terrain.features=[{kind='ditch', x_m=90, y_m=0, depth_m=0.1, width_m=1}]"),
-            "must be on the field",
-        ),
+        (("--set", "soil.random={correlation_m=500.0}"), "500.0 m"),
+        (("--set", "soil.tramlines=[{kind='path', width_m=0.05}]"), "0.05 m"),
         (
             ("--set", "terrain.features=[{kind='step', x_m=0, y_m=0, height_m=0.1, ramp_m=0.1}]"),
-            "step: rises over 0.1 m, must be 0.2 m or more",
+            "must be 0.2 m or more",
         ),
         (("--set", "sensors.gnss_rate_hz=7"), "whole number of physics steps"),
         (("--set", "plant.timestep_s=0.003"), "whole number of physics steps"),
@@ -148,104 +188,161 @@ def test_an_existing_folder_is_refused_and_left_alone(finished):
     ],
 )
 def test_bad_input_gets_one_line_and_exit_code_2_and_writes_nothing(
-    arguments, message, tmp_path, monkeypatch, capsys
+    arguments, message, here, capsys
 ):
-    monkeypatch.chdir(tmp_path)
-    try:
-        code = main(["run", *arguments, "--out", "new"])
-    except SystemExit as stopped:  # argparse's way out
-        code = stopped.code
-    printed = capsys.readouterr()
-    assert code == 2
-    assert message in printed.err
-    assert len(printed.err.strip().splitlines()) == 1
-    assert not printed.out
-    assert not any(tmp_path.iterdir())
+    assert message in refusal(capsys, "run", *arguments, "--out", "new")
+    assert not any(here.iterdir())
 
 
-def test_a_refusal_is_the_exit_code_of_the_process(tmp_path):
-    done = ttempc("run", "gras", cwd=tmp_path)
-    assert done.returncode == 2
-    assert done.stderr.startswith("ttempc: error: scenario 'gras'")
+def test_an_existing_folder_is_refused_and_left_alone(finished, capsys):
+    folder, _ = finished
+    before = {file: file.stat().st_mtime_ns for file in folder.rglob("*")}
+    assert "exists already" in refusal(capsys, "run", "grass", "--out", folder)
+    assert before == {file: file.stat().st_mtime_ns for file in folder.rglob("*")}
 
 
-def test_early_termination_is_exit_code_3_with_log_and_summary(tmp_path):
-    done = ttempc(
-        "run",
-        "--controller",
-        "paper-printed-sign",
-        "--out",
-        "ended",
-        "--set",
-        "path.laps=1",
-        cwd=tmp_path,
+def test_a_window_needs_a_screen_and_writes_nothing(here, monkeypatch, capsys):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    assert "no screen" in refusal(capsys, "run", "--view", *SHORT)
+    assert "--out" in refusal(capsys, "run", "--view", "-o", "x")
+    assert not any(here.iterdir())
+
+
+def test_termination_is_an_interrupt(monkeypatch, capsys):
+    def terminate(arguments):
+        os.kill(os.getpid(), signal.SIGTERM)
+        raise AssertionError
+
+    monkeypatch.setattr("argparse.ArgumentParser.parse_args", lambda *_: Parsed())
+    monkeypatch.setattr(Parsed, "command", staticmethod(terminate), raising=False)
+    before = signal.getsignal(signal.SIGTERM)
+    assert main(["list"]) == 130
+    assert capsys.readouterr().err.startswith("ttempc: interrupted")
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+class Parsed:
+    """What the parser returns."""
+
+
+def test_help_names_every_command_loads_nothing_slow_and_leaves_one_thread():
+    """A process without other tests: only it shows what is loaded."""
+    code = (
+        "import contextlib, sys\n"
+        "from proving_ground.experiments.commands.cli import _COMMANDS, main\n"
+        "for line in ([], *([name] for name in _COMMANDS)):\n"
+        "    with contextlib.suppress(SystemExit): main([*line, '--help'])\n"
+        "slow = {'mujoco', 'numba', 'scipy', 'matplotlib', 'pydantic', 'dask', 'pandas', 'av'}\n"
+        "print(sorted(slow & set(sys.modules)))\n"
+        "import numpy as np\n"
+        "np.ones((500, 500)) @ np.ones((500, 500))\n"
+        "import os\n"
+        "print(len(os.listdir('/proc/self/task')) if sys.platform == 'linux' else 1)\n"
     )
-    assert done.returncode == 3, done.stdout
-    summary = json.loads((tmp_path / "ended" / "summary.json").read_text())
-    assert summary["status"] == "stopped"  # 2 m beside its reference
-    assert summary["failure"]
-    assert summary["failure"] in done.stdout
-    *_, failure, end = read_log(tmp_path / "ended" / "log.mcap").events
-    assert failure.text == summary["failure"]
-    assert end.text.startswith("run ends: stopped after ")
+    environment = {name: value for name, value in os.environ.items() if name not in ONE_THREAD}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    lines = done.stdout.splitlines()
+    assert lines[-2:] == ["[]", "1"], "slow modules, threads of a product of matrices"
+    for name in _COMMANDS:
+        assert any(line.split()[:1] == [name] for line in lines)
+        assert f"usage: ttempc {name} " in done.stdout
 
 
-def test_the_list_names_what_run_takes(tmp_path):
-    done = ttempc("list", cwd=tmp_path)
-    assert done.returncode == 0
-    for name in ("grass", "wet-slope", "pavement", "paper-printed-sign", "feedforward"):
-        assert name in done.stdout
+def test_an_option_has_one_meaning():
+    """Shared options have one name, one type and one place in the namespace in all commands."""
+    declared = {}
+
+    def visit(parser):
+        for action in parser._actions:
+            for below in (action.choices or {}).values() if hasattr(action, "add_parser") else ():
+                visit(below)
+            for flag in action.option_strings:
+                if flag in ("--out", "--seed", "--seeds", "--set", "--speed", "--trust", "--json"):
+                    declared.setdefault(flag, set()).add((action.type, action.dest, action.nargs))
+
+    visit(make_parser())
+    assert len(declared) == 7
+    assert all(len(meanings) == 1 for meanings in declared.values()), declared
 
 
-def test_help_says_what_is_written_and_what_the_exit_codes_mean(tmp_path):
-    done = ttempc("run", "--help", cwd=tmp_path)
-    assert done.returncode == 0
-    for word in ("summary.json", "log.mcap", "Exit code 0", "--set KEY=VALUE"):
-        assert word in done.stdout
+def test_the_list_has_names_schema_and_completion(here, capsys):
+    assert main(["list", "--json"]) == 0
+    groups = json.loads(capsys.readouterr().out)
+    assert list(groups["scenarios"]) == shipped()
+    assert list(groups["controllers"]) == list(CONTROLLERS)
+    assert main(["list"]) == 0
+    text = capsys.readouterr().out
+    assert all(name in text and about in text for g in groups.values() for name, about in g.items())
+    assert main(["list", "--schema", "-o", "s.json"]) == 0
+    assert json.loads((here / "s.json").read_text())["properties"]
+    assert main(["list", "--completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    assert "--record-rate" in script
+    assert all(name in script for name in _COMMANDS)
 
 
 @pytest.mark.parametrize(
-    "command",
-    [
-        "run",
-        "view",
-        "list",
-        "sweep",
-        "report",
-        "envelope",
-        "compare",
-        "log",
-        "video",
-        "frame",
-        "card",
-        "fit-tube",
-    ],
+    ("kind", "name", "short"),
+    [("controller", "my_own", SHORT), ("scenario", "my-field", SHORT), ("study", "my-study", [])],
 )
-def test_every_command_is_listed_and_has_a_help_text(command, capsys):
-    for arguments in (["--help"], [command, "--help"]):
-        with pytest.raises(SystemExit) as stopped:
-            main(arguments)
-        assert stopped.value.code == 0
-        lines = capsys.readouterr().out.splitlines()
-        assert any(line.split()[:1] == [command] or f"ttempc {command}" in line for line in lines)
-    assert len(lines) >= 7  # usage, description, options
+def test_a_template_drives_with_the_command_that_is_printed(kind, name, short, here, capsys):
+    assert main(["new", kind, name]) == 0
+    command = shlex.split(capsys.readouterr().out.splitlines()[1])
+    assert command[0] == "ttempc"
+    assert main([*command[1:], *short]) == 0
 
 
-def test_help_loads_no_slow_package(tmp_path):
-    code = """if True:
-        import sys
-        from proving_ground.experiments.commands.cli import main
-        try:
-            main(sys.argv[1:])
-        finally:
-            slow = {"mujoco", "matplotlib", "distributed"} & set(sys.modules)
-            print("loaded:", *sorted(slow))"""
-    for arguments in (["--help"], ["run", "--help"], ["video", "--help"], ["sweep", "--help"]):
-        done = subprocess.run(
-            [sys.executable, "-c", code, *arguments],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.stdout.splitlines()[-1] == "loaded:", done.stdout[-500:]
+def test_a_template_needs_a_name_and_overwrites_nothing(here, capsys):
+    for name in ("a b", "../a", "class", "my-own", ""):
+        assert "name" in refusal(capsys, "new", "controller", name)
+    (here / "mine.toml").write_text("mine")
+    assert "exists already" in refusal(capsys, "new", "scenario", "mine")
+    assert (here / "mine.toml").read_text() == "mine"
+
+
+def test_code_that_a_file_names_runs_only_on_trust(here, capsys):
+    (here / "evil.py").write_text("raise SystemExit(0)\n")
+    (here / "study.toml").write_text('scenario = "theirs.toml"\n')
+    for table in (
+        '[controller]\nname = "evil:make"',
+        '[controller]\nestimator = "evil:make"',
+        '[[stages]]\nmake = "evil:make"\nafter = "sense"',
+    ):
+        (here / "theirs.toml").write_text(table)
+        for command in (
+            ["run", "theirs.toml"],
+            ["run", "theirs.toml", "--view"],
+            ["validate", "theirs.toml"],
+            ["search", "limit", "theirs.toml", "speed"],
+            ["search", "worst", "theirs.toml", "speed"],
+            ["sweep", "study.toml", "--dry-run"],
+        ):
+            assert "is code that this file asks to run" in refusal(capsys, *command)
+        assert "evil" not in sys.modules
+        raised = "importing evil raised SystemExit"
+        assert raised in refusal(capsys, "run", "theirs.toml", "--trust", "--out", "new")
+    (here / "theirs.toml").write_text('[controller]\nname = "evil:make"')
+    line = ["run", "theirs.toml", "--controller", "evil:make", "--out", "new"]
+    assert raised in refusal(capsys, *line)
+
+
+def test_a_module_of_the_working_directory_hides_no_installed_one(here, monkeypatch):
+    monkeypatch.setattr(sys, "path", sys.path[1:])
+    (here / "tomli_w.py").write_text("raise SystemExit(0)\n")
+    (here / "mine.py").write_text("import tomli_w\nmake = tomli_w.dumps\n")
+    monkeypatch.delitem(sys.modules, "tomli_w")
+    assert load_factory("mine:make", "controller")({"a": 1}) == "a = 1\n"
+    del sys.modules["mine"]
+
+
+def test_the_example_of_the_docs_draws_the_figures_of_the_paper(finished, tmp_path, monkeypatch):
+    folder, _ = finished
+    example = Path(__file__).parents[2] / "docs" / "examples" / "read_a_log.py"
+    monkeypatch.setattr(sys, "argv", [str(example), str(folder / "log.mcap"), str(tmp_path)])
+    exec(compile(example.read_text(), str(example), "exec"), {"__name__": "__main__"})
+    names = {file.name for file in tmp_path.iterdir()}
+    assert names == {"paths.png", "euclidean_errors.png", "control_signals.png"}

@@ -1,8 +1,7 @@
 """A synthetic log, written once for all tests."""
 
 import pytest
-from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.recording.sink import Tee
+from proving_ground.testbed.recording.record import Recorder, Tee
 
 from tests.testbed.logs import METADATA, feed, writer
 

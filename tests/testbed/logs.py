@@ -1,11 +1,16 @@
 """Synthetic logs: all data of a run, written without a simulation."""
 
 import numpy as np
-from proving_ground.testbed.log.log import LogWriter
+from proving_ground.testbed.log.writer import LogWriter
 from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.channels import CHANNELS, MEASUREMENT, MEASUREMENT_COLUMNS
+from proving_ground.testbed.recording.channels import (
+    CHANNELS,
+    MEASUREMENT,
+    MEASUREMENT_COLUMNS,
+    PREDICTED_PATH_TOPIC,
+    REFERENCE_PATH_TOPIC,
+)
 from proving_ground.testbed.recording.record import Event
-from proving_ground.testbed.recording.topics import PREDICTED_PATH_TOPIC, REFERENCE_PATH_TOPIC
 
 from tests.testbed.truths import truth
 from ttempc.types import Sensor

@@ -9,7 +9,6 @@ import pytest
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.vehicle.servos import wheel_loads
 from proving_ground.testbed.vehicle.vehicle import read_vehicle, shipped_vehicles
 
 from ttempc.types import Command
@@ -23,7 +22,6 @@ SMALL = read_vehicle()
 both_vehicles = pytest.mark.parametrize(
     "vehicle", [read_vehicle(name) for name in shipped_vehicles()], ids=shipped_vehicles()
 )
-DRIVEN, TOWED = [2, 3], [0, 1, 4, 5]
 
 
 def plant_on(ground=None, soil=HARD, vehicle=None, **options):
@@ -35,15 +33,6 @@ def changed(vehicle, table, **keys):
     return dataclasses.replace(
         vehicle, **{table: dataclasses.replace(getattr(vehicle, table), **keys)}
     )
-
-
-def as_strong(cone_index, vehicle):
-    """Return the soil whose cone index over ground pressure is what `cone_index` is to SMALL."""
-    large, small = (
-        (wheel_loads(each)[4:].sum()) / (each.trailer_wheel.width_m * each.trailer_wheel.radius_m)
-        for each in (vehicle, SMALL)
-    )
-    return SoilMap(cone_index * large / small)
 
 
 def top_speed(vehicle):

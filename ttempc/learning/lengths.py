@@ -116,8 +116,9 @@ def replay(
         root[1, 1] = math.sqrt(spread_11 - root[1, 0] * root[1, 0]) if m == 2 else 1.0
         value = (events[row, 2], events[row, 3])
         variance, gate = variances[sensor], gates[m - 1]
+        always = m > 0  # no literal: numba would compile `correct` once more for it
         normalised, log_determinant, first, second = correct(
-            now, sensor, value, variance, gate, True, True, model, rows, pairs
+            now, sensor, value, variance, gate, always, always, model, rows, pairs
         )
         factor = max(1.0, normalised / gates[m - 1])
         cost += min(normalised, gates[m - 1]) + math.log(factor) * m + log_determinant

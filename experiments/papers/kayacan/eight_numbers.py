@@ -487,7 +487,6 @@ _CHECKS: Final = (("kayacan2016", "paper"), ("kayacan2016", CONTROLLER))
 STUDIES: Final = (
     Study(
         name="eight-numbers-fit",
-        page="docs/errata.md",
         make=fit_table,
         seeds=REPORT_SEEDS,
         checks=(*_CHECKS, ("grass", "paper")),
@@ -495,7 +494,6 @@ STUDIES: Final = (
     ),
     Study(
         name="eight-numbers",
-        page="docs/errata.md",
         make=lambda runner: search_table(find(BOTH, runner, BUDGET)),
         seeds=REPORT_SEEDS,
         checks=_CHECKS,

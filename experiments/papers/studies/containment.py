@@ -9,7 +9,6 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
 
 from ttempc.errors import InvalidTube
 from ttempc.reference.path import figure_eight
@@ -22,11 +21,9 @@ from ....testbed.recording.record import Record
 from ...errors import InvalidFit
 from ...figures import png
 from ...figures.style import (
-    BLACK,
     BLUE,
     BODY_COLOURS,
     GREY,
-    ORANGE,
     PALE,
     RED,
     blank,
@@ -42,7 +39,7 @@ from ...scenario.tube_file import TubeFile, read_tube, to_json
 from ...seeds import FITTING, report_seeds
 from ...tubes.calibration import calibrate_tube, driven_run
 from ...tubes.fit import fit_run, fit_tube
-from ..cells import Cell, grouped, groups, label
+from ..cells import Cell, grouped, label
 from ..runner import Runner
 from ..study import Block, Case, Row, Study
 
@@ -130,7 +127,6 @@ def fresh_lap(case: Case) -> Row:
         "share": found.normalised_deviation.max(axis=0, initial=0.0)[
             [*found.ACROSS.values()]
         ].max(),
-        "slip": summary.slip.rear_mean,
     }
     for where, ticks in (("straight", ~found.curved), ("curve", found.curved)):
         row |= {f"{where}_steps": int(ticks.sum()), f"{where}_inside": int(inside[ticks].sum())}
@@ -176,7 +172,9 @@ def study(
     text = lap_table(laps, {name: files.get(tube) for name, tube in driven_in.items()})
     reasons = [f"`{name}`: {reason}" for name, reason in refused.items()]
     pictures = figures(laps, files[BORROWED].design()) if BORROWED in files else {}
-    return Block("\n\n".join([text, *reasons]), {f"tube/{n}.png": p for n, p in pictures.items()})
+    return Block(
+        "\n\n".join([text, *reasons]), {f"../tube/{n}.png": p for n, p in pictures.items()}
+    )
 
 
 def lap_table(laps: pd.DataFrame, tubes: dict[str, TubeFile | None]) -> str:
@@ -247,7 +245,7 @@ _INTO_THE_CURVE: Final = 40  # ticks from its start to the cross-sections and th
 
 
 def figures(laps: pd.DataFrame, design: TubeDesign) -> dict[str, bytes]:
-    """Return path, tracks and sections of the laps in their own tube, and slip of all laps."""
+    """Return path, tracks and sections of the laps in their own tube."""
     reference = Reference(figure_eight(laps=1), design.vehicle, ConstantSpeed(1.0))
     own = laps.loc[laps["field"] == BORROWED]
     tracks = [*zip(own["time_s"], own["deviation"], own["width"], strict=True)]
@@ -255,7 +253,6 @@ def figures(laps: pd.DataFrame, design: TubeDesign) -> dict[str, bytes]:
         "path": _path(reference, tracks),
         "tracks": _tracks(tracks),
         "sections": _sections(design, reference, tracks),
-        "slip": _slip(laps),
     }
     return {name: png(figure) for name, figure in drawn.items()}
 
@@ -341,29 +338,8 @@ def _sections(
     return figure
 
 
-def _slip(laps: pd.DataFrame) -> Figure:
-    """Draw the largest share of a cross-track half width over the mean slip, tube of grass only."""
-    figure = blank(3.0)
-    axes = figure.subplots()
-    for own, colour, text in ((False, ORANGE, "other ground"), (True, BLUE, "as fitted")):
-        for lap in groups(laps, ["field"]):
-            name = lap["field"].iloc[0]
-            if (name == BORROWED) == own and (own or not FIELDS[name].own_tube):
-                axes.plot(lap["slip"], lap["share"], "o", color=colour, markersize=3, label=text)
-                text = None
-    axes.axhline(1.0, color=BLACK, linewidth=0.8)
-    axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    axes.yaxis.set_minor_formatter(PercentFormatter(1.0, decimals=0))
-    axes.tick_params(which="minor", labelsize=8.0)
-    dress(axes, "mean slip of the driven wheels in a lap", "share of half width, largest")
-    legend(axes, 2)
-    return figure
-
-
 STUDY: Final = Study(
     name="containment",
-    page="docs/tube.md",
     seeds=report_seeds(LAPS),
     make=study,
     checks=tuple((name, DRIVER) for name in ("grass", "pavement", "wet-grass", "side-slope")),

@@ -1,38 +1,28 @@
-"""Tubes on their own models: invariance of the shipped one, gains, and the paper's tube."""
+"""Tubes on their own models: invariance of the shipped one, and the paper's."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from ttempc.baselines.paper import PaperEquations, RobustGains, linearise
 from ttempc.errors import InvalidTube
-from ttempc.laws.articulated_mpc import MpcOptions
 from ttempc.models.kinematics import POSITIONS, Error
 from ttempc.models.linear import zero_order_hold
-from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.mpc.lmpc import HorizonTuning
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.reference_tube import (
-    ReferenceTube,
-    reachable_inputs,
-    steered_system,
-    tracking_system,
-)
+from ttempc.tube.reference_tube import ReferenceTube
 from ttempc.tube.sets import DisturbanceSet, directions_in, linear_map, minkowski_sum
-from ttempc.tube.tube import TrackingSystem, Tube, invariant_tube, reach_backwards
-from ttempc.types import FloatArray, Input
-from ttempc.vehicle import CommandLimits, Vehicle
+from ttempc.tube.tube import TrackingSystem, Tube, invariant_tube
+from ttempc.types import FloatArray
+from ttempc.vehicle import Vehicle
 
 from ...scenario.tube_file import read_tube
 from ..study import Study
-from ..tables import markdown
 
 PERIOD_S: Final = 0.2
 
@@ -141,37 +131,6 @@ def _response(tube: Tube, k: int, runs: FloatArray) -> FloatArray:
     return m
 
 
-def gains(ticks: int = 680) -> str:
-    """Return what ancillary gains of the growing tube take of the inputs, and how wide its tube is.
-
-    Along the figure eight of `grass`: largest shares of the change in a period, and largest half
-    widths of the last stage of the horizon [m].
-    """
-    design, horizon = read_tube("grass").design(), MpcOptions().horizon
-    limits = CommandLimits.of(design.vehicle, design.period_s)
-    reference = Reference(figure_eight(laps=1), design.vehicle, ConstantSpeed(1.0))
-    matrices = error_dynamics(reference, design.period_s, ticks)
-    full = tracking_system(*matrices, design.weights)
-    no_hydrostat = full.gains.copy()
-    no_hydrostat[:, Input.HP] = 0.0
-    systems = {
-        "of the design": full,
-        "without the hydrostat": replace(full, gains=no_hydrostat),
-        "of `ttempc`": steered_system(design, *matrices, limits, horizon)[0],
-        "none": replace(full, gains=np.zeros_like(full.gains)),
-    }
-    lines = []
-    for label, system in systems.items():
-        _, rates = reachable_inputs(system, design.disturbance, horizon)
-        backwards = reach_backwards(system, design.disturbance, np.arange(ticks), system.c)
-        completed, energy, _ = next(itertools.islice(backwards, horizon - 2, None))
-        x_t, y_t, x_i, y_i = (completed + design.disturbance.reach(energy)).max(axis=0)
-        shares = [f"{share:.2f}" for share in rates.max(axis=(0, 1)) / limits.step]
-        lines.append([label, *shares, f"{y_t:.2f}, {x_t:.2f}", f"{y_i:.2f}, {x_i:.2f}"])
-    heads = ("gain", "front", "trailer", "hydrostat")
-    return markdown([*heads, "tractor across, along", "trailer across, along"], lines)
-
-
 _ACTS_ON: Final = (Error.Y_T, Error.Y_I, Error.X_T)  # errors that delta_t, lambda and HP act on
 _BOX_M: Final = 1.0
 _YAW_RAD: Final = 0.1  # yaw deviations of the draws, within
@@ -272,15 +231,12 @@ def _invariant(loop: FloatArray) -> str:
 STUDIES: Final = (
     Study(
         name="invariance",
-        page="docs/tube.md",
         make=lambda runner: _fenced(invariance()),
         checks=(("grass", "ttempc-tube"),),
         minutes=0.5,
     ),
-    Study(name="growing-gain", page="", make=lambda runner: gains(), minutes=0.1),
     Study(
         name="paper-tube",
-        page="docs/tube.md",
         make=lambda runner: _fenced(paper_tube()),
         checks=(("pavement", "paper"),),
         minutes=0.1,

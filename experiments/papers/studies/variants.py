@@ -137,7 +137,6 @@ def front(runs: pd.DataFrame) -> Block:
 STUDIES: Final = (
     Study(
         name="ablation",
-        page="docs/ablation.md",
         scenarios=("grass", "wet-slope", "patchy", "old-valves"),  # where the parts differ most
         axes={"parts": PARTS},
         seeds=report_seeds(2),
@@ -163,7 +162,6 @@ STUDIES: Final = (
     ),
     Study(
         name="front",
-        page="docs/ablation.md",
         scenarios=("grass", "patchy"),
         axes={
             "variant": {
@@ -182,7 +180,6 @@ STUDIES: Final = (
     ),
     Study(
         name="conditions",
-        page="docs/ablation.md",
         axes={"condition": CONDITIONS},
         seeds=report_seeds(2),
         table=lambda runs: grouped(
@@ -193,7 +190,6 @@ STUDIES: Final = (
     ),
     Study(
         name="errata",
-        page="docs/errata.md",
         scenarios=("pavement",),
         overrides=("path.laps=1", *_named("paper")),
         axes={"reading": READINGS},

@@ -30,7 +30,7 @@ function pick(text) {
   }) : null;
   let shown = 0;
   for (const row of list.querySelectorAll("tbody tr")) {
-    const run = Number(row.dataset.run);
+    const run = Number(row.cells[0].textContent);
     row.hidden = parts !== null &&
       !parts.some(([first, last, step]) => run >= first && run <= last && (run - first) % step === 0);
     shown += !row.hidden;

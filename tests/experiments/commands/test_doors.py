@@ -3,7 +3,6 @@
 import os
 import resource
 import signal
-import sys
 from contextlib import suppress
 
 import numpy as np
@@ -89,68 +88,6 @@ def test_an_option_is_a_value_and_no_toml(tmp_path, monkeypatch, capsys):
     forged = 'paper"\nterrain.iso_class="A'
     assert main(["run", "--controller", forged, "--out", "new"]) == 2
     assert "paper" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    "table",
-    [
-        '[controller]\nname = "evil:make"',
-        '[controller]\nestimator = "evil:make"',
-        '[[stages]]\nmake = "evil:make"\nafter = "sense"',
-    ],
-)
-def test_code_that_a_file_names_runs_only_on_trust(table, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "evil.py").write_text("raise SystemExit(0)\n")
-    (tmp_path / "theirs.toml").write_text(table)
-    (tmp_path / "study.toml").write_text('scenario = "theirs.toml"\n')
-    for command in (
-        ["run", "theirs.toml"],
-        ["card", "theirs.toml"],
-        ["view", "theirs.toml"],
-        ["envelope", "speed", "theirs.toml"],
-        ["sweep", "study.toml", "--dry-run"],
-    ):
-        assert main(command) == 2
-        printed = capsys.readouterr().err
-        assert "is code that this file asks to run" in printed
-        assert printed.count("\n") == 1
-    assert "evil" not in sys.modules
-    assert main(["run", "theirs.toml", "--trust", "--out", "new"]) == 2
-    assert "importing evil raised SystemExit" in capsys.readouterr().err
-    if "name" in table:
-        assert main(["run", "theirs.toml", "--controller", "evil:make", "--out", "new"]) == 2
-        assert "importing evil raised SystemExit" in capsys.readouterr().err
-
-
-def test_a_module_of_the_working_directory_hides_no_installed_one(tmp_path, monkeypatch):
-    from proving_ground.experiments.run.user_code import load_factory
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "tomli_w.py").write_text("raise SystemExit(0)\n")
-    (tmp_path / "mine.py").write_text("import tomli_w\nmake = tomli_w.dumps\n")
-    monkeypatch.delitem(sys.modules, "tomli_w")
-    assert load_factory("mine:make", "controller")({"a": 1}) == "a = 1\n"
-    del sys.modules["mine"]
-
-
-def test_termination_is_an_interrupt(monkeypatch, capsys):
-    def command(parsed):
-        os.kill(os.getpid(), signal.SIGTERM)
-        raise AssertionError
-
-    monkeypatch.setattr("argparse.ArgumentParser.parse_args", lambda *_: Parsed(command))
-    before = signal.getsignal(signal.SIGTERM)
-    assert main(["list"]) == 130
-    assert capsys.readouterr().err.startswith("ttempc: interrupted")
-    assert signal.getsignal(signal.SIGTERM) is before
-
-
-class Parsed:
-    def __init__(self, command):
-        self.command = command
 
 
 def test_a_full_disk_leaves_no_file(tmp_path):

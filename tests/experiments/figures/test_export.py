@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.figures import FIGURES
-from proving_ground.experiments.figures.export import export_figures, run_figures
-from proving_ground.experiments.figures.figure_data import figure_csv
+from proving_ground.experiments.figures.export import export_figures, figure_csv, run_figures
 from proving_ground.experiments.figures.style import figure_width
 from proving_ground.experiments.results.tracking_errors import tracking_errors
-from proving_ground.experiments.sweep_report.report import make_report
-from proving_ground.experiments.sweep_report.runs import read_sweep
-from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.experiments.sweep_report.runs import differences, groups, read_sweep
+from proving_ground.testbed.log.reader import read_log
 
 from tests.experiments.sweep_rows import AXES, swept
 
@@ -73,7 +71,7 @@ def test_a_narrow_path_figure_is_lower(record):
 @pytest.mark.parametrize(("width", "inches"), [("single", 8.8 / 2.54), ("12.7", 5.0)])
 def test_the_width_is_that_of_the_file(log, tmp_path, width, inches):
     folder = tmp_path / "figures"
-    line = ["figures", str(log.parent), "-o", str(folder), "--format", "svg,png", "--width", width]
+    line = ["report", str(log.parent), "-o", str(folder), "--format", "svg,png", "--width", width]
     assert main([*line, "--only", "error"]) == 0
     svg = (folder / "error.svg").read_text()
     assert float(re.search(r'width="([\d.]+)pt"', svg)[1]) == pytest.approx(72 * inches, abs=0.1)
@@ -102,45 +100,40 @@ def test_a_style_changes_the_font(record, tmp_path):
 def test_the_csv_of_a_sweep_has_the_numbers_of_its_report(tmp_path):
     folder = swept(tmp_path, "seeds = 2", AXES)
     target = tmp_path / "figures"
-    assert main(["figures", str(folder), "-o", str(target), "--format", "svg"]) == 0
-    report = make_report(read_sweep(folder))
-    ttempc = report.runs.controllers.index("ttempc")
+    assert main(["report", str(folder), "-o", str(target), "--format", "svg"]) == 0
+    sweep = read_sweep(folder)
 
     def rows(name):
         return list(csv.DictReader(io.StringIO((target / f"{name}.csv").read_text())))
 
     cells = rows("maps-ttempc-trailer-cross-track-p95-cm")
-    shown = {(row["y"], row["x"]): float(row["value"]) for row in cells}
-    iso, cone = report.scales
-    assert shown == {
-        (iso.texts[cell.places[0]], cone.texts[cell.places[1]]): pytest.approx(
-            cell.group.error_cm.value, rel=1e-8
+    iso, cone = sweep.scales
+    table = groups(sweep, sweep.scales)
+    assert {(row["y"], row["x"]): float(row["value"]) for row in cells} == {
+        (iso.texts[cell[iso.label]], cone.texts[cell[cone.label]]): pytest.approx(
+            cell["error"].value, rel=1e-8
         )
-        for cell in report.cells
-        if cell.group.controller == ttempc
+        for cell in table[table["controller"] == "ttempc"].to_dict("records")
     }
-    by_controller = {
-        report.runs.controllers[item.controller]: item.error_cm for item in report.differences
-    }
-    against = report.runs.controllers[report.against]
-    for row in rows(f"overview-better-left-or-worse-than-{against}"):
+    by_controller = differences(sweep, "ttempc").set_index("controller")["error"]
+    for row in rows("overview-better-left-or-worse-right-than-ttempc"):
         value = by_controller[row["line"]]
         ends = [float(row[name]) for name in ("x", "x_low", "x_high")]
         assert ends == pytest.approx([value.value, value.low, value.high], rel=1e-8)
-    curve = rows("curves-error-of-completed-runs-over-cone-index-kpa")
-    assert {row["line"] for row in curve} == {*report.runs.controllers}
+    curve = rows("curves-error-over-cone-index-kpa")
+    assert {row["line"] for row in curve} == {*sweep.controllers}
     assert all(float(row["y_low"]) <= float(row["y"]) <= float(row["y_high"]) for row in curve)
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--only", "all"), "--only all: "),
-        (("--against", "pid"), "goes with the folder of a sweep"),
+        (("--only", "all"), "--only: got 'all'"),
+        (("--against", "pid"), "goes with a sweep"),
     ],
 )
 def test_figures_that_a_log_does_not_have_are_refused(arguments, words, log, tmp_path, capsys):
-    assert main(["figures", str(log), "-o", str(tmp_path / "f"), *arguments]) == 2
+    assert main(["report", str(log), "-o", str(tmp_path / "f"), "--format", "png", *arguments]) == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "f").exists()
 
@@ -149,17 +142,16 @@ def test_figures_that_a_log_does_not_have_are_refused(arguments, words, log, tmp
     ("arguments", "words"),
     [
         (("--width", "3"), "must be from 4 to 100"),
-        (("--width", "wide"), "must be a finite number"),
+        (("--width", "wide"), "--width: got wide"),
         (("--style", "nowhere"), "is no file and no style"),
-        (("--format", "gif"), "got 'gif', must be pdf, svg, png"),
+        (("--format", "gif"), "got 'gif', must be of pdf, svg, png"),
         (("--format", "pdf,"), "got ''"),
         (("--dpi", "1e9"), "must be from 30 to 2400"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(arguments, words, log, tmp_path, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(["figures", str(log), "-o", str(tmp_path / "f"), *arguments])
-    assert stop.value.code == 2
+    line = ["report", str(log), "-o", str(tmp_path / "f"), "--format", "png", *arguments]
+    assert main(line) == 2
     error = capsys.readouterr().err
     assert words in error
     assert error.count("\n") == 1

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 from proving_ground.experiments.figures import CAPTIONS, FIGURES, draw, png
-from proving_ground.experiments.figures.panel import Panel, alone, svg, together
+from proving_ground.experiments.figures.panel import Panel, alone, svg
 from proving_ground.experiments.figures.style import series
 from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.results.metrics import summarise
@@ -75,19 +75,31 @@ def test_the_path_figure_shows_both_driven_paths_and_zooms_in_on_the_largest_err
     np.testing.assert_array_equal(line(whole, "trailer"), run[STATE].columns("x_i_m", "y_i_m"))
     errors = tracking_errors(run)
     assert len(zooms) == len(whole.patches) == 2
-    for axes, shape in zip(zooms, (~errors.curved, errors.curved), strict=True):
-        rows = shape & (errors.time_s >= 16.0)  # twice the start-up
-        both = np.where(rows, [errors.tractor.euclidean_m, errors.trailer.euclidean_m], -1.0)
+    for axes, name, shape in zip(
+        zooms, ("straight", "curve"), (~errors.curved, errors.curved), strict=True
+    ):
+        both = [errors.tractor.euclidean_m, errors.trailer.euclidean_m]
+        both = np.where(shape & errors.counted, both, -1.0)
         body, worst = np.unravel_index(np.argmax(both), both.shape)
         assert not axes.texts, "no text covers the curves"
-        name, fields = (("tractor", ("x_t_m", "y_t_m")), ("trailer", ("x_i_m", "y_i_m")))[body]
-        moment = f"{name}, {100 * both.max():.1f} cm at {errors.time_s[worst]:.1f} s"
-        title = " ".join(axes.get_title(loc="left").split())
-        assert title.endswith(f"after 16 s: {moment}")
+        point, fields = (("tractor", ("x_t_m", "y_t_m")), ("trailer", ("x_i_m", "y_i_m")))[body]
+        moment = f"{point}, {100 * both.max():.1f} cm at {errors.time_s[worst]:.1f} s"
+        assert " ".join(axes.get_title(loc="left").split()) == f"{name}: {moment}"
         x, y = run[STATE].columns(*fields)[worst]
         (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
         assert left < x < right
         assert bottom < y < top
+
+
+def test_the_zooms_of_a_run_far_off_its_path_magnify_and_do_not_overlap():
+    whole, *zooms = FIGURES["path"](record(cross=(9.0, 12.0), duration_s=100.0)).axes
+    boxes = [patch.get_bbox() for patch in whole.patches]
+    assert boxes
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    extent = max(np.ptp(whole.get_xlim()), np.ptp(whole.get_ylim()))
+    assert all(box.width < 0.25 * extent for box in boxes)
+    noted = [any("other frame" in text.get_text() for text in axes.texts) for axes in zooms]
+    assert len(boxes) + sum(noted) == 2
 
 
 def test_the_error_figure_shows_the_distance_to_the_reference(run):
@@ -265,20 +277,6 @@ def test_figures_are_small_png_files_as_wide_as_a_page():
 
 def test_the_same_record_gives_the_same_picture(run):
     assert png(FIGURES["error"](run)) == png(FIGURES["error"](run))
-
-
-def test_panels_side_by_side_share_one_legend_and_hide_unused_axes():
-    panels = [
-        Panel("first", lambda axes: axes.plot([0.0, 1.0])),
-        Panel("second", lambda axes: axes.plot([1.0, 0.0]), series=("a", "b")),
-        Panel("third", lambda axes: axes.plot([1.0, 1.0])),
-    ]
-    figure = together(panels)
-    titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles == ["first", "second", "third", ""]
-    assert [axes.axison for axes in figure.axes] == [True, True, True, False]
-    (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == ["a", "b"]
 
 
 def test_svg_figures_of_one_page_share_no_id():

@@ -11,18 +11,23 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv
 from proving_ground.experiments.errors import BadOptions, InvalidScenario
-from proving_ground.experiments.gym_env.environment import FieldTrial
-from proving_ground.experiments.gym_env.reward import LARGEST_COST, reward
-from proving_ground.experiments.policy.observation import bounds
+from proving_ground.experiments.gym_env.environment import LARGEST_COST, FieldTrial, reward
+from proving_ground.experiments.gym_env.observation import ESTIMATE_NAMES, bounds
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import CONTROL, MEASUREMENT, STATE, TRACKING
-from proving_ground.testbed.recording.record_rows import state_row
+from proving_ground.testbed.recording.channels import (
+    CONTROL,
+    MEASUREMENT,
+    STATE,
+    TRACKING,
+    state_row,
+)
 
 ENVIRONMENT = "proving_ground.experiments.gym_env:ttempc/FieldTrial-v1"
 STRAIGHT = ("path={kind='straight', length_m=6}",)
 COMMANDS = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
 SEED = 7
+SCALE = bounds(ESTIMATE_NAMES)[1]
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +71,19 @@ def test_gymnasium_accepts_it(options):
     check_env(environment.unwrapped, skip_render_check=True)
 
 
+def test_pictures_show_the_present_scene():
+    environment = FieldTrial("grass", STRAIGHT, render_mode="rgb_array")
+    environment.reset(seed=SEED)
+    first = environment.render()
+    environment.step(np.array([0.0, 0.0, 1.0]))
+    assert first.shape == (360, 640, 3)
+    assert np.ptp(first) > 50
+    for _ in range(5):
+        environment.step(np.array([1.0, 0.0, 1.0]))
+    assert not np.array_equal(first, environment.render())
+    environment.close()
+
+
 def test_commands_of_a_run_give_its_states_bit_for_bit(driven):
     summary, record = driven
     environment = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT, normalised=False)
@@ -76,6 +94,12 @@ def test_commands_of_a_run_give_its_states_bit_for_bit(driven):
     assert (terminated, truncated, info["status"]) == (False, True, summary.status)
     errors = observations[:-1, : len(TRACKING.fields[:7])]  # of the estimate, as logged
     np.testing.assert_array_equal(errors, record[TRACKING].values[:, :7])
+    scaled = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT)
+    _, entries, *_ = repeat(scaled, np.zeros((3, 3)))
+    assert np.abs(entries).max() <= 1.0
+    beta = scaled.unwrapped.observation_names.index("beta_rad")
+    np.testing.assert_allclose(entries[0], np.clip(observations[0] / SCALE, -1.0, 1.0))
+    assert math.isclose(SCALE[beta], math.pi)
 
 
 def test_a_residual_of_nothing_is_the_controller_bit_for_bit(driven):
@@ -162,6 +186,7 @@ def test_an_action_that_is_no_number_is_the_last_command():
     [
         ({"observation": "truth"}, "observation: must be one of estimate, sensors, got 'truth'"),
         ({"action": "torque"}, "action: must be one of command, residual, got 'torque'"),
+        ({"render_mode": "human"}, "render_mode: must be one of rgb_array, got 'human'"),
         ({"residual_share": 0.0}, "residual_share: must be above 0"),
     ],
 )
@@ -208,6 +233,8 @@ def test_the_reward_is_0_at_best_and_an_early_end_is_the_worst():
 
 
 def test_entries_are_bounded_by_their_units():
-    rad, metres, curvature, none = bounds(["beta_rad", "x_t_e_m", "curvature_per_m", "hp_command"])
+    names = ["beta_rad", "x_t_e_m", "curvature_per_m", "hp_command"]
+    (rad, metres, curvature, none), scale = bounds(names)
+    assert (scale < bounds(names)[0]).all()
     assert rad == pytest.approx(2.0 * math.pi)
     assert metres > 100.0 > curvature >= none >= 1.0

@@ -1,4 +1,4 @@
-"""`ttempc calibrate`: lengths from a log, the vehicle file, refusals."""
+"""`ttempc fit vehicle`: lengths from a log, the vehicle file, refusals."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def log(tmp_path_factory):
 
 def test_the_lengths_of_the_plant_are_found_and_a_scenario_can_name_them(log, tmp_path, capsys):
     vehicle = tmp_path / "mine" / "vehicle.toml"
-    assert main(["calibrate", str(log), "-o", str(vehicle)]) == 0
+    assert main(["fit", "vehicle", str(log), "-o", str(vehicle)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[:4]] == [
         "wheelbase_m",
@@ -53,7 +53,7 @@ def test_the_lengths_of_the_plant_are_found_and_a_scenario_can_name_them(log, tm
     assert abs((after - lengths[0])[1:].sum()) < 0.01
     assert "fitted to" in vehicle.read_text()
     load("grass", [f"plant.vehicle.file='{vehicle}'"])
-    assert main(["log", "calibrate", str(log), "-o", str(vehicle)]) == 2  # exists
+    assert main(["fit", "vehicle", str(log), "-o", str(vehicle)]) == 2  # exists
 
 
 def test_a_log_without_curves_or_too_short_is_refused_in_one_line(tmp_path, capsys):
@@ -64,7 +64,7 @@ def test_a_log_without_curves_or_too_short_is_refused_in_one_line(tmp_path, caps
         file = tmp_path / f"{reason}.mcap"
         simulate("grass", load("grass", [path])[1], 1, log=file)
         out = tmp_path / "vehicle.toml"
-        assert main(["calibrate", str(file), "-o", str(out)]) == 2
+        assert main(["fit", "vehicle", str(file), "-o", str(out)]) == 2
         assert not out.exists()
         (line,) = capsys.readouterr().err.splitlines()
         assert reason in line

@@ -35,7 +35,7 @@ def test_a_torn_and_a_recovered_log_have_a_page_that_says_so(run, tmp_path):
     torn, whole = tmp_path / "torn.mcap.part", tmp_path / "recovered.mcap"
     data = (run / "log.mcap").read_bytes()
     torn.write_bytes(data[: len(data) // 2])
-    assert main(["log", "check", str(torn), "--recover", str(whole)]) == 1
+    assert main(["log", "check", str(torn), "-o", str(whole)]) == 1
     for log in (torn, whole):
         page = page_of(log, tmp_path / f"{log.name}.html")
         assert ">torn</span>" in page
@@ -48,7 +48,7 @@ def test_a_file_that_is_no_log_and_foreign_options_are_refused(run, tmp_path, ca
     for arguments, words in (
         ((tmp_path / "notes.txt",), "is not an MCAP log"),
         ((tmp_path / "absent",), "is no folder of a sweep"),
-        ((run / "log.mcap", "--against", "pid"), "--against: goes with the folder of a sweep"),
+        ((run / "log.mcap", "--against", "pid"), "--against: goes with a sweep"),
         ((run / "log.mcap", "-o", run / "report.html"), "exists already"),
         ((tmp_path, "-o", tmp_path / "x.html"), "--out: goes with a log"),
         ((run, "-o", run / "report.html"), "exists already"),

@@ -7,8 +7,8 @@ import sys
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.logs.panels import PANELS, PATH_COLOURS
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_scene import motion_of
+from proving_ground.testbed.log.reader import read_content
+from proving_ground.testbed.log.scene import motion_of
 
 pytest.importorskip("rerun")
 
@@ -16,7 +16,10 @@ pytest.importorskip("rerun")
 @pytest.fixture(scope="module")
 def recording(short_runs, tmp_path_factory):
     file = tmp_path_factory.mktemp("rerun") / "run.rrd"
-    assert main(["log", "rerun", str(short_runs / "nominal" / "log.mcap"), "-o", str(file)]) == 0
+    assert (
+        main(["log", "export", "--format", "rerun", str(short_runs / "nominal"), "-o", str(file)])
+        == 0
+    )
     assert list(file.parent.iterdir()) == [file]
     return file
 
@@ -63,7 +66,7 @@ def test_bad_output_is_refused_in_one_line_and_nothing_is_written(
         (tmp_path / "no" / "run.rrd", "cannot be written"),
         (recording, "exists already"),
     ):
-        assert main(["log", "rerun", log, "-o", str(out)]) == 2
+        assert main(["log", "export", "--format", "rerun", log, "-o", str(out)]) == 2
         error = capsys.readouterr().err
         assert words in error
         assert error.count("\n") == 1
@@ -73,5 +76,5 @@ def test_bad_output_is_refused_in_one_line_and_nothing_is_written(
 def test_without_its_extra_it_is_refused_with_its_name(short_runs, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     log = str(short_runs / "nominal" / "log.mcap")
-    assert main(["log", "rerun", log, "-o", str(tmp_path / "run.rrd")]) == 2
+    assert main(["log", "export", "--format", "rerun", log, "-o", str(tmp_path / "run.rrd")]) == 2
     assert "pip install 'ttempc-proving-ground[rerun]'" in capsys.readouterr().err

@@ -12,20 +12,22 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.geodesy import DATUM, east_north
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_reader import read_log
-from proving_ground.testbed.log.log_scene import lines_of
+from proving_ground.testbed.log.reader import read_content, read_log
+from proving_ground.testbed.log.scene import lines_of
 from proving_ground.testbed.recording.channels import (
     CONTROL,
     ESTIMATE,
     MEASUREMENT,
+    PREDICTED_PATH_TOPIC,
     REFERENCE,
     STATE,
 )
-from proving_ground.testbed.recording.topics import PREDICTED_PATH_TOPIC
 from rosbags.highlevel import AnyReader
 
 REAR_WHEEL_RADIUS_M = 0.40  # mjcf/vehicles/kayacan2016.toml
+
+
+EXPORT = ("log", "export", "--format", "ros2")
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +36,7 @@ def bag(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bag")
     straight = "path={kind='straight', length_m=6}"
     simulate(*load("grass", [straight, "sensors.preset=field"]), 3, log=folder / "log.mcap")
-    assert main(["log", "ros2", str(folder / "log.mcap"), "-o", str(folder / "bag.mcap")]) == 0
+    assert main([*EXPORT, str(folder / "log.mcap"), "-o", str(folder / "bag.mcap")]) == 0
     return read_log(folder / "log.mcap"), folder / "bag.mcap"
 
 
@@ -190,9 +192,9 @@ def test_reference_commands_paths_and_events_are_there(bag, decoded):
 
 def test_what_cannot_be_written_is_refused_in_a_line(bag, capsys, monkeypatch, tmp_path):
     log = str(bag[1].with_name("log.mcap"))
-    assert main(["log", "ros2", log, "-o", str(bag[1])]) == 2
+    assert main([*EXPORT, log, "-o", str(bag[1])]) == 2
     assert "exists already" in capsys.readouterr().err
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert main(["log", "ros2", log, "-o", str(tmp_path / "new.mcap")]) == 2
+    assert main([*EXPORT, log, "-o", str(tmp_path / "new.mcap")]) == 2
     assert "pip install 'ttempc-proving-ground[ros2]'" in capsys.readouterr().err
     assert not any(tmp_path.iterdir())

@@ -12,9 +12,8 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import NotComparable
 from proving_ground.experiments.figures.comparison_figures import COMPARISONS
 from proving_ground.experiments.figures.style import blank, figure_width, legend
-from proving_ground.experiments.film.composition import FilmSetup
-from proving_ground.experiments.film.replay import read_replay
-from proving_ground.experiments.film.shot import Shot
+from proving_ground.experiments.film.render import Film
+from proving_ground.experiments.film.settings import FilmSettings
 from proving_ground.experiments.results.run_comparison import format_comparison, read_compared
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 
@@ -95,7 +94,7 @@ def test_vector_figures_of_a_comparison_have_the_width_of_a_column_and_their_dat
     own = [float(row["y"]) for row in rows if (row["chart"], row["line"]) == ("0", "paper")]
     np.testing.assert_allclose(own, 100.0 * errors.tractor.euclidean_m, rtol=1e-8)
     capsys.readouterr()
-    assert main(["figures", str(folder)]) == 2
+    assert main(["report", str(folder), "--format", "pdf"]) == 2
     message = capsys.readouterr().err
     assert "is a comparison" in message
     assert message.count("\n") == 1
@@ -128,15 +127,12 @@ def test_runs_are_compared_up_to_the_end_of_the_shortest(short_runs):
 
 
 def test_a_side_by_side_film_shows_each_run_in_its_own_part(short_runs):
-    both = tuple(map(read_replay, logs(short_runs, "paper", "nominal")))
-    shot = Shot("plan", 0.0, 5.0, 8.0, (640, 180))
-    swapped = FilmSetup(both[::-1], shot).frame_source().picture(8.0)
-    picture = FilmSetup(both, shot).frame_source().picture(8.0)
+    both = logs(short_runs, "paper", "nominal")
+    settings = FilmSettings(camera="plan", at_s=8.0, size=(640, 180))
+    (picture,), (swapped,) = (Film.of(runs, settings).pictures() for runs in (both, both[::-1]))
     assert picture.shape == (180, 640, 3)
     np.testing.assert_array_equal(picture[:, :320], swapped[:, 320:])
     np.testing.assert_array_equal(picture[:, 320:], swapped[:, :320])
-    beyond = FilmSetup(both, shot).frame_source().picture(1e3)
-    assert beyond.shape == picture.shape, "a run that has ended stays"
 
 
 @pytest.mark.parametrize(
@@ -180,7 +176,7 @@ def test_a_torn_log_or_too_narrow_a_film_is_refused_before_anything_is_written(
     with pytest.raises(NotComparable, match="is torn"):
         read_compared([one, torn])
     folder = tmp_path / "both"
-    narrow = ["--video", "--camera", "plan", "--size", "320x180", "-o", str(folder)]
+    narrow = ["--film", "both.mp4", "--camera", "plan", "--size", "320x180", "-o", str(folder)]
     assert main(["compare", str(one), str(other), *narrow]) == 2
     assert "2 runs abreast need a width of 640" in capsys.readouterr().err
     assert not folder.exists()

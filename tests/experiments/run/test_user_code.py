@@ -1,16 +1,18 @@
 """Controllers and estimators of a user's own package: by name, refused with a reason, guarded."""
 
+import os
 import sys
+import threading
 
 import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidController
 from proving_ground.experiments.run.simulate import simulate
-from proving_ground.experiments.run.user_code import load_factory, user_controller
+from proving_ground.experiments.run.user_code import exits_raise, load_factory, user_controller
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.studies.batch import StudyRun, simulate_runs
-from proving_ground.testbed.log.log_reader import read_log
+from proving_ground.experiments.sweep.engine import engine
+from proving_ground.testbed.log.reader import read_log
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 
 from ttempc.guidance.controllers import make_controller
@@ -59,32 +61,30 @@ def package(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
+def test_what_cannot_drive_is_refused_in_one_line_and_nothing_is_written(package, capsys):
+    def files():
+        return {file for file in package.rglob("*") if "__pycache__" not in file.parts}
+
+    before = files()
+    for name, said in (
         ("lawn.drivers:none", "lawn.drivers has no none; it defines "),
         ("lawn.drivers:nothin", "(did you mean nothing?)"),
-        ("mower", "mower.py is named mower:FACTORY"),
-        ("mower.py", "mower.py is named mower:FACTORY"),
-        ("lawn.drivers:value", "value is int, must be callable"),
-        ("lawn.drivers:nothing", "returned NoneType, which has no method step"),
+        ("mower", "mower:FACTORY"),
+        ("mower.py", "mower:FACTORY"),
+        ("lawn.drivers:value", "value is int"),
+        ("lawn.drivers:nothing", "NoneType, which has no method step"),
         ("lawn.drivers:broken", "raised ValueError: two lines"),
         ("lawn.ill:make", "importing lawn.ill raised ZeroDivisionError"),
         ("lawn.meadow:make", "no module 'lawn.meadow'"),
         ("nowhere:make", "no module 'nowhere'"),
-        ("lawn.drivers:", "must be package.module:factory"),
-        ("lawn drivers:make", "must be package.module:factory"),
-    ],
-)
-def test_what_cannot_drive_is_refused_in_one_line_and_nothing_is_written(
-    package, capsys, name, said
-):
-    before = {file for file in package.rglob("*") if "__pycache__" not in file.parts}
-    assert main(["run", "--controller", name, "--out", "new", "--set", SHORT[0]]) == 2
-    printed = capsys.readouterr().err
-    assert said in printed
-    assert len(printed.strip().splitlines()) == 1
-    assert before == {file for file in package.rglob("*") if "__pycache__" not in file.parts}
+        ("lawn.drivers:", "package.module:factory"),
+        ("lawn drivers:make", "package.module:factory"),
+    ):
+        assert main(["run", "--controller", name, "--out", "new", "--set", SHORT[0]]) == 2
+        printed = capsys.readouterr().err
+        assert said in printed
+        assert len(printed.strip().splitlines()) == 1
+        assert files() == before
 
 
 def test_a_name_means_the_same_as_the_factory_itself_also_in_other_processes(package):
@@ -92,8 +92,9 @@ def test_a_name_means_the_same_as_the_factory_itself_also_in_other_processes(pac
     mine = simulate(*load("grass", overrides), seed=3)[0]
     shipped = simulate(*load("grass", (*SHORT, 'controller.name="feedforward"')), seed=3)[0]
     assert mine.tracking == shipped.tracking
-    afar, again = simulate_runs([StudyRun("grass", seed, overrides) for seed in (3, 3)])
-    assert afar.tracking == again.tracking == mine.tracking
+    with engine(1) as workers:
+        afar, _ = workers.executor.submit(simulate, *load("grass", overrides), 3).result()
+    assert afar.tracking == mine.tracking
 
 
 def test_a_name_makes_the_controller_from_vehicle_reference_and_period(package):
@@ -152,24 +153,45 @@ class Cold(Base):
 """
 
 
-@pytest.mark.parametrize(
-    ("name", "reason"),
-    [
+def test_no_method_of_a_controller_ends_the_program(package, capsys):
+    (package / "lawn" / "ends.py").write_text(ENDS)
+    for name, reason in (
         ("Exits", "SystemExit"),
         ("Leaves", "os._exit(0)"),
         ("Unprepared", "SystemExit"),
         ("Cold", "too cold"),
-    ],
-)
-def test_no_method_of_a_controller_ends_the_program(package, capsys, name, reason):
-    (package / "lawn" / "ends.py").write_text(ENDS)
-    command = ["run", "--controller", f"lawn.ends:{name}", "--out", "out", "--set", SHORT[0]]
-    assert main([*command, "--set", SHORT[1]]) == 3
-    assert reason in capsys.readouterr().err  # the traceback
-    assert f"{reason}" in (package / "out" / "summary.json").read_text()
-    events = [event.text for event in read_log(package / "out" / "log.mcap").events]
-    assert any("Traceback" in text and "lawn/ends.py" in text for text in events)
-    assert not (package / "out" / "log.mcap.part").exists()
+    ):
+        command = ["run", "--controller", f"lawn.ends:{name}", "--out", name, "--set", SHORT[0]]
+        assert main([*command, "--set", SHORT[1]]) == 3
+        assert reason in capsys.readouterr().err  # the traceback
+        assert reason in (package / name / "summary.json").read_text()
+        events = [event.text for event in read_log(package / name / "log.mcap").events]
+        assert any("Traceback" in text and "lawn/ends.py" in text for text in events)
+        assert not (package / name / "log.mcap.part").exists()
+
+
+def test_exits_raise_in_the_threads_of_drives_alone():
+    """Two threads enter and leave in another order; each call raises where its thread is inside."""
+    inside, leave, said = threading.Barrier(2), threading.Barrier(2), []
+
+    def drive(first):
+        with exits_raise():
+            inside.wait(5.0)
+            if first:
+                leave.wait(5.0)
+            try:
+                os._exit(3)
+            except SystemExit as exit:
+                said.append(str(exit))
+        if not first:
+            leave.wait(5.0)
+
+    threads = [threading.Thread(target=drive, args=(first,)) for first in (True, False)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert said == ["os._exit(3)"] * 2
 
 
 def test_options_of_a_scenario_reach_a_users_controller(package):

@@ -5,10 +5,9 @@ import struct
 
 import numpy as np
 import pytest
-from proving_ground.experiments.serve import agopengps_frames as frames
+from proving_ground.experiments.serve import agopengps as frames
 from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol
-from proving_ground.experiments.serve.link import Refused, Trouble
-from proving_ground.experiments.serve.protocol import TickData
+from proving_ground.experiments.serve.link import Refused, TickData, Trouble
 from proving_ground.testbed.geodesy import Datum
 
 from ttempc import Vehicle, straight

@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 from proving_ground.experiments.serve.json_protocol import JsonProtocol
-from proving_ground.experiments.serve.link import Refused, Trouble
-from proving_ground.experiments.serve.protocol import RunFacts, TickData
+from proving_ground.experiments.serve.link import Refused, RunFacts, TickData, Trouble
 
 from ttempc import Vehicle, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -69,17 +68,17 @@ def test_estimate_and_reference_are_sent_where_they_are_asked_for():
     ("payload", "trouble", "text"),
     [
         (b" " * 1025, Trouble.LENGTH, "1025 bytes"),
-        (b"", Trouble.CONTENT, "no JSON"),
-        (b"\xff\xfe", Trouble.CONTENT, "no JSON"),
-        (b"[" * 1000, Trouble.CONTENT, "no JSON"),
-        (b"3", Trouble.CONTENT, "`type`"),
-        (b'{"type": "bye"}', Trouble.CONTENT, "`type`"),
-        (json.dumps(COMMAND | {"speed": 1}).encode(), Trouble.CONTENT, "'speed'"),
+        (b"", Trouble.CONTENT, "JSON"),
+        (b"\xff\xfe", Trouble.CONTENT, "JSON"),
+        (b"[" * 1000, Trouble.CONTENT, "JSON"),
+        (b"3", Trouble.CONTENT, "object"),
+        (b'{"type": "bye"}', Trouble.CONTENT, "'hello', 'command'"),
+        (json.dumps(COMMAND | {"speed": 1}).encode(), Trouble.CONTENT, "`speed`"),
         (json.dumps(COMMAND | {"tick": -1}).encode(), Trouble.CONTENT, "`tick`"),
         (json.dumps(COMMAND | {"tick": 1.0}).encode(), Trouble.CONTENT, "`tick`"),
         (json.dumps(COMMAND | {"tick": True}).encode(), Trouble.CONTENT, "`tick`"),
         (b'{"type":"command","tick":3}', Trouble.CONTENT, "delta_t_rad"),
-        (b'{"type":"command","tick":3,"delta_t_rad":NaN}', Trouble.CONTENT, "no JSON"),
+        (b'{"type":"command","tick":3,"delta_t_rad":NaN}', Trouble.CONTENT, "finite"),
         (b'{"type":"command","tick":3,"delta_t_rad":1e999}', Trouble.CONTENT, "finite"),
         (
             b'{"type":"command","tick":3,"delta_t_rad":1%b}' % (b"0" * 400),
@@ -88,7 +87,7 @@ def test_estimate_and_reference_are_sent_where_they_are_asked_for():
         ),
         (json.dumps(COMMAND | {"hp": "1"}).encode(), Trouble.CONTENT, "`hp`"),
         (json.dumps(COMMAND | {"hp": True}).encode(), Trouble.CONTENT, "`hp`"),
-        (json.dumps(HELLO | {"version": 2}).encode(), Trouble.CONTENT, "`version` must be 1"),
+        (json.dumps(HELLO | {"version": 2}).encode(), Trouble.CONTENT, "`version`"),
         (json.dumps(HELLO | {"reference": 101}).encode(), Trouble.CONTENT, "`reference`"),
         (json.dumps(HELLO | {"estimate": 1}).encode(), Trouble.CONTENT, "`estimate`"),
         (json.dumps(HELLO | {"name": "n" * 61}).encode(), Trouble.CONTENT, "`name`"),

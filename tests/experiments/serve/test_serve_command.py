@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.serve.link import Link
-from proving_ground.experiments.serve.remote import RemoteController
+from proving_ground.experiments.serve.session import RemoteController
 
 ROOT = Path(__file__).parents[3]
 LOCAL = ("127.0.0.1", 0)
@@ -19,9 +19,9 @@ PATIENCE_S = 30.0  # of tests, so that none hangs
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (["--factor", "0"], "--factor: got 0, must be above 0"),
-        (["--wait", "-1"], "--wait: got -1, must be above 0"),
-        (["--step", "--factor", "2"], "--factor: has no meaning with --step"),
+        (["--speed", "0"], "--speed: must be above 0"),
+        (["--wait", "-1"], "--wait: must be above 0"),
+        (["--step", "--speed", "2"], "--speed: has no meaning with --step"),
         (["--peer", "localhost"], "--peer: got 'localhost', must be HOST:PORT"),
         (["--peer", "127.0.0.1:0"], "port from 1 to 65535"),
         (["--host", "no.such.host.invalid"], "--host: got 'no.such.host.invalid'"),
@@ -31,7 +31,11 @@ PATIENCE_S = 30.0  # of tests, so that none hangs
 )
 def test_bad_options_are_refused_in_one_line(options, text, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert main(["serve", *options]) == 2
+    try:
+        code = main(["serve", *options])
+    except SystemExit as stopped:  # argparse's way out
+        code = stopped.code
+    assert code == 2
     error = capsys.readouterr().err
     assert text in error
     assert error.count("\n") == 1

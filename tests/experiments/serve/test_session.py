@@ -16,12 +16,10 @@ import pytest
 from proving_ground.experiments.errors import ServeError
 from proving_ground.experiments.run.simulate import drive_into
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol
-from proving_ground.experiments.serve.agopengps_frames import Steering, steering_frame
+from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol, Steering, steering_frame
 from proving_ground.experiments.serve.json_protocol import JsonProtocol
 from proving_ground.experiments.serve.link import Link, Trouble
-from proving_ground.experiments.serve.remote import RemoteController
-from proving_ground.experiments.serve.session import Session, SessionSettings
+from proving_ground.experiments.serve.session import RemoteController, Session, SessionSettings
 from proving_ground.testbed.geodesy import DATUM, east_north
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
@@ -138,7 +136,7 @@ def test_samples_lost_in_lockstep_come_again_when_the_peer_repeats_itself():
 
 def test_the_clock_is_kept_without_drift_at_a_factor():
     period_s = 0.2 / 5.0
-    settings = SessionSettings(factor=5.0, wait_s=PATIENCE_S)
+    settings = SessionSettings(speed=5.0, wait_s=PATIENCE_S)
     _, outcome, counts, _ = drive(follow, length_m=10.0, settings=settings)
     assert outcome.status == "completed"
     assert outcome.wall_s > 49 * period_s  # the last of 50 ticks begins no earlier
@@ -148,7 +146,7 @@ def test_the_clock_is_kept_without_drift_at_a_factor():
 
 def test_a_plant_that_cannot_keep_the_pace_counts_overruns():
     _, _, counts, _ = drive(
-        follow, settings=SessionSettings(factor=1e4, wait_s=PATIENCE_S, hold_s=1e3)
+        follow, settings=SessionSettings(speed=1e4, wait_s=PATIENCE_S, hold_s=1e3)
     )
     assert counts[Trouble.OVERRUN] > 20
 
@@ -164,7 +162,7 @@ def silent_from(first, last):
 
 
 def test_a_silent_peer_stops_the_vehicle_and_the_reference_waits_for_it_to_return():
-    settings = SessionSettings(factor=4.0, wait_s=PATIENCE_S, hold_s=2.0)
+    settings = SessionSettings(speed=4.0, wait_s=PATIENCE_S, hold_s=2.0)
     record, outcome, counts, _ = drive(silent_from(10, 70), length_m=12.0, settings=settings)
     assert outcome.status == "completed"
     assert counts[Trouble.MISSING] >= 55
@@ -186,7 +184,7 @@ def test_commands_that_are_one_tick_late_drive_all_the_same():
         kept.append(follow(datagram))
         return kept[-2] if len(kept) > 2 else []
 
-    settings = SessionSettings(factor=8.0, wait_s=PATIENCE_S)
+    settings = SessionSettings(speed=8.0, wait_s=PATIENCE_S)
     record, outcome, counts, session = drive(late, settings=settings)
     assert outcome.status == "completed"
     assert session.used == 0

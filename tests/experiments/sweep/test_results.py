@@ -1,24 +1,25 @@
 """File of rows: whole lines after any failure; readable with inferred types."""
 
+import dataclasses
 import errno
 import json
 import os
 
 import numpy as np
-import pandas
-import polars
 import pytest
 from proving_ground.experiments.errors import SweepRefused, SweepStopped
-from proving_ground.experiments.sweep.failure import ERROR
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.sweep.results import (
     WORKING_P95,
     WORKING_SD,
     Results,
     frame,
     rows,
-    settle,
 )
-from proving_ground.experiments.sweep.row import line, no_figures
+from proving_ground.experiments.sweep.row import FIGURES, columns, figures, line, no_figures
+
+from tests.experiments.sweep_rows import ERROR
 
 
 def filled(file, count, **more):
@@ -73,33 +74,6 @@ def test_a_full_disk_ends_the_sweep_and_leaves_whole_lines(tmp_path, monkeypatch
     assert file.read_bytes() == whole
 
 
-def test_pandas_and_polars_open_a_settled_file_whatever_came_first(tmp_path):
-    file, count = tmp_path / "r.jsonl", 300
-    with open(file, "w") as stream:
-        for run in range(count):
-            late = run >= 250
-            stream.write(
-                line({"run": run, "x": 0.5 if late else None, "y": 1.5 if run == 299 else None})
-            )
-    with pytest.raises(polars.exceptions.ComputeError):
-        polars.read_ndjson(file)
-    before = sorted(json.dumps(row) for row in rows(file))
-    settle(file)
-    assert sorted(json.dumps(row) for row in rows(file)) == before
-    assert polars.read_ndjson(file).schema["x"] == polars.Float64
-    assert polars.read_ndjson(file)["y"].sum() == 1.5
-    frame = pandas.read_json(file, lines=True)
-    assert frame["x"].count() == 50
-    assert sorted(frame["run"]) == list(range(count))
-
-
-def test_a_file_that_needs_no_settling_is_left_alone(tmp_path):
-    file = filled(tmp_path / "r.jsonl", 3, x=1.0)
-    before = file.stat().st_ino
-    settle(file)
-    assert file.stat().st_ino == before
-
-
 def test_rows_are_a_frame_with_the_error_of_the_working_point():
     numbers = no_figures()
     trailer = {**numbers, ERROR: 0.2, "tracking.all.trailer.cross_sd_m": 0.1}
@@ -116,3 +90,32 @@ def test_rows_are_a_frame_with_the_error_of_the_working_point():
     np.testing.assert_array_equal(table[WORKING_SD], [0.1, 0.1, np.nan])
     assert table["wall_s"].dtype == float
     assert not len(frame([]))
+
+
+def test_every_number_of_a_summary_is_a_column_of_every_row():
+    def leaves(content, prefix=""):
+        for key, value in content.items():
+            if isinstance(value, dict):
+                yield from leaves(value, f"{prefix}{key}.")
+            elif isinstance(value, int | float):
+                yield f"{prefix}{key}", value
+
+    short = load("pavement", ["path={kind='straight', length_m=3.0}"])
+    summary, _ = simulate(*short, seed=1)
+    leaf_values = dict(leaves(dataclasses.asdict(summary)))
+    del leaf_values["seed"]
+    assert leaf_values
+    assert figures(summary).items() >= leaf_values.items()
+    assert list(figures(summary)) == list(no_figures()) == list(FIGURES)
+    assert set(no_figures().values()) == {None}
+    names = columns(["scenario", "soil.cone_index_kpa", "controller"])
+    assert len(names) == len(set(names))
+    assert names.index("soil.cone_index_kpa") < names.index("status")
+
+
+def test_a_line_is_json_of_one_line_and_refuses_what_json_does_not_know():
+    row = {"failure": "two\nlines", "x": None}
+    assert json.loads(line(row)) == row
+    assert line(row).count("\n") == 1
+    with pytest.raises(ValueError, match="JSON"):
+        line({"x": float("nan")})

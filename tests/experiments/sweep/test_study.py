@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from proving_ground.experiments.errors import ExperimentError, InvalidStudy
-from proving_ground.experiments.sweep.inert_axes import find_inert_axes
+from proving_ground.experiments.sweep.dry_run import find_inert_axes
 from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.study import load_study, shipped_studies
 
@@ -100,7 +100,6 @@ def test_a_dumped_study_is_the_study(tmp_path):
         ("seeds = 0", "seeds"),
         ('scenario = "gras"', "scenario 'gras': no such scenario"),
         ("samples = 3", "samples is given, but no axis is random"),
-        ('worst_by = "beauty"', "worst_by must be a figure of results.jsonl, got 'beauty'"),
         ('[[axis]]\nkind="list"\nvalues=[1]', "give key, or keys"),
         ('[[axis]]\nkind="gird"\nkey="a"', "axis.0: Input tag 'gird'"),
         ('[[axis]]\nkind="list"\nkey="path.laps"\nvalues=[]', "axis.0.values"),

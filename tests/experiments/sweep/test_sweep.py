@@ -9,23 +9,20 @@ import sys
 import time
 from dataclasses import replace
 
-import pandas
-import polars
 import pytest
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.errors import SweepRefused, SweepStopped
+from proving_ground.experiments.errors import InvalidStudy, SweepRefused, SweepStopped
 from proving_ground.experiments.sweep import folder as folder_module
+from proving_ground.experiments.sweep import sweep as sweep_module
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.experiments.sweep.folder import lock_folder
-from proving_ground.experiments.sweep.results import rows
+from proving_ground.experiments.sweep.results import read_frame, rows
 from proving_ground.experiments.sweep.row import columns, no_figures
-from proving_ground.experiments.sweep.sweep import sweep
+from proving_ground.experiments.sweep.sweep import drive_points, sweep
 from proving_ground.experiments.sweep.work import run_job
 from proving_ground.testbed.recording.provenance import versions
 
 from tests.experiments.study_files import CONTROLLERS, SHORT, STRENGTHS, plan_of
-
-WORST = "tracking.all.trailer.cross_p95_m"
 
 
 def synthetic_row(job):
@@ -35,8 +32,7 @@ def synthetic_row(job):
     if job.keep != "none":
         log = f"logs/{job.run_id}.mcap"
         (job.folder / log).touch()
-    numbers = {**no_figures(), WORST: None if lost else float(job.run % 7)}
-    return job.row("lost" if lost else "completed", "rolled" if lost else None, numbers, 0.1, log)
+    return job.row("lost" if lost else "completed", "", no_figures(), 0.1, log)
 
 
 def swept(plan, path, work=synthetic_row, on_row=lambda progress: None):
@@ -66,8 +62,7 @@ def test_rows_have_the_documented_columns_and_open_as_they_are(real):
     assert [row["status"] for row in results] == ["completed"] * 4
     assert all(list(row) == [*columns(plan.study.names)] for row in results)
     assert len({row["run_id"] for row in results}) == 4
-    file = folder / "results.jsonl"
-    assert polars.read_ndjson(file).height == len(pandas.read_json(file, lines=True)) == 4
+    assert len(read_frame(folder)) == 4
 
 
 def test_an_interrupted_sweep_ends_with_the_same_rows(real, tmp_path):
@@ -164,15 +159,6 @@ def test_logs_are_kept_and_named_in_the_rows(keep, kept, tmp_path):
     assert [row["log"] for row in results if row["log"]] == [f"logs/{log}" for log in logs]
 
 
-def test_the_worst_runs_are_those_that_were_lost_and_those_that_err_most(tmp_path):
-    plan = plan_of(tmp_path, 'seeds = 10\nkeep = "worst"\nworst = 4', SHORT)
-    results = swept(plan, tmp_path / "out")
-    named = {row["run"] for row in results if row["log"]}
-    assert named == {4, 9, 5, 6}  # two lost, and figures 5 and 6
-    kept = {row["log"] for row in results if row["log"]}
-    assert {f"logs/{file.name}" for file in (tmp_path / "out" / "logs").iterdir()} == kept
-
-
 def test_a_folder_in_which_a_sweep_is_at_work_is_refused(tmp_path):
     plan = plan_of(tmp_path, SHORT)
     swept(plan, tmp_path / "out")
@@ -242,3 +228,42 @@ def test_a_dry_run_prints_size_time_and_disk_and_writes_nothing(tmp_path, monkey
     for words in ("runs      6: 1 points, 3 seeds, 2 controllers", "time      about", "disk"):
         assert words in printed
     assert [item.name for item in tmp_path.iterdir()] == ["tiny.toml"]
+
+
+SETTINGS = {"path": {"kind": "straight", "length_m": 2.0}, "controller": {"name": "pid"}}
+KPA = "soil.cone_index_kpa"
+
+
+def drive(points, **options):
+    with engine(workers=0) as here:
+        return drive_points("grass", points, here, settings=SETTINGS, **options)
+
+
+def test_rows_of_points_come_in_the_order_of_points_and_seeds(monkeypatch):
+    def rows_of(engine, jobs, work=None):
+        """Return the rows in reverse order."""
+        for job in reversed([*jobs]):
+            assert job.scenario.controller.name == "pid"
+            yield synthetic_row(job)
+
+    monkeypatch.setattr(sweep_module, "imap_rows", rows_of)
+    driven = drive([{KPA: 900.0}, {KPA: 300.0}, {KPA: 600.0}], seeds=(7, 5))
+    assert [[row[KPA] for row in one] for one in driven] == [[900.0] * 2, [300.0] * 2, [600.0] * 2]
+    assert [[row["seed"] for row in one] for one in driven] == [[7, 5]] * 3
+    assert [len(one) for one in drive([{KPA: 300.0}, {KPA: -1.0}])] == [1, 0]
+    for points in ([{KPA: -1.0}], [], [{}], [{KPA: 300.0}, {"terrain.slope_rad": 0.1}]):
+        with pytest.raises(InvalidStudy):
+            drive(points)
+
+
+def test_kept_points_are_not_driven_again(tmp_path):
+    points = [{KPA: 300.0}, {KPA: 900.0}]
+    driven = drive(points, folder=tmp_path / "kept")
+    assert drive(points, folder=tmp_path / "kept") == driven  # wall-clock times among them
+    (first,), (second,) = drive(points[::-1], folder=tmp_path / "kept")
+    same = ("run_id", "wall_s")
+    assert [[row[key] for key in same] for row in (second, first)] == [
+        [row[key] for key in same] for (row,) in driven
+    ]
+    with pytest.raises(SweepRefused):
+        drive(points[:1], folder=tmp_path / "kept")

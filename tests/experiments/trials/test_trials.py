@@ -9,19 +9,28 @@ import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import BadOptions, InvalidScoreCard
-from proving_ground.experiments.reproduce import trial_tables
-from proving_ground.experiments.reproduce.driver import Driver
-from proving_ground.experiments.reproduce.pages import ROOT
+from proving_ground.experiments.papers.pages import ROOT
+from proving_ground.experiments.papers.runner import Runner
+from proving_ground.experiments.papers.studies import leaderboard as board
 from proving_ground.experiments.seeds import design_seeds
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.experiments.sweep.row import columns
 from proving_ground.experiments.trials import bench as module
-from proving_ground.experiments.trials import definition, plant_probe, tables
-from proving_ground.experiments.trials.comparison import compare_cards
-from proving_ground.experiments.trials.draws import PUBLIC, hidden_draws, public_draws, seeds_hash
-from proving_ground.experiments.trials.score import LOSS_M, TrialRun, score
-from proving_ground.experiments.trials.score_card import ScoreCard, card_schema, read_score_card
-from proving_ground.experiments.trials.tables import card_page, format_card, leaderboard
+from proving_ground.experiments.trials import definition
+from proving_ground.experiments.trials.score_card import (
+    LOSS_M,
+    PUBLIC,
+    ScoreCard,
+    TrialRun,
+    card_schema,
+    compare_cards,
+    hidden_draws,
+    public_draws,
+    read_score_card,
+    score,
+    seeds_hash,
+)
+from proving_ground.experiments.trials.tables import card_page, format_card, format_comparison
 
 SHORT = "even-grass"
 OWN_SPEED = "controller.options={corridor_at_rest_m=[0.03, 0.05], corridor_per_speed_s=[0.2, 0.03]}"
@@ -57,9 +66,9 @@ def one_short_trial(monkeypatch, tmp_path):
     file = tmp_path / f"{SHORT}.toml"
     file.write_text('[path]\nkind = "straight"\nlength_m = 12.0\n')
     files = {SHORT: file}
-    for where in (definition, module, plant_probe):
+    for where in (definition, module, board):
         monkeypatch.setattr(where, "trial_files", lambda: files)
-    monkeypatch.setattr(module, "frozen_probes", lambda: {SHORT: plant_probe.probe(SHORT)})
+    monkeypatch.setattr(module, "frozen_checks", lambda: {SHORT: definition.plant_check(SHORT)})
 
 
 def test_the_identifier_is_that_of_version_1():
@@ -85,20 +94,20 @@ def test_the_public_seeds_are_of_no_design():
 @pytest.mark.parametrize("name", ["reverse", "cultivate", "faults"])
 def test_the_plant_is_that_of_the_frozen_trials(name):
     """With vehicle, soil, implement, faults and samples of the sensors in it."""
-    frozen = {name: definition.frozen_probes()[name]}
-    assert not plant_probe.differing({name: plant_probe.probe(name)}, frozen)
+    frozen = {name: definition.frozen_checks()[name]}
+    assert not definition.differing({name: definition.plant_check(name)}, frozen)
 
 
 @pytest.mark.slow
 def test_the_plant_is_that_of_all_frozen_trials():
-    frozen = definition.frozen_probes()
-    assert not plant_probe.differing({name: plant_probe.probe(name) for name in frozen}, frozen)
+    frozen = definition.frozen_checks()
+    assert not definition.differing({name: definition.plant_check(name) for name in frozen}, frozen)
 
 
 def test_another_scenario_or_plant_makes_another_identifier(monkeypatch):
     name = "reverse"
     content = tomllib.loads(definition.trial_files()[name].read_text())
-    probes = definition.frozen_probes()
+    probes = definition.frozen_checks()
     before = definition.identifier_of({name: content}, probes)
     other_words = {**content, "description": "other words"}
     assert definition.identifier_of({name: other_words}, probes) == before
@@ -106,9 +115,9 @@ def test_another_scenario_or_plant_makes_another_identifier(monkeypatch):
     assert definition.identifier_of({name: softer}, probes) != before
     other_plant = {**probes, name: (*probes[name][:-1], probes[name][-1] + 1e-3)}
     assert definition.identifier_of({name: content}, other_plant) != before
-    monkeypatch.setattr(plant_probe, "read_scenario", _loaded(plant_probe.read_scenario))
-    changed = {name: plant_probe.probe(name)}
-    assert plant_probe.differing(changed, {name: probes[name]}) == (name,)
+    monkeypatch.setattr(definition, "read_scenario", _loaded(definition.read_scenario))
+    changed = {name: definition.plant_check(name)}
+    assert definition.differing(changed, {name: probes[name]}) == (name,)
     assert definition.identifier((name,)).startswith(definition.frozen_identifier() + "+")
 
 
@@ -167,15 +176,15 @@ def test_a_card_reads_back_fits_its_schema_and_cannot_be_touched_up(tmp_path):
 def test_a_comparison_is_paired_by_seed():
     """A constant factor between runs that differ widely has an interval of no width."""
     errors = np.random.default_rng(1).uniform(0.01, 0.3, (3, 8))
-    comparison = compare_cards(card_of(errors), card_of(0.5 * errors, "two"))
-    ratio = comparison.ratio
-    assert (ratio.low, ratio.high) == pytest.approx((0.5, 0.5), abs=1e-6)
-    for k, item in enumerate(comparison.trials.values()):
-        assert item.difference_m.value == pytest.approx(-0.5 * errors[k].mean(), abs=1e-5)
-        assert item.difference_m.low < item.difference_m.value < item.difference_m.high
-    back = compare_cards(card_of(0.5 * errors), card_of(errors)).ratio
-    assert back.value == pytest.approx(1.0 / ratio.value, rel=1e-5)
-    assert "0.500" in str(comparison)
+    found = compare_cards(card_of(errors), card_of(0.5 * errors, "two"))
+    assert (found["ratio"]["low"], found["ratio"]["high"]) == pytest.approx((0.5, 0.5), abs=1e-6)
+    for k, item in enumerate(found["trials"].values()):
+        gap = item["difference_m"]
+        assert gap["value"] == pytest.approx(-0.5 * errors[k].mean(), abs=1e-5)
+        assert gap["low"] < gap["value"] < gap["high"]
+    back = compare_cards(card_of(0.5 * errors), card_of(errors))["ratio"]["value"]
+    assert back == pytest.approx(1.0 / found["ratio"]["value"], rel=1e-5)
+    assert "0.500" in format_comparison(found)
 
 
 @pytest.mark.parametrize(
@@ -190,12 +199,12 @@ def test_cards_of_other_trials_or_seeds_are_not_compared(changes, reason):
 
 def test_hidden_seeds_are_checked_by_their_hash(tmp_path, capsys):
     file = tmp_path / "seeds.txt"
-    assert main(["bench", "--draw-seeds", str(file)]) == 0
+    assert main(["bench", "--draw-seeds", "-o", str(file)]) == 0
     printed = capsys.readouterr().out.split()[0]
     draws = hidden_draws(file)
     assert draws.sha256 == printed == seeds_hash(draws.seeds)
     assert draws.count == len(PUBLIC)
-    assert main(["bench", "--draw-seeds", str(file)]) == 2
+    assert main(["bench", "--draw-seeds", "-o", str(file)]) == 2
 
 
 @pytest.mark.parametrize("text", ["", "1 1", "-3", "1.5", "4294967296", "7 x", "007"])
@@ -216,7 +225,7 @@ def test_a_file_of_other_seeds_is_refused(tmp_path, text):
         (["pid", "--set", "controller.name=lqr"], "frozen"),
         (["pid", "--set", "controller.estimator=truth"], "not allowed"),
         (["pid", "--set", "controller.options.horizon=3"], "horizon"),
-        (["pid", "--quick", "--seeds-file", "x"], "exclude"),
+        (["pid", "--quick", "--seeds-file", "x"], "--quick: not with --seeds-file"),
         (["pid", "--seeds-file", "none.txt"], "none.txt"),
         (["--compare", "a.json", "b.json"], "a.json"),
         (["ttempc", "--set", OWN_SPEED], "crop-rows"),
@@ -303,41 +312,29 @@ def test_a_controller_that_raises_loses_its_runs(one_short_trial, tmp_path, monk
 def test_the_leaderboard_has_the_least_cost_first():
     trials = len(definition.trial_files())
     cards = [card_of(np.full((trials, 2), error), name) for error, name in ((0.2, "b"), (0.1, "a"))]
-    lines = leaderboard(cards).splitlines()
-    assert [line.split("|")[1].strip() for line in lines[2:4]] == ["`a`", "`b`"]
+    lines = [line for line in board.leaderboard(cards).splitlines() if line.startswith("| `")]
+    assert [line.split("|")[1].strip() for line in lines] == ["`a`", "`b`"] * 2
 
 
 def test_the_leaderboard_is_made_of_runs_and_of_cards_of_others(
     one_short_trial, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(tables, "trial_files", definition.trial_files)
-    monkeypatch.setattr(trial_tables, "SHIPPED", (("pid",), ("feedforward",)))
-    monkeypatch.setattr(trial_tables, "OTHERS", (("casadi_mpc:CasadiMpc",),))
-    monkeypatch.setattr(trial_tables, "ROOT", tmp_path)
-    monkeypatch.syspath_prepend(ROOT / "docs" / "examples")
+    monkeypatch.setattr(board, "SHIPPED", (("pid",), ("feedforward",)))
+    monkeypatch.setattr(board, "OTHERS", (("casadi_mpc:CasadiMpc",),))
+    monkeypatch.setattr(board, "ROOT", tmp_path)
     folder = tmp_path / "docs" / "field-trials"
     folder.mkdir(parents=True)
     (folder / "theirs.json").write_text(card_of([[0.05]], "theirs").to_json())
     (folder / "old.json").write_text(card_of([[0.05]], "old", identifier="v0-0").to_json())
-    product = trial_tables.field_trials(Driver(tmp_path / "rows", workers=0, seeds=PUBLIC[:1]))
+    block = board.make(Runner(tmp_path / "rows", workers=0, seeds=PUBLIC[:1]))
     names = {"pid.json", "feedforward.json", "casadi_mpc-CasadiMpc.json"}
-    assert {*product.files} == {f"field-trials/{name}" for name in names}
+    assert {*block.files} == {f"field-trials/{name}" for name in names}
     file = tmp_path / "pid.json"
-    file.write_bytes(product.files["field-trials/pid.json"])
+    file.write_bytes(block.files["field-trials/pid.json"])
     assert read_score_card(file).draws.seeds == PUBLIC[:1]
-    assert product.block.count("| `theirs` |") == 2
-    assert product.block.count("| `casadi_mpc:CasadiMpc` |") == 2
-    assert "not shown: `old` (v0-0)" in product.block
-
-
-def test_the_page_lists_every_trial():
-    page = (ROOT / "docs" / "field-trials.md").read_text()
-    for name in definition.trial_files():
-        scenario = definition.trial(name)
-        mission = scenario.mission()
-        length = mission.path.length_m
-        duration = f"{length:.0f} m, {mission.speed.duration_s(length):.0f} s"
-        assert f"| `{name}` | {scenario.description} | {duration} |" in page
+    for name in ("theirs", "casadi_mpc:CasadiMpc"):
+        assert block.text.count(f"| `{name}` |") == 2
+    assert "not shown: `old` (v0-0)" in block.text
 
 
 def test_the_cards_of_the_docs_are_whole():

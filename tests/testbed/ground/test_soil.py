@@ -1,12 +1,31 @@
+"""Soil strength: background, layers, tramlines."""
+
+import itertools
 import math
 
 import numpy as np
 import pytest
 from proving_ground.testbed.errors import InvalidField
 from proving_ground.testbed.ground import terrain
-from proving_ground.testbed.ground.soil import NAMED_SOILS, SoilMap
-from proving_ground.testbed.ground.soil_layers import Patch
+from proving_ground.testbed.ground.ground import Ground
+from proving_ground.testbed.ground.soil import (
+    NAMED_SOILS,
+    Gradient,
+    Patch,
+    RandomStrength,
+    SoilMap,
+    StrengthMap,
+    Tracks,
+    Tramlines,
+    parallel_lines,
+)
+from proving_ground.testbed.ground.terrain import Terrain
+from proving_ground.testbed.randomness import generator
 from pydantic import ValidationError
+
+FIELD = terrain.flat((40.0, 30.0), 0.25)
+TRACKS = Tracks(track_m=1.0, width_m=0.3, strength_factor=1.5)
+STRAIGHT = np.array([[-10.0, 0.0], [10.0, 0.0]])
 
 
 def patch(x_m, radius_m, cone_index_kpa):
@@ -31,28 +50,269 @@ def test_later_patch_holds_where_patches_overlap():
     np.testing.assert_array_equal(values, [300.0, 150.0, 150.0, 600.0])
 
 
-def test_raster_is_the_map_at_the_terrain_grid():
-    ground = terrain.flat((12.0, 8.0), 0.2, (3.0, 1.0))
-    soil = SoilMap(500.0, (Patch(x_m=2.0, y_m=1.0, radius_m=1.5, cone_index_kpa=120.0),))
-    raster = soil.rasterised(ground)
-    assert raster.shape == ground.heights.shape
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        row, column = rng.integers(raster.shape[0]), rng.integers(raster.shape[1])
-        x = ground.origin[0] + 0.2 * column
-        y = ground.origin[1] + 0.2 * row
-        assert raster[row, column] == soil.cone_index(x, y)
+def test_the_cone_index_is_that_of_the_nearest_point_and_of_the_border_beyond():
+    strength = np.arange(12.0).reshape(3, 4)  # rows along y, columns along x
+    ground = Ground(Terrain(np.zeros((3, 4)), 0.5, (10.0, -1.0)), strength)
+    x = np.array([10.0, 10.24, 10.26, 11.5, 99.0, -99.0])
+    y = np.array([-1.0, -0.76, -0.74, 0.0, 99.0, -99.0])
+    expected = strength[[0, 0, 1, 2, 2, 0], [0, 0, 1, 3, 3, 0]]
+    np.testing.assert_array_equal(ground.cone_index_at(x, y), expected)
 
 
-@pytest.mark.parametrize("value", [0.0, -5.0, math.nan, math.inf])
-def test_impossible_strength_is_refused(value):
-    with pytest.raises(InvalidField, match="cone index"):
-        SoilMap(value)
-    with pytest.raises(ValidationError, match="cone_index_kpa"):
-        patch(0.0, 1.0, value)
+def drawn(seed, cv=0.4, correlation_m=2.0, field=FIELD):
+    strength = RandomStrength(coefficient_of_variation=cv, correlation_m=correlation_m)
+    return strength.draw(np.random.default_rng(seed), field)
 
 
-@pytest.mark.parametrize(("x_m", "radius_m"), [(math.nan, 1.0), (math.inf, 1.0), (0.0, 0.0)])
-def test_impossible_patch_is_refused(x_m, radius_m):
-    with pytest.raises(ValidationError):
-        patch(x_m, radius_m, 100.0)
+# --- gradient --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("first", "second"), [(300.0, 900.0), (900.0, 300.0), (400.0, 400.0)])
+def test_a_gradient_is_linear_over_its_distance_and_constant_beyond(first, second):
+    gradient = Gradient(
+        from_kpa=first,
+        to_kpa=second,
+        distance_m=20.0,
+        x_m=1.0,
+        y_m=2.0,
+        towards_deg=math.degrees(0.7),
+    )
+    soil = SoilMap(100.0, (gradient,))
+    u = np.linspace(-5.0, 30.0, 71)
+    across = 7.0
+    x = 1.0 + u * math.cos(0.7) - across * math.sin(0.7)
+    y = 2.0 + u * math.sin(0.7) + across * math.cos(0.7)
+    expected = first + (second - first) * np.clip(u / 20.0, 0.0, 1.0)
+    np.testing.assert_allclose(soil.cone_index(x, y), expected, rtol=1e-12)
+
+
+# --- random field ----------------------------------------------------------------------------
+
+
+def test_random_strength_has_its_mean_and_its_coefficient_of_variation():
+    # 60 x 45 correlation lengths, 6 draws: some 2000 independent areas, so that the standard
+    # error of the mean is 0.4 / sqrt(2000) = 0.009; the bounds are about four of those
+    values = np.stack([drawn(seed, correlation_m=0.7).values for seed in range(6)])
+    assert values.min() > 0.0
+    assert values.mean() == pytest.approx(1.0, abs=0.035)
+    assert values.std() / values.mean() == pytest.approx(0.4, rel=0.1)
+    logarithm = np.log(values)
+    variance = math.log(1.0 + 0.4**2)
+    assert logarithm.mean() == pytest.approx(-0.5 * variance, abs=0.035)
+    # log-normal: the logarithm is as symmetric as a normal distribution is
+    assert ((logarithm - logarithm.mean()) ** 3).mean() / logarithm.std() ** 3 == pytest.approx(
+        0.0, abs=0.15
+    )
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_correlation_of_the_logarithm_falls_by_e_over_the_correlation_length(axis):
+    variance = math.log(1.0 + 0.4**2)
+    products = {1.0: [], 2.0: [], 4.0: []}
+    for seed in range(30):
+        deviation = np.log(drawn(seed).values) + 0.5 * variance
+        if axis:
+            deviation = deviation.T
+        for lag in products:
+            cells = round(lag / FIELD.spacing_m)
+            products[lag].append((deviation[cells:] * deviation[:-cells]).mean() / variance)
+    for lag, values in products.items():
+        error = np.std(values) / math.sqrt(len(values))
+        assert np.mean(values) == pytest.approx(math.exp(-lag / 2.0), abs=max(3.5 * error, 0.01))
+        assert error < 0.03
+
+
+def test_opposite_edges_are_uncorrelated():
+    pairs = np.array([drawn(seed).values[::8][:, [0, -1]] for seed in range(40)])
+    west, east = np.log(pairs).reshape(-1, 2).T
+    assert abs(np.corrcoef(west, east)[0, 1]) < 0.15
+
+
+def test_no_variation_is_no_change():
+    soil = SoilMap(450.0, (drawn(0, cv=0.0),))
+    np.testing.assert_allclose(soil.rasterised(FIELD), 450.0, rtol=1e-12)
+
+
+def test_the_seed_alone_decides_and_does_not_touch_the_terrain():
+    strength = RandomStrength(correlation_m=2.0)
+    fields = [strength.draw(generator(s, "soil"), FIELD).values for s in (1, 1, 2)]
+    assert np.array_equal(fields[0], fields[1])
+    assert not np.array_equal(fields[0], fields[2])
+
+
+# --- map -------------------------------------------------------------------------------------
+
+
+def test_a_map_replaces_the_soil_inside_its_extent(tmp_path):
+    values = np.random.default_rng(0).uniform(200.0, 900.0, (9, 13))
+    np.save(tmp_path / "map.npy", values)
+    layer = StrengthMap.from_file(tmp_path / "map.npy", 0.5, (2.0, -1.0))
+    soil = SoilMap(600.0, (layer,))
+    x, y = layer.points()
+    np.testing.assert_allclose(soil.cone_index(x, y), values)
+    assert soil.cone_index(-1.01, -1.0) == 600.0
+    assert soil.cone_index(-0.75, -3.0) == pytest.approx(values[0, :2].mean())
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("300 400\n500 nan\n", "got nan at row 1, column 1"),
+        ("300 -400\n500 600\n", "got -400.0 at row 0, column 1"),
+        ("300 400\n500\n", "columns"),
+        ("", "2 x 2 or larger"),
+    ],
+)
+def test_an_unusable_map_is_refused_in_one_line_that_names_it(tmp_path, text, message):
+    file = tmp_path / "soil.csv"
+    file.write_text(text)
+    with pytest.raises(InvalidField) as caught:
+        StrengthMap.from_file(file, 0.5)
+    assert str(caught.value).startswith("soil map file")
+    assert message in str(caught.value)
+    assert "soil.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+# --- layers ----------------------------------------------------------------------------------
+
+
+def test_layers_lie_on_each_other_in_their_order():
+    patch = Patch(x_m=0.0, y_m=0.0, radius_m=3.0, cone_index_kpa=150.0)
+    gradient = Gradient(from_kpa=300.0, to_kpa=900.0, distance_m=10.0, x_m=-5.0)
+    factors = drawn(3)
+    places = np.array([0.0, 4.0]), np.zeros(2)
+    for order in itertools.permutations((patch, gradient, factors)):
+        expected = np.full(2, 700.0)
+        for layer in order:
+            if layer is patch:
+                expected[0] = 150.0
+            elif layer is gradient:
+                expected = np.array([600.0, 840.0])
+            else:
+                expected = expected * factors.at(*places)
+        np.testing.assert_allclose(SoilMap(700.0, order).cone_index(*places), expected)
+
+
+def test_raster_of_all_layers_is_the_map_at_the_grid_s_points():
+    layers = (
+        Gradient(from_kpa=300.0, to_kpa=900.0, distance_m=10.0, x_m=-5.0, towards_deg=17.0),
+        StrengthMap(np.full((5, 5), 500.0), 1.0, (-2.0, -2.0)),
+        drawn(1),
+        Patch(x_m=2.0, y_m=1.0, radius_m=1.5, cone_index_kpa=120.0),
+    )
+    soil = SoilMap(500.0, layers)
+    raster = soil.rasterised(FIELD)
+    x, y = FIELD.points()
+    for row, column in np.random.default_rng(0).integers(0, (121, 161), (40, 2)):
+        assert raster[row, column] == soil.cone_index(x[column], y[row, 0])
+
+
+def test_patches_finer_than_the_grid_are_refused():
+    patch = Patch(x_m=0.0, y_m=0.0, radius_m=0.1, cone_index_kpa=100.0)
+    with pytest.raises(InvalidField, match=r"soil: got patch 0\.2 m wide"):
+        SoilMap(500.0, (patch,)).rasterised(FIELD)
+
+
+# --- tramlines -------------------------------------------------------------------------------
+
+
+def factor(tramlines, x, y):
+    return SoilMap(1.0, (tramlines,)).cone_index(x, y)
+
+
+def test_tracks_lie_left_and_right_of_the_line_and_nowhere_else():
+    tramlines = Tramlines((STRAIGHT,), TRACKS)
+    y = np.array([-0.7, -0.64, -0.5, -0.36, 0.0, 0.36, 0.5, 0.64, 0.7])
+    for x in (-9.0, 0.013, 3.3):
+        np.testing.assert_array_equal(factor(tramlines, x, y) > 1.0, abs(abs(y) - 0.5) < 0.15)
+    assert factor(tramlines, 10.2, 0.5) == 1.0
+
+
+def test_tracks_cover_two_widths_of_ground_and_end_round():
+    ground = terrain.flat((24.0, 24.0), 0.05)
+    tracks = Tracks(track_m=1.0, width_m=0.4, strength_factor=2.0)
+    turned = STRAIGHT[:, :1] * np.array([math.cos(0.3), math.sin(0.3)])
+    angle = np.linspace(0.0, 2.0 * math.pi, 300)
+    circle = 8.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    for line, length, ends in ((turned, 20.0, 2), (circle, 2.0 * math.pi * 8.0, 0)):
+        raster = SoilMap(400.0, (Tramlines((line,), tracks),)).rasterised(ground)
+        assert set(np.unique(raster)) == {400.0, 800.0}
+        area = 2.0 * 0.4 * length + ends * math.pi * 0.2**2
+        assert (raster > 400.0).sum() * 0.05**2 == pytest.approx(area, rel=0.02)
+
+
+def test_tracks_of_a_bent_line_stay_at_their_distance():
+    angle = np.linspace(0.0, 1.0, 40)
+    line = 8.0 * np.column_stack([np.cos(angle), np.sin(angle)])
+    tramlines = Tramlines((line,), TRACKS)
+    radius = np.linspace(7.0, 9.0, 201)
+    for a in (0.2, 0.5, 0.8):
+        rolled = factor(tramlines, radius * math.cos(a), radius * math.sin(a)) > 1.0
+        inside = abs(abs(radius - 8.0) - 0.5)
+        assert rolled[inside < 0.14].all()
+        assert not rolled[inside > 0.16].any()
+
+
+def test_crossing_tracks_of_one_kind_count_once_and_two_kinds_twice():
+    across = STRAIGHT[:, ::-1]
+    once = Tramlines((STRAIGHT, across), TRACKS)
+    assert factor(once, 0.5, 0.5) == 1.5
+    loose = Tramlines((across,), Tracks(track_m=1.0, strength_factor=0.5))
+    twice = SoilMap(1.0, (once, loose))
+    assert twice.cone_index(0.5, 0.5) == 0.75
+
+
+def test_parallel_passes_run_beside_each_other_to_the_left():
+    lines = parallel_lines((1.0, 2.0), 0.5 * math.pi, 10.0, 3, 4.0)
+    np.testing.assert_allclose(lines[0], [[1, 2], [1, 12]], atol=1e-12)
+    np.testing.assert_allclose(lines[2], [[-7, 2], [-7, 12]], atol=1e-12)
+
+
+def test_a_line_that_turns_back_or_pauses_is_a_line():
+    line = np.array([[0.0, 0.0], [5.0, 0.0], [5.0, 0.0], [0.0, 0.0]])
+    tramlines = Tramlines((line,), TRACKS)
+    assert factor(tramlines, 2.5, 0.5) == 1.5
+    assert factor(tramlines, 2.5, 0.0) == 1.0
+
+
+# --- refusals --------------------------------------------------------------------------------
+
+
+def test_impossible_layers_are_refused_by_their_keys():
+    gradient = {"from_kpa": 300.0, "to_kpa": 900.0, "distance_m": 1.0}
+    centre = {"x_m": 0.0, "y_m": 0.0, "radius_m": 1.0, "cone_index_kpa": 100.0}
+    for kind, values, key in (
+        (Gradient, gradient | {"distance_m": 0.0}, "distance_m"),
+        (Gradient, gradient | {"to_kpa": math.nan}, "to_kpa"),
+        (Patch, centre | {"cone_index_kpa": 0.0}, "cone_index_kpa"),
+        (Patch, centre | {"x_m": math.inf}, "x_m"),
+        (RandomStrength, {"coefficient_of_variation": -0.1}, "coefficient_of_variation"),
+        (Tracks, {"width_m": 0.0}, "width_m"),
+        (Tracks, {"track_m": 1.0, "width_m": 1.1}, r"1\.1 m wide and 1\.0 m apart"),
+        (Tracks, {"strength_factor": math.inf}, "strength_factor"),
+    ):
+        with pytest.raises(ValidationError, match=key):
+            kind(**values)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: SoilMap(-5.0), "cone index"),
+        (lambda: SoilMap(math.nan), "cone index"),
+        (lambda: drawn(0, 0.3, 0.1), "random soil"),
+        (lambda: drawn(0, 0.3, 99.0), "random soil"),
+        (lambda: Tramlines((STRAIGHT[:1],), TRACKS), "tramlines"),
+        (lambda: Tramlines((STRAIGHT[[0, 0]],), TRACKS), "tramlines"),
+        (lambda: Tramlines((STRAIGHT * math.nan,), TRACKS), "tramlines"),
+        (lambda: Tramlines((), TRACKS), "tramlines"),
+        (
+            lambda: SoilMap(1.0, (Tramlines((STRAIGHT,), Tracks(width_m=0.05)),)).rasterised(FIELD),
+            r"soil: got tramlines 0\.05 m wide",
+        ),
+    ],
+)
+def test_what_fits_no_field_is_refused(make, message):
+    with pytest.raises(InvalidField, match=message):
+        make()

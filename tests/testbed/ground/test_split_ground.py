@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump, Furrows
-from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.ground.soil_layers import Gradient
-from proving_ground.testbed.ground.tramlines import Tracks, Tramlines
+from proving_ground.testbed.ground.soil import Gradient, SoilMap, Tracks, Tramlines
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.truth import WHEELS
 from proving_ground.testbed.vehicle.vehicle import read_vehicle

@@ -7,13 +7,9 @@ import pytest
 from proving_ground.testbed.ground.ground import Ground
 from proving_ground.testbed.ground.terrain import flat, rough
 from proving_ground.testbed.implement.implement import POINTS, Implement
-from proving_ground.testbed.implement.soil_force import (
-    ToolLaw,
-    TrailerMotion,
-    forces,
-    lowered_after,
-)
-from proving_ground.testbed.implement.tool_kernel import tool_step
+from proving_ground.testbed.implement.tool_kernel import ToolLaw, tool_step
+
+from tests.testbed.implement.reference import TrailerMotion, forces, lowered_after
 
 FRAME = 0.3
 LEVEL = flat((20.0, 20.0))

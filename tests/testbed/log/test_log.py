@@ -1,5 +1,6 @@
 """Logs: bit-exact round trip, readable by the reference reader, foreign files refused."""
 
+import io
 from dataclasses import replace
 
 import numpy as np
@@ -9,16 +10,14 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 from proving_ground.testbed.errors import LogError
-from proving_ground.testbed.log.log import FORMAT_KEY
-from proving_ground.testbed.log.log_reader import read_log
-from proving_ground.testbed.messages.schemas import RowEncoder, message_class, message_name
+from proving_ground.testbed.log.reader import read_log
+from proving_ground.testbed.messages.encoding import message_class, message_name, row_template
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     CONTROL,
     ERROR,
     MEASUREMENT,
     SOLVER,
-    Channel,
 )
 from proving_ground.testbed.recording.record import Event, Record, Recorder
 
@@ -66,14 +65,13 @@ def test_a_record_computes_the_errors_that_the_log_has(logged):
     assert np.array_equal(errors.values, logged_errors.values, equal_nan=True)
 
 
-@pytest.mark.parametrize("channel", CHANNELS, ids=lambda channel: channel.topic)
-def test_rows_are_what_protobuf_itself_would_write(channel):
-    values = np.random.default_rng(1).normal(size=len(channel.fields)).tolist()
-    message = message_class(channel)(time_s=1.5, **dict(zip(channel.fields, values, strict=True)))
-    filled = RowEncoder(channel).encode(np.array([[1.5, *values], [2.0, *values]]))
-    assert filled[0].tobytes() == message.SerializeToString()
-    message.time_s = 2.0
-    assert filled[1].tobytes() == message.SerializeToString()
+def test_rows_are_what_protobuf_itself_would_write():
+    for channel in CHANNELS:
+        values = np.random.default_rng(1).normal(size=(2, 1 + len(channel.fields)))
+        for row, filled in zip(values.tolist(), row_template(channel).fill(values), strict=True):
+            fields = dict(zip(channel.fields, row[1:], strict=True))
+            message = message_class(channel)(time_s=row[0], **fields)
+            assert filled.tobytes() == message.SerializeToString()
 
 
 def test_a_reader_that_is_not_ours_finds_everything(logged):
@@ -140,38 +138,28 @@ def test_schemas_explain_themselves(logged):
     assert [field.name for field in file.message_type[0].field] == ["time_s", *SOLVER.fields]
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"", "is not an MCAP log"),
-        (b"\x89MCAP", "is not an MCAP log"),
-        (b"time,x,y\n0,1,2\n" * 9, "is not an MCAP log"),
-        (b"\x89MCAP0\r\n", "describes no run"),
-    ],
-    ids=["empty", "truncated in its first bytes", "another format", "nothing but the first bytes"],
-)
-def test_what_is_no_log_is_said_in_one_line(tmp_path, content, words):
-    file = tmp_path / "log.mcap"
-    file.write_bytes(content)
-    with pytest.raises(LogError, match=words) as caught:
-        read_log(file)
-    assert str(file) in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_missing_log(tmp_path):
-    with pytest.raises(LogError, match="cannot be read: No such file"):
-        read_log(tmp_path / "log.mcap")
-
-
-def test_an_mcap_of_someone_else_is_refused(tmp_path):
-    file = tmp_path / "log.mcap"
-    with file.open("wb") as stream:
-        other = Writer(stream)
-        other.start()
-        other.finish()
-    with pytest.raises(LogError, match="not a log of ttempc"):
-        read_log(file)
+def test_what_is_no_log_is_said_in_one_line(tmp_path):
+    foreign = io.BytesIO()
+    other = Writer(foreign)
+    other.start()
+    other.finish()
+    for number, (content, words) in enumerate(
+        (
+            (b"", "is not an MCAP log"),
+            (b"\x89MCAP", "is not an MCAP log"),
+            (b"time,x,y\n0,1,2\n" * 9, "is not an MCAP log"),
+            (b"\x89MCAP0\r\n", "describes no run"),
+            (foreign.getvalue(), "not a log of ttempc"),
+            (None, "cannot be read"),
+        )
+    ):
+        file = tmp_path / f"{number}.mcap"
+        if content is not None:
+            file.write_bytes(content)
+        with pytest.raises(LogError, match=words) as caught:
+            read_log(file)
+        assert str(file) in str(caught.value)
+        assert "\n" not in str(caught.value)
 
 
 def test_another_version_is_refused_with_what_differs(tmp_path):
@@ -183,16 +171,12 @@ def test_another_version_is_refused_with_what_differs(tmp_path):
 
 
 def test_another_format_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("proving_ground.testbed.log.log.FORMAT", "99")
+    monkeypatch.setattr("proving_ground.testbed.log.writer.FORMAT", "99")
     with writer(tmp_path / "log.mcap") as log:
         feed(log, 0.4)
     monkeypatch.undo()
     with pytest.raises(LogError, match="log format 99, this version reads 1"):
         read_log(tmp_path / "log.mcap")
-
-
-def test_format_is_the_logs_own_business(logged):
-    assert FORMAT_KEY not in read_log(logged[0]).metadata
 
 
 def test_a_run_without_rows_is_a_log(tmp_path):
@@ -201,31 +185,17 @@ def test_a_run_without_rows_is_a_log(tmp_path):
     assert same(read_log(tmp_path / "log.mcap"), Recorder().record(METADATA))
 
 
-@pytest.mark.parametrize("name", ["log.mcap", "log.mcap.part"])
-def test_nothing_is_written_over(tmp_path, name):
-    (tmp_path / name).write_text("precious")
-    with pytest.raises(LogError, match="exists already"):
-        writer(tmp_path / "log.mcap")
-    assert (tmp_path / name).read_text() == "precious"
-
-
-def test_an_unwritable_place_is_said_in_one_line(tmp_path):
-    with pytest.raises(LogError, match="cannot be written: No such file"):
+def test_nothing_is_written_over_or_to_an_impossible_place(tmp_path):
+    for name in ("log.mcap", "log.mcap.part"):
+        (tmp_path / name).write_text("precious")
+        with pytest.raises(LogError, match="exists already"):
+            writer(tmp_path / "log.mcap")
+        assert (tmp_path / name).read_text() == "precious"
+        (tmp_path / name).unlink()
+    with pytest.raises(LogError, match="cannot be written"):
         writer(tmp_path / "nowhere" / "log.mcap")
 
 
 def test_a_level_that_no_viewer_knows_is_refused(tmp_path):
-    with (
-        writer(tmp_path / "log.mcap") as log,
-        pytest.raises(LogError, match="got 'fatal', allowed are info, warning, error"),
-    ):
+    with writer(tmp_path / "log.mcap") as log, pytest.raises(LogError, match="fatal"):
         log.event(Event(0.0, "fatal", "?"))
-
-
-def test_a_row_of_the_wrong_length_is_refused(tmp_path):
-    narrow = Channel("/narrow", "two numbers", ("a", "b"))
-    with writer(tmp_path / "log.mcap", channels=[narrow]) as log:
-        with pytest.raises(ValueError, match="/narrow: got 3 values, has 2 fields"):
-            log.row(narrow, 0.0, (1.0, 2.0, 3.0))
-        log.row(narrow, 0.0, (1.0, 2.0))
-    assert read_log(tmp_path / "log.mcap", [narrow])[narrow].values.tolist() == [[1.0, 2.0]]

@@ -12,14 +12,10 @@ import zstandard
 from proving_ground.testbed.errors import InvalidField, LogError
 from proving_ground.testbed.ground.ground import Ground
 from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.log.integrity import integrity_error
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_reader import read_log, record_of
-from proving_ground.testbed.log.log_scene import lines_of, motion_of
-from proving_ground.testbed.log.mcap_file import McapFile
-from proving_ground.testbed.log.model_whitelist import check_model
-from proving_ground.testbed.recording.channels import STATE
-from proving_ground.testbed.recording.topics import EVENT_TOPIC, REFERENCE_PATH_TOPIC
+from proving_ground.testbed.log.reader import integrity_error, read_content, read_log, record_of
+from proving_ground.testbed.log.scene import check_model, lines_of, motion_of
+from proving_ground.testbed.log.writer import McapFile
+from proving_ground.testbed.recording.channels import EVENT_TOPIC, REFERENCE_PATH_TOPIC, STATE
 from proving_ground.testbed.vehicle.vehicle import read_vehicle, shipped_vehicles
 from proving_ground.testbed.vehicle.vehicle_model import build_spec, level_mjcf, level_model
 from proving_ground.testbed.wheels.soil_law import SoilLaw
@@ -39,8 +35,8 @@ def short(tmp_path_factory):
 
 def test_no_flip_of_a_bit_is_silent(short, tmp_path):
     file, draw, reasons = tmp_path / "log.mcap", random.Random(1), []
-    places = {draw.randrange(8 * len(short)) for _ in range(400)}
-    places |= {8 * place + 3 for place in range(len(short) - 60, len(short))}  # footer, magic
+    places = {draw.randrange(8 * len(short)) for _ in range(120)}
+    places |= {8 * place + 3 for place in range(len(short) - 60, len(short), 3)}  # footer, magic
     for place in places:
         damaged = bytearray(short)
         damaged[place // 8] ^= 1 << place % 8
@@ -59,7 +55,7 @@ def test_no_flip_of_a_bit_is_silent(short, tmp_path):
 
 def test_bytes_of_someone_else_raise_nothing_but_one_line(short, tmp_path):
     file, draw, reasons = tmp_path / "log.mcap", random.Random(2), []
-    for _ in range(100):
+    for _ in range(40):
         damaged = bytearray(short)
         for _ in range(draw.randrange(1, 60)):
             damaged[draw.randrange(8, len(damaged))] = draw.randrange(256)
@@ -83,8 +79,7 @@ def test_messages_that_do_not_decode_are_refused_although_every_checksum_is_righ
     with (tmp_path / "evil.mcap").open("wb") as stream:
         mcap = McapFile(stream, "evil")
         mcap.add_metadata("run", {**content.metadata, "log_format": "1"})
-        schema = content.schemas[topic]
-        number = mcap.add_topic(topic, schema.name, schema.data, {})
+        number = mcap.add_topic(content.topics[topic])
         mcap.add_message(number, 0, b"\xff\xff\xff")
         mcap.finish()
     evil = read_content(tmp_path / "evil.mcap")
@@ -103,15 +98,14 @@ def packed_log(chunk: bytes, declared: int) -> bytes:
     return stream.getvalue() + struct.pack("<BQ", 6, len(record)) + record
 
 
-@pytest.mark.parametrize("declared", [2**32, 2**44, 2**63])
-def test_the_declared_size_of_a_chunk_is_limited_before_it_is_allocated(tmp_path, declared):
+def test_the_declared_size_of_a_chunk_is_limited_before_it_is_allocated(tmp_path):
     file = tmp_path / "log.mcap"
-    # a frame that declares `declared` bytes: magic, descriptor (8 bytes of size, one segment)
-    frame = b"\x28\xb5\x2f\xfd" + bytes([0xE0]) + struct.pack("<Q", declared) + b"\x01\x00\x00"
-    assert zstandard.frame_content_size(frame) == declared or declared == 2**63
-    file.write_bytes(packed_log(frame, declared))
-    with pytest.raises(LogError, match=rf"declares {declared} bytes of messages or more, at most"):
-        read_content(file)
+    for declared in (2**32, 2**44, 2**63):
+        # a frame that declares so many bytes: magic, descriptor (8 bytes of size, one segment)
+        head = b"\x28\xb5\x2f\xfd" + bytes([0xE0])
+        file.write_bytes(packed_log(head + struct.pack("<Q", declared) + b"\x01\x00\x00", declared))
+        with pytest.raises(LogError, match=f"declares {declared} bytes"):
+            read_content(file)
 
 
 def test_a_frame_that_declares_another_size_than_its_chunk_is_damage(tmp_path):
@@ -135,41 +129,32 @@ def test_statistics_must_be_those_of_the_messages(tmp_path, monkeypatch):
     assert "numbers of messages" in str(read_content(tmp_path / "log.mcap").salvage)
 
 
-@pytest.mark.parametrize(
-    ("inside", "reason"),
-    [
+def test_a_model_that_opens_files_or_takes_memory_is_refused():
+    for inside, reason in (
         ('<include file="/etc/passwd"/>', "include"),
         ('<asset><mesh name="a" file="/dev/stdin"/></asset>', "attribute file"),
         ('<asset><texture name="a" type="2d" fileright="x.png"/></asset>', "attribute fileright"),
         ('<asset><hfield name="a" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>', "60000"),
         ('<asset><texture name="a" width="60000" height="2" builtin="flat"/></asset>', "60000"),
-        (
-            '<worldbody><replicate count="100000000"><geom size="1"/></replicate></worldbody>',
-            "repl",
-        ),
+        ('<worldbody><replicate count="100000000"/></worldbody>', "replicate"),
         ('<extension><plugin plugin="mujoco.pid"/></extension>', "extension"),
         ('<size memory="900G"/>', "900G"),
         ("<worldbody>" + 40 * "<body>" + 40 * "</body>" + "</worldbody>", "inside each other"),
         ("<worldbody>", "is no XML"),
         ('<asset><mesh name="a" vertex="' + 4_000_000 * "0" + '"/></asset>', "characters"),
-    ],
-)
-def test_a_model_that_opens_files_or_takes_memory_is_refused(inside, reason):
-    with pytest.raises(ValueError, match=reason):
-        check_model(f"<mujoco>{inside}</mujoco>")
-
-
-@pytest.mark.parametrize("wheels", WHEEL_MODELS)
-@pytest.mark.parametrize("vehicle", shipped_vehicles())
-def test_models_of_this_program_pass(vehicle, wheels):
-    plant = read_vehicle(vehicle)
-    _, spec = level_model(build_spec(plant, flat((4.0, 4.0)), wheels, SoilLaw(), 0.002))
-    check_model(level_mjcf(spec, (501, 801)))
-
-
-def test_entities_are_refused():
+    ):
+        with pytest.raises(ValueError, match=reason):
+            check_model(f"<mujoco>{inside}</mujoco>")
     with pytest.raises(ValueError, match="document type"):
         check_model('<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><mujoco>&b;</mujoco>')
+
+
+def test_models_of_this_program_pass():
+    for wheels in WHEEL_MODELS:
+        for vehicle in shipped_vehicles():
+            plant = read_vehicle(vehicle)
+            spec = build_spec(plant, flat((4.0, 4.0)), wheels, SoilLaw(), 0.002)
+            check_model(level_mjcf(level_model(spec)[1], (501, 801)))
 
 
 def npz(heights: bytes) -> bytes:
@@ -186,17 +171,17 @@ def header(shape: str) -> bytes:
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode()
 
 
-@pytest.mark.parametrize(
-    ("heights", "reason"),
-    [
-        (header("(1000000, 2000000)") + bytes(64), "declares 8000000000000 bytes, has 64"),
-        (header("(8000, 6000)") + bytes(192_000_000), "bytes once decompressed, at most"),
+def test_the_ground_of_a_log_is_limited_before_it_is_allocated():
+    for heights, reason in (
+        (header("(1000000, 2000000)") + bytes(64), "8000000000000 bytes"),
+        (header("(8000, 6000)") + bytes(192_000_000), "once decompressed"),
         (b"\x93NUMPY", "not the ground"),
-    ],
-)
-def test_the_ground_of_a_log_is_limited_before_it_is_allocated(heights, reason):
-    with pytest.raises(InvalidField, match=reason):
-        Ground.from_npz(npz(heights))
+    ):
+        with pytest.raises(InvalidField, match=reason):
+            Ground.from_npz(npz(heights))
+    for content in (b"", b"PK\x03\x04", b"no archive"):
+        with pytest.raises(InvalidField, match="not the ground"):
+            Ground.from_npz(content)
 
 
 def test_checksums_are_those_of_the_format(short):

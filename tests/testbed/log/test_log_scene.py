@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from proving_ground.testbed.errors import InvalidField, LogError
+from proving_ground.testbed.errors import LogError
 from proving_ground.testbed.ground.ground import GROUND_FILE, Ground
 from proving_ground.testbed.ground.terrain import Terrain
-from proving_ground.testbed.log.log import LogWriter
-from proving_ground.testbed.log.log_content import read_content
-from proving_ground.testbed.log.log_scene import attachment, ground_of, lines_of, motion_of
+from proving_ground.testbed.log.reader import read_content
+from proving_ground.testbed.log.scene import attachment, ground_of, lines_of, motion_of
+from proving_ground.testbed.log.writer import LogWriter
 from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.topics import REFERENCE_PATH_TOPIC
+from proving_ground.testbed.recording.channels import REFERENCE_PATH_TOPIC
 
 from tests.testbed.truths import truth
 
@@ -63,9 +63,3 @@ def test_what_a_log_does_not_hold_is_said(ground, tmp_path):
         attachment(content, "vehicle.toml")
     with pytest.raises(LogError, match=r"log\.mcap: holds nothing on /tf"):
         motion_of(content)
-
-
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"no archive"])
-def test_what_is_no_ground_is_refused(content):
-    with pytest.raises(InvalidField, match="not the ground of a log"):
-        Ground.from_npz(content)

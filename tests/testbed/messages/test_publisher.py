@@ -5,8 +5,7 @@ import pytest
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from proving_ground.testbed.messages.publisher import Publisher
 from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.channels import CHANNELS
-from proving_ground.testbed.recording.topics import DRIVEN_TOPIC
+from proving_ground.testbed.recording.channels import CHANNELS, DRIVEN_TOPIC
 
 from tests.testbed.truths import truth
 

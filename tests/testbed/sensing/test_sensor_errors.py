@@ -60,8 +60,3 @@ def test_heavy_tails_have_the_stated_deviation_and_kurtosis():
         assert column.std() == pytest.approx(sd, rel=4 * np.sqrt((moments[4] - 1.0) / N) / 2)
         assert abs(kurtosis(column) - (moments[4] - 3.0)) < 4 * kurtosis_sd
         assert abs(np.corrcoef(column[:-1], column[1:])[0, 1]) < 4 / np.sqrt(N)
-
-
-def test_gaussian_noise_has_no_excess_kurtosis():
-    errors = samples(White(SD, np.random.default_rng(3)))
-    assert np.abs(kurtosis(errors, axis=0)).max() < 4 * np.sqrt(24 / N)

@@ -1,35 +1,40 @@
-"""The plant at rest and driving: loads, drive, traction, cornering."""
+"""The plant: at rest, driving, at its limits; a start on wheels alone; the same bits again."""
 
-import itertools
 import math
 
 import mujoco
 import numpy as np
 import pytest
+from proving_ground.experiments.run.assembly import assemble
+from proving_ground.experiments.scenario.scenario import load, shipped
+from proving_ground.testbed.errors import InvalidPlant, PlantDiverged
 from proving_ground.testbed.ground import terrain
+from proving_ground.testbed.ground.features import Bump
 from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.inspection.bench import nominal
-from proving_ground.testbed.inspection.steady_motion import Planar, steady_motion
-from proving_ground.testbed.vehicle.servos import equilibrium_slip, wheel_loads
-from proving_ground.testbed.wheels.tyre import mobility
-from scipy.optimize import curve_fit
+from proving_ground.testbed.truth import WHEELS
+from proving_ground.testbed.vehicle.vehicle import AxleLoads, overload_notes
 
 from tests.testbed.plants import (
-    DRIVEN,
     ROLL,
     SIDES,
     SMALL,
     STOP,
-    TOWED,
-    as_strong,
     axle_points,
     both_vehicles,
     changed,
     plant_on,
+    rough_run,
+    state_hash,
     top_speed,
     weight,
 )
 from ttempc.types import Command
+
+TOP_HEAVY = changed(SMALL, "load", mass_kg=400.0, height_m=1.3)
+SIDE_SLOPE = math.radians(35.0)
+OVER_THE_FRONT_AXLE = Bump(x_m=1.4, y_m=0.0, width_m=0.6, length_m=0.2, height_m=0.28)
+GROUNDED = terrain.flat((60.0, 40.0), spacing_m=0.05).shaped([OVER_THE_FRONT_AXLE])
+STEEP = terrain.flat((60.0, 40.0)).tilted(SIDE_SLOPE, math.radians(90.0))
 
 
 @pytest.mark.parametrize(("slope_deg", "uphill_deg"), [(0, 0), (15, 90), (10, 45), (12, 180)])
@@ -56,24 +61,6 @@ def test_it_weighs_what_its_file_says_and_load_adds_to_the_trailer(vehicle):
     assert towed == pytest.approx(vehicle.trailer.mass_kg + vehicle.drawbar.mass_kg)
     assert after.sum() - before.sum() == pytest.approx(300.0 * 9.81, rel=0.005)
     assert after[4:].sum() - before[4:].sum() == pytest.approx(300.0 * 9.81, rel=0.1)
-
-
-@both_vehicles
-def test_axles_carry_what_the_moments_of_the_file_say(vehicle):
-    plant = plant_on(vehicle=vehicle)
-    plant.reset(0.0, 0.0, 0.0, 0.0)
-    data, model = plant.data, plant.model
-    mujoco.mj_comPos(model, data)
-    tractor = model.body("tractor").id
-    towed = model.body("drawbar").id
-    whole, behind = model.body_subtreemass[tractor], model.body_subtreemass[towed]
-    moment = whole * data.subtree_com[tractor] - behind * data.subtree_com[towed]
-    centre = moment / (whole - behind) - data.xpos[tractor]
-    assert centre[0] == pytest.approx(vehicle.tractor.centre_forward_m, abs=0.01)  # it has sunk in
-    height = vehicle.tractor.centre_height_m - vehicle.rear_wheel.radius_m
-    assert centre[2] == pytest.approx(height, abs=0.02)
-    loads = plant.advance(STOP, 1000).wheels.load
-    np.testing.assert_allclose(loads, wheel_loads(vehicle), rtol=0.05)
 
 
 @both_vehicles
@@ -114,51 +101,6 @@ def test_an_inertia_in_the_file_is_that_of_the_chassis():
     assert sorted(body.inertia) == pytest.approx([80.0, 190.0, 210.0])
 
 
-@both_vehicles
-def test_standing_on_a_side_slope_it_creeps_less_than_5_mm_in_30_s(vehicle):
-    ground = terrain.flat((20.0, 20.0)).tilted(math.radians(15.0), math.radians(90.0))
-    plant = plant_on(ground, SoilMap(600.0), vehicle)
-    before = axle_points(plant.reset(0.0, 0.0, 0.0, 0.0))
-    after = axle_points(plant.advance(STOP, 15_000))
-    assert np.abs(after - before).max() < 0.005
-
-
-@both_vehicles
-def test_hydrostat_step_identifies_the_gain_and_time_constant_of_the_file(vehicle):
-    plant = plant_on(terrain.flat((90.0, 10.0)), vehicle=vehicle)
-    plant.reset(-35.0, 0.0, 0.0, 0.0)
-    truths = [plant.advance(Command(0.0, 0.0, 1.0), 25) for _ in range(250)]
-    time = np.array([t.time_s for t in truths])
-    speed = np.array([t.speed for t in truths])
-    (gain, tau), _ = curve_fit(lambda t, k, T: k * (1.0 - np.exp(-t / T)), time, speed, (1.0, 1.0))
-    assert gain == pytest.approx(vehicle.hydrostat.speed_gain_mps, rel=0.05)
-    assert tau == pytest.approx(vehicle.hydrostat.time_constant_s, rel=0.05)
-    # the encoder sees the rim, the ground sees less
-    assert truths[-1].rim_speed > truths[-1].speed
-    assert truths[-1].hp == pytest.approx(1.0, abs=0.01)
-
-
-@pytest.mark.parametrize("cone_index", [300.0, 900.0, 2000.0])
-@pytest.mark.parametrize("share", [0.0, 0.08])
-@both_vehicles
-def test_slip_under_drawbar_pull_is_that_of_the_traction_equation(vehicle, cone_index, share):
-    soil = as_strong(cone_index, vehicle)
-    plant = plant_on(terrain.flat((80.0, 20.0)), soil, vehicle)
-    plant.reset(-30.0, 0.0, 0.0, 0.5 * top_speed(vehicle))
-    pull = share * weight(plant)
-    plant.data.xfrc_applied[plant.model.body("tractor").id, 0] = -pull
-    plant.advance(Command(0.0, 0.0, 0.5), 5000)
-    wheels = [plant.advance(Command(0.0, 0.0, 0.5), 25).wheels for _ in range(20)]
-    load = np.mean([w.load for w in wheels], axis=0)
-    slip = np.mean([w.slip for w in wheels], axis=0)
-    assert slip[DRIVEN].mean() == pytest.approx(
-        equilibrium_slip(plant.wheel_law, plant.tyres, load, soil.background, pull), abs=0.005
-    )
-    bn, _ = mobility(plant.wheel_law, plant.tyres, load, np.full(6, soil.background))
-    # a towed wheel turns by its skid
-    np.testing.assert_allclose(slip[TOWED], plant.wheel_law.towed_slip(bn)[TOWED], atol=0.001)
-
-
 def test_wheels_spin_on_soil_too_weak_to_carry_it():
     plant = plant_on(soil=SoilMap(60.0))
     plant.reset(0.0, 0.0, 0.0, 0.0)
@@ -177,29 +119,6 @@ def test_reset_starts_rolling_steadily():
     assert np.ptp([1.0, *speeds]) < 0.04  # while tread and traction build up
 
 
-@both_vehicles
-def test_cornering_is_the_planar_force_balance_and_the_yaw_rate_falls_with_strength(vehicle):
-    wheelbase, ratios = vehicle.tractor.wheelbase_m, []
-    radius = wheelbase / 0.14
-    for cone_index in (2000.0, 600.0, 300.0, 150.0):
-        soil = as_strong(cone_index, vehicle)
-        plant = plant_on(terrain.flat((60.0, 60.0)), soil, vehicle)
-        plant.reset(0.0, 0.0, 0.0, 0.0)
-        planar = Planar.of(nominal(vehicle), plant)
-        plant.reset(0.0, -radius, 0.0, 1.0)
-        command = Command(math.atan(wheelbase / radius), 0.0, 1.0 / top_speed(vehicle))
-        plant.advance(command, 7500)
-        truth = plant.advance(command, 1)
-        ackermann = truth.speed * math.tan(truth.delta_t) / wheelbase
-        balance = steady_motion(
-            planar, truth.delta_t, truth.speed, truth.wheels.load, soil.background
-        )
-        assert truth.yaw_rate_t == pytest.approx(balance.yaw_rate, abs=0.02 * ackermann)
-        ratios.append(truth.yaw_rate_t / ackermann)
-    assert all(firm > soft for firm, soft in itertools.pairwise(ratios))
-    assert ratios[-1] > 0.7
-
-
 @pytest.mark.parametrize("iso_class", ["D", "F"])
 @pytest.mark.parametrize("timestep_s", [0.001, 0.004])
 @both_vehicles
@@ -215,11 +134,249 @@ def test_rough_ground_keeps_loads_positive_at_every_time_step(vehicle, iso_class
     assert loads.sum(axis=1).mean() == pytest.approx(weight(plant), rel=0.01)
 
 
-def test_end_point_does_not_depend_on_the_time_step():
-    ends = []
-    for timestep_s in (0.001, 0.002):
-        ground = terrain.rough("E", np.random.default_rng(2), (40.0, 20.0))
-        plant = plant_on(ground, SoilMap(600.0), timestep_s=timestep_s)
-        plant.reset(-12.0, 0.0, 0.0, 1.0)
-        ends.append(axle_points(plant.advance(Command(0.03, 0.0, 0.7), round(15.0 / timestep_s))))
-    np.testing.assert_allclose(*ends, atol=0.02)
+# --- limits
+
+
+def test_high_load_on_a_steep_side_slope_rolls_the_trailer_over():
+    """Gravity turns, as it does for a vehicle that drives from level ground onto a side slope."""
+    turned = 9.81 * np.array([0.0, -math.sin(SIDE_SLOPE), -math.cos(SIDE_SLOPE)])
+    for vehicle, rolls_over in ((TOP_HEAVY, True), (SMALL, False)):
+        plant = plant_on(soil=SoilMap(600.0), vehicle=vehicle)
+        plant.reset(0.0, 10.0, 0.0, 0.0)
+        plant.model.opt.gravity[:] = turned
+        roll = max(plant.advance(STOP, 50).trailer.roll for _ in range(20))  # positive: left up
+        assert roll > math.radians(60.0) if rolls_over else roll < math.radians(10.0)
+
+
+@pytest.mark.parametrize("wheels", ["soil", "contact"])
+@both_vehicles
+def test_tipped_past_its_balance_it_ends_on_its_side_and_stays_there(vehicle, wheels):
+    plant = plant_on(vehicle=vehicle, wheels=wheels)
+    plant.reset(0.0, 0.0, 0.0, 0.0)
+    half = 0.5 * math.radians(55.0)
+    plant.data.qpos[2] += 1.1 * vehicle.rear_wheel.radius_m
+    plant.data.qpos[3:7] = math.cos(half), math.sin(half), 0.0, 0.0
+    mujoco.mj_step1(plant.model, plant.data)
+    plant.advance(STOP, 2500)
+    depth = []
+    for _ in range(50):
+        lying = plant.advance(STOP, 5)
+        assert 60.0 < math.degrees(lying.tractor.roll) < 120.0
+        assert np.abs(plant.data.qvel[:6]).max() < 0.3
+        depth += [contact.dist for contact in plant.data.contact]
+    # what touches the ground does not sink into it
+    assert depth
+    assert min(depth) > -0.03
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: plant_on(timestep_s=0.0),
+        lambda: plant_on(timestep_s=0.1),
+        lambda: plant_on(timestep_s=math.nan),
+        lambda: plant_on(wheels="tracks"),
+        lambda: plant_on().reset(math.nan, 0.0, 0.0, 0.0),
+        lambda: plant_on().reset(500.0, 0.0, 0.0, 0.0),
+    ],
+)
+def test_impossible_plants_are_refused(make):
+    with pytest.raises(InvalidPlant):
+        make()
+
+
+def test_wheels_are_reported_in_the_order_of_their_names():
+    plant = plant_on()
+    places = plant.reset(0.0, 0.0, 0.0, 0.0).body_xyz
+    for wheel in WHEELS:
+        x, y, _ = places[plant.body_names.index(wheel)]
+        assert (y > 0.0) == wheel.endswith("left")
+        assert (x > 1.0) == wheel.startswith("front")
+        assert (x < -1.0) == wheel.startswith("trailer")
+
+
+def test_a_state_or_command_that_is_not_finite_is_a_divergence_and_a_reset_mends_it(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes MUJOCO_LOG.TXT to the working directory
+    plant = plant_on()
+    for place, value, command in (
+        ("qvel", math.nan, ROLL),
+        ("qpos", 1e12, ROLL),  # MuJoCo resets itself in silence
+        ("qvel", 1.0, Command(math.nan, 0.0, 0.5)),
+    ):
+        plant.reset(0.0, 0.0, 0.0, 1.0)
+        assert plant.advance(ROLL, 10).time_s == pytest.approx(0.02)
+        getattr(plant.data, place)[0] = value
+        with pytest.raises(PlantDiverged):
+            plant.advance(command, 10)
+
+
+# --- motion
+
+
+def test_positive_front_steering_turns_left_and_angles_follow_their_definitions():
+    plant = plant_on()
+    plant.reset(0.0, 0.0, 0.0, 1.0)
+    truth = plant.advance(Command(0.2, 0.1, 1.0 / 1.4), 1500)
+    assert truth.tractor.y > 0.3
+    assert truth.yaw_rate_t > 0.0
+    assert truth.beta == pytest.approx(truth.tractor.yaw - truth.psi_d, abs=1e-3)
+    assert truth.delta_i == pytest.approx(truth.psi_d - truth.trailer.yaw, abs=1e-3)
+    assert truth.delta_t == pytest.approx(0.2, abs=2e-3)
+    assert truth.delta_i == pytest.approx(0.1, abs=2e-3)
+
+
+def test_positive_trailer_steering_moves_the_trailer_to_the_right_first():
+    plant = plant_on()
+    plant.reset(0.0, 0.0, 0.0, 1.0)
+    truths = [plant.advance(Command(0.0, 0.2, 1.0 / 1.4), 25) for _ in range(100)]
+    offset = np.array([t.trailer.y for t in truths])
+    assert offset[:20].min() < -0.01
+    assert offset[:20].max() < 1e-3
+
+
+@both_vehicles
+def test_knuckles_follow_ackermann(vehicle):
+    plant, wheelbase = plant_on(vehicle=vehicle), vehicle.tractor.wheelbase_m
+    for command in (-0.6, -0.3, 0.15, 0.5):
+        plant.reset(0.0, 0.0, 0.0, 1.0)
+        truth = plant.advance(Command(command, 0.0, 1.0 / top_speed(vehicle)), 1500)
+        for side, name in ((1.0, "knuckle_left"), (-1.0, "knuckle_right")):
+            half = side * plant.model.body(name).pos[1] * side
+            tangent = math.tan(truth.delta_t)
+            expected = math.atan2(wheelbase * tangent, wheelbase - half * tangent)
+            assert plant.data.joint(name).qpos[0] == pytest.approx(expected, abs=math.radians(0.1))
+
+
+@both_vehicles
+def test_joints_have_the_stops_of_the_file(vehicle):
+    model = plant_on(vehicle=vehicle).model
+    for joint, limit_deg in (
+        ("front_axle_roll", vehicle.front_axle.pivot_limit_deg),
+        ("rj1_yaw", vehicle.hitch.yaw_limit_deg),
+        ("rj1_pitch", vehicle.hitch.pitch_limit_deg),
+        ("rj2_yaw", vehicle.trailer_steering.limit_deg),
+    ):
+        assert model.joint(joint).range == pytest.approx(np.radians([-limit_deg, limit_deg]))
+
+
+def test_same_seed_gives_the_same_bits():
+    assert state_hash(rough_run(7)) == state_hash(rough_run(7))
+    assert state_hash(rough_run(8)) != state_hash(rough_run(7))
+
+
+@pytest.mark.parametrize("wheels", ["soil", "contact"])
+def test_restored_snapshot_goes_on_as_before(wheels):
+    ground = terrain.rough("E", np.random.default_rng(1), (30.0, 20.0))
+    plant = plant_on(ground, SoilMap(300.0), wheels=wheels)
+    plant.reset(-5.0, 0.0, 0.2, 1.0)
+    command = Command(0.3, -0.1, 0.8)
+    plant.advance(command, 500)
+    snapshot = plant.snapshot()
+    first = plant.advance(command, 500), state_hash(plant)
+    plant.advance(Command(-0.3, 0.2, 0.1), 700)
+    restored = plant.restore(snapshot)
+    assert restored.time_s == pytest.approx(1.0)
+    again = plant.advance(command, 500), state_hash(plant)
+    assert again[1] == first[1]
+    np.testing.assert_array_equal(again[0].wheels.load, first[0].wheels.load)
+    np.testing.assert_array_equal(again[0].body_xyz, first[0].body_xyz)
+
+
+def test_advancing_in_pieces_is_advancing():
+    whole, pieces = rough_run(3, 600), rough_run(3, 0)
+    for steps in (1, 99, 500):
+        pieces.advance(Command(0.2, -0.1, 0.8), steps)
+    assert state_hash(pieces) == state_hash(whole)
+
+
+@pytest.mark.parametrize(("cone_index", "timestep_s"), [(200.0, 0.004), (2000.0, 0.002)])
+def test_a_coasting_vehicle_stops_without_rolling_back_or_rocking(cone_index, timestep_s):
+    plant = plant_on(soil=SoilMap(cone_index), timestep_s=timestep_s)
+    plant.reset(0.0, 0.0, 0.0, 0.5)
+    plant.model.actuator("hydrostat").forcerange[:] = 0.0
+    steps = round(0.02 / timestep_s)
+    truths = [plant.advance(Command(0.0, 0.0, 0.0), steps) for _ in range(150)]
+    x = np.array([(truth.tractor.x, truth.trailer.x) for truth in truths])
+    assert (x.max(axis=0) - x[-1]).max() < 0.0015
+    assert np.abs([truth.speed for truth in truths[-50:]]).max() < 1e-4
+
+
+# --- the start
+
+
+@both_vehicles
+@pytest.mark.parametrize("share", [0.5, 1.5])
+def test_a_load_rests_on_the_wheels_alone(vehicle, share):
+    """The wheels carry the weight, those of the trailer the share that the closed form gives."""
+    loaded = changed(vehicle, "load", mass_kg=share * vehicle.trailer.mass_kg)
+    plant = plant_on(vehicle=loaded)
+    load = plant.reset(0.0, 0.0, 0.0, 0.0).wheels.load
+    assert load[4:].sum() == pytest.approx(AxleLoads.of(loaded).trailer, rel=0.02)
+    assert load.sum() == pytest.approx(weight(plant), rel=1e-3)
+
+
+@both_vehicles
+@pytest.mark.parametrize("mass_kg", [100.0, 5000.0])
+def test_the_height_of_the_load_is_from_the_ground_and_its_underside_above_the_floor(
+    vehicle, mass_kg
+):
+    height = vehicle.box.floor_m + 0.25
+    plant = plant_on(vehicle=changed(vehicle, "load", mass_kg=mass_kg, height_m=height))
+    model, data = plant.model, plant.data
+    data.qpos[2] = vehicle.rear_wheel.radius_m  # unloaded tyres just touch level ground
+    plant.restore(plant.snapshot())
+    body = model.body("load")
+    assert data.xipos[body.id, 2] == pytest.approx(height, abs=1e-6)
+    # inertia of a box of thickness t: m/12 (w^2 + t^2) about x, m/12 (l^2 + t^2), m/12 (l^2 + w^2)
+    about_x, about_y, about_z = np.sort(body.inertia)
+    thickness = math.sqrt(6.0 / mass_kg * (about_x + about_y - about_z))
+    assert 0.0 < 0.5 * thickness <= height - vehicle.box.floor_m + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("ground", "kg", "cause"),
+    [
+        (
+            None,
+            6000.0,
+            "the trailer_(left|right) tyre is pressed flat on its rim.* times its rated load",
+        ),
+        (GROUNDED, 0.0, "the front_axle touches the ground"),
+        (STEEP, 1500.0, "the trailer.* touches the ground"),
+    ],
+)
+def test_a_vehicle_that_does_not_stand_on_its_wheels_is_refused(ground, kg, cause):
+    plant = plant_on(ground, vehicle=changed(SMALL, "load", mass_kg=kg))
+    with pytest.raises(InvalidPlant, match=r"reset: at \(0\.0, 0\.0\) m " + cause):
+        plant.reset(0.0, 0.0, 0.0, 0.0)
+
+
+def test_a_vehicle_that_is_held_up_by_something_else_is_refused():
+    """A tenth of the weight is taken off by a force from above."""
+    plant = plant_on()
+    settle = plant._settle
+
+    def lifted(x, y):
+        plant.data.xfrc_applied[plant.model.body("trailer").id, 2] = 0.1 * weight(plant)
+        settle(x, y)
+        plant.data.xfrc_applied[plant.model.body("trailer").id, 2] = 0.0
+
+    plant._settle = lifted
+    with pytest.raises(InvalidPlant, match="the ground carries 90% of its weight"):
+        plant.reset(0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_every_shipped_scenario_starts(name):
+    assemble(load(name)[1], seed=4)  # puts the vehicle to its start
+
+
+@both_vehicles
+def test_tyres_beyond_their_rated_load_are_named_with_their_share(vehicle):
+    assert overload_notes(vehicle) == ()
+    heavy = changed(vehicle, "load", mass_kg=2.0 * vehicle.trailer.mass_kg)
+    share = 0.5 * AxleLoads.of(heavy).trailer / heavy.trailer_wheel.rated_load_n
+    (note,) = overload_notes(heavy)
+    assert note.startswith(f"trailer tyres overloaded: each carries {share:.1f} times")

@@ -4,9 +4,7 @@ import mujoco
 import numpy as np
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump
-from proving_ground.testbed.ground.soil import SoilMap
-from proving_ground.testbed.ground.soil_layers import Patch
-from proving_ground.testbed.ground.tramlines import Tracks, Tramlines
+from proving_ground.testbed.ground.soil import Patch, SoilMap, Tracks, Tramlines
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.vehicle.appearance import tyre_mesh
 from proving_ground.testbed.vehicle.vehicle import read_vehicle

@@ -15,14 +15,14 @@ from google.protobuf.message_factory import GetMessageClass
 from proving_ground.testbed.errors import LiveError
 from proving_ground.testbed.messages.publisher import topics_of
 from proving_ground.testbed.messages.scenery import Scenery
-from proving_ground.testbed.recording.channels import STATE
-from proving_ground.testbed.recording.record import Event
-from proving_ground.testbed.recording.topics import (
+from proving_ground.testbed.recording.channels import (
     EVENT_TOPIC,
     REFERENCE_PATH_TOPIC,
     SCENE_TOPIC,
+    STATE,
     TRANSFORMS_TOPIC,
 )
+from proving_ground.testbed.recording.record import Event
 from proving_ground.testbed.viewers.live import PROTOCOL, LiveView
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -130,12 +130,11 @@ def test_a_viewer_that_reads_nothing_does_not_hold_the_run_up():
         viewer.socket.socket.close()
 
 
-@pytest.mark.parametrize("speed", [2.0, 8.0])
-def test_simulated_time_runs_at_the_chosen_factor(speed):
-    with view(speed=speed) as live:
+def test_simulated_time_runs_at_the_chosen_factor():
+    with view(speed=4.0) as live:
         start = time.monotonic()  # the view's own start, however long the first words take
         publish(live, [0, 25])
-        assert time.monotonic() - start >= 0.95 / speed, "one simulated second"
+        assert time.monotonic() - start >= 0.95 / 4.0, "one simulated second"
 
 
 def test_a_taken_port_is_said_in_one_line():
@@ -147,13 +146,10 @@ def test_a_taken_port_is_said_in_one_line():
             view(port=port)
 
 
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [({"speed": 0.0}, "speed 0, must be above 0"), ({"port": 70000}, "from 0 to 65535")],
-)
-def test_impossible_options_are_refused(option, message):
-    with pytest.raises(LiveError, match=message):
-        view(**option)
+def test_impossible_options_are_refused():
+    for option, words in (({"speed": 0.0}, "speed 0"), ({"port": 70000}, "0 to 65535")):
+        with pytest.raises(LiveError, match=words):
+            view(**option)
 
 
 def test_without_the_extra_one_line_names_it(monkeypatch):
@@ -162,25 +158,17 @@ def test_without_the_extra_one_line_names_it(monkeypatch):
         view()
 
 
-@pytest.mark.parametrize(
-    ("origin", "allowed"),
-    [
-        (None, True),
-        ("https://app.foxglove.dev", True),
-        ("http://localhost:8080", True),
-        ("file://", True),
-        ("http://evil.example", False),
-        ("https://foxglove.dev.evil.example", False),
-        ("https://evil.example/https://app.foxglove.dev", False),
-        ("null", False),
-    ],
-)
-def test_pages_of_other_sites_do_not_get_the_run(origin, allowed):
+def test_pages_of_other_sites_do_not_get_the_run():
     with LiveView(Scenery(), port=0) as view:
-        if allowed:
+        for origin in (None, "https://app.foxglove.dev", "http://localhost:8080", "file://"):
             with connect(view.url, subprotocols=[PROTOCOL], origin=origin) as client:
                 assert json.loads(client.recv())["op"] == "serverInfo"
-        else:
+        for origin in (
+            "http://evil.example",
+            "https://foxglove.dev.evil.example",
+            "https://evil.example/https://app.foxglove.dev",
+            "null",
+        ):
             with pytest.raises(InvalidStatus, match="403"):
                 connect(view.url, subprotocols=[PROTOCOL], origin=origin)
 

@@ -7,10 +7,11 @@ import pytest
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.truth import Wheels
-from proving_ground.testbed.wheels import tyre
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.tyre import WheelMotion
 from proving_ground.testbed.wheels.tyre_kernel import Output, wheel_step
+
+from tests.testbed.wheels.reference import step
 
 DT = 0.002
 FLAT = terrain.flat((20.0, 20.0))
@@ -90,7 +91,7 @@ def test_compiled_law_is_the_reference_law(tyres, law):
         in_track = case % 4 == 0
         ground, soil, wheels, deflection = random_case(rng, tyres)
         cone_index = np.full(6, soil.background)
-        state, forces = tyre.step(law, tyres, ground, cone_index, wheels, deflection, DT, in_track)
+        state, forces = step(law, tyres, ground, cone_index, wheels, deflection, DT, in_track)
         state_c, output, xfrc = run_kernel(law, tyres, ground, soil, wheels, deflection, in_track)
         touching += np.count_nonzero(forces.load)
         np.testing.assert_allclose(state_c, state, atol=1e-9 * 0.3, rtol=0)
@@ -111,17 +112,8 @@ def test_compiled_law_reads_the_soil_below_each_wheel(tyres):
     xpos[2:, 1] = np.linspace(5.0, -6.0, 6)
     xmat = np.tile(np.eye(3).ravel(), (8, 1))
     grid = np.array([*FLAT.origin, FLAT.spacing_m, DT])
-    arguments = (
-        LAW.table(),
-        tyres.table(LAW),
-        FLAT.heights,
-        cone,
-        grid,
-        np.arange(2, 8),
-        xpos,
-        xmat,
-    )
-    wheel_step(*arguments, np.zeros((8, 6)), np.zeros((8, 3)), state, output, xfrc)
+    kernel = (LAW.table(), tyres.table(LAW), FLAT.heights, cone, grid, np.arange(2, 8), xpos, xmat)
+    wheel_step(*kernel, np.zeros((8, 6)), np.zeros((8, 3)), state, output, xfrc)
     column = np.rint((xpos[2:, 0] + 10.0) / 0.1).astype(int)
     row = np.rint((xpos[2:, 1] + 10.0) / 0.1).astype(int)
     np.testing.assert_array_equal(output[:, Output.CONE_INDEX], cone[row, column])

@@ -6,8 +6,7 @@ from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.truth import WHEELS
-from proving_ground.testbed.wheels.soil_wheels import SoilWheels
-from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS, wheel_model
+from proving_ground.testbed.wheels.wheel_models import WHEEL_MODELS, SoilWheels, wheel_model
 
 from tests.testbed.plants import ROLL, plant_on, rough_run, state_hash
 

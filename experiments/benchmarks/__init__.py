@@ -1,1 +1,0 @@
-"""Benchmarks of cost and speed; `python -m proving_ground.experiments.benchmarks` runs them all."""

@@ -1,0 +1,266 @@
+"""`ttempc render`, `ttempc report` and `ttempc compare`: what a run or a sweep looks like."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from ...testbed.log import log_path
+from ..errors import BadOptions
+from ..output import make_folder, progress, refuse_existing, write_file
+from . import options
+from .options import command, option, out, refuse_given
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..film.render import Film
+
+_REFERENCE: Final = "reference"  # of --ghost
+
+
+@command(
+    options.LOG,
+    out("FILE", "name.mp4, .webp, .png or .jpg; default: an .mp4, with --at a .png, by the log"),
+    option("--at", type=options.number, dest="at_s", metavar="S", help="time of one picture [s]"),
+    *options.PICTURE,
+)
+def render(arguments: argparse.Namespace) -> int:
+    """Film a run from its log alone, or take one picture; nothing is simulated again.
+
+    Renders in software without a GPU; needs no screen. H.264 in MP4 (extra `film`),
+    25 frames a second, plays in a browser; an animated WebP plays inside a page. On the
+    ground: reference path (white), driven paths of tractor (blue) and trailer (orange),
+    predicted paths (yellow). Poles mark the references of both points. Slipping wheels
+    are amber, then red.
+
+      ttempc render runs/grass-paper-1
+      ttempc render log.mcap --camera split --from 20 --to 60 --speed 4 -o curve.webp
+      ttempc render log.mcap --at 42.5 --camera hitch --size 1920x1080 -o hitch.png
+      ttempc render log.mcap --camera plan       no OpenGL needed
+      ttempc render log.mcap --ghost reference --ghost other/log.mcap --exaggerate 10
+
+    Exit code 2 for bad input (one line; nothing is written).
+    """
+    # Imported here so that --help does not load MuJoCo and matplotlib.
+    from ..film.render import STILL_SUFFIXES
+    from ..film.settings import FRAME_RATE
+
+    at_s, log = arguments.at_s, arguments.log
+    ending = f"{arguments.camera}.mp4" if at_s is None else f"{arguments.camera}-{at_s:g}.png"
+    file = arguments.out or log.with_name(f"{log.name.removesuffix('.mcap')}-{ending}")
+    still = file.suffix.lower() in STILL_SUFFIXES
+    if still != (at_s is not None):
+        need = "a picture needs --at" if still else f"--at: makes {' or '.join(STILL_SUFFIXES)}"
+        raise BadOptions(f"-o {file}: {need}")
+    film = _film(arguments, [log], at_s)
+    _write_film(film, file, arguments.workers)
+    if still:
+        print(f"picture   {file}")
+    else:
+        print(f"film      {file} ({film.frames} frames, {film.frames / FRAME_RATE:.1f} s)")
+    return 0
+
+
+def _film(arguments: argparse.Namespace, logs: list[Path], at_s: float | None = None) -> Film:
+    """Return the film that the options ask for, from the latest start to the latest end."""
+    from ..film.render import Film
+    from ..film.settings import FilmSettings
+
+    settings = FilmSettings(
+        camera=arguments.camera,
+        at_s=at_s,
+        begin_s=arguments.begin_s,
+        end_s=arguments.end_s,
+        speed=arguments.speed,
+        quality=arguments.quality,
+        size=arguments.size,
+        exaggeration=arguments.exaggerate,
+    )
+    return Film.of(logs, settings, arguments.ghost)
+
+
+def _write_film(film: Film, file: Path, workers: int) -> None:
+    with progress(film.frames, file.name, "frame", shown=film.frames > 1) as count:
+        film.write(file, workers=workers, on_frame=count)
+
+
+@command(
+    option(
+        "source",
+        type=log_path,
+        metavar="DIR|LOG",
+        help="folder of a sweep or a run, or its log",
+    ),
+    out("FILE|DIR", "page of a log, or folder of figures; default: beside the log or in DIR"),
+    *options.FIGURES,
+    options.AGAINST,
+    options.LIMIT,
+)
+def report(arguments: argparse.Namespace) -> int:
+    """Write the page of a run or of a sweep; with --format its figures for a paper instead.
+
+    Of a log, also an old, a recovered or a torn one, it writes the page that `ttempc run`
+    makes, with the numbers that the log has. Of a sweep, which may still be running, it reads
+    the rows and writes DIR/report/report.html, in place of an earlier one: tables to sort,
+    charts, the worst runs, all runs.
+
+    Figures are vector graphics with editable text; each comes with its data as CSV.
+
+      ttempc report runs/sweep-terrain-slip --limit 0.6 --against paper
+      ttempc report runs/grass-ttempc-1 -o page.html
+      ttempc report runs/grass-ttempc-1 --format pdf,svg --width single --only error path
+
+    Exit code 2 for bad input, such as a folder without rows (one line; nothing is written).
+    """
+    source: Path = arguments.source
+    if arguments.formats is None:
+        given = ("width", "style", "only")
+        refuse_given(arguments, given, "goes with --format, which makes figures")
+    else:
+        refuse_given(arguments, ("limit",), "goes with the page, not with --format")
+    if source.is_file():
+        refuse_given(arguments, ("against", "limit"), "goes with a sweep, not a log")
+    if arguments.formats is not None:
+        beside = source.with_name(f"{source.stem}-figures")
+        folder = arguments.out or (source / "figures" if source.is_dir() else beside)
+        refuse_existing(folder)
+        _write_figures(arguments, _figures_of(source, arguments.against), folder)
+        return 0
+    return _page_of_log(arguments) if source.is_file() else _page_of_sweep(arguments)
+
+
+def _page_of_sweep(arguments: argparse.Namespace) -> int:
+    # Imported here so that --help does not load matplotlib.
+    from ..sweep_report.report import make_report, write_report
+    from ..sweep_report.runs import read_sweep
+
+    refuse_given(arguments, ("out",), "the report of a sweep lies in its folder")
+    runs = read_sweep(arguments.source, arguments.limit)
+    content = make_report(runs, arguments.against)
+    file = write_report(content, arguments.source)
+    if runs.missing:
+        print(f"in progress: {runs.missing} of {runs.planned} runs are missing")
+    print(f"open {file}")
+    return 0
+
+
+def _page_of_log(arguments: argparse.Namespace) -> int:
+    from ..logs.log_report import report_of_log
+
+    log = arguments.source
+    file = arguments.out or log.with_name(f"{log.name.removesuffix('.mcap')}-report.html")
+    refuse_existing(file)
+    write_file(file, report_of_log(log))
+    print(f"open {file}")
+    return 0
+
+
+def _figures_of(source: Path, against: str | None) -> Mapping[str, Callable[[], Figure]]:
+    """Return the functions that draw the figures of a log or of a sweep."""
+    if not source.is_dir():
+        from ...testbed.log.reader import read_log
+        from ..figures.export import run_figures
+
+        return run_figures(read_log(source))
+    from ..results.run_comparison import STATISTICS_FILE
+    from ..sweep_report.report import make_report, panel_figures
+    from ..sweep_report.runs import read_sweep
+
+    if (source / STATISTICS_FILE).is_file():
+        raise BadOptions(
+            f"{source}: is a comparison and has no logs; for its figures as files: "
+            "ttempc compare LOG LOG --format pdf,svg --width single"
+        )
+    return panel_figures(make_report(read_sweep(source), against))
+
+
+def _write_figures(
+    arguments: argparse.Namespace, figures: Mapping[str, Callable[[], Figure]], folder: Path
+) -> None:
+    """Write figures and their data into a new folder, as the options ask, and print the paths.
+
+    Raises:
+        BadOptions: an option has no such value; nothing is written.
+    """
+    from ..figures.export import FORMATS, WIDTHS_CM, export_figures, style_of
+
+    formats = tuple((arguments.formats or "png").split(","))
+    if unknown := [name for name in formats if name not in FORMATS]:
+        raise BadOptions(f"--format: got {unknown[0]!r}, must be of {', '.join(FORMATS)}")
+    if unknown := [name for name in arguments.only or () if name not in figures]:
+        raise BadOptions(f"--only: got {unknown[0]!r}, must be of {', '.join(figures)}")
+    width = WIDTHS_CM.get(arguments.width) if arguments.width else None
+    if arguments.width and width is None:
+        width = _between("--width", arguments.width, 4.0, 100.0)
+    dpi = _between("--dpi", arguments.dpi, 30.0, 2400.0)
+    try:
+        style = arguments.style and style_of(arguments.style)
+    except ValueError as error:
+        raise BadOptions(f"--style: {error}") from None
+    chosen = {name: figures[name] for name in arguments.only or figures}
+    make_folder(folder)
+    for name, content in export_figures(chosen, formats, width, style, dpi):
+        write_file(folder / name, content)
+        print(folder / name)
+
+
+def _between(name: str, text: object, low: float, high: float) -> float:
+    try:
+        value = float(str(text))
+    except ValueError:
+        value = low - 1.0
+    if not low <= value <= high:
+        raise BadOptions(f"{name}: got {text}, must be from {low:g} to {high:g}")
+    return value
+
+
+@command(
+    option("logs", type=log_path, nargs="+", metavar="LOG", help="log or folder of a run"),
+    out("DIR", "default: a new one in runs/"),
+    option("--label", nargs="+", metavar="NAME", help="names of the runs, in their order"),
+    *options.FIGURES,
+    option("--film", metavar="NAME", help="also film the runs side by side: NAME.mp4 or .webp"),
+    *options.PICTURE,
+)
+def compare(arguments: argparse.Namespace) -> int:
+    """Compare runs on one reference, aligned by its time; print a table and write into DIR:
+
+      path, error, cross-track, signals  figures of driven paths, of errors over time and over
+                                         the path, of commands, each with its data as CSV
+      comparison.csv                     the statistics, SI units
+
+      ttempc compare runs/grass-paper-1 runs/grass-ttempc-nominal-1 --film side-by-side.webp
+      ttempc compare runs/grass-pid-1 runs/grass-ttempc-1 --format pdf,svg --width single
+
+    Exit code 2 for bad input, such as logs of different references (one line; nothing
+    is written).
+    """
+    # Imported here so that --help does not load MuJoCo and matplotlib.
+    from ..figures.comparison_figures import comparison_figures
+    from ..results.run_comparison import (
+        STATISTICS_FILE,
+        comparison_csv,
+        format_comparison,
+        read_compared,
+    )
+
+    folder = arguments.out or options.unused_path(Path("runs"), "comparison")
+    refuse_existing(folder)
+    if set(arguments.ghost) - {_REFERENCE}:
+        raise BadOptions("--ghost: takes reference alone here; the film has a panel for every run")
+    name = arguments.film and Path(arguments.film)
+    if name and (name.name != arguments.film or name.suffix not in (".mp4", ".webp", ".gif")):
+        raise BadOptions(f"--film: got {name}, must be a name that ends in .mp4, .webp or .gif")
+    runs = read_compared(arguments.logs, arguments.label or ())
+    film = _film(arguments, arguments.logs) if name else None
+    print(format_comparison(runs) + "\n")
+    _write_figures(arguments, comparison_figures(runs), folder)
+    write_file(folder / STATISTICS_FILE, comparison_csv(runs))
+    print(folder / STATISTICS_FILE)
+    if film is not None:
+        _write_film(film, folder / name, arguments.workers)
+        print(folder / name)
+    return 0

@@ -1,1 +1,0 @@
-"""Commands that show a run: a film, a picture, a view."""

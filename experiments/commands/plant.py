@@ -1,0 +1,79 @@
+"""`ttempc validate` and `ttempc mjcf`: the plant of a scenario, without a controller."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from ..output import make_folder, write_file
+from . import options
+from .options import command, json_of, out
+
+
+@command(
+    options.SCENARIO,
+    out("DIR", "default: a new one in runs/"),
+    options.SET,
+    options.TRUST,
+    json_of("the checks"),
+)
+def validate(arguments: argparse.Namespace) -> int:
+    """Validate the plant of a scenario: vehicle, wheels, soil, roughness and slope, in
+    experiments whose results are known without the simulation, or published. Print one
+    line per check and write the validation report into DIR: a page to attach to a paper,
+    the checks as JSON for scripts, the figures as PNG.
+
+    Exit code 0 if all checks hold, 1 if one fails, 2 for bad input (one line;
+    nothing is written). Takes up to a minute.
+    """
+    # Imported here so that --help does not load MuJoCo and matplotlib.
+    from ..validation.validation_report import format_check, validation_report
+
+    name, scenario = options.load_scenario(arguments)
+    stem = f"{name}-validation-{scenario.plant.wheels}"
+    folder = arguments.out or options.unused_path(Path("runs"), stem)
+    validation = validation_report(
+        name,
+        scenario,
+        folder,
+        on_check=lambda check: None if arguments.json else print(format_check(check), flush=True),
+    )
+    if arguments.json:
+        print(validation.to_json(), end="")
+    else:
+        print(f"\n{validation.summary_line()}\n\nopen {folder / 'validation.html'}")
+    return 0 if validation.passed else options.EXIT_CHECK_FAILED
+
+
+@command(
+    options.SCENARIO,
+    out("DIR", "default: a new one in runs/"),
+    options.SET,
+    options.TRUST,
+    options.SEED,
+)
+def mjcf(arguments: argparse.Namespace) -> int:
+    """Write a scenario's vehicle on its ground as files that MuJoCo loads without this
+    project: scene.xml, and ground.hf where the ground is not level. The wheels have
+    MuJoCo's own contact with the friction of the soil at the start; the keyframe `home`
+    stands there. Positions of the actuators: front steering [rad], drawbar [rad],
+    hydrostat from -1 to 1.
+
+      ttempc mjcf patchy -o patchy
+      python -m mujoco.viewer --mjcf=patchy/scene.xml
+    """
+    # Imported here so that --help does not load MuJoCo.
+    from ...testbed.simulation.mjcf_export import mjcf_files
+    from ..run.assembly import assemble
+
+    arguments.overrides.append("plant.wheels=contact")
+    name, scenario = options.load_scenario(arguments)
+    folder = arguments.out or options.unused_path(Path("runs"), f"{name}-mjcf-{arguments.seed}")
+    assembly = assemble(scenario, arguments.seed)
+    assembly.plant.restore(assembly.start)
+    files = mjcf_files(assembly.plant)
+    make_folder(folder)
+    for file, content in files.items():
+        write_file(folder / file, content)
+        print(folder / file)
+    return 0

@@ -1,0 +1,396 @@
+"""`ttempc sweep`, `ttempc search` and `ttempc bench`: many runs in parallel."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...testbed.terminal import one_line
+from ..errors import BadOptions
+from ..output import progress, refuse_existing, write_file
+from . import options
+from .options import Group, command, json_of, option, out, refuse_given
+
+if TYPE_CHECKING:
+    from ..search.worst_case import Report
+    from ..sweep.sweep import Progress
+    from ..trials.score_card import Draws
+
+
+@command(
+    option("study", metavar="STUDY", help="name of a shipped study or a .toml file"),
+    out("DIR", "to make or to continue; default: runs/sweep-STUDY"),
+    options.WORKERS,
+    options.DASK,
+    options.TRUST,
+    options.QUIET,
+    options.VERBOSE.but(help="also print a line for each run that has ended"),
+    option(
+        "--dry-run",
+        action="store_true",
+        help="check the plan, print it, its size and an estimate of time and disk; write nothing",
+    ),
+)
+def sweep(arguments: argparse.Namespace) -> int:
+    """Drive all runs of a study in parallel and write into DIR:
+
+      results.jsonl   one row per run, written when it ends; opens in pandas and polars
+      study.toml      the study, resolved      versions.json   of the software
+      logs/           the logs that the study keeps
+
+    The same command continues an interrupted sweep. A study that has more seeds or values
+    of axes than before keeps the rows that it has.
+
+    Exit code 0 if every run has a row, whatever its status, 2 for bad input (one line; no run
+    is made), 130 if the sweep was interrupted.
+    """
+    # Imported here so that --help does not load MuJoCo and Dask.
+    from ..sweep.dry_run import find_inert_axes, format_plan
+    from ..sweep.engine import engine
+    from ..sweep.folder import is_begun, lock_folder
+    from ..sweep.plan import SweepPlan
+    from ..sweep.results import rows
+    from ..sweep.study import load_study
+    from ..sweep.sweep import sweep
+
+    name, study = load_study(arguments.study)
+    plan = SweepPlan(name, study, trusted=arguments.trust)
+    extent = plan.extent()
+    folder = arguments.out or Path("runs") / f"sweep-{name}"
+    if arguments.dry_run or not (is_begun(folder) or arguments.quiet):
+        for axis in find_inert_axes(plan):
+            print(f"ttempc: note: axis {axis}: changes nothing, no run reads it", file=sys.stderr)
+        for reason in extent.refused:
+            print(f"ttempc: note: left out: {reason}", file=sys.stderr)
+    if arguments.dry_run:
+        print(format_plan(plan, arguments.workers))
+        return 0
+
+    def drive() -> int:
+        with (
+            engine(arguments.workers, arguments.dask) as submit,
+            lock_folder(folder, plan) as locked,
+            progress(extent.runs, name, "run", shown=not arguments.quiet) as count,
+        ):
+            sweep(plan, locked, submit, _counted(count, verbose=arguments.verbose))
+        if not arguments.quiet:
+            counts = Counter(str(row["status"]) for row in rows(folder / "results.jsonl"))
+            by_status = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+            print(f"{counts.total()} runs: {by_status}\nrows      {folder / 'results.jsonl'}")
+        return 0
+
+    return _resumable(drive, folder)
+
+
+def _counted(count: Callable[[], object], *, verbose: bool) -> Callable[[Progress], None]:
+    """Return a function that counts the runs that ended, and prints them if asked."""
+    seen = 0
+
+    def show(progress: Progress) -> None:
+        nonlocal seen
+        for _ in range(progress.done - seen):
+            count()
+        seen, row = progress.done, progress.row
+        if verbose:
+            from tqdm import tqdm
+
+            why = f": {row['failure']}" if row["failure"] else ""
+            text = (
+                f"{progress.done} of {progress.runs}: run {row['run']}, {row['scenario']}, "
+                f"{row['controller']}, seed {row['seed']}, {row['status']}{why}"
+            )
+            tqdm.write(one_line(text), file=sys.stderr)
+
+    return show
+
+
+def _resumable(work: Callable[[], int], folder: Path) -> int:
+    """Work; where it is interrupted after the folder was made, say how it goes on."""
+    try:
+        return work()
+    except KeyboardInterrupt:
+        if not folder.exists():
+            raise
+        print(f"ttempc: interrupted; the same command carries on in {folder}", file=sys.stderr)
+        return options.EXIT_INTERRUPTED
+
+
+_REQUIRED_SCENARIO = options.SCENARIO.but(nargs=None, default=None, help="name or .toml file")
+
+
+@command(
+    _REQUIRED_SCENARIO,
+    option("quantity", metavar="QUANTITY", help="quantity to make harder"),
+    out("FILE", "default: a new one in runs/"),
+    options.SET,
+    options.TRUST,
+    options.CONTROLLER.but(action="append", help="may be repeated (default: the scenario's)"),
+    options.SEEDS.but(default="3", help="N or LIST, runs per value (default: 3, from 201 on)"),
+    option("--tolerance", type=options.positive, metavar="X", help="width of the last bracket"),
+    options.LIMIT,
+    options.WORKERS,
+    options.DASK,
+    json_of("the values"),
+)
+def limit(arguments: argparse.Namespace) -> int:
+    """Find the value of a quantity at which a controller begins to fail.
+
+    At a value it fails if at least half of the seeds terminate early or exceed --limit.
+    Scans the whole range first and reports if both ends pass or fail, or if failure is not
+    monotone; then bisects down to the tolerance. Prints one line per controller and writes
+    the results, with every value that was tried, to a JSON file.
+    """
+    # Imported here so that --help does not load MuJoCo and Dask.
+    from ..run.user_code import named_parts, refuse_untrusted
+    from ..scenario.scenario import read_scenario
+    from ..search.limit import Question, limit_file
+    from ..sweep.engine import engine
+
+    draft = read_scenario(arguments.scenario)
+    name = arguments.quantity.partition("=")[0]
+    file = arguments.out or options.unused_path(Path("runs"), f"limit-{draft.name}-{name}", ".json")
+    refuse_existing(file)
+    questions = []
+    for controller in arguments.controller or [None]:
+        changes = options.scenario_changes(arguments.overrides, controller)
+        scenario = draft.scenario(changes, "--set")
+        if not arguments.trust:
+            refuse_untrusted(draft.file, named_parts(scenario), changes)
+        question = Question.of(
+            draft,
+            arguments.scenario,
+            changes,
+            arguments.quantity,
+            seeds=arguments.seeds,
+            limit_m=arguments.limit,
+            tolerance=arguments.tolerance,
+        )
+        question.check()
+        questions.append(question)
+
+    with engine(arguments.workers, arguments.dask) as workers:
+        show = None if arguments.json else lambda found: print(found, flush=True)
+        text = limit_file(questions, workers, file, show)
+    print(text if arguments.json else f"values    {file}\n", end="")
+    return 0
+
+
+@command(
+    _REQUIRED_SCENARIO,
+    option("quantity", nargs="+", metavar="QUANTITY", help="quantity to search"),
+    out("DIR", "to make or to continue; default: runs/worst-SCENARIO-CONTROLLER"),
+    options.SET,
+    options.TRUST,
+    options.CONTROLLER,
+    options.SEED,
+    option(
+        "--budget",
+        type=options.whole_number(1),
+        default=100,
+        metavar="N",
+        help="runs of the search (default: 100)",
+    ),
+    options.LIMIT,
+    options.WORKERS,
+    options.DASK,
+    json_of("the report"),
+)
+def worst(arguments: argparse.Namespace) -> int:
+    """Search for the least severe case that a controller fails, by CMA-ES (extra `search`).
+
+    A run fails if it terminates early, leaves the corridor, or exceeds --limit. Severity is
+    the distance from the nominal values, in units of the bounds. Writes into DIR
+    falsification.json, worst/*.toml (scenarios that `ttempc run` replays) and generations/
+    (the rows of all runs). The same command continues an interrupted search.
+    """
+    # Imported here so that --help does not load MuJoCo and Dask.
+    from ..run.assembly import check
+    from ..scenario.scenario import read_scenario
+    from ..search.quantities import read_subject
+    from ..search.worst_case import Search
+    from ..sweep.engine import engine
+
+    name, scenario = options.load_scenario(arguments)
+    check(scenario)
+    changes = options.scenario_changes(arguments.overrides, arguments.controller)
+    draft = read_scenario(arguments.scenario)
+    subject = read_subject(draft, arguments.scenario, changes, arguments.quantity)
+    controller = scenario.controller.name.replace(":", "-")
+    folder: Path = arguments.out or Path("runs") / f"worst-{name}-{controller}"
+
+    def drive() -> int:
+        with (
+            engine(arguments.workers, arguments.dask) as workers,
+            progress(arguments.budget, f"worst case of {name}", "run", shown=True) as count,
+        ):
+            search = Search(subject, workers, arguments.seed, arguments.limit, folder, count)
+            search.falsify(arguments.budget)
+            report = search.report()
+        print(report.to_json() if arguments.json else _text(report, folder), end="")
+        return 0
+
+    return _resumable(drive, folder)
+
+
+search = Group(
+    """\
+Search quantities of a scenario for failures of a controller. QUANTITY is one of
+
+  cone-index slope speed delay roughness
+  KEY=LOW:HIGH      a key of the scenario, e.g. soil.cone_index_kpa=200:600
+
+and of `worst` also
+
+  KEY=LOW:HIGH:free a key without severity, e.g. terrain.uphill_deg=0:360:free
+  gust ditch soil_patch gnss_float angle_noise gnss_out commands_late
+  front_steering_stuck trailer_steering_stuck
+                    a fault of this kind (of [[faults]]), anywhere on the path
+
+  ttempc search limit grass slope --controller pid --controller ttempc --limit 0.3
+  ttempc search limit my-gusty-field.toml faults.gust.force_n=100:4000
+  ttempc search worst rows gust soil_patch --budget 300
+
+Exit code 0 if the search completed, 2 for bad input (one line, no run made), 130 if it was
+interrupted.
+""",
+    {"limit": limit, "worst": worst},
+)
+
+
+def _text(report: Report, folder: Path) -> str:
+    """Return the report as lines of text, with the commands that replay its cases."""
+    lines = [
+        f"{report.controller} on {report.scenario}, seed {report.seed}: "
+        f"{report.failed} of {report.runs} runs failed, {report.without_result} without a result"
+    ]
+    for case in report.cases:
+        values = ", ".join(
+            f"{key} = {value:g}" if isinstance(value, float) else f"{key} = {value}"
+            for key, value in case.values.items()
+        )
+        end = case.failure or f"no failure; robustness {case.robustness:.2f} is the least"
+        run = folder / Path(case.file).stem
+        lines += [
+            "",
+            f"severity {case.severity:.3f}: {end}",
+            f"  {values}",
+            f"  ttempc run {folder / case.file} --seed {report.seed} --out {run}",
+            f"  ttempc render {run / 'log.mcap'}",
+        ]
+    return "\n".join([*lines, f"report    {folder / 'falsification.json'}"]) + "\n"
+
+
+@command(
+    option(
+        "controller",
+        nargs="?",
+        metavar="CONTROLLER",
+        help="name of a shipped controller, or package.module:factory of your own",
+    ),
+    options.SET.but(
+        help="a value of [controller], such as controller.options.horizon=20; may be repeated"
+    ),
+    option("--quick", action="store_true", help="one seed: a minute, no intervals"),
+    option("--seeds-file", type=Path, metavar="FILE", help="hidden seeds"),
+    options.WORKERS,
+    options.DASK,
+    out("DIR|FILE", "to make or to continue; default: runs/bench-CONTROLLER"),
+    json_of("the score card or the comparison"),
+    option(
+        "--compare",
+        nargs=2,
+        type=Path,
+        metavar=("A", "B"),
+        help="compare two score cards by scenario and seed; no run is made",
+        group="action",
+    ),
+    option(
+        "--draw-seeds", action="store_true", help="write hidden seeds to FILE, print their hash"
+    ),
+    option("--schema", action="store_true", help="print the JSON schema of score.json"),
+)
+def bench(arguments: argparse.Namespace) -> int:
+    """Drive a controller through the benchmark: frozen scenarios with public seeds. Print
+    its score card and write into DIR:
+
+      score.json   the card, for --compare and the leaderboard     score.html   as a page
+      results.jsonl, study.toml, versions.json                     the rows, as of a sweep
+
+    The same command continues an interrupted benchmark. An organiser draws seeds with
+    --draw-seeds, publishes the hash that it prints, and reruns entries with --seeds-file;
+    their cards hold the hash, not the seeds.
+
+    Exit code 0 if every run has a row, whatever its status, 2 for bad input (one line; no
+    run is made), 130 if the benchmark was interrupted.
+    """
+    asked = [arguments.controller, arguments.compare, arguments.draw_seeds, arguments.schema]
+    if sum(map(bool, asked)) != 1:
+        raise BadOptions("bench: give CONTROLLER, or one of --compare, --draw-seeds, --schema")
+    # Imported here so that --help does not load MuJoCo and Dask.
+    from ..trials.score_card import card_schema, compare_cards, draw_hidden, read_score_card
+    from ..trials.tables import format_comparison
+
+    if arguments.compare:
+        found = compare_cards(*map(read_score_card, arguments.compare))
+        print(json.dumps(found, indent=1) if arguments.json else format_comparison(found))
+    elif arguments.draw_seeds:
+        if arguments.out is None:
+            raise BadOptions("bench: --draw-seeds needs -o FILE")
+        print(f"{draw_hidden(arguments.out).sha256}  {arguments.out}")
+    elif arguments.schema:
+        print(json.dumps(card_schema(), indent=2))
+    else:
+        return _bench(arguments)
+    return 0
+
+
+def _bench(arguments: argparse.Namespace) -> int:
+    from ..sweep.engine import engine
+    from ..trials.bench import Entrant, bench
+    from ..trials.tables import card_page, format_card
+
+    draws = _draws(arguments)
+    entrant = Entrant.of(arguments.controller, arguments.overrides)
+    runs = entrant.plan(draws).size  # refused here, before workers start
+    ending = "" if draws.kind == "public" else f"-{draws.kind}"
+    folder = arguments.out or Path("runs") / f"bench-{entrant.stem}{ending}"
+
+    def drive() -> int:
+        with (
+            engine(arguments.workers, arguments.dask) as workers,
+            progress(runs, f"bench {entrant.stem}", "run", shown=True) as count,
+        ):
+            card = bench(entrant, draws, folder, workers, _counted(count, verbose=False))
+        text = card.to_json()
+        write_file(folder / "score.json", text)
+        write_file(folder / "score.html", card_page(card))
+        if "+" in card.identifier:
+            note = "the plant of this code is not that of the benchmark"
+            print(f"ttempc: note: {note}", file=sys.stderr)
+        if arguments.json:
+            print(text, end="")
+        else:
+            print(f"{format_card(card)}\ncard      {folder / 'score.json'}")
+            print(f"\nopen {folder / 'score.html'}")
+        return 0
+
+    return _resumable(drive, folder)
+
+
+def _draws(arguments: argparse.Namespace) -> Draws:
+    """Return the seeds of the benchmark.
+
+    Raises:
+        BadOptions: they are given twice, or the file is not understood.
+    """
+    from ..trials.score_card import PUBLIC, hidden_draws, public_draws
+
+    if arguments.seeds_file is None:
+        return public_draws(PUBLIC[:1] if arguments.quick else PUBLIC)
+    refuse_given(arguments, ("quick",), "not with --seeds-file")
+    return hidden_draws(arguments.seeds_file)

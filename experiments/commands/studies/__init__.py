@@ -1,1 +1,0 @@
-"""Commands over many runs: studies, their comparison, and what is fitted to them."""

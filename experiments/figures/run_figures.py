@@ -1,0 +1,472 @@
+"""Figures of a run. Each is a function from a record to a matplotlib figure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from ttempc.types import FloatArray
+
+from ...testbed.recording.channels import (
+    CONTROL,
+    CORRIDOR,
+    REFERENCE,
+    SOLVER,
+    STATE,
+    TIMING,
+    TOOL,
+    TUBE,
+    TYRES,
+)
+from ...testbed.recording.record import Record, Table, fault_spans
+from ..results.containment import containment, leftward
+from ..results.tracking_errors import (
+    BODIES,
+    BodyError,
+    TrackingErrors,
+    counted,
+    position_fields,
+    rows_at_same_time,
+    tracking_errors,
+)
+from .style import (
+    BLACK,
+    BLUE,
+    BODY_COLOURS,
+    GREEN,
+    GREY,
+    PALE,
+    RED,
+    SKY,
+    blank,
+    dress,
+    label_below,
+    legend,
+    mark_faults,
+    note,
+    shade,
+    stacked,
+)
+
+TIME_OF_ERRORS: Final = "time [s] (hatched: not counted; shaded: curves)"
+LENGTH: Final = "length of the path [m] (hatched: not counted; shaded: curves)"
+
+_ZOOM_ERRORS: Final = 4.0  # half height of a zoom over the error at its moment
+_ZOOM_MIN_M: Final = 1.0  # least half height, so that a good run still shows a piece of path
+_ZOOM_SHARE: Final = 1.0 / 12.0  # greatest half height over the extent of the whole drawing
+_ZOOM_SHAPE: Final = 1.4  # width over height
+_FLATTEST, _TALLEST = 0.3, 0.8  # height of the whole path over its width, for lines and squares
+_TEXT_IN: Final = 1.6  # height of all labels, titles and the legend
+
+INPUTS: Final = (  # field, label, factor from the field's unit to the label's
+    ("delta_t_rad", "front steering [deg]", np.degrees(1.0)),
+    ("delta_i_rad", "trailer steering [deg]", np.degrees(1.0)),
+    ("hp", "hydrostat position [%]", 100.0),
+)
+_ACTIONS: Final = (  # field, label, colour (the paper's roles: cyan, red, blue, black), width
+    ("feedforward", "feedforward", SKY, 1.6),
+    ("feedback", "feedback", RED, 0.8),
+    ("robust", "robust", BLUE, 0.8),
+    ("total", "total, before limits", GREY, 0.7),
+    ("command", "total, as sent", BLACK, 1.0),
+)
+_HEADROOM: Final = 0.06  # of the range of the signals
+_NEAR: Final = 0.3  # of the same; bounds farther away are left out
+_EDGE: Final = 0.02  # of the same, beside a bound
+_NOTE: Final = 0.15  # of the same, space for a note above them
+_BOUND_LINE: Final[dict[str, Any]] = {"color": BLACK, "linestyle": "--", "linewidth": 0.9}
+BOUNDS: Final = Line2D([], [], label="bounds", **_BOUND_LINE)
+"""Entry of the legend for what `draw_bounds` draws."""
+
+_AXLES: Final = {"front": GREEN, "rear": BLUE, "trailer": RED}
+_SIDES: Final = {"left": "-", "right": (0, (2, 1))}
+_WHEELS: Final = (  # field, label, factor from the field's unit to the label's, axles
+    ("slip", "slip, driven [%]", 100.0, ("rear",)),
+    ("slip_angle_rad", "slip angle [deg]", np.degrees(1.0), ("front", "trailer")),
+    ("load_n", "wheel load [kN]", 1e-3, ("front", "rear", "trailer")),
+)
+_WINDOW_S: Final = 1.0  # bumps vary the load faster than a page can show
+
+_TIMES: Final = (
+    ("estimator_us", "estimator"),
+    ("control_step_us", "control step"),
+    ("qp_solve_us", "QP solve"),
+    ("plant_step_us", "plant, one physics step"),
+)
+_BINS: Final = 40
+_FEW: Final = 20  # samples that are drawn one by one
+_WIDE: Final = 50.0  # ratio of largest to smallest time above which decades alone label the axis
+
+
+def path_figure(record: Record) -> Figure:
+    """Return the driven paths and the reference, with zooms at the largest counted errors."""
+    figure = blank(1.0)
+    width_in = figure.get_figwidth()
+    extent = np.ptp(record[REFERENCE].columns(*position_fields("tractor")), axis=0)
+    shape = float(np.clip(extent[1] / max(extent[0], 1e-9), _FLATTEST, _TALLEST))
+    zoom_shape = 0.5 / _ZOOM_SHAPE
+    figure.set_figheight((shape + zoom_shape) * width_in + _TEXT_IN)
+    whole, *zooms = figure.subplot_mosaic(
+        [["whole", "whole"], ["straight", "curve"]], height_ratios=[shape, zoom_shape]
+    ).values()
+    _draw_paths(whole, record)
+    dress(whole, "x east [m]", "y north [m]")
+    whole.set_aspect("equal", adjustable="datalim")
+    legend(whole, 4)
+    largest_m = _ZOOM_SHARE * float(max(np.ptp(whole.get_xlim()), np.ptp(whole.get_ylim())))
+    _draw_zooms(dict(zip(("straight", "curve"), zooms, strict=True)), whole, record, largest_m)
+    return figure
+
+
+def _draw_zooms(by_shape: dict[str, Axes], whole: Axes, record: Record, largest_m: float) -> None:
+    """Draw the largest errors on straights and on curves, in frames that do not overlap.
+
+    Args:
+        by_shape: axes for a straight and for a curve.
+        whole: axes of the whole path, which get the frames.
+        record: of the run.
+        largest_m: greatest half height of a frame [m].
+    """
+    errors = tracking_errors(record)
+    _, state, reference = rows_at_same_time(record, STATE, REFERENCE)
+    actual, desired = (
+        np.stack([record[channel].columns(*position_fields(body))[rows] for body in BODIES])
+        for channel, rows in ((STATE, state), (REFERENCE, reference))
+    )  # (bodies, n, 2) each
+    errors_m = np.stack([errors.by_point[body].euclidean_m for body in BODIES])  # (bodies, n)
+    worse, every = errors_m.argmax(axis=0), np.arange(errors_m.shape[1])
+    error_m = errors_m[worse, every]
+    half_m = np.minimum(np.maximum(_ZOOM_ERRORS * error_m, _ZOOM_MIN_M), largest_m)
+    centres = np.where(
+        (error_m > half_m)[:, None],
+        actual[worse, every],
+        0.5 * (actual + desired)[worse, every],
+    )
+    rows_of = {
+        "straight": np.flatnonzero(~errors.curved & errors.counted),
+        "curve": np.flatnonzero(errors.curved & errors.counted),
+    }
+    free = np.ones(len(every), dtype=bool)  # rows whose frame is apart from those drawn
+    for where in sorted(by_shape, key=lambda name: -error_m[rows_of[name]].max(initial=0.0)):
+        axes, rows = by_shape[where], rows_of[where]
+        chosen = rows[free[rows]]
+        dress(axes, "x east [m]", "y north [m]")
+        if not len(chosen):
+            text = "beside the other frame" if len(rows) else f"no {where} after the start-up"
+            note(axes, 0.5, 0.5, text, ha="center", color=GREY)
+            continue
+        row = int(chosen[np.argmax(error_m[chosen])])
+        apart = "" if error_m[row] == error_m[rows].max() else ", elsewhere"
+        moment = f"{100 * error_m[row]:.1f} cm at {errors.time_s[row]:.1f} s"
+        dress(
+            axes, "x east [m]", "y north [m]", f"{where}{apart}: {[*BODIES][worse[row]]}, {moment}"
+        )
+        _draw_paths(axes, record)
+        for number, colour in enumerate(BODY_COLOURS[body] for body in BODIES):
+            ends = actual[number, row], desired[number, row]
+            axes.plot(*np.transpose(ends), color=colour, linewidth=1.0)
+            axes.plot(*ends[0], "o", color=colour, markersize=5)
+            axes.plot(*ends[1], "o", markeredgecolor=BLACK, markerfacecolor="white", markersize=5)
+        half = half_m[row] * np.array([_ZOOM_SHAPE, 1.0])
+        (left, low), (right, high) = centres[row] - half, centres[row] + half
+        axes.set(xlim=(left, right), ylim=(low, high))
+        axes.set_box_aspect(1.0 / _ZOOM_SHAPE)
+        frame = Rectangle((left, low), right - left, high - low, fill=False, edgecolor=GREY)
+        whole.add_patch(frame)
+        gap_m = (np.abs(centres - centres[row]) / (_ZOOM_SHAPE, 1.0)).max(axis=1)
+        free &= gap_m >= half_m + half_m[row]
+
+
+def _draw_paths(axes: Axes, record: Record) -> None:
+    reference = record[REFERENCE].columns(*position_fields("tractor"))
+    axes.plot(*reference.T, color=PALE, linewidth=3.0, label="reference")
+    for body in BODIES:
+        driven = record[STATE].columns(*position_fields(body))
+        axes.plot(*driven.T, color=BODY_COLOURS[body], linewidth=1.0, label=body)
+    tool = record[TOOL]
+    if len(tool):
+        driven = np.where(tool["lowered"] == 1.0, tool.columns("x_m", "y_m").T, np.nan)
+        axes.plot(*driven, color=BODY_COLOURS["tool"], linewidth=1.0, label="tool, lowered")
+
+
+def error_figure(record: Record) -> Figure:
+    """Return the Euclidean errors of all points over time, as in the paper, with their means."""
+    errors = tracking_errors(record)
+    figure, rows = stacked(len(errors.by_point), 2.1, share_y=True)
+    for axes, (body, error) in zip(rows, errors.by_point.items(), strict=True):
+        _shade(axes, errors.time_s, errors)
+        mark_faults(axes, fault_spans(record.events), float(errors.time_s[-1]))
+        style = {"color": BODY_COLOURS[body], "linewidth": 1.0, "label": body}
+        axes.plot(errors.time_s, 100 * error.euclidean_m, **style)
+        dress(axes, "", f"{body} error [cm]")
+        _draw_means(axes, errors, error)
+        axes.margins(x=0.0)
+    rows[0].set_ylim(bottom=0.0)
+    rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # space for the text of the means
+    label_below(rows[-1], TIME_OF_ERRORS)
+    return figure
+
+
+def _shade(axes: Axes, x: FloatArray, errors: TrackingErrors) -> None:
+    """Shade the curves, hatch what statistics leave out."""
+    shade(axes, x, errors.curved)
+    shade(axes, x, ~errors.counted, hatch="////")
+
+
+def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
+    """Draw the mean errors on straights and on curves as lines, with their values as text."""
+    known = errors.counted & np.isfinite(error.along_m)
+    shapes = {"straights": known & ~errors.curved, "curves": known & errors.curved}
+    parts = []
+    for name, rows in shapes.items():
+        if rows.any():
+            mean_cm = 100 * float(np.mean(error.euclidean_m[rows]))
+            style = {"color": BLACK, "linewidth": 1.0, "label": f"mean on {name}"}
+            axes.plot(errors.time_s, np.where(rows, mean_cm, np.nan), **style)
+            parts.append(f"{name} {mean_cm:.1f} cm")
+    text = f"mean on {', on '.join(parts)}" if parts else "shorter than the start-up"
+    note(axes, 0.05, 0.93, text, va="top", color="black" if parts else GREY)
+
+
+def cross_track_figure(record: Record) -> Figure:
+    """Return the errors to the left of the reference over the tractor's arc length of it."""
+    errors, length_m = tracking_errors(record), path_length(record)
+    figure, (axes,) = stacked(1, 2.6)
+    _shade(axes, length_m, errors)
+    for body, error in errors.by_point.items():
+        style = {"color": BODY_COLOURS[body], "linewidth": 1.0, "label": body}
+        axes.plot(length_m, 100 * error.cross_m, **style)
+    axes.axhline(0.0, color=BLACK, linewidth=0.6)
+    dress(axes, LENGTH, "cross-track error,\nleft positive [cm]")
+    legend(axes, 3)
+    axes.margins(x=0.0)
+    return figure
+
+
+def path_length(record: Record) -> FloatArray:
+    """Return the tractor's arc length of the reference at the rows of the errors [m], (n,)."""
+    _, _, rows = rows_at_same_time(record, STATE, REFERENCE)
+    places = record[REFERENCE].columns(*position_fields("tractor"))[rows]
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(places, axis=0).T))])
+
+
+def corridor_figure(record: Record) -> Figure:
+    """Return the offsets of all true points to the left of their paths, with the corridor."""
+    table = record[CORRIDOR]
+    points = [name for name in BODY_COLOURS if np.isfinite(table[f"{name}_m"]).any()]
+    figure, rows = stacked(len(points), 1.8, share_y=True)
+    for axes, name in zip(rows, points, strict=True):
+        shade(axes, table.time_s, ~counted(record, table.time_s), hatch="////")
+        band = 100 * table["half_width_m"]
+        _offset_in_band(axes, table.time_s, 100 * table[f"{name}_m"], band, name, "corridor")
+        dress(axes, "", "offset from path,\nleft positive [cm]")
+    label_below(rows[-1], "time [s] (hatched: not counted)")
+    return figure
+
+
+def tube_figure(record: Record) -> Figure:
+    """Return the cross-track deviation of both true axle points, and their margin in the tube."""
+    contained = containment(record)
+    figure, (*rows, last) = stacked(3, 1.8)
+    for axes, (body, column) in zip(rows, contained.ACROSS.items(), strict=True):
+        shade(axes, contained.time_s, contained.curved)
+        offset_cm = 100 * leftward(contained.deviation[:, column])
+        band = 100 * contained.half_width[:, column]
+        _offset_in_band(axes, contained.time_s, offset_cm, band, body, "tube")
+        dress(axes, "", "deviation from nominal\nstate, left positive [cm]")
+    shade(last, contained.time_s, contained.curved)
+    margin = contained.margin
+    last.plot(contained.time_s, margin, color=BLACK, linewidth=0.8)
+    last.axhline(0.0, color=GREY, linewidth=0.8)
+    dress(last, "time [s] (shaded: curves)", "margin [1]")
+    last.margins(x=0.0)
+    inside = 100.0 * np.mean(margin >= 0.0) if margin.size else np.nan
+    note(last, 0.02, 0.06, f"both true axle points inside at {inside:.2f} % of the ticks")
+    return figure
+
+
+def _offset_in_band(
+    axes: Axes, time_s: FloatArray, offset: FloatArray, band: FloatArray, body: str, label: str
+) -> None:
+    axes.fill_between(time_s, -band, band, color=PALE, alpha=0.6, label=label)
+    axes.plot(time_s, offset, color=BODY_COLOURS[body], linewidth=0.8, label=body)
+    axes.margins(x=0.0)
+    legend(axes, 2)
+
+
+def signals_figure(record: Record) -> Figure:
+    """Return feedforward, feedback, robust and total action of each input with its bounds.
+
+    A controller that returns commands without such parts has the command alone.
+    """
+    table = record[CONTROL]
+    given = [
+        action
+        for action in _ACTIONS
+        if any(np.isfinite(table[f"{name}_{action[0]}"]).any() for name, _, _ in INPUTS)
+    ]
+    figure, rows = stacked(3, 2.1)
+    in_view = False
+    for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
+        for action, text, colour, width in given:
+            style = {"color": colour, "linewidth": width, "label": text}
+            axes.plot(table.time_s, factor * table[f"{name}_{action}"], **style)
+        dress(axes, "", label)
+        in_view |= draw_bounds(axes, table, name, factor)
+    legend(rows[0], 6, [BOUNDS] if in_view else [])
+    label_below(rows[-1], "time [s]")
+    return figure
+
+
+def draw_bounds(axes: Axes, control: Table, name: str, factor: float) -> bool:
+    """Set the limits of axes by the signals in them, draw the bounds; return whether one is seen.
+
+    Bounds outside of these limits would flatten the signals; a note has their values.
+
+    Args:
+        axes: with the signals.
+        control: rows of the commands of a run.
+        name: of the input.
+        factor: from the unit of the input's field to that of the axes.
+    """
+    axes.margins(x=0.0, y=_HEADROOM)
+    low, high = axes.get_ylim()
+    bounds = {"lower": factor * control[f"{name}_min"], "upper": factor * control[f"{name}_max"]}
+    outside = []
+    near, edge = _NEAR * (high - low), _EDGE * (high - low)
+    for which, values in bounds.items():
+        # The underscore keeps the line out of the legend, and its name in the data of the figure.
+        axes.plot(control.time_s, values, **_BOUND_LINE, label=f"_{which} bound")
+    for which, values in bounds.items():
+        seen = values[(values >= low - near) & (values <= high + near)]
+        low, high = min([low, *(seen - edge)]), max([high, *(seen + edge)])
+        if not len(seen) and np.isfinite(values).any():
+            ends = dict.fromkeys(f"{end:.3g}" for end in (np.nanmin(values), np.nanmax(values)))
+            outside.append(f"{which} bound {' to '.join(ends)}")
+    if outside:
+        note(axes, 0.99, 0.97, f"not in view: {', '.join(outside)}", ha="right", va="top")
+        high += _NOTE * (high - low)
+    axes.set_ylim(low, high)
+    return len(outside) < len(bounds)
+
+
+def tyres_figure(record: Record) -> Figure:
+    """Return slip, slip angle and load of the wheels over time, curves shaded.
+
+    Lines are means over a second. Bands extend from its smallest to its largest sample.
+    """
+    table, errors = record[TYRES], tracking_errors(record)
+    starts = np.flatnonzero(np.diff(np.floor(table.time_s / _WINDOW_S), prepend=-1.0))
+    counts = np.diff(np.append(starts, len(table)))
+    time_s = np.add.reduceat(table.time_s, starts) / counts
+    figure, rows = stacked(3, 2.1)
+    for axes, (field, label, factor, axles) in zip(rows, _WHEELS, strict=True):
+        shade(axes, errors.time_s, errors.curved)
+        for axle in axles:
+            for side, line in _SIDES.items():
+                samples = factor * table[f"{axle}_{side}_{field}"]
+                low, high = (
+                    np.minimum.reduceat(samples, starts),
+                    np.maximum.reduceat(samples, starts),
+                )
+                axes.fill_between(time_s, low, high, color=_AXLES[axle], alpha=0.15, linewidth=0)
+                mean = np.add.reduceat(samples, starts) / counts
+                style = {"color": _AXLES[axle], "linewidth": 1.1, "label": f"{axle} {side}"}
+                axes.plot(time_s, mean, linestyle=line, **style)
+        dress(axes, "", label)
+        axes.margins(x=0.0)
+        legend(axes, 6)
+    label_below(rows[-1], "time [s] (shaded: curves; bands: minimum to maximum in 1 s)")
+    return figure
+
+
+def timing_figure(record: Record) -> Figure:
+    """Return a histogram of each time with its median and 99th percentile."""
+    figure = blank(4.2)
+    for axes, (field, title) in zip(figure.subplots(2, 2).flat, _TIMES, strict=True):
+        cost_us = record[TIMING][field]
+        if field == "qp_solve_us":
+            title += _solved_ticks(record)
+        dress(axes, "wall-clock time [µs]", "control periods", title)
+        histogram(axes, cost_us[np.isfinite(cost_us) & (cost_us > 0.0)])
+    return figure
+
+
+def _solved_ticks(record: Record) -> str:
+    """Return at how many ticks the solver ran, "" if it was all or the controller has none.
+
+    A QP whose unconstrained minimiser is within all bounds is accepted without an iteration.
+    """
+    ticks, solved = len(record[TIMING]), int(np.isfinite(record[TIMING]["qp_solve_us"]).sum())
+    solver = record[SOLVER]
+    inactive = int(((solver["accepted"] == 1.0) & (solver["iterations"] == 0.0)).sum())
+    if solved == ticks or not solved + inactive:
+        return ""
+    reason = " (else no bound active)" if solved + inactive == ticks else ""
+    return f", {solved} of {ticks} ticks{reason}"
+
+
+def histogram(axes: Axes, cost_us: FloatArray) -> None:
+    """Draw the distribution of times [µs], few ones each, with median, 99 % and maximum."""
+    if not len(cost_us):
+        note(axes, 0.5, 0.5, "not recorded", ha="center", color=GREY)
+        axes.set(xticks=[], yticks=[])
+        return
+    low, high = 0.9 * cost_us.min(), 1.1 * cost_us.max()
+    axes.set_xscale("log")
+    if len(cost_us) < _FEW:
+        axes.plot(cost_us, np.ones(len(cost_us)), "|", color=SKY, markersize=14.0, linewidth=2.0)
+        axes.set_ylim(0.0, 2.0)
+        axes.set_yticks([1])
+    else:
+        axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
+    between = (2.0, 5.0) if high < _WIDE * low else ()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, *between)))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    median, p99 = np.percentile(cost_us, [50.0, 99.0])
+    axes.axvline(median, color=BLACK, linewidth=1.0)
+    axes.axvline(p99, color=RED, linewidth=1.0, linestyle="--")
+    text = f"median {median:.0f}\n99 % below {p99:.0f}\nmax {cost_us.max():.0f}"
+    note(axes, 0.98, 0.95, text, ha="right", va="top")
+
+
+FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
+    "path": path_figure,
+    "error": error_figure,
+    "cross-track": cross_track_figure,
+    "signals": signals_figure,
+    "tyres": tyres_figure,
+    "timing": timing_figure,
+    "tube": tube_figure,
+    "corridor": corridor_figure,
+}
+
+CAPTIONS: Final = {
+    "path": "Reference and driven paths; below, the largest counted error of an axle point on a "
+    "straight and on a curve, in frames apart from each other.",
+    "error": "Distance to the time-based reference. Shaded: curves; red, with names: faults. "
+    "Hatched: not counted in the means.",
+    "cross-track": "Error to the left of the reference over the length of the path.",
+    "signals": "The three actions, their sum, and the command sent. Dashed: the vehicle's bounds, "
+    "where they are near.",
+    "tyres": "Slip of the driven wheels, slip angles of front and trailer wheels, loads of all.",
+    "tube": "Offset of the true vehicle to the left of the nominal one, and the tube of the "
+    "controller. The tube of ttempc is that of one step, predicted from the last estimate. "
+    "Below: margin of both true axle points, 1 at the centre of the tube, 0 on its boundary.",
+    "corridor": "Offset of the true points to the left of their paths, and the corridor.",
+    "timing": "Wall-clock time of the parts of a control period, on the machine of the run.",
+}
+
+
+def shown_figures(record: Record) -> list[str]:
+    """Return the names of the figures of a run; without tube or corridor it has none of them."""
+    channels = {"tube": TUBE, "corridor": CORRIDOR}
+    return [name for name in FIGURES if name not in channels or len(record[channels[name]])]

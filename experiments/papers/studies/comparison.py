@@ -1,0 +1,347 @@
+"""Controllers on every shipped scenario, and over the shipped sweeps.
+
+The error of a run is the 95th percentile of the absolute cross-track error of the working point:
+the tool where there is one, else the trailer's axle point.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from ...figures import png
+from ...figures.style import blank, dress, legend, series
+from ...results.published import COLUMNS, PUBLISHED_M, applies_to
+from ...results.statistics import IntervalEstimate, caveat, holm, mean, paired_p
+from ...results.summary import ACTUATOR_USE
+from ...scenario.scenario import load
+from ...seeds import TUNED_FIELDS
+from ...sweep.results import WORKING_P95, WORKING_SD
+from ...sweep.study import DrawnAxis, load_study
+from ...sweep_report.format import format_estimate
+from ..leads import leads_sentence
+from ..study import Block, Study
+from ..tables import ERRORS, markdown
+
+DEFAULT: Final = "ttempc"
+"""The controller that the others are compared with."""
+
+FAMILY: Final = ("ttempc", "ttempc-nominal", "ttempc-tube")
+"""Variants of one controller; the others are its rivals."""
+
+LEVEL: Final = 0.05  # of the tests, after Holm's correction
+_RIVAL: Final = "pid"
+_SHOWN: Final = (DEFAULT, _RIVAL, "paper")
+_TRACTOR_P95: Final = "tracking.all.tractor.cross_p95_m"
+_STEP: Final = "timing.control_step_us.median"
+_HEADLINE: Final = {
+    "pavement": "hard and smooth; GNSS noise is white",
+    "grass": "level grass; GNSS noise is white",
+    "grass-field": "the same ground; sensors as in the field",
+    "cultivate": "with a soil-working tool",
+    "wet-slope": "wet slope; GNSS noise is white",
+    "old-valves": "worn valves",
+    "raw-gnss": "GNSS antennas that tilt with the vehicle, IMU",
+}
+
+
+class Comparison:
+    """Runs of several controllers on several fields under the same seeds."""
+
+    def __init__(self, rows: pd.DataFrame) -> None:
+        self.rows = rows.assign(completed=rows["status"] == "completed")
+        self.fields = sorted(rows["scenario"].unique())
+        self.controllers = [*rows["controller"].unique()]  # in the order of the sweep
+        self.seeds = rows["seed"].nunique()
+        self.error_cm = 100.0 * self.column(WORKING_P95)
+
+    def column(self, name: str) -> pd.DataFrame:
+        """Return a column of the rows: one line a field and controller, one column a seed.
+
+        NaN where a run did not complete, was refused, or has no such figure.
+        """
+        known = self.rows.assign(value=self.rows[name].where(self.rows["completed"]))
+        return known.pivot(index=["scenario", "controller"], columns="seed", values="value")
+
+    def runs(self, field: str, controller: str) -> pd.DataFrame:
+        """Return the runs of a controller on a field; none where they were refused."""
+        own = self.rows["scenario"].eq(field) & self.rows["controller"].eq(controller)
+        return self.rows[own]
+
+    def lost(self, field: str, controller: str) -> str:
+        """Return why a mean over the seeds would say nothing, "" where every run completed."""
+        own = self.runs(field, controller)
+        if not len(own):
+            return "not driven"
+        lost = int((~own["completed"]).sum())
+        return f"{lost} of {len(own)} lost" if lost else ""
+
+    @cached_property
+    def log_ratio(self) -> pd.DataFrame:
+        """Logarithm of each error over that of the default controller, as `column`.
+
+        Without the fields of a controller on which one of the two lost a run: a mean over the seeds
+        that were easy enough would favour the weaker controller.
+        """
+        logs = self.error_cm.map(np.log)
+        own = logs.xs(DEFAULT, level="controller")
+        return logs.sub(own, level="scenario").dropna()
+
+    @cached_property
+    def ratios(self) -> dict[tuple[str, str], tuple[IntervalEstimate, float]]:
+        """Error over that of the default one by field and rival, and its p-value.
+
+        The ratio is the geometric mean over seeds; p of no difference is adjusted after Holm for
+        all comparisons, NaN for a single seed.
+        """
+        logs = self.log_ratio.drop(index=DEFAULT, level="controller")
+        order = [(field, name) for field in self.fields for name in self.controllers]
+        logs = logs.reindex([key for key in order if key in logs.index])
+        p = holm([paired_p(row) for row in logs.to_numpy()])
+        means = [_exp(mean(row)) for row in logs.to_numpy()]
+        keys = [(str(field), str(name)) for field, name in logs.index]
+        return dict(zip(keys, zip(means, p.tolist(), strict=True), strict=True))
+
+    def verdict(self, field: str, controller: str) -> str:
+        """Return "better", "worse", or "" where the difference is not significant."""
+        ratio, p = self.ratios.get((field, controller), (None, 1.0))
+        if ratio is None or not p < LEVEL:
+            return ""
+        return "better" if ratio.value < 1.0 else "worse"
+
+    def over_fields(self, controller: str) -> tuple[IntervalEstimate | None, int]:
+        """Return the geometric mean of a controller's ratios over fields, and their number.
+
+        Each field counts the same, so that none dominates by its size; seeds are the units.
+        """
+        if controller not in self.log_ratio.index.get_level_values("controller"):
+            return None, 0
+        logs = self.log_ratio.xs(controller, level="controller").to_numpy()
+        return _exp(mean(logs.mean(axis=0))), len(logs)
+
+    def verdicts(self) -> str:
+        """Return the sentences on where `pid` is as good."""
+        ahead: dict[str, list[str]] = {_RIVAL: [], DEFAULT: []}
+        for (field, controller), (ratio, _) in self.ratios.items():
+            if controller == _RIVAL:
+                ahead[_RIVAL if ratio.value < 1.0 else DEFAULT].append(field)
+        sentences = []
+        for name, fields in ahead.items():
+            significant = [f"`{field}`" for field in fields if self.verdict(field, _RIVAL)]
+            listed = (
+                f"{len(fields)} of {sum(map(len, ahead.values()))} fields "
+                f"({', '.join(f'`{field}`' for field in fields)}), significantly on "
+                f"{', '.join(significant) or 'none'}."
+            )
+            sentences.append(
+                f"`{name}` has the smaller error on {listed if fields else 'no field.'}"
+            )
+        over, count = self.over_fields(_RIVAL)
+        return (
+            f"{' '.join(sentences)} The error of `{_RIVAL}` is {format_estimate(over, 2)} times "
+            f"that of `{DEFAULT}` (geometric mean over {count} fields, 95 % interval). "
+            "Significant: paired t-test at 5 % after Holm's correction for "
+            f"{len(self.ratios)} comparisons; with {self.seeds} seeds it finds large differences "
+            "only."
+        )
+
+
+def _exp(estimate: IntervalEstimate) -> IntervalEstimate:
+    """Return an estimate of a logarithm as one of the number."""
+    ends = (None if end is None else float(np.exp(end)) for end in (estimate.low, estimate.high))
+    return IntervalEstimate(float(np.exp(estimate.value)), *ends)
+
+
+def headline(rows: pd.DataFrame) -> str:
+    """Return the short table of README: errors on a few fields, and where `pid` is as good."""
+    comparison = Comparison(rows)
+    shown = [name for name in _SHOWN if name in comparison.controllers]
+    lines = []
+    for field, about in _HEADLINE.items():
+        if field not in comparison.fields:
+            continue
+        cells = []
+        for name in shown:
+            own = 100.0 * comparison.runs(field, name)[[WORKING_P95, WORKING_SD, _TRACTOR_P95]]
+            working, sd, tractor = own.mean()
+            text = f"{working:.1f} (sd {sd:.1f}) / {tractor:.1f}"
+            cells.append(comparison.lost(field, name) or text)
+        lines.append((f"`{field}`: {about}", *cells))
+    head = "cross-track error, p95 (sd) of the working point / p95 of the tractor [cm]"
+    table = markdown((head, *(f"`{name}`" for name in shown)), lines)
+    return f"{table}\n\n{comparison.verdicts()}"
+
+
+def by_field(rows: pd.DataFrame) -> str:
+    """Return the default controller beside `pid` and the best rival, field by field."""
+    comparison = Comparison(rows)
+    lines = []
+    for field in comparison.fields:
+        own = comparison.error_cm.loc[field, DEFAULT].to_numpy(float)
+        rivals = {
+            name: ratio
+            for (at, name), ratio in comparison.ratios.items()
+            if at == field and name not in FAMILY
+        }
+        best = min(rivals, key=lambda name: rivals[name][0].value, default="")
+        tuned = [what for what, fields in TUNED_FIELDS.items() if field in fields]
+        lines.append(
+            (
+                f"`{field}`",
+                ", ".join(tuned) or "–",
+                format_estimate(mean(own), 2) if np.isfinite(own).all() else "lost",
+                _ratio(rivals.get(_RIVAL)),
+                f"`{best}`" if best else "–",
+                _ratio(rivals.get(best)),
+            )
+        )
+    heads = ("field", "tuned here", f"`{DEFAULT}` [cm]", f"`{_RIVAL}`: ratio; p", "best rival")
+    table = markdown((*heads, "its ratio; p"), lines)
+    ahead = leads_sentence(_errors(rows, "scenario"), "fields")
+    return f"{table}\n\n{ahead}\n\n{comparison.verdicts()} {caveat(comparison.seeds)}".rstrip()
+
+
+def _errors(rows: pd.DataFrame, place: str) -> pd.DataFrame:
+    """Return rows as `leads_sentence` takes them."""
+    pair = rows["point"].astype(str) + " " + rows["seed"].astype(str)
+    error_cm = (100.0 * rows[WORKING_P95]).where(rows["status"] == "completed")
+    return rows.assign(place=rows[place], pair=pair, error_cm=error_cm)
+
+
+def _ratio(ratio: tuple[IntervalEstimate, float] | None) -> str:
+    if ratio is None:
+        return "lost or not driven"
+    estimate, p = ratio
+    text = "–" if np.isnan(p) else "< 0.001" if p < 0.001 else f"{p:.3f}"
+    return f"{format_estimate(estimate, 2)}; {text}"
+
+
+def controllers(rows: pd.DataFrame) -> Block:
+    """Return cost, error and use of actuators of every controller, by field too, and a figure.
+
+    The use of the actuators is the median of the runs that completed. Errors by field have < where
+    they are significantly less than those of the default one, > where more.
+    """
+    comparison = Comparison(rows)
+    done = comparison.rows[comparison.rows["completed"]]
+    keys = [_STEP, *(key for _, key, _ in ACTUATOR_USE)]
+    medians: Any = done.groupby("controller")[keys].median().T.to_dict()
+    lines, points = [], []
+    for name in comparison.controllers:
+        ratio, fields = comparison.over_fields(name)
+        verdicts = [comparison.verdict(field, name) for field in comparison.fields]
+        own, cost = rows[rows["controller"] == name], medians[name][_STEP]
+        lines.append(
+            (
+                f"`{name}`",
+                f"{cost:.0f}",
+                f"{cost / medians[DEFAULT][_STEP]:.2f}",
+                "1" if name == DEFAULT else format_estimate(ratio, 3),
+                str(fields),
+                f"{verdicts.count('better')} / {verdicts.count('worse')}",
+                f"{(own['status'] != 'completed').sum()} of {len(own)}",
+                *(f"{factor * medians[name][key]:.1f}" for _, key, factor in ACTUATOR_USE),
+            )
+        )
+        if ratio:
+            points.append((name, cost, ratio))
+    heads = ("controller", "step [us]", f"/ `{DEFAULT}`", f"error / that of `{DEFAULT}`", "fields")
+    heads = (*heads, "better / worse", "lost", *(head for head, _, _ in ACTUATOR_USE))
+    signs = {"better": " <", "worse": " >", "": ""}
+
+    def cell(field: str, name: str) -> str:
+        error = comparison.runs(field, name)[WORKING_P95].mean()
+        text = f"{100.0 * error:.2f}{signs[comparison.verdict(field, name)]}"
+        return comparison.lost(field, name) or text
+
+    names = comparison.controllers
+    by_field = [(f"`{f}`", *(cell(f, name) for name in names)) for f in comparison.fields]
+    text = "\n\n".join(
+        [
+            "![Error relative to `ttempc` over the cost of a control step](compare.png)",
+            markdown(heads, lines),
+            markdown(("field", *(f"`{name}`" for name in names)), by_field),
+            caveat(comparison.seeds),
+        ]
+    )
+    figure = blank(3.2)
+    axes = figure.subplots()
+    for number, (name, cost, ratio) in enumerate(points):
+        low, high = ratio.ends
+        style = {**series(number), "linestyle": "none", "label": name}
+        axes.errorbar([cost], [ratio.value], [[ratio.value - low], [high - ratio.value]], **style)
+    legend(axes, 4)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    dress(axes, "control step, median [us]", f"error / that of {DEFAULT}")
+    return Block(text, {"compare.png": png(figure)})
+
+
+def errors(rows: pd.DataFrame) -> str:
+    """Return the paper's four mean Euclidean errors by field, with their range over seeds."""
+    comparison = Comparison(rows)
+    tables = []
+    for name in (name for name in _SHOWN if name in comparison.controllers):
+        lines = []
+        for field in comparison.fields:
+            own = comparison.runs(field, name)
+            known = 100.0 * own[own["completed"]][[*ERRORS]]
+            cells = [_range(known[column].dropna()) for column in ERRORS]
+            lines.append((f"`{field}`", *cells, f"{(~own['completed']).sum()} of {len(own)}"))
+        if name == "paper":
+            published = (f"{100.0 * error:.2f}" for error in PUBLISHED_M.values())
+            lines.append(("published (field)", *published, "–"))
+        tables.append(markdown((f"`{name}`", *COLUMNS, "lost"), lines))
+    same = ", ".join(f"`{name}`" for name in comparison.fields if applies_to(load(name)[1]))
+    note = (
+        f"The published errors compare with fields that have the paper's vehicle and path: {same}."
+    )
+    return "\n\n".join([*tables, note])
+
+
+def _range(values: pd.Series) -> str:
+    """Return mean, least and greatest value, "–" where there is none."""
+    if not len(values):
+        return "–"
+    return f"{values.mean():.1f} ({values.min():.1f}-{values.max():.1f})"
+
+
+SWEEPS: Final = ("terrain-slip", "delay", "noise", "speed-radius", "mismatch")
+"""Sweeps side by side; `ttempc report` makes a page of each."""
+
+
+def side_by_side(rows: pd.DataFrame) -> str:
+    """Return the errors of all sweeps, with the paired difference of `pid`, and all leads."""
+    lines = []
+    for name, own in rows.groupby("study", sort=False):
+        _, study = load_study(str(name))
+        drawn = any(isinstance(axis, DrawnAxis) for axis in study.axis)
+        unit = "point" if drawn else "seed"
+        done = own[own["status"] == "completed"]
+        cells = []
+        for controller in _SHOWN:
+            driven = done[done["controller"] == controller].dropna(subset=[WORKING_P95])
+            error = mean(100.0 * driven[WORKING_P95].to_numpy(float), driven[unit].to_numpy())
+            count = (own["controller"] == controller).sum()
+            lost = count - (done["controller"] == controller).sum()
+            cells.append(format_estimate(error) + (f", {lost} of {count} lost" if lost else ""))
+        pairs = done.pivot(index=["point", "seed"], columns="controller", values=WORKING_P95)
+        gap = 100.0 * (pairs[_RIVAL] - pairs[DEFAULT]).dropna()
+        estimate = mean(gap.to_numpy(float), gap.index.get_level_values(unit).to_numpy())
+        difference = f"{format_estimate(estimate, sign='+')} of {len(gap)}"
+        lines.append((f"`{name}`", str(len(own)), study.description, *cells, difference))
+    heads = ("study", "runs", "varied", *(f"`{name}`" for name in _SHOWN))
+    table = markdown((*heads, f"`{_RIVAL}` - `{DEFAULT}`, pairs"), lines)
+    return f"{table}\n\n{leads_sentence(_errors(rows, 'study'), 'studies')}"
+
+
+STUDIES: Final = (
+    Study(name="headline", table=headline, sweeps=("compare",)),
+    Study(name="fields", table=by_field, sweeps=("compare",)),
+    Study(name="errors", table=errors, sweeps=("compare",)),
+    Study(name="compare", table=controllers, sweeps=("compare",)),
+    Study(name="studies", table=side_by_side, sweeps=SWEEPS),
+)

@@ -1,0 +1,130 @@
+"""Leaderboard of the benchmark: entries driven here, and score cards of others.
+
+An entry's cost is the 95th percentile of the absolute cross-track error of the working point, the
+tool where there is one, else the trailer's axle point; losses count, see `trials.score_card`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from ....testbed.recording.provenance import code_digest
+from ...trials.bench import Entrant, bench
+from ...trials.definition import trial_files
+from ...trials.score_card import PUBLIC, ScoreCard, public_draws, read_score_card
+from ...trials.tables import format_interval
+from ..pages import ROOT
+from ..runner import Runner
+from ..study import Block, Study
+from ..tables import markdown
+
+CARDS: Final = "field-trials"
+"""Folder of the score cards, beside the page."""
+
+SHIPPED: Final = (
+    ("ttempc",),
+    ("ttempc", "controller.options.tightening=none"),
+    ("ttempc", "controller.learn=false"),
+    ("ttempc-nominal",),
+    ("ttempc-tube",),
+    ("pid",),
+    ("lqr",),
+    ("nmpc",),
+    ("nmpc-rti",),
+    ("paper",),
+)
+"""Shipped controllers with changes as of `--set`."""
+
+OTHERS: Final = (("learnt_policy:learnt",), ("casadi_mpc:CasadiMpc",), ("do_mpc_controller:DoMpc",))
+"""Controllers of docs/examples, written against the public interface."""
+
+
+def make(runner: Runner) -> Block:
+    """Return the leaderboard, and the score cards of all entries driven here."""
+    draws = public_draws(runner.seeds(PUBLIC))
+    cards = {}
+    for name, *changes in (*SHIPPED, *OTHERS):
+        entrant = Entrant.of(name, changes)
+        folder = runner.folder / code_digest() / f"bench-{draws.count}-{entrant.stem}"
+        with runner.engine() as workers:
+            cards[f"{CARDS}/{entrant.stem}.json"] = bench(entrant, draws, folder, workers)
+    files = sorted((ROOT / "docs" / CARDS).glob("*.json"))
+    others = [read_score_card(file) for file in files if f"{CARDS}/{file.name}" not in cards]
+    first = next(iter(cards.values()))
+    same, left_out = [*cards.values()], []
+    for card in others:
+        alike = (card.identifier, card.draws.sha256) == (first.identifier, first.draws.sha256)
+        (same if alike else left_out).append(card)
+    count = f"{draws.count} seed{'s' if draws.count > 1 else ''}"
+    parts = [f"Benchmark `{first.identifier}`, {count}.", leaderboard(same)]
+    if left_out:
+        listed = ", ".join(f"`{card.label}` ({card.identifier})" for card in left_out)
+        parts.append(f"Of other versions or seeds, not shown: {listed}.")
+    return Block(
+        "\n\n".join(parts), {name: card.to_json().encode() for name, card in cards.items()}
+    )
+
+
+def leaderboard(cards: Sequence[ScoreCard]) -> str:
+    """Return the cards of one identifier as Markdown tables, the least cost first."""
+    ordered = sorted(cards, key=lambda card: card.score.cost_m.value)
+    names = [*trial_files()]
+    lines, by_trial = [], []
+    for card in ordered:
+        item = card.score
+        outside = [t.outside for t in item.trials.values() if t.outside is not None]
+        step = item.step_p99_us
+        lines.append(
+            (
+                f"`{card.label}`",
+                format_interval(item.cost_m),
+                f"{item.not_completed} of {item.runs}",
+                f"{100.0 * max(outside):.1f}" if outside else "–",
+                "–" if step is None else f"{1e-3 * step:.2f}",
+            )
+        )
+        costs = (f"{100 * item.trials[name].cost_m.value:.1f}" for name in names)
+        by_trial.append((f"`{card.label}`", *costs))
+    loads: dict[str, list[str]] = {}
+    for card in cards:
+        processor, cores, system = (
+            card.machine.get(key, "unknown") for key in ("processor", "cores", "system")
+        )
+        own = loads.setdefault(f"{processor} ({system}), cores: {cores}", [])
+        own.append(card.machine.get("load", ""))
+    machines = [f"{name}, load {_range(own)}" for name, own in sorted(loads.items())]
+    heads = ("entry", "cost [cm]", "not completed", "outside rows [%]", "step p99 [ms]")
+    return "\n\n".join(
+        (
+            "Cost: p95 of the cross-track error of the working point, losses counted.",
+            markdown(heads, lines),
+            "Mean cost by scenario [cm]:",
+            markdown(("entry", *names), by_trial),
+            f"Steps were timed on: {'; '.join(machines)}. A load above the number of cores makes "
+            "them longer.",
+        )
+    )
+
+
+def _range(loads: Sequence[str]) -> str:
+    """Return the least and the greatest load."""
+    known = sorted({load for load in loads if load}, key=float)
+    return " to ".join(dict.fromkeys((known[0], known[-1]))) if known else "unknown"
+
+
+STUDIES: Final = (
+    Study(
+        name="field-trials",
+        make=make,
+        seeds=PUBLIC,
+        checks=(
+            *(
+                (field, "ttempc")
+                for field in ("wet-slope", "old-valves", "cultivate", "rows", "grass-field")
+            ),
+            *(("grass", *words) for words in SHIPPED),
+        ),
+        minutes=110.0,
+    ),
+)

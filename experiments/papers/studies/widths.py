@@ -1,0 +1,235 @@
+"""Widths that whole laps keep to: the corridor of `rows`, and half widths of fields.
+
+The largest distance of a lap is taken for a sample of a Gumbel distribution, the limit for maxima
+of many samples with light tails (Coles 2001, "An introduction to statistical modeling of extreme
+values", theorem 3.1). What few laps in a thousand exceed is extrapolated; fresh laps test it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import minimize
+from scipy.stats import gumbel_r
+
+from ttempc.types import FloatArray
+
+from ...results.statistics import proportion
+from ...scenario.scenario import load
+from ...seeds import FITTING, TUNING, report_seeds
+from ...tubes.calibration import calibrated_widths
+from ..cells import groups, numbers, slash
+from ..runner import Runner
+from ..study import Case, Study
+from ..tables import markdown
+
+LAPS: Final = 200
+RIVAL_LAPS: Final = 60  # of each controller that does not plan its speed by its half widths
+CONTROLLERS: Final = {
+    "`ttempc`": (),
+    "`ttempc`, `corridor = false`": ("controller.options.corridor=false",),
+    "`pid`": ('controller.name="pid"',),
+    "`lqr`": ('controller.name="lqr"',),
+    "`nmpc-rti`": ('controller.name="nmpc-rti"',),
+}
+SPEEDS: Final = (0.4, 0.7, 1.0)  # of the calibration [m/s]
+CALIBRATION_SEEDS: Final = TUNING[:6]
+MISSED_BY_SPEED: Final = 1 / 2000  # share of the laps beyond the calibrated half width
+
+FIELDS: Final = (
+    *("pavement", "grass", "wet-grass", "side-slope"),
+    *("wet-slope", "patchy", "furrows", "old-valves"),
+)
+FITTED_LAPS: Final = 40  # a coverage of 99 % would take 123
+JUDGED: Final = (
+    "path.laps=1",
+    "corridor.half_width_m=1.0",  # the run is compared with it, and `ttempc` is not told
+    "controller.options.corridor=false",
+)
+COVERAGE: Final = 0.95  # of the conformal half widths
+MISSED: Final = 1 / 1000  # share of the laps beyond the extrapolated ones, for each point
+
+
+def distances(runs: pd.DataFrame) -> FloatArray:
+    """Return the largest distances of tractor and trailer point from the path after the first 8 s.
+
+    Returns:
+        (n, 2) [m], infinite for a lost run.
+    """
+    found = numbers(runs, "corridor.tractor.max_m", "corridor.trailer.max_m")
+    kept = (runs["status"] == "completed").to_numpy()[:, None] & np.isfinite(found)
+    return np.where(kept, found, np.inf)
+
+
+def half_width_m() -> float:
+    """Return the half width of the corridor of `rows` [m]."""
+    corridor = load("rows")[1].corridor
+    assert corridor is not None
+    return corridor.half_width_m
+
+
+def corridor(runner: Runner) -> str:
+    """Return the laps outside the corridor, by controller.
+
+    `ttempc` drives at the speed that its half widths allow, the others at that of the scenario.
+    """
+    seeds = runner.report_seeds(LAPS)
+    cases = [
+        Case("rows", seed, changes, {"driver": name})
+        for name, changes in CONTROLLERS.items()
+        for seed in (seeds[:RIVAL_LAPS] if changes else seeds)
+    ]
+    lines = []
+    for runs in groups(runner.frame(cases), ["driver"]):
+        distance = distances(runs)
+        outside = proportion(int(np.sum(distance.max(axis=1) > half_width_m())), len(runs))
+        low, high = (100.0 * end for end in outside.ends)
+        lines.append(
+            [
+                runs["driver"].iloc[0],
+                f"{outside.count} of {outside.total}",
+                f"{100.0 * outside.value:.1f} % ({low:.1f} to {high:.1f})",
+                *(f"{100 * np.median(one):.1f}, {100 * one.max():.1f}" for one in distance.T),
+                f"{np.median(runs['duration_s']):.0f}",
+            ]
+        )
+    heads = [f"{body}: median, largest [cm]" for body in ("tractor", "trailer")]
+    return markdown(
+        ["controller", "laps outside", "share (95 % interval)", *heads, "time [s]"], lines
+    )
+
+
+def half_widths(speed_mps: FloatArray, distance_m: FloatArray) -> tuple[float, float]:
+    """Return h_0 [m] and h_1 [s] of one point, see `SpeedTube`.
+
+    Location and scale of the distribution are linear in the speed (Coles 2001, section 6.2), and so
+    is each quantile.
+
+    Args:
+        speed_mps: of each lap in the corridor, (n,).
+        distance_m: largest distance of the point in it, (n,).
+    """
+    columns = np.column_stack([np.ones_like(speed_mps), speed_mps])
+    unit = float(distance_m.mean())
+
+    def misfit(parameters: FloatArray) -> float:
+        location, scale = columns @ parameters[:2], columns @ parameters[2:]
+        return -float(gumbel_r.logpdf(distance_m / unit, location, scale).sum())
+
+    bounds: list[Any] = [(0.0, None), (0.0, None), (1e-3, None), (1e-3, None)]
+    fit = minimize(misfit, [0.5, 0.5, 0.1, 0.1], bounds=bounds)
+    at_rest, per_speed = unit * (fit.x[:2] + gumbel_r.ppf(1.0 - MISSED_BY_SPEED) * fit.x[2:])
+    return float(at_rest), float(per_speed)
+
+
+def corridor_options(runs: pd.DataFrame) -> str:
+    """Return the options of `ttempc` that laps at several speeds in the corridor give."""
+    speed, distance = numbers(runs, "speed"), distances(runs)
+    lines = [
+        f"{one['speed'].iloc[0]:.1f} m/s, {body}: mean {of_point.mean():.2f}, largest "
+        f"{of_point.max():.2f} cm of {len(of_point)} laps"
+        for one in groups(runs, ["speed"])
+        for body, of_point in zip(("tractor", "trailer"), 100.0 * distances(one).T, strict=True)
+    ]
+    points = [half_widths(speed, of_point) for of_point in distance.T]
+    keys = ("corridor_at_rest_m", "corridor_per_speed_s")
+    for key, values in zip(keys, zip(*points, strict=True), strict=True):
+        lines.append(f"{key} = [{', '.join(f'{value:.3f}' for value in values)}]")
+    return "\n".join(lines)
+
+
+def coverage(runner: Runner) -> str:
+    """Return half widths that 40 laps of each field give, and how many fresh laps keep to them."""
+    cases = [
+        Case(field, seed, JUDGED, {"of": of})
+        for field in FIELDS
+        for of, seeds in (
+            ("fitted", FITTING[:FITTED_LAPS]),
+            ("fresh", runner.report_seeds(LAPS)),
+        )
+        for seed in seeds
+    ]
+    heads = [
+        "field",
+        "half widths of 95 % [cm]",
+        "promised",
+        "fresh laps inside",
+        "exceeded once in 1000 laps [cm]",
+        "fresh laps inside",
+        "largest of them [cm]",
+        "half widths of 95 % from the fresh laps [cm]",
+    ]
+    lines = []
+    for runs in groups(runner.frame(cases), ["scenario"]):
+        fitted, fresh = (distances(one) for one in groups(runs, ["of"]))
+        lines.append([f"`{runs['scenario'].iloc[0]}`", *coverage_cells(fitted, fresh)])
+    return markdown(heads, lines)
+
+
+def coverage_cells(fitted: FloatArray, fresh: FloatArray) -> list[str]:
+    """Return the cells of a field.
+
+    The half widths are those of split-conformal prediction (`ttempc.tube.conformal`), to which the
+    next lap keeps with 95 % whatever the distribution, and the extrapolated ones.
+
+    Args:
+        fitted: largest distances of tractor and trailer point in the fitted laps, (n, 2) [m].
+        fresh: those in laps with other seeds, (m, 2); infinite, thus outside, for a lost lap.
+    """
+    widths, calibration = calibrated_widths(fitted, COVERAGE)
+    extrapolated = quantiles(fitted)
+    again = calibrated_widths(fresh, COVERAGE)[0] if len(fresh) >= FITTED_LAPS else None
+    return [
+        slash(widths),
+        f"{100.0 * calibration.coverage:.1f} %",
+        _inside(fresh, widths),
+        slash(extrapolated),
+        _inside(fresh, extrapolated),
+        slash(fresh.max(axis=0)),
+        "–" if again is None else slash(again),
+    ]
+
+
+def quantiles(distance: FloatArray) -> FloatArray:
+    """Return the distances that a share `MISSED` of the laps exceeds, (q,), from (n, q), finite."""
+    return np.array([gumbel_r.ppf(1.0 - MISSED, *gumbel_r.fit(column)) for column in distance.T])
+
+
+def _inside(fresh: FloatArray, widths: FloatArray) -> str:
+    inside = proportion(int((fresh <= widths).all(axis=1).sum()), len(fresh))
+    low, high = (100.0 * end for end in inside.ends)
+    return f"{inside.count} of {inside.total} ({low:.1f} to {high:.1f} %)"
+
+
+STUDIES: Final = (
+    Study(
+        name="corridor",
+        seeds=report_seeds(LAPS),
+        make=corridor,
+        checks=tuple(("rows", name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")),
+        minutes=10.0,
+    ),
+    Study(
+        name="corridor-options",
+        scenarios=("rows",),
+        overrides=("controller.options.corridor_at_rest_m=[0.0, 0.0]",),
+        axes={
+            "speed": {  # half widths that fit into the corridor at exactly this speed
+                v: (f"controller.options.corridor_per_speed_s=[{half_width_m() / v!r}, 0.0]",)
+                for v in SPEEDS
+            }
+        },
+        seeds=tuple(CALIBRATION_SEEDS),
+        table=corridor_options,
+        minutes=2.0,
+    ),
+    Study(
+        name="coverage",
+        seeds=report_seeds(LAPS),
+        make=coverage,
+        checks=tuple((name, "ttempc") for name in FIELDS),
+        minutes=40.0,
+    ),
+)

@@ -1,1 +1,0 @@
-"""Learnt policies as controllers: observation, residual on a controller, policy files."""

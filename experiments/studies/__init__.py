@@ -1,1 +1,0 @@
-"""Studies, run by hand; their tables are part of the pages in docs/."""

@@ -1,1 +1,0 @@
-"""Studies of the default controller: its parts, its operating range, the limits of its error."""

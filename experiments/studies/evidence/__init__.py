@@ -1,1 +1,0 @@
-"""Published figures of real machines beside those of this plant."""

@@ -1,1 +1,0 @@
-"""Failures of controllers: breaking points of one quantity, worst cases of several."""

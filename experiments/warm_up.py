@@ -1,0 +1,60 @@
+"""Compilation in two processes, which halves the first run on a machine.
+
+Where this process begins to compile, a second one compiles what comes later in a run and does not
+depend on what this one compiles meanwhile. Both keep their kernels in the same folder.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import Final
+
+from .threads import use_one_thread
+
+_ARGUMENTS: Final = ("-m", "proving_ground.experiments.warm_up")
+
+
+def compile_in_two_processes() -> None:
+    """Start the second process when this one begins to compile, if there is a core for it."""
+    from ttempc.jit import COMPILATION
+
+    if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1:
+        COMPILATION.on_first = _start
+
+
+def _start() -> None:
+    null = subprocess.DEVNULL
+    subprocess.Popen([sys.executable, *_ARGUMENTS], stdin=null, stdout=null, stderr=null)
+
+
+def _compile() -> None:
+    """Compile correction, controller, detectors and physics steps of the default scenario."""
+    import numpy as np
+
+    from ttempc.estimation.filter import ROW, FilterState, KalmanFilter, correct
+    from ttempc.estimation.noise import ProcessNoise, SensorNoise
+    from ttempc.types import Command, WarmingUp
+    from ttempc.vehicle import Vehicle
+
+    model = KalmanFilter(Vehicle(), SensorNoise(), ProcessNoise(), 0.999).model
+    workspace = np.empty((8, 2, FilterState(np.zeros(ROW)).augmented.shape[1])), np.empty((16, 2))
+    levels = FilterState(np.zeros(ROW)).levels
+    correct(levels, 0, (0.0, 0.0), 1.0, 1.0, False, False, model, *workspace)
+
+    from .run.assembly import assemble
+    from .scenario.scenario import load
+
+    _, scenario = load("grass", ["path={kind='straight', length_m=6}"])
+    assembly = assemble(scenario, seed=1)
+    for part in (assembly.guidance._controller, *assembly.guidance.detectors):
+        if isinstance(part, WarmingUp):
+            part.warm_up()
+    assembly.plant.restore(assembly.start)
+    assembly.plant.advance(Command(0.0, 0.0, 0.0), 1)
+
+
+if __name__ == "__main__":
+    use_one_thread()
+    _compile()

@@ -1,1 +1,0 @@
-"""Plant validation: experiments on the plant with known results."""

@@ -1,0 +1,63 @@
+"""Every benchmark runs its smallest job; speeds are not judged, a loaded machine would fail."""
+
+import math
+
+import pytest
+from proving_ground.experiments.papers import benchmarks
+from proving_ground.experiments.papers.benchmarks import Figure, table
+from proving_ground.testbed.vehicle.vehicle import read_vehicle
+
+STRAIGHT = ("path={kind='straight', length_m=3}",)
+
+
+def values(figures):
+    """Return the values of a benchmark by name; each is finite and above 0."""
+    named = {figure.name: figure.value for figure in figures}
+    assert len(named) == len(figures)
+    assert all(math.isfinite(value) and value > 0.0 for value in named.values()), named
+    return named
+
+
+def test_a_step_costs_more_with_the_solver_and_its_tail_more_than_its_median():
+    named = values(benchmarks.control_step(ticks=60, repeats=2))
+    assert named["`ttempc` step, QP without active bounds"] < named["`ttempc` step with PIQP"]
+    measured = benchmarks.latencies(ticks=60, repeats=1, pause_s=0.001)
+    named = values(benchmarks.latency(measured))
+    for kind in benchmarks.KINDS:
+        quantiles = [named[f"{kind}, {name}"] for name in ("median", "p99", "p99.9", "max")]
+        assert quantiles == sorted(quantiles)
+    assert benchmarks.latency_picture(measured).startswith(b"\x89PNG")
+
+
+def test_a_loop_costs_more_than_its_physics():
+    assert benchmarks.physics_steps(read_vehicle(), steps=20, repeats=2).shape == (2,)
+    named = values(benchmarks.closed_loop(STRAIGHT, repeats=1, steps=20))
+    assert named["loop without log / bare step"] > 1.0
+    assert named["- estimator, a tick"] < named["- physics, a tick"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", ["start-up", "memory", "sweep", "environment", "tube-step"])
+def test_other_parts(part):
+    values(benchmarks.PARTS[part]())
+
+
+def test_a_figure_stands_beside_its_limit():
+    figures = [
+        Figure("a", 1.0, "m/s", most=2.0),
+        Figure("b", 3.0, most=2.0),
+        Figure("c", 1.0, least=2.0),
+        Figure("d", math.nan, most=2.0),
+        Figure("e", 1.0),
+    ]
+    cells = [
+        line.split("|")[4].strip() for line in table({"part": lambda: figures}).splitlines()[4:]
+    ]
+    assert cells == ["<= 2", "<= 2 **missed**", ">= 2 **missed**", "<= 2 **missed**", ""]
+
+
+def test_unknown_parts_are_refused(capsys):
+    with pytest.raises(SystemExit) as stop:
+        benchmarks.main(["speed"])
+    assert stop.value.code == 2
+    assert "speed" in capsys.readouterr().err

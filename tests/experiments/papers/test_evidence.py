@@ -1,0 +1,101 @@
+"""Evidence: verdicts, the experiments' own arithmetic, and some experiments on short passes."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+import pytest
+from proving_ground.experiments.papers.studies import evidence
+from proving_ground.experiments.papers.studies.evidence import EXPERIMENTS, Evidence, beside, page
+
+
+def item(figure, band=(1.0, 2.0), **about):
+    texts = {"name": "a figure", "unit": "m", "published": "1 to 2 m", "method": "a drive"}
+    return Evidence(figure=figure, band=band, source="a source.", **texts, **about)
+
+
+def test_verdict_follows_from_figure_and_band_and_reasons_stand_together():
+    verdicts = {1.0: "in band", 2.0: "in band", 0.99: "below", 2.01: "above"}
+    for figure, verdict in {**verdicts, math.nan: "no figure"}.items():
+        one = item(figure, below="too little")
+        assert one.verdict == verdict
+        assert one.reason == {"in band": "", "below": "too little"}.get(verdict, "unknown")
+        assert ("- Outside, 1: " in page([one])) == bool(one.reason)
+    assert "- Outside, 1, 2: unknown." in page([item(0.0), item(0.5), item(1.5)])
+    free = item(5.0, (-math.inf, math.inf))
+    text = page([free, item(1.5), item(3.0)])
+    assert free.verdict == "not judged"
+    assert text.startswith("1 of 2 figures from 1 sources")
+    assert "**1 to 3.** a source." in text
+
+
+def test_every_experiment_has_its_published_figures():
+    assert [*evidence._published()] == [*EXPERIMENTS]
+    for name, tables in evidence._published().items():
+        for one in beside(name, [(math.nan, "a note")] * len(tables)):
+            assert one.verdict == "no figure"
+            assert one.band[0] < one.band[1]
+
+
+def test_nearest_points_overestimate_as_the_closed_form_has_it():
+    """Mean of sqrt(e^2 + u^2) over u within half a spacing d, over e; no more for a small d."""
+    offset, spacing = 0.1, 0.2
+    x = np.arange(0.0, 10.0, spacing)
+    first = np.column_stack([x, np.zeros_like(x)])
+    fine = np.arange(0.05, 9.5, spacing / 20)
+    second = np.column_stack([fine, np.full_like(fine, offset)])
+    u = np.linspace(-0.5, 0.5, 2001) * spacing
+    expected = np.hypot(offset, u).mean() / offset - 1.0
+    assert evidence.nearest_point_excess(first, second) == pytest.approx(expected, rel=0.02)
+    assert evidence.nearest_point_excess(second - [0.0, offset], second) < expected / 50
+
+
+def test_relative_error_is_that_of_a_lap_to_the_lap_before():
+    lap, time = 20.0, np.arange(0.0, 70.0, 0.04)
+    straight, same = time % lap < 12.0, np.sin(2.0 * math.pi * time / 20.0)
+    np.testing.assert_allclose(evidence.relative_error(time, same, straight, lap), 0.0, atol=1e-4)
+    drift = evidence.relative_error(time, same + 0.01 * time, straight, lap)
+    np.testing.assert_allclose(drift, 0.01 * lap, atol=1e-4)
+
+
+def test_autocorrelation_of_several_series():
+    rng, memory = np.random.default_rng(5), 0.8
+    series = []
+    for _ in range(40):
+        values = [rng.standard_normal()]
+        for noise in rng.standard_normal(500):
+            values.append(memory * values[-1] + math.sqrt(1 - memory**2) * noise)
+        series.append(np.array(values))
+    for lag in (1, 3, 12):
+        assert evidence.autocorrelation(series, lag) == pytest.approx(memory**lag, abs=0.05)
+    levels = [np.full(10, 1.0), np.full(10, -1.0)]  # the mean is common to all series
+    assert evidence.autocorrelation(levels, 3) == pytest.approx(1.0)
+
+
+def test_side_force_of_a_wheel_opposes_its_slip_angle_and_falls_with_slip():
+    angle = math.radians(15.0)
+    free, half = (evidence.side_ratio(angle, slip, 20.0) for slip in (0.0, 0.5))
+    assert free < half < 0.0
+    assert evidence.side_ratio(-angle, 0.5, 20.0) == pytest.approx(-half, rel=1e-6)
+    assert evidence.side_ratio(0.0, 0.2, 20.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_slow_yaw_response_is_ackermann_and_more_stiffness_changes_it_more():
+    assert evidence.yaw_gain(evidence.farm(), 0.5, periods=1) == pytest.approx(1.0, abs=0.02)
+    small, large = evidence.sensitivity(seconds=1.0)
+    assert 0.0 < small < large
+
+
+@pytest.mark.slow
+def test_an_unsteered_tool_slides_further_on_a_steeper_slope(monkeypatch):
+    short = partial(evidence.straight_pass, length_m=44.0)
+    monkeypatch.setattr(evidence, "straight_pass", short)
+    quiet = ("sensors.gnss_sd_m=0.001",)
+    (_, little), (_, much) = (
+        evidence.unsteered_tool(slope, quiet, (201,)) for slope in (0.05, 0.25)
+    )
+    assert much > 2.0 * little
+    figures = [*evidence.tool_forces((201,)), *evidence.receivers((201,))]
+    assert all(figure > 0.0 for figure in figures)

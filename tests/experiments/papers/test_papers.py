@@ -1,0 +1,218 @@
+"""Studies against pages, seeds and ledger; regression checks, kept rows, written tables."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from proving_ground.experiments.errors import InvalidPage
+from proving_ground.experiments.papers import __main__ as command
+from proving_ground.experiments.papers import checks
+from proving_ground.experiments.papers import runner as module
+from proving_ground.experiments.papers.checks import (
+    Check,
+    Fingerprint,
+    fingerprint,
+    read_ledger,
+    scenario_check,
+    write_ledger,
+)
+from proving_ground.experiments.papers.pages import ROOT, blocks, pages_of_tables
+from proving_ground.experiments.papers.runner import Runner, check, write_tables
+from proving_ground.experiments.papers.study import Block, Case, Study, all_studies, lap
+from proving_ground.experiments.scenario.scenario import load, shipped
+from proving_ground.experiments.seeds import FITTING, TUNING, design_seeds
+from proving_ground.experiments.sweep.study import ListAxis, load_study, shipped_studies
+
+from tests.experiments.study_files import CONTROLLERS, SHORT
+
+STRAIGHT = "path={kind='straight',length_m=4}"
+PRINTED_ONLY = {"detector-limits", "corridor-options"}  # on tuning seeds, without a page
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Shorten checks to a second."""
+    monkeypatch.setattr(checks, "CHECK_S", 1.0)
+
+
+def made_up(**changes) -> Study:
+    study = Study(
+        name="made-up",
+        make=lambda runner: Block("| 1 |", {"made-up.png": b"picture"}),
+        seeds=(201, 202),
+        checks=(("split", "pid"),),
+    )
+    return replace(study, **changes)
+
+
+@pytest.fixture
+def out(tmp_path, monkeypatch):
+    """A checkout whose only page has the table."""
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "README.md").write_text("no table")
+    text = "before\n\n<!-- table: made-up -->\n\nold\n\n<!-- end -->\n\nafter\n"
+    (tmp_path / "docs" / "made-up.md").write_text(text)
+    monkeypatch.setattr(module, "pages_of_tables", lambda: pages_of_tables(tmp_path))
+    return tmp_path
+
+
+def test_every_marker_has_a_study_and_every_study_a_marker():
+    assert pages_of_tables().keys() == all_studies().keys() - PRINTED_ONLY
+
+
+def test_the_ledger_has_the_checks_of_every_table_but_new_ones():
+    studies = all_studies()
+    for name, making in read_ledger().items():
+        assert {item.name for item in studies[name].all_checks} == {*making.checks}, name
+
+
+def test_no_table_reports_on_seeds_of_the_design():
+    reported = {n: s for n, s in all_studies().items() if n not in PRINTED_ONLY}
+    assert not {name for name, study in reported.items() if design_seeds(study.all_seeds)}
+    for name in shipped_studies():
+        assert not design_seeds(load_study(name)[1].point_seeds), name
+    for file in (ROOT / "experiments" / "fitted").glob("*.json"):
+        tube = json.loads(file.read_text())
+        provenance, calibration = tube["provenance"], tube.get("calibration") or {}
+        seeds = provenance["fitted_seeds"] + provenance["held_out_seeds"]
+        assert not {*seeds} & {*calibration.get("scored_seeds", [])}
+        seeds += calibration.get("scored_seeds", []) + calibration.get("scale_seeds", [])
+        assert all(seed in FITTING or seed in TUNING for seed in seeds)
+
+
+def test_the_comparison_drives_every_shipped_scenario_at_one_speed():
+    """In a corridor each controller has a speed of its own, and errors would not be comparable."""
+    axis = load_study("compare")[1].axis[0]
+    assert isinstance(axis, ListAxis)
+    assert set(axis.values) == {name for name in shipped() if load(name)[1].corridor is None}
+
+
+def test_nothing_outside_imports_the_papers():
+    for folder in ("experiments", "testbed", "ttempc", "mjcf"):
+        for file in (ROOT / folder).rglob("*.py"):
+            if "papers" not in file.relative_to(ROOT).parts:
+                assert "papers" not in file.read_text(encoding="utf-8"), file
+
+
+def test_a_check_has_the_same_bits_twice_and_finds_a_changed_radius(short, tmp_path):
+    item = scenario_check("split", "pid")
+    before = fingerprint(item)
+    assert before.compare(fingerprint(item)) == "same bits"
+    text = (ROOT / "mjcf" / "vehicles" / "kayacan2016.toml").read_text()
+    (tmp_path / "v.toml").write_text(text.replace("radius_m = 0.40\n", "radius_m = 0.4001\n"))
+    changed = scenario_check("split", "pid", f'plant.vehicle.file="{tmp_path / "v.toml"}"')
+    assert before.compare(fingerprint(changed)) == "differs"
+
+
+def test_another_processor_is_told_from_another_figure():
+    here = Fingerprint("a", (1.0, 2.0))
+    assert here.compare(Fingerprint("b", (1.0 + 1e-12, 2.0))) == "equal to 1e-9"
+    assert here.compare(Fingerprint("b", (1.0 + 1e-8, 2.0))) == "differs"
+    assert here.compare(Fingerprint("a", (1.0, 2.1))) == "differs"  # another error of equal states
+
+
+def test_a_table_is_written_into_its_page_and_a_changed_plant_makes_it_stale(out, short):
+    study = made_up()
+    assert list(write_tables([study], Runner(out / "rows", workers=0), out)) == [study]
+    text = (out / "docs" / "made-up.md").read_text()
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    assert "old" not in text
+    assert "| 1 |" in text
+    assert "papers made-up`; seeds 201, 202; " in text
+    assert (out / "docs" / "made-up.png").read_bytes() == b"picture"
+    runner = Runner(out / "rows", workers=0)
+    assert check([study], runner, out) == {"made-up": "same bits"}
+    again = (out / "docs" / "fingerprints.json").read_bytes()
+    write_ledger(read_ledger(out), out)
+    assert (out / "docs" / "fingerprints.json").read_bytes() == again
+
+    (item,) = study.all_checks
+    terrain = replace(item.scenario.terrain, slope_rad=1e-5)
+    changed = fingerprint(Check(item.name, replace(item.scenario, terrain=terrain)))
+    runner._fingerprints[item.name] = changed
+    others = [made_up(name="new"), made_up(checks=(("split", "lqr"),))]
+    assert check([study], runner, out)["made-up"].startswith("differs")
+    assert check(others[:1], runner, out)["new"] == "not made"
+    assert check(others[1:], runner, out)["made-up"].startswith("other checks")
+
+
+def test_rows_of_a_grid_are_kept_in_order_and_driven_once(out, short, monkeypatch, capsys):
+    driven = []
+
+    def drive(case: Case):
+        driven.append(case)
+        return {"weight": case["gain"], **lap(case)}
+
+    study = made_up(
+        make=None,
+        name="grid",
+        scenarios=("split", "pavement"),
+        axes={"gain": [1.0, 2.0], "driver": {"a": ('controller.name="pid"',)}},
+        overrides=(STRAIGHT,),
+        drive=drive,
+        table=lambda rows: f"{[*zip(rows['scenario'], rows['gain'], rows['seed'], strict=True)]}",
+    )
+    places = [(f, gain, s) for f in study.scenarios for gain in (1.0, 2.0) for s in study.seeds]
+    for count in (8, 8):  # the second time, no run is driven
+        list(write_tables([study], Runner(out / "rows", workers=0), out))
+        assert capsys.readouterr().out.strip() == str(places)  # no page: printed
+        assert len(driven) == count
+    file = next((out / "rows").glob("grid-*/results.pickle"))
+    file.write_bytes(file.read_bytes()[:-100])  # a torn last row
+    runner = Runner(out / "rows", workers=0)
+    runner._study = study
+    rows = runner.frame(study.cases(), drive)
+    assert len(driven) == 9
+    assert set(rows["status"]) == {"completed"}
+    assert set(rows["controller"]) == {"pid"}
+    rehearsal = Runner(out / "rows", workers=0, seeds=(7,), overrides=(STRAIGHT,))
+    rehearsal.block(study)
+    assert {case.seed for case in driven[9:]} == {7}
+
+
+def test_finished_rows_of_a_sweep_are_those_of_one_plant(tmp_path, short, monkeypatch):
+    file = tmp_path / "tiny.toml"
+    file.write_text(f"""seeds = [201]\n{SHORT}\n{CONTROLLERS}""".replace("feedforward", "ttempc"))
+    tiny = load_study(str(file))
+    for place in (module, checks):
+        monkeypatch.setattr(place, "load_study", lambda name: tiny)
+    first = Runner(tmp_path / "rows", workers=0).sweep("tiny")
+    content = (first / "results.jsonl").read_bytes()
+    assert content.count(b"\n") == 2
+    assert Runner(tmp_path / "rows", workers=0).sweep("tiny") == first
+    assert (first / "results.jsonl").read_bytes() == content
+    found = fingerprint
+    monkeypatch.setattr(module, "fingerprint", lambda item: replace(found(item), sha256="other"))
+    assert Runner(tmp_path / "rows", workers=0).sweep("tiny") != first
+    rehearsal = Runner(tmp_path / "rows", workers=0, seeds=(7, 8)).sweep_rows(("tiny",))
+    assert {*rehearsal["seed"]} == {7, 8}
+    assert {*rehearsal["study"]} == {"tiny"}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "<!-- table: a -->\n",
+        "<!-- end -->\n",
+        "<!-- table: a -->\n<!-- end -->\n<!-- table: a -->\n<!-- end -->\n",
+        "<!-- table: a -->\n<!-- table: b -->\n<!-- end -->\n",
+    ],
+)
+def test_invalid_markers_and_ledgers_are_refused(text, out):
+    with pytest.raises(InvalidPage):
+        blocks(text)
+    (out / "docs" / "fingerprints.json").write_text("[]")
+    with pytest.raises(InvalidPage, match="fingerprints"):
+        read_ledger(out)
+
+
+def test_the_command_lists_and_refuses(capsys):
+    assert command.main([]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in all_studies())
+    for words, reason in ((["nothing"], "nothing"), (["errata", "--seeds", "201"], "--out")):
+        with pytest.raises(SystemExit) as refusal:
+            command.main(words)
+        assert refusal.value.code == 2
+        assert reason in capsys.readouterr().err

@@ -1,0 +1,302 @@
+"""Search of the worst case: analytic limit states, quantities, and a plant."""
+
+import functools
+import itertools
+import json
+
+import numpy as np
+import pytest
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.errors import ExperimentError
+from proving_ground.experiments.scenario.scenario import load, parse_overrides, read_scenario
+from proving_ground.experiments.search.quantities import (
+    FAULTS,
+    QUANTITIES,
+    Parameter,
+    Space,
+    read_subject,
+)
+from proving_ground.experiments.search.worst_case import (
+    Case,
+    Outcome,
+    Search,
+    Specification,
+    best,
+    distinct,
+    falsify,
+    milder,
+)
+from proving_ground.experiments.sweep.engine import engine
+from proving_ground.experiments.sweep.results import rows
+from proving_ground.experiments.sweep.row import FIGURES, no_figures
+from proving_ground.experiments.sweep.sweep import points_plan
+
+from tests.experiments.sweep_rows import ERROR
+
+FORCE = Parameter(keys=("force",), low=0.0, high=1.0, nominal=0.0)
+DELAY = Parameter(keys=("delay",), low=0.0, high=1.0, nominal=0.0)
+STRENGTH = Parameter(keys=("kpa",), low=100.0, high=1600.0, nominal=400.0, spacing="log")
+PLACE = Parameter(keys=("place",), low=0.0, high=1.0)
+SPACE = Space((FORCE, DELAY, PLACE))
+
+
+def evaluate(points):
+    """Fail in a half plane of the severities, near one place."""
+    distances = [0.6 + abs(place - 0.7) - (force + delay) / 2 for force, delay, place in points]
+    return [Outcome(d <= 0.0, min(max(d, 0.0), 1.0)) for d in distances]
+
+
+def search(budget=150, seed=1, outcomes=evaluate):
+    return falsify(SPACE, outcomes, budget, seed)
+
+
+def test_the_least_severe_failure_is_found():
+    """By symmetry it lies at force = delay = 0.6, place = 0.7, with severity 0.6."""
+    for seed in (1, 2, 3):
+        case = best(search(seed=seed))
+        assert case.failed
+        assert 0.6 - 1e-9 <= case.severity <= 0.66
+        assert case.point == pytest.approx([0.6, 0.6, 0.7], abs=0.15)
+
+
+def test_the_search_beats_random_points_of_the_same_budget():
+    rng = np.random.default_rng(1)
+    random = []
+    for _ in range(20):
+        points = rng.random((100, 3))
+        pairs = zip(points, evaluate(points), strict=True)
+        random.append(best([Case(p, SPACE.severity(p), o) for p, o in pairs]).cost)
+    assert np.mean([best(search(100, seed)).cost for seed in range(5)]) < np.mean(random) - 0.05
+
+
+def test_the_cases_follow_from_the_seed_and_the_budget_is_kept():
+    for budget in (1, 10, 37, 150):
+        cases, again = search(budget), search(budget)
+        assert len(cases) == budget
+        assert all((a.point == b.point).all() for a, b in zip(cases, again, strict=True))
+    assert any((a.point != b.point).any() for a, b in zip(cases, search(seed=2), strict=True))
+
+
+def test_without_a_failure_the_least_robust_case_is_best():
+    def never(points):
+        return [Outcome(False, 0.2 + 0.8 * abs(place - 0.7)) for *_, place in points]
+
+    cases = search(60, outcomes=never)
+    assert not any(case.failed for case in cases)
+    assert best(cases).point[2] == pytest.approx(0.7, abs=0.05)
+    assert distinct(SPACE, cases, 3) == []
+
+
+def test_refused_points_are_no_failures():
+    def mostly_refused(points):
+        pairs = zip(points, evaluate(points), strict=True)
+        return [None if point[0] > 0.5 else outcome for point, outcome in pairs]
+
+    case = best(search(outcomes=mostly_refused))
+    assert case.failed
+    assert case.point[0] <= 0.5
+
+
+def test_failures_are_simplified_and_those_reported_are_apart():
+    """Where only the force matters, the delay of the least severe failure is nominal."""
+    point = np.array([0.9, 0.5, 0.3])
+    assert max(map(SPACE.severity, milder(SPACE, point))) < SPACE.severity(point)
+    assert (milder(SPACE, point)[:, 2] == 0.3).all()
+    assert milder(SPACE, point)[:2] == pytest.approx(np.array([[0.0, 0.5, 0.3], [0.9, 0.0, 0.3]]))
+    by_force = best(
+        search(60, outcomes=lambda ps: [Outcome(p[0] >= 0.5, float(p[0] < 0.5)) for p in ps])
+    )
+    assert by_force.point[1] == 0.0
+    assert 0.5 <= by_force.point[0] < 0.53
+    cases = search()
+    chosen = distinct(SPACE, cases, 3)
+    assert chosen[0] is best(cases)
+    severities = [case.severity for case in chosen]
+    assert severities == sorted(severities)
+    for case, other in itertools.pairwise(chosen):
+        assert np.linalg.norm(case.point - other.point) >= 0.2 * np.sqrt(3)
+
+
+def test_values_and_severities_of_a_space():
+    for parameter in (FORCE, STRENGTH, PLACE):
+        for position in (0.0, 0.3, 1.0):
+            value = parameter.number(position)
+            assert parameter.position(value) == pytest.approx(position, abs=1e-5)
+    assert STRENGTH.number(0.5) == 400.0  # the geometric mean
+    space = Space((FORCE, STRENGTH, PLACE))
+    for place in (0.0, 0.9):
+        assert space.severity(np.array([*space.nominal[:2], place])) == 0.0
+        assert space.severity(np.array([1.0, 1.0, place])) == pytest.approx(1.0)
+    assert space.severity(np.array([1.0, 0.5, 0.0])) == pytest.approx(np.sqrt(0.5))
+    step = Parameter(keys=("a", "b"), low=0.0, high=1.0, nominal=0.0, step=0.01)
+    name = Parameter(keys=("c",), low=0.0, high=2.0, nominal=1.0, names=("x", "y", "z"))
+    assert Space((step, name)).changes(np.array([0.4567, 0.9])) == {"a": 0.46, "b": 0.46, "c": "z"}
+
+
+def subject(*words, overrides=()):
+    return read_subject(read_scenario("grass"), "grass", parse_overrides(overrides), words)
+
+
+def test_every_name_makes_scenarios_over_its_whole_range():
+    for word in (*FAULTS, *QUANTITIES):
+        found = subject(word, overrides=["path.laps=1"])
+        size = len(found.space.parameters)
+        assert found.space.severity(found.space.nominal) == 0.0
+        for corner in (np.zeros(size), np.ones(size)):
+            changes = found.space.changes(corner)
+            plan = points_plan(found.scenario, [changes], found.settings)
+            assert plan.extent().runs == 1, word
+            assert dict(plan.setting(changes).axes) == changes
+
+
+def test_an_added_fault_stands_beside_those_of_the_scenario_and_takes_other_bounds():
+    own = "faults=[{kind='gnss_out', name='dark', start_s=3.0, duration_s=1.0}]"
+    words = ("gust", "faults.gust.force_n=100:200", "faults.dark.duration_s=0.5:5")
+    found = subject(*words, overrides=[own])
+    plan = points_plan("grass", [found.space.changes(found.space.nominal)], found.settings)
+    faults = plan[0].setting.scenario.faults
+    assert [fault.label for fault in faults] == ["dark", "gust"]
+    assert faults[0].duration_s == 1.0
+    force = next(p for p in found.space.parameters if p.keys == ("faults.gust.force_n",))
+    assert (force.low, force.high, force.nominal) == (100.0, 200.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("gusts",), r"did you mean gust\?"),
+        (("soil.cone_index_kpa=9:8",), "KEY=LOW:HIGH"),
+        (("soil.cone_index_kpa=a:8",), "KEY=LOW:HIGH"),
+        (("soil.cone_index_kpa=8:9:loose",), "KEY=LOW:HIGH:free"),
+        (("soil.cone_index_kpa=100:200",), "from 100 to 200"),
+        (("terrain.iso_class=1:2",), "from 1 to 2"),
+        (("terrain.uphill_deg=0:360:free",), "severity"),
+        (("soil.no_such_key=0:1",), "got None"),
+        (("faults.gust.force_n=0:1",), "names here: none"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused(words, message):
+    with pytest.raises(ExperimentError, match=message):
+        subject(*words)
+
+
+def row(**changes):
+    values = {"status": "completed", "failure": "", **no_figures()}
+    return values | {name.replace("__", "."): value for name, value in changes.items()}
+
+
+def test_robustness_falls_from_1_at_the_nominal_run_to_0_at_a_limit():
+    specification = Specification({"extremes.tilt_rad": 1.0, "extremes.fold_rad": 2.0})
+    nominal = specification.shares(row(extremes__tilt_rad=0.1, extremes__fold_rad=1.0))
+    for tilt, fold, robustness in (
+        (0.1, 1.0, 1.0),
+        (0.1, 1.5, 0.5),  # half way from 1 to 2
+        (0.55, 1.5, 0.5),
+        (0.91, 1.5, 0.1),
+        (1.0, 1.0, 1e-9),
+    ):
+        figures = row(extremes__tilt_rad=tilt, extremes__fold_rad=fold)
+        assert specification.judge(figures, nominal).robustness == pytest.approx(robustness)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"status": "lost", "failure": "roll-over"}, "lost: roll-over"),
+        ({"status": "stopped", "failure": "blind"}, "stopped: blind"),
+        ({"corridor__tool__max_m": 0.11}, "corridor: tool 0.110 m"),
+        ({"corridor__hitch_outside_fraction": 0.01}, "hitch angle"),
+        ({ERROR.replace(".", "__"): 0.3}, "cross-track error 0.300 m"),
+    ],
+)
+def test_what_counts_as_a_failure(changes, reason):
+    specification = Specification.of(load("rows")[1], limit_m=0.2)
+    nominal = specification.shares(row())
+    assert not specification.judge(row(corridor__tool__max_m=0.09), nominal).failed
+    outcome = specification.judge(row(**changes), nominal)
+    assert (outcome.failed, outcome.robustness) == (True, 0.0)
+    assert reason in outcome.reason
+
+
+SHORT = ["path={kind='straight', length_m=10.0}", "controller.name=pid"]
+WORDS = ["gust", "faults.gust.at_m=2:5:free"]
+
+
+def drive(folder):
+    found = subject(*WORDS, overrides=SHORT)
+    with engine(0) as runs:
+        searched = Search(found, runs, seed=3, folder=folder)
+        searched.falsify(10)
+        return searched.report()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("search") / "worst"
+    drive(folder)
+    return folder
+
+
+def results(folder):
+    files = sorted(folder.glob("generations/*/results.jsonl"))
+    return [row for file in files for row in sorted(rows(file), key=lambda row: row["run"])]
+
+
+def test_the_file_of_a_worst_case_replays_its_failure(folder, tmp_path, capsys):
+    """Every figure but those of wall-clock time is the same, and so is the identity of the run."""
+    report = json.loads((folder / "falsification.json").read_text())
+    case = report["cases"][0]
+    assert case["failure"]
+    assert report["runs"] == len(results(folder)) == 10
+    command = ["run", str(folder / case["file"]), "--seed", str(report["seed"]), "--json"]
+    assert main([*command, "--out", str(tmp_path / "run")]) == 3
+    summary = json.loads(capsys.readouterr().out)
+    assert f"{summary['status']}: {summary['failure']}" == case["failure"]
+    (row,) = (row for row in results(folder) if row["run_id"] == summary["run_id"])
+    for name in FIGURES:
+        if not name.startswith("timing."):
+            found = functools.reduce(
+                lambda table, key: table and table[key], name.split("."), summary
+            )
+            assert row[name] == found, name
+
+
+def test_an_interrupted_search_goes_on_to_the_same_cases(folder, tmp_path):
+    """Of an interrupted generation the rows that exist are kept, as in an interrupted sweep."""
+    again = tmp_path / "again"
+    for source in folder.glob("generations/00[01]"):
+        (again / "generations" / source.name).mkdir(parents=True)
+        for name in ("study.toml", "versions.json", "results.jsonl"):
+            text = (source / name).read_text()
+            keep = 3 if (source.name, name) == ("001", "results.jsonl") else None
+            lines = text.splitlines(keepends=True)[:keep]
+            (again / "generations" / source.name / name).write_text("".join(lines))
+    kept = results(again)
+    drive(again)
+    assert (again / "falsification.json").read_text() == (folder / "falsification.json").read_text()
+    assert [row for row in results(again) if row in kept] == kept  # wall-clock times among them
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["worst", "grass", "gusts"], "did you mean gust?"),
+        (["worst", "gras", "gust"], "did you mean grass?"),
+        (["worst", "grass", "gust", "--controller", "nobody"], "nobody"),
+        (["worst", "grass", "soil.cone_index_kpa=1:2"], "from 1 to 2"),
+        (["worst", "grass"], "QUANTITY"),
+        (["limit", "grass", "slop"], "did you mean slope?"),
+        (["limit", "grass", "gust"], "KEY=LOW:HIGH"),
+        (["limit", "grass", "slope", "--limit", "nan"], "must be a finite number"),
+        (["limit", "grass", "slope", "--tolerance", "0"], "must be above 0"),
+    ],
+)
+def test_bad_input_is_one_line_before_any_run(words, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    try:
+        code = main(["search", *words, "--workers", "0"])
+    except SystemExit as left:
+        code = left.code
+    assert code == 2
+    assert message in capsys.readouterr().err.splitlines()[-1]
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,129 @@
+"""Rows of the channels: every number stands under the name of its field."""
+
+import math
+
+import numpy as np
+import pytest
+from proving_ground.testbed.recording.channels import (
+    CHANNELS,
+    ERROR,
+    ESTIMATE,
+    MEASUREMENT,
+    MEASUREMENT_COLUMNS,
+    REFERENCE,
+    STATE,
+    TYRES,
+    error_rows,
+    estimate_row,
+    measurement_rows,
+    state_row,
+    tyres_row,
+    unit_of,
+)
+from proving_ground.testbed.sensing.sensor_specification import (
+    ImuSpecification,
+    SensorSpecification,
+)
+from proving_ground.testbed.sensing.sensors import COMPONENTS, SensorSuite
+from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
+from proving_ground.testbed.truth import WHEELS
+
+from tests.testbed.plants import ROLL, plant_on
+from tests.testbed.truths import truth
+from ttempc.types import Measurement, Sensor
+from ttempc.vehicle import Vehicle
+
+
+def named(channel, row):
+    return dict(zip(channel.fields, row, strict=True))
+
+
+@pytest.fixture(scope="module")
+def driven():
+    plant = plant_on()
+    plant.reset(1.0, 2.0, 0.3, 1.0)
+    return plant.advance(ROLL, 100)
+
+
+def test_every_sensor_has_components_and_columns_of_its_own():
+    assert set(COMPONENTS) == set(Sensor)
+    taken = [i for columns in MEASUREMENT_COLUMNS.values() for i in range(99)[columns]]
+    assert taken == list(range(len(MEASUREMENT.fields)))
+
+
+def test_a_sample_stands_under_the_names_of_its_components_beside_its_time():
+    for sensor, parts in COMPONENTS.items():
+        value = tuple(10.0 + k for k in range(len(parts)))
+        (only,) = measurement_rows([Measurement(0.7, sensor, value)])
+        row = named(MEASUREMENT, only)
+        pairs = zip((*parts, "time_s"), (*value, 0.7), strict=True)
+        expected = {f"{sensor}_{part}": number for part, number in pairs}
+        assert {name: number for name, number in row.items() if not math.isnan(number)} == expected
+
+
+def test_samples_of_the_suite_have_the_components_of_the_table():
+    suite = SensorSuite(
+        SensorSpecification(imu=ImuSpecification(on=True)), 0.002, 1, np.zeros((2, 3))
+    )
+    samples = suite.sample(truth(antennas=np.zeros((2, 3))), 0)
+    assert {sample.sensor for sample in samples} == set(Sensor)
+    for sample in samples:
+        assert len(sample.value) == len(COMPONENTS[sample.sensor])
+
+
+def test_rows_of_the_truth_stand_under_their_names(driven):
+    state = named(STATE, state_row(driven))
+    assert state["x_t_m"] == driven.tractor.x
+    assert state["psi_i_rad"] == driven.trailer.yaw
+    assert state["roll_i_rad"] == driven.trailer.roll
+    assert state["psi_d_rad"] == driven.psi_d
+    assert state["hp"] == driven.hp
+    assert state["yaw_rate_i_radps"] == driven.yaw_rate_i
+    assert state["v_rim_mps"] == driven.rim_speed
+    assert state["hp_set_point"] == driven.set_points[2]
+    tyres = named(TYRES, tyres_row(driven))
+    for index, wheel in enumerate(WHEELS):
+        assert tyres[f"{wheel}_load_n"] == driven.wheels.load[index]
+        assert tyres[f"{wheel}_force_lat_n"] == driven.wheels.force_lat[index]
+        assert tyres[f"{wheel}_ground_m"] == driven.wheels.ground[index]
+
+
+def test_rows_of_an_estimate_stand_under_their_names(driven):
+    estimate = TruthEstimator(lambda: driven, Vehicle()).update(0.2, [], None)
+    row = named(ESTIMATE, estimate_row(estimate))
+    assert row["x_i_m"] == driven.trailer.x
+    assert row["psi_i_rad"] == driven.trailer.yaw
+    assert row["delta_t_rad"] == driven.delta_t
+    assert row["beta_rad"] == driven.beta
+    assert row["sd_v_mps"] == 0.0
+    assert row["nis_dof"] == 0.0
+
+
+def test_names_of_topics_and_fields_are_unique():
+    assert len({channel.topic for channel in CHANNELS}) == len(CHANNELS)
+    for channel in CHANNELS:
+        assert len(set(channel.fields)) == len(channel.fields)
+        assert "time_s" not in channel.fields
+
+
+def test_units_are_those_of_the_names():
+    fields = {"x_t_m": "m", "x_t_m_m": "m", "delta_t_rad_command": "rad", "hp_min": "1"}
+    fields |= {"curvature_per_m": "1/m", "drive_mps2": "m/s²", "yaw_rate_t_radps": "rad/s"}
+    assert {name: unit_of(name) for name in fields} == fields
+
+
+def test_the_true_error_is_in_the_frame_of_the_reference():
+    """A point 3 m ahead and 4 m to the left of a reference that heads north lies to its west."""
+    state, reference = np.zeros((1, len(STATE.fields))), np.zeros((1, len(REFERENCE.fields)))
+    due = {"x_t_m": 10.0, "y_t_m": 20.0, "psi_t_rad": 0.5 * math.pi}
+    at = {"x_t_m": 6.0, "y_t_m": 23.0, "psi_t_rad": 2.5 * math.pi + 0.1}
+    for row, channel, values in ((reference, REFERENCE, due), (state, STATE, at)):
+        for name, value in values.items():
+            row[0, channel.fields.index(name)] = value
+    row = error_rows(state, reference)[0]
+    error = dict(zip(ERROR.fields, row, strict=True))
+    assert [error[f"tractor_{part}_m"] for part in ("along", "cross", "euclidean")] == (
+        pytest.approx([3.0, 4.0, 5.0])
+    )
+    assert error["tractor_heading_rad"] == pytest.approx(0.1)
+    assert error["trailer_euclidean_m"] == 0.0
