@@ -75,32 +75,22 @@ __all__ = [
 ]
 
 _HOME = {
-    "errors": ("TtempcError",),
-    "estimation.ekf": ("ExtendedKalmanFilter",),
-    "estimation.noise": ("ProcessNoise", "SensorNoise"),
-    "guidance.controllers": ("CONTROLLERS", "ESTIMATORS", "make_controller"),
-    "guidance.guidance": ("Guidance",),
-    "guidance.supervisor": ("SafetyLimits",),
-    "reference.headland": ("headland",),
-    "reference.path": ("Path", "figure_eight", "straight"),
-    "reference.reference": ("ConstantSpeed", "Reference"),
-    "reference.smoothing": ("smooth",),
-    "reference.speed": ("PlannedSpeed",),
-    "types": (
-        "Command",
-        "Controller",
-        "ControlStep",
-        "Diagnostics",
-        "Estimate",
-        "Estimator",
-        "Input",
-        "Measurement",
-        "Sensor",
-        "State",
-    ),
-    "vehicle": ("CommandLimits", "Vehicle"),
+    "errors": "TtempcError",
+    "estimation.ekf": "ExtendedKalmanFilter",
+    "estimation.noise": "ProcessNoise SensorNoise",
+    "guidance.controllers": "CONTROLLERS ESTIMATORS make_controller",
+    "guidance.guidance": "Guidance",
+    "guidance.supervisor": "SafetyLimits",
+    "reference.headland": "headland",
+    "reference.path": "Path figure_eight straight",
+    "reference.reference": "ConstantSpeed Reference",
+    "reference.smoothing": "smooth",
+    "reference.speed": "PlannedSpeed",
+    "types": "Command Controller ControlStep Diagnostics Estimate Estimator "
+    "Input Measurement Sensor State",
+    "vehicle": "CommandLimits Vehicle",
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> object:
