@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Protocol, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 import scipy
@@ -377,30 +377,3 @@ def admissible_subset(closed: FloatArray, constraints: Polytope) -> Polytope:
         f"no admissible subset after {_MOST_STEPS} steps: the largest eigenvalue has the modulus "
         f"{growth:.4f}"
     )
-
-
-def draw_set(
-    axes: Any,  # noqa: ANN401 - of matplotlib, which this package does not import
-    of: ConvexSet,
-    plane: tuple[int, int] = (0, 1),
-    centre: FloatArray | None = None,
-    **style: object,
-) -> None:
-    """Draw the projection of a bounded set onto two coordinates, moved to `centre` (n,).
-
-    The outline is that of `outline`; `style` are keywords of `axes.fill`.
-    """
-    rows = np.eye(of.dimension)[list(plane)]
-    corners = outline(of, rows) + (0.0 if centre is None else rows @ centre)
-    axes.fill(corners[:, 0], corners[:, 1], **style)
-
-
-def draw_band(
-    axes: Any,  # noqa: ANN401 - of matplotlib
-    times: FloatArray,
-    nominal: FloatArray,
-    half_width: FloatArray,
-    **style: object,
-) -> None:
-    """Draw the band of a tube, `nominal` +- `half_width` (T,) of one coordinate over time (T,)."""
-    axes.fill_between(times, nominal - half_width, nominal + half_width, **style)
