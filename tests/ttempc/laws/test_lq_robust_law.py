@@ -62,6 +62,20 @@ def test_model_that_is_right_needs_no_robust_action(tuning):
         error = a[k] @ error + b[k] @ feedback
 
 
+def test_small_actions_stabilise_what_the_model_does_not_know():
+    """The robust law alone in the tube reading, on the linear model from a few centimetres."""
+    a, b, c = model()
+    law, error = robust_law(TUBE), np.zeros(SIZE)
+    law.record_feedback(0, error.copy(), np.zeros(3))
+    error[:7] = 0.02
+    for k in range(1, TICKS - 1):
+        action = law.step(k, error, np.zeros(3))
+        assert action.fallback == ""
+        law.record_feedback(k, action.mpc_state, np.zeros(3))
+        error = a[k] @ error - b[k] @ action.input  # u = u_r - u_e, and u_m adds to u
+    assert np.abs(c[TICKS - 1] @ error).max() < 0.002
+
+
 def test_autocorrelation_is_the_correlation_of_a_signal_with_its_past():
     """Of white noise, of an autoregressive signal, and of one that changes its sign."""
     generator = np.random.default_rng(54)
