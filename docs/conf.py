@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,12 +34,26 @@ autodoc_default_options = {"members": True, "undoc-members": False}
 suppress_warnings = ["myst.header"]
 
 
+def help_texts() -> str:
+    """Return a page of what `--help` prints of every command."""
+    from proving_ground.experiments.commands.cli import _COMMANDS, main
+
+    blocks = ["# Commands"]
+    for name in _COMMANDS:
+        output = io.StringIO()
+        with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
+            main([name, "--help"])
+        blocks.append(f"## {name}\n\n```text\n{output.getvalue()}```")
+    return "\n\n".join(blocks) + "\n"
+
+
 def write_pages(app: Sphinx) -> None:
-    """Write the page of keys and the pages of public names, which follow from the code."""
+    """Write the pages of commands, keys and public names, which follow from the code."""
     from proving_ground.experiments.scenario.schema import scenario_reference
 
     folder = DOCS / "generated"
     folder.mkdir(exist_ok=True)
+    (folder / "commands.md").write_text(help_texts())
     (folder / "keys.md").write_text(scenario_reference())
     for name in ("ttempc", "ttempc.tube", "proving_ground"):
         text = f"{name}\n{'=' * len(name)}\n\n.. automodule:: {name}\n   :members:\n"

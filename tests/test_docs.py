@@ -50,21 +50,19 @@ def help_of(*command):
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_a_page_names_what_exists(page):
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
-    assert set(re.findall(r"extras? `(\w+)`", page.read_text())) <= extras.keys()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = set(re.findall(r"extras? `(\w+)`", page.read_text()))
+    assert extras <= project["optional-dependencies"].keys()
     for line in code_lines(page):
         for path in PATH.findall(line):
             if path.startswith(tuple(f"{f}/" for f in (*PACKAGES, "docs", "tests"))):
                 assert "NAME" in path or "Trial-v" in path or (ROOT / path).exists(), path
         for name in re.findall(rf"^(?:{'|'.join(PACKAGES)})(?:\.\w+)+$", line):
-            pkgutil.resolve_name(
-                name if name.startswith(PACKAGES[2:]) else f"proving_ground.{name}"
-            )
+            root = "" if name.startswith(("proving_ground", "ttempc")) else "proving_ground."
+            pkgutil.resolve_name(root + name)
         for command, rest in COMMAND.findall(line):
-            words = (command, rest.split()[0]) if command in ("log", "fit") and rest.split() else ()
-            text = help_of(*(words or (command,)))
+            grouped = command in ("log", "fit", "search") and rest.split()
+            text = help_of(command, *rest.split()[: bool(grouped)])
             assert text, line
             for option in re.findall(r"(?<!\S)(--?[a-z][\w-]*)", rest):
                 assert re.search(rf"{option}\b", text), line

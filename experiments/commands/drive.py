@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.live:
         refuse_given(arguments, ("port",), "goes with --live only")
     name, scenario = options.load_scenario(arguments)
-    compile_in_two_processes()
+    compile_in_two_processes(arguments)
     if arguments.view:
         return _view(arguments, scenario)
     numbers = arguments.seeds or (arguments.seed,)
@@ -134,7 +134,7 @@ def demo(arguments: argparse.Namespace) -> int:
         return replace(assembly, ticks=min(ticks, assembly.ticks))
 
     name, scenario = options.load_scenario(arguments)
-    compile_in_two_processes()
+    compile_in_two_processes(arguments)
     folder = arguments.out or options.unused_path(Path("runs"), f"demo-{name}")
     finished = run(name, scenario, arguments.seed, folder, shown=True, make=first_seconds)
     log, file = finished.files["log"], folder / "film.webp"

@@ -91,10 +91,6 @@ class Hud:
         clock = self._clock(time_s)
         clock.paste_onto(picture, width - margin - clock.image.width, margin)
         below = clock.image.height + 1.5 * margin
-        tilt = self._tilt(time_s)
-        tilt.paste_onto(
-            picture, width - 1.5 * margin - clock.image.width - tilt.image.width, margin
-        )
         if faults := self._faults(time_s):
             faults.paste_onto(picture, margin, below)
         if caption := self._caption(time_s):
@@ -119,24 +115,14 @@ class Hud:
         return box
 
     def _clock(self, time_s: float) -> OverlayBox:
-        speed = self.playback.value(STATE, "v_mps", time_s)
-        film_speed = f"  {self.speed:g}x" if self.speed else ""
-        return self._headline(f"{time_s:6.1f} s   {speed:4.2f} m/s{film_speed}")
-
-    def _tilt(self, time_s: float) -> OverlayBox:
-        """Return an artificial horizon: the tilt of the tractor, for the camera stays upright."""
-        roll, pitch = (
-            math.degrees(self.playback.value(STATE, f"{name}_t_rad", time_s))
-            for name in ("roll", "pitch")
+        """Return time, speed and the tilt of the tractor, for the camera stays upright."""
+        speed, roll, pitch = (
+            self.playback.value(STATE, name, time_s)
+            for name in ("v_mps", "roll_t_rad", "pitch_t_rad")
         )
-        box = OverlayBox(216.0, 34.0, self.scale)
-        x, y, half = 34.0, 17.0, 22.0
-        # a positive roll lifts the left side, which is left in the picture of who sits in it
-        rise, run = half * math.sin(math.radians(roll)), half * math.cos(math.radians(roll))
-        box.line([(x - half, y), (x + half, y)], FAINT, 1.0)
-        box.line([(x - run, y - rise), (x + run, y + rise)], INK, 3.0)
-        box.text(66.0, y, f"roll {roll:+.1f}°  pitch {-pitch:+.1f}°", points=12)
-        return box
+        tilt = f"roll {math.degrees(roll):+.1f}°  pitch {-math.degrees(pitch):+.1f}°"
+        film_speed = f"   {self.speed:g}x" if self.speed else ""
+        return self._headline(f"{tilt}   {time_s:6.1f} s   {speed:4.2f} m/s{film_speed}")
 
     def _faults(self, time_s: float) -> OverlayBox | None:
         """Return the names of the faults that act, None without any."""
@@ -163,12 +149,12 @@ class Hud:
         """Return the cross-track errors and the inputs as bars."""
         box, errors = OverlayBox(392.0, _BOX, self.scale), self.playback.errors
         row = newest_row(errors.time_s, time_s)
-        lines = [
-            (f"{point} cross-track", 0.5 + 0.5 * error / self.error_m, 0.5, POINTS[point], text)
-            for point, each in errors.by_point.items()
-            for error in [float(each.cross_m[row])]
-            for text in ["raised" if math.isnan(error) else f"{100.0 * error:+.1f} cm"]
-        ]
+        lines: list[tuple[str, float, float, Rgb, str]] = []  # label, share, zero, colour, text
+        for point, each in errors.by_point.items():
+            error = float(each.cross_m[row])
+            text = "raised" if math.isnan(error) else f"{100.0 * error:+.1f} cm"
+            share = 0.5 + 0.5 * error / self.error_m
+            lines.append((f"{point} cross-track", share, 0.5, POINTS[point], text))
         table = self.playback.record[CONTROL]
         row = newest_row(table.time_s, time_s)
         for field, label, factor, unit in _INPUTS:

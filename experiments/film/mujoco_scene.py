@@ -39,7 +39,7 @@ _SAMPLES: Final[dict[Quality, int]] = {"draft": 4, "high": 8}  # per pixel
 _EMISSION, _LIGHT = 1.5, 2.5  # of a line; with sky and sun on level ground
 _HIDDEN_GROUP: Final = 3  # shapes of this group and above serve contacts and are not drawn
 _GHOST_OPACITY: Final = 0.30
-_GHOST_NEAR_M: Final = 0.08  # of a body to its ghost, which would only tint it
+_GHOST_NEAR_M: Final = 0.15  # of all bodies to their ghosts, which would only tint them
 _TRACKS: Final = ("rear_left", "rear_right", "trailer_left", "trailer_right")  # wheels
 _TRACK_STEP_M: Final = 0.4
 _SOIL: Final = (0.14, 0.11, 0.07, 0.25)  # colour of a wheel track
@@ -48,10 +48,6 @@ _TEXTURE: Final = (2560, 1600)  # pixels of the ground, width and height
 _MOST_CELLS: Final = 90_000  # of the drawn ground: every 0.2 m on 80 x 50 m; that of the simulation
 # has nine times as many, and a picture takes four times as long
 _MEADOW_BELOW_M: Final = 0.15
-_SWATH_M: Final = 3.0  # width of the stripes that a mower leaves
-_SWATH_SHADE: Final = 0.055  # of their brightness
-_EDGE_M: Final = 0.35  # width of the bare strip along the edge of the field
-_BARE: Final = np.array([0.36, 0.30, 0.20])
 
 
 def _context() -> Any:  # noqa: ANN401 - mujoco has no types
@@ -248,12 +244,12 @@ class MujocoScene:
         )
 
     def _paint_ground(self) -> None:
-        """Paint soil, light and stripes into the texture of the field, and match the meadow."""
+        """Paint soil and relief into the texture of the field, and match the meadow."""
         texture, ground = self.model.texture("ground"), self._playback.ground
         columns, rows = texture.width[0], texture.height[0]
         colours = ground_colours(ground.terrain, ground.cone_index, rows, columns)
         # the first row of a texture lies at the far side of a height field
-        texture.data[:] = (255.0 * mown(colours, ground.terrain)[::-1]).astype(np.uint8)
+        texture.data[:] = (255.0 * colours[::-1]).astype(np.uint8)
         self.model.material("meadow").rgba[:3] = colours.mean(axis=(0, 1))
 
     def _opaque_geoms(self) -> NDArray[np.intp]:
@@ -318,12 +314,12 @@ class MujocoScene:
             self._add_geom(mujoco.mjtGeom.mjGEOM_BOX, size, middle, turn, colour, emission)
 
     def _add_ghost(self, ghost: Poses, vehicle: Poses, colour: Rgb) -> None:
-        """Add a translucent copy of the bodies that are not at their places in the vehicle."""
-        apart = np.linalg.norm(ghost[0] - vehicle[0], axis=1) > _GHOST_NEAR_M
-        bodies = self._bodies[apart]
-        geoms = self._shell[np.isin(self.model.geom_bodyid[self._shell], bodies)]
+        """Add a translucent copy of the vehicle, unless it is nearly where the vehicle is."""
+        if np.linalg.norm(ghost[0] - vehicle[0], axis=1).max() < _GHOST_NEAR_M:
+            return
         rgba = (*_unit(colour), _GHOST_OPACITY)
-        for geom, place, turn in zip(geoms, *self._geom_poses(geoms, ghost), strict=True):
+        places, turns = self._geom_poses(self._shell, ghost)
+        for geom, place, turn in zip(self._shell, places, turns, strict=True):
             kind = int(self.model.geom_type[geom])
             shape = self._add_geom(kind, self.model.geom_size[geom], place, turn, rgba, 0.0)
             if kind == mujoco.mjtGeom.mjGEOM_MESH:
@@ -365,23 +361,6 @@ def _drawn(terrain: Terrain) -> Terrain:
     stride = max(1, math.ceil(math.sqrt(nx * ny / _MOST_CELLS)))
     spacing = stride * terrain.spacing_m
     return Terrain(terrain.heights[::stride, ::stride], spacing, terrain.origin)
-
-
-def mown(colours: FloatArray, terrain: Terrain) -> FloatArray:
-    """Return the colours of the field with the stripes of a mower and a bare edge.
-
-    Args:
-        colours: of the ground from above, (rows, columns, 3) in 0..1, south first.
-        terrain: of the field.
-    """
-    rows, columns, _ = colours.shape
-    width, depth = terrain.size_m
-    x, y = width * np.arange(columns) / (columns - 1), depth * np.arange(rows) / (rows - 1)
-    swath = np.tanh(4.0 * np.sin(np.pi * y / _SWATH_M))  # soft edges: no flicker far off
-    to_edge = np.minimum.outer(np.minimum(y, depth - y), np.minimum(x, width - x))
-    bare = np.clip(1.5 - to_edge / _EDGE_M, 0.0, 1.0)[..., None]
-    striped = colours * (1.0 + _SWATH_SHADE * swath[:, None, None])
-    return np.clip((1.0 - 0.6 * bare) * striped + 0.6 * bare * _BARE, 0.0, 1.0)
 
 
 def _camera(eye: FloatArray, target: FloatArray) -> mujoco.MjvCamera:

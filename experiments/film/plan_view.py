@@ -24,7 +24,6 @@ from ...testbed.vehicle.appearance import ground_colours
 from ..errors import InvalidFilm
 from .camera import FollowCamera
 from .drawing import DARK, PLAN, POINTS, REFERENCE, Rgb, font, slip_colour
-from .mujoco_scene import mown
 from .playback import Ghost, Playback, rotation
 from .settings import FilmSettings
 
@@ -215,7 +214,7 @@ def _ground_image(playback: Playback) -> Image.Image:
         raise InvalidFilm(
             f"{playback.file}: the plan has {columns} x {rows} pixels, at most {_MOST_PIXELS}"
         )
-    colours = mown(ground_colours(terrain, playback.ground.cone_index, rows, columns), terrain)
+    colours = ground_colours(terrain, playback.ground.cone_index, rows, columns)
     return Image.fromarray((255.0 * colours[::-1]).astype(np.uint8))
 
 

@@ -211,8 +211,7 @@ def read_playback(file: Path) -> Playback:
     content = read_content(file, topics.__contains__)
     if content.salvage is not None:
         raise InvalidFilm(
-            f"{file}: is torn ({content.salvage}); "
-            f"first: ttempc log check {file} --recover NEW.mcap"
+            f"{file}: is torn ({content.salvage}); first: ttempc log check {file} -o NEW.mcap"
         )
     record = record_of(content, (*_CHANNELS, TOOL))
     for channel in _CHANNELS:

@@ -9,7 +9,7 @@ import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
@@ -154,19 +154,19 @@ class Film:
                 "or a larger --speed"
             )
 
-        def frames() -> Iterator[Picture]:
-            for picture in self.pictures(workers):
+        def frames(film: Film, every: int = 1) -> Iterator[Picture]:
+            for picture in film.pictures(workers):
                 yield picture
-                on_frame()
+                for _ in range(every):
+                    on_frame()
 
         try:
             with atomic_write(file) as stream:
                 if suffix == ".mp4":
-                    _encode(stream.name, frames(), self.settings)
+                    _encode(stream.name, frames(self), self.settings)
                 else:
-                    images = [
-                        Image.fromarray(each) for k, each in enumerate(frames()) if k % _EVERY == 0
-                    ]
+                    fewer = replace(self, times=self.times[::_EVERY])
+                    images = [Image.fromarray(each) for each in frames(fewer, _EVERY)]
                     form = {".jpg": "jpeg"}.get(suffix, suffix[1:])
                     animation = {
                         "save_all": True,
@@ -294,13 +294,16 @@ def _encode(file: str, frames: Iterable[Picture], settings: FilmSettings) -> Non
     """Encode frames as H.264 in MP4."""
     import av
 
-    with av.open(file, "w", format="mp4", options={"movflags": "+faststart"}) as container:
-        stream = container.add_stream(_CODEC, rate=FRAME_RATE)
-        stream.width, stream.height = settings.pixels
-        stream.pix_fmt, stream.options = _PIXELS, dict(_RATES[settings.quality])
-        stream.time_base = _TICK
-        for number, picture in enumerate(frames):
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-            frame.pts, frame.time_base = number, _TICK
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
+    try:
+        with av.open(file, "w", format="mp4", options={"movflags": "+faststart"}) as container:
+            stream = container.add_stream(_CODEC, rate=FRAME_RATE)
+            stream.width, stream.height = settings.pixels
+            stream.pix_fmt, stream.options = _PIXELS, dict(_RATES[settings.quality])
+            stream.time_base = _TICK
+            for number, picture in enumerate(frames):
+                frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+                frame.pts, frame.time_base = number, _TICK
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+    except av.FFmpegError as error:
+        raise OSError(error.errno, error.strerror) from error  # as of any other file

@@ -212,10 +212,7 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         left = self._ticks - self._guidance.reference_tick if ended_early else 0
         change = ((self._sent - previous) / self._limits.step).tolist()
         gained = reward(errors, change, left)
-        info: dict[str, Any] = {
-            "tractor_error_m": errors[0],
-            "trailer_error_m": errors[1],
-        }
+        info: dict[str, Any] = {"tractor_error_m": errors[0], "trailer_error_m": errors[1]}
         if fallback := self._guidance.diagnostics.fallback:
             info["fallback"] = fallback
         if outcome is not None:

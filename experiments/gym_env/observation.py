@@ -27,7 +27,7 @@ REFERENCE_NAMES: Final = (
     "delta_i_command_rad",
     "hp_command",
 )
-"""Entries of `ReferenceAhead`."""
+"""Entries of every observation: reference at a tick and ahead of it, last command."""
 
 ESTIMATE_NAMES: Final = (
     *TRACKING.fields[: len(Error)],
@@ -78,57 +78,39 @@ def bounds(names: Sequence[str]) -> FloatArray:
     return np.array([_BOUNDS.get(two, _BOUNDS.get(one, _NO_UNIT)) for two, one in ends]).T
 
 
-class ReferenceAhead:
-    """The reference at a tick and ahead of it, and the last command, in `REFERENCE_NAMES`.
-
-    Args:
-        reference: that is followed.
-        period_s: control period [s].
-    """
-
-    def __init__(self, reference: Reference, period_s: float) -> None:
-        self.grid = reference.on_grid(period_s)
-        self._last = len(self.grid.time_s) - 1
-        ahead = np.array([0, *(round(time_s / period_s) for time_s in _AHEAD_S)])
-        places = np.minimum(np.arange(len(self.grid.time_s))[:, None] + ahead, self._last)
-        self._entries = np.column_stack([self.grid.curvature[places], self.grid.inputs])  # (N, 7)
-
-    def tick(self, k: int) -> int:
-        """Return the tick of the grid for control tick `k`: beyond the end the last one."""
-        return min(k, self._last)
-
-    def observe(self, k: int, sent: FloatArray) -> FloatArray:
-        """Return the entries at tick `k` after the command `sent` (3,)."""
-        return np.concatenate([self._entries[self.tick(k)], sent])
-
-
-class EstimateObserver:
-    """Observation of what a controller sees, in `ESTIMATE_NAMES`; errors in the bodies' frames.
+class _Observer:
+    """Observation with given entries, whose last are `REFERENCE_NAMES`.
 
     Entries are cut to `bounds`; one that is not finite is 0.
-
-    Args:
-        reference: that is followed.
-        period_s: control period [s].
     """
 
+    def __init__(self, names: Sequence[str], reference: Reference, period_s: float) -> None:
+        self._bounds = bounds(names)[0]
+        self._grid = reference.on_grid(period_s)
+        self._last = len(self._grid.time_s) - 1
+        ahead = np.array([0, *(round(time_s / period_s) for time_s in _AHEAD_S)])
+        places = np.minimum(np.arange(self._last + 1)[:, None] + ahead, self._last)
+        self._entries = np.column_stack([self._grid.curvature[places], self._grid.inputs])  # (N, 7)
+
+    def _entries_at(self, values: FloatArray, k: int, sent: FloatArray) -> FloatArray:
+        """Return values, then the reference at a tick of the grid, then the last command (3,)."""
+        entries = np.concatenate([values, self._entries[k], sent])
+        finite = np.where(np.isfinite(entries), entries, 0.0)
+        return np.minimum(np.maximum(finite, -self._bounds), self._bounds)
+
+
+class EstimateObserver(_Observer):
+    """Observation of what a controller sees, in `ESTIMATE_NAMES`; errors in the bodies' frames."""
+
     def __init__(self, reference: Reference, period_s: float) -> None:
-        self._ahead = ReferenceAhead(reference, period_s)
-        self._bounds = bounds(ESTIMATE_NAMES)[0]
+        super().__init__(ESTIMATE_NAMES, reference, period_s)
 
     def observe(self, estimate: Estimate, k: int, sent: FloatArray) -> FloatArray:
         """Return the observation at tick `k` after the command `sent` (3,), (n,)."""
-        error = estimated_error(estimate, self._ahead.grid, self._ahead.tick(k))
-        values = np.concatenate(
-            [
-                error,
-                estimate.state[State.DELTA_T :],
-                [estimate.hitch_angle],
-                estimate.disturbance,
-                self._ahead.observe(k, sent),
-            ]
-        )
-        return cut(values, self._bounds)
+        k = min(k, self._last)
+        error, state = estimated_error(estimate, self._grid, k), estimate.state[State.DELTA_T :]
+        values = np.concatenate([error, state, [estimate.hitch_angle], estimate.disturbance])
+        return self._entries_at(values, k, sent)
 
 
 def sensor_names(specification: SensorSpecification) -> tuple[str, ...]:
@@ -142,21 +124,14 @@ def sensor_names(specification: SensorSpecification) -> tuple[str, ...]:
     return (*samples, *_POSE_NAMES, *REFERENCE_NAMES)
 
 
-class SensorObserver:
-    """Observation of what the sensors have delivered, in the order of `sensor_names`.
-
-    Args:
-        specification: of the sensors.
-        reference: that is followed.
-        period_s: control period [s].
-    """
+class SensorObserver(_Observer):
+    """Observation of what the sensors have delivered, in the order of `sensor_names`."""
 
     def __init__(
         self, specification: SensorSpecification, reference: Reference, period_s: float
     ) -> None:
         names = sensor_names(specification)
-        self._bounds = bounds(names)[0]
-        self._ahead = ReferenceAhead(reference, period_s)
+        super().__init__(names, reference, period_s)
         sensors = [sensor for sensor in COMPONENTS if f"{sensor}_age_s" in names]
         self._newest = {sensor: (0.0,) * len(COMPONENTS[sensor]) for sensor in sensors}
         self._taken_s: dict[str, float] = {}
@@ -166,11 +141,7 @@ class SensorObserver:
     ) -> FloatArray:
         """Return the observation at `time_s`, tick `k` of the reference, (n,).
 
-        Args:
-            time_s: present time [s].
-            samples: delivered since the last call.
-            k: tick of the reference.
-            sent: last command, (3,).
+        `samples` were delivered since the last call; `sent` (3,) is the last command.
         """
         for sample in samples:
             if sample.time_s >= self._taken_s.get(sample.sensor, sample.time_s):
@@ -180,14 +151,8 @@ class SensorObserver:
         for sensor, value in self._newest.items():
             taken = self._taken_s.get(sensor)
             values += [*value, NO_SAMPLE_S if taken is None else time_s - taken]
-        grid, i = self._ahead.grid, self._ahead.tick(k)
-        x, y, psi_t, psi_i, _, _, v = grid.state[i].tolist()
-        x_i, y_i = grid.trailer_xy[i].tolist()
+        k = min(k, self._last)
+        x, y, psi_t, psi_i, _, _, v = self._grid.state[k].tolist()
+        x_i, y_i = self._grid.trailer_xy[k].tolist()
         values += [x, y, wrap_angle(psi_t), x_i, y_i, wrap_angle(psi_i), v]
-        return cut(np.concatenate([values, self._ahead.observe(k, sent)]), self._bounds)
-
-
-def cut(values: FloatArray, largest: FloatArray) -> FloatArray:
-    """Return values within plus and minus `largest`, 0 instead of those not finite, (n,)."""
-    finite = np.where(np.isfinite(values), values, 0.0)
-    return np.minimum(np.maximum(finite, -largest), largest)
+        return self._entries_at(np.array(values), k, sent)

@@ -36,7 +36,6 @@ from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
 from ttempc.mpc.qp import PersistentSolver
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.reference_tube import ReferenceTube
 from ttempc.types import Command, Estimate, FloatArray
 from ttempc.vehicle import Vehicle
 
@@ -55,7 +54,6 @@ from ..figures.style import blank, dress
 from ..run.assembly import assemble
 from ..run.simulate import describe, drive_into, open_log
 from ..scenario.scenario import load
-from ..scenario.tube_file import read_tube
 from ..sweep.engine import engine
 from ..sweep.folder import Origin, SweepFolder
 from ..sweep.plan import SweepPlan
@@ -220,31 +218,6 @@ def latency_picture(measured: Mapping[str, FloatArray]) -> bytes:
         dress(axes, "wall-clock time of a step [us]", "steps", kind)
         histogram(axes, times)
     return png(figure)
-
-
-def tube_step(ticks: int = 340, repeats: int = 5) -> list[Figure]:
-    """Return the steps of tube MPC relative to the plain MPC, in turns, and the time of a tube."""
-    vehicle, reference, estimates = estimates_along("ttempc-nominal", ticks)
-    design = read_tube("grass").design()
-    kinds = {
-        "`ttempc-nominal`": ("ttempc-nominal", {}),
-        "`ttempc`, tightening = none": ("ttempc", {"tightening": "none"}),
-        "`ttempc`": ("ttempc", {}),
-        "`ttempc-tube`": ("ttempc-tube", {}),
-    }
-    steps: dict[str, list[float]] = {kind: [] for kind in kinds}
-    for _ in range(repeats):
-        for kind, (name, options) in kinds.items():
-            controller = make_controller(name, vehicle, reference, PERIOD_S, design, options)
-            steps[kind].extend(timed(controller, estimates)[0])
-    (first, plain), *others = ((kind, float(np.median(us))) for kind, us in steps.items())
-    begin, count = time.perf_counter(), int(reference.duration_s / PERIOD_S)
-    ReferenceTube.along(design, reference, count)
-    return [
-        Figure(f"{first} step", plain, "us"),
-        *(Figure(f"{kind} / that", median / plain) for kind, median in others),
-        Figure(f"tube of {count} ticks", time.perf_counter() - begin, "s"),
-    ]
 
 
 # --- Closed loop ----------------------------------------------------------------------------------
@@ -447,7 +420,7 @@ def memory(few: int = 2, many: int = 8, laps: int = 40) -> list[Figure]:
     return found
 
 
-# --- Sweep and environment ------------------------------------------------------------------------
+# --- Sweep ---------------------------------------------------------------------------------------
 
 
 def synthetic_row(job: SweepJob) -> Row:
@@ -496,51 +469,15 @@ def sweeps(seeds: int = 4, count: int = 10_000) -> list[Figure]:
         return [*found, Figure("a row without a run", 1e3 * row_s, "ms")]
 
 
-def environment(steps: int = 50, repeats: int = 8) -> list[Figure]:
-    """Return the processor time of a step of the Gymnasium environment beside `simulate`'s."""
-    from ..gym_env.environment import FieldTrial  # gymnasium is an extra
-
-    overrides = ("controller.learn=false",)  # learning runs in a thread, in some of the periods
-    trial = FieldTrial(overrides=overrides, action="residual")
-    assembly = assemble(load("grass", overrides)[1], SEED)
-    stages = [stage for stage in assembly.stages if stage is not loop.prepare]
-    costs = []
-    for _ in range(repeats):
-        begin = time.process_time()
-        trial.reset(seed=SEED)
-        reset_s = time.process_time() - begin
-        trial.step(np.zeros(3))
-        begin = time.process_time()
-        for _ in range(steps):
-            trial.step(np.zeros(3))
-        step_s = time.process_time() - begin
-        fresh = assemble(load("grass", overrides)[1], SEED)
-        run = loop.periods(fresh.setup(Recorder()), fresh.ticks, stages, lambda k: None)
-        next(run)
-        begin = time.process_time()
-        for _ in range(steps):
-            next(run)
-        costs.append((reset_s, step_s, time.process_time() - begin))
-    reset_s, step_s, run_s = np.min(costs, axis=0).tolist()
-    return [
-        Figure("step", 1e3 * step_s / steps, "ms"),
-        Figure("the same period of `simulate`", 1e3 * run_s / steps, "ms"),
-        Figure("rate beside `simulate`", run_s / step_s, least=0.9),
-        Figure("reset", 1e3 * reset_s, "ms"),
-    ]
-
-
 # --- Table ----------------------------------------------------------------------------------------
 
 PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
     "control-step": control_step,
     "latency": latency,
-    "tube-step": tube_step,
     "closed-loop": closed_loop,
     "start-up": start_up,
     "memory": memory,
     "sweep": sweeps,
-    "environment": environment,
 }
 """Benchmarks by name."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Final
 
 import numpy as np
@@ -58,15 +59,11 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
     """Return the summary of a run."""
     times = record[STATE].time_s
     duration_s = round(float(times[-1]), 6) if len(times) else 0.0  # of whole physics steps
+    identity = {item.name: getattr(facts, item.name) for item in fields(facts)}
+    del identity["wall_s"]
     return Summary(
-        run_id=facts.run_id,
-        scenario=facts.scenario,
-        controller=facts.controller,
-        seed=facts.seed,
-        status=facts.status,
-        failure=facts.failure,
+        **{**identity, "versions": dict(facts.versions)},
         duration_s=duration_s,
-        versions=dict(facts.versions),
         tracking=tracking_statistics(tracking_errors(record)),
         estimation=_estimation(record),
         timing=_timing(record, duration_s, facts.wall_s),
@@ -81,7 +78,6 @@ def summarise(record: Record, facts: RunFacts) -> Summary:
             for event in record.events
             if event.text.startswith(LEARNT)
         ],
-        log=facts.log,
     )
 
 
@@ -123,9 +119,7 @@ def input_statistics(record: Record) -> InputsStatistics:
         )
 
     return InputsStatistics(
-        delta_t=statistics("delta_t_rad"),
-        delta_i=statistics("delta_i_rad"),
-        hp=statistics("hp"),
+        delta_t=statistics("delta_t_rad"), delta_i=statistics("delta_i_rad"), hp=statistics("hp")
     )
 
 

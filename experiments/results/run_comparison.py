@@ -80,7 +80,7 @@ def read_compared(logs: Sequence[Path], labels: Sequence[str] = ()) -> list[Comp
         if SALVAGED_KEY in record.metadata:
             raise NotComparable(
                 f"{log}: is torn ({record.metadata[SALVAGED_KEY]}); "
-                f"first: ttempc log check {log} --recover NEW.mcap"
+                f"first: ttempc log check {log} -o NEW.mcap"
             )
         if not len(record[STATE]) or not len(record[REFERENCE]):
             raise NotComparable(f"{log}: holds nothing on {STATE.topic} or {REFERENCE.topic}")

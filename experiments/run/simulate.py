@@ -179,12 +179,7 @@ def run(
     files["report"] = folder / "report.html"
     comparison = published_beside(summary, scenario)
     page = render_run_report(
-        summary,
-        record,
-        resolved,
-        pictures,
-        description=scenario.description,
-        comparison=comparison,
+        summary, record, resolved, pictures, description=scenario.description, comparison=comparison
     )
     write_file(files["report"], page)
     return Finished(summary, record, files, mismatch, notes, comparison)

@@ -145,9 +145,8 @@ def user_controller(
         InvalidController: the factory does not take the options, raised, or returned an object
             without a method `step`.
     """
-    controller = _call(name, "controller", factory, (vehicle, reference, period_s), options)
-    _check_method(name, "controller", controller, "step(estimate, k)")
-    return controller  # pyright: ignore[reportReturnType] - it has the method
+    arguments = (vehicle, reference, period_s)
+    return _made(name, "controller", factory, arguments, options, "step(estimate, k)")
 
 
 def named_estimator(name: str, vehicle: Vehicle, sensor_noise: SensorNoise) -> Estimator:
@@ -160,10 +159,8 @@ def named_estimator(name: str, vehicle: Vehicle, sensor_noise: SensorNoise) -> E
     """
     if not is_user_code(name):
         return estimator_factory(name)(vehicle, sensor_noise)
-    factory = load_factory(name, "estimator")
-    estimator = _call(name, "estimator", factory, (vehicle, sensor_noise), {})
-    _check_method(name, "estimator", estimator, "update(time_s, measurements, command)")
-    return estimator  # pyright: ignore[reportReturnType] - it has the method
+    factory, method = load_factory(name, "estimator"), "update(time_s, measurements, command)"
+    return _made(name, "estimator", factory, (vehicle, sensor_noise), {}, method)
 
 
 def user_stage(settings: StageSettings, generator: np.random.Generator) -> Stage:
@@ -175,7 +172,7 @@ def user_stage(settings: StageSettings, generator: np.random.Generator) -> Stage
         InvalidController: no such factory, or it raised, or returned no function.
     """
     name = settings.make
-    stage = _call(name, "stage", load_factory(name, "stage"), (generator,), settings.options)
+    stage = _made(name, "stage", load_factory(name, "stage"), (generator,), settings.options)
     if not callable(stage):
         raise InvalidController(
             f"stage {name!r}: the factory returned {type(stage).__name__}, must be a function of "
@@ -295,13 +292,20 @@ def _definition(factory: Callable[..., object]) -> tuple[Any, str]:
     return (factory if hasattr(factory, "__qualname__") else type(factory)), ""
 
 
-def _call(
+def _made(
     name: str,
     what: str,
     factory: Callable[..., object],
     arguments: tuple[object, ...],
     options: Mapping[str, object],
-) -> object:
+    method: str = "",
+) -> Any:  # noqa: ANN401 - a user's object
+    """Return what a factory makes; it must have the `method`, given with its arguments.
+
+    Raises:
+        InvalidController: the factory does not take the arguments, or raised, or its object has no
+            such method, or a property of that name raises.
+    """
     try:
         inspect.signature(factory).bind(*arguments, **options)
     except TypeError as error:
@@ -311,28 +315,18 @@ def _call(
     except ValueError:  # no signature, as of some compiled callables
         pass
     try:
-        return factory(*arguments, **options)
+        made = factory(*arguments, **options)
+        found = not method or callable(getattr(made, method.partition("(")[0], None))
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # a user's factory may raise anything, SystemExit too
         raise InvalidController(f"{what} {name!r}: raised {_in_a_line(error)}") from error
-
-
-def _check_method(name: str, what: str, part: object, method: str) -> None:
-    """Refuse an object without a method, given with its arguments.
-
-    Raises:
-        InvalidController: there is no such method, or a property of its name raises.
-    """
-    try:
-        found = callable(getattr(part, method.partition("(")[0], None))
-    except Exception as error:
-        raise InvalidController(f"{what} {name!r}: raised {_in_a_line(error)}") from error
     if not found:
         raise InvalidController(
-            f"{what} {name!r}: the factory returned {type(part).__name__}, which has no method "
+            f"{what} {name!r}: the factory returned {type(made).__name__}, which has no method "
             f"{method}"
         )
+    return made
 
 
 def _offered(module: ModuleType, attribute: str) -> str:

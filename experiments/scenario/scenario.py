@@ -164,9 +164,7 @@ class ScenarioFile:
             scenario,
             plant=replace(plant, vehicle=plant_vehicle),
             controller=replace(
-                controller,
-                vehicle=model_vehicle,
-                noise=controller.noise.filled(scenario.sensors),
+                controller, vehicle=model_vehicle, noise=controller.noise.filled(scenario.sensors)
             ),
         )
 

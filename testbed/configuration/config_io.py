@@ -10,14 +10,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar, get_args, get_type_hints
 
-from pydantic import (
-    AfterValidator,
-    ConfigDict,
-    Field,
-    TypeAdapter,
-    ValidationError,
-    ValidationInfo,
-)
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError, ValidationInfo
 
 from ttempc.suggestion import did_you_mean
 
@@ -150,13 +143,9 @@ def validated(
     error: type[Exception],
     folder: Path | None = None,
 ) -> Table:
-    """Return the content of a file as an instance of the dataclass `table`.
+    """Return the content of a file as an instance of the pydantic dataclass `table`.
 
-    Args:
-        table: pydantic dataclass with the configuration `STRICT`; its fields are the keys.
-        content: tables of the file.
-        error: type of the error that is raised.
-        folder: folder from which the paths of files are made absolute; None leaves them relative.
+    `folder` is the one from which the paths of files are made absolute; None leaves them relative.
 
     Raises:
         Exception: `error` with one line that names the key, the allowed values and the value.
@@ -173,13 +162,7 @@ def format_validation_error(error: ValidationError, root: type) -> str:
     """Format a pydantic error as one line that names the TOML key.
 
     An unknown key is reported before any other error: a misspelt key also leaves one missing.
-
-    Args:
-        error: error of the validation of a file.
-        root: dataclass of the whole file.
-
-    Returns:
-        Key, allowed values and given value.
+    `root` is the dataclass of the whole file.
     """
     details = error.errors()
     unknown = (each for each in details if each["type"] == "unexpected_keyword_argument")

@@ -90,10 +90,7 @@ class Grid:
     @property
     def centre(self) -> tuple[float, float]:
         """(x, y) [m] of the middle of the grid."""
-        return (
-            self.origin[0] + 0.5 * self.size_m[0],
-            self.origin[1] + 0.5 * self.size_m[1],
-        )
+        return (self.origin[0] + 0.5 * self.size_m[0], self.origin[1] + 0.5 * self.size_m[1])
 
     def points(self) -> tuple[FloatArray, FloatArray]:
         """Return x (nx,) and y (ny, 1) [m] of the grid's points; together they make (ny, nx)."""

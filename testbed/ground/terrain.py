@@ -138,10 +138,7 @@ def _grid(
         raise InvalidField(f"terrain: got size {size_m} m, each side must be in [2, 1000]")
     nx, ny = (round(side / spacing_m) + 1 for side in size_m)
     check_points(nx, ny, "terrain")
-    origin = (
-        centre[0] - 0.5 * (nx - 1) * spacing_m,
-        centre[1] - 0.5 * (ny - 1) * spacing_m,
-    )
+    origin = (centre[0] - 0.5 * (nx - 1) * spacing_m, centre[1] - 0.5 * (ny - 1) * spacing_m)
     return (ny, nx), origin
 
 

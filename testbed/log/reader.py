@@ -6,9 +6,10 @@ import io
 import struct
 import zlib
 from array import array
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Final
@@ -62,19 +63,11 @@ _RECORDS: Final[Mapping[int, type[McapRecord]]] = {
     Opcode.STATISTICS: Statistics,
 }
 
-_DAMAGE: Final = (
-    McapError,
-    ZstdError,
-    DecodeError,
-    struct.error,
-    AttributeError,
-    IndexError,
-    KeyError,
-    OverflowError,
-    TypeError,
-    ValueError,
-)
 # Exceptions that truncated, damaged or foreign bytes raise in their readers.
+_DAMAGE: Final = (
+    *(McapError, ZstdError, DecodeError, struct.error),
+    *(AttributeError, LookupError, OverflowError, TypeError, ValueError),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,37 +113,70 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
     """
     path = log_path(path)
     data = _bytes(path)
-    collector = _Collector(path, is_read)
     limit = min(_MOST_BYTES, max(_SMALL_BYTES, _MOST_RATIO * len(data)))
     chunks, damaged, unpacked, last_ns, kept = 0, 0, 0, 0, len(MCAP0_MAGIC)
-    statistics: Statistics | None = None
+    metadata: dict[str, str] = {}
+    attachments: dict[str, bytes] = {}
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, McapChannel] = {}
+    messages: dict[str, list[Message]] = {}
+    counts: Counter[int] = Counter()  # of all messages, by channel
+    counted: dict[int, int] | None = None
     for opcode, start, end in _whole_records(data, len(MCAP0_MAGIC)):
         kept = end
         try:
-            record = _record(opcode, data[start:end])
-            if isinstance(record, Chunk):
-                unpacked += record.uncompressed_size
-                if unpacked > limit:
-                    raise LogError(
-                        f"{path}: declares {unpacked} bytes of messages or more, at most {limit} "
-                        f"are read from {len(data)}"
-                    )
-                collector.add_chunk(_unpacked(record))
-                chunks, last_ns = chunks + 1, max(last_ns, record.message_end_time)
-            elif isinstance(record, Statistics):
-                statistics = record
-            elif record is not None:
-                collector.add(record)
+            match _record(opcode, data[start:end]):
+                case Metadata(name=name, metadata=content) if name == RUN_METADATA:
+                    metadata = dict(content)
+                case Attachment(name=name, data=content):
+                    attachments[name] = content
+                case Schema() as schema:
+                    schemas[schema.id] = schema
+                case McapChannel() as channel:
+                    channels[channel.id] = channel
+                    if is_read(channel.topic):
+                        messages.setdefault(channel.topic, [])
+                case Chunk() as chunk:
+                    unpacked += chunk.uncompressed_size
+                    if unpacked > limit:
+                        raise LogError(
+                            f"{path}: declares {unpacked} bytes of messages or more, at most "
+                            f"{limit} are read from {len(data)}"
+                        )
+                    for message in _messages(chunk):
+                        counts[message.channel_id] += 1
+                        channel = channels.get(message.channel_id)
+                        if channel and channel.topic in messages:
+                            messages[channel.topic].append(message)
+                    chunks, last_ns = chunks + 1, max(last_ns, chunk.message_end_time)
+                    if counts.total() > _MOST_MESSAGES:
+                        raise LogError(f"{path}: more than {_MOST_MESSAGES} messages, the limit")
+                case Statistics(channel_message_counts=numbers):
+                    counted = numbers
         except _DAMAGE:
             damaged += 1
     reason = integrity_error(data)
     if not reason and damaged:
         reason = "not as this program writes it"
-    if not reason and (statistics is None or statistics.channel_message_counts != collector.counts):
+    if not reason and counted != counts:
         reason = "the numbers of messages are not those of its statistics"
-    if not reason:
-        return collector.content(None)
-    return collector.content(Salvage(reason, chunks, damaged, kept, len(data), last_ns / 1e9))
+    salvage = Salvage(reason, chunks, damaged, kept, len(data), last_ns / 1e9) if reason else None
+    topics = {
+        each.topic: Topic(each.topic, schema.name, schema.data, dict(each.metadata))
+        for each in channels.values()
+        if (schema := schemas.get(each.schema_id))
+    }
+    return Content(path, _of_run(path, metadata), attachments, topics, messages, salvage)
+
+
+def _of_run(path: Path, metadata: dict[str, str]) -> dict[str, str]:
+    """Return the metadata of the run without the log's own keys."""
+    if not metadata:
+        raise LogError(f"{path}: describes no run: not a log of ttempc, or truncated at its start")
+    version = metadata.pop(FORMAT_KEY, "none")
+    if version != FORMAT:
+        raise LogError(f"{path}: log format {version}, this version reads {FORMAT}")
+    return metadata
 
 
 def integrity_error(data: bytes) -> str | None:
@@ -231,12 +257,12 @@ def _record(opcode: int, body: bytes) -> McapRecord | None:
     return kind.read(ReadDataStream(io.BytesIO(body)))
 
 
-def _unpacked(chunk: Chunk) -> bytes:
-    """Return the records of a chunk.
+def _messages(chunk: Chunk) -> list[Message]:
+    """Return the messages of a chunk.
 
     Raises:
-        ValueError: wrong size, checksum or compression; a compression that is not
-            understood raises `ZstdError`.
+        ValueError: wrong size, checksum or compression, or something else than messages in it; a
+            compression that is not understood raises `ZstdError`.
     """
     data = chunk.data
     if chunk.compression == "zstd":
@@ -248,84 +274,14 @@ def _unpacked(chunk: Chunk) -> bytes:
         raise ValueError(f"compression {chunk.compression!r}")
     if len(data) != chunk.uncompressed_size or zlib.crc32(data) != chunk.uncompressed_crc:
         raise ValueError("checksum of a chunk")
-    return data
-
-
-@dataclass(slots=True)
-class _Collector:
-    """Collector of MCAP records in the order of the file, from which a `Content` is made."""
-
-    path: Path
-    is_read: Callable[[str], bool]
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, McapChannel] = field(default_factory=dict)
-    messages: dict[int, list[Message]] = field(default_factory=dict)  # by channel
-    counts: dict[int, int] = field(default_factory=dict)  # of all messages, by channel
-    kept: int = 0  # messages
-    attachments: dict[str, bytes] = field(default_factory=dict)
-    metadata: dict[str, str] | None = None
-
-    def add(self, record: McapRecord) -> None:
-        """Add one MCAP record; kinds that do not describe the run are ignored."""
-        if isinstance(record, McapChannel):
-            self.channels[record.id] = record
-        elif isinstance(record, Schema):
-            self.schemas[record.id] = record
-        elif isinstance(record, Attachment):
-            self.attachments[record.name] = record.data
-        elif isinstance(record, Metadata) and record.name == RUN_METADATA:
-            self.metadata = dict(record.metadata)
-
-    def add_chunk(self, data: bytes) -> None:
-        """Add the messages of a chunk.
-
-        Raises:
-            LogError: more messages than are read into memory.
-            ValueError, struct.error: there is something else in it.
-        """
-        for opcode, start, end in _whole_records(data, 0):
-            if opcode != Opcode.MESSAGE:
-                raise ValueError(f"record of kind {opcode} in a chunk")
-            channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, start)
-            self.counts[channel] = self.counts.get(channel, 0) + 1
-            if channel in self.channels and self.is_read(self.channels[channel].topic):
-                body = data[start + _MESSAGE.size : end]
-                message = Message(channel, log_time, body, publish_time, sequence)
-                self.messages.setdefault(channel, []).append(message)
-                self.kept += 1
-                if self.kept > _MOST_MESSAGES:
-                    raise LogError(f"{self.path}: more than {_MOST_MESSAGES} messages, the limit")
-
-    def content(self, salvage: Salvage | None) -> Content:
-        """Return the content.
-
-        Raises:
-            LogError: the log is not of this project, or of another format.
-        """
-        metadata, topics = self._own_metadata(), {}
-        messages = {
-            channel.topic: self.messages.get(number, [])
-            for number, channel in self.channels.items()
-            if self.is_read(channel.topic)
-        }
-        for channel in self.channels.values():
-            if schema := self.schemas.get(channel.schema_id):
-                topics[channel.topic] = Topic(
-                    channel.topic, schema.name, schema.data, dict(channel.metadata)
-                )
-        return Content(self.path, metadata, self.attachments, topics, messages, salvage)
-
-    def _own_metadata(self) -> dict[str, str]:
-        """Return the metadata of the run without the log's own keys."""
-        if self.metadata is None:
-            raise LogError(
-                f"{self.path}: describes no run: not a log of ttempc, or truncated at its start"
-            )
-        metadata = dict(self.metadata)
-        version = metadata.pop(FORMAT_KEY, "none")
-        if version != FORMAT:
-            raise LogError(f"{self.path}: log format {version}, this version reads {FORMAT}")
-        return metadata
+    messages = []
+    for opcode, start, end in _whole_records(data, 0):
+        if opcode != Opcode.MESSAGE:
+            raise ValueError(f"record of kind {opcode} in a chunk")
+        channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, start)
+        body = data[start + _MESSAGE.size : end]
+        messages.append(Message(channel, log_time, body, publish_time, sequence))
+    return messages
 
 
 _LEVEL_NAMES: Final = {number: name for name, number in LEVELS.items()}

@@ -34,7 +34,6 @@ from mcap.records import (
     MetadataIndex,
     Schema,
     Statistics,
-    SummaryOffset,
 )
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import MCAP0_MAGIC
@@ -84,17 +83,9 @@ class McapFile:
 
     def __init__(self, stream: BinaryIO, library: str = PROGRAM) -> None:
         self._stream = stream
-        self._summary: dict[Opcode, list[McapRecord]] = {
-            kind: []
-            for kind in (
-                Opcode.SCHEMA,
-                Opcode.CHANNEL,
-                Opcode.STATISTICS,
-                Opcode.CHUNK_INDEX,
-                Opcode.ATTACHMENT_INDEX,
-                Opcode.METADATA_INDEX,
-            )
-        }
+        groups = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX)
+        groups += (Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX)
+        self._summary: dict[Opcode, list[McapRecord]] = {kind: [] for kind in groups}
         self._schema_ids: dict[str, int] = {}
         self._counts: dict[int, int] = {}
         self._times: list[tuple[int, int]] = []  # first and last of every chunk
@@ -171,20 +162,14 @@ class McapFile:
         self.flush()
         self._write(DataEnd(self._crc))
         self._summary[Opcode.STATISTICS].append(self._statistics())
-        start, summary, offsets = self._stream.tell(), RecordBuilder(), []
-        for opcode, records in self._summary.items():
-            place = summary.count
+        start, summary = self._stream.tell(), RecordBuilder()
+        for records in self._summary.values():
             for record in records:
                 record.write(summary)
-            if records:
-                offsets.append(SummaryOffset(opcode, summary.count - place, start + place))
-        offset_start = start + summary.count
-        for offset in offsets:
-            offset.write(summary)
         data = summary.end()
-        footer_start = _FOOTER.pack(Opcode.FOOTER, 20, start, offset_start)
+        footer_start = _FOOTER.pack(Opcode.FOOTER, 20, start, 0)  # without offsets of groups
         self._stream.write(data)
-        self._write(Footer(start, offset_start, zlib.crc32(footer_start, zlib.crc32(data))))
+        self._write(Footer(start, 0, zlib.crc32(footer_start, zlib.crc32(data))))
         self._stream.write(MCAP0_MAGIC)
 
     def _write(self, record: McapRecord) -> int:

@@ -103,11 +103,7 @@ class SensorSuite:
     """
 
     def __init__(
-        self,
-        specification: SensorSpecification,
-        timestep: float,
-        seed: int,
-        lever_arms: FloatArray,
+        self, specification: SensorSpecification, timestep: float, seed: int, lever_arms: FloatArray
     ) -> None:
         self.specification = specification
         self._timestep, self._seed, self._lever_arms = timestep, seed, lever_arms

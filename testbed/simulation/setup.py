@@ -1,4 +1,4 @@
-"""What a simulation consists of, and what a control period hands from stage to stage."""
+"""Parts of a simulation, and what a control period hands from stage to stage."""
 
 from __future__ import annotations
 

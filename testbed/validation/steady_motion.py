@@ -88,8 +88,7 @@ def steady_motion(
     heading = np.zeros(len(WHEELS))  # of the wheels in their own body
     sides = np.sign(vehicle.place[:, 1])
     heading[_FRONT] = np.arctan2(  # Ackermann
-        lengths.wheelbase * tangent,
-        lengths.wheelbase - sides[_FRONT] * vehicle.kingpin_y * tangent,
+        lengths.wheelbase * tangent, lengths.wheelbase - sides[_FRONT] * vehicle.kingpin_y * tangent
     )
     law = vehicle.law
     bn, m = mobility(law, vehicle.tyres, load, np.full(len(WHEELS), cone_index))

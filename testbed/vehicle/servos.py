@@ -116,12 +116,8 @@ def equilibrium_slip(
 ) -> float:
     """Return the slip of the driven wheels at which traction less motion resistance is `pull`.
 
-    Args:
-        law: of the wheels on soil.
-        tyres: of all six wheels.
-        load: on each wheel [N], (6,).
-        cone_index: of the soil under all of them [kPa].
-        pull: drawbar pull beyond that of the trailer [N].
+    `load` is that on each wheel [N], (6,), `cone_index` that of the soil under all of them [kPa],
+    `pull` the drawbar pull beyond that of the trailer [N].
 
     Raises:
         InvalidPlant: traction is below motion resistance at every slip.

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import mujoco
@@ -49,12 +48,7 @@ def build_spec(
 ) -> mujoco.MjSpec:
     """Return the model of the vehicle on this ground, ready to be compiled.
 
-    Args:
-        vehicle: the true vehicle.
-        terrain: shape of the ground.
-        wheels: name of the wheel model.
-        law: of the wheels on soil, by which the drive is calibrated.
-        timestep_s: of the physics.
+    `wheels` is the name of a wheel model; the drive is calibrated by the `law` of wheels on soil.
 
     Raises:
         InvalidPlant: there is no wheel model of that name, the time step is out of range, or the
@@ -114,52 +108,33 @@ def linkage_polynomial(limit: float, wheelbase: float, kingpin_y: float) -> Floa
     return np.concatenate([[0.0], np.linalg.lstsq(powers, angle, rcond=None)[0]])
 
 
-@dataclass(frozen=True, slots=True)
 class _Ratios:
-    """Lengths of the vehicle over those of the MJCF."""
+    """Lengths of the vehicle over those of the MJCF, which `spec` has before it is scaled."""
 
-    wheelbase: float
-    engine: float  # width
-    rear: float  # wheel radius
-    inside: float  # between the rear tyres
-    kingpins: float
-    front: float  # wheel radius
-    front_track: float
-    drawbar: float
-    trailer: float  # length
-    trailer_track: float
-    towed: float  # trailer wheel radius
-    box: Scale
-
-    @classmethod
-    def of(cls, spec: mujoco.MjSpec, vehicle: PlantVehicle) -> _Ratios:
-        tractor, axle = vehicle.tractor, vehicle.front_axle
+    def __init__(self, spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
+        tractor, axle, box = vehicle.tractor, vehicle.front_axle, vehicle.box
         rear_radius, rear_half = spec.geom("rear_left_tyre").size[:2]
         rear_y, kingpin_y = spec.body("rear_left").pos[1], spec.body("knuckle_left").pos[1]
-        box = spec.geom("box").size
-        return cls(
-            wheelbase=tractor.wheelbase_m / spec.body("front_axle").pos[0],
-            engine=0.5 * tractor.engine_width_m / spec.geom("engine").size[1],
-            rear=vehicle.rear_wheel.radius_m / rear_radius,
-            inside=0.5 * (tractor.rear_track_m - vehicle.rear_wheel.width_m) / (rear_y - rear_half),
-            kingpins=0.5 * axle.kingpin_track_m / kingpin_y,
-            front=vehicle.front_wheel.radius_m / spec.geom("front_left_tyre").size[0],
-            front_track=0.5 * axle.track_m / (kingpin_y + spec.body("front_left").pos[1]),
-            drawbar=vehicle.drawbar.length_m / -spec.site("rj2").pos[0],
-            trailer=vehicle.trailer.length_m / spec.joint("rj2_yaw").pos[0],
-            trailer_track=0.5 * vehicle.trailer.track_m / spec.body("trailer_left").pos[1],
-            towed=vehicle.trailer_wheel.radius_m / spec.geom("trailer_left_tyre").size[0],
-            box=(
-                0.5 * vehicle.box.length_m / box[0],
-                0.5 * vehicle.box.width_m / box[1],
-                0.5 * vehicle.box.height_m / box[2],
-            ),
-        )
+        box_x, box_y, box_z = spec.geom("box").size
+        self.wheelbase = tractor.wheelbase_m / spec.body("front_axle").pos[0]
+        self.engine = 0.5 * tractor.engine_width_m / spec.geom("engine").size[1]  # width
+        self.rear = vehicle.rear_wheel.radius_m / rear_radius
+        between = tractor.rear_track_m - vehicle.rear_wheel.width_m  # the rear tyres
+        self.inside = 0.5 * between / (rear_y - rear_half)
+        self.kingpins = 0.5 * axle.kingpin_track_m / kingpin_y
+        self.front = vehicle.front_wheel.radius_m / spec.geom("front_left_tyre").size[0]
+        self.front_track = 0.5 * axle.track_m / (kingpin_y + spec.body("front_left").pos[1])
+        self.drawbar = vehicle.drawbar.length_m / -spec.site("rj2").pos[0]
+        self.trailer = vehicle.trailer.length_m / spec.joint("rj2_yaw").pos[0]
+        self.trailer_track = 0.5 * vehicle.trailer.track_m / spec.body("trailer_left").pos[1]
+        self.towed = vehicle.trailer_wheel.radius_m / spec.geom("trailer_left_tyre").size[0]
+        box_height = 0.5 * box.height_m / box_z
+        self.box = 0.5 * box.length_m / box_x, 0.5 * box.width_m / box_y, box_height
 
 
 def _scale_to_vehicle(spec: mujoco.MjSpec, vehicle: PlantVehicle) -> None:
     """Scale the model, as read from `mjcf/`, to the vehicle, in place."""
-    ratios = _Ratios.of(spec, vehicle)
+    ratios = _Ratios(spec, vehicle)
     _fit_tractor(spec, vehicle, ratios)
     _fit_front_axle(spec, vehicle, ratios)
     _fit_trailer(spec, vehicle, ratios)

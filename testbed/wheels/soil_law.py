@@ -193,11 +193,7 @@ class SoilLaw:
         return self.combined_ratios(np.ones_like(mobility), mobility, 0.0, slip_angle)[1]
 
     def combined_ratios(
-        self,
-        bn: FloatArray,
-        mobility: FloatArray,
-        slip: FloatArray | float,
-        slip_angle: FloatArray,
+        self, bn: FloatArray, mobility: FloatArray, slip: FloatArray | float, slip_angle: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return traction and side force over load, both (n,), at slip and slip angle [rad].
 

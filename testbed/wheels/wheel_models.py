@@ -39,12 +39,7 @@ class WheelModel:
     output: FloatArray  # (6, 7) last report: wheels in the order of `WHEELS`, columns of `Output`
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        tyres: Tyres,
-        ground: Ground,
-        law: SoilLaw,
+        self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground, law: SoilLaw
     ) -> None:
         self.state = np.zeros(0)
         self.output = np.zeros((len(WHEELS), len(Output)))
@@ -73,12 +68,7 @@ class SoilWheels(WheelModel):
     follows_soil_law: ClassVar[bool] = True
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        tyres: Tyres,
-        ground: Ground,
-        law: SoilLaw,
+        self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground, law: SoilLaw
     ) -> None:
         super().__init__(model, data, tyres, ground, law)
         tracks = 1 + ground.cone_index.size if law.second_pass else 0
@@ -109,12 +99,7 @@ class ContactWheels(WheelModel):
     """
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        tyres: Tyres,
-        ground: Ground,
-        law: SoilLaw,
+        self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground, law: SoilLaw
     ) -> None:
         super().__init__(model, data, tyres, ground, law)
         self._model, self._data, self._tyres, self._ground = model, data, tyres, ground

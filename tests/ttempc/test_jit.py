@@ -9,9 +9,10 @@ import subprocess
 import sys
 from enum import IntEnum
 
+import numpy as np
 import pytest
 
-from ttempc.jit import fingerprint
+from ttempc.jit import COMPILATION, cached_njit, fingerprint
 
 CONSTANTS = """
 from enum import IntEnum
@@ -111,3 +112,19 @@ def test_fingerprint_depends_on_constants_and_enumerations(monkeypatch):
     assert len({first, second, third}) == 3
     monkeypatch.undo()
     assert fingerprint(limited) == first
+
+
+def test_an_array_that_does_not_fit_into_a_slice_is_refused_and_kernels_are_announced_once(caplog):
+    def assign(to, values):
+        to[:] = values
+
+    kernel, to, before = cached_njit()(assign), np.zeros(2), COMPILATION.kernels
+    kernel(to, np.ones(2))
+    assert to.tolist() == [1.0, 1.0]
+    with pytest.raises(ValueError, match="fit"):
+        kernel(to, np.ones(3))
+    if COMPILATION.kernels > before:  # else it was loaded
+        caplog.clear()
+        COMPILATION.announce()
+        COMPILATION.announce()
+        assert [f"{COMPILATION.kernels} kernels" in text for text in caplog.messages] == [True]

@@ -103,56 +103,40 @@ def test_a_full_disk_leaves_no_file(tmp_path):
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
+def test_a_path_is_checked_against_the_field_before_it_is_smoothed(tmp_path):
+    (tmp_path / "mine.toml").write_text('[path]\nkind = "file"\nfile = "path.csv"\n')
+    for text, reason in (
         ("x,y\n0,0\n100000,0\n", "point 1 of 2 at x = 100000"),
         ("x,y\n0,0\n1e308,0\n", "beyond the field"),
-        ("0 0\n" * 100_002, "holds 100002 lines, at most 100000"),
-    ],
-)
-def test_a_path_is_checked_against_the_field_before_it_is_smoothed(text, reason, tmp_path):
-    (tmp_path / "path.csv").write_text(text)
-    (tmp_path / "mine.toml").write_text('[path]\nkind = "file"\nfile = "path.csv"\n')
-    _, scenario = load(str(tmp_path / "mine.toml"))
-    with pytest.raises(REFUSALS, match=reason):
-        scenario.mission()
-
-
-def test_the_samples_of_a_smoothed_path_are_limited():
-    with pytest.raises(InvalidPath, match="make 400000 samples of the line, at most 40000"):
+        ("0 0\n" * 100_002, "100002 lines"),
+    ):
+        (tmp_path / "path.csv").write_text(text)
+        with pytest.raises(REFUSALS, match=reason):
+            load(str(tmp_path / "mine.toml"))[1].mission()
+    with pytest.raises(InvalidPath, match="at most 40000"):
         smooth(np.array([[0.0, 0.0], [100_000.0, 0.0]]), 0.1)
 
 
-GEOJSON = '{"type": "LineString", "coordinates": [[%s, 0.0], [1.0, 1.0]]}'
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        GEOJSON % ("1" * 400),
-        GEOJSON % ("1" * 5000),
-        GEOJSON % "true",
-        GEOJSON % "NaN",
+def test_geojson_of_any_kind_gets_one_line(tmp_path):
+    line = '{"type": "LineString", "coordinates": [[%s, 0.0], [1.0, 1.0]]}'
+    file = tmp_path / "path.geojson"
+    for text in (
+        *(line % number for number in ("1" * 400, "1" * 5000, "true", "NaN")),
         "[" * 100_000,
         '{"type": "FeatureCollection", "features": 5}',
         5000 * '{"type": "Feature", "geometry": ' + "{}" + 5000 * "}",
-    ],
-    ids=range(7),
-)
-def test_geojson_of_any_kind_gets_one_line(text, tmp_path):
-    file = tmp_path / "path.geojson"
-    file.write_text(text)
-    with pytest.raises(InvalidWaypoints) as refusal:
-        read_waypoints(file)
-    assert len(str(refusal.value)) < 500
+    ):
+        file.write_text(text)
+        with pytest.raises(InvalidWaypoints) as refusal:
+            read_waypoints(file)
+        assert len(str(refusal.value)) < 500
 
 
-@pytest.mark.parametrize("key", ["seeds = 1000000000", "seeds = 1\nsamples = 1000000000"])
-def test_studies_are_limited(key, tmp_path):
-    (tmp_path / "study.toml").write_text(key)
-    with pytest.raises(InvalidStudy, match=r"less than or equal to 1000000|samples"):
-        load_study(str(tmp_path / "study.toml"))
+def test_studies_are_limited(tmp_path):
+    for key in ("seeds = 1000000000", "seeds = 1\nsamples = 1000000000"):
+        (tmp_path / "study.toml").write_text(key)
+        with pytest.raises(InvalidStudy, match=r"1000000|samples"):
+            load_study(str(tmp_path / "study.toml"))
 
 
 def test_a_pipe_as_height_map_does_not_hang(tmp_path):

@@ -9,7 +9,6 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 from proving_ground.experiments.figures import CAPTIONS, FIGURES, draw, png
-from proving_ground.experiments.figures.panel import Panel, alone, svg
 from proving_ground.experiments.figures.style import series
 from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.results.metrics import summarise
@@ -277,16 +276,6 @@ def test_figures_are_small_png_files_as_wide_as_a_page():
 
 def test_the_same_record_gives_the_same_picture(run):
     assert png(FIGURES["error"](run)) == png(FIGURES["error"](run))
-
-
-def test_svg_figures_of_one_page_share_no_id():
-    def ids(name):
-        text = svg(alone(Panel("one", lambda axes: axes.plot([0.0, 1.0]))), name)
-        assert text.startswith("<svg viewBox=")
-        return {part.partition('"')[0] for part in text.split(' id="')[1:]}
-
-    assert ids("first")
-    assert not ids("first") & ids("second")
 
 
 def test_the_tool_is_drawn_where_it_works():

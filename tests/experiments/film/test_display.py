@@ -1,4 +1,4 @@
-"""What a film shows beside the vehicle: faults, errors, ghosts, mown grass."""
+"""What a film shows beside the vehicle: faults, errors, ghosts."""
 
 import dataclasses
 import math
@@ -8,11 +8,9 @@ import pytest
 from PIL import Image
 from proving_ground.experiments.film.drawing import OverlayBox, text_length
 from proving_ground.experiments.film.hud import Hud
-from proving_ground.experiments.film.mujoco_scene import mown
 from proving_ground.experiments.film.plan_view import PlanView
 from proving_ground.experiments.film.playback import Ghost, rotation
 from proving_ground.experiments.film.settings import FilmSettings
-from proving_ground.testbed.ground.terrain import flat
 from proving_ground.testbed.recording.channels import REFERENCE
 from proving_ground.testbed.recording.record import Event
 
@@ -112,11 +110,3 @@ def test_the_trace_ends_at_the_error_of_its_time_and_reaches_back_over_its_windo
     assert np.all(np.diff(points[:, 0]) > 0.0)
     span = points[-1, 0] - points[0, 0]
     assert span == pytest.approx((9.0 / 30.0) * (560.0 - 64.0 - 14.0), abs=8.0)
-
-
-def test_mown_colours_change_across_the_swaths_and_at_the_edge_only():
-    colours = mown(np.full((200, 320, 3), 0.5), flat((16.0, 10.0)))
-    middle = colours[:, 160, 1]
-    assert np.ptp(middle[20:-20]) == pytest.approx(0.055, rel=0.05)  # of 0.5, both ways
-    assert np.ptp(colours[100, 20:-20], axis=0).max() < 1e-12, "stripes run along x"
-    assert colours[0, 160, 1] < middle[20:-20].min()

@@ -37,7 +37,7 @@ def test_a_loop_costs_more_than_its_physics():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", ["start-up", "memory", "sweep", "environment", "tube-step"])
+@pytest.mark.parametrize("part", ["start-up", "memory", "sweep"])
 def test_other_parts(part):
     values(benchmarks.PARTS[part]())
 

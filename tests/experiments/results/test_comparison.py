@@ -7,11 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.errors import NotComparable
 from proving_ground.experiments.figures.comparison_figures import COMPARISONS
-from proving_ground.experiments.figures.style import blank, figure_width, legend
 from proving_ground.experiments.film.render import Film
 from proving_ground.experiments.film.settings import FilmSettings
 from proving_ground.experiments.results.run_comparison import format_comparison, read_compared
@@ -67,13 +64,6 @@ def test_the_figures_show_each_run_up_to_the_common_end(short_runs):
         assert widths == sorted(widths, reverse=True), "a line hides an equal one below it"
 
 
-def test_a_label_is_what_differs_and_the_rest_is_common(short_runs):
-    for run in read_compared(logs(short_runs, "paper", "nominal")):
-        parts = run.label.split(" · ")
-        assert run.short_label == parts[1]
-        assert run.common.split(" · ") == [parts[0], parts[2]]
-
-
 def test_vector_figures_of_a_comparison_have_the_width_of_a_column_and_their_data(
     short_runs, tmp_path, capsys
 ):
@@ -100,30 +90,17 @@ def test_vector_figures_of_a_comparison_have_the_width_of_a_column_and_their_dat
     assert message.count("\n") == 1
 
 
-@pytest.mark.parametrize("lengths", [(5, 5, 5), (60, 60, 60), (150, 20, 20), (30,) * 6])
-@pytest.mark.parametrize("width_in", [7.2, 3.46])
-def test_a_legend_is_not_wider_than_its_axes(lengths, width_in):
-    with figure_width(width_in):
-        figure = blank(3.0)
-    axes = figure.subplots()
-    for length in lengths:
-        axes.plot([0.0, 1.0], label=("word " * length)[:length])
-    legend(axes, 6)
-    FigureCanvasAgg(figure).draw()
-    assert axes.get_legend().get_window_extent().x1 <= figure.bbox.x1
-    assert axes.get_window_extent().width > 0.8 * figure.bbox.width
-
-
-def test_runs_are_compared_up_to_the_end_of_the_shortest(short_runs):
+def test_runs_are_compared_up_to_the_end_of_the_shortest_and_labelled_by_what_differs(short_runs):
     runs = read_compared(logs(short_runs, "paper", "nominal"))
     assert runs[0].end_s == runs[1].end_s
-    shorter = replace(runs[0], end_s=9.0)
-    assert shorter.errors.time_s[-1] <= 9.0
-    kept = runs[0].errors.time_s <= 9.0
-    np.testing.assert_array_equal(
-        shorter.errors.tractor.cross_m, runs[0].errors.tractor.cross_m[kept]
-    )
+    shorter, whole = replace(runs[0], end_s=9.0), runs[0].errors
+    kept = whole.time_s <= 9.0
+    np.testing.assert_array_equal(shorter.errors.tractor.cross_m, whole.tractor.cross_m[kept])
     assert "8 to 9.0 s" in format_comparison([shorter])
+    for run in runs:
+        parts = run.label.split(" · ")
+        assert run.short_label == parts[1]
+        assert run.common.split(" · ") == [parts[0], parts[2]]
 
 
 def test_a_side_by_side_film_shows_each_run_in_its_own_part(short_runs):
@@ -135,48 +112,26 @@ def test_a_side_by_side_film_shows_each_run_in_its_own_part(short_runs):
     np.testing.assert_array_equal(picture[:, 320:], swapped[:, :320])
 
 
-@pytest.mark.parametrize(
-    ("names", "words"),
-    [
-        (["paper", "slower"], "different references"),
-        (["paper", "paper"], "given twice"),
-        (["paper"], "takes 2 to 6"),
-        (["paper", "none"], "cannot be read"),
-    ],
-)
-def test_runs_that_are_not_comparable_are_refused(short_runs, names, words, tmp_path, capsys):
-    folder = tmp_path / "both"
-    files = logs(short_runs, *names)
-    assert main(["compare", *map(str, files), "-o", str(folder)]) == 2
-    message = capsys.readouterr().err
-    assert words in message
-    assert message.count("\n") == 1
-    assert not folder.exists()
-
-
-def test_the_folder_of_a_run_stands_for_its_log_and_ghosts_of_logs_are_refused(
-    short_runs, tmp_path, capsys
-):
-    folders = [str(log.parent) for log in logs(short_runs, "paper", "nominal")]
-    folder = tmp_path / "both"
-    ghost = ["--ghost", folders[0], "--ghost", "reference"]
-    assert main(["compare", *folders, *ghost, "-o", str(folder)]) == 2
-    assert "--ghost: takes reference alone" in capsys.readouterr().err
-    assert not folder.exists()
-    assert main(["compare", *folders, "-o", str(folder)]) == 0
-    assert (folder / "comparison.csv").exists()
-
-
-def test_a_torn_log_or_too_narrow_a_film_is_refused_before_anything_is_written(
+def test_what_cannot_be_compared_is_refused_before_anything_is_written(
     short_runs, tmp_path, capsys
 ):
     one, other = logs(short_runs, "paper", "nominal")
-    torn = tmp_path / "torn.mcap"
+    torn, folder = tmp_path / "torn.mcap", tmp_path / "both"
     torn.write_bytes(other.read_bytes()[:-5000])
-    with pytest.raises(NotComparable, match="is torn"):
-        read_compared([one, torn])
-    folder = tmp_path / "both"
-    narrow = ["--film", "both.mp4", "--camera", "plan", "--size", "320x180", "-o", str(folder)]
-    assert main(["compare", str(one), str(other), *narrow]) == 2
-    assert "2 runs abreast need a width of 640" in capsys.readouterr().err
-    assert not folder.exists()
+    narrow = ["--film", "both.mp4", "--camera", "plan", "--size", "320x180"]
+    for files, words in (
+        ([one, *logs(short_runs, "slower")], "different references"),
+        ([one, one], "given twice"),
+        ([one], "takes 2 to 6"),
+        ([one, *logs(short_runs, "none")], "cannot be read"),
+        ([one, torn], "is torn"),
+        ([one, other, *narrow], "640"),
+        ([one, other, "--ghost", one.parent, "--ghost", "reference"], "--ghost"),
+    ):
+        assert main(["compare", *map(str, files), "-o", str(folder)]) == 2
+        message = capsys.readouterr().err
+        assert words in message
+        assert message.count("\n") == 1
+        assert not folder.exists()
+    assert main(["compare", str(one.parent), str(other.parent), "-o", str(folder)]) == 0
+    assert (folder / "comparison.csv").exists()

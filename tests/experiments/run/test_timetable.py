@@ -23,44 +23,24 @@ SHORT = "path={kind='straight', length_m=8}"
 BENT = "path={kind='figure-eight', laps=1}"
 IMU, LOADED = "sensors.imu.on=true", "plant.vehicle.load_kg=300"
 WINDOW = "start_s = 2.0, duration_s = 2.0"
+LASTING = """
+gnss_out; gnss_frozen; gnss_jump offset_m = 0.5; gnss_drift rate_mps = 0.1;
+gnss_outlier offset_m = 2.0; gnss_float; gnss_late delay_s = 0.4; antennas_swapped;
+angle_stuck sensor = 'hitch'; angle_bias sensor = 'steering_tractor', bias_deg = 3.0;
+angle_drift sensor = 'steering_trailer', rate_degps = 1.0;
+angle_noise sensor = 'hitch', sd_deg = 5.0; gyro_bias body = 'tractor', bias_degps = 2.0;
+encoder_dead; encoder_scaled factor = 2.0; samples_duplicated; stamps_backward;
+stamps_shifted offset_s = -0.3; commands_lost; commands_late delay_s = 0.4; front_steering_stuck;
+trailer_steering_stuck; hydrostat_stuck; front_steering_slow rate_degps = 0.5;
+trailer_steering_slow rate_degps = 0.5; front_steering_hard_over side = 'left';
+trailer_steering_hard_over side = 'right'; front_steering_play play_deg = 2.0;
+trailer_steering_play play_deg = 2.0; hydrostat_cut; hydrostat_sluggish time_constant_s = 2.0;
+front_steering_free; trailer_steering_free; load_shift left_m = 0.1;
+tyre_flat wheel = 'trailer_left'; gust force_n = 800.0, direction_deg = 90.0;
+stone wheel = 'front_left', impulse_ns = 200.0
+"""
 FOR_TIME = {
-    "gnss_out": "",
-    "gnss_frozen": "",
-    "gnss_jump": "offset_m = 0.5",
-    "gnss_drift": "rate_mps = 0.1",
-    "gnss_outlier": "offset_m = 2.0",
-    "gnss_float": "",
-    "gnss_late": "delay_s = 0.4",
-    "antennas_swapped": "",
-    "angle_stuck": "sensor = 'hitch'",
-    "angle_bias": "sensor = 'steering_tractor', bias_deg = 3.0",
-    "angle_drift": "sensor = 'steering_trailer', rate_degps = 1.0",
-    "angle_noise": "sensor = 'hitch', sd_deg = 5.0",
-    "gyro_bias": "body = 'tractor', bias_degps = 2.0",
-    "encoder_dead": "",
-    "encoder_scaled": "factor = 2.0",
-    "samples_duplicated": "",
-    "stamps_backward": "",
-    "stamps_shifted": "offset_s = -0.3",
-    "commands_lost": "",
-    "commands_late": "delay_s = 0.4",
-    "front_steering_stuck": "",
-    "trailer_steering_stuck": "",
-    "hydrostat_stuck": "",
-    "front_steering_slow": "rate_degps = 0.5",
-    "trailer_steering_slow": "rate_degps = 0.5",
-    "front_steering_hard_over": "side = 'left'",
-    "trailer_steering_hard_over": "side = 'right'",
-    "front_steering_play": "play_deg = 2.0",
-    "trailer_steering_play": "play_deg = 2.0",
-    "hydrostat_cut": "",
-    "hydrostat_sluggish": "time_constant_s = 2.0",
-    "front_steering_free": "",
-    "trailer_steering_free": "",
-    "load_shift": "left_m = 0.1",
-    "tyre_flat": "wheel = 'trailer_left'",
-    "gust": "force_n = 800.0, direction_deg = 90.0",
-    "stone": "wheel = 'front_left', impulse_ns = 200.0",
+    kind: keys for kind, _, keys in (text.strip().partition(" ") for text in LASTING.split(";"))
 }
 ON_THE_WAY = {
     "soil_patch": "radius_m = 1.0, cone_index_kpa = 100.0",

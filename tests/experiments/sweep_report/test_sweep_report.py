@@ -34,7 +34,7 @@ from proving_ground.experiments.sweep_report.runs import (
 from tests.browser import dump_dom, measured, needs_browser
 from tests.experiments.sweep_rows import AXES, DRAWN, ERROR, swept, synthetic_row
 
-VOID = {"meta", "br", "path", "use"}
+VOID = {"meta", "br", "img"}
 TOOL = ERROR.replace("trailer", "tool")
 
 
@@ -49,7 +49,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         given = dict(attrs)
-        self.links += [given[name] for name in ("href", "src") if name in given]
+        self.links += [given["href"]] if "href" in given else []
         self.names += [given["id"]] if "id" in given else []
         if tag not in VOID:
             self.open.append(tag)

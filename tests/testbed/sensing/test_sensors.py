@@ -200,9 +200,7 @@ def test_an_imu_reads_yaw_rate_roll_and_pitch_of_its_body():
 
 def test_the_bias_of_an_imu_is_drawn_once_a_run():
     imu = replace(
-        PERFECT_IMU,
-        angle_bias_sd_deg=math.degrees(0.01),
-        yaw_rate_bias_sd_degps=math.degrees(0.02),
+        PERFECT_IMU, angle_bias_sd_deg=math.degrees(0.01), yaw_rate_bias_sd_degps=math.degrees(0.02)
     )
     runs = [collect(replace(EXACT, imu=imu), seed, 100)[Sensor.IMU_TRACTOR] for seed in range(200)]
     for run in runs:

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump
-from proving_ground.testbed.ground.soil import Patch, SoilMap, Tracks, Tramlines
+from proving_ground.testbed.ground.soil import SoilMap, Tracks, Tramlines
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.vehicle.appearance import tyre_mesh
 from proving_ground.testbed.vehicle.vehicle import read_vehicle
@@ -22,22 +22,6 @@ def test_tyre_mesh_is_closed_and_faces_outwards():
     assert 0.6 * ring < volume < ring
     reach = np.hypot(vertices[:, 0], vertices[:, 2])
     assert 0.39 < reach.max() <= 0.4
-
-
-def test_soft_soil_is_painted_where_it_lies():
-    soil = SoilMap(800.0, (Patch(x_m=6.0, y_m=-3.0, radius_m=2.0, cone_index_kpa=100.0),))
-    plant = Plant(read_vehicle(), terrain.flat((20.0, 12.0)), soil)
-    image = plant.drawn_model().texture("ground").data.astype(float)  # first row north
-    rows, columns, _ = image.shape
-    green = image[..., 1] - image[..., 0]
-
-    def at(x, y):
-        row = round((0.5 - y / 12.0) * (rows - 1))
-        column = round((0.5 + x / 20.0) * (columns - 1))
-        return green[row - 5 : row + 5, column - 5 : column + 5].mean()
-
-    assert at(6.0, -3.0) < 0.0
-    assert min(at(6.0, 3.0), at(-6.0, -3.0), at(-6.0, 3.0)) > 0.0
 
 
 def test_hard_and_soft_tracks_and_a_bump_can_be_seen():

@@ -1,0 +1,211 @@
+"""Exports of logs, read by the tools that they are for: Rerun, ROS 2, layouts of viewers."""
+
+import importlib
+import json
+import re
+import subprocess
+import sys
+from collections import defaultdict
+from math import atan2
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from proving_ground.experiments import logs
+from proving_ground.experiments.commands.cli import main
+from proving_ground.experiments.logs.export import PANELS, PATH_COLOURS
+from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.scenario.scenario import load
+from proving_ground.testbed.geodesy import DATUM, east_north
+from proving_ground.testbed.log.reader import read_content, read_log
+from proving_ground.testbed.log.scene import lines_of, motion_of
+from proving_ground.testbed.messages.publisher import topics_of
+from proving_ground.testbed.recording.channels import CHANNELS, ERROR, PREDICTED_PATH_TOPIC
+
+LAYOUTS = Path(logs.__file__).parent
+FIELDS = {(each.topic, name) for each in (*CHANNELS, ERROR) for name in each.fields}
+
+
+def rerun(home, *arguments):
+    """Run the program, with a home of its own for its settings; return what it prints."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rerun", *map(str, arguments)],
+        env={"HOME": str(home), "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+def test_rerun_reads_every_body_path_series_and_event(short_runs, tmp_path):
+    pytest.importorskip("rerun")
+    file = tmp_path / "run.rrd"
+    line = ["log", "export", str(short_runs / "nominal"), "--format", "rerun", "-o", str(file)]
+    assert main(line) == 0
+    assert list(tmp_path.iterdir()) == [file]
+    assert "verified without error" in rerun(tmp_path, "rrd", "verify", file)
+    printed = rerun(tmp_path, "rrd", "print", "-v", file)
+    content = read_content(short_runs / "nominal")
+    expected = {f"/world/vehicle/{name}" for name in motion_of(content).body_names}
+    expected |= {f"/plots/{name}/{field}" for name, panel in PANELS.items() for field in panel[2]}
+    expected |= {f"/world{topic}" for topic in PATH_COLOURS}
+    expected |= {"/world/ground/mesh0", "/world/vehicle/tractor/boxes", "/events"}
+    assert expected <= set(re.findall(r"(/[\w/]+)", printed))
+    assert printed.count("ViewBlueprint:class_identifier") >= 8  # field, events, six plots
+    assert main(line) == 2  # exists
+
+
+def test_what_cannot_be_exported_is_refused_in_one_line(short_runs, tmp_path, monkeypatch, capsys):
+    log = str(short_runs / "nominal" / "log.mcap")
+    for form, out, words in (
+        ("rerun", "run.txt", ".rrd"),
+        ("rerun", "no/run.rrd", "cannot be written"),
+        ("ros2", "bag", "ros2_bag.py"),
+    ):
+        assert main(["log", "export", log, "--format", form, "-o", str(tmp_path / out)]) == 2
+        error = capsys.readouterr().err
+        assert words in error
+        assert error.count("\n") == 1
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    for form, extra in (("rerun", "rerun"), ("parquet", "export")):
+        assert main(["log", "export", log, "--format", form, "-o", str(tmp_path / "new")]) == 2
+        assert f"ttempc-proving-ground[{extra}]" in capsys.readouterr().err
+    assert not any(tmp_path.iterdir())
+
+
+def test_the_layouts_of_viewers_name_topics_and_fields_of_a_log():
+    text = (LAYOUTS / "foxglove-layout.json").read_text(encoding="utf-8")
+    topics = set(re.findall(r'"(/[\w/]+)(?:\.(\w+))?"', text))
+    plotted = {pair for pair in topics if pair[1]}
+    assert len(plotted) > 30
+    assert plotted <= FIELDS
+    assert {topic for topic, _ in topics} <= {each.name for each in topics_of()}
+    panels = json.loads(text)
+    for name in panels["configById"]:
+        assert text.count(json.dumps(name)) == 2, "a place in the layout for every panel"
+    tree = ElementTree.parse(LAYOUTS / "plotjuggler-layout.xml")
+    curves = {tuple(each.attrib["name"].rsplit("/", 1)) for each in tree.iter("curve")}
+    assert len(curves) > 30
+    assert curves <= FIELDS
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """Record of a run with late samples, and the messages of its bag: log time [s], message."""
+    pytest.importorskip("rosbags")
+    folder = tmp_path_factory.mktemp("bag")
+    straight = "path={kind='straight', length_m=6}"
+    simulate(*load("grass", [straight, "sensors.preset=field"]), 3, log=folder / "log.mcap")
+    recipes = str(Path(__file__).parents[3] / "docs" / "examples")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(recipes)
+        importlib.import_module("ros2_bag").convert(folder / "log.mcap", folder / "bag")
+    topics = defaultdict(list)
+    with (folder / "bag" / "bag.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        assert reader.get_header().profile == "ros2"
+        for _, channel, message, decoded in reader.iter_decoded_messages():
+            topics[channel.topic].append((1e-9 * message.log_time, decoded))
+    return folder / "log.mcap", read_log(folder / "log.mcap"), topics
+
+
+def stamp_s(message):
+    return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+
+
+def samples(record, sensor, parts):
+    """Return the samples of a sensor, their own times and those of their delivery."""
+    table = record["/measurement"]
+    taken = table[f"{sensor}_time_s"]
+    kept = ~np.isnan(taken)
+    names = [f"{sensor}_{part}" for part in parts]
+    return table.columns(*names)[kept], taken[kept], table.time_s[kept]
+
+
+def yaw(turn):
+    return atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+
+
+def test_a_bag_has_the_truth_of_the_record(bag):
+    _, record, topics = bag
+    state = record["/state"]
+    for place, letter in (("tractor", "t"), ("trailer", "i")):
+        messages = [message for _, message in topics[f"/{place}/odometry"]]
+        assert [stamp_s(m) for m in messages] == pytest.approx(state.time_s.tolist())
+        places = [m.pose.pose.position for m in messages]
+        names = [f"{axis}_{letter}_m" for axis in "xyz"]
+        np.testing.assert_array_equal([(p.x, p.y, p.z) for p in places], state.columns(*names))
+        yaws = [yaw(m.pose.pose.orientation) for m in messages]
+        np.testing.assert_allclose(yaws, state[f"psi_{letter}_rad"], atol=1e-9)
+        rates = [m.twist.twist.angular.z for m in messages]
+        np.testing.assert_array_equal(rates, state[f"yaw_rate_{letter}_radps"])
+    speeds = [m.twist.twist.linear.x for m in messages]  # of the trailer
+    driven = np.hypot(*np.diff(state.columns("x_i_m", "y_i_m"), axis=0).T).sum()
+    assert np.trapezoid(speeds, state.time_s) == pytest.approx(driven, rel=1e-3)
+    odometry = {stamp_s(m): m.pose.pose.position for _, m in topics["/tractor/odometry"]}
+    for _, message in topics["/tf"]:
+        frames = {each.child_frame_id: each for each in message.transforms}
+        assert {"base_link", "trailer_link", "tractor", "trailer"} <= set(frames)
+        origin, position = (
+            frames["base_link"].transform.translation,
+            odometry[stamp_s(frames["base_link"])],
+        )
+        assert (origin.x, origin.y, origin.z) == (position.x, position.y, position.z)
+
+
+def test_samples_of_a_bag_are_stamped_when_taken_and_logged_when_delivered(bag):
+    _, record, topics = bag
+    for place in ("tractor", "trailer"):
+        points, taken_s, delivered_s = samples(record, f"gnss_{place}", ("x_m", "y_m"))
+        assert (delivered_s > taken_s).all()  # the receivers of this preset are late
+        messages = topics[f"/{place}/position"]
+        np.testing.assert_array_equal([(m.point.x, m.point.y) for _, m in messages], points)
+        assert [stamp_s(m) for _, m in messages] == pytest.approx(taken_s.tolist())
+        assert [time_s for time_s, _ in messages] == pytest.approx(delivered_s.tolist())
+        fixes = [m for _, m in topics[f"/{place}/fix"]]
+        origin = (DATUM.latitude_deg, DATUM.longitude_deg)
+        back = east_north([m.latitude for m in fixes], [m.longitude for m in fixes], origin)
+        np.testing.assert_allclose(back, points, atol=1e-3)
+    joints = defaultdict(list)
+    for _, message in topics["/joint_states"]:
+        for name, angle, rate in zip(message.name, message.position, message.velocity, strict=True):
+            joints[name].append(0.40 * rate if name == "rear_wheel" else angle)  # radius [m]
+    for name, sensor, part in (
+        ("front_steering", "steering_tractor", "rad"),
+        ("trailer_steering", "steering_trailer", "rad"),
+        ("hitch", "hitch", "rad"),
+        ("rear_wheel", "encoder", "mps"),
+    ):
+        np.testing.assert_allclose(
+            joints[name], samples(record, sensor, (part,))[0][:, 0], rtol=1e-14
+        )
+    values, _, _ = samples(record, "imu_trailer", ("yaw_rate_radps", "roll_rad", "pitch_rad"))
+    imus = [m for _, m in topics["/trailer/imu"]]
+    np.testing.assert_array_equal([m.angular_velocity.z for m in imus], values[:, 0])
+    half = [(m.orientation.x, m.orientation.y) for m in imus]
+    np.testing.assert_allclose(half, 0.5 * values[:, 1:], atol=1e-4)  # small angles
+
+
+def test_a_bag_has_estimates_references_commands_paths_and_events(bag):
+    log, record, topics = bag
+    estimated = [message for _, message in topics["/tractor/odometry/estimated"]]
+    diagonals = [np.reshape(m.pose.covariance, (6, 6)).diagonal()[[0, 1, 5]] for m in estimated]
+    sds = record["/estimate"].columns("sd_x_t_m", "sd_y_t_m", "sd_psi_t_rad")
+    np.testing.assert_allclose(diagonals, sds**2)
+    reference = [(m.pose.position.x, m.pose.position.y) for _, m in topics["/trailer/reference"]]
+    np.testing.assert_array_equal(reference, record["/reference"].columns("x_i_m", "y_i_m"))
+    names = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
+    commands = [list(m.position) for _, m in topics["/commands"]]
+    np.testing.assert_array_equal(commands, record["/control"].columns(*names))
+    paths = [message for _, message in topics["/mpc/predicted_path"]]
+    lines = lines_of(read_content(log), PREDICTED_PATH_TOPIC)
+    for line, path in zip(lines, paths, strict=True):
+        points = [pose.pose.position for pose in path.poses]
+        np.testing.assert_array_equal([(p.x, p.y, p.z) for p in points], line.points)
+    assert [m.msg for _, m in topics["/rosout"]] == [event.text for event in record.events]
