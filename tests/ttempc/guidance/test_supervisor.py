@@ -178,8 +178,8 @@ def test_a_vehicle_that_makes_no_way_stops_and_steers_on_where_it_may():
             make_controller("pid", VEHICLE, REFERENCE, PERIOD_S), REFERENCE, PERIOD_S
         )
         commands = []
-        for k in range(60, 100):  # into the first curve
-            alarms = (Alarm("given", "given", way),) if k >= 70 else ()
+        for k in range(40, 80):  # into the first curve
+            alarms = (Alarm("given", "given", way),) if k >= 50 else ()
             commands.append(supervisor.step(on_reference(k), k, k * PERIOD_S, alarms).command)
         hp = [command.hp for command in commands]
         assert hp[9] > 0.5
