@@ -32,8 +32,7 @@ _DEMO_SIZE: Final = (640, 360)
 @command(
     options.SCENARIO,
     out("DIR", "default: a new one in runs/"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
     options.CONTROLLER,
     options.SEED,
     options.SEEDS,
@@ -110,8 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
 @command(
     options.SCENARIO,
     out("DIR", "default: a new one in runs/"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
     options.CONTROLLER,
     options.SEED,
 )

@@ -17,8 +17,7 @@ _PORTS: Final = {"json": 8890, "agopengps": 8888}
 @command(
     options.SCENARIO,
     out("DIR", "default: a new one in runs/"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
     options.SEED,
     json_of("the summary"),
     option(
