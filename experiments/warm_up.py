@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from argparse import Namespace
 from typing import Final
 
 from .threads import use_one_thread
@@ -16,11 +17,15 @@ from .threads import use_one_thread
 _ARGUMENTS: Final = ("-m", "proving_ground.experiments.warm_up")
 
 
-def compile_in_two_processes() -> None:
-    """Start the second process when this one begins to compile, if there is a core for it."""
+def compile_in_two_processes(arguments: Namespace) -> None:
+    """Start the second process when this one begins to compile, if there is a core for it.
+
+    A command that was called in another program's process, as a test does, starts none.
+    """
     from ttempc.jit import COMPILATION
 
-    if hasattr(os, "sched_getaffinity") and len(os.sched_getaffinity(0)) > 1:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+    if arguments.own_process and cores > 1:
         COMPILATION.on_first = _start
 
 

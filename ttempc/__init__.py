@@ -75,36 +75,25 @@ __all__ = [
 ]
 
 _HOME = {
-    "errors": ("TtempcError",),
-    "estimation.ekf": ("ExtendedKalmanFilter",),
-    "estimation.noise": ("ProcessNoise", "SensorNoise"),
-    "guidance.controllers": ("CONTROLLERS", "ESTIMATORS", "make_controller"),
-    "guidance.guidance": ("Guidance",),
-    "guidance.supervisor": ("SafetyLimits",),
-    "reference.headland": ("headland",),
-    "reference.path": ("Path", "figure_eight", "straight"),
-    "reference.reference": ("ConstantSpeed", "Reference"),
-    "reference.smoothing": ("smooth",),
-    "reference.speed": ("PlannedSpeed",),
-    "types": (
-        "Command",
-        "Controller",
-        "ControlStep",
-        "Diagnostics",
-        "Estimate",
-        "Estimator",
-        "Input",
-        "Measurement",
-        "Sensor",
-        "State",
-    ),
-    "vehicle": ("CommandLimits", "Vehicle"),
+    "errors": "TtempcError",
+    "estimation.ekf": "ExtendedKalmanFilter",
+    "estimation.noise": "ProcessNoise SensorNoise",
+    "guidance.controllers": "CONTROLLERS ESTIMATORS make_controller",
+    "guidance.guidance": "Guidance",
+    "guidance.supervisor": "SafetyLimits",
+    "reference.headland": "headland",
+    "reference.path": "Path figure_eight straight",
+    "reference.reference": "ConstantSpeed Reference",
+    "reference.smoothing": "smooth",
+    "reference.speed": "PlannedSpeed",
+    "types": "Command Controller ControlStep Diagnostics Estimate Estimator "
+    "Input Measurement Sensor State",
+    "vehicle": "CommandLimits Vehicle",
 }
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> object:
-    """Load a public name from its module."""
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f".{_MODULE_OF[name]}", __name__), name)

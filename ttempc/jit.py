@@ -34,9 +34,6 @@ def cached_njit(
     another module has changed. The key of this cache includes the `fingerprint` of the function.
     A process that compiles says so in a line of the logger `ttempc`. Where numba finds no folder
     that it can write to, kernels are compiled anew in every process, and the line says that.
-
-    Args:
-        options: keyword options of `numba.njit` but for `cache`.
     """
 
     def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -101,7 +98,6 @@ event.register("numba:compile", COMPILATION)
 
 @functools.cache
 def _warn_of_no_cache() -> None:
-    """Log, once a process, that kernels are not kept on disk."""
     _LOG.warning(
         "no folder for compiled kernels can be written to: this process compiles its own, in about "
         "25 s on an idle core; set NUMBA_CACHE_DIR to a folder that can"

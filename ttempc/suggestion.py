@@ -9,10 +9,6 @@ from difflib import get_close_matches
 def did_you_mean(word: str, names: Iterable[str]) -> str:
     """Return the end of a message, ` (did you mean NAME?)`, empty where no name is close.
 
-    Args:
-        word: what was given.
-        names: that are allowed.
-
     Examples:
         >>> did_you_mean("gras", ["pavement", "grass"])
         ' (did you mean grass?)'

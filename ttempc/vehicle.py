@@ -53,19 +53,17 @@ class Vehicle:
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            value = getattr(self, item.name)
-            if item.name == "reverse":
-                continue
+            value, what = getattr(self, item.name), f"vehicle.{item.name}"
             if item.name.startswith("dead_time"):
                 if not 0.0 <= value <= MAX_DEAD_TIME_S:
                     raise InvalidVehicle(
-                        f"vehicle.{item.name}: got {value}, must be from 0 to {MAX_DEAD_TIME_S} s"
+                        f"{what}: got {value}, must be from 0 to {MAX_DEAD_TIME_S} s"
                     )
-                continue
-            low = 0.0 if item.name != "hitch_offset" else -math.inf
-            if not math.isfinite(value) or value <= low:
-                allowed = "finite" if low == -math.inf else "finite and above 0"
-                raise InvalidVehicle(f"vehicle.{item.name}: got {value}, must be {allowed}")
+            elif item.name == "hitch_offset":
+                if not math.isfinite(value):
+                    raise InvalidVehicle(f"{what}: got {value}, must be finite")
+            elif item.name != "reverse" and not (math.isfinite(value) and value > 0.0):
+                raise InvalidVehicle(f"{what}: got {value}, must be finite and above 0")
         for name in ("steering_limit_t", "steering_limit_i"):
             if getattr(self, name) >= math.pi / 2:
                 raise InvalidVehicle(

@@ -19,7 +19,6 @@ from ttempc.tube import (
     Polytope,
     TrackingSystem,
     admissible_subset,
-    draw_set,
     feedback_gains,
     invariant_tube,
     linear_map,
@@ -119,11 +118,12 @@ def main():
 
         figure, axes = plt.subplots()
         tube = mpc.tube.at(0)
-        draw_set(axes, minkowski_sum([mpc.terminal, tube]), color="0.9")
-        draw_set(axes, mpc.terminal, color="0.75")
+        both = minkowski_sum([mpc.terminal, tube])
+        axes.fill(*outline(both, np.eye(2)).T, color="0.9")
+        axes.fill(*outline(mpc.terminal, np.eye(2)).T, color="0.75")
         states, _, nominal = runs[0]
         for z in nominal:
-            draw_set(axes, tube, centre=z, facecolor="none", edgecolor="tab:green")
+            axes.fill(*(z + outline(tube, np.eye(2))).T, facecolor="none", edgecolor="tab:green")
         axes.plot(*states.T, ".-", color="black")
         axes.axhline(2.0, color="tab:red", linestyle="--")
         axes.set(xlabel="x_1", ylabel="x_2")

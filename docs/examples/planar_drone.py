@@ -15,7 +15,6 @@ import numpy as np
 from ttempc.tube import (
     Polytope,
     TrackingSystem,
-    draw_band,
     feedback_gains,
     fit_set,
     invariant_tube,
@@ -138,7 +137,8 @@ def main():
 
         figure, axes = plt.subplots()
         times = PERIOD_S * np.arange(TICKS)
-        draw_band(axes, times, states[:-1, 0], tube.states[:, 0], color="0.85")
+        along, half_width = states[:-1, 0], tube.states[:, 0]
+        axes.fill_between(times, along - half_width, along + half_width, color="0.85")
         axes.plot(times, states[:-1, :1] + error[:, :20, 0], color="black", linewidth=0.4)
         axes.set(xlabel="time [s]", ylabel="x [m]")
         figure.savefig(sys.argv[1])

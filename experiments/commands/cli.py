@@ -73,11 +73,12 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     use_one_thread()
+    parsed = argparse.Namespace(own_process=arguments is None)
     arguments = sys.argv[1:] if arguments is None else arguments
     previous = _catch_termination()
     try:
         chosen = next((text for text in arguments if not text.startswith("-")), "")
-        parsed = make_parser(chosen).parse_args(arguments)
+        parsed = make_parser(chosen).parse_args(arguments, parsed)
         return parsed.command(parsed)
     except (ExperimentError, TestbedError, TtempcError) as error:
         return _refuse(str(error))

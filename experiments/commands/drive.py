@@ -32,8 +32,7 @@ _DEMO_SIZE: Final = (640, 360)
 @command(
     options.SCENARIO,
     out("DIR", "default: a new one in runs/"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
     options.CONTROLLER,
     options.SEED,
     options.SEEDS,
@@ -80,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.live:
         refuse_given(arguments, ("port",), "goes with --live only")
     name, scenario = options.load_scenario(arguments)
-    compile_in_two_processes()
+    compile_in_two_processes(arguments)
     if arguments.view:
         return _view(arguments, scenario)
     numbers = arguments.seeds or (arguments.seed,)
@@ -110,8 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
 @command(
     options.SCENARIO,
     out("DIR", "default: a new one in runs/"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
     options.CONTROLLER,
     options.SEED,
 )
@@ -134,7 +132,7 @@ def demo(arguments: argparse.Namespace) -> int:
         return replace(assembly, ticks=min(ticks, assembly.ticks))
 
     name, scenario = options.load_scenario(arguments)
-    compile_in_two_processes()
+    compile_in_two_processes(arguments)
     folder = arguments.out or options.unused_path(Path("runs"), f"demo-{name}")
     finished = run(name, scenario, arguments.seed, folder, shown=True, make=first_seconds)
     log, file = finished.files["log"], folder / "film.webp"

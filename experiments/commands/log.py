@@ -71,8 +71,7 @@ def check(arguments: argparse.Namespace) -> int:
 @command(
     options.LOG,
     option("--estimator", metavar="NAME", help="ekf, nmhe, or package.module:factory of your own"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
 )
 def replay(arguments: argparse.Namespace) -> int:
     """Put the recorded samples and commands through an estimator, without physics.

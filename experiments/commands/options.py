@@ -29,17 +29,11 @@ _COMPLETE_FILES: Final = {"bash": "_shtab_compgen_files", "zsh": "_files"}  # fu
 
 @dataclass(frozen=True)
 class Option:
-    """An option or a positional argument, as `argparse` takes it.
-
-    Args:
-        flags: names.
-        settings: keyword arguments of `add_argument`.
-        group: options of one group exclude each other; "": of none.
-    """
+    """An option or a positional argument: flags and settings of `argparse`."""
 
     flags: tuple[str, ...]
     settings: Mapping[str, Any]
-    group: str = ""
+    group: str  # options of one group exclude each other; "": of none
 
     def but(self, **changes: Any) -> Option:  # noqa: ANN401 - of argparse
         """Return the same option with other settings."""
@@ -200,6 +194,7 @@ TRUST: Final = option(
     help="run the code of controllers, estimators and stages that the file names as "
     "package.module:factory; what you name yourself is run without",
 )
+CHANGES: Final = SET, TRUST
 CONTROLLER: Final = option(
     "--controller",
     metavar="NAME",
@@ -244,6 +239,7 @@ DASK: Final = option(
     "encryption: everyone who reaches the scheduler runs code here and on the workers",
     group="workers",
 )
+ENGINE: Final = WORKERS, DASK
 QUIET: Final = option("-q", "--quiet", action="store_true", help="print errors only", group="level")
 VERBOSE: Final = option(
     "-v", "--verbose", action="store_true", help="also print every event", group="level"

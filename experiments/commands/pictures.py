@@ -89,10 +89,7 @@ def _write_film(film: Film, file: Path, workers: int) -> None:
 
 @command(
     option(
-        "source",
-        type=log_path,
-        metavar="DIR|LOG",
-        help="folder of a sweep or a run, or its log",
+        "source", type=log_path, metavar="DIR|LOG", help="folder of a sweep or a run, or its log"
     ),
     out("FILE|DIR", "page of a log, or folder of figures; default: beside the log or in DIR"),
     *options.FIGURES,

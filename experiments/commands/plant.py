@@ -13,8 +13,7 @@ from .options import command, json_of, out
 @command(
     options.SCENARIO,
     out("DIR", "default: a new one in runs/"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
     json_of("the checks"),
 )
 def validate(arguments: argparse.Namespace) -> int:
@@ -48,8 +47,7 @@ def validate(arguments: argparse.Namespace) -> int:
 @command(
     options.SCENARIO,
     out("DIR", "default: a new one in runs/"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
     options.SEED,
 )
 def mjcf(arguments: argparse.Namespace) -> int:

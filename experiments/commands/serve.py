@@ -17,8 +17,7 @@ _PORTS: Final = {"json": 8890, "agopengps": 8888}
 @command(
     options.SCENARIO,
     out("DIR", "default: a new one in runs/"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
     options.SEED,
     json_of("the summary"),
     option(
@@ -86,7 +85,7 @@ def serve(arguments: argparse.Namespace) -> int:
     address = address_of(arguments.host, port, "--host")
     peer = None if arguments.peer is None else peer_of(arguments.peer)
     name, scenario = options.load_scenario(arguments)
-    compile_in_two_processes()
+    compile_in_two_processes(arguments)
     settings = SessionSettings(
         speed=arguments.speed or 1.0,
         lockstep=arguments.step,

@@ -19,14 +19,12 @@ from .options import Group, command, json_of, option, out, refuse_given
 if TYPE_CHECKING:
     from ..search.worst_case import Report
     from ..sweep.sweep import Progress
-    from ..trials.score_card import Draws
 
 
 @command(
     option("study", metavar="STUDY", help="name of a shipped study or a .toml file"),
     out("DIR", "to make or to continue; default: runs/sweep-STUDY"),
-    options.WORKERS,
-    options.DASK,
+    *options.ENGINE,
     options.TRUST,
     options.QUIET,
     options.VERBOSE.but(help="also print a line for each run that has ended"),
@@ -99,12 +97,9 @@ def _counted(count: Callable[[], object], *, verbose: bool) -> Callable[[Progres
         if verbose:
             from tqdm import tqdm
 
-            why = f": {row['failure']}" if row["failure"] else ""
-            text = (
-                f"{progress.done} of {progress.runs}: run {row['run']}, {row['scenario']}, "
-                f"{row['controller']}, seed {row['seed']}, {row['status']}{why}"
-            )
-            tqdm.write(one_line(text), file=sys.stderr)
+            named = (row[key] for key in ("scenario", "controller", "status", "failure"))
+            text = f"{progress.done} of {progress.runs}: run {row['run']}, seed {row['seed']}, "
+            tqdm.write(one_line(text + ", ".join(map(str, filter(None, named)))), file=sys.stderr)
 
     return show
 
@@ -127,14 +122,12 @@ _REQUIRED_SCENARIO = options.SCENARIO.but(nargs=None, default=None, help="name o
     _REQUIRED_SCENARIO,
     option("quantity", metavar="QUANTITY", help="quantity to make harder"),
     out("FILE", "default: a new one in runs/"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
     options.CONTROLLER.but(action="append", help="may be repeated (default: the scenario's)"),
     options.SEEDS.but(default="3", help="N or LIST, runs per value (default: 3, from 201 on)"),
     option("--tolerance", type=options.positive, metavar="X", help="width of the last bracket"),
     options.LIMIT,
-    options.WORKERS,
-    options.DASK,
+    *options.ENGINE,
     json_of("the values"),
 )
 def limit(arguments: argparse.Namespace) -> int:
@@ -161,15 +154,9 @@ def limit(arguments: argparse.Namespace) -> int:
         scenario = draft.scenario(changes, "--set")
         if not arguments.trust:
             refuse_untrusted(draft.file, named_parts(scenario), changes)
-        question = Question.of(
-            draft,
-            arguments.scenario,
-            changes,
-            arguments.quantity,
-            seeds=arguments.seeds,
-            limit_m=arguments.limit,
-            tolerance=arguments.tolerance,
-        )
+        given = {"seeds": arguments.seeds, "limit_m": arguments.limit}
+        given["tolerance"] = arguments.tolerance
+        question = Question.of(draft, arguments.scenario, changes, arguments.quantity, **given)
         question.check()
         questions.append(question)
 
@@ -184,8 +171,7 @@ def limit(arguments: argparse.Namespace) -> int:
     _REQUIRED_SCENARIO,
     option("quantity", nargs="+", metavar="QUANTITY", help="quantity to search"),
     out("DIR", "to make or to continue; default: runs/worst-SCENARIO-CONTROLLER"),
-    options.SET,
-    options.TRUST,
+    *options.CHANGES,
     options.CONTROLLER,
     options.SEED,
     option(
@@ -196,8 +182,7 @@ def limit(arguments: argparse.Namespace) -> int:
         help="runs of the search (default: 100)",
     ),
     options.LIMIT,
-    options.WORKERS,
-    options.DASK,
+    *options.ENGINE,
     json_of("the report"),
 )
 def worst(arguments: argparse.Namespace) -> int:
@@ -297,8 +282,7 @@ def _text(report: Report, folder: Path) -> str:
     ),
     option("--quick", action="store_true", help="one seed: a minute, no intervals"),
     option("--seeds-file", type=Path, metavar="FILE", help="hidden seeds"),
-    options.WORKERS,
-    options.DASK,
+    *options.ENGINE,
     out("DIR|FILE", "to make or to continue; default: runs/bench-CONTROLLER"),
     json_of("the score card or the comparison"),
     option(
@@ -352,9 +336,14 @@ def bench(arguments: argparse.Namespace) -> int:
 def _bench(arguments: argparse.Namespace) -> int:
     from ..sweep.engine import engine
     from ..trials.bench import Entrant, bench
+    from ..trials.score_card import PUBLIC, hidden_draws, public_draws
     from ..trials.tables import card_page, format_card
 
-    draws = _draws(arguments)
+    if arguments.seeds_file is None:
+        draws = public_draws(PUBLIC[:1] if arguments.quick else PUBLIC)
+    else:
+        refuse_given(arguments, ("quick",), "not with --seeds-file")
+        draws = hidden_draws(arguments.seeds_file)
     entrant = Entrant.of(arguments.controller, arguments.overrides)
     runs = entrant.plan(draws).size  # refused here, before workers start
     ending = "" if draws.kind == "public" else f"-{draws.kind}"
@@ -380,17 +369,3 @@ def _bench(arguments: argparse.Namespace) -> int:
         return 0
 
     return _resumable(drive, folder)
-
-
-def _draws(arguments: argparse.Namespace) -> Draws:
-    """Return the seeds of the benchmark.
-
-    Raises:
-        BadOptions: they are given twice, or the file is not understood.
-    """
-    from ..trials.score_card import PUBLIC, hidden_draws, public_draws
-
-    if arguments.seeds_file is None:
-        return public_draws(PUBLIC[:1] if arguments.quick else PUBLIC)
-    refuse_given(arguments, ("quick",), "not with --seeds-file")
-    return hidden_draws(arguments.seeds_file)

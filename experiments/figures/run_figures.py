@@ -164,7 +164,7 @@ def _draw_zooms(by_shape: dict[str, Axes], whole: Axes, record: Record, largest_
             continue
         row = int(chosen[np.argmax(error_m[chosen])])
         apart = "" if error_m[row] == error_m[rows].max() else ", elsewhere"
-        moment = f"{100 * error_m[row]:.1f} cm at {errors.time_s[row]:.1f} s"
+        moment = f"{100 * error_m[row]:.1f}\xa0cm at {errors.time_s[row]:.1f}\xa0s"
         dress(
             axes, "x east [m]", "y north [m]", f"{where}{apart}: {[*BODIES][worse[row]]}, {moment}"
         )

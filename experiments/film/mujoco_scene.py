@@ -39,7 +39,7 @@ _SAMPLES: Final[dict[Quality, int]] = {"draft": 4, "high": 8}  # per pixel
 _EMISSION, _LIGHT = 1.5, 2.5  # of a line; with sky and sun on level ground
 _HIDDEN_GROUP: Final = 3  # shapes of this group and above serve contacts and are not drawn
 _GHOST_OPACITY: Final = 0.30
-_GHOST_NEAR_M: Final = 0.15  # of all bodies to their ghosts, which would only tint them
+_GHOST_NEAR_M: Final = 0.08  # of both axle points to those of a ghost, which would only tint
 _TRACKS: Final = ("rear_left", "rear_right", "trailer_left", "trailer_right")  # wheels
 _TRACK_STEP_M: Final = 0.4
 _SOIL: Final = (0.14, 0.11, 0.07, 0.25)  # colour of a wheel track
@@ -47,7 +47,7 @@ _EXTENT_M: Final = 4.0  # half the side of the area with shadows
 _TEXTURE: Final = (2560, 1600)  # pixels of the ground, width and height
 _MOST_CELLS: Final = 90_000  # of the drawn ground: every 0.2 m on 80 x 50 m; that of the simulation
 # has nine times as many, and a picture takes four times as long
-_MEADOW_BELOW_M: Final = 0.15
+_MEADOW_BELOW_M: Final = 0.02
 
 
 def _context() -> Any:  # noqa: ANN401 - mujoco has no types
@@ -229,16 +229,17 @@ class MujocoScene:
         field.size = [0.5 * width, 0.5 * depth, span, 0.01]
         field.userdata = ((heights - low) / span).ravel()
         spec.geom("ground").pos = [*middle, low]
-        # The meadow lies in the plane that fits the field, a little below it.
+        # The meadow lies in the plane that fits the field, below its lowest hollow.
         x, y = (points.ravel() for points in np.broadcast_arrays(*terrain.points()))
         design = np.column_stack([x - middle[0], y - middle[1], np.ones(x.size)])
-        east, north, level = np.linalg.lstsq(design, heights.ravel(), rcond=None)[0]
+        plane = np.linalg.lstsq(design, heights.ravel(), rcond=None)[0]
+        (east, north, level), hollow = plane, float((heights.ravel() - design @ plane).min())
         spec.add_material(name="meadow", specular=0.0)
         spec.worldbody.add_geom(
             name="meadow",
             type=mujoco.mjtGeom.mjGEOM_PLANE,
             size=[0.0, 0.0, 1.0],  # without end
-            pos=[*middle, level - _MEADOW_BELOW_M],
+            pos=[*middle, level + hollow - _MEADOW_BELOW_M],
             zaxis=[-east, -north, 1.0],
             material="meadow",
         )
@@ -315,7 +316,8 @@ class MujocoScene:
 
     def _add_ghost(self, ghost: Poses, vehicle: Poses, colour: Rgb) -> None:
         """Add a translucent copy of the vehicle, unless it is nearly where the vehicle is."""
-        if np.linalg.norm(ghost[0] - vehicle[0], axis=1).max() < _GHOST_NEAR_M:
+        points = [self._playback.body(name) for name in ("tractor", "trailer")]
+        if np.linalg.norm((ghost[0] - vehicle[0])[points], axis=1).max() < _GHOST_NEAR_M:
             return
         rgba = (*_unit(colour), _GHOST_OPACITY)
         places, turns = self._geom_poses(self._shell, ghost)

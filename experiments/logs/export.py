@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import importlib.util
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
 import numpy as np
+import pandas
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
@@ -63,8 +62,6 @@ FORMATS: Final[tuple[Format, ...]] = get_args(Format)
 RECIPE: Final = "docs/examples/ros2_bag.py"
 _NEEDS: Final = {"parquet": ("pyarrow", "export"), "rerun": ("rerun", "rerun")}  # module, extra
 
-Columns = Mapping[str, Any]
-"""Columns of a table: a sequence of values by name, units in the names."""
 _POSE: Final = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 
 TIMELINE: Final = "time"  # of a recording: simulated, from 0
@@ -136,7 +133,7 @@ def export_log(content: Content, place: Path, form: Format) -> list[Path]:
         raise MissingExtra(
             f"--format ros2: is a recipe, python {RECIPE} LOG BAG, with the extra `ros2`"
         )
-    module, extra = _NEEDS.get(form, ("csv", ""))
+    module, extra = _NEEDS.get(form, ("pandas", ""))
     if importlib.util.find_spec(module) is None:
         raise MissingExtra(
             f"--format {form}: needs {module}, pip install 'ttempc-proving-ground[{extra}]'"
@@ -144,15 +141,18 @@ def export_log(content: Content, place: Path, form: Format) -> list[Path]:
     if form == "rerun":
         _export_rerun(content, place)
         return [place]
-    tables = columns_of(content)
-    if not any(len(next(iter(columns.values()))) for columns in tables.values()):
+    frames = frames_of(content)
+    if not any(map(len, frames.values())):
         raise LogError(f"{content.path}: holds no rows")
     partial = partial_path(place)
     try:
         partial.mkdir(parents=True)
-        for topic, columns in tables.items():
+        for topic, frame in frames.items():
             file = partial / f"{topic.strip('/').replace('/', '_')}.{form}"
-            (_parquet if form == "parquet" else _csv)(columns, file)
+            if form == "parquet":
+                frame.reset_index().to_parquet(file, index=False)
+            else:
+                frame.to_csv(file, na_rep="nan")  # floats as their repr, hence exact
         partial.rename(place)
     except OSError as error:
         shutil.rmtree(partial, ignore_errors=True)
@@ -160,47 +160,21 @@ def export_log(content: Content, place: Path, form: Format) -> list[Path]:
     return sorted(place.iterdir())
 
 
-def columns_of(content: Content) -> dict[str, Columns]:
-    """Return the columns of each topic: `time_s` first, units in the names."""
+def frames_of(content: Content) -> dict[str, pandas.DataFrame]:
+    """Return a data frame for each topic, with `time_s` as its index and units in the names."""
     record = record_of(content, (*CHANNELS, ERROR))
-    tables: dict[str, Columns] = {
-        topic: {
-            "time_s": table.time_s,
-            **dict(zip(table.channel.fields, table.values.T, strict=True)),
-        }
-        for topic, table in record.tables.items()
-    }
-    tables[EVENT_TOPIC] = {
-        "time_s": [event.time_s for event in record.events],
-        "level": [event.level for event in record.events],
-        "text": [event.text for event in record.events],
-    }
+    frames = {topic: table.to_pandas() for topic, table in record.tables.items()}
+    rows = [(event.time_s, event.level, event.text) for event in record.events]
+    names = ["time_s", "level", "text"]
+    frames[EVENT_TOPIC] = pandas.DataFrame(rows, columns=names).set_index("time_s")
     if content.messages.get(TRANSFORMS_TOPIC):
         motion = motion_of(content)
         poses = np.concatenate([motion.xyz, motion.quat], axis=2)  # (n, bodies, 7)
         names = [f"{body}_{name}" for body in motion.body_names for name in _POSE]
-        columns = poses.reshape(len(poses), -1).T
-        tables[TRANSFORMS_TOPIC] = {
-            "time_s": motion.time_s,
-            **dict(zip(names, columns, strict=True)),
-        }
-    return tables
-
-
-def _csv(columns: Columns, file: Path) -> None:
-    cells = [np.asarray(column).tolist() for column in columns.values()]
-    with file.open("x", newline="", encoding="utf-8") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(columns)
-        writer.writerows(zip(*cells, strict=True))  # floats as their repr, hence exact
-
-
-def _parquet(columns: Columns, file: Path) -> None:
-    # Imported here because it is installed only with the extra `export`.
-    import pyarrow
-    import pyarrow.parquet
-
-    pyarrow.parquet.write_table(pyarrow.table(dict(columns)), file)
+        index = pandas.Index(motion.time_s, name="time_s")
+        values = poses.reshape(len(poses), -1)
+        frames[TRANSFORMS_TOPIC] = pandas.DataFrame(values, index, names)
+    return frames
 
 
 def _export_rerun(content: Content, file: Path) -> None:

@@ -8,6 +8,7 @@ import inspect
 import json
 import os
 import pickle
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -44,6 +45,8 @@ from .pages import ROOT, pages_of_tables, read_page, with_block, write_file
 from .study import Block, Case, Row, Study, lap
 
 _SHOWN: Final = ("commit", "code", "ttempc", "mujoco", "numpy", "piqp")
+sys.path.append(str(ROOT / "docs" / "examples"))  # controllers there; workers get this path, too
+
 _UNREADABLE: Final = (pickle.UnpicklingError, AttributeError, ImportError, TypeError)
 
 Task = TypeVar("Task")

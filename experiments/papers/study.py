@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import itertools
-import pkgutil
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from ttempc.guidance.guidance import ControllerFactory
 
@@ -17,14 +14,11 @@ from ..run.simulate import simulate
 from ..scenario.scenario import load
 from ..sweep.row import figures
 from ..sweep.study import load_study
-from . import studies as declarations
 from .checks import Check, scenario_check, sweep_checks
-from .pages import ROOT
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .runner import Runner
 
 Row = Mapping[str, Any]
 """One line of a frame, by the names of its columns."""
@@ -92,7 +86,7 @@ class Study:
     seeds: tuple[int, ...] = ()
     overrides: tuple[str, ...] = ("path.laps=1",)  # of all runs of a grid
     drive: Callable[[Case], Row | list[Row]] = lap  # of a grid; called in a worker process
-    make: Callable[[Runner], str | Block] | None = None
+    make: Callable[[Any], str | Block] | None = None  # of a `Runner`
     checks: tuple[tuple[str, ...], ...] = ()  # scenario, controller, overrides; sweeps have theirs
     minutes: float = 0.0  # of the runs on two cores, without those of sweeps
 
@@ -129,14 +123,3 @@ class Study:
         """Regression checks behind the table."""
         own = [scenario_check(*words) for words in self.checks]
         return (*itertools.chain.from_iterable(map(sweep_checks, self.sweeps)), *own)
-
-
-_OTHERS: Final = (".kayacan.eight_numbers", ".benchmarks")
-sys.path.append(str(ROOT / "docs" / "examples"))  # controllers there; workers get this path, too
-
-
-def all_studies() -> dict[str, Study]:
-    """Return every study by its name."""
-    names = [f".studies.{item.name}" for item in pkgutil.iter_modules(declarations.__path__)]
-    modules = [importlib.import_module(name, __package__) for name in (*names, *_OTHERS)]
-    return {study.name: study for module in modules for study in module.STUDIES}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -62,8 +63,7 @@ def read_waypoints(
     Args:
         file: path of the file.
         origin_m: file coordinates of (0, 0) of the map, for files of columns; default (0, 0).
-        origin_deg: latitude and longitude of (0, 0) of the map, for GeoJSON; default the first
-            point.
+        origin_deg: latitude and longitude of it, for GeoJSON; default the first point.
 
     Raises:
         InvalidWaypoints: the file cannot be read; the message names the file, the line or point,
@@ -95,7 +95,8 @@ def _columns_waypoints(text: str, origin_m: tuple[float, float]) -> Waypoints:
     lines = [(number, _words(line)) for number, line in enumerate(text.splitlines(), 1)]
     lines = [(number, words) for number, words in lines if words]
     names, lines = _header(lines)
-    values = np.array([[*row] for row in _rows(lines, names)]).reshape(-1, len(names))
+    rows = [_row(number, words, names) for number, words in lines]
+    values = np.array(rows).reshape(-1, len(names))
     column = dict(zip(names, values.T, strict=True))
     points = np.column_stack([column["x"], column["y"]]) - origin_m
     numbers = [number for number, _ in lines]
@@ -130,7 +131,7 @@ def _header(
     if not lines:
         raise InvalidWaypoints("is empty, must hold points")
     number, words = lines[0]
-    if not all(map(_is_number, words)):
+    if any(math.isnan(_number(word)) for word in words):
         names = [_plain(word) for word in words]
         for name in ("x", "y"):
             if names.count(name) != 1:
@@ -147,27 +148,25 @@ def _header(
     return _UNNAMED[len(words)], lines
 
 
-def _rows(lines: Sequence[tuple[int, list[str]]], names: Sequence[str]) -> Iterator[list[float]]:
-    for number, words in lines:
-        if len(words) != len(names):
-            raise InvalidWaypoints(f"line {number}: got {len(words)} columns, must be {len(names)}")
-        used = [name in _USED for name in names]
-        row = []
-        for name, word, needed in zip(names, words, used, strict=True):
-            if needed and not (_is_number(word) and np.isfinite(float(word))):
-                raise InvalidWaypoints(
-                    f"line {number}: {name} is {word[:_SHOWN]!r}, must be a finite number"
-                )
-            row.append(float(word) if needed else 0.0)
-        yield row
+def _row(number: int, words: Sequence[str], names: Sequence[str]) -> list[float]:
+    """Return the numbers of a line, 0 in columns that are not used."""
+    if len(words) != len(names):
+        raise InvalidWaypoints(f"line {number}: got {len(words)} columns, must be {len(names)}")
+    row = [_number(word) if name in _USED else 0.0 for name, word in zip(names, words, strict=True)]
+    for name, word, value in zip(names, words, row, strict=True):
+        if not math.isfinite(value):
+            raise InvalidWaypoints(
+                f"line {number}: {name} is {word[:_SHOWN]!r}, must be a finite number"
+            )
+    return row
 
 
-def _is_number(word: str) -> bool:
+def _number(word: str) -> float:
+    """Return the number that a word is, NaN where it is none."""
     try:
-        float(word)
+        return float(word)
     except ValueError:
-        return False
-    return True
+        return math.nan
 
 
 def _speed_of(points: FloatArray, times: FloatArray, numbers: Sequence[int]) -> FloatArray:

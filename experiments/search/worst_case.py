@@ -151,10 +151,7 @@ class Case:
 
 
 def falsify(
-    space: Space,
-    evaluate: Callable[[FloatArray], Sequence[Outcome | None]],
-    budget: int,
-    seed: int,
+    space: Space, evaluate: Callable[[FloatArray], Sequence[Outcome | None]], budget: int, seed: int
 ) -> list[Case]:
     """Search for the least severe failure; return all cases in the order of their runs.
 

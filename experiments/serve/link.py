@@ -116,6 +116,7 @@ class WireProtocol(Protocol):
 
     def begin(self, facts: RunFacts) -> None:
         """Take in the facts of the run, before the peer is waited for."""
+        ...
 
     def receive(self, payload: bytes) -> Received:
         """Return the content of a datagram.
@@ -123,15 +124,19 @@ class WireProtocol(Protocol):
         Raises:
             Refused: it is not one of this protocol.
         """
+        ...
 
     def standing(self) -> Sequence[bytes]:
         """Return what is sent every period while the vehicle waits for its start."""
+        ...
 
     def period(self, data: TickData) -> Sequence[bytes]:
         """Return what is sent at a control tick."""
+        ...
 
     def end(self, status: str) -> Sequence[bytes]:
         """Return what is sent when the run has ended."""
+        ...
 
 
 class Link:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -14,24 +15,47 @@ from matplotlib.axes import Axes
 from matplotlib.axis import XAxis, YAxis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodFormatter
 
 from ttempc.types import FloatArray
 
-from ..figures.panel import Panel
-from ..figures.style import BLACK, GREY, dress, note, series
+from ..figures.style import BLACK, GREY, blank, dress, note, series
 from ..results.statistics import survival
 from .runs import Scale, Sweep
 
+_HEIGHT_IN: Final = 2.9
 _ASIDE: Final = 0.5  # width of the bars at one text value, as a share of the spacing
 _LONG: Final = 34  # characters of all labels of an axis that fit side by side
 _WIDE: Final = 6.0  # largest over smallest value from which an axis is logarithmic
 _DARK_INK, _LIGHT_INK = "#1b1f23", "#fdfdfd"
-_PAPER: Final = "#ffffff"  # becomes the background of a page
 _LIGHT_LUMA: Final = 0.55  # of a colour, below which the ink is light
 _TEXT_FITS: Final = 12  # columns up to which cells show their number
-_COLOURS: Final = 31  # of a colour bar; odd: zero has a colour. A bar of 50 becomes a picture
+_COLOURS: Final = 31  # of a colour bar; odd: zero has a colour
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """A chart of half a page's width."""
+
+    title: str
+    draw: Callable[[Axes], None]  # onto empty axes
+    series: tuple[str, ...] = ()  # names for the legend, in the order of `style.series`
+
+    def figure(self) -> Figure:
+        """Return the chart as a figure; its title is left out, since a page shows it as text."""
+        figure = blank(_HEIGHT_IN, 0.5)
+        self.draw(figure.subplots())
+        handles = [
+            Line2D([], [], linewidth=1.4, markersize=4.5, label=name, **series(number))
+            for number, name in enumerate(self.series)
+        ]
+        if handles:
+            looks: dict[str, Any] = {"frameon": False, "fontsize": 8.0, "handlelength": 1.8}
+            figure.legend(handles=handles, loc="outside upper left", ncols=2, **looks)
+        return figure
 
 
 def error_label(sweep: Sweep) -> str:
@@ -221,7 +245,7 @@ def _draw_map(
     """Draw the cells (n, m) of a map, those without a figure hatched, with a colour bar."""
     colours = colormaps[palette].resampled(_COLOURS)
     edges = (np.arange(cells.shape[1] + 1) - 0.5, np.arange(cells.shape[0] + 1) - 0.5)
-    border = {"edgecolor": _PAPER, "linewidth": 1.5}
+    border = {"edgecolor": "white", "linewidth": 1.5}
     axes.pcolormesh(*edges, np.ma.masked_invalid(cells), norm=norm, cmap=colours, **border)
     for y, x in np.argwhere(hatched):
         place, size = (x - 0.47, y - 0.47), (0.94, 0.94)

@@ -13,17 +13,16 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from ...testbed.atomic_write import atomic_write
 from ..errors import BadOptions, OutputExists
-from ..figures.panel import Panel, alone, svg
-from ..report.html import environment
+from ..figures import png
+from ..report.html import Picture, environment
 from ..results.statistics import TAIL, caveat
 from ..results.summary import ACTUATOR_USE
 from ..sweep.row import unmeasured_text
-from .charts import cost_panel, curve_panels, difference_panel, map_panels, tail_panel
+from .charts import Panel, cost_panel, curve_panels, difference_panel, map_panels, tail_panel
 from .format import (
     format_estimate,
     format_numbers,
@@ -36,6 +35,7 @@ from .runs import Sweep, differences, groups, ranking, tails
 PLACE: Final = "report"
 """Name of the report's folder in the folder of its sweep."""
 
+_DPI: Final = 160.0
 _MOST_MAPS: Final = 3  # pairs of axes
 _MOST_WORST: Final = 4  # runs that are listed of each controller
 
@@ -140,9 +140,7 @@ def write_report(report: SweepReport, folder: Path) -> Path:
 def panel_figures(report: SweepReport) -> dict[str, Callable[[], Figure]]:
     """Return functions that draw the charts of a report, each as a figure of its own, by name."""
     return {
-        re.sub(r"[^a-z0-9]+", "-", f"{section.name} {panel.title}".lower()).strip("-"): partial(
-            alone, panel
-        )
+        re.sub(r"[^a-z0-9]+", "-", f"{section.name} {panel.title}".lower()).strip("-"): panel.figure
         for section in report.sections
         for panel in section.panels
     }
@@ -152,7 +150,7 @@ def render_page(report: SweepReport, folder: Path) -> str:
     """Return the text of `report.html`, which lies in a subfolder of the sweep's folder."""
     sweep = report.sweep
     charts = [
-        (section, [(f"{section.name}-{n}", panel) for n, panel in enumerate(section.panels)])
+        (section, [_picture(f"{section.name}-{n}", p) for n, p in enumerate(section.panels)])
         for section in report.sections
     ]
     template = environment().get_template("sweep.html.j2")
@@ -161,11 +159,16 @@ def render_page(report: SweepReport, folder: Path) -> str:
         sweep=sweep,
         state=_state(sweep),
         charts=charts,
-        chart=lambda name, panel: Markup(svg(alone(panel), name)),
         worst=_runs_table("worst", "Worst runs", sweep, _worst(sweep), folder),
         every=_runs_table("every", "All runs", sweep, sweep.rows, folder),
         study_toml=sweep.study.dump(),
     )
+
+
+def _picture(name: str, panel: Panel) -> Picture:
+    figure = panel.figure()
+    figure.set_dpi(_DPI)
+    return Picture.of(name, panel.title, png(figure, _DPI))
 
 
 def _state(sweep: Sweep) -> str:

@@ -12,7 +12,6 @@ import numpy as np
 
 from ttempc.types import FloatArray
 
-from ..errors import TestbedError
 from ..truth import Truth
 from .channels import CHANNELS, ERROR, REFERENCE, STATE, Channel, error_rows
 
@@ -64,17 +63,9 @@ class Table:
         return len(self.time_s)
 
     def to_pandas(self) -> DataFrame:
-        """Return the rows as a data frame with `time_s` as its index.
+        """Return the rows as a data frame with `time_s` as its index."""
+        import pandas  # takes a third of a second, which a run does not need
 
-        Raises:
-            TestbedError: pandas is not installed.
-        """
-        try:
-            import pandas
-        except ImportError:
-            raise TestbedError(
-                "to_pandas: needs pandas, pip install 'ttempc-proving-ground[export]'"
-            ) from None
         index = pandas.Index(self.time_s, name="time_s")
         return pandas.DataFrame(self.values, index, self.channel.fields)
 
@@ -109,11 +100,7 @@ class Record:
             raise KeyError(f"no topic {topic!r}; topics are {', '.join(self.tables)}") from None
 
     def to_pandas(self) -> dict[str, DataFrame]:
-        """Return a data frame for each topic that has rows, see `Table.to_pandas`.
-
-        Raises:
-            TestbedError: pandas is not installed.
-        """
+        """Return a data frame for each topic that has rows, see `Table.to_pandas`."""
         return {topic: table.to_pandas() for topic, table in self.tables.items() if len(table)}
 
     def __repr__(self) -> str:

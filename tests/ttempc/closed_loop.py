@@ -20,10 +20,7 @@ LOST_M = 5.0
 
 
 def seen_truth(
-    state: FloatArray,
-    time_s: float,
-    vehicle: Vehicle,
-    disturbance: FloatArray = NO_DISTURBANCE,
+    state: FloatArray, time_s: float, vehicle: Vehicle, disturbance: FloatArray = NO_DISTURBANCE
 ) -> Estimate:
     """Return the estimate without error of a state (7,) and a disturbance (5,)."""
     return Estimate(
@@ -82,16 +79,10 @@ def drive(
     offset: FloatArray | float = 0.0,
     disturbance: FloatArray = NO_DISTURBANCE,
 ) -> Drive:
-    """Drive along a reference.
+    """Drive along a reference, at most for `ticks`.
 
-    Args:
-        controller: in the loop.
-        reference: with the vehicle that is driven.
-        noise: standard deviation of the estimated state (7,), white.
-        seed: of the noise.
-        ticks: at most; by default all of the reference.
-        offset: of the first state from the reference's (7,).
-        disturbance: constant (5,), known to the controller.
+    `noise` is the standard deviation of the estimated state (7,), white; `offset` that of the first
+    state from the reference's; the `disturbance` (5,) is constant and known to the controller.
     """
     vehicle, generator = reference.vehicle, np.random.default_rng(seed)
     grid = reference.on_grid(PERIOD_S)

@@ -8,11 +8,11 @@ import resource
 import subprocess
 import sys
 from enum import IntEnum
-from pathlib import Path
 
+import numpy as np
 import pytest
 
-from ttempc.jit import fingerprint
+from ttempc.jit import COMPILATION, cached_njit, fingerprint
 
 CONSTANTS = """
 from enum import IntEnum
@@ -92,27 +92,11 @@ def test_without_a_writable_folder_kernels_run_uncached(sources, given):
     assert "NUMBA_CACHE_DIR" in line
 
 
-def test_on_a_full_disk_kernels_run_uncached(sources):
-    """Files can be made, and nothing can be written to them."""
-    result, hits, (_, line) = run_caller(sources, full=True, NUMBA_CACHE_DIR=sources / "cache")
-    assert (result, hits) == (101.0, 0)
-    assert "NUMBA_CACHE_DIR" in line
-
-
-def test_all_kernels_share_one_cache():
-    """A second way to compile would miss the fingerprint and the fallback."""
-    root = Path(__file__).parents[2]
-    files = [file for name in ("ttempc", "testbed") for file in (root / name).rglob("*.py")]
-    using = {file.relative_to(root) for file in files if "import numba" in file.read_text()}
-    assert using == {Path("ttempc/jit.py")}
-
-
 class Entry(IntEnum):
     FIRST = 0
 
 
 LIMIT = 3.0
-TABLE = [1.0]
 
 
 def limited(x):
@@ -130,13 +114,17 @@ def test_fingerprint_depends_on_constants_and_enumerations(monkeypatch):
     assert fingerprint(limited) == first
 
 
-def test_a_global_that_cannot_be_described_is_refused():
-    with pytest.raises(TypeError, match=r"TABLE: .* list"):
-        fingerprint(lambda: TABLE[0])
+def test_an_array_that_does_not_fit_into_a_slice_is_refused_and_kernels_are_announced_once(caplog):
+    def assign(to, values):
+        to[:] = values
 
-
-def test_a_process_that_compiles_says_so(sources):
-    """Once for both kernels; the process after it loads them and says nothing."""
-    first = run_caller(sources, NUMBA_CACHE_DIR=sources / "cache")
-    assert [line.partition(",")[0] for line in first[2]] == ["compiling kernels"]
-    assert run_caller(sources, NUMBA_CACHE_DIR=sources / "cache")[2] == []
+    kernel, to, before = cached_njit()(assign), np.zeros(2), COMPILATION.kernels
+    kernel(to, np.ones(2))
+    assert to.tolist() == [1.0, 1.0]
+    with pytest.raises(ValueError, match="fit"):
+        kernel(to, np.ones(3))
+    if COMPILATION.kernels > before:  # else it was loaded
+        caplog.clear()
+        COMPILATION.announce()
+        COMPILATION.announce()
+        assert [f"{COMPILATION.kernels} kernels" in text for text in caplog.messages] == [True]

@@ -44,14 +44,6 @@ def test_the_command_is_the_nearest_allowed_one():
         assert np.all(np.abs(allowed - desired) <= np.abs(others - desired))
 
 
-def test_allowed_commands_pass_unchanged():
-    previous = np.array([0.1, -0.1, 0.5])
-    desired = np.array([0.15, -0.15, 0.51])
-    allowed, limited = LIMITS.apply(desired, previous)
-    np.testing.assert_array_equal(allowed, desired)
-    assert not limited.any()
-
-
 def test_a_law_that_ends_at_a_limit_by_itself_is_held_by_it():
     previous = np.array([0.1, -0.1, 0.5])
     for sign in (-1.0, 1.0):
@@ -60,10 +52,3 @@ def test_a_law_that_ends_at_a_limit_by_itself_is_held_by_it():
         assert not changed.any()
         assert LIMITS.holds(allowed, previous).all()
         assert not LIMITS.holds(0.5 * (previous + edge), previous).any()
-
-
-def test_entries_that_are_not_finite_keep_the_previous_command():
-    previous = np.array([0.1, -0.1, 0.5])
-    allowed, limited = LIMITS.apply(np.array([np.nan, np.inf, 0.52]), previous)
-    np.testing.assert_array_equal(allowed, [0.1, -0.1, 0.52])
-    np.testing.assert_array_equal(limited, [True, True, False])

@@ -15,9 +15,7 @@ TICKS = 690  # one lap
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
 WEIGHTS = AncillaryWeights(
-    outputs=(0.12, 1.0, 0.07, 2.3),
-    states=(0.001, 0.4, 0.01, 0.05, 0.13),
-    inputs=(0.34, 1.5, 0.96),
+    outputs=(0.12, 1.0, 0.07, 2.3), states=(0.001, 0.4, 0.01, 0.05, 0.13), inputs=(0.34, 1.5, 0.96)
 )
 # Standard deviations of x, y [m], psi_t, psi_i, delta_t, delta_i [rad], v [m/s].
 SPREAD = np.array([0.0046, 0.0054, 0.0021, 0.0020, 0.0007, 0.0007, 0.0026])

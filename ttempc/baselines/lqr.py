@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import check_vector
-from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
+from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 from ..models.linear import riccati_gains
 from ..mpc.articulated_error import error_dynamics, error_state
 from ..reference.reference import Reference, ReferenceSample
-from ..types import Estimate, FloatArray, Input
+from ..types import Diagnostics, Estimate, FloatArray, Input
 from ..vehicle import Vehicle
 
 _M = len(Input)
@@ -25,14 +25,11 @@ _BEYOND_S = 30.0
 
 @dataclass(frozen=True)
 class LqrOptions:
-    """Options of `lqr`; every field is a key that a scenario may set.
+    """Options of `lqr`.
 
     The hydrostat's steps weigh more than in the MPC. With a weight of 0.02 the LQR, which has no
     bounds, runs into the rates of the valves from an offset of some decimetres and cycles there by
     metres.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
     """
 
     output_weight: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)  # [1/m^2]
@@ -66,17 +63,10 @@ def step_gains(
     return riccati_gains(augmented, by_step, cost[:-1], step_weight, cost[-1])
 
 
-class LqrFeedback:
+class LqrFeedback(FeedbackLaw):
     """Time-varying state feedback on the error and the estimated disturbances.
 
     The previous input is the one that was sent, so that what the limits cut off does not wind up.
-
-    Args:
-        grid: the reference at every tick.
-        reference: the same, at any time.
-        feedforward: u_r (N, 3).
-        period_s: control period [s].
-        options: the weights.
     """
 
     def __init__(
@@ -94,24 +84,15 @@ class LqrFeedback:
         self._state = grid.state
         self._vehicle = reference.vehicle
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         state = error_state(self._state[k], estimate, self._vehicle)
         previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         u_e = previous - self._gains[k] @ np.concatenate([state, previous])
-        return Actions(feedback=-u_e, robust=np.zeros(_M))
-
-    def prepare(self, k: int) -> None:
-        """Do nothing, see `FeedbackLaw`."""
-
-    def fresh(self) -> LqrFeedback:
-        return self
+        return Diagnostics(feedback=-u_e, robust=np.zeros(_M))
 
 
 def lqr_controller(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: LqrOptions = LqrOptions(),
+    vehicle: Vehicle, reference: Reference, period_s: float, options: LqrOptions = LqrOptions()
 ) -> TrackingController:
     """Compose the exact feedforward and the LQR of the articulated error model."""
 

@@ -31,15 +31,6 @@ _LEAST_VARIANCE = 1e-12  # of each entry over a step: a vehicle at rest gathers 
 
 
 @dataclass(frozen=True, slots=True)
-class Transition:
-    """The model from one time of the window to the next, linearised about a guess."""
-
-    end: FloatArray  # (22,) augmented state at the end
-    jacobian: FloatArray  # (22, 22) d end / d start
-    noise: FloatArray  # (22, 22) covariance gathered in between
-
-
-@dataclass(frozen=True, slots=True)
 class Trajectory:
     """Augmented states over a window, and the covariance of the last of them."""
 
@@ -129,11 +120,11 @@ class MovingHorizonEstimator:
         diagonal[0] = arrival
         right[0] = arrival @ (states[0].augmented[0] - guess[0])
         for k in range(count - 1):
-            step = self._transition(states[k], guess[k], states[k + 1].time_s)
-            weight = np.linalg.inv(step.noise)
-            weighted = step.jacobian.T @ weight  # (22, 22)
-            defect = step.end - guess[k + 1]
-            diagonal[k] += weighted @ step.jacobian
+            end, step_jacobian, noise = self._transition(states[k], guess[k], states[k + 1].time_s)
+            weight = np.linalg.inv(noise)
+            weighted = step_jacobian.T @ weight  # (22, 22)
+            defect = end - guess[k + 1]
+            diagonal[k] += weighted @ step_jacobian
             diagonal[k + 1] += weight
             above[k] = -weighted
             right[k] -= weighted @ defect
@@ -150,7 +141,9 @@ class MovingHorizonEstimator:
             right[k] += precision * jacobian.T @ residual
         return _minimum(diagonal, above, right, guess)
 
-    def _transition(self, state: FilterState, guess: FloatArray, until_s: float) -> Transition:
+    def _transition(
+        self, state: FilterState, guess: FloatArray, until_s: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the transition from `guess` (22,) at the time of `state` to `until_s`."""
         augmented, valves = guess.copy(), state.valves.copy()
         jacobian, noise = np.eye(SIZE), _LEAST_VARIANCE * np.eye(SIZE)
@@ -176,7 +169,7 @@ class MovingHorizonEstimator:
                 noise = step_jacobian @ (noise + half) @ step_jacobian.T + half
                 jacobian = step_jacobian @ jacobian
             time_s = end_s
-        return Transition(augmented, jacobian, noise)
+        return augmented, jacobian, noise
 
 
 def _minimum(

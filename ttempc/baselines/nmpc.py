@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from ..errors import check_count
 from ..laws.articulated_mpc import MpcOptions
-from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
-from ..mpc.articulated_error import map_gains, remaining_bounds, rotation, split_disturbance
+from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
+from ..mpc.articulated_error import PredictedPath, map_gains, remaining_bounds, split_disturbance
 from ..mpc.lmpc import QP, FirstInputs, HorizonTuning, Solver, StageBounds, move_bounds
 from ..mpc.qp import PersistentSolver
 from ..reference.reference import Reference, ReferenceSample
-from ..types import Estimate, FloatArray, Input, SolverReport, State
+from ..types import Diagnostics, Estimate, FloatArray, Input, SolverReport, State
 from ..vehicle import CommandLimits, Vehicle
 from .nmpc_model import (
     TRACTOR,
@@ -84,14 +84,6 @@ class GaussNewton:
     accumulates its derivatives from stage to stage and solves the resulting QP. Converged plans
     are stationary points of the nonlinear problem. With one iteration it is a real-time iteration
     (Diehl, Bock and Schloeder 2005, SIAM J. Control Optim. 43), which need not converge in a tick.
-
-    Args:
-        reference: of the vehicle whose model counts.
-        subsystem: inputs that are decided and outputs that are minimised.
-        tuning: horizon, weights and bounds.
-        period_s: control period [s].
-        iterations: at most, in one call.
-        model: by default the articulated one of the reference's vehicle.
 
     Raises:
         MissingPackage: the package of the tuning's solver is not installed.
@@ -171,13 +163,7 @@ class GaussNewton:
         self._model.evaluate(task, steps, self._errors, self._jacobian)
         gradient, hessian = np.empty_like(steps), np.empty_like(self._sums)
         cost = condense(
-            self._errors,
-            self._jacobian,
-            self._weight,
-            self._step_weight,
-            steps,
-            hessian,
-            gradient,
+            self._errors, self._jacobian, self._weight, self._step_weight, steps, hessian, gradient
         )
         bounds, repeats = task.bounds, len(steps) // len(task.previous)
         shift = np.concatenate([task.previous] * repeats)
@@ -201,22 +187,14 @@ SolverFactory = Callable[[Reference, Subsystem, HorizonTuning, float], HorizonSo
 
 @dataclass(frozen=True)
 class NmpcRtiOptions(MpcOptions):
-    """Options of `nmpc-rti`; every field is a key that a scenario may set.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `nmpc-rti`."""
 
     solver: Solver = "daqp"  # of the QP: the faster one, or "piqp"
 
 
 @dataclass(frozen=True)
 class NmpcOptions(NmpcRtiOptions):
-    """Options of `nmpc`, `nmpc-decentralised` and `nmpc-distributed`; keys as above.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `nmpc`, `nmpc-decentralised` and `nmpc-distributed`."""
 
     iterations: int = ITERATIONS  # Gauss-Newton iterations a period, at most
 
@@ -225,7 +203,7 @@ class NmpcOptions(NmpcRtiOptions):
         check_count("iterations", self.iterations)
 
 
-class NonlinearFeedback:
+class NonlinearFeedback(FeedbackLaw):
     """Receding horizons of one NMPC or of several that share the vehicle.
 
     Each NMPC starts from its own plan of the previous tick, shifted. The inputs of the others enter
@@ -233,17 +211,7 @@ class NonlinearFeedback:
     last sent.
 
     Where a QP has no accepted solution, the previous input is held; where an NMPC does not
-    converge, its last plan is applied. `Actions.fallback` reports both.
-
-    Args:
-        grid: the reference at N + 1 ticks.
-        reference: the same, at any time.
-        feedforward: u_r (N, 3).
-        period_s: control period [s].
-        tuning: horizon, weights and bounds.
-        subsystems: one for each NMPC.
-        exchange: whether plans are exchanged.
-        solver: returns the solver of one NMPC.
+    converge, its last plan is applied. `Diagnostics.fallback` reports both.
     """
 
     def __init__(
@@ -280,11 +248,7 @@ class NonlinearFeedback:
             )
             for subsystem in subsystems
         ]
-        to_map = np.zeros((len(grid.time_s), 4, 4))
-        to_map[:, :2, :2] = rotation(grid.state[:, State.PSI_T])
-        to_map[:, 2:, 2:] = rotation(grid.state[:, State.PSI_I])
-        self._to_map = to_map
-        self._points = np.hstack([grid.state[:, :2], grid.trailer_xy])  # (N + 1, 4)
+        self._path = PredictedPath(grid)
         self._steps = np.zeros((tuning.moves, _M))  # the last plan, Delta u_e
 
     def fresh(self) -> NonlinearFeedback:
@@ -298,7 +262,7 @@ class NonlinearFeedback:
         if isinstance(previous, NonlinearFeedback):
             self._steps = previous._steps
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         horizon, moves = self._tuning.horizon, self._tuning.moves
         feedforward = self._feedforward[k : k + horizon]
         ends = slice(k + 1, k + 1 + horizon)
@@ -332,11 +296,10 @@ class NonlinearFeedback:
                 steps[:, own] = plan.steps.reshape(moves, -1)
             feedback[own] = part.first.clamp(k, task.previous + steps[0, own])
         self._steps = steps
-        along = (self._to_map[ends] @ errors[:, :, None])[:, :, 0]
-        return Actions(
+        return Diagnostics(
             feedback=-feedback,
             robust=np.zeros(_M),
-            predicted_path=self._points[ends] - along,
+            predicted_path=self._path.less(k, errors),
             solver=_joined([plan.report for plan in plans]),
             fallback="; ".join(plan.fallback for plan in plans if plan.fallback),
         )
@@ -363,7 +326,6 @@ def _columns(subsystem: Subsystem, moves: int) -> NDArray[np.intp]:
 
 
 def _joined(reports: Sequence[SolverReport]) -> SolverReport:
-    """Return one report for all NMPCs of a tick: summed work, the worst status and residuals."""
     if len(reports) == 1:
         return reports[0]
     worst = next((report for report in reports if not report.accepted), reports[0])
@@ -380,7 +342,7 @@ def nmpc_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    options: NmpcOptions = NmpcOptions(),
+    options: NmpcRtiOptions = NmpcOptions(),
     subsystems: Sequence[Subsystem] = (WHOLE,),
     *,
     exchange: bool = False,
@@ -388,41 +350,12 @@ def nmpc_controller(
 ) -> TrackingController:
     """Compose the exact feedforward and the NMPCs of `subsystems`, by default Gauss-Newton's.
 
-    Raises:
-        MissingPackage: the package of the QP solver is not installed.
-    """
-    solver = solver or partial(GaussNewton, iterations=options.iterations)
-    return _compose(vehicle, reference, period_s, options, subsystems, exchange, solver)
-
-
-nmpc_decentralised_controller = partial(nmpc_controller, subsystems=(TRACTOR, TRAILER))
-nmpc_distributed_controller = partial(nmpc_decentralised_controller, exchange=True)
-
-
-def nmpc_rti_controller(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: NmpcRtiOptions = NmpcRtiOptions(),
-) -> TrackingController:
-    """Compose the exact feedforward and one NMPC with one Gauss-Newton iteration a period.
+    `NmpcRtiOptions` ask for one iteration a period.
 
     Raises:
         MissingPackage: the package of the QP solver is not installed.
     """
-    solver = partial(GaussNewton, iterations=1)
-    return _compose(vehicle, reference, period_s, options, (WHOLE,), False, solver)
-
-
-def _compose(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: MpcOptions,
-    subsystems: Sequence[Subsystem],
-    exchange: bool,
-    solver: SolverFactory,
-) -> TrackingController:
+    solver = solver or partial(GaussNewton, iterations=getattr(options, "iterations", 1))
     tuning = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> NonlinearFeedback:
@@ -438,3 +371,7 @@ def _compose(
         )
 
     return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)
+
+
+nmpc_decentralised_controller = partial(nmpc_controller, subsystems=(TRACTOR, TRAILER))
+nmpc_distributed_controller = partial(nmpc_decentralised_controller, exchange=True)

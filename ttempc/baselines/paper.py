@@ -11,13 +11,13 @@ import numpy as np
 
 from ..errors import check_choice, check_flag, check_vector
 from ..laws.lq_robust_law import Reading
-from ..laws.tracking_controller import Actions, TrackingController
+from ..laws.tracking_controller import FeedbackLaw, TrackingController
 from ..models.kinematics import POSITIONS, Error, estimated_error
 from ..models.linear import zero_order_hold
 from ..mpc.articulated_error import PredictedPath
 from ..mpc.lmpc import CondensedHorizon, HorizonTuning, LinearMpc
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
-from ..types import Estimate, FloatArray, Input
+from ..types import Diagnostics, Estimate, FloatArray, Input
 from ..vehicle import CommandLimits, Vehicle
 
 
@@ -27,9 +27,6 @@ class PaperEquations:
 
     The numbers are those of docs/errata.md. The defaults are those of the controller `paper`: as
     printed, with 4, 6 and 7 corrected, without which the vehicle stands still or is lost.
-
-    Raises:
-        InvalidTuning: a value is not one of the allowed ones.
     """
 
     # 1: sign of the hitch term in the trailer's yaw equation; +1 printed, -1 geometry
@@ -49,7 +46,7 @@ class PaperEquations:
     # 7: hydrostat position at full stroke in the unit in which K = 1.4 m/s holds; with 100, the
     #    printed percent, the vehicle stands still
     hp_full_scale: Literal[1, 100] = 1
-    # 8: the nominal state zbar_e, which is not defined; see `ttempc.baselines.paper`
+    # 8: the nominal state zbar_e, which is not defined; see `PaperFeedback`
     nominal: Reading = "one-step"
 
     def __post_init__(self) -> None:
@@ -63,9 +60,6 @@ class RobustGains:
 
     The defaults are the paper's, with the hydrostat as a fraction. The front steering acts on y of
     the tractor, the trailer steering on y of the trailer, the hydrostat on x of the tractor.
-
-    Raises:
-        InvalidTuning: a gain is not finite or not above 0.
     """
 
     saturation: tuple[float, float, float] = (0.2, 0.1, 0.10)  # k_s [rad], [rad], fraction
@@ -97,11 +91,6 @@ class RobustLaw:
     def step(self, k: int, nominal: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the action and the modelling error of tick `k`.
 
-        Args:
-            k: the tick.
-            nominal: zbar_e (7,), see `NominalState`.
-            error: z_e (7,), see `Error`.
-
         Returns:
             u_m (3,) as (delta^t, lambda, HP), and z_m (4,) [m] in the order x_t, y_t, x_i, y_i.
         """
@@ -122,11 +111,7 @@ class RobustLaw:
 
 @dataclass(frozen=True)
 class PaperOptions(PaperEquations, RobustGains, HorizonTuning):
-    """Options of `paper`: horizon, weights and bounds, gains, and the reading of the equations.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `paper`: horizon, weights and bounds, gains, and the reading of the equations."""
 
     robust: bool = True  # whether the robust law acts
 
@@ -206,61 +191,19 @@ def printed_feedforward(
     )
 
 
-class NominalState:
-    """The nominal tracking error zbar_e, which the paper uses and does not define.
+class PaperFeedback(FeedbackLaw):
+    """Linear MPC on the printed error model, and the tanh law on the modelling error.
 
-    `one-step`: the prediction of the linear model from the previous error and feedback,
+    The paper uses a nominal tracking error zbar_e and does not define it (erratum 8). In the
+    reading `one-step` it is predicted by the linear model from the previous error and feedback,
 
         zbar(k) = A_{k-1} z_e(k-1) + B_{k-1} u_b(k-1).
 
-    `tube`: the nominal system of Mayne, Seron and Rakovic (2005), which starts at z_e and then
-    follows the model alone. The MPC acts on it, and the robust law keeps the vehicle near it,
+    `tube` is the nominal system of Mayne, Seron and Rakovic (2005), on which the MPC acts,
 
         zbar(k) = A_{k-1} zbar(k-1) + B_{k-1} u_b(k-1).
 
     Both start at zbar = z_e, and start again there after a missed tick.
-
-    Args:
-        a: A (N, n, n) over one period.
-        b: B (N, n, m) over one period.
-        reading: which of the two.
-    """
-
-    def __init__(self, a: FloatArray, b: FloatArray, reading: Reading) -> None:
-        self._a = a
-        self._b = b
-        self._reading: Reading = reading
-        self._state: FloatArray | None = None
-        self._tick = -1
-
-    def fresh(self) -> NominalState:
-        return NominalState(self._a, self._b, self._reading)
-
-    def at(self, k: int, error: FloatArray) -> FloatArray:
-        """Return zbar_e (n,) at tick `k`, where the estimated tracking error is `error` (n,)."""
-        return error if self._state is None or k != self._tick else self._state
-
-    def mpc_state(self, nominal: FloatArray, error: FloatArray) -> FloatArray:
-        """Return the state on which the MPC acts, (n,)."""
-        return nominal if self._reading == "tube" else error
-
-    def advance(self, k: int, state: FloatArray, feedback: FloatArray) -> None:
-        """Predict tick k + 1 from the MPC's `state` (n,) and the `feedback` u_b (m,)."""
-        self._state = self._a[k] @ state + self._b[k] @ feedback
-        self._tick = k + 1
-
-
-_M = len(Input)
-
-
-class PaperFeedback:
-    """Linear MPC on the printed error model, and the tanh law on the modelling error.
-
-    Args:
-        grid: the reference at every tick.
-        vehicle: its constants.
-        period_s: control period [s].
-        options: with the hydrostat's entries in the unit of the equations.
     """
 
     def __init__(
@@ -271,8 +214,10 @@ class PaperFeedback:
         # No period starts at the last sample: it is only predicted.
         horizon = CondensedHorizon(a[:-1], b[:-1], options, period_s)
         self._mpc = LinearMpc(horizon)
-        self._previous: FloatArray = np.zeros(_M)  # u_e(k-1)
-        self._nominal = NominalState(a, b, options.nominal)
+        self._previous: FloatArray = np.zeros(len(Input))  # u_e(k-1)
+        self._a, self._b, self._tube = a, b, options.nominal == "tube"
+        self._nominal: FloatArray | None = None  # zbar of the coming tick
+        self._tick = -1  # the coming tick
         self._robust = None
         if options.robust:
             self._robust = RobustLaw(options, options.robust_sign, period_s)
@@ -282,8 +227,8 @@ class PaperFeedback:
     def fresh(self) -> PaperFeedback:
         law = copy.copy(self)
         law._mpc = self._mpc.fresh()
-        law._previous = np.zeros(_M)
-        law._nominal = self._nominal.fresh()
+        law._previous = np.zeros(len(Input))
+        law._nominal = None
         law._robust = self._robust.fresh() if self._robust else None
         return law
 
@@ -292,18 +237,19 @@ class PaperFeedback:
         if isinstance(previous, PaperFeedback):
             self._previous = previous._previous
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         error = estimated_error(estimate, self._grid, k)
-        nominal = self._nominal.at(k, error)
-        mpc_state = self._nominal.mpc_state(nominal, error)
+        nominal = error if self._nominal is None or k != self._tick else self._nominal
+        mpc_state = nominal if self._tube else error
         feedback = self._mpc.step(k, mpc_state, self._previous)
         self._previous = feedback.input
-        self._nominal.advance(k, mpc_state, feedback.input)
+        self._nominal = self._a[k] @ mpc_state + self._b[k] @ feedback.input
+        self._tick = k + 1
         errors = self._horizon.prediction(k)[:, POSITIONS]
-        u_m, z_m = np.zeros(_M), None
+        u_m, z_m = np.zeros(len(Input)), None
         if self._robust:
             u_m, z_m = self._robust.step(k, nominal, error)
-        return Actions(
+        return Diagnostics(
             feedback=-feedback.input * self._to_vehicle,
             robust=u_m * self._to_vehicle,
             modelling_error=z_m,
@@ -317,10 +263,7 @@ class PaperFeedback:
 
 
 def paper_controller(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: PaperOptions = PaperOptions(),
+    vehicle: Vehicle, reference: Reference, period_s: float, options: PaperOptions = PaperOptions()
 ) -> TrackingController:
     """Compose the paper's controller: `paper`."""
     options = _in_paper_unit(options)
@@ -338,18 +281,7 @@ def paper_controller(
     return TrackingController(grid, feedforward, feedback, limits, measured_hitch=measured_hitch)
 
 
-def printed_sign_controller(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: PrintedSignOptions = PrintedSignOptions(),
-) -> TrackingController:
-    """Compose the paper's controller with the sign as printed: `paper-printed-sign`."""
-    return paper_controller(vehicle, reference, period_s, options)
-
-
 def _in_paper_unit(options: PaperOptions) -> PaperOptions:
-    """Return the options with the hydrostat's entries in the unit of the equations."""
     delta_t, delta_i, hp = options.saturation
     scale = options.hp_full_scale
     return replace(

@@ -15,20 +15,16 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..errors import check_positive
-from ..laws.tracking_controller import Actions, TrackingController, around_exact_feedforward
+from ..laws.tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 from ..models.kinematics import Error, estimated_error
 from ..reference.reference import Reference, ReferenceSample
-from ..types import Estimate, FloatArray, Input, State
+from ..types import Diagnostics, Estimate, FloatArray, Input, State
 from ..vehicle import Vehicle
 
 
 @dataclass(frozen=True)
 class PidOptions:
-    """Options of `pid`; every field is a key that a scenario may set.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `pid`."""
 
     # Time constant of a steering loop over what its design leaves out, the valve's lag and half of
     # a period. With 6, a triple pole keeps a phase margin of 40 deg.
@@ -109,16 +105,8 @@ def pole(lag_s: float, period_s: float, options: PidOptions = PidOptions()) -> f
     return 1.0 / (options.lag_ratio * (lag_s + 0.5 * period_s))
 
 
-class PidFeedback:
-    """Three PID loops; an integral does not grow while its input is at a limit.
-
-    Args:
-        grid: the reference at every tick.
-        feedforward: (N, 3) delta_t, delta_i, hp.
-        vehicle: its constants.
-        period_s: control period [s].
-        options: of the loops.
-    """
+class PidFeedback(FeedbackLaw):
+    """Three PID loops; an integral does not grow while its input is at a limit."""
 
     def __init__(
         self,
@@ -157,16 +145,12 @@ class PidFeedback:
         if isinstance(previous, PidFeedback):
             self._integrals, self._unlimited = previous._integrals, previous._unlimited
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         z_e = estimated_error(estimate, self._grid, k)
         error = -np.array([z_e[Error.Y_T], z_e[Error.Y_I], z_e[Error.X_T]])
         speed_t, speed_i = self._speed[k]
         rate = -np.array(
-            [
-                speed_t * np.sin(z_e[Error.PSI_T]),
-                speed_i * np.sin(z_e[Error.PSI_I]),
-                z_e[Error.V],
-            ]
+            [speed_t * np.sin(z_e[Error.PSI_T]), speed_i * np.sin(z_e[Error.PSI_I]), z_e[Error.V]]
         )
         growth = -self._integral[k] * error * self._period_s
         winding_up = (self._unlimited - sent) * growth > 0.0
@@ -174,10 +158,7 @@ class PidFeedback:
             self._integrals = self._integrals + np.where(winding_up, 0.0, growth)
         feedback = self._integrals - self._proportional[k] * error - self._derivative[k] * rate
         self._unlimited = self._feedforward[k] + feedback
-        return Actions(feedback=feedback, robust=np.zeros(len(Input)))
-
-    def prepare(self, k: int) -> None:
-        """Do nothing, see `FeedbackLaw`."""
+        return Diagnostics(feedback=feedback, robust=np.zeros(len(Input)))
 
 
 def pid_controller(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -21,15 +21,7 @@ from ..models.augmented_state import (
     estimate_of,
     predicted_measurement,
 )
-from ..types import (
-    Command,
-    Estimate,
-    Estimator,
-    Innovation,
-    Measurement,
-    Sensor,
-    State,
-)
+from ..types import Command, Estimate, Estimator, Innovation, Measurement, Sensor, State
 from ..vehicle import Vehicle
 from .filter import (
     SAME_TIME_S,
@@ -44,14 +36,7 @@ from .noise import ProcessNoise, SensorNoise
 _BODIES = ((Sensor.GNSS_TRACTOR, Sensor.IMU_TRACTOR), (Sensor.GNSS_TRAILER, Sensor.IMU_TRAILER))
 
 
-@dataclass(frozen=True, slots=True)
-class _Body:
-    gnss: Sensor
-    imu: Sensor
-    height_m: float  # of the antenna above the axle point
-
-
-class AntennaLean:
+class LeverArm:
     """Positions of axle points from those of antennas on masts above them.
 
     An antenna at height h moves h sin(roll) to the right of its point and h cos(roll) sin(pitch)
@@ -64,22 +49,19 @@ class AntennaLean:
         memory_s: time for which samples of the IMUs are kept, at least the latency of GNSS.
 
     Examples:
-        >>> lean = AntennaLean((2.0, 0.0), memory_s=1.0)
+        >>> arm = LeverArm((2.0, 0.0), memory_s=1.0)
         >>> imu = Measurement(0.2, Sensor.IMU_TRACTOR, (0.0, 0.1, 0.0))  # left side up by 0.1 rad
         >>> gnss = Measurement(0.2, Sensor.GNSS_TRACTOR, (5.0, 3.0))
-        >>> corrected, _ = lean.corrected([gnss, imu], headings=(0.0, 0.0))  # faces east
+        >>> corrected, _ = arm.corrected([gnss, imu], headings=(0.0, 0.0))  # faces east
         >>> round(corrected.value[1], 3)
         3.2
     """
 
     def __init__(self, heights_m: tuple[float, float], memory_s: float) -> None:
         self._memory_s = memory_s
-        self._bodies = tuple(
-            _Body(gnss, imu, height)
-            for (gnss, imu), height in zip(_BODIES, heights_m, strict=True)
-            if height > 0.0
-        )
-        self._attitudes: dict[Sensor, list[Measurement]] = {body.imu: [] for body in self._bodies}
+        # GNSS, IMU, height of the antenna above the axle point
+        self._bodies = [(*b, h) for b, h in zip(_BODIES, heights_m, strict=True) if h > 0.0]
+        self._attitudes: dict[Sensor, list[Measurement]] = {imu: [] for _, imu, _ in self._bodies}
 
     @property
     def corrects(self) -> bool:
@@ -89,31 +71,21 @@ class AntennaLean:
     def corrected(
         self, samples: Sequence[Measurement], headings: tuple[float, float]
     ) -> Sequence[Measurement]:
-        """Return the samples with every position moved to its axle point.
-
-        Args:
-            samples: as they arrive, those of the IMUs among them.
-            headings: of tractor and trailer [rad]; an error e moves a point by height x lean x e.
-        """
-        for body in self._bodies:
-            kept = self._attitudes[body.imu]
-            kept += [
-                sample
-                for sample in samples
-                if sample.sensor is body.imu and all(map(math.isfinite, sample.value))
-            ]
+        """Return the samples with every position moved to its axle point."""
+        for sensor, kept in self._attitudes.items():
+            kept += [s for s in samples if s.sensor is sensor and all(map(math.isfinite, s.value))]
             newest = max((sample.time_s for sample in kept), default=0.0)
             kept[:] = [sample for sample in kept if sample.time_s >= newest - self._memory_s]
         return [self._moved(sample, headings) for sample in samples]
 
     def _moved(self, sample: Measurement, headings: tuple[float, float]) -> Measurement:
-        for body in self._bodies:
-            attitudes = self._attitudes[body.imu]
-            if sample.sensor is body.gnss and attitudes and len(sample.value) == 2:
+        for gnss, imu, height_m in self._bodies:
+            attitudes = self._attitudes[imu]
+            if sample.sensor is gnss and attitudes and len(sample.value) == 2:
                 near = min(attitudes, key=lambda item: abs(item.time_s - sample.time_s))
                 _, roll, pitch = near.value
-                right = body.height_m * math.sin(roll)
-                ahead = body.height_m * math.cos(roll) * math.sin(pitch)
+                right = height_m * math.sin(roll)
+                ahead = height_m * math.cos(roll) * math.sin(pitch)
                 yaw = headings[sample.sensor is Sensor.GNSS_TRAILER]
                 cos, sin = math.cos(yaw), math.sin(yaw)
                 x, y = sample.value
@@ -149,7 +121,7 @@ class ExtendedKalmanFilter:
     filter may be wrong: it then accepts the samples, with their noise raised until they just pass.
     Samples that are not finite, older than the memory, from the future or repeated are rejected.
     Samples of sensors without a model in `measurement_model` are ignored; those of the IMUs serve
-    to correct antenna positions, see `AntennaLean`.
+    to correct antenna positions, see `LeverArm`.
 
     Each input of a command acts after its own dead time (`Vehicle.dead_times`).
 
@@ -182,7 +154,7 @@ class ExtendedKalmanFilter:
         self._process_noise = process_noise or ProcessNoise()
         heights = self._sensor_noise.antenna_height_t, self._sensor_noise.antenna_height_i
         self._indices = KERNEL_INDEX | (GYROS if self._sensor_noise.yaw_rate else {})
-        self._lean = AntennaLean(heights, memory_s)
+        self._arm = LeverArm(heights, memory_s)
         self._longest_dead_time_s = float(vehicle.dead_times.max())
         self._unfollowed = np.zeros(STATES)  # variances of what no state follows
         self._unfollowed[[State.X, State.Y]] = self._sensor_noise.position_variance
@@ -214,8 +186,8 @@ class ExtendedKalmanFilter:
         begin = self._states[0].time_s if self._states else -math.inf
         new: list[SampleRow] = []
         refused: list[Innovation] = []
-        if self._lean.corrects:
-            measurements = self._lean.corrected(measurements, self._headings(measurements))
+        if self._arm.corrects:
+            measurements = self._arm.corrected(measurements, self._headings(measurements))
         for sample in measurements:
             index = self._indices.get(sample.sensor)
             if index is None:
@@ -269,7 +241,6 @@ class ExtendedKalmanFilter:
         return line, line
 
     def _start(self) -> bool:
-        """Start at the first time with a reading of every sensor; return whether there is one."""
         kept = [_measurement(row) for row in self._samples]
         of_sensor = {s: [m for m in kept if m.sensor is s] for s in LENGTH}
         if not all(of_sensor.values()):
@@ -356,7 +327,6 @@ class ExtendedKalmanFilter:
         return self._states, [_measurement(row) for row in rows]
 
     def _forget(self, time_s: float) -> None:
-        """Drop all that no sample within the memory can need."""
         oldest = time_s - self._memory_s - SAME_TIME_S
         if self._states:
             while len(self._states) > 1 and self._states[1].time_s < oldest:
@@ -393,18 +363,13 @@ def run_all_kernels(estimator: Estimator, vehicle: Vehicle) -> None:
     """Update a new `estimator` of `vehicle` with exact readings of a vehicle at rest.
 
     The updates cover the start, samples of every sensor with and without a command, late samples
-    and no samples. numba compiles a kernel for the types of its arguments, so that other values
-    need no further compilation.
+    and no samples: all types of arguments for which numba compiles a kernel.
     """
-    at_rest = np.zeros(SIZE)
     stop = Command(0.0, 0.0, 0.0)
 
-    def sample(sensor: Sensor, time_s: float) -> Measurement:
-        value, _ = predicted_measurement(sensor, at_rest, vehicle)
-        return Measurement(time_s, sensor, tuple(value.tolist()))
-
     def samples(time_s: float) -> list[Measurement]:
-        return [sample(sensor, time_s) for sensor in LENGTH]
+        values = {s: predicted_measurement(s, np.zeros(SIZE), vehicle)[0] for s in LENGTH}
+        return [Measurement(time_s, s, tuple(value.tolist())) for s, value in values.items()]
 
     estimator.update(0.0, samples(0.0), None)
     estimator.update(0.2, samples(0.2), None)

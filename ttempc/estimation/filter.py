@@ -388,9 +388,7 @@ ROW: Final = IMUS + 2 * 4
 """Entries of a row."""
 
 _PATIENCE_S: Final = 1.0  # for which the gate may reject a sensor
-_LONGEST_SPAN_S: Final = (
-    0.1  # between two samples of a gyro, for their mean to be that of the yaw rate
-)
+_LONGEST_SPAN_S: Final = 0.1  # between samples of a gyro, for their mean to be that of the rate
 
 
 @cached_njit()
@@ -608,9 +606,7 @@ SampleRow = tuple[float, int, float, float, float]
 """Time [s], `SensorIndex` and value of a sample, entries that it does not have with any number."""
 
 _UNKNOWN: Final = np.full(len(Input), math.nan)
-_LEAST_VARIANCE: Final = (
-    1e-12  # of an entry without uncertainty, so that covariances are invertible
-)
+_LEAST_VARIANCE: Final = 1e-12  # of an entry without uncertainty: covariances are invertible
 
 
 def _part(begin: int, end: int, *shape: int) -> property:
@@ -618,11 +614,7 @@ def _part(begin: int, end: int, *shape: int) -> property:
 
 
 class FilterState:
-    """All that a filter carries from one time to the next; `KalmanFilter` changes it in place.
-
-    Args:
-        row: (`ROW`,) all entries one after the other, of which the others are views.
-    """
+    """All that a filter carries from one time to the next; `KalmanFilter` changes it in place."""
 
     __slots__ = ("row",)
 
@@ -691,15 +683,9 @@ class KalmanFilter:
         start = FilterState(np.zeros(ROW))
         start.time_s = max(reading.time_s for reading in readings.values())
         start.augmented[0, :STATES] = state
-        start.covariances[0] = np.diag(
-            [
-                *np.zeros(STATES),
-                *INITIAL_SD**2,
-                *(slow, slow),
-                *[max(self._sensor_noise.yaw_rate_bias**2, _LEAST_VARIANCE)] * 2,
-                *[_LEAST_VARIANCE] * 2,
-            ]
-        )
+        bias = max(self._sensor_noise.yaw_rate_bias**2, _LEAST_VARIANCE)
+        others = [slow, slow, bias, bias, _LEAST_VARIANCE, _LEAST_VARIANCE]
+        start.covariances[0] = np.diag([*np.zeros(STATES), *INITIAL_SD**2, *others])
         start.covariances[0, :STATES, :STATES] = covariance
         noise = self._process_noise
         start.scales[:] = noise.scales, np.full(SCALES, noise.scale_sd**-2)
@@ -709,10 +695,7 @@ class KalmanFilter:
         return start
 
     def predict(self, state: FilterState, time_s: float, held: HeldCommands) -> None:
-        """Advance `state` to `time_s` in place under the commands `held` since its time.
-
-        Unknown entries are taken as in `dead_time.acting_command`.
-        """
+        """Advance `state` to `time_s` in place under the commands `held` since its time."""
         ends_s, commands = _arrays(held)
         predict_until(
             state.levels, float(state.time_s), float(time_s), ends_s, commands, self.model
@@ -722,19 +705,12 @@ class KalmanFilter:
     def process(
         self, start: FilterState, samples: Sequence[SampleRow], held: HeldCommands
     ) -> tuple[FloatArray, list[FilterState]]:
-        """Return the results of `samples`, one after the other, and the state after each time.
+        """Return the results of `samples`, (n, 5), and the states after all samples of each time.
 
-        A sample corrects the state at its time, unless the gate rejects it.
-
-        Args:
-            start: the state before the samples; it stays as it is.
-            samples: one at least, in order of time, none before the start.
-            held: commands since the start.
-
-        Returns:
-            The rows of `process`: normalised squared innovation, log-determinant of
-            its covariance, whitened innovation (two entries), 1 or 0 for accepted or not, (n, 5);
-            and the states after all samples of each time.
+        A sample corrects the state at its time, unless the gate rejects it. The results are those
+        of `correct`, then 1 or 0 for accepted or not. There is a sample at least; they are in order
+        of time, none is before the state `start`, which stays as it is; the commands `held` begin
+        there.
         """
         ends_s, commands = _arrays(held)
         rows = np.fromiter(chain.from_iterable(samples), float).reshape(-1, 5)

@@ -20,11 +20,10 @@ def _require_positive(owner: SensorNoise | ProcessNoise) -> None:
         value = getattr(owner, item.name)
         zero = item.name.startswith("antenna") or item.name == "yaw_rate"
         if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
-            name, allowed = (
-                f"{type(owner).__name__}.{item.name}",
-                "0 or above" if zero else "above 0",
+            allowed = "0 or above" if zero else "above 0"
+            raise InvalidTuning(
+                f"{type(owner).__name__}.{item.name}: got {value}, must be finite and {allowed}"
             )
-            raise InvalidTuning(f"{name}: got {value}, must be finite and {allowed}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +41,8 @@ class SensorNoise:
     gnss: float = 0.03  # [m] each axis, white and slow part together
     gnss_white_share: float = 1.0  # of the variance; the rest is slow, alike for both receivers
     gnss_correlation_s: float = 60.0  # of the slow part [s]; assumed
-    # Of the antennas above the axle points [m], for the correction of their lean with the IMUs; 0
-    # where a receiver reports the axle point
+    # Of the antennas above the axle points [m], for the correction of their lever-arm tilt with the
+    # IMUs; 0 where a receiver reports the axle point
     antenna_height_t: float = 0.0
     antenna_height_i: float = 0.0
     attitude: float = math.radians(0.2)  # roll and pitch of the IMUs [rad]; assumed
@@ -101,8 +100,7 @@ class SensorNoise:
                 return self.encoder
             case Sensor.IMU_TRACTOR | Sensor.IMU_TRAILER:
                 return self.yaw_rate
-            case _:
-                raise UnknownSensor(f"{sensor}: its noise is not known")
+        raise UnknownSensor(f"{sensor}: its noise is not known")
 
 
 class NoiseScale(IntEnum):

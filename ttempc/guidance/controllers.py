@@ -63,7 +63,7 @@ CONTROLLERS: Final = MappingProxyType(
         "ttempc-nominal": ControllerEntry(
             "ttempc without its robust law",
             "laws.articulated_mpc",
-            "nominal_controller",
+            "articulated_controller",
             "NominalOptions",
         ),
         "ttempc-tube": ControllerEntry(
@@ -82,7 +82,7 @@ CONTROLLERS: Final = MappingProxyType(
         "paper-printed-sign": ControllerEntry(
             "the same with erratum 6 as printed and a tube's nominal state: the vehicle is lost",
             "baselines.paper",
-            "printed_sign_controller",
+            "paper_controller",
             "PrintedSignOptions",
         ),
         "pid": ControllerEntry(
@@ -106,7 +106,7 @@ CONTROLLERS: Final = MappingProxyType(
         "nmpc-rti": ControllerEntry(
             "the same with one Gauss-Newton iteration a period",
             _NMPC,
-            "nmpc_rti_controller",
+            "nmpc_controller",
             "NmpcRtiOptions",
         ),
         "nmpc-decentralised": ControllerEntry(
@@ -187,15 +187,7 @@ def make_controller(
     design: TubeDesign | None = None,
     options: Mapping[str, object] | None = None,
 ) -> TrackingController:
-    """Return the controller called `name`.
-
-    Args:
-        name: one of `CONTROLLERS`.
-        vehicle: model parameters.
-        reference: what to follow.
-        period_s: control period [s].
-        design: the tube of controllers that need or use one; others ignore it.
-        options: values in the place of the defaults of its options.
+    """Return the controller called `name`; one that uses no tube ignores the `design`.
 
     Raises:
         UnknownController: with the names that exist.

@@ -84,11 +84,6 @@ class DeadTimeCompensation:
     together; between two ticks it is interpolated. The trailer steering may act later than that. A
     loop around the prediction has the margins of one without dead times; disturbances are corrected
     D later.
-
-    Args:
-        controller: for a vehicle without dead times, along the reference ahead by D.
-        reference: of the vehicle with dead times.
-        period_s: control period [s].
     """
 
     def __init__(self, controller: Controller, reference: Reference, period_s: float) -> None:
@@ -146,7 +141,6 @@ class DeadTimeCompensation:
         return result
 
     def _predicted(self, estimate: Estimate) -> Estimate:
-        """Return the estimate for the time at which a command of now acts."""
         vehicle = self._vehicle
         disturbance = np.minimum(estimate.disturbance, _MOST_SLIP)
         augmented = augmented_of(replace(estimate, disturbance=disturbance), vehicle)

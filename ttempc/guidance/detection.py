@@ -206,10 +206,6 @@ class Cusum:
         g+ = max(0, g+ + r - k),   g- = max(0, g- - r - k)
 
     They grow where the mean residual is above the allowance k, half of the shift to be detected.
-
-    Args:
-        allowance: k, in the unit of the residual.
-        limit: of the sums; they saturate at 1.5 times the limit.
     """
 
     def __init__(self, allowance: float, limit: float) -> None:
@@ -243,10 +239,6 @@ class InnovationMonitor(_Monitor):
         ((S / n)^(1/3) - (1 - 2 / (9 n))) / sqrt(2 / (9 n)),
 
     0 where it is below its mean. A refused sample, of a false time for example, does not count.
-
-    Args:
-        what: name of the sensor for the reason.
-        sensor: whose innovations count.
     """
 
     def __init__(self, what: str, sensor: Sensor) -> None:
@@ -286,10 +278,6 @@ class RepetitionMonitor(_Monitor):
     The noise of a sensor that works changes every reading. Its samples are not used while it
     repeats itself; the first other reading ends the alarm. Samples under an old time stamp do not
     count. The statistic of a sensor that repeats readings in good health is 0.
-
-    Args:
-        what: name of the sensor for the reason.
-        sensor: whose readings count.
     """
 
     def __init__(self, what: str, sensor: Sensor) -> None:
@@ -422,7 +410,6 @@ class SpeedOverGround:
 
 
 def _is_plausible(last: tuple[float, float, float], sample: Measurement) -> bool:
-    """Whether a vehicle may have gone from the last position to that of a later sample."""
     span_s = sample.time_s - last[0]
     way = math.hypot(sample.value[0] - last[1], sample.value[1] - last[2])
     return span_s > 0.0 and way <= _FASTEST_MPS * span_s + _LARGEST_ERROR_M
@@ -487,13 +474,6 @@ class _SpeedMonitor(_Monitor):
 
     The allowance holds for three standard deviations of the speed over ground, as with a noise of
     the positions of 10 cm. With more noise the residual is that much smaller and gives no alarm.
-
-    Args:
-        name: of the detector.
-        allowance: of the sum [m/s].
-        limit: of the sum [m/s].
-        ground: speed over ground, if other monitors use it too.
-        plan: planned speed, likewise.
     """
 
     def __init__(
@@ -629,9 +609,6 @@ class SteeringResponse:
     it says and as no other. The allowance grows with the noise of that mean, where it is above that
     of the paper's sensor, and is at least twice the root mean square of the residuals of a valve
     with play.
-
-    Args:
-        axis: the steering, `DELTA_T` or `DELTA_I`.
     """
 
     def __init__(self, axis: Input) -> None:
@@ -708,7 +685,6 @@ class SteeringResponse:
         self._compared_s = observation.time_s
 
     def _refute(self, time_s: float) -> None:
-        """Find the least sums, and refute intervals or take that back."""
         self.least, self.least_possible = _least(self._intervals), self._possible()
         follows = self.least_possible.largest <= STEERING
         mistaken = not follows and self.least.largest <= STEERING and not self.stands
@@ -775,10 +751,6 @@ class SteeringMonitor(_SteeringMonitor):
     """Notices a valve that does not follow its command, whatever its dead time.
 
     The statistic is the least of the sums of residuals [rad].
-
-    Args:
-        axis: the steering.
-        response: of this axis, if another monitor uses it too.
     """
 
     def __init__(self, axis: Input, response: SteeringResponse | None = None) -> None:
@@ -800,10 +772,6 @@ class StandstillMonitor(_SteeringMonitor):
     Only dead times that the valve has not contradicted so far count, so that it is earlier than
     `SteeringMonitor`: the statistic is the least of their sums [rad], 0 while the angle moves.
     Commands that are late or lost for a moment show as well.
-
-    Args:
-        axis: the steering.
-        response: of this axis, if another monitor uses it too.
     """
 
     def __init__(self, axis: Input, response: SteeringResponse | None = None) -> None:

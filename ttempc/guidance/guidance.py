@@ -183,9 +183,7 @@ class Guidance:
             made = make_guided(controller, other, period_s, options, design)
             filter_ = make_estimator(estimator, learnt, noise)
             parts = Parts(
-                other,
-                None if made is first[0] else made,
-                None if filter_ is first[1] else filter_,
+                other, None if made is first[0] else made, None if filter_ is first[1] else filter_
             )
             if isinstance(parts.controller, WarmingUp):
                 parts.controller.warm_up()
@@ -352,7 +350,6 @@ class Guidance:
         return estimate
 
     def _exchange(self) -> None:
-        """Take on what was learnt where this tick is the one of its exchange."""
         try:
             learnt = self._learner.exchange(self.tick)
         except Exception as error:  # a user's factory may raise anything; the old parts drive on

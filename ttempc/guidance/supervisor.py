@@ -129,7 +129,6 @@ class CommandGuard:
         return ControlStep(Command(*allowed.tolist()), diagnostics)
 
     def _reason(self, desired: FloatArray, entry: int) -> str:
-        """Return the name of an entry of the command, and why it is not driven as it is."""
         value, name = desired.item(entry), fields(Command)[entry].name
         if not math.isfinite(value):
             return f"{name} not finite"
@@ -204,7 +203,6 @@ def _check_array(about: str, name: str, value: object, shape: tuple[int | None, 
 
 
 def _is_text(value: object) -> bool:
-    """Whether a value is text that can be logged; lone surrogates cannot be encoded."""
     return (
         isinstance(value, str)
         and len(value) <= _MOST_TEXT
@@ -436,7 +434,6 @@ class Supervisor:
     def _stop_on_path(
         self, estimate: Estimate, k: int, reason: str, error: FloatArray
     ) -> ControlStep:
-        """Move the hydrostat to 0 and let the controller steer."""
         step = self._rejoin(self._guard.step(estimate, k), self._last.command, largest_hp=0.0)
         diagnostics = replace(
             step.diagnostics, tracking_error=error, fallback=f"{reason}: stopped", stopping=True
@@ -455,7 +452,6 @@ class Supervisor:
         self.waits = self._waiting and self._is_ahead(error)
 
     def _is_ahead(self, error: FloatArray) -> bool:
-        """Whether the reference is ahead of the vehicle in its direction of travel, or level."""
         x, y, yaw = error[[Error.X_T, Error.Y_T, Error.PSI_T]].tolist()
         along = x * math.cos(yaw) + y * math.sin(yaw)  # in the frame of the reference
         return along * (-1.0 if self._reverse else 1.0) >= 0.0
@@ -490,7 +486,6 @@ class Supervisor:
 def _override(
     command: FloatArray, limited: NDArray[np.bool_], reason: str, error: FloatArray | None = None
 ) -> Diagnostics:
-    """Return the diagnostics of the supervisor's own command, booked as feedforward."""
     none = np.zeros(len(Input))
     return Diagnostics(command, none, none, limited, tracking_error=error, fallback=reason)
 

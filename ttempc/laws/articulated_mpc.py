@@ -22,10 +22,10 @@ from ..mpc.lmpc import CondensedHorizon, FeedbackAction, HorizonTuning, LinearMp
 from ..reference.corridor import SpeedTube
 from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import GrowingTube, TubeDesign, report_rows, tightened
-from ..types import Estimate, FloatArray, Input, State, TubeReport
+from ..types import Diagnostics, Estimate, FloatArray, Input, State, TubeReport
 from ..vehicle import CommandLimits, Vehicle
 from .lq_robust_law import LqRobustLaw, LqRobustTuning, RobustAction, containment
-from .tracking_controller import Actions, TrackingController, around_exact_feedforward
+from .tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 
 _PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
 _ROUNDING: Final = 1e-9
@@ -42,9 +42,6 @@ class MpcOptions(HorizonTuning):
 
     Horizon and weights are those of a period of 0.2 s and the vehicle of the paper at 1 m/s;
     `for_vehicle` has those of others.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
     """
 
     outputs: ClassVar[int] = 4
@@ -84,11 +81,7 @@ class MpcOptions(HorizonTuning):
 
 @dataclass(frozen=True)
 class NominalOptions(MpcOptions):
-    """Options of `ttempc-nominal`.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `ttempc-nominal`."""
 
     disturbances: bool = True  # whether the MPC uses the disturbances that the filter estimates
     corridor: bool = True  # whether the MPC keeps to the corridor of the reference, if any
@@ -114,11 +107,7 @@ class NominalOptions(MpcOptions):
 
 @dataclass(frozen=True)
 class ArticulatedOptions(LqRobustTuning, NominalOptions):
-    """Options of `ttempc`: those of its MPC and of its robust law.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `ttempc`: those of its MPC and of its robust law."""
 
     robust: bool = True  # whether the robust law acts
 
@@ -132,19 +121,13 @@ _N, _M = len(State), len(Input)
 
 
 class KeptPlan:
-    """The policy u_e = ubar_j + K m of the last accepted plan, m = zhat - zbar_j.
+    """Backup policy u_e = ubar_j + K m of the last accepted plan, m = zhat - zbar_j.
 
     zbar_j starts at the estimate at which the plan was made. It follows the model under ubar_j and
     the disturbances that the estimator gives at each tick. ubar_j are the planned inputs; after a
     first input that the robust action has moved away from them, they approach the plan at the rate
-    that the tightening leaves. K m saturates at the share of
-    the inputs that the tightening has reserved for it; inside the tube it is linear, and the sum
-    keeps to the limits of the inputs.
-
-    Args:
-        tube: gains and reserves along the reference.
-        a: A (T, 16, 16) of `error_dynamics`.
-        b: B (T, 16, 3).
+    that the tightening leaves. K m saturates at the share of the inputs that the tightening has
+    reserved for it. A (T, 16, 16) and B (T, 16, 3) are those of `error_dynamics`.
     """
 
     def __init__(self, tube: GrowingTube, a: FloatArray, b: FloatArray) -> None:
@@ -188,14 +171,10 @@ class OneStepMonitor:
     """Containment of the residual of each step, for a law that predicts its nominal state anew.
 
     The nominal state is predicted from the estimate of the previous tick and the input that was
-    sent, robust action included. The deviation zhat - zbar is then the disturbance w of that step
-    alone. It lies in the set W of single steps, whatever the gain, to W's coverage; the true error
-    lies in W widened by the error of the estimate. Nothing has to contract, and nothing follows
-    for later steps.
-
-    Args:
-        design: the tube whose sets count.
-        outputs: C (T, 4, 7) of the error dynamics along the reference.
+    sent. The deviation zhat - zbar is then the disturbance w of that step alone. It lies in the
+    design's set W of single steps, whatever the gain, to W's coverage; the true error lies in W
+    widened by the error of the estimate. Nothing has to contract, and nothing follows for later
+    steps. `outputs` are C (T, 4, 7) of the error dynamics.
     """
 
     def __init__(self, design: TubeDesign, outputs: FloatArray) -> None:
@@ -217,22 +196,14 @@ class OneStepMonitor:
         return TubeReport(gauge <= 1.0, 1.0 - gauge, errors, self._half_widths[k])
 
 
+# Time after which a plan can move a point across its path: the steering's lag, and its first effect
+# through the heading. Nearer stages would ask for nothing but slack. Assumed.
 _RESPONSE_S = 0.8
 _EXCESS = 1e-3  # [m], [rad] violation of the corridor from which it counts as left; assumed
 
 
-class ArticulatedFeedback:
+class ArticulatedFeedback(FeedbackLaw):
     """Linear MPC on the articulated error model, with or without the robust law.
-
-    Args:
-        grid: the reference at N + 1 ticks.
-        reference: the same, at any time.
-        feedforward: u_r (N, 3).
-        period_s: control period [s].
-        tuning: of the MPC.
-        robust: of the robust law; None leaves it out.
-        options: whether the MPC uses the estimated disturbances, and how it keeps to a corridor.
-        design: tube for the one-step monitor and for `tightening = "tube"`; None leaves both out.
 
     Raises:
         InvalidTube: the law is to have its authority free and the feedforward leaves less.
@@ -286,7 +257,7 @@ class ArticulatedFeedback:
         if isinstance(previous, ArticulatedFeedback) and self._robust and previous._robust:
             self._robust.resume(previous._robust)
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         state = error_state(self._state[k], estimate, self._vehicle)  # (16,) z_e, s, m
         state[_N:] *= self._disturbance_scale
         previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
@@ -325,11 +296,11 @@ class ArticulatedFeedback:
         feedback: FeedbackAction,
         robust: RobustAction | None = None,
         action: FloatArray | None = None,
-    ) -> Actions:
+    ) -> Diagnostics:
         tube = None
         if robust and self._monitor:
             tube = self._monitor.report(k, robust.nominal, robust.deviation)
-        return Actions(
+        return Diagnostics(
             feedback=-feedback.input,
             robust=np.zeros(_M) if action is None else action,
             modelling_error=robust.modelling_error if robust else None,
@@ -348,15 +319,14 @@ def articulated_controller(
     vehicle: Vehicle,
     reference: Reference,
     period_s: float,
-    options: ArticulatedOptions = ArticulatedOptions(),
+    options: NominalOptions = ArticulatedOptions(),
     design: TubeDesign | None = None,
 ) -> TrackingController:
     """Compose feedforward, MPC of the articulated model and robust law: the controller `ttempc`.
 
-    With a `design`, the inputs of the MPC are tightened by the tube that grows from the estimate
-    (`ttempc.tube.reference_tube`), and the one-step monitor logs the containment of each step's
-    residual, in the one-step reading of the robust law; the monitor changes no command. Without
-    one nothing is tightened.
+    With `NominalOptions` the robust law is left out. With a `design`, the inputs of the MPC are
+    tightened by the tube that grows from the estimate, and, in the one-step reading of the robust
+    law, the containment of each step's residual is logged, which changes no command.
 
     Raises:
         InvalidTube: the design was made for another vehicle, or the law is to have its authority
@@ -364,43 +334,14 @@ def articulated_controller(
     """
     if design:
         design.require(vehicle, period_s)
-    robust = options if options.robust else None
-    return _compose(vehicle, reference, period_s, options, robust, design)
-
-
-def nominal_controller(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: NominalOptions = NominalOptions(),
-) -> TrackingController:
-    """Compose `ttempc` without its robust law: the controller `ttempc-nominal`."""
-    return _compose(vehicle, reference, period_s, options, robust=None, design=None)
-
-
-def _compose(
-    vehicle: Vehicle,
-    reference: Reference,
-    period_s: float,
-    options: NominalOptions,
-    robust: LqRobustTuning | None,
-    design: TubeDesign | None,
-) -> TrackingController:
     speed = reference.speed.top_speed
-    tuning = options.for_vehicle(vehicle, speed, period_s)
-    if robust:
-        robust = robust.for_speed(vehicle, speed)
+    tuning, robust = options.for_vehicle(vehicle, speed, period_s), None
+    if isinstance(options, ArticulatedOptions) and options.robust:
+        robust = options.for_speed(vehicle, speed)
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> ArticulatedFeedback:
         return ArticulatedFeedback(
-            grid=grid,
-            reference=reference,
-            feedforward=feedforward,
-            period_s=period_s,
-            tuning=tuning,
-            robust=robust,
-            options=options,
-            design=design,
+            grid, reference, feedforward, period_s, tuning, robust, options, design
         )
 
     return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)

@@ -23,13 +23,9 @@ _N, _M = len(State), len(Input)
 
 @dataclass(frozen=True)
 class LqRobustTuning:
-    """Reading, authority and stiffness of the robust law; vectors in the order of `Input`.
+    """Reading, authority and stiffness of the robust law; vectors in the order of `Input`."""
 
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
-
-    # Reading of erratum 8, see `ttempc.baselines.paper.NominalState`.
+    # Reading of erratum 8, see `ttempc.baselines.paper.PaperFeedback`.
     nominal: Reading = "one-step"
     # Largest action k_s [rad], [rad], fraction; the paper's.
     saturation: tuple[float, float, float] = (0.2, 0.1, 0.10)
@@ -101,24 +97,14 @@ class LqRobustLaw:
     Tube reading: r = 1, and all feedback on the vehicle is this law. The nominal state restarts at
     z_e where the law's authority is exhausted: then the MPC has to bring the vehicle back.
 
-    Args:
-        a: A (N, n, n), see `ttempc.mpc.articulated_error.error_dynamics`.
-        b: B (N, n, 3).
-        c: C (N + 1, 4, n).
-        period_s: control period [s].
-        tuning: see `LqRobustTuning`.
+    A (N, n, n), B (N, n, 3) and C (N + 1, 4, n) are those of `error_dynamics`.
 
     Raises:
         InvalidTuning: no gain stabilises the last stage.
     """
 
     def __init__(
-        self,
-        a: FloatArray,
-        b: FloatArray,
-        c: FloatArray,
-        period_s: float,
-        tuning: LqRobustTuning,
+        self, a: FloatArray, b: FloatArray, c: FloatArray, period_s: float, tuning: LqRobustTuning
     ) -> None:
         outputs = np.ascontiguousarray(c[:-1, :, :_N])
         cost = outputs.transpose(0, 2, 1) @ outputs
@@ -143,12 +129,9 @@ class LqRobustLaw:
         self._memory = previous._memory
 
     def step(self, k: int, error: FloatArray, previous: FloatArray) -> RobustAction:
-        """Return the action of tick `k`.
+        """Return the action of tick `k` at z_e and the disturbances, `error` (n,).
 
-        Args:
-            k: the tick.
-            error: z_e and the disturbances as in `ttempc.mpc.articulated_error`, (n,).
-            previous: u_e(k-1) (3,), the reference's input less the one that was sent.
+        `previous` is u_e(k-1) (3,), the reference's input less the one that was sent.
         """
         nominal = error[:_N]
         if self._last and not self._one_step:
@@ -221,16 +204,8 @@ def robust_action(
 ) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
     """Return deviation (n,), modelling error (p,), action (m,), and whether the law is exhausted.
 
-    Args:
-        k: the tick.
-        error: z_e (n,), or more entries, which do not count.
-        nominal: zbar_e (n,).
-        gains: K in units of `limit` (N, m, n).
-        outputs: C (N, p, n).
-        limit: k_s (m,).
-        memory: see `autocorrelation`.
-        forgetting: see `autocorrelation`.
-        one_step: whether the autocorrelation scales the action; else the law may be exhausted.
+    At tick `k` with z_e and zbar_e (n,), K in units of the `limit` k_s (N, m, n), C (N, p, n) in
+    `outputs`. `one_step`: the autocorrelation scales the action; else the law may be exhausted.
     """
     inputs, n = gains.shape[1:]
     deviation, action = np.empty(n), np.zeros(inputs)

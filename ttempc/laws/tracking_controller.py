@@ -3,80 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import replace
+from typing import Self
 
 import numpy as np
 
 from ..reference.reference import Reference, ReferenceSample, exact_feedforward
-from ..types import (
-    Command,
-    ControlStep,
-    Diagnostics,
-    Estimate,
-    FloatArray,
-    Input,
-    Resuming,
-    SolverReport,
-    State,
-    TubeReport,
-)
+from ..types import Command, ControlStep, Diagnostics, Estimate, FloatArray, Input, Resuming, State
 from ..vehicle import CommandLimits, Vehicle
 
 _WARM_UP_OFFSET_M = 0.01  # an error, so that iterative solvers iterate
 _WARM_UP_TICKS = 2  # the second one updates solvers that the first one has set up
 
 
-@dataclass(frozen=True, slots=True)
-class Actions:
-    """The actions of one tick, (3,) each: delta_t, lambda (or delta_i, they differ by beta), hp."""
+class FeedbackLaw:
+    """Turns an estimate into feedback and robust action; the default of a law without memory."""
 
-    feedback: FloatArray  # -u_b
-    robust: FloatArray  # u_m
-    modelling_error: FloatArray | None = None  # (4,) z_m [m]
-    predicted_path: FloatArray | None = None  # (Np, 4) [m], map frame
-    solver: SolverReport | None = None  # None where no QP is solved
-    fallback: str = ""  # why another law than the stated one acted
-    tube: TubeReport | None = None  # None where no tube is followed or monitored
-    leaves_corridor: bool = False  # whether the predicted path leaves the corridor
-
-
-class FeedbackLaw(Protocol):
-    """Turns an estimate into feedback and robust action."""
-
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        """Return the actions of tick `k`.
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
+        """Return the actions of tick `k`; those on the trailer may be of delta_i or of lambda.
 
         Args:
             k: the tick.
             estimate: of the vehicle at this tick; finite.
             sent: command of the previous period, (3,) in the order of `Input`.
         """
-        ...
+        raise NotImplementedError
 
     def prepare(self, k: int) -> None:
         """Get ready for tick `k`, see `ttempc.types.Preparing`."""
-        ...
 
-    def fresh(self) -> FeedbackLaw:
+    def fresh(self) -> Self:
         """Return the law as it was before its first tick.
 
         It shares what was computed along the reference, and nothing that a step changes.
         """
-        ...
+        return self
 
 
-class NoFeedback:
+class NoFeedback(FeedbackLaw):
     """Feedback law without any action."""
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
-        return Actions(np.zeros(3), np.zeros(3))
-
-    def prepare(self, k: int) -> None:
-        """Do nothing, see `FeedbackLaw`."""
-
-    def fresh(self) -> NoFeedback:
-        return self
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
+        return Diagnostics(feedback=np.zeros(3), robust=np.zeros(3))
 
 
 class TrackingController:
@@ -89,14 +57,6 @@ class TrackingController:
     The vehicle is assumed to start on the reference with its inputs. Beyond the reference's end the
     reference of the last tick is tracked. Estimates must be finite: `ttempc.guidance.supervisor`
     keeps others away.
-
-    Args:
-        grid: the reference at every tick.
-        feedforward: (ticks, 3) delta_t, lambda, hp.
-        feedback: the law.
-        limits: of the command.
-        measured_hitch: which hitch angle turns lambda into delta_i.
-        space_based: whether the law follows the place of the vehicle, see `SpaceBased`.
     """
 
     def __init__(
@@ -173,21 +133,8 @@ class TrackingController:
         command, changed = self._limits.apply(total, self._previous)
         limited = changed | self._limits.holds(command, self._previous)
         self._previous = command
-        return ControlStep(
-            Command(*command.tolist()),
-            Diagnostics(
-                feedforward=feedforward,
-                feedback=actions.feedback,
-                robust=actions.robust,
-                limited=limited,
-                modelling_error=actions.modelling_error,
-                predicted_path=actions.predicted_path,
-                solver=actions.solver,
-                fallback=actions.fallback,
-                tube=actions.tube,
-                leaves_corridor=actions.leaves_corridor,
-            ),
-        )
+        diagnostics = replace(actions, feedforward=feedforward, limited=limited)
+        return ControlStep(Command(*command.tolist()), diagnostics)
 
 
 def around_exact_feedforward(

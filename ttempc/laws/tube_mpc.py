@@ -12,10 +12,10 @@ from ..mpc.articulated_error import PredictedPath, error_state
 from ..mpc.lmpc import CondensedHorizon, LinearMpc
 from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import ReferenceTube, TubeDesign, report_rows
-from ..types import Estimate, FloatArray, Input, State, TubeReport
+from ..types import Diagnostics, Estimate, FloatArray, Input, State, TubeReport
 from ..vehicle import Vehicle
 from .articulated_mpc import MpcOptions
-from .tracking_controller import Actions, TrackingController, around_exact_feedforward
+from .tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 
 _N, _M = len(State), len(Input)
 _OUTSIDE = "outside its tube: nominal state restarted at the estimate"
@@ -23,14 +23,10 @@ _OUTSIDE = "outside its tube: nominal state restarted at the estimate"
 
 @dataclass(frozen=True)
 class TubeMpcOptions(MpcOptions):
-    """Options of `ttempc-tube`: those of its nominal MPC. The tube has a file of its own.
-
-    Raises:
-        InvalidTuning: a value is out of its range.
-    """
+    """Options of `ttempc-tube`: those of its nominal MPC. The tube has a file of its own."""
 
 
-class TubeFeedback:
+class TubeFeedback(FeedbackLaw):
     """Tube MPC after Mayne, Seron and Rakovic (2005), on the estimate (Mayne et al. 2006).
 
     The nominal error zbar follows the model under the MPC, within bounds that the tube has
@@ -46,11 +42,6 @@ class TubeFeedback:
     proven. Membership is tested by half widths, in a box around the set. Where the deviation leaves
     that box, as after a push or on ground unlike that of the
     data, the nominal error restarts at the estimate, and the fallback of the tick says so.
-
-    Args:
-        grid: the reference at every tick.
-        along: the tube along it.
-        horizon: of the nominal MPC, within the tightened bounds.
     """
 
     def __init__(
@@ -86,7 +77,7 @@ class TubeFeedback:
         if isinstance(previous, TubeFeedback):
             self._previous = previous._previous
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         state = error_state(self._state[k], estimate, self._vehicle)  # (16,) zhat, s, m
         error = state[:_N].copy()
         nominal = error if self._nominal is None or k != self._tick else self._nominal
@@ -108,7 +99,7 @@ class TubeFeedback:
         self._previous = feedback.input
         self._nominal = ordered_product(self._model[k], np.concatenate([state, feedback.input]))
         self._tick = k + 1
-        return Actions(
+        return Diagnostics(
             feedback=-feedback.input,
             robust=-ancillary,
             predicted_path=self._path.of(k, self._horizon.prediction(k), feedback.plan),

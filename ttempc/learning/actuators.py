@@ -85,40 +85,20 @@ _DEAD_TIME, _LAG, _PLAY = range(3)  # index of each parameter of a fit
 
 @dataclass(frozen=True, slots=True)
 class _Actuator:
-    input: Input
     sensor: Sensor
     dead_time: str  # field of `Vehicle`
     lag: str  # likewise
-    rate: str | None  # likewise; None: limited before the command is sent
-    steering: bool  # gain 1, play; else gain, offset and start are fitted beside
+    # Likewise: a steering, with gain 1 and play. None: limited before the command is sent; gain,
+    # offset and start are fitted beside.
+    rate: str | None
 
 
 _ACTUATORS: Final = (
-    _Actuator(
-        Input.DELTA_T,
-        Sensor.STEERING_TRACTOR,
-        "dead_time_t",
-        "steering_lag_t",
-        "steering_rate_t",
-        steering=True,
-    ),
-    _Actuator(
-        Input.DELTA_I,
-        Sensor.STEERING_TRAILER,
-        "dead_time_i",
-        "steering_lag_i",
-        "steering_rate_i",
-        steering=True,
-    ),
-    _Actuator(
-        Input.HP,
-        Sensor.ENCODER,
-        "dead_time_hp",
-        "speed_time_constant",
-        None,
-        steering=False,
-    ),
+    _Actuator(Sensor.STEERING_TRACTOR, "dead_time_t", "steering_lag_t", "steering_rate_t"),
+    _Actuator(Sensor.STEERING_TRAILER, "dead_time_i", "steering_lag_i", "steering_rate_i"),
+    _Actuator(Sensor.ENCODER, "dead_time_hp", "speed_time_constant", None),
 )
+"""In the order of `Input`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,12 +125,9 @@ def fit_actuator(
     fall by 16 variances of a sample. Standard deviations allow for residuals that are correlated
     over a second (Newey and West 1987).
 
-    Args:
-        window: recorded ticks, oldest first.
-        vehicle: its lag and rate limit are where the search starts.
-        actuator: the input.
+    The window holds recorded ticks, oldest first. The search starts at the vehicle's lag.
     """
-    data = _Response.of(window, vehicle, _ACTUATORS[actuator])
+    data = _Response.of(window, vehicle, actuator)
     return None if data is None else data.fit()
 
 
@@ -166,8 +143,8 @@ class ActuatorIdentifier:
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the dead times and lags that the window asks for."""
         changes: list[ParameterChange] = []
-        for actuator in _ACTUATORS:
-            fit = fit_actuator(window, vehicle, actuator.input)
+        for i, actuator in zip(Input, _ACTUATORS, strict=True):
+            fit = fit_actuator(window, vehicle, i)
             if fit is None:
                 continue
             for name, value, sd in (
@@ -198,11 +175,12 @@ class _Response:
 
     @classmethod
     def of(
-        cls, window: Sequence[RecordedTick], vehicle: Vehicle, actuator: _Actuator
+        cls, window: Sequence[RecordedTick], vehicle: Vehicle, input_: Input
     ) -> _Response | None:
         """Return the response in a window; None where it is too short."""
+        actuator = _ACTUATORS[input_]
         sent = [
-            (before.time_s, float(tick.command.as_array()[actuator.input]))
+            (before.time_s, float(tick.command.as_array()[input_]))
             for before, tick in pairwise(window)
             if tick.command is not None
         ]
@@ -231,7 +209,7 @@ class _Response:
             samples=np.ascontiguousarray(samples),
             lag=getattr(vehicle, actuator.lag),
             rate=getattr(vehicle, actuator.rate) if actuator.rate else math.inf,
-            steering=actuator.steering,
+            steering=actuator.rate is not None,
         )
 
     def fit(self) -> ActuatorFit:

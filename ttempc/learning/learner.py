@@ -62,10 +62,6 @@ class Identifier(Protocol):
 
         A parameter changes only where the data are significant, so that a right model stays as it
         is. Called from another thread than that of the control loop.
-
-        Args:
-            window: ticks in a row, oldest first.
-            vehicle: present model parameters.
         """
         ...
 
@@ -91,12 +87,6 @@ class Learner(Generic[_Parts]):
     result is taken at a tick 5 s after the beginning, of the first two attempts 2 s, whenever the
     thread was done, so that a run does not depend on computing time; if it is not done by then, the
     tick waits for it. An identifier that has settled is left out of later attempts.
-
-    Args:
-        identifiers: run one after the other, each on the vehicle of the one before.
-        vehicle: model parameters at the start.
-        period_s: control period [s].
-        build: makes what is to be exchanged from a vehicle and the window; runs in the thread.
     """
 
     def __init__(

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from scipy.special import chdtri
 
-from ..estimation.ekf import AntennaLean
+from ..estimation.ekf import LeverArm
 from ..estimation.filter import (
     HeldCommands,
     KalmanFilter,
@@ -165,7 +165,7 @@ _MOST_STEPS: Final = 8
 _CONVERGED_SD: Final = 0.2  # a step of this share of the standard deviations is the last
 _LEAST_S: Final = 15.0  # of driving
 _BLOCK_S: Final = 5.0  # longer than innovations of a wrong model are correlated; assumed
-_LEAN_S: Final = 1.0  # latency of GNSS at most
+_LATENCY_S: Final = 1.0  # latency of GNSS at most
 
 
 _GEOMETRY: Final = 0.01  # relative tolerance of each length; assumed
@@ -183,11 +183,6 @@ class LengthIdentifier:
     tolerances T, (theta - theta_0)' (P + T)^-1 (theta - theta_0) must be so large that it is
     exceeded with a probability of 1 % only. The tolerance is for what no length describes: slopes,
     on which horizontal distances are shorter, and tyres that slip sideways, in furrows most.
-
-    Args:
-        vehicle: the given lengths.
-        noise: of the sensors.
-        process: of the filter's model.
     """
 
     def __init__(
@@ -197,13 +192,8 @@ class LengthIdentifier:
         self._noise, self._process = noise, process or ProcessNoise()
 
     def warm_up(self) -> None:
-        at_rest = np.zeros(SIZE)
-        first = {
-            sensor: Measurement(
-                0.0, sensor, tuple(predicted_measurement(sensor, at_rest, self._given)[0].tolist())
-            )
-            for sensor in LENGTH
-        }
+        readings = {s: predicted_measurement(s, np.zeros(SIZE), self._given)[0] for s in LENGTH}
+        first = {s: Measurement(0.0, s, tuple(value.tolist())) for s, value in readings.items()}
         row = [-1.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, steps_over(0.2), 0.0]
         _Replay(first, np.array([row]), self._noise, self._process).run(self._given)
 
@@ -256,12 +246,7 @@ def fit_lengths(
     curve; curves to both sides, or a curve and a straight, tell them apart. On a straight the
     samples see the sum of hitch offset, drawbar and trailer length alone.
 
-    Args:
-        window: recorded ticks.
-        vehicle: where the search starts.
-        given: lengths of the prior.
-        noise: of the sensors.
-        process: of the model.
+    `vehicle` is where the search starts.
     """
     data = _Replay.of(window, vehicle, noise, process)
     if data is None:
@@ -315,8 +300,8 @@ class _Replay:
         process: ProcessNoise,
     ) -> _Replay | None:
         """Return the window from the first reading of every sensor on, None if it is too short."""
-        lean = AntennaLean((noise.antenna_height_t, noise.antenna_height_i), _LEAN_S)
-        corrected = (lean.corrected(tick.samples, tick.headings) for tick in window)
+        arm = LeverArm((noise.antenna_height_t, noise.antenna_height_i), _LATENCY_S)
+        corrected = (arm.corrected(tick.samples, tick.headings) for tick in window)
         samples = [sample for samples in corrected for sample in samples if _complete(sample)]
         samples.sort(key=lambda sample: (sample.time_s, KERNEL_INDEX[sample.sensor]))
         sent: HeldCommands = [

@@ -278,9 +278,16 @@ def vehicle_parameters(vehicle: Vehicle) -> FloatArray:
 
 
 @cached_njit()
-def _steering(command: float, angle: float, lag: float, limit: float) -> tuple[float, float]:
-    """Return the rate of a steering angle [rad/s] and its derivative by the command [1/s]."""
-    rate = (command - angle) / lag
+def _steering(
+    x: FloatArray, inputs: FloatArray, parameters: FloatArray, joint: int
+) -> tuple[float, float]:
+    """Return the rate of a steering angle [rad/s] and its derivative by the command [1/s].
+
+    `joint` is 0 for the front wheels and 1 for RJ2.
+    """
+    lag = parameters[VehicleParameter.STEERING_LAG_T + joint]
+    limit = parameters[VehicleParameter.STEERING_RATE_T + joint]
+    rate = (inputs[joint] - x[AugmentedState.DELTA_T + joint]) / lag
     if abs(rate) >= limit:
         return math.copysign(limit, rate), 0.0
     return rate, 1.0 / lag
@@ -308,18 +315,8 @@ def state_rate(x: FloatArray, inputs: FloatArray, parameters: FloatArray, rate: 
     v = rim * (1.0 - x[AugmentedState.WHEEL] - cx * cos_t - cy * sin_t)
     lam = psi_t - psi_i
     cos_l, cos_i = math.cos(lam), math.cos(delta_i)
-    rate_t, _ = _steering(
-        inputs[Input.DELTA_T],
-        delta_t,
-        parameters[VehicleParameter.STEERING_LAG_T],
-        parameters[VehicleParameter.STEERING_RATE_T],
-    )
-    rate_i, _ = _steering(
-        inputs[Input.DELTA_I],
-        delta_i,
-        parameters[VehicleParameter.STEERING_LAG_I],
-        parameters[VehicleParameter.STEERING_RATE_I],
-    )
+    rate_t, _ = _steering(x, inputs, parameters, 0)
+    rate_i, _ = _steering(x, inputs, parameters, 1)
     yaw_t = v * math.tan(delta_t + x[AugmentedState.STEERING]) / wheelbase
     across = v * (math.sin(lam) + slip_t * cos_l - slip_i) - a * yaw_t * cos_l
     steady_rim = parameters[VehicleParameter.SPEED_GAIN] * inputs[Input.HP]
@@ -356,18 +353,8 @@ def state_rate_jacobian(
     lam = psi_t - psi_i
     sin_l, cos_l = math.sin(lam), math.cos(lam)
     sin_i, cos_i = math.sin(delta_i), math.cos(delta_i)
-    _, gain_t = _steering(
-        inputs[Input.DELTA_T],
-        delta_t,
-        parameters[VehicleParameter.STEERING_LAG_T],
-        parameters[VehicleParameter.STEERING_RATE_T],
-    )
-    rate_i, gain_i = _steering(
-        inputs[Input.DELTA_I],
-        delta_i,
-        parameters[VehicleParameter.STEERING_LAG_I],
-        parameters[VehicleParameter.STEERING_RATE_I],
-    )
+    _, gain_t = _steering(x, inputs, parameters, 0)
+    rate_i, gain_i = _steering(x, inputs, parameters, 1)
     angle = delta_t + x[AugmentedState.STEERING]
     yaw_t_v = math.tan(angle) / wheelbase
     yaw_t_delta = v / (wheelbase * math.cos(angle) ** 2)

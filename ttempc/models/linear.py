@@ -80,13 +80,9 @@ def riccati_gains(
 
         K = (R + B'PB)^-1 B'PA,    P <- Q + A'P (A - BK).
 
-    Args:
-        a: A (N, n, n).
-        b: B (N, n, m).
-        state_cost: Q (N, n, n).
-        input_cost: diagonal of R (m,).
-        terminal_cost: P (n, n) after the last stage. Without it, the last stage is repeated
-            indefinitely, and P solves its algebraic Riccati equation.
+    A is (N, n, n), B (N, n, m), Q `state_cost` (N, n, n), the diagonal of R `input_cost` (m,).
+    Without P after the last stage, `terminal_cost` (n, n), the last stage is repeated indefinitely,
+    and P solves its algebraic Riccati equation.
 
     Raises:
         InvalidTuning: no gain stabilises the last stage.

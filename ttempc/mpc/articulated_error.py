@@ -24,11 +24,7 @@ def rotation(angle: FloatArray) -> FloatArray:
 
 
 class PredictedPath:
-    """Path of both axle points under a plan, to first order in the errors.
-
-    Args:
-        grid: the reference at every tick.
-    """
+    """Path of both axle points under a plan, to first order in the errors."""
 
     def __init__(self, grid: ReferenceSample) -> None:
         self._to_map = np.zeros((len(grid.state), 4, 4))
@@ -37,18 +33,17 @@ class PredictedPath:
         self._reference = np.concatenate([grid.state[:, :2], grid.trailer_xy], axis=1)
 
     def of(self, k: int, errors: FloatArray, plan: FloatArray) -> FloatArray:
-        """Return x_t, y_t, x_i, y_i [m], map frame, under the plan of tick `k`, (Np, 4).
+        """Return x_t, y_t, x_i, y_i [m], map frame, under the plan (p,) of tick `k`, (Np, 4).
 
-        Args:
-            k: the tick.
-            errors: (Np, 4, p) matrices from the plan to the position errors of tractor (x, y) and
-                trailer (x, y) in the frames of the reference.
-            plan: (p,)
+        `errors` (Np, 4, p) lead from the plan to the position errors of tractor (x, y) and trailer
+        (x, y) in the frames of the reference.
         """
+        return self.less(k, (errors.reshape(4 * len(errors), -1) @ plan).reshape(-1, 4))
+
+    def less(self, k: int, errors: FloatArray) -> FloatArray:
+        """Return the reference after tick `k` less the position errors (Np, 4) in its frames."""
         ahead = slice(k + 1, k + 1 + len(errors))
-        path = self._reference[ahead]
-        in_frames = (errors.reshape(path.size, -1) @ plan).reshape(*path.shape, 1)
-        return path - (self._to_map[ahead] @ in_frames)[..., 0]
+        return self._reference[ahead] - (self._to_map[ahead] @ errors[..., None])[..., 0]
 
 
 _N, _M, _D = len(State), len(Input), len(Disturbance)
@@ -69,11 +64,6 @@ def error_dynamics(
     The Jacobians of the exact model in the middle of each period are constant over it (zero-order
     hold by the matrix exponential); T turns with the reference. The outputs C z_e are the errors of
     tractor and trailer point in the frames of the reference tractor and trailer.
-
-    Args:
-        reference: of which vehicle, along which path.
-        period_s: control period [s].
-        ticks: N, periods from the start.
     """
     # a call of its own, after which the slopes are released: of a long reference these matrices are
     # the largest
@@ -162,10 +152,7 @@ _ACROSS: Final = [1, 3]  # rows of C with the cross-track errors of tractor and 
 
 
 def corridor_bounds(
-    corridor: Corridor,
-    grid: ReferenceSample,
-    outputs: FloatArray,
-    first: int,
+    corridor: Corridor, grid: ReferenceSample, outputs: FloatArray, first: int
 ) -> OutputBounds:
     """Return the bounds on the predicted error that keep the vehicle in its corridor.
 
@@ -178,11 +165,7 @@ def corridor_bounds(
     and |beta_r - beta_e| is at most the limit. Errors are those to the reference of the same time:
     on a curve the vehicle has to be near it along the path, too.
 
-    Args:
-        corridor: to keep to.
-        grid: the reference at N + 1 ticks.
-        outputs: C (N + 1, 4, n) of `error_dynamics`.
-        first: stage of the horizon from which on the bounds hold.
+    `outputs` are C (N + 1, 4, n) of `error_dynamics`; the bounds hold from the stage `first` on.
 
     Raises:
         InvalidTuning: the reference itself is beyond the limit of the hitch angle, with numbers.

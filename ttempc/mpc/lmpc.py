@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Final, Literal, get_args
+from typing import ClassVar, Final, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidTuning, check_choice, check_count, check_vector
-from ..jit import cached_njit
 from ..models.kinematics import Error
 from ..models.linear import ordered_product
 from ..types import FloatArray, Input, SolverReport
@@ -58,8 +56,7 @@ class HorizonTuning:
         check_choice("solver", self.solver, SOLVERS)
 
 
-@dataclass(frozen=True, slots=True)
-class StageBounds:
+class StageBounds(NamedTuple):
     """Bounds on the input u_e of every tick and on its change from the previous one, (N, m)."""
 
     lower: FloatArray
@@ -69,7 +66,7 @@ class StageBounds:
 
     def at(self, *index: int | slice | NDArray[np.intp]) -> StageBounds:
         """Return the bounds at an index of the arrays."""
-        return _each(self, lambda values: values[index])
+        return StageBounds(*(values[index] for values in self))
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,10 +134,7 @@ class CondensedHorizon:
     time: those of all ticks take 30 KB a tick.
 
     Args:
-        a: A (N, n, n).
-        b: B (N, n, m).
-        tuning: horizon, weights and bounds.
-        period_s: control period [s].
+        a: A (N, n, n), with `b` B (N, n, m).
         outputs: C (N + 1, p, n); without them, the outputs are the states.
         bounds: (N, m) each, in addition to those of the tuning.
         free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of
@@ -224,10 +218,13 @@ class CondensedHorizon:
 
     def admissible(self, k: int, inputs: FloatArray, previous: FloatArray) -> FloatArray:
         """Return the first input of tick `k` nearest to `inputs` (m,) within bounds and a step."""
-        of = self._bounds
-        return nearest_admissible(
-            k, inputs, previous, of.lower, of.upper, of.step_lower, of.step_upper
+        m = len(inputs)
+        lower, upper, step_lower, step_upper = (values[k, :m] for values in self._bounds)
+        low, high = (
+            np.maximum(lower, previous + step_lower),
+            np.minimum(upper, previous + step_upper),
         )
+        return np.maximum(np.minimum(inputs, high), low)
 
     def hessian(self, k: int) -> FloatArray:
         """Return H of the QP of tick `k`, (m Nc, m Nc)."""
@@ -308,16 +305,7 @@ def move_bounds(
     ticks = stages - tuning.horizon + 1
     free = np.arange(ticks)[:, None] + np.arange(tuning.moves)  # (ticks, Nc)
     of_stages = stage_bounds(tuning, period_s, stages, bounds)
-    return _each(of_stages, lambda values: values[free].reshape(ticks, -1))
-
-
-def _each(bounds: StageBounds, change: Callable[[FloatArray], FloatArray]) -> StageBounds:
-    return StageBounds(
-        lower=change(bounds.lower),
-        upper=change(bounds.upper),
-        step_lower=change(bounds.step_lower),
-        step_upper=change(bounds.step_upper),
-    )
+    return StageBounds(*(values[free].reshape(ticks, -1) for values in of_stages))
 
 
 def stage_bounds(
@@ -334,28 +322,6 @@ def stage_bounds(
         step_lower=np.maximum(-step, bounds.step_lower),
         step_upper=np.minimum(step, bounds.step_upper),
     )
-
-
-@cached_njit(error_model="numpy", boundscheck=False)
-def nearest_admissible(
-    k: int,
-    inputs: FloatArray,
-    previous: FloatArray,
-    lower: FloatArray,
-    upper: FloatArray,
-    step_lower: FloatArray,
-    step_upper: FloatArray,
-) -> FloatArray:
-    """Return the input (m,) nearest to `inputs` (m,) within bounds and a step from `previous`.
-
-    The other arguments are those of `StageBounds`, (ticks, m or more); row `k` counts.
-    """
-    result = np.empty_like(inputs)
-    for i in range(inputs.size):
-        low = max(lower[k, i], previous[i] + step_lower[k, i])
-        high = min(upper[k, i], previous[i] + step_upper[k, i])
-        result[i] = max(min(inputs[i], high), low)
-    return result
 
 
 @dataclass(frozen=True, slots=True)

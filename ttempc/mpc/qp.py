@@ -225,20 +225,20 @@ class PiqpSolver:
         return solver.result.x.copy(), report
 
     def _load(self, qp: QP) -> piqp.DenseSolver:
-        """Return a solver that holds the problem: the present one, or a new one."""
-        hessian = qp.hessian.T  # symmetric; the transpose has the column order of PIQP
         # The rows of the inputs are one array for all ticks; soft rows are new ones at each tick.
         known, self._matrix = self._matrix, qp.matrix
-        if self._solver is not None and known.shape == qp.matrix.shape:
-            self._solver.update(
-                P=hessian,
-                c=qp.gradient,
-                G=None if qp.matrix is known else np.asfortranarray(qp.matrix),
-                h_l=qp.lower,
-                h_u=qp.upper,
-                x_l=qp.step_lower,
-                x_u=qp.step_upper,
-            )
+        fits = self._solver is not None and known.shape == qp.matrix.shape
+        problem = {
+            "P": qp.hessian.T,  # symmetric; the transpose has the column order of PIQP
+            "c": qp.gradient,
+            "G": None if fits and qp.matrix is known else np.asfortranarray(qp.matrix),
+            "h_l": qp.lower,
+            "h_u": qp.upper,
+            "x_l": qp.step_lower,
+            "x_u": qp.step_upper,
+        }
+        if self._solver is not None and fits:
+            self._solver.update(**problem)
             return self._solver
         solver = piqp.DenseSolver()
         settings = solver.settings
@@ -247,15 +247,7 @@ class PiqpSolver:
         # Ruiz's iterations cost a fifth of a solve and make these small QPs no more accurate.
         settings.preconditioner_iter = 0
         settings.compute_timings = True
-        solver.setup(
-            P=hessian,
-            c=qp.gradient,
-            G=np.asfortranarray(qp.matrix),
-            h_l=qp.lower,
-            h_u=qp.upper,
-            x_l=qp.step_lower,
-            x_u=qp.step_upper,
-        )
+        solver.setup(**problem)
         self._solver = solver
         return solver
 
@@ -383,9 +375,6 @@ class PersistentSolver:
     Therefore the input is checked first, a solution is accepted only when it is solved, finite and
     within its bounds, and the solver is built anew after any failure.
 
-    Args:
-        solver: one of `ttempc.mpc.lmpc.SOLVERS`.
-
     Raises:
         MissingPackage: the solver's package is not installed.
     """
@@ -405,14 +394,7 @@ class PersistentSolver:
         """Return the minimiser of `qp`, or the reason for which there is none."""
         x = np.empty_like(qp.gradient)
         outcome = interior_minimum(
-            qp.hessian,
-            qp.gradient,
-            qp.matrix,
-            qp.lower,
-            qp.upper,
-            qp.step_lower,
-            qp.step_upper,
-            x,
+            qp.hessian, qp.gradient, qp.matrix, qp.lower, qp.upper, qp.step_lower, qp.step_upper, x
         )
         if outcome == Outcome.INTERIOR and (qp.soft is None or qp.soft.hold(x)):
             return QPSolution(x, SolverReport("solved", True, 0, 0.0, 0.0, 0.0))

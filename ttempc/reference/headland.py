@@ -47,12 +47,7 @@ def headland(
         >>> bool(path.length_m > 60.0)
         True
     """
-    lengths = {
-        "length_m": length_m,
-        "width_m": width_m,
-        "radius_m": radius_m,
-        "blend_m": blend_m,
-    }
+    lengths = {"length_m": length_m, "width_m": width_m, "radius_m": radius_m, "blend_m": blend_m}
     for name, value in lengths.items():
         if not math.isfinite(value) or value <= 0.0:
             raise InvalidPath(f"headland: {name} = {value}, must be finite and above 0")
@@ -108,7 +103,6 @@ def bend(angle: float, radius_m: float, blend_m: float) -> tuple[Segment, ...]:
 
 
 def _mirrored(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
-    """Return the segments with left and right exchanged."""
     return tuple(Segment(length, -first, -last) for length, first, last in segments)
 
 

@@ -169,7 +169,6 @@ class Path:
         return pose
 
     def _check_closed(self) -> None:
-        """Refuse a closed path whose end is not its beginning."""
         gap = math.hypot(*(self._pose[-1, :2] - self._pose[0, :2]))
         turns = (self._pose[-1, 2] - self._pose[0, 2]) / math.tau
         step = self._curvature[-1] - self._curvature[0]
@@ -181,7 +180,6 @@ class Path:
 
 
 def _check_segments(segments: Sequence[Segment]) -> None:
-    """Refuse segments without length, values that are not finite, and jumps of curvature."""
     if not segments:
         raise InvalidPath("a path needs at least one segment, got none")
     begin = 0.0
@@ -221,10 +219,7 @@ def straight(length_m: float) -> Path:
 
 
 def figure_eight(
-    radius_m: float = 10.0,
-    centre_distance_m: float = 30.0,
-    blend_m: float = 2.0,
-    laps: int = 2,
+    radius_m: float = 10.0, centre_distance_m: float = 30.0, blend_m: float = 2.0, laps: int = 2
 ) -> Path:
     """Return two circles on the x axis, joined by two straights that cross at the origin.
 
@@ -299,9 +294,6 @@ class Projection:
 
     The search covers some metres about the last place alone, so that a path that crosses itself is
     followed in its order. The first call searches from the first point on.
-
-    Args:
-        points: (N, 2) [m], N of 2 or more.
     """
 
     def __init__(self, points: FloatArray) -> None:

@@ -136,12 +136,6 @@ def limited_in_corridor(
     It changes its speed in the manner of `PlannedSpeed`, before and behind the places where the
     corridor holds. A profile within the limit is returned as it is.
 
-    Args:
-        speed: forward or in reverse.
-        length_m: of the path.
-        corridor: in which the limit holds.
-        limit_mps: largest magnitude of the speed [m/s].
-
     Example:
         >>> from ttempc import ConstantSpeed
         >>> corridor = Corridor(0.1, ((20.0, 40.0),))

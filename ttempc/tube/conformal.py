@@ -52,12 +52,10 @@ class Calibration:
 
 
 def largest_score(deviation: FloatArray, scale: FloatArray) -> float:
-    """Return the score of a run: its largest absolute deviation in units of a scale.
+    """Return the score of a run: its largest absolute deviation (T, q) in units of a scale.
 
-    Args:
-        deviation: (T, q) at T times, of q quantities.
-        scale: (q,) for constant half widths, or (T, q) for those of a tube along the run; above 0,
-            and chosen without the calibration runs.
+    The scale is (q,) for constant half widths or (T, q) for those of a tube along the run, above 0,
+    and chosen without the calibration runs.
 
     Raises:
         InvalidTube: the scale is not positive, or the deviation is empty or not finite.
@@ -87,10 +85,7 @@ def fewest_scores(coverage: float) -> int:
 def calibrate(scores: Sequence[float] | FloatArray, coverage: float) -> Calibration:
     """Return the smallest score that the next run exceeds with probability 1 - `coverage` at most.
 
-    Args:
-        scores: of the calibration runs, (n,); infinite for a run that was lost. Equal scores only
-            raise the coverage.
-        coverage: required, between 0 and 1.
+    The scores (n,) are infinite for runs that were lost. Equal scores only raise the coverage.
 
     Raises:
         InvalidTube: there are too few scores for the coverage, with the number that is needed; a

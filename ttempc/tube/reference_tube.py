@@ -63,15 +63,7 @@ class AncillaryWeights:
 def gain_schedule(
     a: FloatArray, b: FloatArray, c: FloatArray, weights: AncillaryWeights
 ) -> FloatArray:
-    """Return K (T, m, n) of u = K z at every tick, by the Riccati recursion.
-
-    The last stage is repeated indefinitely.
-
-    Args:
-        a: A (T, n, n) of the minimal state.
-        b: B (T, n, m).
-        c: C (T, p, n).
-        weights: of the cost.
+    """Return K (T, m, n) of u = K z at every tick, see `feedback_gains`; C is (T, p, n).
 
     Raises:
         InvalidTube: no gain stabilises the last stage.
@@ -109,17 +101,9 @@ def search_weights(
     """Return weights whose tube is narrow across the track, at T stationary motions.
 
     `search_tube` minimises the largest cross-track half width of the two axle points. The other
-    half widths enter with a small weight. Penalties keep free the `reserve` of each input, a fifth
-    of the hydrostat's margin, and a tenth of every change in a period.
-
-    Args:
-        a: A (T, n, n), one motion each.
-        b: B (T, n, m).
-        c: C (T, p, n).
-        disturbance: that acts in every step.
-        margin: of the inputs, for T motions.
-        reserve: amplitude to leave free (m,).
-        start: first weights; by default those of the shipped search.
+    half widths enter with a small weight. Penalties keep free the `reserve` (m,) of each input, a
+    fifth of the hydrostat's margin, and a tenth of every change in a period. A (T, n, n), B and C
+    hold one motion each; `start` is by default that of the shipped tubes.
 
     Raises:
         InvalidTube: no weights give a tube.
@@ -238,13 +222,7 @@ class ReferenceTube:
 def tracking_system(
     a: FloatArray, b: FloatArray, c: FloatArray, weights: AncillaryWeights
 ) -> TrackingSystem:
-    """Return the closed error dynamics of the minimal state, without disturbances.
-
-    Args:
-        a: A (T, 16, 16) of `error_dynamics`.
-        b: B (T, 16, 3).
-        c: C (T + 1, 4, 16).
-        weights: of the ancillary gain that closes the loop.
+    """Return the closed dynamics of the minimal state, from A, B and C of `error_dynamics`.
 
     Raises:
         InvalidTube: no gain minimises the cost of `weights`.
@@ -265,13 +243,7 @@ def report_rows(outputs: FloatArray) -> FloatArray:
 def tightened(
     bounds: StageBounds, inputs: FloatArray, rates: FloatArray, period_s: float
 ) -> StageBounds:
-    """Return the Pontryagin difference of `bounds` and the input set of a tube, (T, m) each.
-
-    Args:
-        bounds: on the whole input, (T, m) each.
-        inputs: half widths of the tube in the inputs, (T, m).
-        rates: half widths of the tube in the change of the inputs in a period, (T, m).
-        period_s: control period [s].
+    """Return `bounds` less the half widths of a tube in `inputs` and their `rates`, (T, m) each.
 
     Raises:
         InvalidTube: the difference is empty in an input or its change; with input, time and both
@@ -354,15 +326,9 @@ class GrowingTube:
         feedforward: FloatArray,
         tuning: HorizonTuning,
     ) -> GrowingTube:
-        """Return the tube of `design` along a reference.
+        """Return the tube of `design` along a reference with the feedforward u_r (T, 3).
 
-        Args:
-            design: gives disturbance set, ancillary gain, vehicle and period.
-            a: A (T, 16, 16), b: B (T, 16, 3), c: C (T + 1, 4, 16) of `error_dynamics`.
-            b: see a.
-            c: see a.
-            feedforward: u_r (T, 3).
-            tuning: horizon and bounds of the MPC.
+        A, B and C are those of `error_dynamics`; `tuning` gives horizon and bounds of the MPC.
 
         Raises:
             InvalidTube: no gain minimises the cost of the design's weights.
@@ -394,13 +360,7 @@ def steered_system(
     - The steering keeps to the path with the design's weights, those of an input doubled until it
       leaves the plan half of its change in a period (`_MOST_OF_RATE`).
 
-    Args:
-        design: gives weights and disturbance set.
-        a: A (T, 16, 16), b: B (T, 16, 3), c: C (T + 1, 4, 16) of `error_dynamics`.
-        b: see a.
-        c: see a.
-        limits: of the inputs.
-        horizon: Np.
+    A, B and C are those of `error_dynamics`.
     """
     weights, most = design.weights, _MOST_OF_RATE * limits.step
     while True:
@@ -454,11 +414,8 @@ def horizon_bounds(
     The constraints are those of the inputs, so that no state enters. Therefore, after a first input
     in V_0, every QP is feasible, whatever the disturbances. It contains 0 where all bounds do.
 
-    Args:
-        free: bounds on the input and its change without a tube, (T, m) each.
-        reserve: (Np, T, m) of the inputs.
-        of_rates: (Np, T, m) of their changes.
-        moves: Nc, free stages.
+    `free` are the bounds without a tube, (T, m) each, `reserve` and `of_rates` (Np, T, m) what the
+    tube takes of the inputs and their changes, `moves` the free stages Nc.
     """
     horizon, stages, _ = reserve.shape
     ticks = stages - horizon + 1

@@ -15,7 +15,6 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from ..errors import InvalidTube
 from ..types import FloatArray
@@ -120,35 +119,18 @@ class DisturbanceSet:
                 f"{np.linalg.norm(self.axes, axis=0).tolist()}, must be square and of full rank"
             )
 
-    @classmethod
-    def through(
-        cls, directions: FloatArray, floor: float, window: int = 1, shape: Shape = "zonotope"
-    ) -> DisturbanceSet:
-        """Return the set of w = E d, widened to full rank by `floor` along all other directions.
-
-        The certificate of a tube needs a set with an interior; a small `floor` costs little width.
-
-        Args:
-            directions: E (n, g), a column for each entry of d, its length the half width along it.
-            floor: half width along the orthogonal complement of the columns, above 0.
-            window: N [steps].
-            shape: of the set, see the class.
-
-        Raises:
-            InvalidTube: the columns depend on each other, or the floor is not above 0.
-        """
-        others = scipy.linalg.null_space(directions.T)
-        return cls(np.hstack([directions, floor * others]), window, shape)
-
     @property
     def dimension(self) -> int:
         return len(self.axes)
 
+    def energies(self, disturbances: FloatArray) -> FloatArray:
+        """Return the energy of every window of a run (k, n) along each axis, (n, k - N + 1)."""
+        energy = np.linalg.solve(self.axes, disturbances.T) ** 2  # (n, k)
+        return np.lib.stride_tricks.sliding_window_view(energy, self.window, axis=1).sum(axis=2)
+
     def fill(self, disturbances: FloatArray) -> FloatArray:
         """Return the gauge of every window of a run (k, n), at most 1 inside, (k - N + 1,)."""
-        energy = np.linalg.solve(self.axes, disturbances.T) ** 2  # (n, k)
-        windows = np.lib.stride_tricks.sliding_window_view(energy, self.window, axis=1).sum(axis=2)
-        return np.sqrt(self._along(windows))
+        return np.sqrt(self._along(self.energies(disturbances)))
 
     def gauge(self, disturbance: FloatArray) -> float:
         """Return the gauge of a `disturbance` (n,) in the set of single steps, at most 1 inside."""
@@ -212,7 +194,6 @@ def _sliding_sums(values: FloatArray, window: int) -> FloatArray:
 
 
 def _scaled(matrix: FloatArray) -> FloatArray:
-    """Return the matrix with rows of unit length, so that its rank does not depend on units."""
     length = np.linalg.norm(matrix, axis=1, keepdims=True)
     return np.divide(matrix, length, out=np.zeros_like(matrix), where=length > 0.0)
 
@@ -220,13 +201,12 @@ def _scaled(matrix: FloatArray) -> FloatArray:
 def fit_set(
     runs: Sequence[FloatArray], coverage: float, window: int = 1, shape: Shape = "box"
 ) -> DisturbanceSet:
-    """Return the set that contains a share of all windows of the residuals.
+    """Return the set that contains a share of all windows of the residuals, centred at 0.
 
     The axes of a box are the coordinate axes. The axes of a zonotope or an ellipsoid are the
     principal components of the correlation matrix, scaled by the standard deviations. An ellipsoid
     has one radius. The half widths of the other shapes are quantiles of equal order along each
-    axis, with the joint coverage asked for, so that heavy tails along one axis do not widen the
-    others. The set is centred at 0: a mean of the residuals belongs into the model.
+    axis, so that heavy tails along one axis do not widen the others.
 
     Args:
         runs: residuals w(k) = z(k+1) - A z(k) - B u(k) of each run, (steps, n) each.
@@ -254,22 +234,12 @@ def fit_set(
     if shape != "box":
         vectors, values, _ = np.linalg.svd(np.corrcoef(samples.T))
         axes = spread[:, None] * vectors * np.sqrt(values)
+    unit = DisturbanceSet(axes, window, shape)
     if shape == "ellipsoid":
-        unit = DisturbanceSet(axes, window, shape)
         radius = np.quantile(np.concatenate([unit.fill(run) for run in runs]), coverage)
         return DisturbanceSet(radius * axes, window, shape)
-    single = [
-        np.concatenate([_axis_fill(axes, run, window)[:, axis] for run in runs])
-        for axis in range(len(axes))
-    ]
-    return DisturbanceSet(axes * _joint_quantile(np.array(single).T, coverage), window, shape)
-
-
-def _axis_fill(axes: FloatArray, run: FloatArray, window: int) -> FloatArray:
-    """Return the square root of the energy of each window along each axis, (n - window + 1, n)."""
-    energy = np.linalg.solve(axes, run.T) ** 2
-    windows = np.lib.stride_tricks.sliding_window_view(energy, window, axis=1)
-    return np.sqrt(windows.sum(axis=2)).T
+    windows = np.sqrt(np.concatenate([unit.energies(run) for run in runs], axis=1)).T
+    return DisturbanceSet(axes * _joint_quantile(windows, coverage), window, shape)
 
 
 def _joint_quantile(samples: FloatArray, coverage: float) -> FloatArray:
@@ -382,10 +352,6 @@ def admissible_subset(closed: FloatArray, constraints: Polytope) -> Polytope:
     next step are redundant. The set of a nominal loop under tightened constraints is the terminal
     set of a tube MPC.
 
-    Args:
-        closed: A + B K (n, n).
-        constraints: on z, the origin in their interior.
-
     Raises:
         InvalidTube: the loop does not contract, the origin is not in the interior, or the recursion
             does not end.
@@ -411,43 +377,3 @@ def admissible_subset(closed: FloatArray, constraints: Polytope) -> Polytope:
         f"no admissible subset after {_MOST_STEPS} steps: the largest eigenvalue has the modulus "
         f"{growth:.4f}"
     )
-
-
-class Axes(Protocol):
-    """The methods of `matplotlib.axes.Axes` that are needed; this package does not import it."""
-
-    def fill(self, x: ArrayLike, y: ArrayLike, **style: object) -> object:
-        """Draw a filled polygon."""
-
-    def fill_between(
-        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, **style: object
-    ) -> object:
-        """Draw a band."""
-
-
-def draw_set(
-    axes: Axes,
-    of: ConvexSet,
-    plane: tuple[int, int] = (0, 1),
-    centre: FloatArray | None = None,
-    **style: object,
-) -> None:
-    """Draw the projection of a bounded set onto two coordinates, moved to `centre` (n,).
-
-    Args:
-        axes: of matplotlib.
-        of: the set; its outline is that of `ttempc.tube.sets.outline`.
-        plane: horizontal and vertical coordinate.
-        centre: by default the origin.
-        style: keywords of `axes.fill`.
-    """
-    rows = np.eye(of.dimension)[list(plane)]
-    corners = outline(of, rows) + (0.0 if centre is None else rows @ centre)
-    axes.fill(corners[:, 0], corners[:, 1], **style)
-
-
-def draw_band(
-    axes: Axes, times: FloatArray, nominal: FloatArray, half_width: FloatArray, **style: object
-) -> None:
-    """Draw the band of a tube, `nominal` +- `half_width` (T,) of one coordinate over time (T,)."""
-    axes.fill_between(times, nominal - half_width, nominal + half_width, **style)

@@ -73,11 +73,7 @@ class TrackingSystem:
     ) -> TrackingSystem:
         """Return a time-varying system of T ticks, whose first stage holds before the first tick.
 
-        Args:
-            a: A (T, n, n); T = 1 is a time-invariant system.
-            b: B (T, n, m).
-            gains: K (T, m, n) of u = K z.
-            c: outputs C (T, p, n); by default none.
+        T = 1 is a time-invariant system. Without C it has no outputs.
         """
         c = np.zeros((len(a), 0, a.shape[-1])) if c is None else c
         return cls(a, b, c, gains, np.maximum(np.arange(len(a)) - 1, 0))
@@ -228,21 +224,12 @@ def _reached(
 
 
 def reachable_set(
-    system: TrackingSystem,
-    disturbance: DisturbanceSet,
-    k: int,
-    initial: ConvexSet | None = None,
+    system: TrackingSystem, disturbance: DisturbanceSet, k: int, initial: ConvexSet | None = None
 ) -> SupportSet:
-    """Return the set of the deviations at tick `k` that start in `initial` at tick 0.
+    """Return the set of the deviations at tick `k` that start in `initial`, or at 0, at tick 0.
 
     It needs no contraction. It is exact for windows of one step. For longer ones it is an outer
     bound: a partial window at the start may take the energy of a whole one.
-
-    Args:
-        system: the time-varying system; tick `k` in it.
-        disturbance: acts on the state in every step.
-        k: tick, from 0.
-        initial: set of the deviations at tick 0, by default the origin.
 
     Raises:
         InvalidTube: the system has no tick `k`.
@@ -265,11 +252,8 @@ def invariant_tube(
 ) -> Tube:
     """Return the tube of `system` under `disturbance`, all ticks at once.
 
-    Args:
-        system: the error dynamics with their gains.
-        disturbance: acts on the state in every step.
-        tolerance: largest alpha, the share by which the tube may be too wide, between 0 and 1.
-        most_steps: number of steps after which a disturbance must have decayed to alpha.
+    `tolerance` is the largest alpha, the share by which the tube may be too wide; within
+    `most_steps` a disturbance must have decayed to it.
 
     Raises:
         InvalidTube: A + B K does not contract, with the modulus of its largest eigenvalue; the
@@ -321,10 +305,8 @@ def tightened_offsets(
     With u = ubar + K m, every (zbar + m, ubar + K m) satisfies F z + G u <= offsets if the nominal
     pair satisfies F zbar + G ubar <= offsets - h_S(F + G K).
 
-    Args:
-        constraints: normals (F G) on the stacked (z, u), (h, n + m).
-        tube: around the nominal motion.
-        offsets: of every tick (T, h) where they change; by default those of `constraints`.
+    The `constraints` have the normals (F G) on the stacked (z, u), (h, n + m). `offsets` (T, h)
+    are those of every tick where they change.
 
     Raises:
         InvalidTube: shapes that do not fit, or an empty set, with its first tick.
@@ -361,18 +343,10 @@ _FIRST_SIMPLEX = 1.0  # edge, in logarithms of the weights
 def feedback_gains(
     a: FloatArray, b: FloatArray, state_cost: FloatArray, input_cost: FloatArray
 ) -> FloatArray:
-    """Return K of u = K z that minimises sum z'Q z + sum u'R u, by the Riccati recursion.
+    """Return K (T, m, n) of u = K z that minimises sum z'Q z + sum u'R u, by the Riccati recursion.
 
+    A is (T, n, n), B (T, n, m), Q (T, n, n) or (n, n) of all stages, and the diagonal of R (m,).
     The last stage is repeated indefinitely; one stage alone gives the stationary gain.
-
-    Args:
-        a: A (T, n, n).
-        b: B (T, n, m).
-        state_cost: Q (T, n, n), or (n, n) of all stages.
-        input_cost: diagonal of R (m,).
-
-    Returns:
-        K (T, m, n).
 
     Raises:
         InvalidTube: no gain stabilises the last stage.

@@ -21,12 +21,12 @@ from ttempc.baselines.nmpc import GaussNewton
 from ttempc.baselines.nmpc_model import Task
 from ttempc.errors import InvalidReference, check_choice, check_count, check_positive
 from ttempc.guidance.controllers import parse_options
-from ttempc.laws.tracking_controller import Actions, TrackingController
+from ttempc.laws.tracking_controller import FeedbackLaw, TrackingController
 from ttempc.mpc.articulated_error import rotation
 from ttempc.mpc.lmpc import FirstInputs, HorizonTuning, StageBounds
 from ttempc.reference.path import Projection
 from ttempc.reference.reference import Reference
-from ttempc.types import Estimate, FloatArray, Input
+from ttempc.types import Diagnostics, Estimate, FloatArray, Input
 from ttempc.vehicle import CommandLimits, Vehicle
 
 from .model import PRINTED, PrintedModel
@@ -105,7 +105,7 @@ class SpaceBasedTargets:
         return targets
 
 
-class PrintedFeedback:
+class PrintedFeedback(FeedbackLaw):
     """The NMPC as a feedback law: its action is the whole input (delta_t, lambda, hp).
 
     Where the QP has no accepted solution, the previous input is held.
@@ -136,7 +136,7 @@ class PrintedFeedback:
             self._targets._projection = previous._targets._projection
             self._plan, self._lambda = previous._plan, previous._lambda
 
-    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Actions:
+    def step(self, k: int, estimate: Estimate, sent: FloatArray) -> Diagnostics:
         """Return the actions of tick `k`, see `FeedbackLaw`."""
         options, beta = self._options, estimate.hitch_angle
         x, y, psi_t, psi_i, _, _, ground = estimate.state.tolist()
@@ -175,7 +175,7 @@ class PrintedFeedback:
         along = plan.errors[:, :4]
         for body, psi in ((slice(0, 2), targets[:, 2]), (slice(2, 4), targets[:, 5])):
             along[:, body] = np.einsum("nij,nj->ni", rotation(psi), along[:, body])
-        return Actions(
+        return Diagnostics(
             feedback=inputs,
             robust=np.zeros(_M),
             predicted_path=targets[:, [0, 1, 3, 4]] - along,

@@ -74,6 +74,10 @@ def test_the_cameras_show_the_tractor_at_its_projected_position_and_no_site(play
         xyz, _ = playback.poses(6.0)
         positions = [scene.data.body(name).xpos for name in playback.motion.body_names]
         np.testing.assert_array_equal(positions, xyz)
+        terrain, plane = playback.ground.terrain, scene.data.geom("meadow")
+        x, y = np.broadcast_arrays(*terrain.points())
+        above = np.dstack([x, y, terrain.heights]) - plane.xpos
+        assert (above @ plane.xmat.reshape(3, 3)[:, 2]).min() > 0.0, "the meadow covers no field"
         before = scene.picture("side", 6.0).astype(int)
         scene.model.site_rgba[:] = (1.0, 0.0, 1.0, 1.0)  # sites do not move with the bodies
         scene.model.site_size[:] = 1.0

@@ -11,8 +11,7 @@ from proving_ground.experiments.gym_env.environment import FieldTrial
 from proving_ground.experiments.papers.pages import ROOT
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import CONTROL, STATE
-from proving_ground.testbed.recording.record_rows import state_row
+from proving_ground.testbed.recording.channels import CONTROL, STATE, state_row
 
 from ttempc import Vehicle
 

@@ -50,7 +50,7 @@ def test_a_file_that_is_no_log_and_foreign_options_are_refused(run, tmp_path, ca
         ((tmp_path / "absent",), "is no folder of a sweep"),
         ((run / "log.mcap", "--against", "pid"), "--against: goes with a sweep"),
         ((run / "log.mcap", "-o", run / "report.html"), "exists already"),
-        ((tmp_path, "-o", tmp_path / "x.html"), "--out: goes with a log"),
+        ((tmp_path, "-o", tmp_path / "x.html"), "--out"),
         ((run, "-o", run / "report.html"), "exists already"),
     ):
         assert main(["report", *map(str, arguments)]) == 2

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from proving_ground.experiments.papers.listing import all_studies
 from proving_ground.experiments.papers.runner import Runner
 from proving_ground.experiments.papers.studies import (
     containment,
@@ -20,7 +21,7 @@ from proving_ground.experiments.papers.studies import (
     variants,
     widths,
 )
-from proving_ground.experiments.papers.study import Case, all_studies, lap
+from proving_ground.experiments.papers.study import Case, lap
 from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.scenario.scenario import load

@@ -14,6 +14,7 @@ from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.log.reader import read_log
 from proving_ground.testbed.recording.channels import CONTROL, STATE
+from proving_ground.testbed.simulation.loop import with_stages
 
 from ttempc.guidance.controllers import make_controller
 from ttempc.reference.path import straight
@@ -253,6 +254,8 @@ def test_a_scenario_adds_stages_to_the_loop(package):
     assert "stage lawn.faults:broken raised at tick 0: ValueError" in summary.failure
     with pytest.raises(InvalidController, match=r"lawn\.faults has no gust"):
         simulate(*staged("{make='lawn.faults:gust', after='sense'}"), seed=1)
+    with pytest.raises(ValueError, match="'sens'"):
+        with_stages([("sens", lambda setup, tick: None)])
 
 
 def test_runs_of_a_factory_are_filed_under_its_own_name_and_source(package):

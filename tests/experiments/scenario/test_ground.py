@@ -29,38 +29,14 @@ features = [
 [soil]
 name = "wet"
 patches = [{ x_m = -20.0, y_m = 10.0, radius_m = 3.0, cone_index_kpa = 150.0 }]
-
-[soil.gradient]
-from_kpa = 300.0
-to_kpa = 900.0
-distance_m = 20.0
-
-[soil.map]
-file = "maps/strength.npy"
-spacing_m = 1.0
-
-[soil.random]
-
-[[soil.tramlines]]
-kind = "path"
-width_m = 1.0
-track_m = 1.5
-
-[[soil.tramlines]]
-kind = "passes"
-x_m = -40
-y_m = -20
-length_m = 80
-passes = 3
-width_m = 1.0
-track_m = 1.5
-
-[[soil.tramlines]]
-kind = "line"
-points_m = [[-30, -20], [0, -15], [30, -20]]
-width_m = 1.0
-track_m = 1.5
-strength_factor = 0.5
+gradient = { from_kpa = 300.0, to_kpa = 900.0, distance_m = 20.0 }
+map = { file = "maps/strength.npy", spacing_m = 1.0 }
+random = {}
+tramlines = [
+    { kind = "path", width_m = 1, track_m = 1.5 },
+    { kind = "passes", x_m = -40, y_m = -20, length_m = 80, passes=3, width_m=1, track_m=1.5 },
+    { kind = "line", points_m = [[-30, -20], [0, -15], [30, -20]], width_m = 1, track_m = 1.5 },
+]
 """
 
 

@@ -1,4 +1,4 @@
-"""Fit of tubes: known residuals are recovered, sets have their coverage, bad data are refused."""
+"""Fit of tubes, their calibration on whole runs, and the tubes that ship."""
 
 from __future__ import annotations
 
@@ -11,15 +11,21 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFit
 from proving_ground.experiments.figures.run_figures import tube_figure
-from proving_ground.experiments.results.containment import QUANTITIES, containment
+from proving_ground.experiments.results.containment import QUANTITIES, Containment, containment
 from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.summary import RunFacts
 from proving_ground.experiments.run.assembly import check, model_vehicle
 from proving_ground.experiments.run.simulate import run, simulate
 from proving_ground.experiments.scenario.plant import PAPER_PERIOD_S
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.scenario.tube_file import read_tube, to_json
-from proving_ground.experiments.tubes.calibration import driven_run
+from proving_ground.experiments.scenario.tube_file import read_tube, shipped_tubes, to_json
+from proving_ground.experiments.tubes.calibration import (
+    DrivenRun,
+    calibrate_tube,
+    calibrated_widths,
+    driven_run,
+    format_calibration,
+)
 from proving_ground.experiments.tubes.fit import fit_run, fit_tube, format_fit, hold_out
 from proving_ground.experiments.tubes.logged_runs import read_runs
 from proving_ground.testbed.recording.channels import (
@@ -35,19 +41,21 @@ from proving_ground.testbed.recording.record import Record
 from tests.records import table_of
 from tests.ttempc.tubes import SPREAD
 from ttempc.errors import InvalidTube
+from ttempc.laws.articulated_mpc import MpcOptions
 from ttempc.models.kinematics import trailer_point
 from ttempc.mpc.articulated_error import error_dynamics, rotation
 from ttempc.reference.reference import ConstantSpeed, Reference, exact_feedforward
-from ttempc.tube.reference_tube import ReferenceTube
+from ttempc.tube.reference_tube import GrowingTube, ReferenceTube, steered_system
 from ttempc.tube.sets import fit_set
 from ttempc.types import Disturbance, MapDisturbance, State
-from ttempc.vehicle import Vehicle
+from ttempc.vehicle import CommandLimits, Vehicle
 
 NAME, SCENARIO = load("grass", ["path.laps=1"])
 REFERENCE_PATH = Reference(SCENARIO.mission().path, Vehicle(), ConstantSpeed(1.0))
 TICKS = 684  # one lap
 FIELDS = ("x_t_m", "y_t_m", "psi_t_rad", "psi_i_rad", "delta_t_rad", "delta_i_rad", "v_mps")
 INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
+ALONG_GRASS = ReferenceTube.along(read_tube("grass").design(), REFERENCE_PATH, TICKS)
 DYNAMICS = error_dynamics(REFERENCE_PATH, PAPER_PERIOD_S, TICKS)
 
 
@@ -324,3 +332,87 @@ def test_a_fit_that_its_hold_out_contradicts_says_so(monkeypatch):
 def test_a_run_that_does_not_drive_in_a_tube_calibrates_nothing():
     with pytest.raises(InvalidFit, match="made-up does not drive in a tube"):
         driven_run(RUNS[0][0], SCENARIO)
+
+
+def driven(seed, largest=(0.03, 0.05, 0.03, 0.04)):
+    generator = np.random.default_rng(seed)
+    settings = load("grass", ["path.laps=1", 'controller.name="ttempc-tube"'])[1]
+    return DrivenRun(
+        "grass",
+        "ttempc-tube",
+        seed,
+        settings,
+        REFERENCE_PATH,
+        largest=np.array(largest) * generator.uniform(0.5, 1.5),
+        half_width=ALONG_GRASS.half_widths[0, Containment.POINTS],
+    )
+
+
+def test_calibrated_half_widths_hold_the_promised_share_of_fresh_runs():
+    generator = np.random.default_rng(3)
+    inside = []
+    for _ in range(300):
+        largest = generator.gamma(3.0, [0.01, 0.03, 0.01, 0.02], (31, 4))
+        widths, calibration = calibrated_widths(largest[:-1], 0.9)
+        inside.append(bool(np.all(largest[-1] <= widths)))
+    assert calibration.count == 24
+    expected = calibration.coverage  # 23 / 25
+    assert np.mean(inside) == pytest.approx(expected, abs=3.0 * np.sqrt(0.08 * 0.92 / 300))
+
+
+def test_a_tube_is_calibrated_on_runs_in_it_and_keeps_its_design(tmp_path):
+    runs = [driven(seed) for seed in range(1, 31)]
+    tube = calibrate_tube(runs, 0.9)
+    calibration = tube.calibration
+    assert calibration is not None
+    assert calibration.scale_seeds == [5, 10, 15, 20, 25, 30]
+    assert calibration.guaranteed == 23 / 25
+    widths = np.array(list(asdict(calibration.half_widths).values()))
+    outside = [run for run in runs if run.seed % 5 and np.any(run.largest > widths)]
+    assert len(outside) == 1  # the 23rd of 24
+    assert replace(tube, calibration=None) == replace(read_tube("grass"), calibration=None)
+    text = format_calibration(tube)
+    assert "24 scored, 6 for the scale" in text
+    assert f"{calibration.half_widths.trailer_across_m:.4f}" in text.splitlines()[-1]
+    file = tmp_path / "tube.json"
+    file.write_text(to_json(tube))
+    assert read_tube(str(file)) == tube
+
+
+def test_runs_that_calibrate_nothing_are_refused():
+    runs = [driven(seed) for seed in range(1, 31)]
+    with pytest.raises(InvalidFit, match=r"got 20 runs, a coverage of 0.95 .* takes 23 at least"):
+        calibrate_tube(runs[:20], 0.95)
+    assert calibrate_tube(runs[:23], 0.95).calibration is not None
+    with pytest.raises(InvalidFit, match="seed 1: there twice"):
+        calibrate_tube([*runs, runs[0]], 0.9)
+    other = replace(runs[7], half_width=1.1 * runs[7].half_width)
+    with pytest.raises(InvalidFit, match=r"seed 8: driven in another tube than grass .* 10.0 %"):
+        calibrate_tube([*runs[:7], other, *runs[8:]], 0.9)
+
+
+def test_the_reserve_is_whole_along_the_figure_eight():
+    """At all stages the limits hold feedforward and ancillary action at their largest."""
+    options = MpcOptions()
+    design, limits = read_tube("grass").design(), CommandLimits.of(Vehicle(), PAPER_PERIOD_S)
+    a, b, c = error_dynamics(REFERENCE_PATH, PAPER_PERIOD_S, TICKS)
+    feedforward = exact_feedforward(REFERENCE_PATH, TICKS, PAPER_PERIOD_S)
+    tube = GrowingTube.along(design, a, b, c, feedforward, options)
+    _, inputs, rates = steered_system(design, a, b, c, limits, options.horizon)
+    np.testing.assert_array_equal(tube.reserve, inputs)
+    change = np.abs(np.diff(feedforward, axis=0, prepend=feedforward[:1]))
+    assert np.all(rates + change <= limits.step)
+
+
+def test_shipped_tubes_fit_the_default_vehicle():
+    assert "grass" in shipped_tubes()
+    for name in shipped_tubes():
+        along = ReferenceTube.along(read_tube(name).design(), REFERENCE_PATH, TICKS)
+        assert np.all(along.free_share > 0.0)
+
+
+def test_the_certified_tube_of_grass_is_as_narrow_as_promised():
+    along, cross = ALONG_GRASS, [QUANTITIES.index(name) for name in ("y_t_e_m", "y_i_e_m")]
+    assert along.half_widths[:, cross].max() <= 0.30  # under the published side force law
+    on_the_curve = np.abs(REFERENCE_PATH.at(0.2 * np.arange(TICKS)).curvature) > 0.0999
+    assert along.free_share[on_the_curve, :2].min() >= 0.199

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
@@ -14,7 +12,6 @@ from ttempc.mpc.articulated_error import error_dynamics
 from ttempc.mpc.lmpc import CondensedHorizon
 from ttempc.reference.path import figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import Disturbance
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
@@ -40,33 +37,9 @@ def test_first_step_is_that_of_a_long_mpc_without_bounds():
         )
 
 
-def test_gains_forget_the_end_of_the_reference():
-    """The reference beyond thirty seconds has no effect on a gain."""
-    a, b, c = error_dynamics(REFERENCE, PERIOD_S, 350)
-    near = step_gains(a[:250], b[:250], c[:251], *WEIGHTS)[100]
-    far = step_gains(a, b, c, *WEIGHTS)[100]
-    np.testing.assert_allclose(near, far, rtol=1e-3, atol=1e-3 * np.abs(far).max())
-
-
 def test_both_points_stay_on_the_path():
     run = drive(make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S), REFERENCE)
     assert run.largest_m < 0.02
-
-
-def test_a_constant_disturbance_leaves_no_offset():
-    disturbance = np.zeros(5)
-    disturbance[[Disturbance.SLIP_T, Disturbance.STEERING]] = 0.03, -0.02
-    disturbance[Disturbance.DRIVE] = -0.03
-    controller = make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S)
-    run = drive(controller, REFERENCE, ticks=400, disturbance=disturbance)
-    assert np.mean(run.after(20.0).trailer_m) < 0.01
-
-
-def test_recovers_from_a_metre_and_twenty_degrees_within_fifteen_metres():
-    turned = np.array([0.0, 1.0, math.radians(20.0), math.radians(20.0), 0.0, 0.0, 0.0])
-    controller = make_controller("lqr", VEHICLE, REFERENCE, PERIOD_S)
-    run = drive(controller, REFERENCE, ticks=150, offset=turned)
-    assert run.after(15.0).largest_m < 0.10
 
 
 def test_saturation_does_not_wind_up():

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from tests.ttempc.sensed_drive import PERIOD_S, VEHICLE, SensedDrive
 from ttempc.baselines.nmhe import MovingHorizonEstimator, _minimum
-from ttempc.errors import InvalidTuning
 from ttempc.models.augmented_state import DISTURBANCE_BOUND, SIZE, STATES
-from ttempc.types import Measurement
 
 
 def chain(generator, count):
@@ -102,30 +99,3 @@ def test_estimates_are_close_to_those_of_the_filter():
         assert np.all(np.abs(estimate.state - filtered.state) < 0.3 * sd)
         np.testing.assert_allclose(np.diag(estimate.covariance), sd**2, rtol=0.2)
         assert estimate.innovations == filtered.innovations
-
-
-def test_estimate_is_nan_before_the_start_and_finite_in_an_outage():
-    drive = SensedDrive(13).run(30)
-    estimator = MovingHorizonEstimator(VEHICLE)
-    first: list[Measurement] = drive.received[0][0]
-    assert np.isnan(estimator.update(0.0, first[:3], None).state).all()
-    for k, (samples, command) in enumerate(drive.received[1:], 1):
-        received = [] if 10 <= k < 20 else samples
-        estimate = estimator.update(k * PERIOD_S, received, command)
-        assert np.isfinite(estimate.state).all()
-    assert np.hypot(*(estimate.state - drive.states[-1])[:2]) < 0.2
-
-
-@pytest.mark.parametrize("tuning", [{"iterations": 0}, {"window_s": 0.0}])
-def test_invalid_tuning_is_refused(tuning):
-    with pytest.raises(InvalidTuning):
-        MovingHorizonEstimator(VEHICLE, **tuning)
-
-
-def test_equations_that_are_not_positive_definite_have_no_minimum():
-    count = 2
-    diagonal, right = np.tile(np.eye(SIZE), (count, 1, 1)), np.zeros((count, SIZE))
-    above = np.zeros((count - 1, SIZE, SIZE))
-    above[:, 0, 0] = 2.0  # beyond the diagonal
-    with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
-        _minimum(diagonal, above, right, np.zeros((count, SIZE)))

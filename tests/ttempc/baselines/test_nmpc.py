@@ -7,11 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from tests.reference.baselines.nmpc_programme import Programme
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
+from tests.ttempc.numeric import central_differences
 from ttempc.baselines import nmpc
-from ttempc.baselines.nmpc import NmpcOptions, nmpc_controller
+from ttempc.baselines.nmpc import GaussNewton, NmpcOptions, nmpc_controller
 from ttempc.guidance.controllers import make_controller
+from ttempc.mpc.qp import QP
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import State
@@ -48,16 +49,45 @@ def test_first_move_tends_to_the_linear_one_for_small_errors(name):
     assert apart(0.0) < 1e-9
 
 
-def test_converged_plans_are_those_of_an_interior_point_method(monkeypatch):
-    """Another formulation, every state an unknown, and another method: the same commands."""
+class Checking(GaussNewton):
+    """A solver that checks every plan for the optimality conditions of the nonlinear problem."""
+
+    checked = 0
+
+    def minimise(self, task, steps):
+        plan = super().minimise(task, steps)
+        errors, jacobian = np.empty_like(self._errors), np.empty_like(self._jacobian)
+
+        def cost(given):
+            self._model.evaluate(task, given, errors, jacobian)
+            return np.array([np.sum(self._weight * errors**2) + self._step_weight @ given**2])
+
+        (slope,) = central_differences(cost, plan.steps)
+        bounds, shift = task.bounds, np.tile(task.previous, len(steps) // len(task.previous))
+        linear = QP(
+            hessian=np.zeros((len(steps), len(steps))),
+            gradient=slope,
+            matrix=self._sums,
+            lower=bounds.lower - shift,
+            upper=bounds.upper - shift,
+            step_lower=bounds.step_lower,
+            step_upper=bounds.step_upper,
+        )
+        residuals = linear.residuals(plan.steps)
+        assert residuals.primal < 1e-9
+        assert residuals.stationarity < 1e-5
+        Checking.checked += 1
+        return plan
+
+
+def test_converged_plans_satisfy_the_optimality_conditions(monkeypatch):
+    """The slope of the cost by differences, and the bounds that are active."""
     monkeypatch.setattr(nmpc, "_TOLERANCE", 1e-9)
-    theirs = nmpc_controller(VEHICLE, EIGHT, PERIOD_S, solver=Programme)
-    ours = nmpc_controller(VEHICLE, EIGHT, PERIOD_S)
+    controller = nmpc_controller(VEHICLE, EIGHT, PERIOD_S, solver=Checking)
     generator = np.random.default_rng(3)
     for k in range(60, 68):  # from the straight into the curve
-        offset = NOISE * generator.standard_normal(7)
-        moves = [first_move(controller, EIGHT, offset, k) for controller in (ours, theirs)]
-        np.testing.assert_allclose(*moves, atol=1e-6)
+        first_move(controller, EIGHT, NOISE * generator.standard_normal(7), k)
+    assert Checking.checked == 8
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -88,39 +118,7 @@ def test_the_tractors_nmpc_does_not_depend_on_the_trailer(name):
     assert commands[0][1] != commands[1][1]
 
 
-def test_exchanged_plans_keep_the_trailer_closer_where_the_tractor_starts_to_turn():
-    """Elsewhere the plans of the tractor hardly change from tick to tick."""
-
-    def worst_cm(name):
-        run = drive(make_controller(name, VEHICLE, EIGHT, PERIOD_S), EIGHT, ticks=250)
-        return 100.0 * run.trailer_m.max()
-
-    assert worst_cm("nmpc-distributed") < worst_cm("nmpc-decentralised")
-
-
 def test_reports_a_plan_that_has_not_converged():
     hasty = nmpc_controller(VEHICLE, LINE, PERIOD_S, NmpcOptions(iterations=2))
     step = hasty.step(seen_truth(LINE.at(0.0).state + 3.0 * DIRECTION, 0.0, VEHICLE), 0)
     assert step.diagnostics.fallback == "not converged in 2 iterations: last plan driven"
-
-
-def test_solver_time_is_reported_where_a_bound_is_active():
-    controller = make_controller("nmpc", VEHICLE, LINE, PERIOD_S)
-    state = LINE.at(0.0).state + 3.0 * DIRECTION
-    diagnostics = controller.step(seen_truth(state, 0.0, VEHICLE), 0).diagnostics
-    assert diagnostics.solver is not None
-    assert diagnostics.solver.solve_time_s > 0.0
-
-
-def test_report_counts_iterations_and_path_is_predicted():
-    controller = make_controller("nmpc", VEHICLE, EIGHT, PERIOD_S)
-    state = EIGHT.at(12.0).state + 0.02
-    diagnostics = controller.step(seen_truth(state, 12.0, VEHICLE), 60).diagnostics
-    assert diagnostics.solver is not None
-    assert diagnostics.predicted_path is not None
-    assert diagnostics.solver.accepted
-    assert diagnostics.solver.iterations >= 2
-    ahead = EIGHT.at(16.0)
-    np.testing.assert_allclose(
-        diagnostics.predicted_path[-1], [*ahead.state[:2], *ahead.trailer_xy], atol=0.02
-    )

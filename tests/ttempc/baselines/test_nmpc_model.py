@@ -22,8 +22,6 @@ from ttempc.baselines.nmpc_model import (
 from ttempc.errors import MissingPackage
 from ttempc.guidance.controllers import make_controller
 from ttempc.models.augmented_state import vehicle_parameters
-from ttempc.models.kinematics import trailer_point
-from ttempc.mpc.articulated_error import rotation
 from ttempc.mpc.lmpc import StageBounds
 from ttempc.mpc.qp import QP
 from ttempc.reference.path import straight
@@ -58,23 +56,6 @@ def gentle(generator):
     return state, inputs, disturbance, generator.normal(size=(HORIZON, 6))
 
 
-def exact(state, inputs, disturbance, poses, vehicle):
-    """Return the errors along the horizon by fine steps of the numpy model, (Np, 4)."""
-    errors = []
-    for held, pose in zip(inputs, poses, strict=True):
-        for _ in range(20):
-            state = advance(state, held, vehicle, PERIOD_S / 20, disturbance)
-        error = [
-            rotation(-psi) @ (pose[i : i + 2] - point)
-            for i, psi, point in (
-                (0, pose[2], state[:2]),
-                (3, pose[5], trailer_point(state, vehicle)),
-            )
-        ]
-        errors.append(np.concatenate(error))
-    return np.array(errors)
-
-
 def task(subsystem, generator):
     """Return a task without bounds, and the steps under which it has the inputs of `gentle`."""
     state, inputs, disturbance, poses = gentle(generator)
@@ -101,15 +82,6 @@ def evaluated(subsystem, problem, steps):
     return errors, jacobian
 
 
-def test_coarse_steps_predict_the_position_errors_to_a_millimetre():
-    generator = np.random.default_rng(7)
-    for _ in range(5):
-        problem, steps, inputs = task(WHOLE, generator)
-        errors, _ = evaluated(WHOLE, problem, steps)
-        given = problem.state, inputs, problem.disturbance[0], problem.poses
-        np.testing.assert_allclose(errors, exact(*given, VEHICLE), atol=1e-3)
-
-
 @pytest.mark.parametrize("subsystem", [WHOLE, TRACTOR, TRAILER])
 def test_derivatives_along_the_horizon(subsystem):
     problem, steps, _ = task(subsystem, np.random.default_rng(8))
@@ -117,28 +89,6 @@ def test_derivatives_along_the_horizon(subsystem):
     _, jacobian = evaluated(subsystem, problem, steps)
     numeric = central_differences(lambda s: evaluated(subsystem, problem, s)[0].reshape(-1), steps)
     np.testing.assert_allclose(jacobian.reshape(numeric.shape), numeric, atol=1e-7)
-
-
-@pytest.mark.parametrize("subsystem", [WHOLE, TRACTOR, TRAILER])
-def test_a_part_has_the_outputs_of_the_whole(subsystem):
-    """Its own outputs under the same inputs, and their derivatives by its own steps."""
-    problem, steps, inputs = task(WHOLE, np.random.default_rng(9))
-    errors, jacobian = evaluated(WHOLE, problem, steps)
-    own, outputs = list(subsystem.inputs), list(subsystem.outputs)
-    part = Task(
-        problem.state,
-        problem.disturbance,
-        problem.poses,
-        problem.feedforward,
-        0.3 - inputs,
-        problem.previous[own],
-        NO_BOUNDS,
-    )
-    own_steps = steps.reshape(MOVES, 3)[:, own].reshape(-1)
-    own_errors, own_jacobian = evaluated(subsystem, part, own_steps)
-    np.testing.assert_allclose(own_errors, errors[:, outputs], atol=1e-12)
-    by_own = jacobian.reshape(HORIZON, 4, MOVES, 3)[:, outputs][..., own]
-    np.testing.assert_allclose(own_jacobian, by_own.reshape(own_jacobian.shape), atol=1e-12)
 
 
 def test_the_condensed_qp_has_the_cost_of_the_linearised_outputs():

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from proving_ground.experiments.scenario.scenario import load
 
-from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
+from tests.ttempc.closed_loop import PERIOD_S, seen_truth
 from ttempc.baselines.pid import front_steering_gains, pole, speed_gains, trailer_steering_gains
 from ttempc.guidance.controllers import make_controller
-from ttempc.reference.path import figure_eight, straight
+from ttempc.reference.path import straight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.vehicle import Vehicle
 
@@ -66,18 +64,6 @@ def test_speed_has_three_equal_poles(moving):
     )
     poles = roots(tau, 1.0 + k * gains.derivative, k * gains.proportional, k * gains.integral)
     np.testing.assert_allclose(poles, -1.0 / tau, rtol=1e-3)
-
-
-def test_recovers_and_then_stays_on_the_path(moving):
-    vehicle, v = moving
-    path = figure_eight(radius_m=15.0, centre_distance_m=45.0, blend_m=6.0, laps=1)
-    reference = Reference(path, vehicle, ConstantSpeed(v))
-    aside = np.array([0.0, 0.5, math.radians(10.0), math.radians(10.0), 0.0, 0.0, -0.1])
-    controller = make_controller("pid", vehicle, reference, PERIOD_S)
-    run = drive(controller, reference, offset=aside)
-    assert not run.lost
-    settled = int(30.0 / PERIOD_S)
-    assert max(run.tractor_m[settled:].max(), run.trailer_m[settled:].max()) < 0.05
 
 
 def test_integral_waits_while_an_input_is_at_its_limit():

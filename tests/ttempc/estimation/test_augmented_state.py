@@ -94,25 +94,6 @@ def test_the_estimate_moves_the_articulated_model_as_the_augmented_state_does():
         )
 
 
-def test_a_slope_pulls_downhill_in_both_gears():
-    """On a slope that rises to the north, a vehicle that heads east drifts to the south.
-
-    On the way north the wheels lose speed, whether the front or the back leads.
-    """
-    for gear in (1.0, -1.0):
-        across = np.zeros(SIZE)
-        across[AugmentedState.RIM], across[AugmentedState.SIDE_Y] = gear, -0.03
-        assert augmented_rate(across, np.zeros(3), VEHICLE)[AugmentedState.Y] == pytest.approx(
-            -0.03
-        )
-        climbing = np.zeros(SIZE)
-        climbing[AugmentedState.RIM], climbing[AugmentedState.CLIMB_Y] = gear, 0.1
-        climbing[[AugmentedState.PSI_T, AugmentedState.PSI_I]] = gear * math.pi / 2.0
-        assert augmented_rate(climbing, np.zeros(3), VEHICLE)[AugmentedState.Y] == pytest.approx(
-            0.9
-        )
-
-
 def test_map_gain_times_map_disturbance_is_the_disturbance_of_a_slope():
     generator = np.random.default_rng(73)
     for _ in range(20):

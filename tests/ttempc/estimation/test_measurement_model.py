@@ -10,7 +10,7 @@ import pytest
 from tests.ttempc.numeric import central_differences
 from ttempc.errors import InvalidTuning, UnknownSensor
 from ttempc.estimation.filter import first_state
-from ttempc.estimation.noise import NoiseScale, ProcessNoise, SensorNoise
+from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.models.augmented_state import (
     LENGTH,
     SIZE,
@@ -92,19 +92,6 @@ def test_first_state_inverts_the_sensors():
         np.testing.assert_allclose(difference, 0.0, atol=1e-9)
 
 
-def test_first_covariance_is_that_of_the_readings():
-    """Normalised squared errors have the mean of chi-square with 7 degrees of freedom."""
-    generator = np.random.default_rng(63)
-    noise = SensorNoise()
-    state = np.array([1.0, 2.0, 0.7, 0.5, 0.1, 0.15, 1.0])
-    squares = []
-    for _ in range(1000):
-        estimate, covariance = first_state(readings(state, noise, generator), VEHICLE, noise)
-        difference = estimate - state
-        squares.append(difference @ np.linalg.solve(covariance, difference))
-    assert np.mean(squares) / 7.0 == pytest.approx(1.0, abs=0.05)
-
-
 def moving(psi_t=0.0, rim=1.0, delta_i=0.0):
     augmented = np.zeros(SIZE)
     augmented[[AugmentedState.PSI_T, AugmentedState.RIM, AugmentedState.DELTA_I]] = (
@@ -113,30 +100,6 @@ def moving(psi_t=0.0, rim=1.0, delta_i=0.0):
         delta_i,
     )
     return augmented
-
-
-def test_process_noise_turns_with_the_vehicle_and_is_zero_at_rest():
-    noise = ProcessNoise(valves=1e-9)  # a valve moves the trailer at rest, too
-    ahead, aside, oblique, at_rest = (
-        noise.density(moving(*pose), noise.scales, VEHICLE, SensorNoise())
-        for pose in ((0.0, 1.0), (math.pi / 2, 1.0), (0.6, -2.0), (0.6, 0.0))
-    )
-    assert aside[0, 0] == pytest.approx(ahead[1, 1])
-    assert np.linalg.eigvalsh(oblique).min() >= 0.0
-    assert np.abs(at_rest[:4, :4]).max() < 1e-12
-
-
-@pytest.mark.parametrize("scale", NoiseScale)
-def test_the_density_is_linear_in_each_factor(scale):
-    noise = ProcessNoise()
-    less, more, most = (noise.scales for _ in range(3))
-    more[scale], most[scale] = more[scale] + 1.0, most[scale] + 3.0
-    at = moving(0.6, 1.0, 0.3)
-    low, middle, high = (noise.density(at, s, VEHICLE, SensorNoise()) for s in (less, more, most))
-    np.testing.assert_allclose(high - low, 3.0 * (middle - low), atol=1e-15)
-    assert (middle - low).any()
-    drive = [AugmentedState.RIM, AugmentedState.DRIVE]  # scaled by none
-    np.testing.assert_array_equal(middle[drive], low[drive])
 
 
 @pytest.mark.parametrize("delta_i", [-0.4, 0.3])
@@ -153,38 +116,6 @@ def test_noise_of_the_joint_turns_the_trailer_as_the_model_does(delta_i):
     gain = density[AugmentedState.PSI_I, AugmentedState.DELTA_I]
     gain /= density[AugmentedState.DELTA_I, AugmentedState.DELTA_I]
     assert gain == pytest.approx((yaw_rates[1] - yaw_rates[0]) / step, rel=1e-6)
-
-
-def test_fast_speed_has_the_density_of_the_slip_at_low_frequency():
-    """A sequence with autocorrelation exp(-|x| / l) and this variance, summed over a distance.
-
-    Its sum grows as the random walk `slip_forward` does.
-    """
-    noise = ProcessNoise()
-    variance = noise.fast_speed_variance(1.0, np.array([2.0, 1.0, 1.0]))
-    lags = 0.001 * np.arange(-2000, 2001)  # [m]
-    density = 0.001 * np.sum(variance * np.exp(-np.abs(lags) / noise.bump_m))
-    assert density == pytest.approx(2.0 * noise.slip_forward**2, rel=1e-3)
-
-
-def test_slow_errors_of_gnss_are_stationary():
-    """What a second adds to half the difference of both errors is what fades in it."""
-    sensors = SensorNoise(gnss=0.04, gnss_white_share=0.2, gnss_correlation_s=30.0)
-    noise = ProcessNoise()
-    slow = sensors.slow_variance
-    assert 2.0 * slow + sensors.of(Sensor.GNSS_TRACTOR) ** 2 == pytest.approx(sensors.gnss**2)
-    gathered = noise.density(moving(), noise.scales, VEHICLE, sensors)
-    of_gnss = AugmentedState.GNSS_X
-    assert gathered[of_gnss, of_gnss] == pytest.approx(
-        2.0 * noise.fading(sensors)[0, of_gnss - STATES] * slow
-    )
-    white = noise.density(moving(), noise.scales, VEHICLE, SensorNoise())
-    assert not white[of_gnss : of_gnss + 2].any()
-
-
-def test_the_white_share_of_gnss_is_at_most_one():
-    with pytest.raises(InvalidTuning, match="gnss_white_share"):
-        SensorNoise(gnss_white_share=1.1)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan])

@@ -13,7 +13,6 @@ from ttempc.models.augmented_state import (
     SIZE,
     STATES,
     advance_augmented_state,
-    augmented_of,
     estimate_of,
     vehicle_parameters,
 )
@@ -120,34 +119,6 @@ def test_the_controller_gets_the_state_at_which_its_command_acts(dead_times):
         np.testing.assert_allclose(estimates[k].state, actual.state, atol=1e-9)
 
 
-def test_the_trailer_s_valves_are_not_waited_for():
-    vehicle = replace(PROMPT, dead_time_i=0.5)
-    reference = reference_of(vehicle)
-    made = compensated(
-        lambda model, ahead: make_controller("pid", model, ahead, PERIOD_S), reference, PERIOD_S
-    )
-    assert not isinstance(made, DeadTimeCompensation)
-
-
-def test_without_dead_times_the_controller_is_the_one_that_is_made():
-    reference = reference_of(PROMPT)
-    controller = make_controller("pid", PROMPT, reference, PERIOD_S)
-    seen = []
-
-    def make(vehicle, given):
-        seen.append((vehicle, given))
-        return controller
-
-    assert compensated(make, reference, PERIOD_S) is controller
-    assert seen == [(PROMPT, reference)]
-
-
-def test_an_estimate_has_one_augmented_state():
-    augmented = off_the_path()
-    estimate = estimate_of(augmented, np.zeros((SIZE, SIZE)), 0.0, PROMPT, ())
-    np.testing.assert_allclose(augmented_of(estimate, PROMPT), augmented, atol=1e-14)
-
-
 def test_a_command_of_another_takes_the_place_of_the_controllers_own():
     vehicle = replace(PROMPT, dead_time_t=0.4, dead_time_i=0.4, dead_time_hp=0.4)
     reference = reference_of(vehicle)
@@ -174,36 +145,3 @@ def test_a_command_of_another_takes_the_place_of_the_controllers_own():
 
     np.testing.assert_array_equal(predicted(True, True), predicted(False, True))
     assert predicted(True, True)[State.V] < predicted(True, False)[State.V] - 0.05
-
-
-def test_a_hydrostat_of_another_leaves_the_steering_the_controllers_own():
-    """Steering that is held back for the slower hydrostat, which someone else limits."""
-    vehicle = replace(PROMPT, dead_time_t=0.1, dead_time_i=0.3, dead_time_hp=0.5)
-    estimate = estimate_of(off_the_path(), np.zeros((SIZE, SIZE)), 0.0, vehicle, ())
-
-    class Ramp:
-        def step(self, estimate, k):
-            return Command(0.01 * k, -0.02 * k, 0.5)
-
-    def steering(limited):
-        controller, sent = DeadTimeCompensation(Ramp(), reference_of(vehicle), PERIOD_S), []
-        for k in range(12):
-            command = controller.step(estimate, k).command
-            controller.record(replace(command, hp=0.2) if limited else command)
-            sent.append(command.as_array()[:2])
-        return np.array(sent)
-
-    np.testing.assert_array_equal(steering(limited=True), steering(limited=False))
-    assert np.ptp(steering(limited=True)[:, 0]) > 0.05
-
-
-@pytest.mark.parametrize("name", ["feedforward", "paper", "ttempc-nominal"])
-def test_other_controllers_can_be_compensated(name):
-    vehicle = replace(PROMPT, dead_time_t=0.3, dead_time_i=0.1, dead_time_hp=0.5)
-    reference = reference_of(vehicle)
-    controller = compensated(
-        lambda model, ahead: make_controller(name, model, ahead, PERIOD_S), reference, PERIOD_S
-    )
-    estimate = estimate_of(off_the_path(), np.zeros((SIZE, SIZE)), 0.0, vehicle, ())
-    step = controller.step(estimate, 60)
-    assert np.isfinite(step.command.as_array()).all()

@@ -1,4 +1,4 @@
-"""Articulated error model against the exact model, and the closed loop of the MPC on it."""
+"""`ttempc`: error model, closed loop, corridor, backup plan, one-step monitor."""
 
 from __future__ import annotations
 
@@ -9,21 +9,16 @@ import numpy as np
 import pytest
 
 from tests.reference.models.kinematics import advance
-from tests.ttempc.closed_loop import PERIOD_S, drive
+from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from ttempc.guidance.controllers import make_controller
-from ttempc.models.augmented_state import (
-    SIZE,
-    AugmentedState,
-    advance_augmented_state,
-    estimate_of,
-    vehicle_parameters,
-)
+from ttempc.guidance.supervisor import Supervisor
 from ttempc.models.kinematics import trailer_point
-from ttempc.mpc.articulated_error import error_dynamics
-from ttempc.reference.path import figure_eight
+from ttempc.mpc.articulated_error import corridor_bounds, error_dynamics
+from ttempc.reference.corridor import Corridor
+from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.types import Disturbance, State
-from ttempc.vehicle import CommandLimits, Vehicle
+from ttempc.types import Disturbance, Input, State
+from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
 REFERENCE = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
@@ -98,50 +93,77 @@ def test_a_constant_disturbance_leaves_no_offset():
     assert np.mean([settled.tractor_m, settled.trailer_m]) < 0.01
 
 
-def test_a_slope_leaves_no_offset_on_curves():
-    """Map-fixed slips turn under the vehicle, and the horizon predicts how.
-
-    The estimate is exact. With the same disturbance in the estimate as a body-fixed one, the errors
-    are larger.
-    """
-
-    def errors(given):
-        """Return the distances of both points, (N, 2), where the controller gets `given`."""
-        law = controller()
-        augmented = np.zeros(SIZE)
-        augmented[:7] = REFERENCE.at(0.0).state
-        augmented[AugmentedState.SIDE_Y], augmented[AugmentedState.CLIMB_Y] = -0.03, 0.1
-        valves, unused = (
-            augmented[AugmentedState.DELTA_T : AugmentedState.RIM].copy(),
-            np.empty((SIZE, SIZE)),
-        )
-        table, fading, step_s = vehicle_parameters(VEHICLE), np.zeros((2, 11)), PERIOD_S / SUBSTEPS
-        distances = []
-        for k in range(340):  # straight and the first curve
-            estimate = estimate_of(augmented, np.eye(SIZE), k * PERIOD_S, VEHICLE, ())
-            sample = REFERENCE.at(k * PERIOD_S)
-            distances.append(
-                [
-                    np.linalg.norm(estimate.state[:2] - sample.state[:2]),
-                    np.linalg.norm(estimate.trailer_xy - sample.trailer_xy),
-                ]
-            )
-            command = law.step(given(estimate), k).command.as_array()
-            for _ in range(SUBSTEPS):
-                advance_augmented_state(augmented, valves, command, table, fading, step_s, unused)
-        return np.array(distances)[50:]
-
-    exact = errors(lambda estimate: estimate)
-    body_fixed = errors(lambda estimate: replace(estimate, map_disturbance=np.zeros(4)))
-    assert exact.mean() < 0.005
-    assert exact.mean() < body_fixed.mean()
+LINE = Reference(straight(80.0), VEHICLE, ConstantSpeed(1.0))
+BESIDE = {"output_weight": [1.0, 0.0, 1.0, 1.0]}  # the tractor may be beside its path
 
 
-def test_recovers_from_a_metre_and_twenty_degrees_within_fifteen_metres_and_the_limits():
-    yaw = math.radians(20.0)
-    offset = np.array([0.0, 1.0, yaw, yaw, 0.0, 0.0, 0.0])
-    run = drive(controller(), REFERENCE, ticks=300, offset=offset)
-    assert run.after(15.0).largest_m < 0.10
-    limits = CommandLimits.of(VEHICLE, PERIOD_S)
-    assert np.all((run.commands >= limits.lower) & (run.commands <= limits.upper))
-    assert np.all(np.abs(np.diff(run.commands, axis=0)) <= limits.step + 1e-12)
+def kept(half_width_m, reference=LINE, options=None, **corridor):
+    along = replace(reference, corridor=Corridor(half_width_m, **corridor))
+    return make_controller("ttempc-nominal", VEHICLE, along, PERIOD_S, options=options or BESIDE)
+
+
+def test_bounds_are_those_of_the_exact_geometry_to_first_order():
+    """Errors of the points across their reference and of the hitch angle, by finite differences."""
+    reference = Reference(figure_eight(), VEHICLE, ConstantSpeed(1.0))
+    _, _, c = error_dynamics(reference, PERIOD_S, 150)
+    grid = reference.at(np.arange(151) * PERIOD_S)
+    behind, limit = 0.7, math.radians(60.0)
+    corridor = Corridor(0.1, hitch_limit=limit, tool_behind_m=behind)
+    bounds = corridor_bounds(corridor, grid, c, first=1)
+
+    def outputs(state):
+        x_i, y_i = trailer_point(state, VEHICLE)
+        psi_i = state[State.PSI_I]
+        tool = x_i - behind * math.cos(psi_i), y_i - behind * math.sin(psi_i)
+        return (*state[:2], x_i, y_i, *tool, state[State.PSI_T] - psi_i - state[State.DELTA_I])
+
+    generator = np.random.default_rng(2)
+    for k in (0, 60, 110, 150):
+        state = grid.state[k]
+        error = 1e-5 * generator.normal(size=7)
+        moved = np.subtract(outputs(state), outputs(state - error))  # z_r - z = error
+        psi_t, psi_i = state[State.PSI_T], state[State.PSI_I]
+        expected = [
+            -math.sin(psi) * moved[2 * i] + math.cos(psi) * moved[2 * i + 1]
+            for i, psi in enumerate((psi_t, psi_i, psi_i))
+        ]
+        turned, cos, sin = np.zeros(16), math.cos(psi_t), math.sin(psi_t)
+        turned[:7] = error
+        turned[:2] = cos * error[0] + sin * error[1], cos * error[1] - sin * error[0]
+        np.testing.assert_allclose(bounds.rows[k] @ turned, [*expected, moved[6]], atol=1e-9)
+        beta = outputs(state)[6]
+        np.testing.assert_allclose(bounds.upper[k], [0.1, 0.1, 0.1, beta + limit], atol=1e-9)
+        np.testing.assert_allclose(bounds.lower[k], [-0.1, -0.1, -0.1, beta - limit], atol=1e-9)
+
+
+def test_a_tractor_that_may_stray_is_kept_in_the_corridor_where_it_holds():
+    """Side slip of the trailer: with the tractor's error free, the tractor moves aside."""
+    slip = np.zeros(5)
+    slip[[Disturbance.SLIP_T, Disturbance.SLIP_I]] = 0.0, 0.06
+    free = make_controller("ttempc-nominal", VEHICLE, LINE, PERIOD_S, options=BESIDE)
+    strayed = drive(free, LINE, ticks=300, disturbance=slip).tractor_m
+    half_width = 0.5 * strayed.max()
+    inside = drive(kept(half_width), LINE, ticks=300, disturbance=slip).tractor_m
+    assert inside.max() < 1.05 * half_width
+    assert inside.max() > 0.9 * half_width  # the corridor is used
+    closing = kept(half_width, along_m=((30.0, 80.0),))
+    later = drive(closing, LINE, ticks=300, disturbance=slip).tractor_m
+    np.testing.assert_array_equal(later[:129], strayed[:129])  # a horizon before 30 m
+    assert strayed[150:].max() > 1.3 * half_width
+    assert later[150:].max() < 1.05 * half_width
+
+
+def test_half_speed_and_a_reason_while_the_corridor_cannot_be_kept():
+    along = replace(LINE, corridor=Corridor(0.05))
+    controller = make_controller("ttempc", VEHICLE, along, PERIOD_S)
+    supervisor = Supervisor(controller, along, PERIOD_S)
+    nominal_hp = LINE.at(0.0).inputs[Input.HP]
+    for k in range(60):
+        state = LINE.at(k * PERIOD_S).state
+        if 10 <= k < 30:
+            state[State.Y] += 0.5
+        step = supervisor.step(seen_truth(state, k * PERIOD_S, VEHICLE), k, k * PERIOD_S)
+        assert ("corridor cannot be kept" in step.diagnostics.fallback) == (10 <= k < 30)
+        if 20 <= k < 30:
+            assert step.command.hp <= 0.5 * nominal_hp + 1e-12
+    assert step.command.hp > 0.9 * nominal_hp

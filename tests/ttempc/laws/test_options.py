@@ -1,10 +1,9 @@
-"""Options of the controllers: flat, immutable, validated, and used."""
+"""Options of the controllers: validated, and used; warm-up."""
 
 from __future__ import annotations
 
-import inspect
 import math
-from dataclasses import FrozenInstanceError, fields, replace
+from dataclasses import asdict, fields, replace
 from functools import cache
 
 import numpy as np
@@ -12,29 +11,15 @@ import pytest
 
 from tests.ttempc.closed_loop import seen_truth
 from tests.ttempc.tubes import DESIGN, PERIOD_S, VEHICLE
-from ttempc.baselines.lqr import LqrOptions, lqr_controller
-from ttempc.baselines.nmpc import (
-    NmpcOptions,
-    NmpcRtiOptions,
-    nmpc_controller,
-    nmpc_decentralised_controller,
-    nmpc_rti_controller,
-)
-from ttempc.baselines.paper import (
-    PaperOptions,
-    PrintedSignOptions,
-    paper_controller,
-    printed_sign_controller,
-)
-from ttempc.baselines.pid import PidOptions, pid_controller
+from ttempc.baselines.lqr import LqrOptions
+from ttempc.baselines.nmpc import NmpcOptions
+from ttempc.baselines.paper import PaperOptions
+from ttempc.baselines.pid import PidOptions
 from ttempc.errors import InvalidTuning
-from ttempc.laws.articulated_mpc import (
-    ArticulatedOptions,
-    NominalOptions,
-    articulated_controller,
-    nominal_controller,
-)
-from ttempc.laws.tube_mpc import TubeMpcOptions, tube_controller
+from ttempc.guidance.controllers import CONTROLLERS, make_controller, parse_options
+from ttempc.laws.articulated_mpc import ArticulatedOptions, NominalOptions
+from ttempc.laws.tracking_controller import TrackingController
+from ttempc.laws.tube_mpc import TubeMpcOptions
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
@@ -44,17 +29,6 @@ REFERENCE = Reference(straight(20.0), VEHICLE, ConstantSpeed(1.0), corridor=Corr
 BEND = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
 INTO_THE_BEND = 60  # tick at which the curvature and its change are not 0
 OFFSET = np.array([0.05, 0.1, 0.05, -0.05, 0.01, 0.01, 0.05])
-ALL = [
-    ArticulatedOptions,
-    NominalOptions,
-    TubeMpcOptions,
-    PaperOptions,
-    PrintedSignOptions,
-    LqrOptions,
-    PidOptions,
-    NmpcOptions,
-    NmpcRtiOptions,
-]
 # A value other than the default that changes the command of an estimate beside the reference.
 CHANGES = {
     ArticulatedOptions: {
@@ -99,22 +73,12 @@ CHANGES = {
     NmpcOptions: {"horizon": 12, "step_weight": (5.0, 1.0, 0.02), "iterations": 1},
 }
 BASES = {ArticulatedOptions: ArticulatedOptions(tightening="none")}  # goes with every `nominal`
-FACTORIES = {
-    ArticulatedOptions: articulated_controller,
-    NominalOptions: nominal_controller,
-    PaperOptions: paper_controller,
-    PrintedSignOptions: printed_sign_controller,
-    LqrOptions: lqr_controller,
-    PidOptions: pid_controller,
-    NmpcOptions: nmpc_controller,
-    NmpcRtiOptions: nmpc_rti_controller,
-}
+NAMES = {entry.options: name for name, entry in reversed(CONTROLLERS.items()) if entry.options}
 
 
 def make(options, reference):
-    if isinstance(options, TubeMpcOptions):
-        return tube_controller(VEHICLE, reference, PERIOD_S, options, design=DESIGN)
-    return FACTORIES[type(options)](VEHICLE, reference, PERIOD_S, options)
+    name, design = NAMES[type(options)], DESIGN if isinstance(options, TubeMpcOptions) else None
+    return make_controller(name, VEHICLE, reference, PERIOD_S, design, asdict(options))
 
 
 @cache
@@ -133,19 +97,6 @@ def commands(options):
     return np.array(totals)
 
 
-@pytest.mark.parametrize("options", ALL)
-def test_options_are_flat_frozen_and_the_default_of_their_factory(options):
-    default = options()
-    for item in fields(default):
-        value = getattr(default, item.name)
-        entries = value if isinstance(value, tuple) else (value,)
-        assert all(isinstance(entry, bool | int | float | str) for entry in entries)
-        with pytest.raises(FrozenInstanceError):
-            setattr(default, item.name, value)
-    factory = FACTORIES.get(options, tube_controller)
-    assert inspect.signature(factory).parameters["options"].default == default
-
-
 @pytest.mark.parametrize(
     ("options", "name"), [(options, name) for options, names in CHANGES.items() for name in names]
 )
@@ -155,51 +106,22 @@ def test_every_option_changes_the_commands(options, name):
     assert not np.array_equal(commands(changed), commands(plain))
 
 
-def test_a_named_variant_is_its_relative_with_an_option_set():
-    same = [
-        (NominalOptions(), ArticulatedOptions(robust=False)),
-        (PrintedSignOptions(), PaperOptions(robust_sign=1, nominal="tube")),
-        (NmpcRtiOptions(), NmpcOptions(iterations=1)),
-    ]
-    for variant, relative in same:
-        np.testing.assert_array_equal(commands(variant), commands(relative))
-
-
-def test_options_reach_the_subsystems_of_a_distributed_nmpc():
-    options = NmpcOptions(horizon=8, moves=2)
-    controller = nmpc_decentralised_controller(VEHICLE, REFERENCE, PERIOD_S, options)
-    step = controller.step(seen_truth(REFERENCE.at(0.0).state, 0.0, VEHICLE), 0)
-    assert step.diagnostics.predicted_path.shape == (8, 4)
-
-
 @pytest.mark.parametrize(
     ("options", "name", "value"),
     [
         (ArticulatedOptions, "horizon", 0),
-        (ArticulatedOptions, "horizon", 20.0),
-        (ArticulatedOptions, "horizon", True),
         (ArticulatedOptions, "moves", 21),
-        (ArticulatedOptions, "output_weight", (1.0,) * 7),
         (ArticulatedOptions, "output_weight", (1.0, 1.0, 1.0, "1")),
         (ArticulatedOptions, "step_weight", (1.0, 1.0, 0.0)),
-        (ArticulatedOptions, "step_weight", 1.0),
         (ArticulatedOptions, "input_bound", (1.0, math.inf, 1.0)),
         (ArticulatedOptions, "robust", 1),
         (ArticulatedOptions, "nominal", "two-step"),
-        (ArticulatedOptions, "saturation", (0.2, 0.0, 0.1)),
-        (ArticulatedOptions, "input_weight", (0.3, 0.3)),
         (ArticulatedOptions, "memory_s", 0.0),
         (ArticulatedOptions, "tightening", "yes"),
-        (NominalOptions, "disturbances", None),
-        (PaperOptions, "output_weight", (1.0,) * 4),
         (PaperOptions, "derivative", (1.0, math.nan, 1.0)),
         (PaperOptions, "hitch_sign", 0),
-        (PaperOptions, "hp_full_scale", 100.0),
-        (PaperOptions, "robust", "on"),
         (LqrOptions, "output_weight", (1.0, -1.0, 1.0, 1.0)),
-        (LqrOptions, "step_weight", ()),
         (PidOptions, "lag_ratio", -1.0),
-        (PidOptions, "least_speed_mps", math.nan),
         (NmpcOptions, "iterations", 0),
     ],
 )
@@ -208,13 +130,6 @@ def test_impossible_values_are_refused_with_name_and_value(options, name, value)
         options(**{name: value})
     text = str(refusal.value)
     assert text.startswith(f"{name}: got {value!r}, must be ")
-
-
-def test_options_for_the_vehicle_of_the_paper_are_the_ones_given():
-    options = ArticulatedOptions()
-    assert options.for_vehicle(Vehicle(), 1.0, 0.2) == options
-    for speed in (0.2, 1.0):
-        assert options.for_speed(Vehicle(), speed) == options
 
 
 @pytest.mark.parametrize("period_s", [0.1, 0.04])
@@ -229,21 +144,70 @@ def test_another_period_keeps_the_horizon_and_the_cost_of_a_ramp_beside_its_erro
         assert n * (1.0 / n) ** 2 * scaled / n == pytest.approx(given)
 
 
-def test_a_step_of_the_hydrostat_costs_what_its_acceleration_costs():
-    """In units of the hydrostat that are k times larger the same acceleration has the same cost."""
-    options, vehicle = ArticulatedOptions(), Vehicle()
-    strong = replace(vehicle, speed_gain=3.0 * vehicle.speed_gain)
-    acceleration = 0.1  # [m/s^2]
-    costs = []
-    for machine in (vehicle, strong):
-        hp = acceleration / machine.motion_per_input(1.0)[2]
-        costs.append(options.for_vehicle(machine, 1.0, 0.2).step_weight[2] * hp**2)
-        assert options.for_vehicle(machine, 1.0, 0.2).step_weight[:2] == options.step_weight[:2]
-    assert costs[1] == pytest.approx(costs[0])
-
-
 def test_the_loop_gain_of_the_robust_law_does_not_grow_with_the_speed():
     """An action costs what its motion costs: the front steering in v^2, the trailer's in v."""
     options, vehicle = ArticulatedOptions(), Vehicle()
     slow, fast = (np.array(options.for_speed(vehicle, v).input_weight) for v in (1.5, 3.0))
     np.testing.assert_allclose(fast / slow, [2.0**4, 2.0**2, 1.0])
+
+
+KINDS = {entry.options for entry in CONTROLLERS.values() if entry.options_type}
+by_kind = pytest.mark.parametrize("kind", sorted(KINDS, key=lambda kind: kind.__name__))
+
+
+@by_kind
+def test_a_value_of_another_type_is_refused_with_its_name(kind):
+    for item in fields(kind):
+        for wrong in (None, "wrong", [], ["wrong"], {}, float("nan")):
+            with pytest.raises(InvalidTuning, match=rf"^controller\.options\.{item.name}"):
+                parse_options(kind, {item.name: wrong})
+
+
+@by_kind
+def test_defaults_written_as_a_file_has_them_give_the_defaults(kind):
+    table = {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in asdict(kind()).items()
+    }
+    assert parse_options(kind, table) == kind()
+
+
+def test_whole_numbers_become_floats_where_the_default_is_one():
+    options = CONTROLLERS["ttempc"].options
+    parsed = parse_options(options, {"step_weight": [1, 1, 1], "memory_s": 5, "horizon": 12})
+    assert [type(weight) for weight in parsed.step_weight] == [float, float, float]
+    assert type(parsed.memory_s) is float
+    assert type(parsed.horizon) is int
+
+
+TICKS = 30
+NOISE = np.array([0.02, 0.02, 0.01, 0.01, 0.002, 0.002, 0.02])
+
+
+def estimates():
+    """Return estimates beside the reference, with disturbances."""
+    generator = np.random.default_rng(71)
+    for k in range(TICKS):
+        state = BEND.at(k * PERIOD_S).state + NOISE * generator.normal(size=7)
+        disturbance = np.array([0.02, 0.01, -0.01, -0.02, 0.05])
+        yield replace(seen_truth(state, k * PERIOD_S, VEHICLE), disturbance=disturbance)
+
+
+def commands_of_warm_up(name, warm_up_at):
+    """Return the commands_of_warm_up (N, 3) of a controller that is warmed up before some ticks."""
+    controller = make_controller(name, VEHICLE, BEND, PERIOD_S, DESIGN)
+    assert isinstance(controller, TrackingController)
+    sent = []
+    for k, estimate in enumerate(estimates()):
+        if k in warm_up_at:
+            controller.warm_up()
+        controller.prepare(k)
+        sent.append(controller.step(estimate, k).command.as_array())
+    return np.array(sent)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_warm_up_changes_no_bit_of_any_command(name):
+    cold = commands_of_warm_up(name, warm_up_at=())
+    np.testing.assert_array_equal(commands_of_warm_up(name, warm_up_at=(0,)), cold)
+    np.testing.assert_array_equal(commands_of_warm_up(name, warm_up_at=(0, 1, 10)), cold)

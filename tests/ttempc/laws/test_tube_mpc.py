@@ -1,4 +1,4 @@
-"""The tube MPC on its own model, under disturbances within its set and beyond."""
+"""Tube MPC and `ttempc` in a growing tube, on their own model."""
 
 from __future__ import annotations
 
@@ -6,19 +6,17 @@ import numpy as np
 import pytest
 
 from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WINDOW, admissible, along
-from ttempc.errors import InvalidTube
 from ttempc.guidance.controllers import make_controller
-from ttempc.laws.articulated_mpc import MpcOptions
+from ttempc.laws.articulated_mpc import ArticulatedOptions
 from ttempc.models.kinematics import hitch_angle, trailer_point
-from ttempc.mpc.articulated_error import error_dynamics, rotation
-from ttempc.mpc.lmpc import CondensedHorizon
-from ttempc.types import Disturbance, Estimate, MapDisturbance, State
+from ttempc.mpc.articulated_error import rotation
+from ttempc.mpc.qp import PersistentSolver, QPSolution
+from ttempc.tube.reference_tube import steered_system
+from ttempc.types import Disturbance, Estimate, MapDisturbance, SolverReport, State
 from ttempc.vehicle import CommandLimits
 
 TICKS = 300
 ALONG = along()
-OPTIONS = MpcOptions()
-LIMITS = CommandLimits.of(VEHICLE, PERIOD_S)
 GRID = REFERENCE.on_grid(PERIOD_S)
 
 
@@ -85,34 +83,78 @@ def test_a_push_out_of_the_tube_restarts_the_nominal_state_and_is_reported():
     assert np.abs(errors[200:, :2]).max() < 0.05
 
 
-def test_a_missed_tick_starts_anew_at_the_estimate():
-    controller = make_controller("ttempc-tube", VEHICLE, REFERENCE, PERIOD_S, DESIGN)
-    persistent = np.zeros(len(Disturbance))
-    controller.step(estimate_of(0, np.zeros(7), persistent), 0)
-    restarted = controller.step(estimate_of(2, np.full(7, 0.2), persistent), 2).diagnostics
-    assert restarted.tube.margin == 1.0
+TICKS_KEPT_PLAN = 120
+FAILED = QPSolution(None, SolverReport("max_iter_reached", False, 0, 0.0, 0.0, 0.0))
+NONE = np.zeros(len(Disturbance))
+CLOSED = steered_system(
+    DESIGN,
+    ALONG.a,
+    ALONG.b,
+    ALONG.c,
+    CommandLimits.of(VEHICLE, PERIOD_S),
+    ArticulatedOptions().horizon,
+)[0].closed
 
 
-def test_the_nominal_loop_contracts_over_a_lap():
-    """No terminal cost is needed: away from the bounds, the gain of the horizon is stable."""
-    ticks = 690
-    a, b, c = error_dynamics(REFERENCE, PERIOD_S, ticks + OPTIONS.horizon)
-    horizon = CondensedHorizon(a, b, OPTIONS, PERIOD_S, c)
-    n, total = a.shape[1], np.eye(10)
-    for k in range(ticks):
-        # The first step is linear in (z, u_{k-1}); the next stage starts from (z, u_k).
-        unit = np.eye(n + 3)
-        slope = np.array([horizon.qp(k, row[:n], row[n:]).gradient for row in unit]).T
-        first = -np.linalg.solve(horizon.qp(k, unit[0, :n], unit[0, n:]).hessian, slope)[:3]
-        keep = [*range(7), *range(n, n + 3)]
-        by_input = first[:, keep] + np.eye(10)[7:]
-        forward = np.vstack([a[k, :7, :7] @ np.eye(10)[:7] + b[k, :7] @ by_input, by_input])
-        total = forward @ total
-        if k == 100:
-            assert np.linalg.norm(total, 2) < 0.1
-    assert np.linalg.norm(total, 2) < 1e-6
+def controller(**options):
+    return make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, DESIGN, options)
 
 
-def test_without_a_design_it_is_refused():
-    with pytest.raises(InvalidTube, match="'ttempc-tube': needs the design"):
-        make_controller("ttempc-tube", VEHICLE, REFERENCE, PERIOD_S)
+def drive_of_kept_plan(disturbances, follower, start=None):
+    """Drive the linear model; return errors, commands and diagnostics."""
+    error, errors, steps = np.zeros(7) if start is None else start, [], []
+    for k, w in enumerate(disturbances):
+        errors.append(error)
+        steps.append(follower.step(estimate_of(k, error, NONE), k))
+        u_e = ALONG.feedforward[k] - steps[-1].command.as_array()
+        state = np.concatenate([error, NONE, np.zeros(len(MapDisturbance))])
+        error = ALONG.a[k, :7] @ state + ALONG.b[k, :7] @ u_e + w
+    diagnostics = [step.diagnostics for step in steps]
+    return np.array(errors), np.array([s.command.as_array() for s in steps]), diagnostics
+
+
+def test_its_commands_are_never_cut_by_the_limits_however_it_is_disturbed():
+    generator = np.random.default_rng(91)
+    for scale in (1.0, 30.0):
+        run = scale * admissible(WINDOW, TICKS_KEPT_PLAN, generator)
+        _, commands, diagnostics = drive_of_kept_plan(run, controller())
+        totals = [d.feedforward + d.feedback + d.robust for d in diagnostics]
+        np.testing.assert_allclose(totals, commands, atol=1e-9)
+        assert not any(d.fallback for d in diagnostics)
+    assert any(d.limited.any() for d in diagnostics)  # pressed against its bounds
+
+
+@pytest.mark.parametrize("stages", [3, 15])
+def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monkeypatch, stages):
+    """What the later disturbances add obeys A + B K, and no limit cuts the inputs."""
+    generator, fails = np.random.default_rng(92), 60
+    run = admissible(WINDOW, TICKS_KEPT_PLAN, generator)
+    solve = PersistentSolver.solve
+
+    def drive_failing(disturbances):
+        calls = iter(range(TICKS_KEPT_PLAN))
+        monkeypatch.setattr(
+            PersistentSolver,
+            "solve",
+            lambda solver, qp: solve(solver, qp) if next(calls) < fails else FAILED,
+        )
+        start = np.array([0.3, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
+        return drive_of_kept_plan(disturbances, controller(), start)
+
+    ticks = fails + stages
+    until = np.where(np.arange(ticks)[:, None] < fails, run[:ticks], 0.0)
+    plain, _, _ = drive_failing(until)
+    errors, commands, diagnostics = drive_failing(run[:ticks])
+    deviation = np.zeros(7)
+    for k in range(fails, ticks):
+        assert "last plan kept" in diagnostics[k].fallback
+        np.testing.assert_allclose(errors[k] - plain[k], deviation, atol=1e-9)
+        deviation = CLOSED[k] @ deviation + run[k]
+    totals = [d.feedforward + d.feedback + d.robust for d in diagnostics]
+    np.testing.assert_allclose(totals, commands, atol=1e-9)
+
+
+def test_without_a_plan_or_beyond_its_horizon_the_previous_feedback_is_held(monkeypatch):
+    monkeypatch.setattr(PersistentSolver, "solve", lambda solver, qp: FAILED)
+    _, _, diagnostics = drive_of_kept_plan(np.zeros((3, 7)), controller())
+    assert all("previous feedback held" in d.fallback for d in diagnostics)

@@ -7,15 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from tests.reference.models.kinematics import advance, tricycle
+from tests.reference.models.kinematics import advance
 from tests.ttempc.numeric import central_differences
 from ttempc.models.kinematics import (
     articulated,
     articulated_jacobian,
-    hitch_angle,
     trailer_point,
     trailer_point_jacobian,
-    wrap_angle,
 )
 from ttempc.types import Disturbance, State
 from ttempc.vehicle import Vehicle
@@ -80,29 +78,3 @@ def test_positive_trailer_steering_moves_the_trailer_to_the_right_first():
     state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     turned = advance(state, np.array([0.0, 0.2, 1.0 / VEHICLE.speed_gain]), VEHICLE, 0.05)
     assert trailer_point(turned, VEHICLE)[1] < 0.0
-
-
-def test_tricycle_agrees_with_geometry_for_small_angles_with_a_negative_hitch_sign():
-    """Erratum 1: a hitch behind the rear axle swings against the turn of the tractor."""
-    delta_t, lam = 0.01, 0.02
-    state = np.array([0.0, 0.0, lam, 0.0, delta_t, 0.0, 1.0])  # drawbar in line with the trailer
-    rigid = Vehicle(hitch_offset=1.1 - 1e-9, drawbar_length=1e-9)  # RJ1 and RJ2 together
-    exact = articulated(state, np.array([delta_t, 0.0, 0.5]), rigid)[State.PSI_I]
-    z = np.array([0.0, 0.0, lam, 0.0, 0.0, 0.0, 1.0])
-    u = np.array([delta_t, lam, 0.5])
-    assert tricycle(z, u, rigid, hitch_sign=-1)[5] == pytest.approx(exact, abs=1e-7)
-    assert abs(tricycle(z, u, rigid)[5] - exact) > 0.5 * abs(exact)
-
-
-def test_hydrostat_position_is_a_fraction():
-    """Erratum 7: 1 m/s is held at 0.714 of full stroke."""
-    state = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    steady = np.array([0.0, 0.0, 1.0 / 1.4])
-    assert articulated(state, steady, VEHICLE)[State.V] == pytest.approx(0.0, abs=1e-12)
-    assert tricycle(state, steady, VEHICLE)[6] == pytest.approx(0.0, abs=1e-12)
-
-
-def test_hitch_angle_and_wrapping():
-    state = np.array([0.0, 0.0, 0.5, 0.2, 0.0, 0.1, 1.0])
-    assert hitch_angle(state) == pytest.approx(0.2)
-    assert wrap_angle(3.5 * math.pi) == pytest.approx(-0.5 * math.pi)

@@ -1,18 +1,18 @@
-"""Condensed QP against the horizon written out."""
+"""Condensed QP, soft rows, solvers and linear MPC against exact minima."""
 
 from __future__ import annotations
 
-import tracemalloc
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import LinearConstraint, minimize
 
 from tests.ttempc.exact_qp import exact_minimum
 from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, random_qp, stages
-from ttempc.errors import InvalidTuning
-from ttempc.mpc.lmpc import CondensedHorizon, HorizonTuning, is_convex
-from ttempc.mpc.qp import QP
+from ttempc.errors import InvalidTuning, MissingPackage
+from ttempc.mpc.lmpc import SOLVERS, CondensedHorizon, LinearMpc, OutputBounds
+from ttempc.mpc.qp import PersistentSolver, SoftRows
 
 
 def rolled_cost(k, state, previous, steps):
@@ -54,98 +54,6 @@ def test_prediction_is_the_rolled_model():
         np.testing.assert_allclose(predicted[j], z, atol=1e-12)
 
 
-def test_condensed_solution_is_the_uncondensed_one():
-    """States kept as unknowns, the model as equality constraints, another solver."""
-    generator = np.random.default_rng(7)
-    a, b = stages()
-    n, moves = TUNING.horizon, TUNING.moves
-    for k in (0, 55, 100):
-        state, previous = 0.3 * generator.normal(size=7), np.array([0.1, -0.05, 0.02])
-        qp = horizon().qp(k, state, previous)
-        condensed = exact_minimum(qp)
-        # unknowns: z_1 ... z_8, then Delta u_0 ... Delta u_2
-        size = 7 * n + 3 * moves
-        cost = np.zeros((size, size))
-        cost[: 7 * n, : 7 * n] = np.kron(np.eye(n), np.diag(TUNING.output_weight))
-        cost[7 * n :, 7 * n :] = np.eye(3 * moves)
-        model, right = np.zeros((7 * n, size)), np.zeros(7 * n)
-        for j in range(n):
-            rows = slice(7 * j, 7 * j + 7)
-            model[rows, rows] = np.eye(7)
-            if j:
-                model[rows, 7 * (j - 1) : 7 * j] = -a[k + j]
-            else:
-                right[rows] = a[k] @ state
-            right[rows] += b[k + j] @ previous
-            for i in range(min(j + 1, moves)):
-                model[rows, 7 * n + 3 * i : 7 * n + 3 * i + 3] = -b[k + j]
-        sums = np.hstack([np.zeros((9, 7 * n)), np.kron(np.tril(np.ones((3, 3))), np.eye(3))])
-        limit = np.tile(TUNING.input_bound, moves)
-        step = np.tile(TUNING.input_rate, moves) * PERIOD_S
-        steps_only = np.hstack([np.zeros((9, 7 * n)), np.eye(9)])
-        shift = np.tile(previous, moves)
-        full = minimize(
-            lambda x, cost=cost: x @ cost @ x,
-            np.zeros(size),
-            jac=lambda x, cost=cost: 2.0 * cost @ x,
-            method="SLSQP",
-            constraints=[
-                LinearConstraint(model, right, right),
-                LinearConstraint(sums, -limit - shift, limit - shift),
-                LinearConstraint(steps_only, -step, step),
-            ],
-            options={"ftol": 1e-14, "maxiter": 500},
-        )
-        assert full.success
-        np.testing.assert_allclose(full.x[7 * n :], condensed, atol=1e-5)
-
-
-def test_residuals_tell_an_optimum_from_another_point():
-    generator = np.random.default_rng(8)
-    qp, _, _ = random_qp(generator, 1.0)
-    best = exact_minimum(qp)
-    assert qp.residuals(best).stationarity < 1e-8
-    assert qp.residuals(best).primal < 1e-9
-    assert qp.residuals(0.5 * best).stationarity > 1e-2
-    assert qp.residuals(best + 1.0).primal > 0.1
-
-
-def test_bounds_are_those_of_the_paper():
-    qp = horizon().qp(0, np.zeros(7), np.zeros(3))
-    np.testing.assert_allclose(np.degrees(qp.upper[:2]), [12.0, 6.0])
-    np.testing.assert_allclose(np.degrees(qp.step_upper[:2]), [11.0, 7.0])  # a second / 5
-    assert qp.upper[2] == pytest.approx(0.10)
-    assert qp.step_upper[2] == pytest.approx(0.06)
-
-
-def test_least_slack_is_minus_the_violation():
-    generator = np.random.default_rng(41)
-    for _ in range(50):
-        qp, _, _ = random_qp(generator, 0.3)
-        x = generator.normal(size=9) * generator.choice([1e-3, 1.0])
-        assert max(0.0, -qp.slack(x).min()) == qp.residuals(x).primal
-
-
-def test_slack_is_zero_where_a_bound_is_active():
-    qp, _, _ = random_qp(np.random.default_rng(42), 5.0)
-    slack = qp.slack(exact_minimum(qp))
-    assert slack.min() == pytest.approx(0.0, abs=1e-9)
-    assert np.sum(slack < 1e-9) < len(slack)
-
-
-def test_convex_is_finite_and_positive_definite():
-    generator = np.random.default_rng(43)
-    for _ in range(50):
-        factor = generator.normal(size=(9, 9))
-        matrix = factor @ factor.T - generator.uniform(-1.0, 2.0) * np.eye(9)
-        assert is_convex(matrix) == (np.linalg.eigvalsh(matrix)[0] > 0.0)
-        assert not is_convex(np.stack([np.eye(9), matrix - 1e3 * np.eye(9)]))
-    for bad in (np.nan, np.inf):
-        corrupted = np.eye(9)
-        corrupted[5, 3] = corrupted[3, 5] = bad
-        assert not is_convex(corrupted)
-
-
 def test_a_step_from_within_reach_leads_into_the_bounds():
     generator = np.random.default_rng(44)
     first, step = horizon().first, np.asarray(TUNING.input_rate) * PERIOD_S
@@ -158,45 +66,11 @@ def test_a_step_from_within_reach_leads_into_the_bounds():
         np.testing.assert_array_equal(first.clamp_previous(k, inside), inside)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {"moves": 0},
-        {"moves": 9},
-        {"output_weight": (-1.0,) * 7},
-        {"step_weight": (1.0, 0.0, 1.0)},
-        {"input_bound": (1.0, float("nan"), 1.0)},
-    ],
-)
-def test_impossible_tunings_are_refused(arguments):
-    with pytest.raises(InvalidTuning, match=next(iter(arguments))):
-        HorizonTuning(**arguments)
-
-
 def test_model_that_is_not_finite_is_refused():
     a, b = (matrix.copy() for matrix in stages())
     a[60, 0, 0] = np.nan
     with pytest.raises(InvalidTuning, match="finite"):
         CondensedHorizon(a, b, TUNING, PERIOD_S)
-
-
-def test_model_of_another_size_is_refused():
-    a, b = stages()
-    with pytest.raises(InvalidTuning, match="do not fit"):
-        CondensedHorizon(a[:5], b[:5], TUNING, PERIOD_S)
-
-
-def test_qp_can_be_made_by_hand():
-    qp = QP(
-        np.eye(1),
-        np.array([-3.0]),
-        np.eye(1),
-        -np.ones(1),
-        np.ones(1),
-        np.full(1, -0.5),
-        np.full(1, 0.5),
-    )
-    assert qp.residuals(np.array([0.5])).stationarity < 1e-12
 
 
 def test_a_tick_has_the_same_qp_in_any_order_and_on_a_horizon_of_its_own():
@@ -215,15 +89,201 @@ def test_a_tick_has_the_same_qp_in_any_order_and_on_a_horizon_of_its_own():
         assert alone.prediction(0).tobytes() == horizon().prediction(k).tobytes()
 
 
-def test_memory_of_a_long_horizon_is_that_of_its_bounds():
-    """The matrices of all ticks would take 11 KB a tick."""
-    a, b = (np.tile(matrix, (10, 1, 1)) for matrix in stages())
-    tracemalloc.start()
-    try:
-        long = CondensedHorizon(a, b, TUNING, PERIOD_S)
-        held, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    per_tick = 8 * 4 * 3 * (TUNING.moves + 1)  # lower and upper, of input and step
-    assert held < 1.1 * long.ticks * per_tick + 1e6
-    assert peak < 3e6 + 3.0 * long.ticks * per_tick
+FIRST = 3
+
+
+def bounded(lower, upper):
+    """Return the horizon with two outputs, random combinations of the state, within bounds."""
+    a, b = stages()
+    rows = np.random.default_rng(3).normal(size=(len(a) + 1, 2, 7))
+    shape = (len(a) + 1, 2)
+    soft = OutputBounds(rows, np.full(shape, lower), np.full(shape, upper), FIRST)
+    return rows, CondensedHorizon(a, b, TUNING, PERIOD_S, soft=soft)
+
+
+def test_rows_are_the_outputs_of_the_rolled_model():
+    rows, limited = bounded(-0.4, 0.7)
+    a, b = stages()
+    generator = np.random.default_rng(4)
+    k, z, u = 55, generator.normal(size=7), generator.normal(size=3)
+    steps = generator.normal(size=9)
+    soft = limited.qp(k, z, u).soft
+    assert soft is not None
+    expected = []
+    for j in range(TUNING.horizon):
+        u = u + (steps[3 * j : 3 * j + 3] if j < TUNING.moves else 0.0)
+        z = a[k + j] @ z + b[k + j] @ u
+        if j + 1 >= FIRST:
+            expected += (rows[k + j + 1] @ z).tolist()
+    np.testing.assert_allclose(soft.matrix @ steps - soft.upper, np.array(expected) - 0.7)
+    np.testing.assert_allclose(soft.matrix @ steps - soft.lower, np.array(expected) + 0.4)
+
+
+def test_slack_is_zero_where_the_rows_can_hold_and_the_largest_violation_elsewhere():
+    generator = np.random.default_rng(8)
+    held = violated = 0
+    solver = PersistentSolver()
+    for _ in range(60):
+        qp, _, _ = random_qp(generator, scale=0.02)
+        free = PersistentSolver().solve(qp).x
+        assert free is not None
+        rows = np.zeros((4, 9))
+        rows[:, :3] = generator.normal(size=(4, 3))
+        upper = rows @ free - 0.01 * generator.uniform(-0.5, 1.0, size=4)
+        soft = SoftRows(rows, upper - 10.0, upper, outputs=2)
+        softened = replace(qp, soft=soft)
+        x = solver.solve(softened).x
+        assert x is not None
+        if len(x) == 9:  # no row is active
+            assert soft.hold(x)
+            np.testing.assert_array_equal(x, free)
+            continue
+        residuals = softened.hardened().residuals(x)
+        assert residuals.primal < 1e-7
+        assert residuals.stationarity < 1e-4
+        violation = (rows @ x[:9] - upper).reshape(2, 2).max(axis=0)
+        np.testing.assert_allclose(x[9:], np.maximum(violation, 0.0), atol=1e-6)
+        if x[9:].max() > 1e-6:
+            violated += 1
+            continue
+        held += 1
+        hard = replace(
+            qp,
+            matrix=np.vstack([qp.matrix, rows]),
+            lower=np.concatenate([qp.lower, soft.lower]),
+            upper=np.concatenate([qp.upper, soft.upper]),
+        )
+        np.testing.assert_allclose(x[:9], exact_minimum(hard), atol=1e-6)
+    assert held > 5
+    assert violated > 5
+
+
+@pytest.mark.parametrize("bound", [np.inf, 50.0])
+def test_bounds_that_are_free_or_far_change_no_bit(bound):
+    _, limited = bounded(-bound, bound)
+    generator = np.random.default_rng(9)
+    one, other = LinearMpc(horizon()), LinearMpc(limited)
+    for k in range(30):
+        state, previous = 0.02 * generator.normal(size=7), 0.02 * generator.normal(size=3)
+        plain, soft = one.step(k, state, previous), other.step(k, state, previous)
+        if plain.report.iterations == 0 or np.isinf(bound):
+            np.testing.assert_array_equal(soft.plan, plain.plan)
+        assert soft.excess is None or soft.excess.max() < 1e-6
+
+
+each_solver = pytest.mark.parametrize("name", SOLVERS)
+
+
+@each_solver
+@pytest.mark.parametrize("scale", [0.02, 0.2, 1.0, 5.0])
+def test_minimiser_agrees_with_an_exact_active_set(name, scale):
+    generator = np.random.default_rng(11)
+    solver = PersistentSolver(name)
+    for _ in range(25):
+        qp, _, _ = random_qp(generator, scale)
+        solution = solver.solve(qp)
+        assert solution.x is not None
+        np.testing.assert_allclose(solution.x, exact_minimum(qp), atol=1e-6)
+
+
+def corrupted(qp, kind):
+    match kind:
+        case "cost not finite":
+            return replace(qp, gradient=np.where(np.arange(9) == 4, np.nan, qp.gradient))
+        case "hessian not finite":
+            return replace(qp, hessian=np.full((9, 9), np.nan))
+        case "one entry infinite":
+            return replace(qp, upper=np.where(np.arange(9) == 2, np.inf, qp.upper))
+        case "indefinite":
+            return replace(qp, hessian=qp.hessian - 5.0 * np.linalg.norm(qp.hessian) * np.eye(9))
+        case "infeasible":
+            return replace(qp, lower=qp.lower + 5.0, upper=qp.upper + 5.0)
+    raise AssertionError(kind)
+
+
+@each_solver
+@pytest.mark.parametrize(
+    "kind",
+    ["cost not finite", "hessian not finite", "one entry infinite", "indefinite", "infeasible"],
+)
+def test_bad_input_is_reported_and_leaves_no_trace(name, kind):
+    generator = np.random.default_rng(13)
+    solver = PersistentSolver(name)
+    good, _, _ = random_qp(generator, 0.3)
+    before = solver.solve(good)
+    bad = solver.solve(corrupted(good, kind))
+    assert bad.x is None
+    assert not bad.report.accepted
+    assert bad.report.status != "solved"
+    after = solver.solve(good)
+    assert after.report.accepted
+    assert after.report.status == "solved"
+    np.testing.assert_allclose(after.x, before.x, atol=1e-9)
+
+
+def test_a_hessian_that_is_held_before_the_problem_changes_no_bit():
+    """Also that of a problem that never came, or that needed no solver."""
+    generator = np.random.default_rng(16)
+    qps = [random_qp(generator, 2.0)[0] for _ in range(60)]
+    plain, holding = PersistentSolver("daqp"), PersistentSolver("daqp")
+    for qp, other in zip(qps, reversed(qps), strict=True):
+        holding.hold(other.hessian)
+        holding.hold(qp.hessian)
+        first, second = plain.solve(qp), holding.solve(qp)
+        assert first.report.iterations == second.report.iterations
+        np.testing.assert_array_equal(first.x, second.x)
+
+
+def test_a_solver_that_is_not_installed_is_refused_with_the_command(monkeypatch):
+    monkeypatch.setitem(sys.modules, "daqp", None)
+    with pytest.raises(MissingPackage, match=r"pip install 'ttempc\[baselines\]'"):
+        PersistentSolver("daqp")
+
+
+def test_a_minimum_inside_its_bounds_needs_no_solver_and_one_beyond_them_does():
+    generator = np.random.default_rng(15)
+    solver, answered = PersistentSolver(), {True: 0, False: 0}
+    for _ in range(300):
+        qp, _, _ = random_qp(generator, 10.0 ** generator.uniform(-3.0, 0.5))
+        free = np.linalg.solve(qp.hessian, -qp.gradient)
+        inside = bool((qp.slack(free) >= 0.0).all())
+        answered[inside] += 1
+        solution = solver.solve(qp)
+        assert (solution.report.iterations == 0) == inside
+        assert solution.report.accepted
+        if inside:
+            np.testing.assert_allclose(solution.x, free, rtol=0.0, atol=1e-9)
+        residuals = qp.residuals(solution.x)
+        assert residuals.stationarity < 1e-5 * (1.0 + np.linalg.norm(qp.gradient))
+    assert min(answered.values()) > 50
+
+
+BOUND = np.asarray(TUNING.input_bound)
+RATE = np.asarray(TUNING.input_rate)
+
+
+def test_inputs_and_their_rates_stay_within_the_papers_bounds():
+    generator = np.random.default_rng(21)
+    mpc = LinearMpc(horizon())
+    before = np.zeros(3)
+    for k in range(horizon().ticks):
+        error = 10.0 ** generator.uniform(-2, 1) * generator.normal(size=7)
+        action = mpc.step(k, error, before)
+        assert action.fallback == ""
+        assert np.all(np.abs(action.input) <= BOUND)
+        assert np.all(np.abs(action.input - before) <= RATE * PERIOD_S + 1e-9)
+        before = action.input
+
+
+def test_failure_holds_the_previous_feedback_and_the_next_solve_is_right():
+    mpc, fresh = LinearMpc(horizon()), LinearMpc(horizon())
+    error = np.array([0.1, 0.2, 0.05, 0.1, -0.2, 0.05, 0.1])
+    held = mpc.step(5, error, np.zeros(3)).input
+    fresh.step(5, error, np.zeros(3))
+    failed = mpc.step(6, np.full(7, np.nan), held)
+    np.testing.assert_array_equal(failed.input, held)
+    assert "previous feedback held" in failed.fallback
+    assert not failed.report.accepted
+    recovered, expected = mpc.step(6, error, held), fresh.step(6, error, held)
+    np.testing.assert_allclose(recovered.input, expected.input, atol=1e-9)
+    assert recovered.fallback == ""

@@ -1,4 +1,4 @@
-"""Paths: closed, C2 and parametrised by arc length; refusal of invalid ones."""
+"""Paths: closed, C2, parametrised by arc length; headlands; projection."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from ttempc.errors import InvalidPath
-from ttempc.reference.path import Path, Segment, figure_eight, straight
+from ttempc.reference.headland import headland
+from ttempc.reference.path import Path, Projection, Segment, figure_eight, straight
+from ttempc.reference.reference import check_drivable
+from ttempc.vehicle import Vehicle
 
 S_BEND = Path((Segment(3.0, 0.0, 0.1), Segment(4.0, 0.1, -0.1), Segment(2.0, -0.1, 0.0)))
 PATHS = [figure_eight(), figure_eight(6.0, 20.0, 3.0, 1), straight(20.0), S_BEND]
@@ -52,18 +55,6 @@ def test_curvature_is_continuous_and_its_derivative_is_that_of_differences(path)
     assert smooth.mean() > 0.99
 
 
-def test_quadrature_agrees_with_a_fine_sum():
-    s = np.linspace(0.0, S_BEND.length_m, 200_001)
-    heading = np.concatenate([[0.0], np.cumsum(_trapezia(S_BEND.curvature(s), s))])
-    x = np.sum(_trapezia(np.cos(heading), s))
-    y = np.sum(_trapezia(np.sin(heading), s))
-    np.testing.assert_allclose(S_BEND.pose(S_BEND.length_m), [x, y, heading[-1]], atol=1e-9)
-
-
-def _trapezia(values, s):
-    return 0.5 * (values[1:] + values[:-1]) * np.diff(s)
-
-
 def test_figure_eight_has_the_lap_of_the_scenarios():
     eight = figure_eight()
     assert eight.lap_m == pytest.approx(136.7, abs=0.2)
@@ -82,29 +73,11 @@ def test_figure_eight_closes_and_keeps_its_circles(blend):
     np.testing.assert_allclose(np.hypot(np.abs(x) - 15.0, y), 10.0, atol=1e-9)
 
 
-def test_figure_eight_starts_straight_at_the_crossing():
-    eight = figure_eight()
-    np.testing.assert_allclose(eight.pose(0.0)[:2], 0.0, atol=1e-12)
-    np.testing.assert_allclose(eight.pose(0.5 * eight.lap_m)[:2], 0.0, atol=1e-9)
-    assert np.all(eight.curvature(np.linspace(-10.0, 10.0, 100)) == 0.0)
-
-
 def test_closed_path_repeats_indefinitely():
     ring = Path((Segment(math.tau * 5.0, 0.2, 0.2),), laps=2)
     s = np.array([-7.0, 0.3, 31.0])
     turned = ring.pose(s + 3 * ring.lap_m) - ring.pose(s)
     np.testing.assert_allclose(turned, np.tile([0.0, 0.0, 3 * math.tau], (3, 1)), atol=1e-9)
-
-
-def test_extent_holds_the_path():
-    box = figure_eight().extent()
-    assert box == pytest.approx((-25.0, 25.0, -10.0, 10.0), abs=1e-4)
-
-
-def test_shapes_are_those_of_the_arc_lengths(path):
-    assert path.pose(1.0).shape == (3,)
-    assert path.pose(np.ones((2, 4))).shape == (2, 4, 3)
-    assert path.curvature(1.0).shape == ()
 
 
 @pytest.mark.parametrize(
@@ -128,12 +101,79 @@ def test_jump_of_curvature_is_refused_with_its_place():
         Path((Segment(3.0, 0.0, 0.0), Segment(3.0, 0.1, 0.1)))
 
 
-@pytest.mark.parametrize("length", [0.0, -1.0, math.inf])
-def test_segment_without_length_is_refused(length):
-    with pytest.raises(InvalidPath, match="length"):
-        straight(length)
+WIDTHS = (0.5, 3.0, 9.0, 14.0, 15.0, 16.0, 16.5, 30.0)  # loops, half circles, U's at R = 7 m
 
 
-def test_open_path_cannot_be_driven_in_laps():
-    with pytest.raises(InvalidPath, match="closed"):
-        Path((Segment(3.0, 0.0, 0.0),), laps=2)
+@pytest.mark.parametrize("width", WIDTHS)
+@pytest.mark.parametrize("blend", [1.0, 4.0])
+def test_passes_are_parallel_and_lie_a_width_apart(width, blend):
+    path = headland(20.0, width, 5, 7.0, blend)
+    s = np.linspace(0.0, path.lap_m, 20001)
+    x, y, heading = path.pose(s).T
+    for index in range(5):
+        y_pass = (index - 2) * width
+        on_pass = (np.abs(y - y_pass) < 1e-6) & (np.abs(x) < 10.0) & (path.curvature(s) == 0.0)
+        assert np.ptp(x[on_pass]) == pytest.approx(20.0, abs=0.1)
+        np.testing.assert_allclose(np.cos(heading[on_pass]), (-1.0) ** index, atol=1e-9)
+    np.testing.assert_allclose(path.pose(0.0), [-10.0, -2.0 * width, 0.0], atol=1e-12)
+    np.testing.assert_allclose(path.pose(path.lap_m)[:2], [10.0, 2.0 * width], atol=1e-9)
+
+
+@pytest.mark.parametrize("width", WIDTHS)
+def test_turns_respect_radius_and_blend_and_are_drivable(width):
+    path = headland(20.0, width, 3, 7.0, 2.0)
+    s = np.linspace(0.0, path.lap_m, 20001)
+    assert np.abs(path.curvature(s)).max() <= 1.0 / 7.0 + 1e-12
+    assert np.abs(path.curvature_derivative(s)).max() <= 1.0 / 14.0 + 1e-9
+    check_drivable(path, Vehicle())
+
+
+def test_the_width_decides_the_kind_of_turn():
+    def kind(width):
+        path = headland(20.0, width, 2, 7.0, 2.0)
+        s = np.linspace(20.0, path.lap_m - 20.0, 4001)[1:-1]
+        kappa = path.curvature(s)
+        if kappa.min() < -1e-9:
+            return "loop"
+        return "U" if np.sum(kappa == 0.0) > 1 else "half circle"
+
+    kinds = [kind(width) for width in (4.0, 13.0, 15.0, 17.0, 40.0)]
+    assert kinds == ["loop", "loop", "half circle", "U", "U"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"width_m": 0.0}, "width_m"),
+        ({"length_m": math.nan}, "length_m"),
+        ({"radius_m": -7.0}, "radius_m"),
+        ({"blend_m": math.inf}, "blend_m"),
+        ({"passes": 0}, "passes"),
+    ],
+)
+def test_impossible_patterns_are_refused(arguments, message):
+    with pytest.raises(InvalidPath, match=message):
+        headland(**arguments)
+
+
+STEP_M = 0.05
+
+
+def polyline(path):
+    return path.pose(np.arange(0.0, path.length_m, STEP_M))[:, :2]
+
+
+def test_crossing_is_passed_on_the_own_branch():
+    """Both branches meet in one point; the places keep growing with the way driven."""
+    path = figure_eight(laps=1)
+    projection = Projection(polyline(path))
+    places = [projection.place(*path.pose(s)[:2]) for s in np.arange(0.0, 130.0, 0.2)]
+    assert np.all(np.diff(places) > 0.0)
+
+
+def test_ends_are_not_passed_and_fresh_starts_anew():
+    projection = Projection(polyline(straight(2.0)))
+    assert projection.place(-1.0, 0.3) == 0.0
+    last = projection.place(9.0, 0.0)
+    assert last == len(polyline(straight(2.0))) - 1
+    assert abs(projection.fresh().place(0.5 * STEP_M, 0.0) - 0.5) < 1e-12

@@ -1,4 +1,4 @@
-"""Time-based reference: on the path, with inputs that keep the articulated model there."""
+"""References: postures and inputs that keep the articulated model on the path."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tests.reference.models.kinematics import advance
-from ttempc.errors import InvalidReference
+from ttempc.errors import InvalidPath, InvalidReference
 from ttempc.models.kinematics import trailer_point
 from ttempc.reference.path import figure_eight
-from ttempc.reference.reference import ConstantSpeed, Reference
+from ttempc.reference.reference import ConstantSpeed, Reference, check_drivable, posture_on_path
 from ttempc.types import State
 from ttempc.vehicle import Vehicle
 
@@ -56,23 +56,64 @@ def test_feedforward_keeps_the_articulated_model_on_the_reference(speed):
             np.testing.assert_allclose(trailer_point(state, VEHICLE), r_i, atol=2e-3)
 
 
-def test_steady_inputs_are_the_textbook_ones():
-    sample = REFERENCE.at(35.0)  # on the first arc
-    delta_t, delta_i, hp = sample.inputs
-    assert delta_t == pytest.approx(math.atan(VEHICLE.wheelbase * 0.1))
-    assert math.degrees(delta_i) == pytest.approx(15.4, abs=0.05)
-    assert hp == pytest.approx(1.0 / VEHICLE.speed_gain)
-
-
-def test_grid_covers_the_run_and_more():
-    sample = REFERENCE.on_grid(0.2, beyond=8)
-    assert sample.time_s[-9] >= REFERENCE.duration_s - 1e-9
-    np.testing.assert_allclose(np.diff(sample.time_s), 0.2)
-    single = REFERENCE.at(sample.time_s[17])
-    np.testing.assert_allclose(single.state, sample.state[17], atol=1e-12)
-
-
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, math.inf, 1.5])
 def test_speeds_that_cannot_be_driven_are_refused(speed):
     with pytest.raises(InvalidReference, match="speed"):
         Reference(figure_eight(), VEHICLE, ConstantSpeed(speed))
+
+
+EIGHT = figure_eight()
+ALONG = np.linspace(-2.0, EIGHT.lap_m + 2.0, 2001)
+
+
+def test_drawbar_fits_between_its_joints():
+    posture = posture_on_path(EIGHT, VEHICLE, ALONG)
+    rj1 = posture.pose_t[:, :2] - VEHICLE.hitch_offset * _unit(posture.pose_t[:, 2])
+    rj2 = posture.pose_i[:, :2] + VEHICLE.trailer_length * _unit(posture.pose_i[:, 2])
+    drawbar = VEHICLE.drawbar_length * _unit(posture.psi_d)
+    np.testing.assert_allclose(rj1 - rj2, drawbar, atol=1e-12)
+
+
+def test_trailer_is_on_the_path_behind_the_tractor():
+    posture = posture_on_path(EIGHT, VEHICLE, ALONG)
+    np.testing.assert_allclose(posture.pose_i, EIGHT.pose(posture.distance_i), atol=1e-12)
+    length = VEHICLE.drawbar_offset + VEHICLE.trailer_length
+    assert np.all(np.abs(ALONG - posture.distance_i - length) < 0.05)
+
+
+def test_derivatives_agree_with_differences():
+    h = 1e-5
+    before, after = (
+        posture_on_path(EIGHT, VEHICLE, ALONG - h),
+        posture_on_path(EIGHT, VEHICLE, ALONG + h),
+    )
+    posture = posture_on_path(EIGHT, VEHICLE, ALONG)
+    smooth = EIGHT.curvature_derivative(ALONG - h) == EIGHT.curvature_derivative(ALONG + h)
+    for rate, first, last in (
+        (posture.delta_t_per_m, before.delta_t, after.delta_t),
+        (posture.delta_i_per_m, before.delta_i, after.delta_i),
+        (posture.travel_ratio, before.distance_i, after.distance_i),
+    ):
+        np.testing.assert_allclose(rate[smooth], ((last - first) / (2 * h))[smooth], atol=1e-6)
+
+
+def test_steady_trailer_steering_on_the_circle():
+    """Both axles on R = 10 m need a steady delta_i of 15.4 deg (erratum 3)."""
+    posture = posture_on_path(EIGHT, VEHICLE, 35.0)
+    assert math.degrees(posture.delta_i) == pytest.approx(15.4, abs=0.05)
+    assert posture.delta_i_per_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_tight_circle_is_refused_for_the_trailer_with_its_place():
+    with pytest.raises(InvalidPath, match=r"s = .* m .*trailer steering .* 26\.3 deg"):
+        check_drivable(figure_eight(5.0), VEHICLE)
+
+
+def test_tight_circle_is_refused_for_the_front_steering():
+    stiff = Vehicle(steering_limit_t=math.radians(8.0))
+    with pytest.raises(InvalidPath, match=r"front steering would need 8\.0 deg, allowed are 7\.2"):
+        check_drivable(figure_eight(), stiff)
+
+
+def _unit(angle):
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)

@@ -7,9 +7,7 @@ import pytest
 
 from ttempc.errors import InvalidPath
 from ttempc.reference.path import figure_eight
-from ttempc.reference.reference import check_drivable
 from ttempc.reference.smoothing import smooth
-from ttempc.vehicle import Vehicle
 
 EIGHT = figure_eight(laps=1)
 
@@ -107,20 +105,6 @@ def test_rotation_and_translation_of_the_points_rotate_and_translate_the_path(tu
     np.testing.assert_allclose(transformed.path.pose(s)[:, :2], expected, atol=1e-4)
 
 
-def test_a_larger_deviation_makes_a_smoother_path():
-    points = eight(0.5, noise=0.03)
-    bends = []
-    for allowed in (0.1, 0.2, 0.4):
-        path = smooth(points, allowed).path
-        s = np.linspace(0.0, path.lap_m, 4001)
-        bends.append(float(np.sum(path.curvature_derivative(s) ** 2)))
-    assert bends[0] > bends[1] > bends[2]
-
-
-def test_points_along_a_drivable_path_make_a_drivable_one():
-    check_drivable(smooth(eight(0.5, noise=0.02), 0.1).path, Vehicle())
-
-
 @pytest.mark.parametrize(
     ("points", "message"),
     [
@@ -134,9 +118,3 @@ def test_points_along_a_drivable_path_make_a_drivable_one():
 def test_invalid_points_are_refused_with_their_place(points, message):
     with pytest.raises(InvalidPath, match=message):
         smooth(np.array(points), 0.05)
-
-
-@pytest.mark.parametrize("allowed", [0.0, -1.0, math.nan, math.inf])
-def test_an_invalid_deviation_is_refused(allowed):
-    with pytest.raises(InvalidPath, match="max_deviation_m"):
-        smooth(eight(1.0), allowed)

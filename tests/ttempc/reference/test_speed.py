@@ -1,4 +1,6 @@
-"""Speed profiles: consistent derivatives and limits, forward and in reverse."""
+"""Speed profiles and corridors."""
+
+from __future__ import annotations
 
 import math
 
@@ -6,10 +8,9 @@ import numpy as np
 import pytest
 
 from tests.reference.models.kinematics import advance
-from ttempc.errors import InvalidReference
+from ttempc.errors import InvalidReference, InvalidTuning
 from ttempc.models.kinematics import trailer_point
-from ttempc.reference.corridor import Corridor
-from ttempc.reference.headland import headland
+from ttempc.reference.corridor import Corridor, SpeedTube
 from ttempc.reference.path import Path, Segment, figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference, check_pace
 from ttempc.reference.speed import Backward, PlannedSpeed, limited_in_corridor
@@ -18,11 +19,7 @@ from ttempc.vehicle import Vehicle
 PLACES = np.array([0.0, 20.0, 20.5, 40.0, 41.0, 60.0])
 SPEEDS = np.array([1.0, 1.0, 0.4, 0.4, 1.2, 1.2])
 PLANNED = PlannedSpeed(PLACES, SPEEDS, 0.2)
-PROFILES = {
-    "constant": ConstantSpeed(0.7),
-    "planned": PLANNED,
-    "backward": Backward(PLANNED, 60.0),
-}
+PROFILES = {"constant": ConstantSpeed(0.7), "planned": PLANNED, "backward": Backward(PLANNED, 60.0)}
 
 
 @pytest.fixture(params=PROFILES)
@@ -51,21 +48,6 @@ def test_planned_acceleration_is_continuous_and_within_its_limit():
     assert np.abs(acceleration).max() <= 1.03 * 0.2
     assert np.abs(np.diff(acceleration)).max() <= 1.5 * 0.2 * (t[1] - t[0])  # 0.2 in each of 2 s
     assert np.all((speed >= 0.4 - 1e-9) & (speed <= 1.2 + 1e-9))
-
-
-def test_planned_speed_is_the_desired_one_away_from_changes():
-    t = np.linspace(0.0, PLANNED.duration_s(60.0), 20001)
-    distance, speed, _ = PLANNED.travel(t)
-    for place, desired in ((5.0, 1.0), (30.0, 0.4), (50.0, 1.2)):
-        assert np.interp(place, distance, speed) == pytest.approx(desired, abs=1e-6)
-    assert np.interp(20.5, distance, speed) < 0.5, "it brakes before the slow place"
-
-
-def test_one_speed_everywhere_is_the_constant_one():
-    planned = PlannedSpeed(np.array([0.0, 50.0]), np.array([0.7, 0.7]))
-    t = np.linspace(-2.0, 90.0, 500)
-    for one, other in zip(planned.travel(t), ConstantSpeed(0.7).travel(t), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -129,12 +111,6 @@ def test_the_gear_must_be_that_of_the_speed(reverse, message):
         Reference(straight(9.0), Vehicle(reverse=reverse), speed)
 
 
-def test_limits_follow_the_gear():
-    assert (Vehicle().input_min[2], Vehicle().input_max[2]) == (0.0, 1.0)
-    backing = Vehicle(reverse=True)
-    assert (backing.input_min[2], backing.input_max[2]) == (-1.0, 0.0)
-
-
 @pytest.mark.parametrize(
     ("blend", "speed", "message"),
     [
@@ -150,11 +126,6 @@ def test_references_too_fast_for_the_actuators_are_refused_with_their_place(blen
     path = figure_eight(blend_m=blend, laps=1)
     with pytest.raises(InvalidReference, match=message):
         check_pace(Reference(path, Vehicle(), speed), 0.2)
-
-
-def test_the_shipped_paths_are_within_the_actuator_limits():
-    for path in (figure_eight(), headland(), figure_eight(6.0, 22.0)):
-        check_pace(Reference(path, Vehicle(), ConstantSpeed(1.3)), 0.2)
 
 
 @pytest.mark.parametrize("limit", [0.3, 0.55])
@@ -182,7 +153,39 @@ def sorted_travel(profile):
     return place[order], np.abs(speed[order])
 
 
-def test_a_profile_within_the_limit_stays_the_same(profile):
-    corridor = Corridor(0.1, ((12.0, 18.0),))
-    assert limited_in_corridor(profile, 60.0, corridor, 2.0) is profile
-    assert limited_in_corridor(profile, 60.0, corridor, math.inf) is profile
+def test_half_width_is_infinite_outside_the_intervals():
+    distance = np.linspace(-5.0, 60.0, 1301)
+    corridor = Corridor(0.1, ((0.0, 10.0), (30.0, 40.5)))
+    inside = ((distance >= 0.0) & (distance < 10.0)) | ((distance >= 30.0) & (distance < 40.5))
+    np.testing.assert_array_equal(np.isfinite(corridor.half_width(distance)), inside)
+    assert set(corridor.half_width(distance)[inside]) == {0.1}
+    assert np.all(Corridor(0.2).half_width(distance) == 0.2)
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ({"half_width_m": 0.0}, "half_width_m: got 0.0"),
+        ({"half_width_m": math.nan}, "half_width_m: got nan"),
+        ({"half_width_m": 0.1, "hitch_limit": -1.0}, "hitch_limit: got -1.0"),
+        ({"half_width_m": 0.1, "tool_behind_m": -0.1}, "tool_behind_m: got -0.1"),
+        ({"half_width_m": 0.1, "along_m": ((5.0, 4.0),)}, r"along_m: got \[\[5.0, 4.0\]\]"),
+        ({"half_width_m": 0.1, "along_m": ((0.0, 4.0), (3.0, 5.0))}, "must increase"),
+    ],
+)
+def test_impossible_corridors_are_refused(values, named):
+    with pytest.raises(InvalidTuning, match=named):
+        Corridor(**values)
+
+
+def test_the_speed_within_a_corridor_is_the_largest_at_which_the_tube_fits():
+    tube = SpeedTube((0.05, 0.02), (0.08, 0.2))
+    for half_width in (0.07, 0.1, 0.3):
+        speed = tube.speed_within(half_width)
+        assert tube.half_width(speed).max() == pytest.approx(half_width)
+    assert SpeedTube().speed_within(0.001) == math.inf
+    assert SpeedTube((0.1, 0.0)).speed_within(0.1) == math.inf
+    slowest = SpeedTube((0.2, 0.0)).speed_within(0.1)
+    assert 0.0 < slowest == tube.speed_within(0.051)  # no tube of 0.1 m fits: still driven, slowly
+    with pytest.raises(InvalidTuning, match="corridor_at_rest_m"):
+        SpeedTube((-0.1, 0.0))

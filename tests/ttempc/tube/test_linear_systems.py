@@ -1,21 +1,26 @@
-"""Tubes of linear systems from arrays: published numbers, closed forms, reach, refusals."""
+"""Tubes of linear systems: published numbers, closed forms, the polytope library."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import null_space
+from scipy.spatial import ConvexHull
 
 from ttempc.errors import InvalidTube
 from ttempc.tube import (
     DisturbanceSet,
+    Polytope,
+    SupportSet,
     TrackingSystem,
-    draw_band,
-    draw_set,
+    admissible_subset,
     feedback_gains,
     fit_set,
     invariant_tube,
+    linear_map,
+    outline,
     reachable_set,
-    search_tube,
+    tightened_offsets,
 )
 from ttempc.tube.sets import directions_in
 
@@ -25,6 +30,11 @@ UNIT = DisturbanceSet(np.eye(2), shape="box")
 @pytest.fixture
 def generator():
     return np.random.default_rng(4)
+
+
+def through(directions, floor):
+    """Return the set of w = E d, widened to full rank by `floor` along all other directions."""
+    return DisturbanceSet(np.hstack([directions, floor * null_space(directions.T)]))
 
 
 def varying(generator, ticks=30, n=3):
@@ -84,17 +94,6 @@ def test_the_reachable_set_is_reached_and_never_left(generator):
     np.testing.assert_allclose(reach.support(directions), best)
 
 
-def test_windows_reach_less_and_the_partial_one_is_counted_whole(generator):
-    system = varying(generator)
-    step, window = DisturbanceSet(np.eye(3)), DisturbanceSet(np.eye(3), window=4)
-    directions = directions_in(3, 20, generator)
-    for k in (3, 4, 7, 11):
-        short = reachable_set(system, window, k).support(directions)
-        assert np.all(short <= reachable_set(system, step, k).support(directions) + 1e-12)
-    with pytest.raises(InvalidTube, match="got 30, must be 0 to 29"):
-        reachable_set(system, step, 30)
-
-
 def test_the_reachable_set_from_the_tube_stays_in_the_tube(generator):
     system, disturbance = varying(generator), DisturbanceSet(0.1 * np.eye(3))
     tube = invariant_tube(system, disturbance)
@@ -112,57 +111,13 @@ def test_a_disturbance_of_fewer_directions_has_the_sum_of_their_effects_as_its_t
     directions = directions_in(3, 50, generator)
     segments = np.hstack([np.linalg.matrix_power(a, i) @ e for i in range(400)])
     exact = np.abs(directions @ segments).sum(axis=1)
-    tube = invariant_tube(system, DisturbanceSet.through(e, 1e-6), 1e-4)
+    tube = invariant_tube(system, through(e, 1e-6), 1e-4)
     support = tube.at(0).support(directions)
     assert np.all(support >= exact)
     np.testing.assert_allclose(support, exact, rtol=3e-4)
     for columns, floor in ((np.hstack([e, 2.0 * e]), 1e-6), (e, 0.0)):
         with pytest.raises(InvalidTube, match="full rank"):
-            DisturbanceSet.through(columns, floor)
-
-
-def test_support_of_all_ticks_is_that_of_each(generator):
-    system = varying(generator)
-    tube = invariant_tube(system, DisturbanceSet(0.1 * np.eye(3), window=3))
-    rows = generator.standard_normal((30, 4, 3))
-    all_ticks = tube.support(rows)
-    for k in (0, 7, 29):
-        np.testing.assert_allclose(all_ticks[k], tube.at(k).support(rows[k]))
-    np.testing.assert_allclose(tube.support(np.tile(np.eye(3), (30, 1, 1))), tube.states)
-    with pytest.raises(InvalidTube, match="windows of 3"):
-        tube.generators(0)
-
-
-def test_the_search_finds_the_deadbeat_gain():
-    """The narrowest tube of x(k+1) = x + u + w is that of u = -x: m = w alone."""
-    one = np.ones((1, 1, 1))
-    disturbance = DisturbanceSet(np.array([[0.2]]), shape="box")
-
-    def system_of(weights):
-        return TrackingSystem.along(
-            one, one, feedback_gains(one, one, weights[:1, None], weights[1:])
-        )
-
-    weights = search_tube(
-        system_of, lambda tube: float(tube.states[0, 0]), disturbance, np.array([0.1, 1.0]), 60
-    )
-    before, after = (
-        invariant_tube(system_of(each), disturbance).states[0, 0]
-        for each in (np.array([0.1, 1.0]), weights)
-    )
-    assert after == pytest.approx(0.2, rel=0.05)
-    assert before > 2.0 * after
-
-
-def test_no_gain_for_a_mode_that_no_input_moves():
-    with pytest.raises(InvalidTube, match="stabilises"):
-        feedback_gains(2.0 * np.ones((1, 1, 1)), np.zeros((1, 1, 1)), np.eye(1), np.ones(1))
-
-
-def test_a_loop_that_grows_is_refused():
-    system = TrackingSystem.along(1.1 * np.eye(2)[None], np.zeros((1, 2, 1)), np.zeros((1, 1, 2)))
-    with pytest.raises(InvalidTube, match=r"does not contract: .* modulus 1\.1000"):
-        invariant_tube(system, UNIT)
+            through(columns, floor)
 
 
 @pytest.mark.parametrize(
@@ -177,22 +132,6 @@ def test_a_loop_that_grows_is_refused():
 def test_matrices_that_do_not_fit_are_refused(a, gains):
     with pytest.raises(InvalidTube, match="must be"):
         TrackingSystem.along(a, np.ones((1, 2, 1)), gains)
-
-
-def test_a_disturbance_of_another_dimension_is_refused():
-    system = TrackingSystem.along(0.5 * np.eye(3)[None], np.zeros((1, 3, 1)), np.zeros((1, 1, 3)))
-    with pytest.raises(InvalidTube, match="got 2 dimensions, must be 3"):
-        invariant_tube(system, UNIT)
-
-
-def test_a_slow_loop_needs_more_steps():
-    one = np.ones((1, 1, 1))
-    slow = TrackingSystem.along(0.999 * one, one, 0.0 * one)
-    disturbance = DisturbanceSet(np.eye(1), shape="box")
-    with pytest.raises(InvalidTube, match="1500 steps leave"):
-        invariant_tube(slow, disturbance)
-    tube = invariant_tube(slow, disturbance, most_steps=5000)
-    assert tube.states[0, 0] == pytest.approx(1000.0)
 
 
 def test_a_tolerance_or_a_shape_out_of_range_is_refused():
@@ -219,26 +158,112 @@ def test_residuals_that_give_no_set_are_refused(runs, coverage, message):
         fit_set(runs, coverage, window=4)
 
 
-def test_drawings_contain_the_set_and_follow_its_centre(generator):
-    polygons, bands = [], []
+with np.printoptions():  # the library changes those of the process
+    import polytope
 
-    class Axes:
-        def fill(self, x, y, **style):
-            polygons.append((np.column_stack([x, y]), style))
+A, B = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.5], [1.0]])
+GAIN = feedback_gains(A[None], B[None], np.eye(2), np.array([0.01]))
+CLOSED = A + B @ GAIN[0]
+TUBE = invariant_tube(
+    TrackingSystem.along(A[None], B[None], GAIN), DisturbanceSet(0.1 * np.eye(2), shape="box"), 1e-3
+)
+CONSTRAINTS = Polytope.box([-np.inf, -np.inf, -1.0], [np.inf, 2.0, 1.0])
+CORNERS_OF_W = 0.1 * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
 
-        def fill_between(self, x, low, high, **style):
-            bands.append((low, high))
 
-    draw_set(
-        Axes(),
-        DisturbanceSet(np.diag([1.0, 2.0, 3.0])),
-        (2, 1),
-        np.array([9.0, 5.0, 7.0]),
-        color="k",
+def library(of: Polytope) -> polytope.Polytope:
+    return polytope.Polytope(of.normals, of.offsets)
+
+
+def hull(points):
+    """Return the convex hull of points as a polytope of the library."""
+    equations = ConvexHull(points).equations
+    return polytope.Polytope(equations[:, :-1], -equations[:, -1])
+
+
+def vertices_of_tube():
+    """Return vertices of (1 - alpha)^-1 sum A_K^i W, by sums of vertices and qhull alone."""
+    points = np.zeros((1, 2))
+    for i in range(TUBE.certificate.terms):
+        step = CORNERS_OF_W @ np.linalg.matrix_power(CLOSED, i).T
+        points = (points[:, None] + step).reshape(-1, 2)
+        points = points[ConvexHull(points).vertices]
+    return points / (1.0 - TUBE.certificate.alpha)
+
+
+def same(first, second):
+    """Return whether two polytopes contain each other, to the library's tolerance."""
+    return polytope.is_subset(first, second, 1e-6) and polytope.is_subset(second, first, 1e-6)
+
+
+def test_the_tube_is_the_sum_of_the_vertices():
+    directions = directions_in(2, 200, np.random.default_rng(1))
+    exact = (vertices_of_tube() @ directions.T).max(axis=0)
+    np.testing.assert_allclose(TUBE.at(0).support(directions), exact, rtol=1e-12)
+    generators = TUBE.generators(0)
+    np.testing.assert_allclose(np.abs(directions @ generators).sum(axis=1), exact, rtol=1e-12)
+    np.testing.assert_allclose(TUBE.inputs[0], np.abs(GAIN[0] @ generators).sum(axis=1))
+
+
+def test_the_difference_is_the_intersection_of_all_shifted_constraints():
+    both = np.vstack([np.eye(2), GAIN[0]])
+    bounded = Polytope.box([-8.0, -3.0, -1.0], [8.0, 2.0, 1.0])
+    difference = bounded.difference(linear_map(both, TUBE.at(0)))
+    shifted = library(bounded)
+    for vertex in vertices_of_tube() @ both.T:
+        shifted = shifted.intersect(
+            polytope.Polytope(bounded.normals, bounded.offsets - bounded.normals @ vertex)
+        )
+    assert same(library(difference), shifted)
+    np.testing.assert_allclose(tightened_offsets(bounded, TUBE)[0], difference.offsets)
+
+
+def test_the_terminal_set_is_the_limit_of_the_preimages():
+    left = CONSTRAINTS.difference(linear_map(np.vstack([np.eye(2), GAIN[0]]), TUBE.at(0)))
+    normals = left.normals @ np.vstack([np.eye(2), GAIN[0]])
+    terminal = library(admissible_subset(CLOSED, Polytope(normals, left.offsets)))
+    states = admissible = polytope.Polytope(normals, left.offsets)
+    for _ in range(20):  # all preimages of the constraints, redundant ones included
+        admissible = states.intersect(polytope.Polytope(admissible.A @ CLOSED, admissible.b))
+    assert same(terminal, admissible)
+    corners = polytope.extreme(terminal)
+    assert terminal.contains((corners @ CLOSED.T).T, 1e-9).all()
+
+
+def test_support_of_half_spaces_is_that_of_the_vertices():
+    generator = np.random.default_rng(2)
+    normals = generator.normal(size=(12, 2))
+    some = Polytope(normals, np.ones(12))
+    corners = polytope.extreme(library(some))
+    directions = directions_in(2, 60, generator)
+    np.testing.assert_allclose(some.support(directions), (corners @ directions.T).max(axis=0))
+    assert some.contains(0.999 * corners).all()
+    assert not some.contains(1.001 * corners).any()
+    around = outline(some, np.eye(2), 90)
+    assert polytope.is_subset(library(some), hull(around))
+    half_space = Polytope.box([-np.inf, -np.inf], [np.inf, 2.0])
+    np.testing.assert_array_equal(
+        half_space.support(np.array([[0.0, 3.0], [0.0, -1.0]])), [6, np.inf]
     )
-    polygon, style = polygons[0]
-    np.testing.assert_allclose(polygon.max(axis=0), [10.0, 7.0])
-    np.testing.assert_allclose(polygon.min(axis=0), [4.0, 3.0])
-    assert style == {"color": "k"}
-    draw_band(Axes(), np.arange(3.0), np.ones(3), np.array([0.1, 0.2, 0.3]))
-    np.testing.assert_allclose(bands[0], [[0.9, 0.8, 0.7], [1.1, 1.2, 1.3]])
+
+
+def test_an_empty_difference_is_refused_with_both_bounds():
+    wide = SupportSet(1, lambda a: 3.0 * np.abs(a[:, 0]))
+    with pytest.raises(InvalidTube, match=r"empty: .* row 0: 3 of 2, row 1: 3 of 2"):
+        Polytope.box([-2.0], [2.0]).difference(wide)
+    exactly = Polytope.box([-3.0], [3.0]).difference(wide)
+    np.testing.assert_array_equal(exactly.offsets, [0.0, 0.0])
+
+
+def test_the_tick_without_a_point_is_named():
+    system = TrackingSystem.along(np.full((4, 1, 1), 0.5), np.ones((4, 1, 1)), np.zeros((4, 1, 1)))
+    tube = invariant_tube(system, DisturbanceSet(np.eye(1), shape="box"), 1e-6)
+    box = Polytope.box([-5.0, -1.0], [5.0, 1.0])
+    offsets = np.tile(box.offsets, (4, 1))
+    offsets[:, [0, 2]] -= [[0.0], [2.0], [4.0], [4.5]]
+    with pytest.raises(InvalidTube, match=r"tick 2: .* row 0: 2 of 1, row 2: 2 of 1"):
+        tightened_offsets(box, tube, offsets)
+    left = tightened_offsets(box, tube)
+    np.testing.assert_allclose(left, np.tile([3.0, 1.0, 3.0, 1.0], (4, 1)), rtol=1e-5)
+    with pytest.raises(InvalidTube, match="got 3 columns, must be 1 of the state and 1"):
+        tightened_offsets(Polytope(np.eye(3), np.ones(3)), tube)

@@ -1,4 +1,4 @@
-"""Tubes along the figure eight: tightened bounds, refusals, search of the gain."""
+"""Tubes along the figure eight: bounds, growth from the estimate, invariance."""
 
 from __future__ import annotations
 
@@ -6,20 +6,37 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import solve_discrete_are
 
-from tests.ttempc.tubes import DESIGN, PERIOD_S, REFERENCE, VEHICLE, WEIGHTS, WINDOW, along
+from tests.ttempc.tubes import (
+    DESIGN,
+    PERIOD_S,
+    REFERENCE,
+    STEP,
+    TICKS,
+    VEHICLE,
+    WINDOW,
+    admissible,
+    along,
+)
 from ttempc.errors import InvalidTube
-from ttempc.mpc.articulated_error import remaining_bounds
-from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.tube.reference_tube import InputMargin, gain_schedule, search_weights
-from ttempc.tube.tube import TrackingSystem, invariant_tube
+from ttempc.laws.articulated_mpc import MpcOptions
+from ttempc.mpc.articulated_error import error_dynamics, remaining_bounds
+from ttempc.mpc.lmpc import CondensedHorizon, StageBounds
+from ttempc.mpc.qp import PersistentSolver
+from ttempc.reference.reference import ConstantSpeed, Reference, exact_feedforward
+from ttempc.tube.reference_tube import (
+    GrowingTube,
+    horizon_bounds,
+    reachable_inputs,
+    steered_system,
+)
+from ttempc.tube.sets import DisturbanceSet, directions_in, linear_map, minkowski_sum
+from ttempc.tube.tube import TrackingSystem, Tube, invariant_tube, reachable_set
 from ttempc.types import Input
 from ttempc.vehicle import CommandLimits
 
 ALONG = along()
 LIMITS = CommandLimits.of(VEHICLE, PERIOD_S)
-MOTIONS = [20, 120]  # a straight, an arc
 
 
 def test_tightened_bounds_and_the_tube_add_up_to_the_limits():
@@ -38,23 +55,6 @@ def test_tightened_bounds_and_the_tube_add_up_to_the_limits():
             command = ALONG.feedforward - nominal - deviation
             assert np.all(command >= LIMITS.lower - 1e-12)
             assert np.all(command <= LIMITS.upper + 1e-12)
-
-
-def test_the_reference_itself_is_within_the_tightened_bounds():
-    bounds = ALONG.bounds
-    assert np.all(bounds.lower <= 0.0)
-    assert np.all(bounds.upper >= 0.0)
-    assert np.all(bounds.step_lower <= 0.0)
-    assert np.all(bounds.step_upper >= 0.0)
-    assert np.all(ALONG.free_share > 0.0)
-
-
-def test_the_true_vehicle_is_allowed_the_estimators_error_on_top():
-    width = ALONG.half_widths - np.concatenate(
-        [ALONG.tube.states, ALONG.tube.outputs[:, 2:]], axis=1
-    )
-    np.testing.assert_allclose(width[:, :7], np.tile(np.diag(DESIGN.estimate_error.axes), (690, 1)))
-    assert np.all(width[:, 7:] > 0.0)
 
 
 def test_another_vehicle_or_period_is_refused_with_the_numbers():
@@ -79,36 +79,170 @@ def test_a_disturbance_beyond_the_inputs_is_refused_with_the_numbers(scale, mess
         along(replace(DESIGN, disturbance=replace(WINDOW, axes=scale * WINDOW.axes)))
 
 
-def test_at_a_stationary_motion_the_gain_is_the_stationary_one():
-    system = ALONG.tube.system
-    a, b, c = (
-        np.repeat(matrices[20:21], 50, axis=0) for matrices in (system.a, system.b, system.c)
+OPTIONS = MpcOptions()
+RIGID = along()
+SYSTEM = RIGID.tube.system
+INPUTS, RATES = reachable_inputs(SYSTEM, WINDOW, OPTIONS.horizon)
+A, B, C = error_dynamics(REFERENCE, PERIOD_S, TICKS)
+FEEDFORWARD = exact_feedforward(REFERENCE, TICKS, PERIOD_S)
+TUBE = GrowingTube.along(DESIGN, A, B, C, FEEDFORWARD, OPTIONS)
+CURVE = 300
+
+
+def test_the_ancillary_action_stays_within_what_is_reserved_and_reaches_it():
+    generator = np.random.default_rng(81)
+    runs = [admissible(WINDOW, OPTIONS.horizon, generator) for _ in range(30)]
+    window = WINDOW.window  # of all its energy at once: the largest sum within one window
+    for row in SYSTEM.gains[CURVE + window]:
+        rows = [row]  # on w(k-1), w(k-2), ...
+        for j in range(1, window):
+            rows.append(rows[-1] @ SYSTEM.closed[CURVE + window - j])
+        worst = WINDOW.worst(np.array(rows))[::-1]
+        runs.append(np.vstack([worst, np.zeros((OPTIONS.horizon - window, 7))]))
+    largest = np.zeros(3)
+    for run in runs:
+        deviation, before = np.zeros(7), np.zeros(3)
+        for j in range(OPTIONS.horizon):
+            action = SYSTEM.gains[CURVE + j] @ deviation
+            assert np.all(np.abs(action) <= INPUTS[j, CURVE + j] * (1.0 + 1e-9))
+            assert np.all(np.abs(action - before) <= RATES[j, CURVE + j] * (1.0 + 1e-9))
+            if j == window:
+                largest = np.maximum(largest, np.abs(action))
+            deviation, before = SYSTEM.closed[CURVE + j] @ deviation + run[j], action
+    np.testing.assert_allclose(largest, INPUTS[window, CURVE + window])
+
+
+def test_planned_inputs_and_ancillary_action_keep_to_the_limits_at_every_stage():
+    """Also where the plan only holds its last free input, to the end of the horizon."""
+    stages = np.arange(OPTIONS.horizon)
+    free = np.minimum(stages, OPTIONS.moves - 1)
+    for bound, sign in ((TUBE.bounds.lower, -1.0), (TUBE.bounds.upper, 1.0)):
+        planned = bound.reshape(len(bound), OPTIONS.moves, 3)[:, free]  # (ticks, Np, 3)
+        assert np.all(sign * planned >= 0.0)  # the reference itself is always allowed
+        for j in stages:
+            at = slice(j, j + len(planned))
+            command = FEEDFORWARD[at] - planned[:, j] - sign * TUBE.reserve[j, at]
+            assert np.all(command <= LIMITS.upper + 1e-12)
+            assert np.all(command >= LIMITS.lower - 1e-12)
+
+
+def test_every_qp_after_a_feasible_one_is_feasible_whatever_the_disturbances():
+    horizon = CondensedHorizon(A, B, OPTIONS, PERIOD_S, C, free_bounds=TUBE.bounds)
+    generator, solver, u = np.random.default_rng(82), PersistentSolver(), np.zeros(3)
+    at_bound = 0
+    for k in range(horizon.ticks):
+        error = generator.normal(size=7) * [3, 3, 0.5, 0.5, 0.1, 0.1, 0.5]
+        state = np.concatenate([error, np.zeros(9)])
+        solution = solver.solve(horizon.qp(k, state, u))
+        assert solution.report.accepted
+        u = u + solution.x[:3]
+        at_bound += np.isclose(u, TUBE.bounds.upper[k, :3], atol=1e-6).any()
+        u = horizon.admissible(k, u + generator.normal(size=3), u - solution.x[:3])
+    assert at_bound > 30  # the bounds count
+
+
+def test_an_input_that_later_bounds_would_strand_is_not_allowed():
+    """One input, steps of 1: the bound falls from 5 to 1 at tick 6, beyond the first horizons."""
+    stages, high = 12, np.array([5.0] * 6 + [1.0] * 6)[:, None]
+    none = np.zeros((3, stages, 1))
+    step = np.ones((stages, 1))
+    bounds = horizon_bounds(StageBounds(-high, high, -step, step), none, none, moves=2)
+    # The plan of tick 3 alone may start at 5; from there tick 4 could not come down to its 2.
+    expected = [5.0, 5.0, 4.0, 3.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0]
+    np.testing.assert_allclose(bounds.upper[:, 0], expected)
+    np.testing.assert_allclose(bounds.lower[:, 0], -bounds.upper[:, 0])
+
+
+def test_the_ancillary_gain_leaves_the_plan_the_hydrostat_and_half_of_every_change():
+    system, inputs, rates = steered_system(DESIGN, A, B, C, LIMITS, OPTIONS.horizon)
+    assert not inputs[..., Input.HP].any()
+    assert np.all(rates <= 0.5 * LIMITS.step)
+    assert np.any(0.5 * LIMITS.step < RATES)  # those of the invariant tube
+    # Cross-track, where constraints are, it still holds the deviations together.
+    open_loop = replace(SYSTEM, gains=np.zeros_like(SYSTEM.gains))
+    steered, free = (
+        reachable_set(one, WINDOW, OPTIONS.horizon - 1).support(SYSTEM.c[CURVE, [1, 3]])
+        for one in (system, open_loop)
     )
-    gains = gain_schedule(a, b, c, WEIGHTS)
-    np.testing.assert_allclose(gains, np.repeat(gains[:1], 50, axis=0), atol=1e-8)
-    cost = np.diag([0.0, 0.0, *WEIGHTS.states]) + (c[0].T * WEIGHTS.outputs) @ c[0]
-    value = solve_discrete_are(a[0], b[0], cost, np.diag(WEIGHTS.inputs))
-    exact = -np.linalg.solve(np.diag(WEIGHTS.inputs) + b[0].T @ value @ b[0], b[0].T @ value @ a[0])
-    np.testing.assert_allclose(gains[0], exact, atol=1e-8)
+    assert np.all(steered < 0.75 * free)
 
 
-def test_the_search_narrows_the_tube_and_leaves_the_reserve(monkeypatch):
-    monkeypatch.setattr("ttempc.tube.reference_tube._EVALUATIONS", 60)
-    system = ALONG.tube.system
-    a, b, c = system.a[MOTIONS], system.b[MOTIONS], system.c[MOTIONS]
-    margin = InputMargin.of(ALONG.feedforward[MOTIONS], LIMITS)
-    reserve = 0.2 * np.array([VEHICLE.steering_limit_t, VEHICLE.steering_limit_i, 0.0])
+TUBES = {
+    "window": along().tube,
+    "box": along(replace(DESIGN, disturbance=STEP)).tube,
+    "ellipsoid": along(
+        replace(DESIGN, disturbance=replace(WINDOW, axes=1.2 * WINDOW.axes, shape="ellipsoid"))
+    ).tube,
+}
 
-    def cross_track(weights):
-        gains = np.concatenate(
-            [gain_schedule(a[[k]], b[[k]], c[[k]], weights) for k in range(len(MOTIONS))]
-        )
-        tube = invariant_tube(TrackingSystem(a, b, c, gains, np.arange(2)), WINDOW)
-        return tube.outputs[:, [1, 3]].max(), tube
 
-    start = replace(WEIGHTS, inputs=(5.0, 5.0, 5.0))
-    weights = search_weights(a, b, c, WINDOW, margin, reserve, start)
-    (before, _), (after, tube) = cross_track(start), cross_track(weights)
-    assert after < 0.9 * before
-    assert np.all(tube.inputs <= margin.amplitudes - reserve)
-    assert np.all(tube.inputs[:, Input.HP] <= margin.amplitudes[:, Input.HP])
+@pytest.fixture
+def generator():
+    return np.random.default_rng(7)
+
+
+def unchanging(a, b=None, gains=None):
+    n = len(a)
+    b = np.zeros((n, 1)) if b is None else b
+    gains = np.zeros((1, n)) if gains is None else gains
+    return TrackingSystem(a[None], b[None], np.eye(n)[None], gains[None], np.zeros(1, dtype=int))
+
+
+def test_with_windows_of_one_step_it_is_the_set_of_rakovic(generator):
+    a = np.array([[0.9, 0.2], [-0.1, 0.7]])
+    axes = np.array([[0.1, 0.05], [0.0, 0.2]])
+    tube = invariant_tube(unchanging(a), DisturbanceSet(axes), 0.05)
+    terms = tube.certificate.terms
+    powers = [np.linalg.matrix_power(a, i) @ axes for i in range(terms + 1)]
+    alpha = np.abs(np.linalg.solve(axes, powers[terms])).sum(axis=1).max()
+    assert tube.certificate.alpha == pytest.approx(alpha)
+    directions = directions_in(2, 50, generator)
+    by_hand = np.abs(directions @ np.hstack(powers[:-1])).sum(axis=1) / (1.0 - alpha)
+    np.testing.assert_allclose(tube.at(0).support(directions), by_hand)
+
+
+@pytest.mark.parametrize("name", TUBES)
+def test_every_set_leads_into_the_set_a_window_later(name, generator):
+    """Phi S_k + V inside S_{k+N}, in 1000 directions at ticks all along the figure eight."""
+    tube = TUBES[name]
+    window = tube.certificate.window
+    for k in range(window, TICKS, 61):
+        directions = directions_in(7, 1000, generator) / tube.states[k]
+        before = linear_map(tube.transition(k, window), tube.at(k - window))
+        after = minkowski_sum([before, tube.last_window(k)])
+        assert np.all(after.support(directions) <= tube.at(k).support(directions) + 1e-9)
+
+
+def driven(tube: Tube, last: int, disturbances):
+    """Return the deviation at every tick up to `last` from 0, (steps + 1, 7) for (steps, 7)."""
+    m = np.zeros((len(disturbances) + 1, *disturbances.shape[1:]))
+    for step, w in enumerate(disturbances):
+        k = max(0, last - len(disturbances) + step)
+        m[step + 1] = m[step] @ tube.system.closed[k].T + w
+    return m
+
+
+@pytest.mark.parametrize("name", TUBES)
+def test_no_trajectory_leaves_and_the_worst_ones_reach_the_boundary(name, generator):
+    """20 random runs over a lap, each step counted; worst cases for states, outputs, inputs."""
+    tube = TUBES[name]
+    for _ in range(20):
+        run = admissible(tube.disturbance, TICKS - 1, generator)
+        m = driven(tube, TICKS - 1, run)
+        assert np.all(np.abs(m) <= tube.states * (1.0 + 1e-12))
+        output = np.abs(np.einsum("kij,kj->ki", tube.system.c, m))
+        u = np.einsum("kij,kj->ki", tube.system.gains, m)
+        assert np.all(output <= tube.outputs * (1.0 + 1e-12))
+        assert np.all(np.abs(u) <= tube.inputs * (1.0 + 1e-12))
+        assert np.all(np.abs(np.diff(u, axis=0)) <= tube.rates[1:] * (1.0 + 1e-12))
+    k = 300
+    rows = np.concatenate([np.eye(7), tube.system.c[k], tube.system.gains[k]])
+    bounds = np.concatenate([tube.states[k], tube.outputs[k], tube.inputs[k]])
+    for row, bound in zip(rows, bounds, strict=True):
+        run = tube.worst_case(k, row)
+        assert tube.disturbance.fill(run).max() == pytest.approx(1.0)
+        share = row @ driven(tube, k, run)[-1] / (bound * (1.0 - tube.certificate.alpha))
+        if tube.certificate.window == 1:
+            assert share == pytest.approx(1.0)
+        else:
+            assert 0.92 < share < 1.0

@@ -1,4 +1,4 @@
-"""Laws of support functions, against samples, hulls and linear programmes."""
+"""Sets given by their support functions: laws, disturbance sets, conformal calibration."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
+from scipy.optimize import minimize
 from scipy.spatial.distance import pdist
+from scipy.stats import beta, kstest
 
 from tests.reference.ttempc.zonotope import Zonotope
-from ttempc.tube.sets import SupportSet, directions_in, linear_map, minkowski_sum, outline
+from tests.ttempc.tubes import admissible
+from ttempc.errors import InvalidTube
+from ttempc.tube.conformal import calibrate, fewest_scores, largest_score
+from ttempc.tube.sets import DisturbanceSet, directions_in, linear_map, minkowski_sum, outline
 
 
 @pytest.fixture
@@ -22,24 +26,6 @@ def random_zonotope(generator, n, g):
     return Zonotope(generator.standard_normal(n), generator.standard_normal((n, g)))
 
 
-def test_support_of_the_reference_is_that_of_a_linear_programme(generator):
-    for n, g in ((2, 3), (4, 9), (7, 20)):
-        z = random_zonotope(generator, n, g)
-        for a in generator.standard_normal((10, n)):
-            minimum = linprog(-(a @ z.generators), bounds=[(-1, 1)] * g).fun
-            assert z.support(a[None])[0] == pytest.approx(a @ z.centre - minimum, abs=1e-9)
-
-
-def test_gauge_of_the_reference_is_one_on_the_boundary_and_grows_with_the_distance(generator):
-    z = random_zonotope(generator, 3, 7)
-    a = np.array([0.3, -0.5, 0.8])
-    corner = z.centre + z.generators @ np.sign(a @ z.generators)
-    assert z.gauge(corner) == pytest.approx(1.0, abs=1e-8)
-    assert z.gauge(z.centre + 2.0 * (corner - z.centre)) == pytest.approx(2.0, abs=1e-8)
-    assert z.gauge(z.centre) == pytest.approx(0.0, abs=1e-9)
-    assert Zonotope(np.zeros(2), np.array([[1.0], [0.0]])).gauge(np.array([0.0, 1.0])) == math.inf
-
-
 def test_sums_and_maps_hold_what_samples_add_up_to_and_reach_it(generator):
     first, second = random_zonotope(generator, 4, 5), random_zonotope(generator, 4, 3)
     matrix = generator.normal(size=(3, 4))
@@ -47,22 +33,6 @@ def test_sums_and_maps_hold_what_samples_add_up_to_and_reach_it(generator):
     points = (first.vertices()[:, None] + second.vertices()).reshape(-1, 4)
     a = directions_in(3, 50, generator)
     np.testing.assert_allclose(total.support(a), (a @ matrix @ points.T).max(axis=1), atol=1e-12)
-
-
-def test_support_is_subadditive_homogeneous_and_turns_with_the_set(generator):
-    total = minkowski_sum([random_zonotope(generator, 3, 6), random_zonotope(generator, 3, 2)])
-    a, b = generator.standard_normal((2, 30, 3))
-    assert np.all(total.support(a + b) <= total.support(a) + total.support(b) + 1e-12)
-    np.testing.assert_allclose(total.support(2.5 * a), 2.5 * total.support(a))
-    turn = np.linalg.qr(generator.standard_normal((3, 3)))[0]
-    np.testing.assert_allclose(linear_map(turn, total).support(a @ turn.T), total.support(a))
-
-
-def test_directions_are_unit_vectors_with_the_axes_first(generator):
-    directions = directions_in(3, 100, generator)
-    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
-    np.testing.assert_array_equal(directions[:6], np.vstack([np.eye(3), -np.eye(3)]))
-    assert directions_in(3, 4, generator).shape == (4, 3)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -82,8 +52,126 @@ def test_outline_contains_the_projection_and_approaches_it(seed, stretch):
         assert beyond.max() <= 0.5 * diameter * math.tan(math.pi / count)
 
 
-def test_outline_of_a_disc_is_the_regular_polygon_around_it():
-    disc = SupportSet(2, lambda a: np.linalg.norm(a, axis=1))
-    for count in (6, 720):
-        corners = outline(disc, np.eye(2), count)
-        np.testing.assert_allclose(np.hypot(*corners.T), 1.0 / math.cos(math.pi / count))
+AXES = np.random.default_rng(5).standard_normal((3, 3))
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(6)
+
+
+def test_one_step_sets_are_zonotope_and_ellipsoid(rng):
+    w = rng.standard_normal((50, 3))
+    a = rng.standard_normal((50, 3))
+    zonotope, ellipsoid = DisturbanceSet(AXES), DisturbanceSet(AXES, shape="ellipsoid")
+    as_generators = Zonotope(np.zeros(3), AXES)
+    np.testing.assert_allclose(zonotope.fill(w), [as_generators.gauge(row) for row in w], rtol=1e-6)
+    np.testing.assert_allclose(zonotope.support(a), as_generators.support(a))
+    shape = AXES @ AXES.T
+    np.testing.assert_allclose(
+        ellipsoid.fill(w), np.sqrt((w * np.linalg.solve(shape, w.T).T).sum(axis=1))
+    )
+    np.testing.assert_allclose(ellipsoid.support(a), np.sqrt((a * (a @ shape)).sum(axis=1)))
+
+
+@pytest.mark.parametrize("shape", ["zonotope", "ellipsoid"])
+@pytest.mark.parametrize("window", [1, 4])
+def test_reach_bounds_every_window_and_the_worst_one_attains_it(shape, window, rng):
+    disturbance = DisturbanceSet(AXES, window, shape)
+    coefficients = rng.standard_normal((window, 3))
+    bound = disturbance.reach(((coefficients @ AXES) ** 2).sum(axis=0))
+    for _ in range(200):
+        run = admissible(disturbance, window, rng)
+        assert (coefficients * run).sum() <= bound + 1e-12
+    worst = disturbance.worst(coefficients)
+    assert disturbance.fill(worst)[0] == pytest.approx(1.0)
+    assert (coefficients * worst).sum() == pytest.approx(bound)
+
+
+@pytest.mark.parametrize("shape", ["zonotope", "ellipsoid"])
+def test_the_worst_long_run_is_admissible_and_nearly_the_largest(shape, rng):
+    """A general solver of convex programmes reaches no more than 1 % above it."""
+    disturbance = DisturbanceSet(np.eye(2), 3, shape)
+    coefficients = rng.standard_normal((9, 2))
+    run = disturbance.worst(coefficients)
+    assert disturbance.fill(run).max() == pytest.approx(1.0)
+
+    def spare(flat):
+        squares = flat.reshape(9, 2) ** 2
+        sums = np.array([squares[k : k + 3].sum(axis=0) for k in range(7)])
+        return (1.0 - (sums.sum(axis=1) if shape == "ellipsoid" else sums)).ravel()
+
+    best = minimize(
+        lambda flat: -(coefficients.ravel() @ flat),
+        0.1 * coefficients.ravel(),
+        jac=lambda flat: -coefficients.ravel(),
+        constraints={"type": "ineq", "fun": spare},
+        method="SLSQP",
+    )
+    assert best.success
+    assert 0.99 * -best.fun <= (coefficients * run).sum() <= -best.fun * (1.0 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("axes", "window"), [(np.zeros((2, 2)), 1), (np.ones((2, 3)), 1), (np.eye(2), 0)]
+)
+def test_sets_that_bound_nothing_are_refused(axes, window):
+    with pytest.raises(InvalidTube, match="must be"):
+        DisturbanceSet(axes, window)
+
+
+@pytest.fixture
+def random():
+    return np.random.default_rng(11)
+
+
+@pytest.mark.parametrize(("count", "coverage"), [(19, 0.95), (40, 0.95), (30, 0.5), (7, 0.8)])
+def test_the_coverage_given_a_calibration_has_a_beta_distribution(count, coverage, random):
+    """Of uniform scores, the coverage of a calibration is its factor itself."""
+    drawn = [calibrate(scores, coverage) for scores in random.uniform(size=(2000, count))]
+    rank = drawn[0].rank
+    factors = [one.factor for one in drawn]
+    assert kstest(factors, beta(rank, count + 1 - rank).cdf).pvalue > 0.01
+    assert coverage <= drawn[0].coverage < coverage + 1.0 / (count + 1)
+    low, high = drawn[0].coverage_interval(0.9)
+    assert np.mean([low <= factor <= high for factor in factors]) == pytest.approx(0.9, abs=0.02)
+
+
+def test_the_next_run_is_inside_as_often_as_promised_whatever_the_distribution(random):
+    """Heavy-tailed random walks, each of a heavy-tailed size of its own."""
+    inside = []
+    for _ in range(400):
+        size = random.pareto(1.5, (30, 1, 1)) + 0.1
+        walks = np.cumsum(size * random.standard_t(3, (30, 40, 2)), axis=1)
+        *scores, fresh = [largest_score(walk, np.array([1.0, 2.0])) for walk in walks]
+        calibration = calibrate(scores, 0.9)
+        inside.append(fresh <= calibration.factor)
+    assert calibration.coverage == 0.9
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.045)  # three standard deviations
+
+
+def test_a_score_is_that_of_the_worst_time_and_quantity():
+    deviation = np.array([[0.1, -0.4], [-0.3, 0.2]])
+    assert largest_score(deviation, np.array([0.1, 0.2])) == pytest.approx(3.0)
+    along = np.array([[0.1, 0.1], [0.3, 0.1]])  # of a tube that widens
+    assert largest_score(deviation, along) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("coverage", [0.5, 0.6, 0.9, 0.95, 0.99, 0.999])
+def test_fewest_scores_are_enough_and_one_less_is_refused(coverage):
+    fewest = fewest_scores(coverage)
+    assert calibrate(np.arange(fewest), coverage).rank == fewest
+    if fewest > 1:
+        with pytest.raises(
+            InvalidTube, match=rf"got {fewest - 1} scores.* takes {fewest} at least"
+        ):
+            calibrate(np.arange(fewest - 1), coverage)
+
+
+def test_bad_scores_and_scales_are_refused():
+    with pytest.raises(InvalidTube, match="not NaN"):
+        calibrate([1.0, np.nan], 0.5)
+    with pytest.raises(InvalidTube, match=r"scale: .* must be above 0"):
+        largest_score(np.ones((3, 2)), np.array([1.0, 0.0]))
+    with pytest.raises(InvalidTube, match="must be finite and not empty"):
+        largest_score(np.array([[np.nan]]), np.array([1.0]))

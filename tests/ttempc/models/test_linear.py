@@ -1,4 +1,4 @@
-"""Optimality of the Riccati recursion's gains."""
+"""Linear systems along a horizon: zero-order hold, Riccati, ordered product."""
 
 from __future__ import annotations
 
@@ -6,36 +6,23 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
-from tests.ttempc.tubes import PERIOD_S, REFERENCE
 from ttempc.errors import InvalidTuning
-from ttempc.models.linear import riccati_gains
-from ttempc.mpc.articulated_error import error_dynamics
+from ttempc.models.linear import ordered_product, riccati_gains, zero_order_hold
 
-TICKS = 150
-
-
-def rolled_cost(a, b, state_cost, input_cost, gains, z):
-    cost = 0.0
-    for k, gain in enumerate(gains):
-        u = -gain @ z
-        cost += z @ state_cost[k] @ z + u @ np.diag(input_cost) @ u
-        z = a[k] @ z + b[k] @ u
-    return cost
+PERIOD_S = 0.2
 
 
-def test_no_other_gain_costs_less():
-    """Over a long horizon, along which the model changes."""
-    generator = np.random.default_rng(51)
-    a, b, c = error_dynamics(REFERENCE, PERIOD_S, TICKS)
-    a, b, c = a[:, :7, :7], b[:, :7], c[:-1, :, :7]
-    state_cost, weight = c.transpose(0, 2, 1) @ c, np.array([0.3, 0.3, 0.05])
-    gains = riccati_gains(a, b, state_cost, weight)
-    z = generator.normal(size=7)
-    best = rolled_cost(a, b, state_cost, weight, gains, z)
-    for _ in range(10):
-        other = gains + 0.02 * generator.normal(size=gains.shape[1:])
-        assert rolled_cost(a, b, state_cost, weight, other, z) > best
+def test_every_sample_of_a_long_series_is_the_exponential_of_its_own():
+    generator = np.random.default_rng(1)
+    a, b = generator.normal(size=(1100, 5, 5)), generator.normal(size=(1100, 5, 2))
+    a_d, b_d = zero_order_hold(a, b, PERIOD_S)
+    for k in (0, 511, 512, 1023, 1024, 1099):
+        block = np.zeros((7, 7))
+        block[:5] = PERIOD_S * np.hstack([a[k], b[k]])
+        exact = expm(block)[:5]
+        assert np.abs(np.hstack([a_d[k], b_d[k]]) - exact).max() < 1e-14
 
 
 def test_gain_of_one_state_is_the_closed_form():
@@ -74,3 +61,9 @@ def test_gains_of_a_finite_horizon_minimise_its_cost():
         gradient = gradient + by_inputs.T @ cost[k + 1] @ state @ start
     minimiser = -np.linalg.solve(hessian, gradient)
     np.testing.assert_allclose(np.concatenate(inputs), minimiser, rtol=1e-6, atol=1e-9)
+
+
+def test_it_sums_from_the_first_column_to_the_last():
+    """In any other order the small terms survive, or the large ones do not cancel."""
+    matrix = np.array([[1e16, 1.0, -1e16, 1.0], [1e16, -1e16, 1.0, 1.0]])
+    np.testing.assert_array_equal(ordered_product(matrix, np.ones(4)), [1.0, 2.0])

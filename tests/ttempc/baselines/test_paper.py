@@ -1,4 +1,4 @@
-"""Error model of the paper: derivation, discretisation, sign of the robust law."""
+"""Controller of the paper: error model, feedforward, robust law, nominal states."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 
 from tests.ttempc.numeric import central_differences
-from ttempc.baselines.paper import PaperEquations, RobustGains, linearise, printed_feedforward
-from ttempc.errors import InvalidTuning
+from ttempc.baselines.paper import (
+    PaperEquations,
+    RobustGains,
+    RobustLaw,
+    linearise,
+    printed_feedforward,
+)
 from ttempc.models.kinematics import Error, tracking_error, trailer_point
-from ttempc.models.linear import zero_order_hold
 from ttempc.reference.path import figure_eight
-from ttempc.reference.reference import ConstantSpeed, Reference, exact_feedforward
-from ttempc.types import Input
+from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle()
@@ -41,14 +42,6 @@ def test_tracking_error_is_the_reference_seen_from_the_vehicle():
     difference = arranged(sample.state, sample.trailer_xy) - arranged(state, trailer)
     error = tracking_error(state, trailer, sample.state, sample.trailer_xy)
     np.testing.assert_allclose(error, transform @ difference, atol=1e-12)
-
-
-def test_tracking_error_is_invariant_to_full_turns():
-    sample = REFERENCE.at(20.0)
-    turned = sample.state.copy()
-    turned[2:4] += 3 * math.tau
-    error = tracking_error(turned, sample.trailer_xy, sample.state, sample.trailer_xy)
-    np.testing.assert_allclose(error, 0.0, atol=1e-9)
 
 
 def nonlinear_errors(z_e, u_e, sample):
@@ -85,14 +78,6 @@ def test_printed_matrices_are_the_derivative_of_the_printed_errors():
     np.testing.assert_allclose(b[0], by_input, atol=1e-6)
 
 
-def test_position_rows_hold_on_curves_too():
-    sample = REFERENCE.at(35.0)
-    a, _ = linearise(REFERENCE.at(np.array([35.0])), VEHICLE, PRINTED)
-    by_state = central_differences(lambda z: nonlinear_errors(z, np.zeros(3), sample), np.zeros(7))
-    rows = [Error.X_T, Error.Y_T, Error.X_I, Error.Y_I]
-    np.testing.assert_allclose(a[0, rows], by_state[rows], atol=1e-6)
-
-
 def test_each_reading_changes_its_own_entries():
     sample = REFERENCE.at(np.array([35.0]))
     a, b = linearise(sample, VEHICLE, PRINTED)
@@ -103,24 +88,6 @@ def test_each_reading_changes_its_own_entries():
     entering = REFERENCE.at(np.array([11.5]))
     a_exact, _ = linearise(entering, VEHICLE, PaperEquations(trailer_speed="exact"))
     assert a_exact[0, Error.Y_I, Error.PSI_I] == entering.speed_i[0] != 1.0
-
-
-def test_unknown_reading_is_refused_with_the_allowed_ones():
-    with pytest.raises(InvalidTuning, match=r"nominal.*one-step.*tube"):
-        PaperEquations(nominal="other")  # pyright: ignore[reportArgumentType]
-
-
-def test_hold_agrees_with_exponential_and_with_integration():
-    a, b = linearise(REFERENCE.at(np.linspace(0.0, 40.0, 7)), VEHICLE, PRINTED)
-    a_d, b_d = zero_order_hold(a, b, 0.2)
-    generator = np.random.default_rng(3)
-    for k in range(len(a)):
-        np.testing.assert_allclose(a_d[k], expm(0.2 * a[k]), atol=1e-12)
-        z, u = generator.normal(size=7), generator.normal(size=3)
-        run = solve_ivp(
-            lambda _, x, k=k, u=u: a[k] @ x + b[k] @ u, (0.0, 0.2), z, rtol=1e-10, atol=1e-12
-        )
-        np.testing.assert_allclose(a_d[k] @ z + b_d[k] @ u, run.y[:, -1], atol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +118,20 @@ def test_printed_feedforward_on_the_circle(sign, degrees):
     assert u_f[0, 2] == pytest.approx(1.0 / 1.4)
 
 
-def test_exact_feedforward_is_the_reference_of_mid_period():
-    u_f = exact_feedforward(REFERENCE, 200, 0.2)
-    np.testing.assert_allclose(u_f[60], REFERENCE.at(12.1).inputs)
-    assert math.degrees(u_f[150, Input.DELTA_I]) == pytest.approx(15.4, abs=0.05)
+PERIOD_S = 0.2
+
+
+def law(sign=-1):
+    return RobustLaw(RobustGains(), sign, PERIOD_S)
+
+
+def test_law_is_the_printed_one():
+    robust, zero = law(sign=1), np.zeros(7)
+    first = np.array([0.01, 0.02, 0.0, 0.03, 0.04, 0.0, 0.0])
+    robust.step(0, first, zero)
+    second = np.array([0.02, 0.01, 0.0, 0.03, 0.05, 0.0, 0.0])
+    u_m, z_m = robust.step(1, second, zero)
+    np.testing.assert_allclose(z_m, [0.02, 0.01, 0.03, 0.05])
+    assert u_m[0] == pytest.approx(0.2 * math.tanh(2 * 0.01 + 4 * -0.05))  # y of the tractor
+    assert u_m[1] == pytest.approx(0.1 * math.tanh(1 * 0.05 + 2 * 0.05))  # y of the trailer
+    assert u_m[2] == pytest.approx(0.1 * math.tanh(10 * 0.02 + 20 * 0.05))  # x of the tractor

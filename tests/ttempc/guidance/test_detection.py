@@ -1,12 +1,13 @@
-"""Detectors: closed forms of their statistics, silence without a fault, delay with one."""
+"""Detectors: closed forms, silence without a fault, delay with one."""
 
+import math
+from dataclasses import replace
 from itertools import combinations
 from statistics import median
 
 import numpy as np
 import pytest
 
-from tests.ttempc.guidance.detection.observations import PERIOD_S, VEHICLE, observation
 from tests.ttempc.sensed_drive import SensedDrive
 from ttempc.guidance.detection import (
     Alarm,
@@ -18,12 +19,34 @@ from ttempc.guidance.detection import (
     Reaction,
     Reactions,
     RepetitionMonitor,
-    SpeedOverGround,
+    StandstillMonitor,
+    SteeringMonitor,
+    SteeringResponse,
     WheelMonitor,
     detectors,
     median_slopes,
 )
-from ttempc.types import Command, Innovation, Measurement, Sensor
+from ttempc.types import Command, Estimate, Innovation, Input, Measurement, Sensor
+from ttempc.vehicle import Vehicle
+
+PERIOD_S = 0.2
+VEHICLE = Vehicle()
+
+
+def observation(k, samples=(), command=None, innovations=(), vehicle=VEHICLE):
+    nothing = np.zeros(2)
+    estimate = Estimate(
+        k * PERIOD_S, np.zeros(7), np.eye(7), nothing, 0.0, innovations=tuple(innovations)
+    )
+    return Observation(k * PERIOD_S, samples, command, estimate, vehicle)
+
+
+def angles(k, value, rng, sd_deg=1.0, sensor=Sensor.STEERING_TRACTOR):
+    """Return the samples of the period before tick `k`, of an angle as a function of time."""
+    times = k * PERIOD_S - 0.04 * np.arange(5)[::-1]
+    noise = rng.normal(0.0, math.radians(sd_deg), 5)
+    values = [float(value(t)) + n for t, n in zip(times, noise, strict=True)]
+    return [Measurement(t, sensor, (item,)) for t, item in zip(times, values, strict=True)]
 
 
 def test_a_sum_grows_by_what_exceeds_the_allowance_on_one_side_and_saturates():
@@ -167,35 +190,6 @@ def test_a_sensor_that_repeats_itself_is_not_used_until_it_changes():
     assert list(monitors.usable(changed)) == changed
 
 
-def test_a_sensor_of_coarse_resolution_repeats_itself_in_good_health():
-    rng, monitor = np.random.default_rng(9), RepetitionMonitor("hitch", Sensor.HITCH)
-    for k in range(300):
-        monitor.observe(observation(k, readings(k, np.round(rng.normal(0.0, 0.7, 5)))))
-        assert monitor.statistic <= monitor.limit
-
-
-def test_later_detectors_do_not_see_samples_that_an_alarm_rules_out():
-    monitors = Monitors([RepetitionMonitor("front", Sensor.STEERING_TRACTOR), steering := Seen()])
-    rng = np.random.default_rng(10)
-    for k in range(30):
-        values = rng.normal(0.0, 0.01, 5) if k < 20 else np.full(5, 0.1)
-        monitors.observe(observation(k, readings(k, values, Sensor.STEERING_TRACTOR)))
-    assert steering.counts == [5] * 20 + [0] * 10
-
-
-class Seen:
-    name, limit, statistic, residual = "seen", 1.0, 0.0, 0.0
-
-    def __init__(self):
-        self.counts = []
-
-    def observe(self, observation):
-        self.counts.append(len(observation.samples))
-
-    def alarm(self):
-        raise AssertionError
-
-
 STOP = (Alarm("steering", "stuck", Reaction.STOP),)
 
 
@@ -224,30 +218,6 @@ def test_the_strongest_alarm_counts():
     assert Reactions().decide((slow, *STOP), 1.0, 0.0) == (Reaction.STOP, "stuck")
 
 
-@pytest.mark.parametrize("sd_m", [0.03, 0.3])
-def test_the_sd_of_a_speed_over_ground_is_that_of_its_scatter(sd_m):
-    """And speeds whose noise is far above the allowance give no alarm."""
-    rng, ground, wheels = np.random.default_rng(3), SpeedOverGround(), WheelMonitor()
-    along, claimed = [], []
-    for k in range(600):
-        place = 1.0 * k * PERIOD_S
-        samples = [
-            Measurement(k * PERIOD_S, sensor, (place + sd_m * x, sd_m * y))
-            for sensor, (x, y) in zip(
-                (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER), rng.normal(size=(2, 2)), strict=True
-            )
-        ]
-        speed = ground.speed(samples)
-        if speed is not None and speed.sd_mps > 0.0:
-            along.append(speed.mps)
-            claimed.append(speed.sd_mps)
-        encoder = Measurement(k * PERIOD_S, Sensor.ENCODER, (1.0,))
-        wheels.observe(observation(k, [*samples, encoder]))
-        assert wheels.statistic < wheels.limit
-    if sd_m < 0.1:  # with more noise the length of the velocity is no longer normal
-        assert np.median(claimed) == pytest.approx(np.std(along), rel=0.3)
-
-
 @pytest.mark.parametrize("count", [2, 3, 4, 6])
 def test_the_compiled_median_of_slopes_is_that_of_all_pairs(count):
     rows = np.cumsum(np.random.default_rng(count).uniform(0.1, 0.3, (count, 3)), axis=0)
@@ -256,10 +226,80 @@ def test_the_compiled_median_of_slopes_is_that_of_all_pairs(count):
     assert median_slopes(rows) == (median(x), median(y))
 
 
-def test_an_observation_has_the_samples_of_a_sensor_in_order_of_arrival():
-    times = (0.3, 0.1, 0.2)
-    hitch = [Measurement(time_s, Sensor.HITCH, (time_s,)) for time_s in times]
-    samples = [hitch[0], Measurement(0.2, Sensor.ENCODER, (1.0,)), *hitch[1:]]
-    seen = observation(0, samples)
-    assert list(seen.of(Sensor.HITCH)) == hitch
-    assert not seen.of(Sensor.GNSS_TRACTOR)
+def valve(commands, time_s, lag=VEHICLE.steering_lag_t):
+    """Return the angle of a valve that follows steps at the ticks with a lag, in closed form."""
+    angle = commands[0]
+    for k, command in enumerate(commands):
+        span = min(max(time_s - k * PERIOD_S, 0.0), PERIOD_S)
+        angle = command + (angle - command) * math.exp(-span / lag)
+    return angle
+
+
+@pytest.mark.parametrize("sd_deg", [1.0, 10.0])
+def test_a_valve_that_follows_is_no_fault_however_noisy_its_sensor(sd_deg):
+    rng, monitor = np.random.default_rng(1), SteeringMonitor(Input.DELTA_T)
+    commands = 0.3 * np.sin(0.15 * np.arange(3000))
+    for k in range(3000):
+        recent = max(0, k - 30)  # a step of 30 periods before has no effect on the angle
+        samples = angles(
+            k, lambda t, k=k, n=recent: valve(commands[n : k + 1], t - n * PERIOD_S), rng, sd_deg
+        )
+        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
+        monitor.observe(observation(k, samples, sent))
+        assert monitor.statistic < monitor.limit
+
+
+@pytest.mark.parametrize(("dead_time", "believed"), [(0.0, 0.0), (0.3, 0.0), (0.1, 0.7)])
+def test_a_dead_time_that_is_not_known_is_no_fault(dead_time, believed):
+    rng, monitor = np.random.default_rng(2), SteeringMonitor(Input.DELTA_T)
+    vehicle = replace(VEHICLE, dead_time_t=believed)
+    commands = 0.25 * np.sin(0.2 * np.arange(200))
+    for k in range(200):
+        samples = angles(k, lambda t, k=k: valve(commands[: k + 1], t - dead_time), rng)
+        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
+        monitor.observe(observation(k, samples, sent, vehicle=vehicle))
+        assert monitor.statistic < monitor.limit
+
+
+def test_play_is_no_fault():
+    """A wheel that lags its cylinder by 1 deg either way, as play of 2 deg."""
+    rng, monitor = np.random.default_rng(4), SteeringMonitor(Input.DELTA_T)
+    commands, wheel, play = 0.25 * np.sin(0.1 * np.arange(600)), 0.0, math.radians(1.0)
+    for k in range(600):
+        cylinder = valve(commands[max(0, k - 30) : k + 1], min(k, 30) * PERIOD_S)
+        wheel = min(max(wheel, cylinder - play), cylinder + play)
+        samples = angles(k, lambda t, angle=wheel: angle, rng)
+        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
+        monitor.observe(observation(k, samples, sent))
+        assert monitor.statistic < monitor.limit
+
+
+def test_a_stuck_valve_is_noticed_within_a_second_of_a_command_that_leaves_it():
+    rng, monitor = np.random.default_rng(1), SteeringMonitor(Input.DELTA_T)
+    noticed = []
+    for k in range(80):
+        command = 0.0 if k < 50 else 0.14  # 8 deg: the curve of radius 10 m
+        monitor.observe(observation(k, angles(k, lambda t: 0.0, rng), Command(command, 0.0, 0.7)))
+        noticed += [k] if monitor.statistic > monitor.limit else []
+    assert 50 < noticed[0] <= 50 + round(1.0 / PERIOD_S)
+    assert monitor.alarm().reaction is Reaction.STOP
+
+
+def test_a_valve_that_stands_still_is_noticed_before_one_that_does_not_follow():
+    rng, response = np.random.default_rng(1), SteeringResponse(Input.DELTA_T)
+    standstill, follows = (
+        kind(Input.DELTA_T, response) for kind in (StandstillMonitor, SteeringMonitor)
+    )
+    commands, first = 0.25 * np.sin(0.2 * np.arange(140)), {}
+    for k in range(140):
+        stuck = valve(commands[:101], 100 * PERIOD_S) if k > 100 else None
+        samples = angles(
+            k, lambda t, k=k, s=stuck: valve(commands[: k + 1], t) if s is None else s, rng
+        )
+        sent = Command(float(commands[k - 1]), 0.0, 0.7) if k else None
+        for monitor in (standstill, follows):
+            monitor.observe(observation(k, samples, sent))
+            if monitor.statistic > monitor.limit:
+                first.setdefault(monitor.name, (k - 100) * PERIOD_S)
+    assert 0.0 < first[standstill.name] <= 1.0 < first[follows.name]
+    assert standstill.alarm().reaction is Reaction.SLOW
