@@ -220,7 +220,6 @@ class Controller(Protocol):
 
     def step(self, estimate: Estimate, k: int) -> ControlStep | Command:
         """Return the command for the period that starts at tick k, with or without diagnostics."""
-        ...
 
 
 @runtime_checkable
@@ -234,7 +233,6 @@ class Preparing(Protocol):
 
     def prepare(self, k: int) -> None:
         """Get ready for tick `k`."""
-        ...
 
 
 @runtime_checkable
@@ -254,7 +252,6 @@ class Resuming(Protocol):
 
     def resume(self, previous: object) -> None:
         """Continue where `previous`, the controller up to this tick, has stopped."""
-        ...
 
 
 class Estimator(Protocol):
@@ -270,7 +267,6 @@ class Estimator(Protocol):
         that an estimator has no use for are no error. `command` is what drove the vehicle in
         that time, None before the first command.
         """
-        ...
 
 
 @runtime_checkable
@@ -279,7 +275,6 @@ class WarmingUp(Protocol):
 
     def warm_up(self) -> None:
         """Run through the code of every later call. It must change no later result."""
-        ...
 
 
 class VehicleGuidance(Protocol):
@@ -288,29 +283,22 @@ class VehicleGuidance(Protocol):
     @property
     def control_step(self) -> ControlStep:
         """Command and diagnostics of the last `step`."""
-        ...
 
     @property
     def reference_tick(self) -> int:
         """Tick of the reference that the next step belongs to; it stays while that waits."""
-        ...
 
     def warm_up(self) -> None:
         """Compile and load everything before the first tick."""
-        ...
 
     def wait(self) -> None:
         """Wait for work in other threads that the next `update` needs."""
-        ...
 
     def prepare(self) -> None:
         """Do the work of the next `step` that needs no samples."""
-        ...
 
     def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate:
         """Take in the samples that arrived since the previous tick; return the estimate."""
-        ...
 
     def step(self) -> Command:
         """Return the command for the period that starts now."""
-        ...

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Self
@@ -136,10 +135,6 @@ class KeptPlan:
         self._plan: FloatArray = np.zeros(0)
         self._next: tuple[int, FloatArray, FloatArray] | None = None  # tick, zbar, ubar before it
 
-    def fresh(self) -> KeptPlan:
-        """Return the object without a plan."""
-        return KeptPlan(self._tube, self._a, self._b)
-
     def record(self, k: int, state: FloatArray, u: FloatArray, plan: FloatArray) -> None:
         """Keep the plan of tick `k` from the `state` (16,), whose first input became `u` (3,)."""
         self._made, self._plan, self._next = k, plan, (k, state, u)
@@ -244,13 +239,6 @@ class ArticulatedFeedback(FeedbackLaw):
         self._state = grid.state
         self._vehicle = reference.vehicle
         self._path, self._horizon = PredictedPath(grid), horizon
-
-    def fresh(self) -> ArticulatedFeedback:
-        law = copy.copy(self)
-        law._mpc = self._mpc.fresh()
-        law._robust = self._robust.fresh() if self._robust else None
-        law._plan = self._plan.fresh() if self._plan else None
-        return law
 
     def resume(self, previous: object) -> None:
         """Keep the autocorrelation of the residual, see `ttempc.types.Resuming`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, Self, get_args
@@ -117,12 +116,6 @@ class LqRobustLaw:
         self._memory = np.zeros((3, _M))  # see `autocorrelation`
         self._forgetting = math.exp(-period_s / tuning.memory_s)
         self._last: tuple[int, FloatArray, FloatArray] | None = None  # tick, MPC's state, u_b
-
-    def fresh(self) -> LqRobustLaw:
-        law = copy.copy(self)
-        law._memory = np.zeros_like(self._memory)
-        law._last = None
-        return law
 
     def resume(self, previous: LqRobustLaw) -> None:
         """Keep the autocorrelation; the nominal state, an error to another reference, restarts."""
@@ -255,7 +248,7 @@ def containment(
 ) -> tuple[float, FloatArray]:
     """Return the gauge of the `deviation` (n,), and `rows` (T, r, n) of tick `k` on the nominal.
 
-    `inverse` (n, n) is that of the axes of a disturbance set, see `DisturbanceSet.gauge`.
+    `inverse` (n, n) is that of the axes of a disturbance set, see `DisturbanceSet.fill`.
     """
     n = nominal.size
     energy = 0.0

@@ -226,11 +226,6 @@ class CondensedHorizon:
         )
         return np.maximum(np.minimum(inputs, high), low)
 
-    def hessian(self, k: int) -> FloatArray:
-        """Return H of the QP of tick `k`, (m Nc, m Nc)."""
-        matrices, tick = self._at(k)
-        return matrices.hessian[tick]
-
     def prediction(self, k: int) -> FloatArray:
         """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""
         matrices, tick = self._at(k)
@@ -349,22 +344,15 @@ class LinearMpc:
         self._preparing_solver = PersistentSolver(horizon.solver)
         self._last: tuple[FloatArray, FloatArray] | None = None  # state and input of the last step
 
-    def fresh(self) -> LinearMpc:
-        return LinearMpc(self._horizon)
-
     def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:
         """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
         self._last = state, previous
         return self._solve(self._solver, k, state, previous)
 
     def prepare(self, k: int) -> None:
-        """Solve tick `k` for the data of the last step and drop the result, to fill the caches.
-
-        Its Hessian, which depends on the tick alone, is factorised for the step to come.
-        """
+        """Solve tick `k` for the data of the last step and drop the result, to fill the caches."""
         if self._last:
             self._solve(self._preparing_solver, k, *self._last)
-            self._solver.hold(self._horizon.hessian(k))
 
     def _solve(
         self, solver: PersistentSolver, k: int, state: FloatArray, previous: FloatArray

@@ -176,4 +176,3 @@ def test_ends_are_not_passed_and_fresh_starts_anew():
     assert projection.place(-1.0, 0.3) == 0.0
     last = projection.place(9.0, 0.0)
     assert last == len(polyline(straight(2.0))) - 1
-    assert abs(projection.fresh().place(0.5 * STEP_M, 0.0) - 0.5) < 1e-12
