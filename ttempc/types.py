@@ -220,6 +220,7 @@ class Controller(Protocol):
 
     def step(self, estimate: Estimate, k: int) -> ControlStep | Command:
         """Return the command for the period that starts at tick k, with or without diagnostics."""
+        ...
 
 
 @runtime_checkable
@@ -267,6 +268,7 @@ class Estimator(Protocol):
         that an estimator has no use for are no error. `command` is what drove the vehicle in
         that time, None before the first command.
         """
+        ...
 
 
 @runtime_checkable
@@ -283,10 +285,12 @@ class VehicleGuidance(Protocol):
     @property
     def control_step(self) -> ControlStep:
         """Command and diagnostics of the last `step`."""
+        ...
 
     @property
     def reference_tick(self) -> int:
         """Tick of the reference that the next step belongs to; it stays while that waits."""
+        ...
 
     def warm_up(self) -> None:
         """Compile and load everything before the first tick."""
@@ -299,6 +303,8 @@ class VehicleGuidance(Protocol):
 
     def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate:
         """Take in the samples that arrived since the previous tick; return the estimate."""
+        ...
 
     def step(self) -> Command:
         """Return the command for the period that starts now."""
+        ...

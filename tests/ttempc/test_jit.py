@@ -121,7 +121,7 @@ def test_an_array_that_does_not_fit_into_a_slice_is_refused_and_kernels_are_anno
     kernel, to, before = cached_njit()(assign), np.zeros(2), COMPILATION.kernels
     kernel(to, np.ones(2))
     assert to.tolist() == [1.0, 1.0]
-    with pytest.raises(ValueError, match="fit"):
+    with pytest.raises(ValueError, match="assign"):
         kernel(to, np.ones(3))
     if COMPILATION.kernels > before:  # else it was loaded
         caplog.clear()

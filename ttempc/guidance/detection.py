@@ -93,16 +93,19 @@ class Detector(Protocol):
     @property
     def statistic(self) -> float:
         """Present value, 0 or above."""
+        ...
 
     @property
     def residual(self) -> float:
         """Latest value of what the statistic is made from; NaN before the first."""
+        ...
 
     def observe(self, observation: Observation) -> None:
         """Take in the data of a tick; they are not changed."""
 
     def alarm(self) -> Alarm:
         """Return the alarm for the present statistic."""
+        ...
 
 
 class Monitors:

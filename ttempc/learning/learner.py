@@ -63,6 +63,7 @@ class Identifier(Protocol):
         A parameter changes only where the data are significant, so that a right model stays as it
         is. Called from another thread than that of the control loop.
         """
+        ...
 
 
 _Parts = TypeVar("_Parts")

@@ -172,12 +172,15 @@ class SpeedProfile(Protocol):
     @property
     def top_speed(self) -> float:
         """Largest speed of the profile, forward or in reverse [m/s]."""
+        ...
 
     def travel(self, times_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return arc length [m], speed [m/s] and acceleration [m/s^2] at `times_s`."""
+        ...
 
     def duration_s(self, length_m: float) -> float:
         """Return the time that `length_m` takes [s]."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
