@@ -23,7 +23,7 @@ from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import GrowingTube, TubeDesign, report_rows, tightened
 from ..types import Diagnostics, Estimate, FloatArray, Input, State, TubeReport
 from ..vehicle import CommandLimits, Vehicle
-from .lq_robust_law import LqRobustLaw, LqRobustTuning, RobustAction, containment
+from .lq_robust_law import LqRobustLaw, LqRobustTuning, RobustAction
 from .tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 
 _PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
@@ -174,7 +174,8 @@ class OneStepMonitor:
 
     def __init__(self, design: TubeDesign, outputs: FloatArray) -> None:
         self._inverse, _ = design.disturbance.faces
-        self._ellipsoid = design.disturbance.shape == "ellipsoid"
+        # Of the squares along the axes; both go through them in order.
+        self._of_squares = sum if design.disturbance.shape == "ellipsoid" else max
         self._rows = report_rows(outputs)  # (T, 9, 7)
         rows = self._rows.reshape(-1, outputs.shape[-1])
         width = design.disturbance.support(rows) + design.estimate_error.support(rows)
@@ -185,9 +186,9 @@ class OneStepMonitor:
 
         The margin is 1 less the gauge of the deviation in W.
         """
-        gauge, errors = containment(
-            k, self._inverse, self._ellipsoid, self._rows, nominal, deviation
-        )
+        along = ordered_product(self._inverse, deviation)
+        gauge = math.sqrt(self._of_squares((along * along).tolist()))
+        errors = ordered_product(self._rows[k], nominal)
         return TubeReport(gauge <= 1.0, 1.0 - gauge, errors, self._half_widths[k])
 
 

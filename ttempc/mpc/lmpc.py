@@ -178,7 +178,7 @@ class CondensedHorizon:
         self._first_tick = 0  # of the present block
         self._block = self._matrices(0)
         for start in range(0, self.ticks, self._block_ticks):
-            self._require_convex(self._matrices(start))
+            _require_convex(self._matrices(start))
 
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
         """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
@@ -272,22 +272,14 @@ class CondensedHorizon:
             soft=np.concatenate(soft, axis=1) if soft else None,
         )
 
-    @staticmethod
-    def _require_convex(matrices: _Matrices) -> None:
-        if not (is_convex(matrices.hessian) and np.isfinite(matrices.gradient).all()):
-            raise InvalidTuning("the cost is not finite and convex all along the reference")
 
-
-def is_convex(hessian: FloatArray) -> bool:
-    """Whether one `hessian` (n, n), or each of (N, n, n), is finite and positive definite."""
+def _require_convex(matrices: _Matrices) -> None:
     # The factorisation of a matrix that is not finite may end without an error.
-    if not np.isfinite(hessian).all():
-        return False
+    convex = bool(np.isfinite(matrices.hessian).all() and np.isfinite(matrices.gradient).all())
     try:
-        np.linalg.cholesky(hessian)
+        np.linalg.cholesky(matrices.hessian if convex else np.zeros((1, 1)))
     except np.linalg.LinAlgError:
-        return False
-    return True
+        raise InvalidTuning("the cost is not finite and convex all along the reference") from None
 
 
 def move_bounds(

@@ -318,6 +318,9 @@ class PersistentSolver:
         self._name = solver
         self._solver = _SOLVERS[solver]()
 
+    def __deepcopy__(self, memo: object) -> PersistentSolver:
+        return PersistentSolver(self._name)  # the solvers of the packages cannot be copied
+
     def solve(self, qp: QP) -> QPSolution:
         """Return the minimiser of `qp`, or the reason for which there is none."""
         x = np.empty_like(qp.gradient)

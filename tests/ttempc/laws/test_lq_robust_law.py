@@ -176,7 +176,8 @@ def test_the_controller_reports_what_a_step_added_and_commands_the_same():
         margins.append(step.diagnostics.tube.margin)
     residual = error_state(estimate.state + jump, estimate, VEHICLE)[:7]
     assert min(margins[:6]) > 0.9
-    assert margins[6] == pytest.approx(1.0 - DESIGN.disturbance.gauge(residual), abs=0.05)
+    step = replace(DESIGN.disturbance, window=1)
+    assert margins[6] == pytest.approx(1.0 - step.fill(residual[None])[0], abs=0.05)
 
 
 def test_tightened_by_its_authority_no_sum_of_mpc_and_law_is_limited():
