@@ -2,8 +2,6 @@
 
 import math
 from dataclasses import replace
-from itertools import combinations
-from statistics import median
 
 import numpy as np
 import pytest
@@ -26,7 +24,6 @@ from ttempc.guidance.detection import (
     SteeringResponse,
     WheelMonitor,
     detectors,
-    median_slopes,
 )
 from ttempc.types import Command, Estimate, Innovation, Input, Measurement, Sensor
 from ttempc.vehicle import Vehicle
@@ -101,16 +98,6 @@ def test_the_statistic_of_consistent_innovations_is_standard_normal():
         values.append(monitor.statistic)
     for level, share in ((1.0, 0.1587), (2.0, 0.02275), (3.0, 0.00135)):
         assert np.mean(np.array(values[5:]) > level) == pytest.approx(share, rel=0.25, abs=4e-4)
-
-
-def test_one_outlier_gives_no_alarm_and_a_second_of_them_does():
-    monitor = InnovationMonitor("GNSS", Sensor.GNSS_TRACTOR)
-    values = []
-    for k in range(12):
-        square = 1e6 if k == 3 or k >= 7 else 2.0
-        monitor.observe(observation(k, innovations=[Innovation(Sensor.GNSS_TRACTOR, square, 2)]))
-        values.append(monitor.statistic)
-    assert max(values[:7]) < monitor.limit < values[-1]
 
 
 def speeds(k, encoder, ground, rng):
@@ -229,20 +216,6 @@ def test_the_second_stop_within_a_minute_is_for_good_a_later_one_is_not():
         assert reactions.decide((), 0.0, 2.0)[0] is Reaction.GO_ON
         reactions.decide(STOP, 1.0, pause_s)
         assert (reactions.decide((), 0.0, pause_s + 60.0)[0] is Reaction.GO_ON) == restarts
-
-
-def test_the_strongest_alarm_counts():
-    slow, note = Alarm("a", "A", Reaction.SLOW), Alarm("b", "B", Reaction.GO_ON)
-    assert Reactions().decide((note, slow), 1.0, 0.0) == (Reaction.SLOW, "B; A")
-    assert Reactions().decide((slow, *STOP), 1.0, 0.0) == (Reaction.STOP, "stuck")
-
-
-@pytest.mark.parametrize("count", [2, 3, 4, 6])
-def test_the_compiled_median_of_slopes_is_that_of_all_pairs(count):
-    rows = np.cumsum(np.random.default_rng(count).uniform(0.1, 0.3, (count, 3)), axis=0)
-    slopes = [(b[1:] - a[1:]) / (b[0] - a[0]) for a, b in combinations(rows, 2)]
-    x, y = zip(*slopes, strict=True)
-    assert median_slopes(rows) == (median(x), median(y))
 
 
 def valve(commands, time_s, lag=VEHICLE.steering_lag_t):

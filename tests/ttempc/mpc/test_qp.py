@@ -41,19 +41,6 @@ def test_objective_differs_from_the_rolled_cost_by_a_constant():
             assert qp.objective(steps) == pytest.approx(rolled, rel=1e-9, abs=1e-9)
 
 
-def test_prediction_is_the_rolled_model():
-    generator = np.random.default_rng(6)
-    a, b = stages()
-    k, state, previous = 55, generator.normal(size=7), generator.normal(size=3)
-    steps = generator.normal(size=9)
-    predicted = horizon().prediction(k) @ np.concatenate([state, previous, steps])
-    z, u = state, previous
-    for j in range(TUNING.horizon):
-        u = u + (steps[3 * j : 3 * j + 3] if j < TUNING.moves else 0.0)
-        z = a[k + j] @ z + b[k + j] @ u
-        np.testing.assert_allclose(predicted[j], z, atol=1e-12)
-
-
 def test_a_step_from_within_reach_leads_into_the_bounds():
     generator = np.random.default_rng(44)
     first, step = horizon().first, np.asarray(TUNING.input_rate) * PERIOD_S
@@ -156,19 +143,6 @@ def test_slack_is_zero_where_the_rows_can_hold_and_the_largest_violation_elsewhe
         np.testing.assert_allclose(x[:9], exact_minimum(hard), atol=1e-6)
     assert held > 5
     assert violated > 5
-
-
-@pytest.mark.parametrize("bound", [np.inf, 50.0])
-def test_bounds_that_are_free_or_far_change_no_bit(bound):
-    _, limited = bounded(-bound, bound)
-    generator = np.random.default_rng(9)
-    one, other = LinearMpc(horizon()), LinearMpc(limited)
-    for k in range(30):
-        state, previous = 0.02 * generator.normal(size=7), 0.02 * generator.normal(size=3)
-        plain, soft = one.step(k, state, previous), other.step(k, state, previous)
-        if plain.report.iterations == 0 or np.isinf(bound):
-            np.testing.assert_array_equal(soft.plan, plain.plan)
-        assert soft.excess is None or soft.excess.max() < 1e-6
 
 
 each_solver = pytest.mark.parametrize("name", SOLVERS)

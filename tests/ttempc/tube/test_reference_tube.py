@@ -30,8 +30,8 @@ from ttempc.tube.reference_tube import (
     reachable_inputs,
     steered_system,
 )
-from ttempc.tube.sets import DisturbanceSet, directions_in, linear_map, minkowski_sum
-from ttempc.tube.tube import TrackingSystem, Tube, invariant_tube
+from ttempc.tube.sets import directions_in, linear_map, minkowski_sum
+from ttempc.tube.tube import Tube
 from ttempc.types import Input
 from ttempc.vehicle import CommandLimits
 
@@ -166,20 +166,6 @@ TUBES = {
 @pytest.fixture
 def generator():
     return np.random.default_rng(7)
-
-
-def test_with_windows_of_one_step_it_is_the_set_of_rakovic(generator):
-    a = np.array([[0.9, 0.2], [-0.1, 0.7]])
-    axes = np.array([[0.1, 0.05], [0.0, 0.2]])
-    system = TrackingSystem.along(a[None], np.zeros((1, 2, 1)), np.zeros((1, 1, 2)))
-    tube = invariant_tube(system, DisturbanceSet(axes), 0.05)
-    terms = tube.certificate.terms
-    powers = [np.linalg.matrix_power(a, i) @ axes for i in range(terms + 1)]
-    alpha = np.abs(np.linalg.solve(axes, powers[terms])).sum(axis=1).max()
-    assert tube.certificate.alpha == pytest.approx(alpha)
-    directions = directions_in(2, 50, generator)
-    by_hand = np.abs(directions @ np.hstack(powers[:-1])).sum(axis=1) / (1.0 - alpha)
-    np.testing.assert_allclose(tube.at(0).support(directions), by_hand)
 
 
 @pytest.mark.parametrize("name", TUBES)
