@@ -30,7 +30,7 @@ from .options import EXIT_CHECK_FAILED, Group, command, json_of, option, out
     ),
     option(
         "--shape",
-        choices=("box", "zonotope", "ellipsoid"),
+        choices=("box", "zonotope"),
         help="of the disturbance set (default: box)",
     ),
     option(

@@ -173,9 +173,7 @@ class OneStepMonitor:
     """
 
     def __init__(self, design: TubeDesign, outputs: FloatArray) -> None:
-        self._inverse, _ = design.disturbance.faces
-        # Of the squares along the axes; both go through them in order.
-        self._of_squares = sum if design.disturbance.shape == "ellipsoid" else max
+        self._faces = design.disturbance.faces
         self._rows = report_rows(outputs)  # (T, 9, 7)
         rows = self._rows.reshape(-1, outputs.shape[-1])
         width = design.disturbance.support(rows) + design.estimate_error.support(rows)
@@ -186,8 +184,7 @@ class OneStepMonitor:
 
         The margin is 1 less the gauge of the deviation in W.
         """
-        along = ordered_product(self._inverse, deviation)
-        gauge = math.sqrt(self._of_squares((along * along).tolist()))
+        gauge = float(np.abs(ordered_product(self._faces, deviation)).max())
         errors = ordered_product(self._rows[k], nominal)
         return TubeReport(gauge <= 1.0, 1.0 - gauge, errors, self._half_widths[k])
 

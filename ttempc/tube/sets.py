@@ -7,7 +7,6 @@ dimensions and hundreds of terms cost little.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -63,7 +62,7 @@ def outline(of: SupportSet | DisturbanceSet, plane: FloatArray, count: int = 180
     return np.asarray(corners[..., 0], dtype=np.float64)
 
 
-Shape = Literal["box", "zonotope", "ellipsoid"]
+Shape = Literal["box", "zonotope"]
 
 _ITERATIONS = 100  # of `worst`: within 1 % of the largest sum along the tubes of this project
 _NOTHING = 1e-300  # multiplier of a step that no window limits
@@ -73,13 +72,9 @@ _NOTHING = 1e-300  # multiplier of a step that no window limits
 class DisturbanceSet:
     """Sequences w(0), w(1), ... with bounded energy in every window of N successive steps.
 
-    With y = axes^-1 w, in every window
-
-        box, zonotope:  sum over the window of y_a^2 <= 1 for each axis a,
-        ellipsoid:      sum over the window and all axes of y_a^2 <= 1.
-
-    With N = 1 these are a box (axes along the coordinates), a zonotope (axes of principal
-    components) and an ellipsoid for each single step. The energy of noise in a window is far less
+    With y = axes^-1 w, in every window the sum of y_a^2 is at most 1 for each axis a. With N = 1
+    this is a box (axes along the coordinates) or a zonotope (axes of principal components) for each
+    single step. The energy of noise in a window is far less
     than N times the largest energy of a single step, so that a longer window bounds the same data
     more tightly: by a factor of 0.62 for white Gaussian noise, N = 5 and a coverage of 99.9 %.
 
@@ -116,21 +111,14 @@ class DisturbanceSet:
 
     def fill(self, disturbances: FloatArray) -> FloatArray:
         """Return the gauge of every window of a run (k, n), at most 1 inside, (k - N + 1,)."""
-        return np.sqrt(self._along(self.energies(disturbances)))
-
-    def _along(self, energies: FloatArray) -> FloatArray:
-        """Return the bounded energy (...) from those along the axes (n, ...)."""
-        return energies.sum(axis=0) if self.shape == "ellipsoid" else energies.max(axis=0)
+        return np.sqrt(self.energies(disturbances).max(axis=0))
 
     def reach(self, energies: FloatArray) -> FloatArray:
         """Return the largest weighted sum over a window, (...).
 
         `energies` (..., n) holds, for each axis, the sum over the window of the squared weights of
-        its entries. By Cauchy and Schwarz each axis adds up to the root of its own; an ellipsoid
-        adds up to the root of their sum.
+        its entries. By Cauchy and Schwarz each axis adds up to the root of its own.
         """
-        if self.shape == "ellipsoid":
-            return np.sqrt(energies.sum(axis=-1))
         return np.sqrt(energies).sum(axis=-1)
 
     def support(self, directions: FloatArray) -> FloatArray:
@@ -138,14 +126,9 @@ class DisturbanceSet:
         return self.reach((directions @ self.axes) ** 2)
 
     @cached_property
-    def _inverse(self) -> FloatArray:
+    def faces(self) -> FloatArray:
+        """Return rows f (n, n): a step w lies inside where |f w| <= 1 for all of them."""
         return np.linalg.inv(self.axes).astype(np.float64)
-
-    @property
-    def faces(self) -> tuple[FloatArray, float]:
-        """Return rows f (n, n) and r: |f w| <= r for all f is sufficient for a step w inside."""
-        inner = 1.0 / math.sqrt(self.dimension) if self.shape == "ellipsoid" else 1.0
-        return self._inverse, inner
 
     def worst(self, coefficients: FloatArray) -> FloatArray:
         """Return an admissible run w (T, n) with a large sum of `coefficients` (T, n) times w.
@@ -155,9 +138,9 @@ class DisturbanceSet:
         a multiplier is multiplied by the root of the energy in its window. The sum converges to the
         largest one from below.
         """
-        along, axis = coefficients @ self.axes, 1 if self.shape == "ellipsoid" else None
+        along = coefficients @ self.axes
         window = min(self.window, len(along))
-        multipliers = np.ones((len(along) - window + 1, 1 if axis else along.shape[1]))
+        multipliers = np.ones((len(along) - window + 1, along.shape[1]))
         y, energy = along, multipliers
         for _ in range(_ITERATIONS if len(along) > window else 1):
             multipliers = multipliers * np.sqrt(energy)
@@ -165,7 +148,6 @@ class DisturbanceSet:
             covering = _sliding_sums(padded, window)
             y = np.divide(along, covering, out=np.zeros_like(along), where=covering > _NOTHING)
             energy = _sliding_sums(y**2, window)
-            energy = energy.sum(axis=1, keepdims=True) if axis else energy
         length = np.sqrt(energy.max(axis=0))
         return np.divide(y, length, out=np.zeros_like(y), where=length > 0.0) @ self.axes.T
 
@@ -185,10 +167,9 @@ def fit_set(
 ) -> DisturbanceSet:
     """Return the set that contains a share of all windows of the residuals, centred at 0.
 
-    The axes of a box are the coordinate axes. The axes of a zonotope or an ellipsoid are the
-    principal components of the correlation matrix, scaled by the standard deviations. An ellipsoid
-    has one radius. The half widths of the other shapes are quantiles of equal order along each
-    axis, so that heavy tails along one axis do not widen the others.
+    The axes of a box are the coordinate axes, those of a zonotope the principal components of the
+    correlation matrix, scaled by the standard deviations. The half widths are quantiles of equal
+    order along each axis, so that heavy tails along one axis do not widen the others.
 
     Args:
         runs: residuals w(k) = z(k+1) - A z(k) - B u(k) of each run, (steps, n) each.
@@ -217,9 +198,6 @@ def fit_set(
         vectors, values, _ = np.linalg.svd(np.corrcoef(samples.T))
         axes = spread[:, None] * vectors * np.sqrt(values)
     unit = DisturbanceSet(axes, window, shape)
-    if shape == "ellipsoid":
-        radius = np.quantile(np.concatenate([unit.fill(run) for run in runs]), coverage)
-        return DisturbanceSet(radius * axes, window, shape)
     windows = np.sqrt(np.concatenate([unit.energies(run) for run in runs], axis=1)).T
     return DisturbanceSet(axes * _joint_quantile(windows, coverage), window, shape)
 

@@ -228,17 +228,18 @@ def invariant_tube(
         raise InvalidTube(f"disturbance: got {disturbance.dimension} dimensions, must be {n}")
     gains = system.gains
     m, p = gains.shape[1], system.c.shape[1]
-    faces, inner = disturbance.faces
     unit = np.tile(np.eye(n), (ticks, 1, 1))
     # Rows on m(k): states, outputs, inputs, rates, and the faces of W for alpha.
-    rows = np.concatenate([unit, system.c, gains, gains, np.tile(faces, (ticks, 1, 1))], axis=1)
+    rows = np.concatenate(
+        [unit, system.c, gains, gains, np.tile(disturbance.faces, (ticks, 1, 1))], axis=1
+    )
     rates, face = slice(n + p + m, n + p + 2 * m), slice(n + p + 2 * m, None)
     backwards = reach_backwards(system, disturbance, np.arange(ticks), rows, rates)
     window, step, alpha, total = disturbance.window, 0, np.inf, np.zeros(rows.shape[:2])
     for step, (completed, energy, _) in enumerate(itertools.islice(backwards, most_steps), 1):
         if step % window:
             continue
-        alpha, total = float(disturbance.reach(energy)[:, face].max()) / inner, completed
+        alpha, total = float(disturbance.reach(energy)[:, face].max()), completed
         if alpha <= tolerance or not alpha < _EXPLODED:
             break
     if not alpha <= tolerance:

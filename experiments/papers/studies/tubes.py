@@ -113,8 +113,7 @@ def admissible(
     energy = np.cumsum(y**2, axis=0)
     windows = energy[disturbance.window - 1 :].copy()
     windows[1:] -= energy[: -disturbance.window]
-    along = windows.sum(axis=2) if disturbance.shape == "ellipsoid" else windows.max(axis=2)
-    return (y / np.sqrt(along.max(axis=0))[:, None]) @ disturbance.axes.T
+    return (y / np.sqrt(windows.max(axis=(0, 2)))[:, None]) @ disturbance.axes.T
 
 
 def _bounded(tube: Tube, k: int) -> tuple[FloatArray, FloatArray]:

@@ -157,9 +157,6 @@ def test_the_ancillary_gain_leaves_the_plan_the_hydrostat_and_half_of_every_chan
 TUBES = {
     "window": along().tube,
     "box": along(replace(DESIGN, disturbance=STEP)).tube,
-    "ellipsoid": along(
-        replace(DESIGN, disturbance=replace(WINDOW, axes=1.2 * WINDOW.axes, shape="ellipsoid"))
-    ).tube,
 }
 
 
