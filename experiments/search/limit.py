@@ -77,22 +77,18 @@ def read_question(
     scenario: str,
     settings: dict[str, Any],
     word: str,
-    *,
     seeds: tuple[int, ...],
     limit_m: float | None = None,
-    tolerance: float | None = None,
 ) -> Question:
-    """Return the question of a command line, checked without a run; `settings` may name the
-    controller.
+    """Return the question of a command line, checked without a run.
 
     Raises:
-        InvalidStudy: there is no such quantity, or tolerance or range is invalid.
+        InvalidStudy: there is no such quantity, or a value in the range is invalid.
         InvalidScenario: the settings are invalid.
     """
     parameter, _ = read_quantity(word)
-    width = tolerance or parameter.tolerance or (parameter.high - parameter.low) / 40.0
-    controller = draft.scenario(settings, "--set").controller.name
-    name = word.partition("=")[0]
+    width = parameter.tolerance or (parameter.high - parameter.low) / 40.0
+    controller, name = draft.scenario(settings, "--set").controller.name, word.partition("=")[0]
     question = Question(
         scenario, controller, name, parameter, width, limit_m, seeds, settings=settings
     )

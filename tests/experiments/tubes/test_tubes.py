@@ -288,7 +288,6 @@ def test_a_run_stays_in_its_tube_and_one_run_is_too_few_for_a_fit(tmp_path, caps
     for line, words in (
         ([*fit, str(tmp_path), "-o", str(out)], "got 1 runs, at least 3"),
         ([*laps, "-o", str(out)], "got 1 runs, a coverage of 0.95 for the next run takes 23"),
-        ([*laps, "--window", "5"], "--window"),
         ([*fit, str(tmp_path / "nothing")], "no log.mcap"),
     ):
         assert main(line) == 2
