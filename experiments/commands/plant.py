@@ -64,7 +64,7 @@ def mjcf(arguments: argparse.Namespace) -> int:
     from ...testbed.simulation.mjcf_export import mjcf_files
     from ..run.assembly import assemble
 
-    arguments.overrides.append("plant.wheels=contact")
+    arguments.overrides = [*arguments.overrides, "plant.wheels=contact"]
     name, scenario = options.load_scenario(arguments)
     folder = arguments.out or options.unused_path(Path("runs"), f"{name}-mjcf-{arguments.seed}")
     assembly = assemble(scenario, arguments.seed)

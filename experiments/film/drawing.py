@@ -55,7 +55,6 @@ _BACKGROUND: Final = (*DARK, 176)  # red, green, blue, opacity
 _BAR_BACKGROUND: Final = (52, 58, 64)
 _CORNER_RADIUS: Final = 7
 Align = Literal["left", "right", "middle"]
-_ANCHORS: Final[dict[Align, str]] = {"left": "lm", "right": "rm", "middle": "mm"}
 
 
 @cache
@@ -96,7 +95,7 @@ class OverlayBox:
         # Neither rounded nor bounded: a box as wide as `text_length` says has to hold its text.
         shape = font(points * self.scale, bold)
         position = (x * self.scale, y * self.scale)
-        self._draw.text(position, text, font=shape, fill=colour, anchor=_ANCHORS[align])
+        self._draw.text(position, text, font=shape, fill=colour, anchor=f"{align[0]}m")
 
     def rectangle(self, x0: float, y0: float, x1: float, y1: float, colour: Rgb) -> None:
         """Fill a rectangle; x0 and x1 may be in either order."""

@@ -293,6 +293,7 @@ def _check_codec() -> None:
 def _encode(file: str, frames: Iterable[Picture], settings: FilmSettings) -> None:
     """Encode frames as H.264 in MP4."""
     import av
+    from av.error import FFmpegError
 
     try:
         with av.open(file, "w", format="mp4", options={"movflags": "+faststart"}) as container:
@@ -305,5 +306,5 @@ def _encode(file: str, frames: Iterable[Picture], settings: FilmSettings) -> Non
                 frame.pts, frame.time_base = number, _TICK
                 container.mux(stream.encode(frame))
             container.mux(stream.encode(None))
-    except av.FFmpegError as error:
+    except FFmpegError as error:
         raise OSError(error.errno, error.strerror) from error  # as of any other file

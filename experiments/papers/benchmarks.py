@@ -12,6 +12,7 @@ from __future__ import annotations
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 import argparse
+import importlib
 import os
 import resource
 import signal
@@ -517,5 +518,5 @@ def main(words: Sequence[str] | None = None) -> None:
     print(table({part: PARTS[part] for part in given.parts or PARTS}))
 
 
-if __name__ == "__main__":
-    main()
+if __name__ == "__main__":  # as a module of its own name, by which processes find its functions
+    importlib.import_module(f"{__package__}.benchmarks").main()

@@ -80,12 +80,10 @@ class Sweep:
     origin: Mapping[str, Any]  # content of `versions.json`
     rows: pd.DataFrame
     scales: tuple[Scale, ...]
+    controllers: tuple[str, ...]  # in the order of the plan
+    point: str  # whose error is shown: tool, trailer, or working point for both
+    refused: int  # runs left out because a scenario or a controller refuses them
     limit_m: float | None = None  # on the error, see `has_failed`
-
-    @property
-    def refused(self) -> int:
-        """Return the number of runs left out because a scenario or a controller refuses them."""
-        return int(self.origin.get("refused", 0))
 
     @property
     def planned(self) -> int:
@@ -98,11 +96,6 @@ class Sweep:
         return self.planned - len(self.rows)
 
     @property
-    def controllers(self) -> tuple[str, ...]:
-        """Return the names of the controllers in the order of the plan."""
-        return tuple(self.rows["controller"].cat.categories)
-
-    @property
     def units(self) -> str:
         """Return what the independent units are called."""
         return "points" if _by_point(self.study) else "seeds"
@@ -111,13 +104,6 @@ class Sweep:
     def unmeasured(self) -> int:
         """Return the number of runs that completed without an error figure."""
         return int((self.rows["status"].eq("completed") & self.rows["error_cm"].isna()).sum())
-
-    @property
-    def point(self) -> str:
-        """Return the point whose error is shown: tool, trailer, or working point for both."""
-        measured = self.rows[self.rows["error_cm"].notna()]
-        tool = measured["tracking.all.tool.cross_p95_m"].notna()
-        return "tool" if len(tool) and tool.all() else "working point" if tool.any() else "trailer"
 
 
 def read_sweep(folder: Path, limit_m: float | None = None) -> Sweep:
@@ -162,7 +148,12 @@ def read_sweep(folder: Path, limit_m: float | None = None) -> Sweep:
         scales.append(scale)
         more[scale.label] = places
     name = str(origin.get("study") or folder.resolve().name.removeprefix("sweep-"))
-    return Sweep(name, study, origin, table.assign(**more), tuple(scales), limit_m)
+    tool = table["tracking.all.tool.cross_p95_m"][more["error_cm"].notna()].notna()
+    point = "trailer" if not tool.any() else "tool" if tool.all() else "working point"
+    table, refused = table.assign(**more), int(origin.get("refused", 0))
+    return Sweep(
+        name, study, origin, table, tuple(scales), tuple(map(str, order)), point, refused, limit_m
+    )
 
 
 def groups(sweep: Sweep, by: Sequence[Scale] = ()) -> pd.DataFrame:
