@@ -22,11 +22,6 @@ from .options import EXIT_CHECK_FAILED, Group, command, json_of, option, out
         help="share of all windows inside the disturbance set (default: 0.9)",
     ),
     option(
-        "--shape",
-        choices=("box", "zonotope", "ellipsoid"),
-        help="of the disturbance set (default: box)",
-    ),
-    option(
         "--laps-coverage",
         type=float,
         metavar="SHARE",
@@ -48,23 +43,19 @@ def tube(arguments: argparse.Namespace) -> int:
     # Imported here so that --help does not load MuJoCo.
     from ..scenario.tube_file import to_json
     from ..tubes.calibration import calibrate_tube, driven_run, format_calibration
-    from ..tubes.fit import fit_run, fit_tube, format_fit
+    from ..tubes.fit import COVERAGE, fit_run, fit_tube, format_fit
     from ..tubes.logged_runs import read_runs
 
-    settings = {name: vars(arguments)[name] for name in ("coverage", "shape")}
-    settings = {name: value for name, value in settings.items() if value is not None}
-    if arguments.laps_coverage is not None and settings:
-        raise BadOptions(
-            f"--{next(iter(settings))}: not with --laps-coverage, which keeps the set of the tube "
-            "that the runs were driven in"
-        )
+    if arguments.laps_coverage is not None and arguments.coverage is not None:
+        raise BadOptions("--coverage: not with --laps-coverage, which keeps the set of the tube")
     refuse_existing(arguments.out)
     if arguments.laps_coverage is not None:
         runs = read_runs(arguments.folders, driven_run)
         file, warnings = calibrate_tube(runs, arguments.laps_coverage), ()
         text = format_calibration(file)
     else:
-        fit = fit_tube(read_runs(arguments.folders, fit_run), **settings)
+        coverage = COVERAGE if arguments.coverage is None else arguments.coverage
+        fit = fit_tube(read_runs(arguments.folders, fit_run), coverage)
         file, warnings, text = fit.file, fit.warnings, format_fit(fit)
     written = to_json(file)
     write_file(arguments.out, written)

@@ -177,7 +177,7 @@ def test_a_comparison_is_paired_by_seed():
 def test_cards_of_other_trials_or_seeds_are_not_compared():
     errors = [[0.02, 0.03]]
     for changes in ({"identifier": "v0-0"}, {"draws": public_draws(PUBLIC[1:3])}):
-        with pytest.raises(InvalidScoreCard, match="identifier|seeds"):
+        with pytest.raises(InvalidScoreCard, match=r"identifier|seeds"):
             compare_cards(card_of(errors), card_of(errors, **changes))
 
 
