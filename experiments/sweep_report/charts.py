@@ -138,7 +138,7 @@ def map_panels(sweep: Sweep, pair: Sequence[Scale], table: pd.DataFrame) -> list
     errors = _values(table["error_cm"])
     low = max(1e-2, np.nanmin(errors)) if np.isfinite(errors).any() else 1.0
     norm = LogNorm(low, max(1.001 * low, float(np.nan_to_num(errors).max())))
-    looks = [("error_cm", 1.0, error_label(sweep), "{:.1f}", norm, "YlGnBu")]
+    looks: list[tuple[Any, ...]] = [("error_cm", 1.0, error_label(sweep), "{:.1f}", norm, "YlGnBu")]
     if sweep.rows["failed"].any():
         looks.append(("rate", 100.0, "failed [%]", "{:.0f}", Normalize(0.0, 100.0), "YlOrBr"))
     panels = []
