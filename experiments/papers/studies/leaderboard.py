@@ -104,7 +104,7 @@ def headline(cards: Mapping[str, ScoreCard]) -> Block:
     first = shown[0]
     footer = (
         f"<sub>Cards of the simulated benchmark `{first.identifier}`: mean over "
-        f"{first.draws.count} public seeds ({format_numbers(first.draws.seeds)}), a run that does "
+        f"{first.draws.count} public seeds ({format_numbers(PUBLIC)}), a run that does "
         "not complete counts 1 m; `ttempc bench NAME`; "
         "[all entries and intervals](docs/results.md#benchmark)</sub>"
     )
