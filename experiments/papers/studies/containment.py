@@ -39,9 +39,9 @@ from ...scenario.tube_file import TubeFile, read_tube, to_json
 from ...seeds import FITTING, report_seeds
 from ...tubes.calibration import calibrate_tube, driven_run
 from ...tubes.fit import fit_run, fit_tube
-from ..cells import Cell, grouped, label
 from ..runner import Runner
 from ..study import Block, Case, Row, Study
+from ..tables import Cell, grouped, label
 
 DRIVER: Final = "ttempc-tube"
 LAPS: Final = 12  # fresh ones, of each field

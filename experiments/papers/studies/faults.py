@@ -1,4 +1,4 @@
-"""Faults: what becomes of runs, delays of detection, false alarms, limits of the detectors."""
+"""Faults: what becomes of runs, false alarms, limits of the detectors."""
 
 from __future__ import annotations
 
@@ -40,9 +40,8 @@ from ...run.simulate import drive_into
 from ...scenario.scenario import load, shipped
 from ...seeds import TUNING, report_seeds
 from ...trials.definition import trial, trial_files
-from ..cells import Cell, grouped, groups, label, numbers
 from ..study import Case, Row, Study
-from ..tables import markdown
+from ..tables import Cell, grouped, groups, label, markdown, numbers
 
 START_S: Final = 25.0
 """Start of a fault [s]: the tractor enters the first circle of the figure eight."""
@@ -189,35 +188,6 @@ def alike(texts: Iterable[str]) -> list[str]:
             text += (low if low == high else f"{low} to {high}") + words
         joined.append(text)
     return joined
-
-
-VALVES: Final = ("front steering", "trailer steering")
-_SHOWS: Final = math.radians(2.0)  # residual of a detector; larger noise or play shows later
-_STUCK_S: Final = 8.0  # driven after the start of the fault
-
-
-def stuck_valve(case: Case) -> Row:
-    """Return when a stuck valve shows and when the supervisor reacts [s], NaN where it does not.
-
-    It shows where the measured angle is 2 deg from the response of a healthy valve. In a steady
-    curve the commands hardly ask for motion before.
-    """
-    assembly = assemble(load(case.scenario, case.overrides)[1], case.seed)
-    guidance, period_s = assembly.guidance, assembly.guidance.period_s
-    monitors = [item for item in guidance.detectors if isinstance(item, StandstillMonitor)]
-    monitor, shown = monitors[VALVES.index(case["valve"])], list[float]()
-
-    def observe(k: int) -> None:
-        if k * period_s > START_S and abs(monitor.residual) > _SHOWS:
-            shown.append(k * period_s - START_S)
-
-    recorder = Recorder()
-    ticks = round((START_S + _STUCK_S) / period_s)
-    drive_into(recorder, replace(assembly, ticks=ticks), on_tick=observe, prepared=False)
-    begun = (item.time_s for item in recorder.record().events if item.text.startswith(REACTION))
-    noticed = next((time_s - START_S for time_s in begun if time_s > START_S), math.nan)
-    shows = shown[0] if shown else math.nan
-    return {"shows": shows, "noticed": noticed, "after": noticed - shows}
 
 
 _DRIVES: Final = 8  # of each field, for the false alarms
@@ -406,30 +376,6 @@ FAULTS: Final = Study(
     checks=tuple(("grass", name, *own) for name in CONTROLLERS for own in ((), _STUCK)),
     minutes=35.0,
 )
-STUCK_VALVES: Final = Study(
-    name="stuck-valves",
-    overrides=(),
-    axes={
-        "valve": {
-            valve: (f"faults=[{{kind='{valve.replace(' ', '_')}_stuck', start_s={START_S}}}]",)
-            for valve in VALVES
-        }
-    },
-    seeds=SEEDS,
-    drive=stuck_valve,
-    table=lambda runs: grouped(
-        runs,
-        ["valve"],
-        {
-            "stuck": label("valve"),
-            "shows after [s]": _spread("shows", 1),
-            "noticed after [s]": _spread("noticed", 1),
-            "after it shows [s]": _spread("after", 1),
-        },
-    ),
-    checks=(("grass", "ttempc", *_STUCK),),
-    minutes=0.5,
-)
 FALSE_ALARMS: Final = Study(
     name="false-alarms",
     seeds=report_seeds(_DRIVES * len(fields())),
@@ -445,4 +391,4 @@ LIMITS: Final = Study(
     make=lambda runner: limit_table(runner.frame(limit_cases(), residuals)),
     minutes=5.0,
 )
-STUDIES: Final = (FAULTS, STUCK_VALVES, FALSE_ALARMS, LIMITS)
+STUDIES: Final = (FAULTS, FALSE_ALARMS, LIMITS)

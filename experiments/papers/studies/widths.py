@@ -20,10 +20,9 @@ from ...results.statistics import proportion
 from ...scenario.scenario import load
 from ...seeds import FITTING, TUNING, report_seeds
 from ...tubes.calibration import calibrated_widths
-from ..cells import groups, numbers, slash
 from ..runner import Runner
 from ..study import Case, Study
-from ..tables import markdown
+from ..tables import groups, markdown, numbers, slash
 
 LAPS: Final = 200
 RIVAL_LAPS: Final = 60  # of each controller that does not plan its speed by its half widths

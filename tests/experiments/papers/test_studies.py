@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from proving_ground.experiments.papers.listing import all_studies
-from proving_ground.experiments.papers.runner import Runner
 from proving_ground.experiments.papers.studies import (
     containment,
-    control,
     estimation,
     faults,
-    searches,
-    soak,
     tubes,
     variants,
     widths,
 )
-from proving_ground.experiments.papers.study import Case, lap
+from proving_ground.experiments.papers.study import Case, all_studies, lap
 from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.scenario.scenario import load
@@ -36,7 +30,6 @@ from proving_ground.experiments.sweep.row import FIGURES
 from scipy.stats import gumbel_r
 
 from tests.ttempc.tubes import DESIGN
-from ttempc.guidance.controllers import controller_options
 
 STRAIGHT = 'path={kind="straight",length_m=10.0}'
 
@@ -68,22 +61,13 @@ def test_tables_of_laps_have_the_means_of_each_variant_over_the_seeds():
             status = "lost" if number == 0 else "completed"
             about = {"scenario": case.scenario, "seed": case.seed, "controller": "ttempc"}
             rows.append({**about, **case.labels, "status": status, **figures})
-        made = study.table(pd.DataFrame(rows))
-        head, body = cells(getattr(made, "text", made))
+        head, body = cells(study.table(pd.DataFrame(rows)))
         seeds = len(study.seeds)
         assert len(body) == len(rows) / seeds
         assert [line[-1] for line in body][:2] == [f"1/{seeds}", f"0/{seeds}"]
-        column = head.index("error [cm]" if "error [cm]" in head else "tractor straight")
+        column = head.index("tractor straight")
         expected = np.mean(range(seeds, 2 * seeds))
         assert float(body[1][column]) == pytest.approx(expected, abs=0.05)
-
-
-def test_a_rehearsal_drives_other_seeds_and_paths(tmp_path):
-    study = replace(all_studies()["conditions"], axes={"condition": {"a": (), "b": ()}})
-    block = Runner(tmp_path, 0, (1,), (STRAIGHT,)).block(replace(study, checks=()))
-    _, (one, other) = cells(block.text)
-    assert one[1:] == other[1:]
-    assert (one[3], one[-1]) == ("nan", "0/1")  # no curve
 
 
 # Widths of laps.
@@ -131,82 +115,11 @@ def test_the_judge_of_widths_does_not_change_the_lap():
     assert all(plain[name] == judged[name] for name in FIGURES if name.startswith("tracking"))
 
 
-# Control and estimation.
-
-
-def test_a_drawn_plant_stays_within_half_of_the_values_that_ship():
-    shipped = load("grass")[1]
-    for corner, factor in ((0.0, 0.5), (0.5, 1.0), (1.0, 1.5)):
-        shares = np.full(len(control.VEHICLE) + len(control.LAW) + 1, corner)
-        scenario = load("grass", control.drawn_plant(shares))[1]
-        law, plant = scenario.plant.wheel_law, scenario.vehicles().plant
-        assert law.relaxation_lat_m == factor * shipped.plant.wheel_law.relaxation_lat_m
-        assert plant.tractor.mass_kg == factor * shipped.vehicles().plant.tractor.mass_kg
-        assert scenario.vehicles().mismatch == ()
-
-
-def test_a_lost_run_is_behind_and_in_no_difference():
-    own, other = np.array([1.0, 2.0, np.inf, 4.0]), np.array([2.0, np.inf, 1.0, 3.5])
-    difference, share = control.ahead(own, other)
-    assert difference.startswith("+0.25 (")
-    assert share.startswith("2/4 ")
-
-
-def test_parts_of_the_error_add_up_and_less_noise_makes_it_smaller():
-    tracking = np.array([[9.0, 5.0], [4.0, 5.5], [3.0, 2.0], [1.0, 1.0]])
-    np.testing.assert_allclose(estimation.parts(tracking).sum(axis=0), tracking[0])
-    squares = [
-        estimation.mean_squares(Case("grass", 1, (STRAIGHT,), {"variant": variant}))
-        for variant in estimation.VARIANTS
-    ]
-    as_it_is, clean, truth, level = (row["tractor tracking"] for row in squares)
-    assert as_it_is > clean >= truth >= level
-
-
 def test_estimators_are_consistent_on_a_straight():
     row = estimation.consistent(Case("grass", 1, (STRAIGHT,)))
     assert row["NIS"] == pytest.approx(1.0, abs=0.3)
     assert [*row][:3] == ["x", "y", "psi_t"]
     assert estimation.estimated(Case("grass", 1, (STRAIGHT,)))["nis"] == pytest.approx(1.0, abs=0.3)
-
-
-# Searches.
-
-
-def test_a_knob_turned_there_and_back_is_where_it_was_and_its_controller_accepts_it():
-    options, knob = {"step_weight": [1.0, 1.0, 0.02]}, ("step_weight", 4.0, (0, 1))
-    there = searches.turned(options, knob, 1.0)
-    assert there == {"step_weight": [4.0, 4.0, 0.02]}
-    assert searches.turned(there, knob, -1.0) == options
-    for name, knobs in searches.KNOBS.items():
-        values = controller_options(name, {})
-        for knob in knobs:
-            changed = searches.turned(values, knob, -1.0)[knob[0]]
-            controller_options(name, {knob[0]: changed})
-
-
-def test_retuning_finds_the_best_of_its_trials_with_one_budget_for_all():
-    evaluated = []
-
-    def value(name, options):
-        """Least at four times each shipped weight, and at half the lag ratio."""
-        shipped = controller_options(name, {})
-        if name == "pid":
-            return 1.0 + math.log(2.0 * options["lag_ratio"] / shipped["lag_ratio"]) ** 2
-        pairs = zip(options["step_weight"], shipped["step_weight"], strict=True)
-        return 1.0 + sum(math.log(x / (4.0 * y)) ** 2 for x, y in pairs)
-
-    def values(trials):
-        evaluated.extend(name for name, _ in trials)
-        return [value(*trial) for trial in trials]
-
-    first, *_, last = searches.search(("lqr", "pid"), values)
-    assert last["lqr"][1] == pytest.approx(1.0, abs=1e-3)  # three digits of a weight
-    assert last["pid"][1] < first["pid"][1]
-    assert evaluated.count("lqr") == evaluated.count("pid") == 1 + 2 * searches.ROUNDS
-    lost, refused = math.inf, math.nan
-    expected = math.sqrt(4.0 * searches.LOST_CM)
-    assert searches.objective([4.0, lost, refused]) == pytest.approx(expected)
 
 
 # Faults.
@@ -251,29 +164,6 @@ def test_the_limit_of_maxima_is_that_of_a_gumbel_distribution():
     count = faults.FALSE_ALARM_S / 10.0 * len(faults.detectors())
     expected = np.sqrt(10.0 + 2.0 * np.log(count))
     assert faults.maximum_limit(values) == pytest.approx(expected, rel=0.02)
-
-
-def test_random_scenarios_load_or_are_refused_and_drive_without_a_defect(tmp_path):
-    loaded, refused, defects = soak.load_block(range(40))
-    assert loaded + refused == 40
-    assert min(loaded, refused) > 5
-    assert not defects
-    one, other = (
-        soak.RandomTables(np.random.default_rng(5), 0.2, near=True).faults(10.0) for _ in range(2)
-    )
-    assert one == other
-    driven = soak.drive_one((3, 5.0))
-    assert not driven["defects"]
-    assert driven["status"] in {"completed", "stopped", "lost"}
-    assert driven["simulated_s"] > 0.0
-
-
-def test_an_exception_and_a_warning_of_a_random_drive_are_defects(monkeypatch):
-    monkeypatch.setattr(soak, "assemble", lambda scenario, seed: np.log(np.array(-1.0)).x)
-    driven = soak.drive_one((0, 1.0))
-    assert driven["status"] == "error"
-    for kind in ("AttributeError", "RuntimeWarning"):
-        assert any(kind in line for line in driven["defects"])
 
 
 # Tubes.
