@@ -95,9 +95,8 @@ def serve(arguments: argparse.Namespace) -> int:
             reach = f"with the address {text_of(peer)}" if peer else "who reaches it"
             _say(f"everyone {reach} may drive: UDP has neither password nor encryption")
         protocol = PROTOCOLS[arguments.protocol]()
-        finished, totals = serve(
-            name, scenario, arguments.seed, folder, link, protocol, settings, say=_say
-        )
+        asked = name, scenario, arguments.seed, folder, link, protocol, settings
+        finished, totals = serve(*asked, _say)
     if arguments.json:
         print(finished.summary.to_json())
         _say(totals)
