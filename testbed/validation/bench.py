@@ -37,9 +37,6 @@ class Bench:
     vehicle: PlantVehicle
     terrain: Terrain  # of the scenario, slope included
     soil: SoilMap
-    rough: Terrain | None = None  # terrain without features; None: not of an ISO 8608 class
-    iso_class: str = ""  # of `rough`
-    slope_rad: float = 0.0
     wheels: str = DEFAULT_WHEEL_MODEL
     wheel_law: SoilLaw = SoilLaw()  # noqa: RUF009 - frozen
     timestep_s: float = 0.002
@@ -62,8 +59,6 @@ class Bench:
         self,
         ground: Terrain | None = None,
         cone_index: float | SoilMap = FIRM_KPA,
-        *,
-        wheels: str | None = None,
         timestep_s: float | None = None,
     ) -> Plant:
         """Return a plant of the vehicle; the ground is level and firm by default."""
@@ -71,7 +66,7 @@ class Bench:
             self.vehicle,
             ground or flat((60.0, 40.0)),
             cone_index if isinstance(cone_index, SoilMap) else SoilMap(cone_index),
-            wheels=wheels or self.wheels,
+            wheels=self.wheels,
             wheel_law=self.wheel_law,
             timestep_s=timestep_s or self.timestep_s,
         )
