@@ -49,7 +49,23 @@ class Bench:
     @cached_property
     def nominal(self) -> Vehicle:
         """Model parameters of the vehicle's file."""
-        return nominal(self.vehicle)
+        vehicle = self.vehicle
+        front, trailer, drive = vehicle.front_steering, vehicle.trailer_steering, vehicle.hydrostat
+        return Vehicle(
+            wheelbase=vehicle.tractor.wheelbase_m,
+            hitch_offset=vehicle.hitch.offset_m,
+            drawbar_length=vehicle.drawbar.length_m,
+            trailer_length=vehicle.trailer.length_m,
+            speed_gain=drive.speed_gain_mps,
+            speed_time_constant=drive.time_constant_s,
+            steering_lag_t=front.lag_s,
+            steering_lag_i=trailer.lag_s,
+            steering_limit_t=math.radians(front.limit_deg),
+            steering_limit_i=math.radians(trailer.limit_deg),
+            steering_rate_t=math.radians(front.rate_degps),
+            steering_rate_i=math.radians(trailer.rate_degps),
+            hp_rate=drive.rate_per_s,
+        )
 
     def command(self, speed: float = SPEED, delta_t: float = 0.0, delta_i: float = 0.0) -> Command:
         """Return the command for a speed [m/s] on firm ground and steering angles [rad]."""
@@ -117,23 +133,3 @@ def wheel_motion(plant: Plant) -> WheelMotion:
     arm = data.xpos[ids] - data.subtree_com[1]
     velocity = data.cvel[ids, 3:] + np.cross(rotation, arm)
     return WheelMotion(data.xpos[ids], data.xmat[ids][:, [1, 4, 7]], velocity, rotation)
-
-
-def nominal(vehicle: PlantVehicle) -> Vehicle:
-    """Return the vehicle's file as model parameters of the control library."""
-    front, trailer, drive = vehicle.front_steering, vehicle.trailer_steering, vehicle.hydrostat
-    return Vehicle(
-        wheelbase=vehicle.tractor.wheelbase_m,
-        hitch_offset=vehicle.hitch.offset_m,
-        drawbar_length=vehicle.drawbar.length_m,
-        trailer_length=vehicle.trailer.length_m,
-        speed_gain=drive.speed_gain_mps,
-        speed_time_constant=drive.time_constant_s,
-        steering_lag_t=front.lag_s,
-        steering_lag_i=trailer.lag_s,
-        steering_limit_t=math.radians(front.limit_deg),
-        steering_limit_i=math.radians(trailer.limit_deg),
-        steering_rate_t=math.radians(front.rate_degps),
-        steering_rate_i=math.radians(trailer.rate_degps),
-        hp_rate=drive.rate_per_s,
-    )

@@ -136,7 +136,6 @@ def test_a_fault_that_cannot_act_is_refused_before_the_run():
         ("kind='trailer_steering_play', start_s=2.0, play_deg=80.0", "play_deg"),
         ("kind='load_shift', start_s=2.0", "left_m and forward_m are 0"),
         ("kind='load_shift', start_s=2.0, left_m=3.0", "half the box"),
-        ("kind='encoder_scaled', start_s=2.0, factor=1.0", "factor"),
         ("kind='tyre_flat', start_s=2.0, wheel='rear_left', radius_loss_m=0.4", "half the radius"),
     ):
         for refuse in (check, lambda one: assemble(one, seed=1)):
