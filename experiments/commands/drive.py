@@ -222,7 +222,7 @@ def _print(runs: Sequence[Finished], folder: Path, **further: Path) -> None:
         print(f"\nopen {folder / 'seed-*' / 'report.html'}")
         return
     (finished,) = runs
-    print(format_run(finished.summary, finished.comparison))
+    print(format_run(finished.summary))
     for line in format_events(finished.record.events, folder):
         print(line)
     if finished.mismatch:

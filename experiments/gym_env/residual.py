@@ -34,12 +34,8 @@ class ResidualController:
 
     An action of 0 leaves every bit of the other controller's commands.
 
-    Args:
-        inner: the other controller.
-        residual: chooses the action; one beyond [-1, 1] is cut.
-        share: of half the range of a command that an action of 1 adds.
-        reference: that is followed.
-        period_s: control period [s].
+    `residual` chooses the action, one beyond [-1, 1] is cut; `share`: of half the range of a
+    command that an action of 1 adds.
     """
 
     def __init__(

@@ -83,11 +83,3 @@ def _true_error(record: Record, state: NDArray[np.intp], reference: NDArray[np.i
             error = np.remainder(error + np.pi, 2.0 * np.pi) - np.pi
         columns[name] = error
     return np.column_stack([columns[name] for name in QUANTITIES])
-
-
-def leftward(deviation: FloatArray) -> FloatArray:
-    """Return the offset to the left of the nominal vehicle for a cross-track deviation [m].
-
-    Errors are z_r - z: a true error above the nominal error means a vehicle further to the right.
-    """
-    return -deviation

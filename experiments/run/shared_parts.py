@@ -43,10 +43,8 @@ class Kept(Generic[Part]):
 class SharedParts:
     """Terrains and controllers of runs; a run changes neither, so that its bits stay the same.
 
-    Args:
-        terrains: number of terrains that are kept, 3 MB each at the default size.
-        controllers: number of controllers that are kept, each as before its first tick, up to 6 MB
-            for each lap of the default path.
+    At most so many are kept: a terrain has 3 MB at the default size, a controller up to 6 MB for
+    each lap of the default path.
     """
 
     def __init__(self, terrains: int = 0, controllers: int = 0) -> None:
@@ -64,9 +62,6 @@ class SharedParts:
         """Return what makes the controller of a run from vehicle, reference and period [s].
 
         `given` are the model parameters of the scenario; a user's `factory` replaces its own.
-
-        Raises:
-            InvalidController, UnknownController, InvalidTuning: as `named_factory`.
         """
         settings = scenario.controller
         if factory is None:

@@ -155,12 +155,7 @@ class ControllerSettings:
         return self.tube or _DEFAULT_TUBE
 
     def design(self, vehicle: Vehicle, period_s: float) -> TubeDesign | None:
-        """Return the design of the tube that the controller needs or uses, None without one.
-
-        Raises:
-            InvalidFit: there is no such tube, or its file is not valid.
-            InvalidTube: the tube that is named was made for another vehicle.
-        """
+        """Return the design of the tube that the controller needs or uses, None without one."""
         entry = CONTROLLERS.get(self.name)
         if entry is None or entry.tube is None:
             return None
@@ -188,11 +183,7 @@ class ControllerSettings:
         return speed_tube(self.name, self.options) if self.name in CONTROLLERS else None
 
     def with_defaults(self) -> ControllerSettings:
-        """Return the same with every option of a shipped controller filled in.
-
-        Raises:
-            InvalidTuning: an option is unknown, of another type, or out of its range.
-        """
+        """Return the same with every option of a shipped controller filled in."""
         if self.name not in CONTROLLERS:
             return self
         options = controller_options(self.name, self.options)

@@ -61,9 +61,6 @@ def record_rate(timestep_s: float, period_s: float) -> float:
     """Return the default number of rows of the truth per second [Hz].
 
     It is the lowest from 25 Hz on with rows on control ticks and on physics steps.
-
-    Raises:
-        InvalidPlant: a control period is not a whole number of physics steps.
     """
     steps = whole_steps(period_s, timestep_s, _period_name(timestep_s))
     counts = (n for n in range(1, steps + 1) if steps % n == 0)
@@ -72,11 +69,7 @@ def record_rate(timestep_s: float, period_s: float) -> float:
 
 
 def record_steps(timestep_s: float, period_s: float, record_hz: float) -> int:
-    """Return the physics steps from one row of the truth to the next.
-
-    Raises:
-        InvalidScenario: a control period does not hold a whole number of rows.
-    """
+    """Return the physics steps from one row of the truth to the next."""
     control_steps = whole_steps(period_s, timestep_s, _period_name(timestep_s))
     rows = round(period_s * record_hz) if math.isfinite(record_hz) else 0
     exact = abs(rows - period_s * record_hz) < 1e-9

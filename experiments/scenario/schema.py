@@ -91,7 +91,6 @@ def scenario_reference() -> str:
 def _tables(
     schema: Schema, path: str, definitions: Schema, *, repeated: bool
 ) -> Iterator[tuple[str, str, list[str]]]:
-    """Yield header, meaning and rows of the table at a dotted path, then of those inside it."""
     brackets = f"[[{path}]]" if repeated else f"[{path}]"
     kind = schema["properties"].get("kind", {}).get("const")
     title = f"`{brackets}`" if path else "At the top"
@@ -109,7 +108,6 @@ def _tables(
 
 
 def _tables_of(value: Schema, definitions: Schema) -> tuple[list[Schema], bool]:
-    """Return the tables that a value may be, and whether it is a list of them."""
     if "items" in value and isinstance(value["items"], Mapping):
         return _tables_of(value["items"], definitions)[0], True
     if "$ref" in value:
@@ -123,7 +121,6 @@ def _choices(value: Schema) -> list[Schema]:
 
 
 def _only_tables(value: Schema) -> bool:
-    """Whether all choices of a value are tables, or its absence."""
     return all(
         {"$ref", "oneOf", "items"} & choice.keys() or choice.get("type") == "null"
         for choice in value["anyOf"]
@@ -148,7 +145,6 @@ def _default(value: object) -> str:
 
 
 def _allowed(value: Schema) -> str:
-    """Return type, range and alternatives of a value in words."""
     if "const" in value:
         return f"`{json.dumps(value['const'])}`"
     if "enum" in value:

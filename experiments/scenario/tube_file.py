@@ -126,11 +126,7 @@ class TubeFile:
     calibration: RunCalibration | None = None
 
     def design(self) -> TubeDesign:
-        """Return the design of the tube.
-
-        Raises:
-            TtempcError: the numbers are no valid vehicle or no valid set.
-        """
+        """Return the design of the tube."""
         return TubeDesign(
             vehicle=Vehicle(**self.vehicle),  # pyright: ignore[reportArgumentType] - checked when read
             period_s=self.period_s,

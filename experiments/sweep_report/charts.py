@@ -23,7 +23,6 @@ from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, StrMethodF
 from ttempc.types import FloatArray
 
 from ..figures.style import BLACK, GREY, blank, dress, note, series
-from ..results.statistics import survival
 from .runs import Scale, Sweep
 
 _HEIGHT_IN: Final = 2.9
@@ -124,7 +123,9 @@ def tail_panel(sweep: Sweep) -> Panel:
             not_completed = int(own["status"].ne("completed").sum())
             if not len(own_errors) + not_completed:
                 continue  # all its runs are too short for an error figure
-            x, y = survival(own_errors, not_completed)
+            count = len(own_errors)
+            x = np.sort(own_errors)
+            y = (np.arange(count - 1, -1, -1) + not_completed) / (count + not_completed)
             looks = series(number, name) | {"marker": "", "linewidth": 1.4}
             lost = not_completed / (len(own_errors) + not_completed)
             x, y = np.append(x, right), np.append(y, lost)

@@ -43,12 +43,7 @@ class DrivenRun(LoggedRun):
 
 
 def driven_run(record: Record, scenario: Scenario) -> DrivenRun:
-    """Return the deviations of a run.
-
-    Raises:
-        InvalidFit: the run was not driven in a tube, was driven at another control rate, or ended
-            before its path.
-    """
+    """Return the deviations of a run."""
     run = logged_run(record, scenario)
     if not run.drives_in_a_tube:
         raise InvalidFit(f"{run.controller} does not drive in a tube")
@@ -73,9 +68,6 @@ def calibrated_widths(
         largest: largest absolute deviations of each run, (n, q), all above 0.
         coverage: probability that the next run keeps to all half widths.
         every: of so many runs, the last gives the scale.
-
-    Raises:
-        InvalidFit: there are too few runs for the coverage; with the number that is needed.
     """
     for_scale = np.arange(1, len(largest) + 1) % every == 0
     needed = fewest_scores(coverage)

@@ -74,11 +74,7 @@ class RunErrors:
 
 
 def run_errors(record: Record, reference: Reference) -> RunErrors:
-    """Return the errors of a run from the end of start-up to the first missing tick.
-
-    Raises:
-        InvalidFit: there are fewer than two consecutive ticks.
-    """
+    """Return the errors of a run from the end of start-up to the first missing tick."""
     time_s = record[ESTIMATE].time_s
     ticks = np.round(time_s / PAPER_PERIOD_S)
     kept = (time_s >= START_UP_S) & (np.abs(ticks * PAPER_PERIOD_S - time_s) < _SAME_TIME_S)
@@ -186,12 +182,7 @@ class Fit:
 
 
 def fit_run(record: Record, scenario: Scenario) -> FitRun:
-    """Return the data of one run for a fit.
-
-    Raises:
-        InvalidFit: the run is too short, was driven at another control rate, or ended before its
-            path.
-    """
+    """Return the data of one run for a fit."""
     run = logged_run(record, scenario)
     errors = run_errors(record, run.reference)
     return FitRun(**vars(run), errors=errors, residuals=residuals(errors, run.reference))
@@ -256,15 +247,8 @@ def fit_tube(
 def design_weights(
     reference: Reference, ticks: Sequence[int], disturbance: DisturbanceSet
 ) -> AncillaryWeights:
-    """Return the weights of the ancillary gain for the error models at some ticks of a reference.
-
-    Args:
-        reference: along which the vehicle drives.
-        ticks: at which the error model is taken, as the straight and the sharpest curve.
-        disturbance: set of the one-step residuals.
-
-    Raises:
-        InvalidTube: no gain yields a tube.
+    """Return the weights of the ancillary gain for the error models at `ticks` of a reference,
+    as its straight and its sharpest curve; `disturbance` is the set of one-step residuals.
     """
     vehicle, rows = reference.vehicle, list(ticks)
     a, b, c = error_dynamics(reference, PAPER_PERIOD_S, max(rows) + 1)
@@ -298,7 +282,6 @@ def _require_enough(
 
 
 def _longest(flags: np.ndarray) -> int:
-    """Return the middle index of the longest run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     starts, ends = edges[::2], edges[1::2]
     longest = int(np.argmax(ends - starts))

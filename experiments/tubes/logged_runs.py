@@ -45,11 +45,7 @@ class LoggedRun:
 
 
 def logged_run(record: Record, scenario: Scenario) -> LoggedRun:
-    """Return the settings of a run.
-
-    Raises:
-        InvalidFit: the run was driven at another control rate, or ended before its path.
-    """
+    """Return the settings of a run."""
     if scenario.control.period_s != PAPER_PERIOD_S:
         raise InvalidFit(
             f"control.rate_hz = {scenario.control.rate_hz:g}: a tube is fitted to runs at "
@@ -96,11 +92,7 @@ def read_runs(folders: Sequence[Path], make: Callable[[Record, Scenario], Run]) 
 
 
 def require_alike(runs: Sequence[LoggedRun]) -> None:
-    """Refuse runs that are not of one scenario with a seed of its own each.
-
-    Raises:
-        InvalidFit: a setting differs between runs, or two have the same seed.
-    """
+    """Refuse runs that are not of one scenario with a seed of its own each."""
     first = asdict(runs[0].settings) if runs else {}
     labels: dict[int, str] = {}
     for run in runs:

@@ -94,11 +94,7 @@ def parse_toml(text: str, error: type[Exception], where: str) -> dict[str, Any]:
 
 
 def _check_values(value: object, where: str = "", level: int = 0) -> None:
-    """Refuse what no key allows, before anything computes with it; `where` is its key.
-
-    Raises:
-        ValueError: with the key and the limit.
-    """
+    """Refuse what no key allows, before anything computes with it; `where` is its key."""
     if level > _MOST_LEVELS:
         raise ValueError(f"tables and lists nested more than {_MOST_LEVELS} deep")
     if isinstance(value, str) and ("\0" in value or len(value) > _MOST_CHARACTERS):
@@ -182,7 +178,6 @@ def _descend(location: Sequence[str | int], root: type) -> tuple[list[str], list
 
 
 def _tables(hint: Any) -> list[Any]:  # noqa: ANN401 - any type
-    """Return the dataclasses that a field of this type may hold, alone or in a list."""
     if is_dataclass(hint):
         return [hint]
     return [table for part in get_args(hint) for table in _tables(part)]

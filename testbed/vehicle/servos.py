@@ -86,9 +86,6 @@ def drive_servo(vehicle: PlantVehicle, law: SoilLaw) -> DriveServo:
     tau: the speed over ground lags behind the wheels by m v / C, with C = dF/ds the slope of the
     traction equation at small slip (on average over a step v = K / 2). The wheels lag behind the
     servo by m r^2 / damping. The rest of tau is the lag of the valve.
-
-    Raises:
-        InvalidPlant: the vehicle is too heavy for its tau.
     """
     empty, tyres = _empty(vehicle), tyres_of(vehicle)
     load = wheel_loads(empty)  # (6,)
@@ -118,9 +115,6 @@ def equilibrium_slip(
 
     `load` is that on each wheel [N], (6,), `cone_index` that of the soil under all of them [kPa],
     `pull` the drawbar pull beyond that of the trailer [N].
-
-    Raises:
-        InvalidPlant: traction is below motion resistance at every slip.
     """
     bn, _ = mobility(law, tyres, load, np.full(len(WHEELS), cone_index))
 

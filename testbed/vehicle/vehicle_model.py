@@ -216,7 +216,6 @@ def _frame(spec: mujoco.MjSpec, name: str) -> mujoco.MjsFrame:
 def _fit_frame(
     spec: mujoco.MjSpec, name: str, scale: Scale, position: tuple[float, float, float]
 ) -> None:
-    """Move a named frame to its position and scale its shapes and sites."""
     _frame(spec, name).pos = position
     _scale_shapes([g for g in spec.geoms if g.frame and g.frame.name == name], scale)
     for site in spec.sites:

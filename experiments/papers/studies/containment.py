@@ -30,7 +30,7 @@ from ...figures.style import (
     dress,
     legend,
 )
-from ...results.containment import QUANTITIES, Containment, containment, leftward
+from ...results.containment import QUANTITIES, Containment, containment
 from ...results.statistics import proportion
 from ...results.tracking_errors import START_UP_S
 from ...run.simulate import simulate
@@ -277,7 +277,7 @@ def _path(reference: Reference, tracks: Sequence[tuple[np.ndarray, ...]]) -> Fig
             axes.fill(*band.T, color=PALE, alpha=0.6, linewidth=0.0)
         for number, (times, deviation, _) in enumerate(tracks):
             ticks = slice(len(times))  # fewer in a lap that terminated early
-            driven = place[ticks] + leftward(deviation[:, column, None]) * left[ticks]
+            driven = place[ticks] + (-deviation[:, column, None]) * left[ticks]
             near.plot(*driven.T, color=colour, linewidth=0.5)
             shown = body if number == 0 else None
             views["whole"].plot(*driven.T, color=colour, linewidth=0.5, label=shown)
@@ -304,7 +304,7 @@ def _tracks(tracks: Sequence[tuple[np.ndarray, ...]]) -> Figure:
         axes.fill_between(time_s, *ends, color=PALE, alpha=0.6, label="tube")
         for number, (times, deviation, _) in enumerate(tracks):
             shown = None if number else f"{len(tracks)} fresh laps"
-            across = leftward(deviation[:, column])
+            across = -deviation[:, column]  # to the left: errors are z_r - z
             axes.plot(times, across, color=BODY_COLOURS[body], linewidth=0.5, label=shown)
         dress(axes, "time [s]" if body == "trailer" else "", f"{body}, to the left [m]")
         legend(axes, 2)

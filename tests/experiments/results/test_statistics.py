@@ -12,7 +12,6 @@ from proving_ground.experiments.results.statistics import (
     proportion,
     quantile95,
     rate,
-    survival,
 )
 from scipy.stats import beta, t, ttest_1samp
 
@@ -111,29 +110,17 @@ def test_the_interval_of_a_share_covers_it_at_least_as_often_as_it_says(probabil
     assert found.high == pytest.approx(beta.ppf(0.975, 7, 14))
 
 
-def test_survival_falls_to_the_share_of_those_that_failed():
-    values, above = survival(np.array([3.0, 1.0, 2.0]), worse=1)
-    assert values.tolist() == [1.0, 2.0, 3.0]
-    assert above.tolist() == [0.75, 0.5, 0.25]
-    assert survival(np.array([1.0, 2.0]))[1][-1] == 0.0
-
-
-def test_proportions_have_the_published_intervals_and_refuse_more_than_all():
+def test_proportions_have_the_published_intervals():
     found = proportion(90, 100)  # tables of Clopper and Pearson
     assert (round(found.low, 4), round(found.high, 4)) == (0.8238, 0.9510)
     assert proportion(0, 0).ends == (0.0, 1.0)
-    with pytest.raises(ValueError, match="from 0 to 2, got 3"):
-        proportion(3, 2)
 
 
-def test_rates_have_the_published_intervals_and_refuse_a_time_of_nothing():
+def test_rates_have_the_published_intervals():
     found = rate(10, 2.0)  # table of Garwood (1936): 4.795 to 18.390 for 10 events
     assert found.value == 5.0
     assert found.ends == pytest.approx((4.795 / 2.0, 18.390 / 2.0), abs=5e-4)
     assert rate(0, 1.0).ends == pytest.approx((0.0, 3.689), abs=5e-4)
-    for count, time in ((-1, 1.0), (1, 0.0)):
-        with pytest.raises(ValueError, match=f"got {count} and {time}"):
-            rate(count, time)
 
 
 def test_the_largest_of_the_fewest_samples_bounds_the_quantile():
