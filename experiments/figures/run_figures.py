@@ -25,11 +25,11 @@ from ...testbed.recording.channels import (
     TYRES,
 )
 from ...testbed.recording.record import Record, Table, fault_spans
-from ..results.containment import containment
 from ..results.tracking_errors import (
     BODIES,
     BodyError,
     TrackingErrors,
+    containment,
     counted,
     position_fields,
     rows_at_same_time,

@@ -33,8 +33,7 @@ from ..run.assembly import assemble, check, model_vehicle
 from ..run.shared_parts import SharedParts
 from ..run.user_code import named_parts, refuse_untrusted
 from ..scenario.scenario import parse_overrides, read_scenario
-from .observation import ESTIMATE_NAMES, EstimateObserver, bounds
-from .residual import ResidualController, half_range
+from .policy import ESTIMATE_NAMES, EstimateObserver, ResidualController, bounds, half_range
 
 ERROR_M: Final = 0.1
 """Distance of both points from their reference that costs 1; assumed."""

@@ -28,11 +28,11 @@ from ...testbed.recording.channels import (
     TYRES,
 )
 from ...testbed.recording.record import LEARNT, Record
-from .containment import containment
 from .tracking_errors import (
     BODIES,
     BodyError,
     TrackingErrors,
+    containment,
     counted,
     position_fields,
     rows_at_same_time,

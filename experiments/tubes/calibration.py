@@ -21,11 +21,11 @@ from ...testbed.recording.channels import TUBE
 from ...testbed.recording.provenance import versions
 from ...testbed.recording.record import Record
 from ..errors import InvalidFit
-from ..results.containment import QUANTITIES, Containment, containment
+from ..results.tracking_errors import QUANTITIES, Containment, containment
 from ..scenario.plant import PAPER_PERIOD_S
 from ..scenario.scenario import Scenario
 from ..scenario.tube_file import PointHalfWidths, RunCalibration, TubeFile, path_table, read_tube
-from .logged_runs import LoggedRun, logged_run, require_alike
+from .fit import LoggedRun, logged_run, require_alike
 
 SCALE_EVERY: Final = 5
 """Of five runs, the fifth gives the scale; the others are scored."""

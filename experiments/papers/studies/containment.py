@@ -30,9 +30,8 @@ from ...figures.style import (
     dress,
     legend,
 )
-from ...results.containment import QUANTITIES, Containment, containment
 from ...results.statistics import proportion
-from ...results.tracking_errors import START_UP_S
+from ...results.tracking_errors import QUANTITIES, START_UP_S, Containment, containment
 from ...run.simulate import simulate
 from ...scenario.scenario import Scenario, load
 from ...scenario.tube_file import TubeFile, read_tube, to_json

@@ -112,7 +112,7 @@ def bag(tmp_path_factory):
         assert reader.get_header().profile == "ros2"
         for _, channel, message, decoded in reader.iter_decoded_messages():
             topics[channel.topic].append((1e-9 * message.log_time, decoded))
-    return folder / "log.mcap", read_log(folder / "log.mcap"), topics
+    return folder / "run" / "log.mcap", read_log(folder / "run" / "log.mcap"), topics
 
 
 def stamp_s(message):

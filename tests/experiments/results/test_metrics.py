@@ -7,7 +7,6 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from proving_ground.experiments.results.published import applies_to
 from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.experiments.results.table import (
     WIDTH,
@@ -15,7 +14,6 @@ from proving_ground.experiments.results.table import (
     format_run,
     format_seeds,
 )
-from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CONTROL, STATE, TIMING
 from proving_ground.testbed.recording.record import REACTION, REACTION_ENDED, Event, Record
 
@@ -216,17 +214,3 @@ def test_the_table_tells_the_cross_track_error_of_the_working_point_first():
     error = summary.tracking.all.trailer
     expected = [centimetres(error.cross_p95_m), centimetres(error.cross_sd_m)]
     assert re.search(r"^2 +completed +(\S+) +(\S+)", seeds, re.MULTILINE).groups() == (*expected,)
-
-
-def test_the_published_errors_are_of_the_papers_vehicle_and_path_alone():
-    for scenario, overrides, applies in (
-        ("grass", (), True),
-        ("wet-slope", ("path.laps=1",), True),
-        ("grass", ("path.radius_m=9.0",), False),
-        ("grass", ("path.speed_mps=0.8",), False),
-        ("grass", ("plant.vehicle.load_kg=400.0",), False),
-        ("split", (), False),
-        ("farm", (), False),
-        ("cultivate", (), False),
-    ):
-        assert applies_to(load(scenario, overrides)[1]) is applies

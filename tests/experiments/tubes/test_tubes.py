@@ -11,8 +11,8 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFit
 from proving_ground.experiments.figures.run_figures import tube_figure
-from proving_ground.experiments.results.containment import QUANTITIES, Containment, containment
 from proving_ground.experiments.results.summary import RunFacts, summarise
+from proving_ground.experiments.results.tracking_errors import QUANTITIES, Containment, containment
 from proving_ground.experiments.run.assembly import check, model_vehicle
 from proving_ground.experiments.run.simulate import run, simulate
 from proving_ground.experiments.scenario.plant import PAPER_PERIOD_S
@@ -24,8 +24,7 @@ from proving_ground.experiments.tubes.calibration import (
     calibrated_widths,
     format_calibration,
 )
-from proving_ground.experiments.tubes.fit import fit_run, fit_tube, format_fit, hold_out
-from proving_ground.experiments.tubes.logged_runs import read_runs
+from proving_ground.experiments.tubes.fit import fit_run, fit_tube, format_fit, hold_out, read_runs
 from proving_ground.testbed.recording.channels import (
     CHANNELS,
     CONTROL,
