@@ -95,11 +95,9 @@ def mean(values: FloatArray, units: NDArray[Any] | None = None) -> IntervalEstim
 
 
 def paired_p(differences: FloatArray) -> float:
-    """Return the two-sided p-value of Student's paired t-test.
+    """Return the two-sided p-value of Student's paired t-test of differences (n,).
 
-    Args:
-        differences: of independent pairs, (n,). NaN for a single one; of equal ones 0, or 1 if they
-            are 0.
+    NaN for a single one; of equal ones 0, or 1 if they are 0.
     """
     count = len(differences)
     if count < 2:
@@ -113,8 +111,7 @@ def paired_p(differences: FloatArray) -> float:
 def holm(p_values: Sequence[float]) -> FloatArray:
     """Return p-values adjusted for their number, (n,): Holm (1979), Scand. J. Statist. 6.
 
-    Rejecting where the adjusted value is below a level keeps the probability of any false rejection
-    in the family below that level, whatever the dependence.
+    Rejecting below a level keeps the probability of any false rejection below that level.
     """
     p = np.asarray(p_values, dtype=float)
     order = np.argsort(p)

@@ -101,11 +101,6 @@ class TrackingStatistics:
     curve: BodyStatistics
     all: BodyStatistics
 
-    @property
-    def headline(self) -> ErrorStatistics:
-        """Errors of the working point on the whole path: its cross-track p95 and sd are told."""
-        return next(iter(self.all.by_point.values()))
-
 
 @dataclass(frozen=True, slots=True)
 class MeanError:

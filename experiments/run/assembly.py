@@ -193,8 +193,7 @@ def assemble(
 def check(scenario: Scenario) -> int:
     """Refuse what `assemble` would refuse, in a fraction of its time; return the control ticks.
 
-    Nothing is drawn, compiled or solved for: the ground is level but for its features, there is
-    neither a plant nor a controller.
+    Nothing is drawn, compiled or solved for: there is neither a plant nor a controller.
     """
     plan = _plan(scenario, 0, lambda of, seed: replace(of.terrain, iso_class="flat").terrain(seed))
     settings, vehicle = scenario.controller, plan.reference.vehicle

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import replace
 from functools import partial
@@ -26,17 +25,14 @@ class Kept(Generic[Part]):
     """At most so many parts by what they were made from; the least recently used are dropped."""
 
     def __init__(self, most: int) -> None:
-        self._most = most
-        self._parts: OrderedDict[Hashable, Part] = OrderedDict()
+        self._most, self._parts = most, dict[Hashable, Part]()
 
     def get(self, key: Hashable, make: Callable[[], Part]) -> Part:
         """Return the part of this key, from `make` where it is not kept."""
-        part = self._parts.pop(key, None)
-        if part is None:
-            part = make()
-        self._parts[key] = part
-        while len(self._parts) > self._most:
-            self._parts.popitem(last=False)
+        part = self._parts.pop(key) if key in self._parts else make()
+        self._parts[key] = part  # the last of the dictionary is the latest
+        if len(self._parts) > self._most:
+            del self._parts[next(iter(self._parts))]
         return part
 
 

@@ -66,8 +66,7 @@ def simulate(
     The controller does not prepare its steps: its computation times are those of cold caches.
 
     Args:
-        name: of the scenario.
-        scenario: what to run.
+        name, scenario: what to run.
         seed: draws terrain and noise.
         factory: makes a controller of your own from vehicle, reference and control period [s]. The
             run is filed under its name `module:qualname` and a hash of its source.
@@ -103,16 +102,14 @@ def run(
     """Run a scenario and write log, summary, resolved scenario, figures and report to `folder`.
 
     Args:
-        name: of the scenario.
-        scenario: what to run.
+        name, scenario: what to run.
         seed: draws terrain and noise.
         folder: to make.
         record_hz: how often the truth is written down [Hz]; None: as in `record_rate`.
         watch: opens a live view of the run; it gets the same data as the log.
         on_event: called with every event when it occurs.
         shown: whether to show progress, see `output.progress`.
-        factory: makes a controller of your own, as in `simulate`.
-        options: keyword options of the factory.
+        factory, options: as in `simulate`.
         make: makes the objects of the run from scenario, seed and factory.
 
     Raises:

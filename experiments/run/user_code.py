@@ -177,8 +177,7 @@ def name_of(factory: Callable[..., object]) -> str:
 def source_digest(factory: Callable[..., object]) -> str:
     """Return a hash of the module in which a factory is defined, and of bound arguments.
 
-    Of code without a file, such as a notebook's cell, it is the source of the factory alone;
-    "unknown" where that does not exist either.
+    Of code without a file it is the source of the factory; "unknown" where that does not exist.
     """
     kind, bound = _definition(factory)
     content = _source(kind)

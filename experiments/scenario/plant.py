@@ -46,8 +46,8 @@ class ControlSettings:
     rate_hz: Annotated[float, Field(ge=5.0, le=25.0)] = 1.0 / PAPER_PERIOD_S
     """Commands per second; a period must be a whole number of physics steps."""
     realtime: bool = False
-    """Whether the command of a step that took longer than its period, by the clock of this machine,
-    acts as much later. Such a run is not reproducible. An overrun is an event of the log anyway."""
+    """Whether the command of a step that took longer than its period acts as much later; such a
+    run is not reproducible."""
     step_limit_s: Annotated[float, Field(ge=1.0, le=3600.0)] = STEP_LIMIT_S
     """Wall-clock time after which a step that does not return ends the run as invalid."""
 

@@ -284,11 +284,7 @@ _SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | N
 
 
 def _drop_unselected(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Drop the file's values that belong to another selection than that of the changes.
-
-    They are the keys of another kind of path, the options of another controller, the values of
-    another preset and the coefficients of another kind of tyre.
-    """
+    """Drop the file's values that belong to another selection than that of the changes."""
     for tables, key, default, dependent in _SELECTIONS:
         below, above = _table(content, tables), _table(changes, tables)
         if below is None or above is None:

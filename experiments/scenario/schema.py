@@ -48,9 +48,7 @@ Keys of `controller.options`. Their meaning stands in the options class of each 
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema of a scenario file (draft 2020-12).
 
-    Each key has its type, range, default value and description, and with a unit in its name also
-    `unit`. A table with a key `kind` is a choice between the tables of all kinds; `kind` may be
-    absent from the table of a figure eight only.
+    A key with a unit in its name has `unit`. Without a key `kind`, a path is a figure eight.
     """
     schema = TypeAdapter(Scenario).json_schema()
     for name, table in schema["$defs"].items():

@@ -64,10 +64,8 @@ def calibrated_widths(
     Constant half widths, in the proportion of the mean largest deviations of the scale runs: the
     scale must not depend on the runs that are scored.
 
-    Args:
-        largest: largest absolute deviations of each run, (n, q), all above 0.
-        coverage: probability that the next run keeps to all half widths.
-        every: of so many runs, the last gives the scale.
+    `largest`: largest absolute deviations of each run, (n, q), all above 0; of `every` runs, the
+    last gives the scale. Raises `InvalidFit` where there are too few runs for the coverage.
     """
     for_scale = np.arange(1, len(largest) + 1) % every == 0
     needed = fewest_scores(coverage)

@@ -14,7 +14,7 @@ from proving_ground.experiments.results.table import (
     format_run,
     format_seeds,
 )
-from proving_ground.testbed.recording.channels import CONTROL, STATE, TIMING
+from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import REACTION, REACTION_ENDED, Event, Record
 
 from tests.records import circle, eight, record, straight, table_of
@@ -128,16 +128,6 @@ def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it(
     assert inputs.delta_t.rms_rate == pytest.approx(math.sqrt(np.mean(steps**2)))
 
 
-def test_timing_leaves_out_missing_samples():
-    cost = np.array([1.0, 2.0, 3.0, np.nan])
-    columns = {name: cost for name in TIMING.fields if name != "qp_solve_us"}
-    run = with_table(record(), table_of(TIMING, np.arange(4.0), columns))
-    timing = summarise(run, FACTS).timing
-    assert (timing.estimator_us.median, timing.estimator_us.max) == (2.0, 3.0)
-    assert timing.qp_solve_us.median is None
-    assert timing.real_time_factor == pytest.approx(60.0 / 10.0)
-
-
 def test_summary_has_exactly_the_keys_of_the_interface():
     def unknown(word):
         raise AssertionError(f"{word} is no JSON")
@@ -180,7 +170,6 @@ def test_a_tool_counts_while_it_is_lowered():
     assert statistics.draft_mean_n == pytest.approx(0.5 * (908.0 + 930.0), abs=0.1)
     assert statistics.draft_p95_n == pytest.approx(908.0 + 0.95 * 22.0, abs=0.1)
     assert list(summary.tracking.all.by_point) == ["tool", "trailer", "tractor"]
-    assert summary.tracking.headline == summary.tracking.all.tool
     assert "Draft 919 N (mean)" in format_run(summary)
 
 

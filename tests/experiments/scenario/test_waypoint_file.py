@@ -83,14 +83,6 @@ def test_invalid_geojson_is_refused(tmp_path):
             read_waypoints(written(tmp_path, text, "route.geojson"))
 
 
-def test_the_wrong_kind_of_origin_is_refused(tmp_path):
-    with pytest.raises(InvalidWaypoints, match="given as origin_m"):
-        read_waypoints(written(tmp_path, "0 0\n1 1\n"), origin_deg=(50.0, 4.0))
-    file = written(tmp_path, geojson([[4.7, 50.0], [4.7, 50.1]]), "route.geojson")
-    with pytest.raises(InvalidWaypoints, match="given as origin_deg"):
-        read_waypoints(file, origin_m=(50.0, 4.0))
-
-
 def scenario(folder, extra=""):
     return written(
         folder,
