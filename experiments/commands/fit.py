@@ -32,18 +32,13 @@ from .options import EXIT_CHECK_FAILED, Group, command, json_of, option, out
 def tube(arguments: argparse.Namespace) -> int:
     """Fit a tube to the logs of runs of one scenario, which differ in their seeds.
 
-    Computes the one-step residuals of the error model, and writes the disturbance set, the
-    set of estimation errors, the weights of the ancillary gain, and the provenance of the
-    data. Every third run is held out to check the fit. To drive in the tube:
+    Every third run is held out to check the fit. To drive in the tube:
 
       ttempc run --controller ttempc-tube --set controller.tube=tube.json
 
-    With --laps-coverage it does not fit: it takes the tube that the runs were driven
-    in, and adds the half widths that the next run of the scenario keeps as a whole
-    with this probability (at least 23 runs for 0.95, 123 for 0.99).
-
-    The exit code is 1 where the tube is written with a warning: the held-out runs
-    contradict its coverage, or its runs were not driven in a tube.
+    With --laps-coverage it takes the tube that the runs were driven in, and adds the half
+    widths that the next run keeps as a whole with this probability (at least 23 runs for
+    0.95, 123 for 0.99). Exit code 1 where the tube is written with a warning.
     """
     # Imported here so that --help does not load MuJoCo.
     from ..scenario.tube_file import to_json
