@@ -93,10 +93,7 @@ def format_seeds(summaries: Sequence[Summary]) -> str:
 
 
 def format_events(events: Sequence[Event], folder: Path) -> list[str]:
-    """Return lines on the warnings of a run: how many, the first, and where all events are.
-
-    Overruns tell of the machine: they are counted, and the first only where all are overruns.
-    """
+    """Return lines on the warnings of a run; of overruns, which tell of the machine, the count."""
     warnings = [event for event in events if event.level == "warning"]
     if not warnings:
         return []

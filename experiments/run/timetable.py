@@ -30,7 +30,7 @@ _SAME_TIME: Final = 1e-9  # in control periods
 
 @dataclass(frozen=True)
 class Timetable:
-    """Faults of a run with their windows, in the order of the scenario."""
+    """Faults of a run with their windows; one that cannot act raises `InvalidFault`."""
 
     faults: tuple[Fault, ...]
     reference: Reference

@@ -188,11 +188,7 @@ def source_digest(factory: Callable[..., object]) -> str:
 
 @cache
 def _source(kind: Any) -> bytes | None:  # noqa: ANN401 - a function or a class
-    """Return the source of a definition as it was when first asked for: that of the loaded code.
-
-    A module that is edited while it is loaded keeps running as it was. A definition that is loaded
-    again is another object.
-    """
+    """Return the source of a definition as it was when first asked for: that of the loaded code."""
     try:
         file = inspect.getsourcefile(kind)
         if file and Path(file).is_file():

@@ -248,10 +248,7 @@ def hold_out(disturbance: DisturbanceSet, runs: Sequence[FloatArray]) -> HoldOut
 
 
 def contradiction(count: HoldOut, what: str, coverage: float) -> str:
-    """Return a sentence where a hold-out count contradicts the coverage, "" where it does not.
-
-    The test is the one-sided binomial one.
-    """
+    """Return a sentence where a one-sided binomial test contradicts the coverage, else ""."""
     if not count.windows:
         return ""
     p = binomtest(count.inside, count.windows, coverage, alternative="less").pvalue

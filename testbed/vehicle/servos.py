@@ -30,7 +30,7 @@ _TRAILER_TORQUE: Final = 1.4
 _TRAILER_GIVE: Final = 0.08  # [rad]
 # Inertia of linkage and oil of the front steering over the servo's damping; assumed. Without it the
 # implicit damper and the constraints of the knuckles are inconsistent at a time step of 4 ms.
-_LINKAGE_TIME: Final = 1e-3  # [s]
+LINKAGE_TIME: Final = 1e-3  # [s]
 # Largest torque of the drive over the largest that the rear wheels transmit: the wheels slip before
 # the drive stalls. And its loss of speed under that torque, by leakage, over the top wheel speed.
 _DRIVE_TORQUE: Final = 1.4  # assumed
@@ -48,11 +48,6 @@ class SteeringServo:
     torque: float  # [N m] largest
     rate: float  # [rad/s] of the set point
     limit: float  # [rad] to each side
-
-    @property
-    def linkage_inertia(self) -> float:
-        """Inertia of the linkage and the oil in it [kg m^2]."""
-        return _LINKAGE_TIME * self.damping
 
 
 @dataclass(frozen=True, slots=True)

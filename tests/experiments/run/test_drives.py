@@ -23,7 +23,6 @@ from ttempc.types import Command, Input, Sensor
 from ttempc.vehicle import Vehicle
 
 LARGEST_M = 0.05  # mean Euclidean error after the first 8 s; two to three times what they show
-PLACE = "proving_ground.experiments.papers.kayacan"
 BACK = "path={kind='straight', length_m=20.0, reverse=true}"
 WRONG = ["path.laps=1", "controller.vehicle.wheelbase_m=1.74", "controller.vehicle.drawbar_m=0.96"]
 LOCKED = "stages=[{make='tests.experiments.run.test_drives:locked', after='control'}]"

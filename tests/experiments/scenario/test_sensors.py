@@ -11,10 +11,7 @@ from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, MEASUREMENT, STATE
 from proving_ground.testbed.sensing.sensor_specification import SENSOR_PRESETS
 
-from ttempc.types import Sensor
-
 FIELD = 'sensors.preset="field"'
-GNSS = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 SHORT = "path={kind='straight', length_m=8}"
 IMU = tuple(name for name in MEASUREMENT.fields if name.startswith("imu"))
 
