@@ -102,8 +102,8 @@ def _check_values(value: object, where: str = "", level: int = 0) -> None:
     if isinstance(value, int) and abs(value) >= 2**63:
         raise ValueError(f"{where}: must be a whole number of 64 bits")
     # NaN and infinities have a message of their own, which names the allowed range.
-    number = isinstance(value, float) and math.isfinite(value) and value != 0.0
-    if number and not _SMALLEST <= abs(value) <= _LARGEST:
+    size = abs(value) if isinstance(value, float) and value and math.isfinite(value) else 1.0
+    if not _SMALLEST <= size <= _LARGEST:
         raise ValueError(f"{where}: got {value}, must be {_SMALLEST:g} to {_LARGEST:g} in size")
     items = value.items() if isinstance(value, Mapping) else ()
     for key, item in enumerate(value) if isinstance(value, list) else items:
