@@ -40,7 +40,7 @@ def render(arguments: argparse.Namespace) -> int:
       ttempc render log.mcap --camera split --from 20 --to 60 --speed 4 -o curve.webp
       ttempc render log.mcap --at 42.5 --camera hitch --size 1920x1080 -o hitch.png
       ttempc render log.mcap --camera plan       no OpenGL needed
-      ttempc render log.mcap --ghost reference --ghost other/log.mcap --exaggerate 10
+      ttempc render log.mcap --ghost reference --ghost other/log.mcap
 
     Exit code 2 for bad input (one line; nothing is written).
     """
@@ -56,7 +56,7 @@ def render(arguments: argparse.Namespace) -> int:
         need = "a picture needs --at" if still else f"--at: makes {' or '.join(STILL_SUFFIXES)}"
         raise BadOptions(f"-o {file}: {need}")
     film = _film(arguments, [log], at_s)
-    _write_film(film, file, arguments.workers)
+    _write_film(film, file)
     if still:
         print(f"picture   {file}")
     else:
@@ -77,14 +77,13 @@ def _film(arguments: argparse.Namespace, logs: list[Path], at_s: float | None = 
         speed=arguments.speed,
         quality=arguments.quality,
         size=arguments.size,
-        exaggeration=arguments.exaggerate,
     )
     return Film.of(logs, settings, arguments.ghost)
 
 
-def _write_film(film: Film, file: Path, workers: int) -> None:
+def _write_film(film: Film, file: Path) -> None:
     with progress(film.frames, file.name, "frame", shown=film.frames > 1) as count:
-        film.write(file, workers=workers, on_frame=count)
+        film.write(file, count)
 
 
 @command(
@@ -249,8 +248,8 @@ def compare(arguments: argparse.Namespace) -> int:
     if set(arguments.ghost) - {_REFERENCE}:
         raise BadOptions("--ghost: takes reference alone here; the film has a panel for every run")
     name = arguments.film and Path(arguments.film)
-    if name and (name.name != arguments.film or name.suffix not in (".mp4", ".webp", ".gif")):
-        raise BadOptions(f"--film: got {name}, must be a name that ends in .mp4, .webp or .gif")
+    if name and (name.name != arguments.film or name.suffix not in (".mp4", ".webp")):
+        raise BadOptions(f"--film: got {name}, must be a name that ends in .mp4 or .webp")
     runs = read_compared(arguments.logs, arguments.label or ())
     film = _film(arguments, arguments.logs) if name else None
     print(format_comparison(runs) + "\n")
@@ -258,6 +257,6 @@ def compare(arguments: argparse.Namespace) -> int:
     write_file(folder / STATISTICS_FILE, comparison_csv(runs))
     print(folder / STATISTICS_FILE)
     if film is not None:
-        _write_film(film, folder / name, arguments.workers)
+        _write_film(film, folder / name)
         print(folder / name)
     return 0
