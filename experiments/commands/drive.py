@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from ...testbed.terminal import one_line
 from ..errors import BadOptions, NoGraphics
 from ..output import make_folder, progress
 from ..warm_up import compile_in_two_processes
@@ -18,7 +17,6 @@ from .options import command, json_of, option, out, refuse_given
 
 if TYPE_CHECKING:
     from ...testbed.messages.scenery import Scenery
-    from ...testbed.recording.record import Event
     from ...testbed.viewers.live import LiveView
     from ..run.assembly import Assembly
     from ..run.simulate import Finished
@@ -38,7 +36,6 @@ _DEMO_SIZE: Final = (640, 360)
     options.SEEDS,
     json_of("the summary, with --seeds a list of them,"),
     options.QUIET,
-    options.VERBOSE,
     option(
         "--record-rate",
         type=float,
@@ -69,10 +66,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     With --seeds each seed has such a folder in DIR; `ttempc sweep` drives more runs in parallel.
 
-    Exit code 0 if the run ended as planned, 2 for bad input (one line names the key
-    and the allowed values; nothing is written), 3 if the run terminated early
-    (roll-over, jack-knife, off the field, stuck, diverged) or the simulation became invalid;
-    log and summary are written in this case, too.
+    Exit code 0 if the run ended as planned, 2 for bad input (one line; nothing is written),
+    3 if it ended early (roll-over, jack-knife, stuck); log and summary are written, too.
     """
     if not (arguments.live or arguments.view):
         refuse_given(arguments, ("speed",), "goes with --live or --view only")
@@ -157,7 +152,7 @@ def _view(arguments: argparse.Namespace, scenario: Scenario) -> int:
     from ..run.assembly import assemble
     from ..run.simulate import drive_into
 
-    given = ("out", "seeds", "json", "quiet", "verbose", "record_rate")
+    given = ("out", "seeds", "json", "quiet", "record_rate")
     refuse_given(arguments, given, "not with --view, which writes nothing")
     assembly = assemble(scenario, arguments.seed)
     with Window(assembly.plant, arguments.speed or 1.0) as window:
@@ -181,7 +176,6 @@ def _drive(
         folder,
         record_hz=arguments.record_rate,
         watch=_live_view(arguments, name) if arguments.live else None,
-        on_event=_print_event if arguments.verbose else None,
         shown=not arguments.quiet,
     )
 
@@ -204,13 +198,6 @@ def _live_view(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], 
         return view
 
     return open_view
-
-
-def _print_event(event: Event) -> None:
-    from tqdm import tqdm
-
-    line = f"{event.time_s:8.2f} s  {event.level:<8}{event.text}"
-    tqdm.write(one_line(line), file=sys.stderr)
 
 
 def _print(runs: Sequence[Finished], folder: Path, **further: Path) -> None:

@@ -22,18 +22,6 @@ from .options import EXIT_CHECK_FAILED, Group, command, json_of, option, out
         help="share of all windows inside the disturbance set (default: 0.9)",
     ),
     option(
-        "--window",
-        type=int,
-        metavar="STEPS",
-        help="steps over which the energy of a disturbance is bounded, 1 for single steps "
-        "(default: 10, two seconds)",
-    ),
-    option(
-        "--shape",
-        choices=("box", "zonotope", "ellipsoid"),
-        help="of the disturbance set (default: box)",
-    ),
-    option(
         "--laps-coverage",
         type=float,
         metavar="SHARE",
@@ -44,39 +32,30 @@ from .options import EXIT_CHECK_FAILED, Group, command, json_of, option, out
 def tube(arguments: argparse.Namespace) -> int:
     """Fit a tube to the logs of runs of one scenario, which differ in their seeds.
 
-    Computes the one-step residuals of the error model, and writes the disturbance set, the
-    set of estimation errors, the weights of the ancillary gain, and the provenance of the
-    data. Every third run is held out to check the fit. To drive in the tube:
+    Every third run is held out to check the fit. To drive in the tube:
 
       ttempc run --controller ttempc-tube --set controller.tube=tube.json
 
-    With --laps-coverage it does not fit: it takes the tube that the runs were driven
-    in, and adds the half widths that the next run of the scenario keeps as a whole
-    with this probability (at least 23 runs for 0.95, 123 for 0.99).
-
-    The exit code is 1 where the tube is written with a warning: the held-out runs
-    contradict its coverage, or its runs were not driven in a tube.
+    With --laps-coverage it takes the tube that the runs were driven in, and adds the half
+    widths that the next run keeps as a whole with this probability (at least 23 runs for
+    0.95, 123 for 0.99). Exit code 1 where the tube is written with a warning.
     """
     # Imported here so that --help does not load MuJoCo.
     from ..scenario.tube_file import to_json
     from ..tubes.calibration import calibrate_tube, driven_run, format_calibration
-    from ..tubes.fit import fit_run, fit_tube, format_fit
+    from ..tubes.fit import COVERAGE, fit_run, fit_tube, format_fit
     from ..tubes.logged_runs import read_runs
 
-    settings = {name: vars(arguments)[name] for name in ("coverage", "window", "shape")}
-    settings = {name: value for name, value in settings.items() if value is not None}
-    if arguments.laps_coverage is not None and settings:
-        raise BadOptions(
-            f"--{next(iter(settings))}: not with --laps-coverage, which keeps the set of the tube "
-            "that the runs were driven in"
-        )
+    if arguments.laps_coverage is not None and arguments.coverage is not None:
+        raise BadOptions("--coverage: not with --laps-coverage, which keeps the set of the tube")
     refuse_existing(arguments.out)
     if arguments.laps_coverage is not None:
         runs = read_runs(arguments.folders, driven_run)
         file, warnings = calibrate_tube(runs, arguments.laps_coverage), ()
         text = format_calibration(file)
     else:
-        fit = fit_tube(read_runs(arguments.folders, fit_run), **settings)
+        coverage = COVERAGE if arguments.coverage is None else arguments.coverage
+        fit = fit_tube(read_runs(arguments.folders, fit_run), coverage)
         file, warnings, text = fit.file, fit.warnings, format_fit(fit)
     written = to_json(file)
     write_file(arguments.out, written)

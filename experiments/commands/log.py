@@ -76,11 +76,9 @@ def check(arguments: argparse.Namespace) -> int:
 def replay(arguments: argparse.Namespace) -> int:
     """Put the recorded samples and commands through an estimator, without physics.
 
-    For each state it prints the error against the truth, the claimed standard deviation
-    and the mean normalised estimation error squared (NEES), 1 where the claim is true.
-    For each sensor: normalised innovation squared (NIS), autocorrelation of the innovations
-    from one sample to the next, and their log-likelihood, by which two estimators compare
-    on the same samples. SI units; the first 8 s do not count.
+    Prints for each state the error, the claimed standard deviation and the mean normalised
+    error squared (NEES); for each sensor the normalised innovation squared (NIS), the
+    autocorrelation of its innovations and their log-likelihood. The first 8 s do not count.
 
       ttempc log replay LOG.mcap --estimator nmhe --set controller.noise.gnss_sd_m=0.05
     """

@@ -24,8 +24,6 @@ EXIT_BAD_INPUT: Final = 2
 EXIT_LOST: Final = 3  # the run ended early: stopped, roll-over, jack-knife, off the field, stuck
 EXIT_INTERRUPTED: Final = 130
 
-_COMPLETE_FILES: Final = {"bash": "_shtab_compgen_files", "zsh": "_files"}  # functions of shtab
-
 
 @dataclass(frozen=True)
 class Option:
@@ -52,22 +50,15 @@ class Command:
     run: Callable[[argparse.Namespace], int]
     options: tuple[Option, ...]
 
-    @property
-    def about(self) -> str:
-        """Description of the command: the docstring of its function."""
-        return cleandoc(self.run.__doc__ or "")
-
     def add_to(self, parser: argparse.ArgumentParser) -> None:
         """Declare description and options of the command."""
-        parser.description = self.about
+        parser.description = cleandoc(self.run.__doc__ or "")
         parser.set_defaults(command=self.run)
         groups: dict[str, Any] = {"": parser}
         for item in self.options:
             if item.group not in groups:
                 groups[item.group] = parser.add_mutually_exclusive_group()
-            action = groups[item.group].add_argument(*item.flags, **item.settings)
-            if action.type in (Path, log_path):
-                action.complete = _COMPLETE_FILES  # of shtab, see `ttempc list --completion`
+            groups[item.group].add_argument(*item.flags, **item.settings)
 
 
 @dataclass(frozen=True)
@@ -82,12 +73,9 @@ class Group:
         parser.description = self.about
         below = parser.add_subparsers(required=True, metavar="ACTION")
         for name, action in self.actions.items():
-            title = action.about.partition("\n")[0].rstrip(".")
-            action.add_to(
-                below.add_parser(
-                    name, help=title, formatter_class=argparse.RawDescriptionHelpFormatter
-                )
-            )
+            title = cleandoc(action.run.__doc__ or "").partition("\n")[0]
+            shown = argparse.RawDescriptionHelpFormatter
+            action.add_to(below.add_parser(name, help=title, formatter_class=shown))
 
 
 def command(*options: Option) -> Callable[[Callable[[argparse.Namespace], int]], Command]:
@@ -240,10 +228,7 @@ DASK: Final = option(
     group="workers",
 )
 ENGINE: Final = WORKERS, DASK
-QUIET: Final = option("-q", "--quiet", action="store_true", help="print errors only", group="level")
-VERBOSE: Final = option(
-    "-v", "--verbose", action="store_true", help="also print every event", group="level"
-)
+QUIET: Final = option("-q", "--quiet", action="store_true", help="print errors only")
 AGAINST: Final = option(
     "--against",
     metavar="NAME",
@@ -259,10 +244,9 @@ FIGURES: Final = (
     ),
     option("--width", metavar="WIDTH", help="single (8.8 cm), double (18.1 cm), or in cm"),
     option("--style", metavar="STYLE", help="matplotlib style, name or file"),
-    option("--dpi", type=number, default=300.0, help="of PNG (default: 300)"),
     option("--only", nargs="+", metavar="NAME", help="these figures (default: all)"),
 )
-"""Formats, width, style, resolution and choice of figures, see `figures.FigureFiles`."""
+"""Formats, width, style and choice of figures."""
 
 PICTURE: Final = (
     option(

@@ -17,13 +17,9 @@ from .options import command, json_of, out
     json_of("the checks"),
 )
 def validate(arguments: argparse.Namespace) -> int:
-    """Validate the plant of a scenario: vehicle, wheels, soil, roughness and slope, in
-    experiments whose results are known without the simulation, or published. Print one
-    line per check and write the validation report into DIR: a page to attach to a paper,
-    the checks as JSON for scripts, the figures as PNG.
-
-    Exit code 0 if all checks hold, 1 if one fails, 2 for bad input (one line;
-    nothing is written). Takes up to a minute.
+    """Validate the plant of a scenario in experiments whose results are known without the
+    simulation, or published. Write the validation report into DIR: a page to attach to a
+    paper, the checks as JSON, the figures. Exit code 1 if a check fails.
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..validation.validation_report import format_check, validation_report
@@ -53,9 +49,8 @@ def validate(arguments: argparse.Namespace) -> int:
 def mjcf(arguments: argparse.Namespace) -> int:
     """Write a scenario's vehicle on its ground as files that MuJoCo loads without this
     project: scene.xml, and ground.hf where the ground is not level. The wheels have
-    MuJoCo's own contact with the friction of the soil at the start; the keyframe `home`
-    stands there. Positions of the actuators: front steering [rad], drawbar [rad],
-    hydrostat from -1 to 1.
+    MuJoCo's own contact; the keyframe `home` stands at the start. Actuators: front
+    steering [rad], drawbar [rad], hydrostat from -1 to 1.
 
       ttempc mjcf patchy -o patchy
       python -m mujoco.viewer --mjcf=patchy/scene.xml
@@ -64,7 +59,7 @@ def mjcf(arguments: argparse.Namespace) -> int:
     from ...testbed.simulation.mjcf_export import mjcf_files
     from ..run.assembly import assemble
 
-    arguments.overrides.append("plant.wheels=contact")
+    arguments.overrides = [*arguments.overrides, "plant.wheels=contact"]
     name, scenario = options.load_scenario(arguments)
     folder = arguments.out or options.unused_path(Path("runs"), f"{name}-mjcf-{arguments.seed}")
     assembly = assemble(scenario, arguments.seed)

@@ -62,16 +62,11 @@ _PORTS: Final = {"json": 8890, "agopengps": 8888}
 )
 def serve(arguments: argparse.Namespace) -> int:
     """Drive one scenario in real time with a controller of your own over UDP, and write
-    what `ttempc run` writes. docs/howto/serve.md describes the protocols:
+    what `ttempc run` writes. docs/integrations.md describes the protocols: json, or
+    agopengps with the plant in the place of the modules of AgOpenGPS.
 
-      json        one datagram with samples a control period, one with the command
-      agopengps   the plant in the place of the modules of AgOpenGPS, which steers it
-
-    The plant waits for the first peer, which then owns the session. A command that does
-    not come in time is replaced by the last one; after --hold the vehicle stops until
-    there is one again. With --step the plant waits for every command: the same commands
-    give the same run.
-
+    A command that does not come in time is replaced by the last one; after --hold the
+    vehicle stops until there is one again. With --step the plant waits for every command.
     Exit codes as of `ttempc run`; 2 also where no peer came.
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
@@ -100,9 +95,8 @@ def serve(arguments: argparse.Namespace) -> int:
             reach = f"with the address {text_of(peer)}" if peer else "who reaches it"
             _say(f"everyone {reach} may drive: UDP has neither password nor encryption")
         protocol = PROTOCOLS[arguments.protocol]()
-        finished, totals = serve(
-            name, scenario, arguments.seed, folder, link, protocol, settings, say=_say
-        )
+        asked = name, scenario, arguments.seed, folder, link, protocol, settings
+        finished, totals = serve(*asked, _say)
     if arguments.json:
         print(finished.summary.to_json())
         _say(totals)

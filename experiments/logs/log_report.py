@@ -17,14 +17,13 @@ from ...testbed.recording.record import Record
 from ..errors import ExperimentError, InvalidReplay
 from ..figures import draw
 from ..report.run_report import render_run_report
-from ..results.metrics import summarise
 from ..results.published import PublishedError, published_beside
-from ..results.summary import RunFacts, Status, Summary
-from ..run.simulate import BEGINS, ENDS, SETTINGS, versions_of
+from ..results.summary import RunFacts, Status, Summary, summarise
+from ..run.simulate import BEGINS, ENDS, versions_of
 from ..scenario.scenario import ScenarioFile, identity
 
 _SCENARIO: Final = "scenario.toml"
-_SAID_ELSEWHERE: Final = (SETTINGS, BEGINS, ENDS)  # on the page
+_SAID_ELSEWHERE: Final = (BEGINS, ENDS)  # on the page
 _STATUS: Final = re.compile(rf"{ENDS}(completed|stopped|lost|invalid) after")
 
 

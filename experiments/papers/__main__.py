@@ -23,10 +23,9 @@ from ...testbed.errors import TestbedError
 from ..errors import ExperimentError
 from ..sweep_report.format import format_numbers
 from .checks import read_ledger, source_digest
-from .listing import all_studies
 from .pages import ROOT, pages_of_tables
 from .runner import Runner, check, holds, write_tables
-from .study import Study
+from .study import Study, all_studies
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -264,7 +264,7 @@ def write_tables(studies: Sequence[Study], runner: Runner, out: Path = ROOT) -> 
             continue
         page = pages[study.name]
         making = Making(runner.versions, source_digest(), runner.fingerprints(study.all_checks))
-        line = provenance(study, making, runner.seeds(study.all_seeds))
+        line = block.footer or provenance(study, making, runner.seeds(study.all_seeds))
         text = with_block(read_page(page, out), study.name, f"{block.text.strip()}\n\n{line}")
         for name, content in block.files.items():
             write_file((out / page).parent / name, content)

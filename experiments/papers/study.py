@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import itertools
+import pkgutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from ttempc.guidance.guidance import ControllerFactory
 
@@ -25,6 +27,15 @@ Row = Mapping[str, Any]
 
 Axis = Mapping[Any, tuple[str, ...]] | Sequence[Any]
 """Labels of one column of the frame, with the overrides that each sets, if any."""
+_MODULES: Final = (".kayacan.eight_numbers", ".benchmarks")  # with studies, beside `studies`
+
+
+def all_studies() -> dict[str, Study]:
+    """Return every study by its name."""
+    folder = importlib.import_module(".studies", __package__)
+    names = [f".studies.{item.name}" for item in pkgutil.iter_modules(folder.__path__)]
+    modules = [importlib.import_module(name, __package__) for name in (*names, *_MODULES)]
+    return {study.name: study for module in modules for study in module.STUDIES}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +57,7 @@ class Block:
 
     text: str  # Markdown
     files: Mapping[str, bytes] = field(default_factory=dict)  # by path relative to the page
+    footer: str = ""  # instead of the line of seeds and versions
 
 
 def summary_row(summary: Summary) -> dict[str, Any]:

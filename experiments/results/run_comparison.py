@@ -18,8 +18,14 @@ from ...testbed.log.reader import SALVAGED_KEY, read_log
 from ...testbed.recording.channels import REFERENCE, STATE
 from ...testbed.recording.record import Record
 from ..errors import NotComparable
-from .metrics import corridor_statistics, input_statistics, tracking_statistics
-from .summary import ACTUATOR_USE, ErrorStatistics, TrackingStatistics
+from .summary import (
+    ACTUATOR_USE,
+    ErrorStatistics,
+    TrackingStatistics,
+    corridor_statistics,
+    input_statistics,
+    tracking_statistics,
+)
 from .table import COLUMNS, centimetres, format_corridor
 from .tracking_errors import BODIES, START_UP_S, TrackingErrors, position_fields, tracking_errors
 

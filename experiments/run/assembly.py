@@ -30,7 +30,6 @@ from ...testbed.simulation.loop import STAGES, with_stages
 from ...testbed.simulation.plant import Plant, Snapshot
 from ...testbed.simulation.setup import SimulationSetup, Stage
 from ...testbed.simulation.termination import TerminationLimits
-from ...testbed.vehicle.vehicle import overload_notes
 from ..errors import InvalidScenario
 from ..scenario.controller import TRUTH
 from ..scenario.path import Mission
@@ -60,7 +59,7 @@ class Assembly:
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     control: ControlSettings
-    notes: tuple[str, ...] = ()  # on path, tyres and tube, for the log
+    notes: tuple[str, ...] = ()  # on path and tube, for the log
     stages: tuple[Stage, ...] = STAGES
     termination: TerminationLimits | None = None  # None: those of the vehicle
 
@@ -152,8 +151,24 @@ def assemble(
     """
     parts = parts or SharedParts()
     plan = _plan(scenario, seed, parts.terrain)
-    plant = _plant(scenario, plan)
-    sensors = _sensors(scenario, plan, plant, seed)
+    settings = scenario.plant
+    plant = Plant(
+        plan.vehicles.plant,
+        plan.terrain,
+        plan.soil,
+        wheels=settings.wheels,
+        wheel_law=settings.wheel_law,
+        timestep_s=settings.timestep_s,
+        actuators=scenario.actuators,
+        implement=scenario.implement,
+    )
+    plan.timetable.damage(plant)
+    suite = SensorSuite(scenario.sensors, settings.timestep_s, seed, plant.lever_arms)
+    sensors = plan.timetable.sensors(suite, settings.timestep_s, seed)
+    user_stages = [
+        (stage.after, user_stage(stage, generator(seed, f"stage {number} {stage.make}")))
+        for number, stage in enumerate(scenario.stages)
+    ]
     guidance = _guidance(scenario, plan, plant, factory, parts, guide)
     x, y, yaw, *_, speed = plan.reference.at(0.0).state.tolist()
     plant.reset(x, y, yaw, speed)  # refused here, before anything is written
@@ -169,11 +184,10 @@ def assemble(
         mismatch=(*plan.vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=(
             *plan.mission.notes,
-            *overload_notes(plan.vehicles.plant),
             *(() if factory else scenario.controller.notes(vehicle, scenario.control.period_s)),
         ),
         control=scenario.control,
-        stages=with_stages([*plan.timetable.stages(plant), *_user_stages(scenario, seed)]),
+        stages=with_stages([*plan.timetable.stages(plant), *user_stages]),
     )
 
 
@@ -241,30 +255,6 @@ def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> V
     return replace(vehicles.model, reverse=mission.reverse)
 
 
-def _plant(scenario: Scenario, plan: _Plan) -> Plant:
-    """Return vehicle and ground in MuJoCo, with the faults of the command path."""
-    settings = scenario.plant
-    plant = Plant(
-        plan.vehicles.plant,
-        plan.terrain,
-        plan.soil,
-        wheels=settings.wheels,
-        wheel_law=settings.wheel_law,
-        timestep_s=settings.timestep_s,
-        actuators=scenario.actuators,
-        implement=scenario.implement,
-    )
-    plan.timetable.damage(plant)
-    return plant
-
-
-def _sensors(scenario: Scenario, plan: _Plan, plant: Plant, seed: int) -> Sensors:
-    """Return the sensors with their faults."""
-    timestep_s = scenario.plant.timestep_s
-    suite = SensorSuite(scenario.sensors, timestep_s, seed, plant.lever_arms)
-    return plan.timetable.sensors(suite, timestep_s, seed)
-
-
 def _guidance(
     scenario: Scenario,
     plan: _Plan,
@@ -288,14 +278,6 @@ def _guidance(
         # The disturbances of the true state are those beside the given lengths: none to learn.
         learn=settings.learn and not true_state,
     )
-
-
-def _user_stages(scenario: Scenario, seed: int) -> list[tuple[str, Stage]]:
-    """Return the stages of the scenario, each with its own generator, and where they stand."""
-    return [
-        (stage.after, user_stage(stage, generator(seed, f"stage {number} {stage.make}")))
-        for number, stage in enumerate(scenario.stages)
-    ]
 
 
 def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import tomllib
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -22,26 +21,23 @@ from ...testbed.recording.provenance import machine, versions
 from ...testbed.recording.record import Event, OnEvent, Record, Recorder, Sink, Tee
 from ...testbed.simulation.loop import Outcome, drive, prepare
 from ..output import make_folder, progress, refuse_existing, write_file
-from ..results.metrics import summarise
 from ..results.published import PublishedError, published_beside
-from ..results.summary import RunFacts, Summary
+from ..results.summary import RunFacts, Summary, summarise
 from ..scenario.controller import OptionValue
 from ..scenario.plant import record_steps
 from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import ParameterMismatch
 from .assembly import Assembly, assemble
 from .shared_parts import SharedParts
-from .user_code import exits_raise, name_of, user_sources
+from .user_code import name_of, user_sources
 
 if TYPE_CHECKING:
     from ...testbed.viewers.live import LiveView
 
-SETTINGS: Final = "settings: "
 BEGINS: Final = "run begins: "
 ENDS: Final = "run ends: "
-"""Beginnings of the lines that a log has beside the events of the run's record."""
+"""Beginnings of the two lines that a log has beside the events of the run's record."""
 
-_NESTED: Final = (dict, list)
 _OF_THE_RUN: Final = ("scenario", "controller", "seed", "started", "machine", "mismatch")
 _PATH_STEP_M: Final = 0.2  # between the points of the reference path in the log
 
@@ -54,11 +50,10 @@ class Finished:
     record: Record
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
-    notes: tuple[str, ...] = ()  # on path, tyres and tube
+    notes: tuple[str, ...] = ()  # on path and tube
     comparison: tuple[PublishedError, ...] = ()  # published errors, where they are shown
 
 
-@exits_raise()
 def simulate(
     name: str,
     scenario: Scenario,
@@ -95,8 +90,7 @@ def simulate(
     else:
         metadata = describe(name, scenario, seed, assembly, sources)
         with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
-            for event in first_lines(metadata, scenario):
-                writer.event(event)
+            writer.event(first_line(metadata))
             outcome = drive_into(Tee(recorder, writer), assembly, prepared=False)
             writer.event(last_line(outcome))
     del assembly  # plant and horizons: the summary of a long run takes their memory
@@ -104,7 +98,6 @@ def simulate(
     return _summarise(record, name, scenario, seed, outcome, file, sources), record
 
 
-@exits_raise()
 def run(
     name: str,
     scenario: Scenario,
@@ -156,9 +149,8 @@ def run(
         log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
         what = f"{name}, {scenario.controller.name}, seed {seed}"
         count = stack.enter_context(progress(assembly.ticks, what, "tick", shown))
-        viewers = Tee(log, *views)  # who read of the run's start, settings and end
-        for event in first_lines(metadata, scenario):
-            viewers.event(event)
+        viewers = Tee(log, *views)  # who read of the run's start and end
+        viewers.event(first_line(metadata))
         sink = Tee(recorder, viewers, *([OnEvent(on_event)] if on_event else ()))
         outcome = drive_into(sink, assembly, record_hz, lambda k: count())
         viewers.event(last_line(outcome))
@@ -247,22 +239,13 @@ def open_log(
     )
 
 
-def first_lines(metadata: Mapping[str, str], scenario: Scenario) -> tuple[Event, ...]:
-    """Return the log lines with the settings of a run, a line for each table, and of its start.
-
-    Tables within tables and arrays are left out; the attachment `scenario.toml` has them all.
-    """
-    tables = {
-        name: [f"{key} = {value}" for key, value in table.items() if not isinstance(value, _NESTED)]
-        for name, table in tomllib.loads(dump(scenario)).items()
-        if isinstance(table, dict)
-    }
-    begins = (
+def first_line(metadata: Mapping[str, str]) -> Event:
+    """Return the log line of the start of a run."""
+    text = (
         f"{BEGINS}{metadata['scenario']}, controller {metadata['controller']}, "
         f"seed {metadata['seed']}, ttempc {metadata['ttempc']}"
     )
-    settings = [f"{SETTINGS}{name}: {', '.join(lines)}" for name, lines in tables.items() if lines]
-    return tuple(Event(0.0, "info", text) for text in (*settings, begins))
+    return Event(0.0, "info", text)
 
 
 def last_line(outcome: Outcome) -> Event:

@@ -7,17 +7,14 @@ import importlib
 import inspect
 import os
 import sys
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 
 import numpy as np
 
-from ttempc.errors import UnknownController
 from ttempc.estimation.noise import SensorNoise
 from ttempc.guidance.controllers import controller_options, estimator_factory
 from ttempc.reference.reference import Reference
@@ -39,37 +36,11 @@ _ROLES: Final = {  # by key of a scenario
 _MOST_OFFERED: Final = 20  # names of a module in a message
 
 
-_leave = os._exit
-_guarded = threading.local()  # .pid: of the process in which this thread is in `exits_raise`
-
-
-def _exit(status: int) -> NoReturn:
-    if getattr(_guarded, "pid", None) == os.getpid():
-        raise SystemExit(f"os._exit({status})")
-    _leave(status)
-
-
-@contextmanager
-def exits_raise() -> Iterator[None]:
-    """Raise `SystemExit` where `os._exit` is called in this block, by a user's Python code say.
-
-    It would end the process without a word: a run with exit code 0, or a worker of a sweep. Calls
-    from other threads and from forked processes end them as ever; compiled code is not seen.
-    """
-    before, os._exit = getattr(_guarded, "pid", None), _exit
-    _guarded.pid = os.getpid()
-    try:
-        yield
-    finally:
-        _guarded.pid = before
-
-
 def is_user_code(name: str) -> bool:
     """Whether a name is of the form `package.module:factory`."""
     return ":" in name
 
 
-@exits_raise()
 def load_factory(name: str, what: str) -> Callable[..., object]:
     """Return the callable of the name `package.module:factory`; `what` is its role in messages.
 
@@ -112,22 +83,13 @@ def named_factory(name: str, options: Mapping[str, object]) -> Callable[..., obj
     """Return the factory of a user's controller, None for one that ships and takes the options.
 
     Raises:
-        UnknownController: none of this name ships; where a module of it is in the working
-            directory, the message says how it is named.
+        UnknownController: none of this name ships.
         InvalidController: as `load_factory`.
         InvalidTuning: an option is unknown, of another type, or out of its range.
     """
     if is_user_code(name):
         return load_factory(name, "controller")
-    try:
-        controller_options(name, options)
-    except UnknownController as error:
-        module = name.removesuffix(".py")
-        if not (module.isidentifier() and Path(f"{module}.py").is_file()):
-            raise
-        raise UnknownController(
-            f"{error}; {module}.py is named {module}:FACTORY, FACTORY a class or function in it"
-        ) from None
+    controller_options(name, options)
     return None
 
 
@@ -334,12 +296,8 @@ def _offered(module: ModuleType, attribute: str) -> str:
     names = [
         name
         for name, item in vars(module).items()
-        if (inspect.isclass(item) or inspect.isfunction(item))
-        and item.__module__ == module.__name__
-        and not name.startswith("_")
+        if getattr(item, "__module__", "") == module.__name__ and not name.startswith("_")
     ]
-    if not names:
-        return ", and defines neither class nor function"
     return f"; it defines {', '.join(names[:_MOST_OFFERED])}{did_you_mean(attribute, names)}"
 
 

@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass
 from ttempc.errors import TtempcError
 from ttempc.tube.reference_tube import AncillaryWeights, TubeDesign
 from ttempc.tube.sets import DisturbanceSet, Shape
-from ttempc.types import FloatArray, State
+from ttempc.types import State
 from ttempc.vehicle import Vehicle
 
 from ...testbed.configuration.config_io import STRICT, validated
@@ -41,6 +41,11 @@ class SetTable:
     window: Annotated[int, Field(ge=1)]
     shape: Shape
 
+    @classmethod
+    def of(cls, item: DisturbanceSet) -> SetTable:
+        """Return the table of a set."""
+        return cls(item.axes.tolist(), item.window, item.shape)
+
     def set(self) -> DisturbanceSet:
         """Return the set."""
         return DisturbanceSet(np.array(self.axes), self.window, self.shape)
@@ -62,15 +67,6 @@ class HoldOut:
 
 
 @dataclass(frozen=True, config=STRICT)
-class ResidualTable:
-    """Size of the residuals, in the order of `State`; see `experiments.tubes.fit`."""
-
-    mean: _Row
-    sd: _Row
-    largest: _Row
-
-
-@dataclass(frozen=True, config=STRICT)
 class Provenance:
     """Runs of the fit, and coverage of held-out runs."""
 
@@ -83,9 +79,6 @@ class Provenance:
     confidence: _Fraction
     disturbance: HoldOut
     estimate_error: HoldOut
-    seen: ResidualTable  # of the estimated states
-    true: ResidualTable  # of the true states
-    estimation: ResidualTable  # true less estimated error
     versions: dict[str, str]
 
 
@@ -154,28 +147,16 @@ def tube_file(design: TubeDesign, about: str, provenance: Provenance) -> TubeFil
         about=about,
         vehicle=asdict(design.vehicle),
         period_s=design.period_s,
-        disturbance=_set_table(design.disturbance),
-        estimate_error=_set_table(design.estimate_error),
+        disturbance=SetTable.of(design.disturbance),
+        estimate_error=SetTable.of(design.estimate_error),
         weights=design.weights,
         provenance=provenance,
     )
 
 
-def _set_table(item: DisturbanceSet) -> SetTable:
-    return SetTable(item.axes.tolist(), item.window, item.shape)
-
-
 def path_table(path: AnyPath) -> dict[str, str]:
     """Return path and speed of a scenario as text."""
     return {name: str(value) for name, value in sorted(asdict(path).items())}
-
-
-def residual_table(samples: FloatArray) -> ResidualTable:
-    """Return the sizes of residuals (n, 7)."""
-    largest = np.abs(samples).max(axis=0)
-    return ResidualTable(
-        samples.mean(axis=0).tolist(), samples.std(axis=0).tolist(), largest.tolist()
-    )
 
 
 def shipped_tubes() -> list[str]:

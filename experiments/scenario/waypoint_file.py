@@ -31,9 +31,8 @@ _NAMES: Final = {  # of a header, in lower case and without unit
     **dict.fromkeys(("x", "east", "easting"), "x"),
     **dict.fromkeys(("y", "north", "northing"), "y"),
     **dict.fromkeys(("speed", "v", "velocity"), "speed"),
-    **dict.fromkeys(("t", "time"), "time"),
 }
-_USED: Final = ("x", "y", "speed", "time", "angle", "extent", "direction")
+_USED: Final = ("x", "y", "speed", "angle", "extent", "direction")
 _MOST_LINES: Final = 100_000  # 10 km with a point every 10 cm
 _SHOWN: Final = 100  # characters of a wrong value
 _UNIT: Final = re.compile(r"(_mps|_m|_s)$|\s*\[.*\]$")
@@ -57,8 +56,7 @@ def read_waypoints(
 
     A .geojson or .json file contains one LineString in WGS84. Any other file contains columns
     that commas, semicolons or blanks separate: x y, x y speed, or the eight columns of
-    Fields2Cover, in metres and m/s. A header may name columns x, y, speed and time in any order;
-    speeds are derived from times.
+    Fields2Cover, in metres and m/s. A header may name columns x, y and speed in any order.
 
     Args:
         file: path of the file.
@@ -104,8 +102,6 @@ def _columns_waypoints(text: str, origin_m: tuple[float, float]) -> Waypoints:
         return _fields2cover_waypoints(points, column, numbers)
     if "speed" in column:
         return Waypoints(points, column["speed"])
-    if "time" in column and len(points) > 1:
-        return Waypoints(points, _speed_of(points, column["time"], numbers))
     return Waypoints(points)
 
 
@@ -137,7 +133,7 @@ def _header(
             if names.count(name) != 1:
                 raise InvalidWaypoints(
                     f"line {number}: header {' '.join(words)}: needs one column x and one y, "
-                    "may have speed and time"
+                    "may have speed"
                 )
         return names, lines[1:]
     if len(words) not in _UNNAMED:
@@ -167,20 +163,6 @@ def _number(word: str) -> float:
         return float(word)
     except ValueError:
         return math.nan
-
-
-def _speed_of(points: FloatArray, times: FloatArray, numbers: Sequence[int]) -> FloatArray:
-    """Return the speeds (n,) [m/s] at the points (n, 2) [m], from their times (n,) [s]."""
-    late = np.flatnonzero(np.diff(times) <= 0.0)
-    if len(late):
-        index = int(late[0]) + 1
-        raise InvalidWaypoints(
-            f"line {numbers[index]} (point {index} at x = {points[index, 0]:.2f}, "
-            f"y = {points[index, 1]:.2f} m): time goes from {times[index - 1]:g} to "
-            f"{times[index]:g} s, must rise"
-        )
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    return np.gradient(along, times)
 
 
 def _fields2cover_waypoints(

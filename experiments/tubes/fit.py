@@ -17,7 +17,7 @@ from ttempc.tube.reference_tube import (
     TubeDesign,
     search_weights,
 )
-from ttempc.tube.sets import DisturbanceSet, Shape, fit_set
+from ttempc.tube.sets import DisturbanceSet, fit_set
 from ttempc.types import Estimate, FloatArray, State
 from ttempc.vehicle import CommandLimits
 
@@ -35,13 +35,13 @@ from ..scenario.tube_file import (
     Provenance,
     TubeFile,
     path_table,
-    residual_table,
     tube_file,
 )
 from .logged_runs import LoggedRun, logged_run, require_alike
 
 WINDOW_STEPS = 10  # two seconds, in which the vehicle moves by two thirds of its length
 COVERAGE = 0.9
+CONFIDENCE = 0.95
 RESERVE = 0.2  # share of each steering range that the tube leaves free
 _HOLD_OUT_EVERY = 3  # of three runs, the third is held out
 _N = len(State)
@@ -71,20 +71,6 @@ class RunErrors:
     def estimation(self) -> FloatArray:
         """True error minus estimated error, (n, 7)."""
         return self.true - self.estimated
-
-
-@dataclass(frozen=True)
-class Residuals:
-    """One-step residuals w = z_e(k+1) - A z_e(k) - B u_e(k) + E s(k).
-
-    The estimated disturbances s, map disturbance included, are part of the model. `true` takes the
-    true error at both ends of the step, `estimated` the error of the estimate, on which a
-    controller acts. They differ by the correction of the estimate in that step, which is one more
-    disturbance to the controller.
-    """
-
-    estimated: FloatArray  # (n - 1, 7)
-    true: FloatArray  # (n - 1, 7)
 
 
 def run_errors(record: Record, reference: Reference) -> RunErrors:
@@ -121,20 +107,20 @@ def run_errors(record: Record, reference: Reference) -> RunErrors:
     return RunErrors(ticks[first:last], errors(estimates[:, :_N]), errors(true)[:, :_N], command)
 
 
-def residuals(run: RunErrors, reference: Reference) -> Residuals:
-    """Return the one-step residuals of a run along its reference."""
+def residuals(run: RunErrors, reference: Reference) -> FloatArray:
+    """Return the one-step residuals of the estimated error along its reference, (n - 1, 7).
+
+        w = z_e(k+1) - A z_e(k) - B u_e(k) + E s(k)
+
+    The estimated disturbances s, map disturbance included, are part of the model. A controller
+    acts on the estimate: its correction in a step is one more disturbance to the controller.
+    """
     tick = run.tick[:-1].astype(int)
     count = int(tick[-1]) + 1
     a, b, _ = error_dynamics(reference, PAPER_PERIOD_S, count)
-    feedforward = exact_feedforward(reference, count, PAPER_PERIOD_S)
-    u_e = feedforward[tick] - run.command[:-1]  # (n - 1, 3)
+    u_e = exact_feedforward(reference, count, PAPER_PERIOD_S)[tick] - run.command[:-1]
     driven = np.einsum("kij,kj->ki", b[tick, :_N], u_e)
-
-    def residual(error: FloatArray) -> FloatArray:
-        state = np.concatenate([error, run.state[:, _N:]], axis=1)[:-1]
-        return error[1:] - np.einsum("kij,kj->ki", a[tick, :_N], state) - driven
-
-    return Residuals(estimated=residual(run.estimated), true=residual(run.true))
+    return run.estimated[1:] - np.einsum("kij,kj->ki", a[tick, :_N], run.state[:-1]) - driven
 
 
 def _error(
@@ -157,16 +143,14 @@ def _error(
     return error_state(target, estimated, reference.vehicle)
 
 
-def hold_out(
-    disturbance: DisturbanceSet, runs: Sequence[FloatArray], confidence: float, apart: int
-) -> HoldOut:
-    """Count the windows of held-out runs inside the set, one every `apart` steps."""
-    fills = np.concatenate([disturbance.fill(run)[::apart] for run in runs])
-    inside = proportion(int((fills <= 1.0).sum()), len(fills), confidence)
+def hold_out(disturbance: DisturbanceSet, runs: Sequence[FloatArray]) -> HoldOut:
+    """Count the windows of held-out runs inside the set, one every `WINDOW_STEPS`."""
+    fills = np.concatenate([disturbance.fill(run)[::WINDOW_STEPS] for run in runs])
+    inside = proportion(int((fills <= 1.0).sum()), len(fills))
     return HoldOut(inside.total, inside.count, inside.low, inside.high)
 
 
-def contradiction(count: HoldOut, what: str, coverage: float, confidence: float) -> str:
+def contradiction(count: HoldOut, what: str, coverage: float) -> str:
     """Return a sentence where a hold-out count contradicts the coverage, "" where it does not.
 
     The test is the one-sided binomial one.
@@ -174,7 +158,7 @@ def contradiction(count: HoldOut, what: str, coverage: float, confidence: float)
     if not count.windows:
         return ""
     p = binomtest(count.inside, count.windows, coverage, alternative="less").pvalue
-    if p >= 1.0 - confidence:
+    if p >= 1.0 - CONFIDENCE:
         return ""
     return (
         f"{count.inside} of {count.windows} held-out windows of the {what} lie in its set, a "
@@ -187,7 +171,7 @@ class FitRun(LoggedRun):
     """Data of one run for a fit."""
 
     errors: RunErrors
-    residuals: Residuals
+    residuals: FloatArray  # (n - 1, 7), see `residuals`
 
 
 @dataclass(frozen=True)
@@ -216,18 +200,12 @@ def fit_run(record: Record, scenario: Scenario) -> FitRun:
 def fit_tube(
     runs: Sequence[FitRun],
     coverage: float = COVERAGE,
-    window: int = WINDOW_STEPS,
-    shape: Shape = "box",
-    confidence: float = 0.95,
 ) -> Fit:
     """Fit a tube to runs. Every third run is held out to check the fit.
 
     Args:
         runs: in the order in which they are held out.
         coverage: share of the windows inside the disturbance set.
-        window: length of a window in control steps.
-        shape: of the disturbance set.
-        confidence: of the intervals of the hold-out counts, and of the least amount of data.
 
     Raises:
         InvalidFit: there are too few data for the coverage, or the runs are not of one field and
@@ -237,10 +215,10 @@ def fit_tube(
     require_alike(runs)
     fitted = [run for number, run in enumerate(runs, 1) if number % _HOLD_OUT_EVERY]
     held_out = [run for number, run in enumerate(runs, 1) if number % _HOLD_OUT_EVERY == 0]
-    _require_enough(fitted, held_out, coverage, window, confidence)
-    disturbance = fit_set([run.residuals.estimated for run in fitted], coverage, window, shape)
+    _require_enough(fitted, held_out, coverage)
+    disturbance = fit_set([run.residuals for run in fitted], coverage, WINDOW_STEPS, "box")
     estimate_error = fit_set([run.errors.estimation for run in fitted], coverage, 1, "zonotope")
-    held_residuals = [run.residuals.estimated for run in held_out]
+    held_residuals = [run.residuals for run in held_out]
     held_estimation = [run.errors.estimation for run in held_out]
     reference = runs[0].reference
     ticks = int(reference.duration_s / PAPER_PERIOD_S)
@@ -255,19 +233,16 @@ def fit_tube(
         held_out_seeds=[run.seed for run in held_out],
         reference=path_table(runs[0].settings.path),
         coverage=coverage,
-        confidence=confidence,
-        disturbance=hold_out(disturbance, held_residuals, confidence, window),
-        estimate_error=hold_out(estimate_error, held_estimation, confidence, window),
-        seen=residual_table(np.concatenate([run.residuals.estimated for run in runs])),
-        true=residual_table(np.concatenate([run.residuals.true for run in runs])),
-        estimation=residual_table(np.concatenate([run.errors.estimation for run in runs])),
+        confidence=CONFIDENCE,
+        disturbance=hold_out(disturbance, held_residuals),
+        estimate_error=hold_out(estimate_error, held_estimation),
         versions=versions(),
     )
     about = "Tube for the controller ttempc-tube, written by ttempc fit tube"
     along = ReferenceTube.along(design, reference, ticks)
     warnings = [
-        contradiction(provenance.disturbance, "disturbance", coverage, confidence),
-        contradiction(provenance.estimate_error, "error of the estimate", coverage, confidence),
+        contradiction(provenance.disturbance, "disturbance", coverage),
+        contradiction(provenance.estimate_error, "error of the estimate", coverage),
     ]
     if not runs[0].drives_in_a_tube:
         warnings.append(
@@ -304,8 +279,6 @@ def _require_enough(
     fitted: Sequence[FitRun],
     held_out: Sequence[FitRun],
     coverage: float,
-    window: int,
-    confidence: float,
 ) -> None:
     """Raise `InvalidFit` if there are too few runs or windows for the coverage."""
     if not 0.0 < coverage < 1.0:
@@ -315,12 +288,12 @@ def _require_enough(
             f"got {len(fitted)} runs, at least {_HOLD_OUT_EVERY} are needed: every third is held "
             "out to check the fit"
         )
-    windows = sum(len(run.residuals.estimated) // window for run in fitted)
-    needed = fewest_samples(coverage, confidence)
+    windows = sum(len(run.residuals) // WINDOW_STEPS for run in fitted)
+    needed = fewest_samples(coverage)
     if windows < needed:
         raise InvalidFit(
-            f"got {windows} windows of {window} steps in {len(fitted)} runs, a coverage of "
-            f"{coverage:g} with a confidence of {confidence:g} takes {needed} at least"
+            f"got {windows} windows of {WINDOW_STEPS} steps in {len(fitted)} runs, a coverage of "
+            f"{coverage:g} with a confidence of {CONFIDENCE:g} takes {needed} at least"
         )
 
 
@@ -341,9 +314,8 @@ def format_fit(fit: Fit) -> str:
         f"{len(provenance.held_out_seeds)} held out",
         f"Set       {disturbance.shape}, windows of {disturbance.window} steps, "
         f"coverage {provenance.coverage:g}",
-        f"Hold-out  disturbance {_inside(provenance.disturbance, provenance.confidence)}",
-        "          error of the estimate "
-        f"{_inside(provenance.estimate_error, provenance.confidence)}",
+        f"Hold-out  disturbance {_inside(provenance.disturbance)}",
+        f"          error of the estimate {_inside(provenance.estimate_error)}",
         f"Tube      alpha {certificate.alpha:.3f} after {certificate.terms} windows",
         "",
         f"{'half width':<24}{'straight':>10}{'curve':>10}{'largest':>10}",
@@ -358,9 +330,9 @@ def format_fit(fit: Fit) -> str:
     return "\n".join(lines)
 
 
-def _inside(count: HoldOut, confidence: float) -> str:
+def _inside(count: HoldOut) -> str:
     return (
-        f"{count.inside} of {count.windows} windows inside ({100.0 * confidence:g} %: "
+        f"{count.inside} of {count.windows} windows inside ({100.0 * CONFIDENCE:g} %: "
         f"{count.low:.4f} to {count.high:.4f})"
     )
 

@@ -1,1 +1,1 @@
-"""Plant validation: inspection of a scenario's plant, with its report."""
+"""Validation of a scenario's plant, with its report."""

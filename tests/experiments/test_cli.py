@@ -97,7 +97,7 @@ def test_several_seeds_make_a_list_and_a_table(here, capsys):
     line = ["run", "pavement", "--set", "path={kind='straight', length_m=6}", "--seeds", "2"]
     assert main([*line, "--json", "-o", "a"]) == 0
     assert [run["seed"] for run in json.loads(capsys.readouterr().out)] == [201, 202]
-    assert main([*line, "-v", "-o", "b"]) == 0
+    assert main([*line, "-o", "b"]) == 0
     printed = capsys.readouterr()
     assert re.search(r"^202 +completed", printed.out, re.MULTILINE)
     assert printed.out.splitlines()[-1] == "open b/seed-*/report.html"
@@ -158,7 +158,6 @@ def test_progress_is_told_without_a_terminal_every_few_seconds(monkeypatch, caps
         (("--seed", "x"), "--seed"),
         (("--seeds", "0"), "--seeds"),
         (("--seed", "3", "--seeds", "2"), "not allowed with"),
-        (("-q", "-v"), "not allowed with"),
         (("--seeds", "2", "--live"), "--live"),
         (("--speed", "2"), "--speed"),
         (("--port", "2"), "--port"),
@@ -259,7 +258,7 @@ def test_an_option_has_one_meaning():
     assert all(len(meanings) == 1 for meanings in declared.values()), declared
 
 
-def test_the_list_has_names_schema_and_completion(here, capsys):
+def test_the_list_has_names_and_schema(here, capsys):
     assert main(["list", "--json"]) == 0
     groups = json.loads(capsys.readouterr().out)
     assert list(groups["scenarios"]) == shipped()
@@ -269,10 +268,6 @@ def test_the_list_has_names_schema_and_completion(here, capsys):
     assert all(name in text and about in text for g in groups.values() for name, about in g.items())
     assert main(["list", "--schema", "-o", "s.json"]) == 0
     assert json.loads((here / "s.json").read_text())["properties"]
-    assert main(["list", "--completion", "bash"]) == 0
-    script = capsys.readouterr().out
-    assert "--record-rate" in script
-    assert all(name in script for name in _COMMANDS)
 
 
 @pytest.mark.parametrize(

@@ -19,33 +19,18 @@ from ...results.statistics import IntervalEstimate, caveat, holm, mean, paired_p
 from ...results.summary import ACTUATOR_USE
 from ...scenario.scenario import load
 from ...seeds import TUNED_FIELDS
-from ...sweep.results import WORKING_P95, WORKING_SD
+from ...sweep.results import WORKING_P95
 from ...sweep.study import DrawnAxis, load_study
 from ...sweep_report.format import format_estimate
-from ..leads import leads_sentence
 from ..study import Block, Study
 from ..tables import ERRORS, markdown
 
-DEFAULT: Final = "ttempc"
-"""The controller that the others are compared with."""
-
-FAMILY: Final = ("ttempc", "ttempc-nominal", "ttempc-tube")
-"""Variants of one controller; the others are its rivals."""
-
+DEFAULT: Final = "ttempc"  # that the others are compared with
+FAMILY: Final = ("ttempc", "ttempc-nominal", "ttempc-tube")  # of the same kind; others are rivals
 LEVEL: Final = 0.05  # of the tests, after Holm's correction
 _RIVAL: Final = "pid"
 _SHOWN: Final = (DEFAULT, _RIVAL, "paper")
-_TRACTOR_P95: Final = "tracking.all.tractor.cross_p95_m"
 _STEP: Final = "timing.control_step_us.median"
-_HEADLINE: Final = {
-    "pavement": "hard and smooth; GNSS noise is white",
-    "grass": "level grass; GNSS noise is white",
-    "grass-field": "the same ground; sensors as in the field",
-    "cultivate": "with a soil-working tool",
-    "wet-slope": "wet slope; GNSS noise is white",
-    "old-valves": "worn valves",
-    "raw-gnss": "GNSS antennas that tilt with the vehicle, IMU",
-}
 
 
 class Comparison:
@@ -123,29 +108,18 @@ class Comparison:
         return _exp(mean(logs.mean(axis=0))), len(logs)
 
     def verdicts(self) -> str:
-        """Return the sentences on where `pid` is as good."""
-        ahead: dict[str, list[str]] = {_RIVAL: [], DEFAULT: []}
-        for (field, controller), (ratio, _) in self.ratios.items():
-            if controller == _RIVAL:
-                ahead[_RIVAL if ratio.value < 1.0 else DEFAULT].append(field)
-        sentences = []
-        for name, fields in ahead.items():
-            significant = [f"`{field}`" for field in fields if self.verdict(field, _RIVAL)]
-            listed = (
-                f"{len(fields)} of {sum(map(len, ahead.values()))} fields "
-                f"({', '.join(f'`{field}`' for field in fields)}), significantly on "
-                f"{', '.join(significant) or 'none'}."
-            )
-            sentences.append(
-                f"`{name}` has the smaller error on {listed if fields else 'no field.'}"
-            )
+        """Return the sentences on where `pid` is ahead."""
+        ahead = [at for at, one in self.ratios.items() if at[1] == _RIVAL and one[0].value < 1.0]
+        listed = ", ".join(
+            f"`{field}`" + (" (significant)" if self.verdict(field, name) else "")
+            for field, name in ahead
+        )
         over, count = self.over_fields(_RIVAL)
         return (
-            f"{' '.join(sentences)} The error of `{_RIVAL}` is {format_estimate(over, 2)} times "
-            f"that of `{DEFAULT}` (geometric mean over {count} fields, 95 % interval). "
-            "Significant: paired t-test at 5 % after Holm's correction for "
-            f"{len(self.ratios)} comparisons; with {self.seeds} seeds it finds large differences "
-            "only."
+            f"`{_RIVAL}` is ahead on {listed or 'no field'}. Its error is "
+            f"{format_estimate(over, 2)} times that of `{DEFAULT}` (geometric mean over {count} "
+            "fields, 95 % interval). Significant: paired t-test at 5 % after Holm's correction for "
+            f"{len(self.ratios)} comparisons."
         )
 
 
@@ -153,26 +127,6 @@ def _exp(estimate: IntervalEstimate) -> IntervalEstimate:
     """Return an estimate of a logarithm as one of the number."""
     ends = (None if end is None else float(np.exp(end)) for end in (estimate.low, estimate.high))
     return IntervalEstimate(float(np.exp(estimate.value)), *ends)
-
-
-def headline(rows: pd.DataFrame) -> str:
-    """Return the short table of README: errors on a few fields, and where `pid` is as good."""
-    comparison = Comparison(rows)
-    shown = [name for name in _SHOWN if name in comparison.controllers]
-    lines = []
-    for field, about in _HEADLINE.items():
-        if field not in comparison.fields:
-            continue
-        cells = []
-        for name in shown:
-            own = 100.0 * comparison.runs(field, name)[[WORKING_P95, WORKING_SD, _TRACTOR_P95]]
-            working, sd, tractor = own.mean()
-            text = f"{working:.1f} (sd {sd:.1f}) / {tractor:.1f}"
-            cells.append(comparison.lost(field, name) or text)
-        lines.append((f"`{field}`: {about}", *cells))
-    head = "cross-track error, p95 (sd) of the working point / p95 of the tractor [cm]"
-    table = markdown((head, *(f"`{name}`" for name in shown)), lines)
-    return f"{table}\n\n{comparison.verdicts()}"
 
 
 def by_field(rows: pd.DataFrame) -> str:
@@ -200,15 +154,7 @@ def by_field(rows: pd.DataFrame) -> str:
         )
     heads = ("field", "tuned here", f"`{DEFAULT}` [cm]", f"`{_RIVAL}`: ratio; p", "best rival")
     table = markdown((*heads, "its ratio; p"), lines)
-    ahead = leads_sentence(_errors(rows, "scenario"), "fields")
-    return f"{table}\n\n{ahead}\n\n{comparison.verdicts()} {caveat(comparison.seeds)}".rstrip()
-
-
-def _errors(rows: pd.DataFrame, place: str) -> pd.DataFrame:
-    """Return rows as `leads_sentence` takes them."""
-    pair = rows["point"].astype(str) + " " + rows["seed"].astype(str)
-    error_cm = (100.0 * rows[WORKING_P95]).where(rows["status"] == "completed")
-    return rows.assign(place=rows[place], pair=pair, error_cm=error_cm)
+    return f"{table}\n\n{comparison.verdicts()} {caveat(comparison.seeds)}".rstrip()
 
 
 def _ratio(ratio: tuple[IntervalEstimate, float] | None) -> str:
@@ -314,15 +260,15 @@ SWEEPS: Final = ("terrain-slip", "delay", "noise", "speed-radius", "mismatch")
 
 
 def side_by_side(rows: pd.DataFrame) -> str:
-    """Return the errors of all sweeps, with the paired difference of `pid`, and all leads."""
-    lines = []
+    """Return the errors of all sweeps, with the paired difference of `pid`."""
+    lines, shown = [], [DEFAULT, *(name for name in rows["controller"].unique() if name != DEFAULT)]
     for name, own in rows.groupby("study", sort=False):
         _, study = load_study(str(name))
         drawn = any(isinstance(axis, DrawnAxis) for axis in study.axis)
         unit = "point" if drawn else "seed"
         done = own[own["status"] == "completed"]
         cells = []
-        for controller in _SHOWN:
+        for controller in shown:
             driven = done[done["controller"] == controller].dropna(subset=[WORKING_P95])
             error = mean(100.0 * driven[WORKING_P95].to_numpy(float), driven[unit].to_numpy())
             count = (own["controller"] == controller).sum()
@@ -333,13 +279,11 @@ def side_by_side(rows: pd.DataFrame) -> str:
         estimate = mean(gap.to_numpy(float), gap.index.get_level_values(unit).to_numpy())
         difference = f"{format_estimate(estimate, sign='+')} of {len(gap)}"
         lines.append((f"`{name}`", str(len(own)), study.description, *cells, difference))
-    heads = ("study", "runs", "varied", *(f"`{name}`" for name in _SHOWN))
-    table = markdown((*heads, f"`{_RIVAL}` - `{DEFAULT}`, pairs"), lines)
-    return f"{table}\n\n{leads_sentence(_errors(rows, 'study'), 'studies')}"
+    heads = ("study", "runs", "varied", *(f"`{name}`" for name in shown))
+    return markdown((*heads, f"`{_RIVAL}` - `{DEFAULT}`, pairs"), lines)
 
 
 STUDIES: Final = (
-    Study(name="headline", table=headline, sweeps=("compare",)),
     Study(name="fields", table=by_field, sweeps=("compare",)),
     Study(name="errors", table=errors, sweeps=("compare",)),
     Study(name="compare", table=controllers, sweeps=("compare",)),

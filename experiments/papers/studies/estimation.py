@@ -1,30 +1,25 @@
-"""Estimators compared, consistency of the default one, and the parts of the tracking error."""
+"""Estimators compared, and consistency of the default one."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
-from ttempc.types import FloatArray, State
+from ttempc.types import State
 
-from ....testbed.recording.channels import ESTIMATE, STATE
-from ....testbed.sensing.sensor_specification import SensorSpecification
+from ....testbed.recording.channels import ESTIMATE
 from ...logs.replay import estimator_of, replay
 from ...results.consistency import consistency
-from ...results.tracking_errors import BODIES, START_UP_S, position_fields, rows_at_same_time
+from ...results.tracking_errors import BODIES
 from ...run.simulate import simulate
-from ...scenario.controller import TRUTH, NoiseSettings
 from ...scenario.path import FigureEight
 from ...scenario.scenario import Scenario, load, shipped
 from ...seeds import report_seeds
-from ..cells import grouped, groups, label, mean, mean_errors, numbers
 from ..study import Case, Row, Study, summary_row
-from ..tables import markdown
+from ..tables import grouped, label, mean, mean_errors, numbers
 
 FIELDS: Final = ("pavement", "grass", "wet-grass", "side-slope", "wet-slope", "patchy")
 ESTIMATORS: Final = ("ekf", "nmhe")
@@ -74,92 +69,6 @@ def consistency_table(runs: pd.DataFrame) -> str:
     return grouped(runs, ["scenario"], {"scenario": label("scenario", "`{}`"), **cells})
 
 
-def _clean(scenario: Scenario) -> Scenario:
-    """Return the scenario with the paper's sensors, undelayed at the axle points, without noise."""
-    sensors = SensorSpecification(gnss_sd_m=0.0, angle_sd_deg=0.0, encoder_sd_mps=0.0)
-    controller = replace(scenario.controller, noise=NoiseSettings().filled(sensors))
-    return replace(scenario, sensors=sensors, controller=controller)
-
-
-def _truth(scenario: Scenario) -> Scenario:
-    return replace(scenario, controller=replace(scenario.controller, estimator=TRUTH))
-
-
-def _level(scenario: Scenario) -> Scenario:
-    """Return the scenario with `truth` on level, smooth ground of the same soil."""
-    scenario = _truth(scenario)
-    level = replace(scenario.terrain, iso_class="flat", slope_rad=0.0, height_map="", features=())
-    return replace(scenario, terrain=level)
-
-
-VARIANTS: Final[dict[str, Callable[[Scenario], Scenario]]] = {
-    "as it is": lambda scenario: scenario,
-    "clean sensors": _clean,
-    "`truth`": _truth,
-    "`truth`, smooth level ground": _level,
-}
-"""Each leaves out one source of error more than the one before."""
-
-PARTS: Final = ("sensor noise", "filter's model", "ground", "soil and control")
-"""Parts of the mean square error: differences of neighbouring variants, and the last variant."""
-
-
-def mean_squares(case: Case) -> Row:
-    """Return the mean square errors of tracking and estimation by point [m^2], NaN if lost."""
-    name, scenario = one_lap(case)
-    summary, record = simulate(name, VARIANTS[case["variant"]](scenario), case.seed)
-    time_s, state, estimate = rows_at_same_time(record, STATE, ESTIMATE)
-    row: dict[str, float] = {}
-    for body in BODIES:
-        rms = getattr(summary.tracking.all, body).rms_m or math.nan
-        row[f"{body} tracking"] = rms**2 if summary.status == "completed" else math.nan
-        places = position_fields(body)
-        error = record[ESTIMATE].columns(*places)[estimate] - record[STATE].columns(*places)[state]
-        after = np.sum(error[time_s >= START_UP_S] ** 2, axis=1)
-        row[f"{body} estimation"] = float(np.mean(after))
-    return row
-
-
-def parts(tracking: FloatArray) -> FloatArray:
-    """Return the parts of the mean square error in the order of `PARTS`, (4, ...).
-
-    Their sum is the first variant's. A part is negative where leaving out its source makes the
-    error larger.
-
-    Args:
-        tracking: mean squares by variant, (4, ...).
-    """
-    return tracking - np.concatenate([tracking[1:], np.zeros_like(tracking[:1])])
-
-
-def limit_tables(runs: pd.DataFrame) -> str:
-    """Return root mean square errors [cm], and the parts of the mean square error [%], by field."""
-    errors, shares = [], []
-    for field in groups(runs, ["scenario"]):
-        variants = [*groups(field, ["variant"])]
-        tracking, estimation = (
-            np.array(
-                [numbers(own, *(f"{body} {what}" for body in BODIES)) for own in variants]
-            ).mean(axis=1)
-            for what in ("tracking", "estimation")
-        )  # (4, 2) each
-        followed = tracking[0] - tracking[2] - estimation[0]
-        split = 100.0 * np.array([*parts(tracking), followed]) / tracking[0]
-        name = f"`{field['scenario'].iloc[0]}`"
-        errors.append([name, *_pairs(100.0 * np.sqrt([*tracking, estimation[0]]), ".2f")])
-        shares.append([name, *_pairs(np.round(split) + 0.0, ".0f")])  # + 0.0: no "-0"
-    return "\n\n".join(
-        [
-            markdown(["tractor / trailer [cm]", *VARIANTS, "estimation error"], errors),
-            markdown(["share of the mean square error [%]", *PARTS, "noise followed"], shares),
-        ]
-    )
-
-
-def _pairs(values: FloatArray, form: str) -> list[str]:
-    return [" / ".join("lost" if math.isnan(x) else f"{x:{form}}" for x in two) for two in values]
-
-
 STUDIES: Final = (
     Study(
         name="estimators",
@@ -199,22 +108,5 @@ STUDIES: Final = (
         table=consistency_table,
         checks=tuple((name, "ttempc") for name in shipped()),
         minutes=2.0,
-    ),
-    Study(
-        name="limits",
-        scenarios=tuple(shipped()),
-        overrides=('controller.name="ttempc"',),
-        axes={"variant": tuple(VARIANTS)},
-        seeds=report_seeds(2),
-        drive=mean_squares,
-        table=limit_tables,
-        checks=(
-            *((name, "ttempc") for name in shipped()),
-            *(
-                (name, "ttempc", f'controller.estimator="{TRUTH}"')
-                for name in ("furrows", "grass", "wet-slope")
-            ),
-        ),
-        minutes=4.0,
     ),
 )

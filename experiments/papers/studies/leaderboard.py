@@ -6,14 +6,15 @@ tool where there is one, else the trailer's axle point; losses count, see `trial
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from ....testbed.recording.provenance import code_digest
+from ...sweep_report.format import format_numbers
 from ...trials.bench import Entrant, bench
 from ...trials.definition import trial_files
 from ...trials.score_card import PUBLIC, ScoreCard, public_draws, read_score_card
-from ...trials.tables import format_interval
 from ..pages import ROOT
 from ..runner import Runner
 from ..study import Block, Study
@@ -40,6 +41,21 @@ OTHERS: Final = (("learnt_policy:learnt",), ("casadi_mpc:CasadiMpc",), ("do_mpc_
 """Controllers of docs/examples, written against the public interface."""
 
 
+HEADLINE: Final = ("ttempc", "pid", "lqr", "nmpc-rti")
+_ABOUT: Final = {
+    "crop-rows": "crop rows on a soft slope",
+    "cultivate": "cultivator on a side slope: the tool",
+    "even-grass": "even grass",
+    "faults": "bumpy grass with faults",
+    "field-sensors": "sensors as in the field",
+    "patches": "furrows, soft patches",
+    "reverse": "passes in reverse",
+    "rough-grass": "rough grass",
+    "wet-slope": "wet slope",
+    "worn-valves": "worn valves",
+}
+
+
 def make(runner: Runner) -> Block:
     """Return the leaderboard, and the score cards of all entries driven here."""
     draws = public_draws(runner.seeds(PUBLIC))
@@ -49,26 +65,55 @@ def make(runner: Runner) -> Block:
         folder = runner.folder / code_digest() / f"bench-{draws.count}-{entrant.stem}"
         with runner.engine() as workers:
             cards[f"{CARDS}/{entrant.stem}.json"] = bench(entrant, draws, folder, workers)
-    files = sorted((ROOT / "docs" / CARDS).glob("*.json"))
-    others = [read_score_card(file) for file in files if f"{CARDS}/{file.name}" not in cards]
     first = next(iter(cards.values()))
-    same, left_out = [*cards.values()], []
-    for card in others:
-        alike = (card.identifier, card.draws.sha256) == (first.identifier, first.draws.sha256)
-        (same if alike else left_out).append(card)
-    count = f"{draws.count} seed{'s' if draws.count > 1 else ''}"
-    parts = [f"Benchmark `{first.identifier}`, {count}.", leaderboard(same)]
-    if left_out:
-        listed = ", ".join(f"`{card.label}` ({card.identifier})" for card in left_out)
+    others = [card for file, card in shipped_cards().items() if f"{CARDS}/{file}.json" not in cards]
+    place = (first.identifier, first.draws.sha256)
+    same = [card for card in others if (card.identifier, card.draws.sha256) == place]
+    parts = [leaderboard([*cards.values(), *same])]
+    if left_out := [card for card in others if card not in same]:
+        listed = ", ".join(f"`{entry(card)}` ({card.identifier})" for card in left_out)
         parts.append(f"Of other versions or seeds, not shown: {listed}.")
     return Block(
         "\n\n".join(parts), {name: card.to_json().encode() for name, card in cards.items()}
     )
 
 
+def shipped_cards() -> dict[str, ScoreCard]:
+    """Return the committed score cards by the stems of their files."""
+    files = sorted((ROOT / "docs" / CARDS).glob("*.json"))
+    return {file.stem: read_score_card(file) for file in files}
+
+
+def entry(card: ScoreCard) -> str:
+    """Return the name of an entry; of an own controller, without its module."""
+    return re.sub(r"^[\w.]+:", "", card.label)
+
+
+def headline(cards: Mapping[str, ScoreCard]) -> Block:
+    """Return the short table of README from the cards of `HEADLINE`, the geometric mean last."""
+    shown = [cards[name] for name in HEADLINE]
+    lines = [
+        (
+            f"`{name}`: {about}",
+            *(f"{100.0 * card.score.trials[name].cost_m.value:.1f}" for card in shown),
+        )
+        for name, about in _ABOUT.items()
+    ]
+    overall = (f"{100.0 * card.score.cost_m.value:.2f}" for card in shown)
+    heads = ("cross-track p95 of the working point [cm]", *(f"`{name}`" for name in HEADLINE))
+    first = shown[0]
+    footer = (
+        f"<sub>Cards of the simulated benchmark `{first.identifier}`: mean over "
+        f"{first.draws.count} public seeds ({format_numbers(PUBLIC)}), a run that does "
+        "not complete counts 1 m; `ttempc bench NAME`; "
+        "[all entries and intervals](docs/results.md#benchmark)</sub>"
+    )
+    return Block(markdown(heads, [*lines, ("all, geometric mean", *overall)]), footer=footer)
+
+
 def leaderboard(cards: Sequence[ScoreCard]) -> str:
     """Return the cards of one identifier as Markdown tables, the least cost first."""
-    ordered = sorted(cards, key=lambda card: card.score.cost_m.value)
+    first, ordered = cards[0], sorted(cards, key=lambda card: card.score.cost_m.value)
     names = [*trial_files()]
     lines, by_trial = [], []
     for card in ordered:
@@ -77,15 +122,15 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
         step = item.step_p99_us
         lines.append(
             (
-                f"`{card.label}`",
-                format_interval(item.cost_m),
+                f"`{entry(card)}`",
+                item.cost_m.text(),
                 f"{item.not_completed} of {item.runs}",
                 f"{100.0 * max(outside):.1f}" if outside else "–",
                 "–" if step is None else f"{1e-3 * step:.2f}",
             )
         )
         costs = (f"{100 * item.trials[name].cost_m.value:.1f}" for name in names)
-        by_trial.append((f"`{card.label}`", *costs))
+        by_trial.append((f"`{entry(card)}`", *costs))
     loads: dict[str, list[str]] = {}
     for card in cards:
         processor, cores, system = (
@@ -95,8 +140,10 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
         own.append(card.machine.get("load", ""))
     machines = [f"{name}, load {_range(own)}" for name, own in sorted(loads.items())]
     heads = ("entry", "cost [cm]", "not completed", "outside rows [%]", "step p99 [ms]")
+    count = f"{first.draws.count} seed{'s' if first.draws.count > 1 else ''}"
     return "\n\n".join(
         (
+            f"Benchmark `{first.identifier}`, {count}.",
             "Cost: p95 of the cross-track error of the working point, losses counted.",
             markdown(heads, lines),
             "Mean cost by scenario [cm]:",
@@ -127,4 +174,5 @@ STUDIES: Final = (
         ),
         minutes=110.0,
     ),
+    Study(name="headline", make=lambda runner: headline(shipped_cards())),
 )

@@ -1,12 +1,14 @@
-"""Tables of comparisons from rows of known errors: ratios, verdicts, leads, lost runs."""
+"""Tables of comparisons from rows of known errors; README beside results and score cards."""
 
+import itertools
 import math
 
 import numpy as np
 import pandas as pd
 import pytest
-from proving_ground.experiments.papers.leads import MARGIN_CM, leads, leads_sentence
+from proving_ground.experiments.papers.pages import ROOT, blocks
 from proving_ground.experiments.papers.studies import comparison as module
+from proving_ground.experiments.papers.studies import leaderboard
 from proving_ground.experiments.results.summary import ACTUATOR_USE
 from proving_ground.experiments.sweep.results import frame
 from proving_ground.experiments.sweep.row import no_figures
@@ -71,9 +73,7 @@ def test_ratios_are_those_of_the_factors_and_every_field_counts_the_same(rows):
 def test_tables_show_where_the_rival_is_better_and_no_mean_over_lost_runs(rows):
     text = module.by_field(rows)
     assert line(text, "`old-valves`")[4] == "`pid`"
-    assert "Ahead of `ttempc`: `pid` on `old-valves` (" in text
-    assert "on 1 of 4 fields (`old-valves`), significantly on `old-valves`." in text
-    assert line(module.headline(rows), "`old-valves`")[-1] == "5 of 5 lost"
+    assert "`pid` is ahead on `old-valves` (significant)." in text
     block = module.controllers(rows)
     assert block.files["compare.png"].startswith(b"\x89PNG")
     cells = line(block.text, "`pid`")
@@ -91,39 +91,33 @@ def test_sweeps_stand_side_by_side_with_the_paired_difference(rows):
         cells = line(text, f"`{name}`")
         assert cells[1] == str(len(rows))
         assert cells[5].endswith("5 of 20 lost")
-        assert cells[6].endswith("of 20")
+        assert cells[-1].endswith("of 20")
 
 
-def runs(place, controller, errors):
-    columns = {"place": place, "pair": range(len(errors)), "controller": controller}
-    return pd.DataFrame({**columns, "error_cm": errors})
+def costs(table):
+    """Return costs by scenario and entry of the last table of a text: scenarios are lines."""
+    lines = [[cell.strip(" |`") for cell in row.split("|")[1:-1]] for row in table.splitlines()]
+    return {
+        row[0].split("`")[0]: dict(zip(lines[0][1:], map(float, row[1:]), strict=True))
+        for row in lines[2:]
+    }
 
 
-def found(*frames, default="own"):
-    return list(leads(pd.concat(frames), default))
-
-
-def test_a_lead_is_a_mean_over_pairs_beyond_the_margin():
-    own = runs("a", "own", [2.0, 3.0])
-    near = runs("a", "near", [2.0 - MARGIN_CM, 3.0 - 0.9 * MARGIN_CM])
-    ((place, controller, error_cm, fewer),) = found(own, near, runs("a", "far", [2.4, 2.4]))
-    assert (place, controller, fewer) == ("a", "far", 0)
-    assert error_cm == pytest.approx(0.1)
-
-
-def test_a_pair_with_a_lost_run_counts_as_a_lost_run_alone():
-    own = runs("a", "own", [2.0, math.nan, math.nan])
-    other = runs("a", "other", [2.0, 1.0, math.nan])
-    assert found(own, other) == [("a", "other", 0.0, 1)]
-    assert found(own, other, default="other") == []
-
-
-def test_runs_that_the_default_one_did_not_drive_are_no_lead():
-    assert found(runs("a", "own", [2.0]), runs("b", "other", [1.0])) == []
-
-
-def test_the_sentence_names_every_lead_and_counts_the_other_places():
-    ahead = [runs("a", "own", [2.0]), runs("a", "other", [1.0])]
-    level = [runs("b", "own", [2.0]), runs("b", "other", [2.0])]
-    text = leads_sentence(pd.concat([*ahead, *level]), "fields", "own")
-    assert text.startswith("Ahead of `own`: `other` on `a` (1.00 cm). On 1 of 2 fields none of")
+def test_readme_results_and_score_cards_order_controllers_alike_or_readme_says_so():
+    """Whatever is ahead of `ttempc` at a scenario beyond the rounding is named in README."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    results = blocks((ROOT / "docs" / "results.md").read_text(encoding="utf-8"))["field-trials"]
+    cards = leaderboard.shipped_cards()
+    made = leaderboard.headline(cards)
+    assert f"{made.text}\n\n{made.footer}" == blocks(readme)["headline"].strip()
+    short = costs(made.text)
+    tables = [part for part in results.split("\n\n") if part.startswith("|")]
+    by_entry = costs(tables[1])
+    assert leaderboard.leaderboard([*cards.values()]).split("\n\n")[4] == tables[1]
+    prose = readme.replace(made.text, "")
+    for name in leaderboard.trial_files():
+        own = {entry: row[name] for entry, row in by_entry.items()}
+        for one, other in itertools.permutations(short[name], 2):
+            opposite = short[name][one] < short[name][other] and own[one] > own[other]
+            assert not opposite or f"`{name}`" in prose, (name, one, other)
+        assert short[name]["pid"] >= short[name]["ttempc"] or f"`{name}`" in prose, name

@@ -16,10 +16,9 @@ from proving_ground.experiments.papers.checks import (
     scenario_check,
     write_ledger,
 )
-from proving_ground.experiments.papers.listing import all_studies
 from proving_ground.experiments.papers.pages import ROOT, blocks, pages_of_tables
 from proving_ground.experiments.papers.runner import Runner, check, write_tables
-from proving_ground.experiments.papers.study import Block, Case, Study, lap
+from proving_ground.experiments.papers.study import Block, Case, Study, all_studies, lap
 from proving_ground.experiments.scenario.scenario import load, shipped
 from proving_ground.experiments.seeds import FITTING, TUNING, design_seeds
 from proving_ground.experiments.sweep.study import ListAxis, load_study, shipped_studies

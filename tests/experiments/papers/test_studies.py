@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from proving_ground.experiments.papers.listing import all_studies
-from proving_ground.experiments.papers.runner import Runner
 from proving_ground.experiments.papers.studies import (
     containment,
-    control,
     estimation,
     faults,
-    searches,
-    soak,
     tubes,
     variants,
     widths,
 )
-from proving_ground.experiments.papers.study import Case, lap
+from proving_ground.experiments.papers.study import Case, all_studies, lap
 from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.scenario.scenario import load
@@ -34,9 +28,6 @@ from proving_ground.experiments.scenario.tube_file import (
 from proving_ground.experiments.seeds import FITTING, report_seeds
 from proving_ground.experiments.sweep.row import FIGURES
 from scipy.stats import gumbel_r
-
-from tests.ttempc.tubes import DESIGN
-from ttempc.guidance.controllers import controller_options
 
 STRAIGHT = 'path={kind="straight",length_m=10.0}'
 
@@ -68,22 +59,13 @@ def test_tables_of_laps_have_the_means_of_each_variant_over_the_seeds():
             status = "lost" if number == 0 else "completed"
             about = {"scenario": case.scenario, "seed": case.seed, "controller": "ttempc"}
             rows.append({**about, **case.labels, "status": status, **figures})
-        made = study.table(pd.DataFrame(rows))
-        head, body = cells(getattr(made, "text", made))
+        head, body = cells(study.table(pd.DataFrame(rows)))
         seeds = len(study.seeds)
         assert len(body) == len(rows) / seeds
         assert [line[-1] for line in body][:2] == [f"1/{seeds}", f"0/{seeds}"]
-        column = head.index("error [cm]" if "error [cm]" in head else "tractor straight")
+        column = head.index("tractor straight")
         expected = np.mean(range(seeds, 2 * seeds))
         assert float(body[1][column]) == pytest.approx(expected, abs=0.05)
-
-
-def test_a_rehearsal_drives_other_seeds_and_paths(tmp_path):
-    study = replace(all_studies()["conditions"], axes={"condition": {"a": (), "b": ()}})
-    block = Runner(tmp_path, 0, (1,), (STRAIGHT,)).block(replace(study, checks=()))
-    _, (one, other) = cells(block.text)
-    assert one[1:] == other[1:]
-    assert (one[3], one[-1]) == ("nan", "0/1")  # no curve
 
 
 # Widths of laps.
@@ -110,14 +92,14 @@ def test_half_widths_grow_with_the_speed_as_the_distribution_does():
 
 def test_fresh_laps_keep_to_the_half_widths_as_often_as_promised():
     rows = [widths.coverage_cells(draws(40, k), draws(400, 100 + k)) for k in range(20)]
-    inside = np.array([[int(row[n].split(" of ")[0]) for n in (2, 4)] for row in rows])
+    inside = np.array([[400 - int(row[n].split(" of ")[0]) for n in (2, 4)] for row in rows])
     promised = float(rows[0][1].strip(" %"))
     assert promised >= 95.0
     # The promise is a mean over calibrations; its standard error here is below 1 %.
     assert promised - 3.0 < 100.0 * inside[:, 0].mean() / 400 < promised + 3.0
     assert inside[:, 1].mean() / 400 > 0.98
     lost = np.vstack([draws(9, 3), [np.inf, np.inf]])
-    assert widths.coverage_cells(draws(40, 2), lost)[4].startswith("9 of 10")
+    assert widths.coverage_cells(draws(40, 2), lost)[4].startswith("1 of 10")
     assert not {*FITTING[: widths.FITTED_LAPS]} & {*report_seeds(widths.LAPS)}
 
 
@@ -131,82 +113,11 @@ def test_the_judge_of_widths_does_not_change_the_lap():
     assert all(plain[name] == judged[name] for name in FIGURES if name.startswith("tracking"))
 
 
-# Control and estimation.
-
-
-def test_a_drawn_plant_stays_within_half_of_the_values_that_ship():
-    shipped = load("grass")[1]
-    for corner, factor in ((0.0, 0.5), (0.5, 1.0), (1.0, 1.5)):
-        shares = np.full(len(control.VEHICLE) + len(control.LAW) + 1, corner)
-        scenario = load("grass", control.drawn_plant(shares))[1]
-        law, plant = scenario.plant.wheel_law, scenario.vehicles().plant
-        assert law.relaxation_lat_m == factor * shipped.plant.wheel_law.relaxation_lat_m
-        assert plant.tractor.mass_kg == factor * shipped.vehicles().plant.tractor.mass_kg
-        assert scenario.vehicles().mismatch == ()
-
-
-def test_a_lost_run_is_behind_and_in_no_difference():
-    own, other = np.array([1.0, 2.0, np.inf, 4.0]), np.array([2.0, np.inf, 1.0, 3.5])
-    difference, share = control.ahead(own, other)
-    assert difference.startswith("+0.25 (")
-    assert share.startswith("2/4 ")
-
-
-def test_parts_of_the_error_add_up_and_less_noise_makes_it_smaller():
-    tracking = np.array([[9.0, 5.0], [4.0, 5.5], [3.0, 2.0], [1.0, 1.0]])
-    np.testing.assert_allclose(estimation.parts(tracking).sum(axis=0), tracking[0])
-    squares = [
-        estimation.mean_squares(Case("grass", 1, (STRAIGHT,), {"variant": variant}))
-        for variant in estimation.VARIANTS
-    ]
-    as_it_is, clean, truth, level = (row["tractor tracking"] for row in squares)
-    assert as_it_is > clean >= truth >= level
-
-
 def test_estimators_are_consistent_on_a_straight():
     row = estimation.consistent(Case("grass", 1, (STRAIGHT,)))
     assert row["NIS"] == pytest.approx(1.0, abs=0.3)
     assert [*row][:3] == ["x", "y", "psi_t"]
     assert estimation.estimated(Case("grass", 1, (STRAIGHT,)))["nis"] == pytest.approx(1.0, abs=0.3)
-
-
-# Searches.
-
-
-def test_a_knob_turned_there_and_back_is_where_it_was_and_its_controller_accepts_it():
-    options, knob = {"step_weight": [1.0, 1.0, 0.02]}, ("step_weight", 4.0, (0, 1))
-    there = searches.turned(options, knob, 1.0)
-    assert there == {"step_weight": [4.0, 4.0, 0.02]}
-    assert searches.turned(there, knob, -1.0) == options
-    for name, knobs in searches.KNOBS.items():
-        values = controller_options(name, {})
-        for knob in knobs:
-            changed = searches.turned(values, knob, -1.0)[knob[0]]
-            controller_options(name, {knob[0]: changed})
-
-
-def test_retuning_finds_the_best_of_its_trials_with_one_budget_for_all():
-    evaluated = []
-
-    def value(name, options):
-        """Least at four times each shipped weight, and at half the lag ratio."""
-        shipped = controller_options(name, {})
-        if name == "pid":
-            return 1.0 + math.log(2.0 * options["lag_ratio"] / shipped["lag_ratio"]) ** 2
-        pairs = zip(options["step_weight"], shipped["step_weight"], strict=True)
-        return 1.0 + sum(math.log(x / (4.0 * y)) ** 2 for x, y in pairs)
-
-    def values(trials):
-        evaluated.extend(name for name, _ in trials)
-        return [value(*trial) for trial in trials]
-
-    first, *_, last = searches.search(("lqr", "pid"), values)
-    assert last["lqr"][1] == pytest.approx(1.0, abs=1e-3)  # three digits of a weight
-    assert last["pid"][1] < first["pid"][1]
-    assert evaluated.count("lqr") == evaluated.count("pid") == 1 + 2 * searches.ROUNDS
-    lost, refused = math.inf, math.nan
-    expected = math.sqrt(4.0 * searches.LOST_CM)
-    assert searches.objective([4.0, lost, refused]) == pytest.approx(expected)
 
 
 # Faults.
@@ -219,7 +130,6 @@ def test_a_stuck_valve_stops_and_a_stuck_hitch_sensor_does_not(monkeypatch):
         for fault, name in (("front steering stuck", "pid"), ("hitch angle stuck", "ttempc"))
     )
     assert stuck["result"] == "stopped"
-    assert 0.5 < stuck["stop_m"] < 5.0
     assert hitch["result"] == "degraded"
     assert hitch["noticed_s"] <= 1.0
     assert hitch["worst_m"] < 0.2
@@ -253,37 +163,13 @@ def test_the_limit_of_maxima_is_that_of_a_gumbel_distribution():
     assert faults.maximum_limit(values) == pytest.approx(expected, rel=0.02)
 
 
-def test_random_scenarios_load_or_are_refused_and_drive_without_a_defect(tmp_path):
-    loaded, refused, defects = soak.load_block(range(40))
-    assert loaded + refused == 40
-    assert min(loaded, refused) > 5
-    assert not defects
-    one, other = (
-        soak.RandomTables(np.random.default_rng(5), 0.2, near=True).faults(10.0) for _ in range(2)
-    )
-    assert one == other
-    driven = soak.drive_one((3, 5.0))
-    assert not driven["defects"]
-    assert driven["status"] in {"completed", "stopped", "lost"}
-    assert driven["simulated_s"] > 0.0
-
-
-def test_an_exception_and_a_warning_of_a_random_drive_are_defects(monkeypatch):
-    monkeypatch.setattr(soak, "assemble", lambda scenario, seed: np.log(np.array(-1.0)).x)
-    driven = soak.drive_one((0, 1.0))
-    assert driven["status"] == "error"
-    for kind in ("AttributeError", "RuntimeWarning"):
-        assert any(kind in line for line in driven["defects"])
-
-
 # Tubes.
 
 
 def lap_row(seed=1, outside=0, status="completed"):
-    counts = {"straight_steps": 300, "straight_inside": 300, "curve_steps": 350}
     return {
         **{"field": "grass-soil", "seed": seed, "status": status, "restarts": outside},
-        **{**counts, "curve_inside": 350 - outside, "share": 0.4 + 0.1 * outside},
+        **{"steps": 650, "inside": 650 - outside, "share": 0.4 + 0.1 * outside},
         "largest_m": np.array([0.05, 0.07, 0.05, 0.05 + 0.001 * outside]),
         "time_s": 8.0 + 0.2 * np.arange(600),
         "deviation": 0.01 * np.random.default_rng(seed).standard_normal((600, len(QUANTITIES))),
@@ -306,31 +192,25 @@ def test_laps_are_counted_by_steps_and_as_wholes_and_drawn():
     tube = replace(read_tube("grass"), calibration=calibration)
     laps = pd.DataFrame([lap_row(1), lap_row(2, outside=13), lap_row(3, status="lost")])
     _, (row,) = cells(containment.lap_table(laps, {"grass-soil": tube}))
-    assert row[:6] == ["`grass-soil`", "3", "1", f"{1 - 13 / 1950:.4f}", "1.0000", "0.9876"]
-    assert row[6].startswith("0.3333 (")  # a lap that was lost is not inside
-    assert row[8:11] == ["1.70", "8.0 / 6.0", "0.9600"]
-    assert row[11].startswith("0.3333 (")  # one left the width of the trailer, one was lost
-    for picture in containment.figures(laps, DESIGN).values():
-        assert picture.startswith(b"\x89PNG")
-        assert 5_000 < len(picture) < 300_000
+    assert row[:3] == ["`grass-soil`", "1/3", f"{1 - 13 / 1950:.4f}"]
+    assert row[3].startswith("0.3333 (")  # a lap that was lost is not inside
+    assert row[5:7] == ["1.70", "8.0 / 6.0"]
+    assert row[7].startswith("0.3333 (")  # one left the width of the trailer, one was lost
+    assert len(containment.path(laps).axes) == 3
 
 
-def test_fresh_laps_keep_to_the_shipped_tube_and_a_fit_to_few_laps_is_refused(tmp_path):
+def test_fresh_laps_keep_to_the_shipped_tube(tmp_path):
     tube = tmp_path / "grass.json"
     tube.write_text(to_json(read_tube("grass")))
     overrides = (STRAIGHT, 'controller.name="ttempc-tube"', f'controller.tube="{tube}"')
     row = containment.fresh_lap(Case("grass", 1, overrides, {"field": "grass-soil"}))
-    assert row["straight_inside"] == row["straight_steps"] > 0
-    few = {"field": "few", "folder": tmp_path, "fit": (1001, 1002, 1003), "calibrate": ()}
-    assert containment.fitted(Case("grass", 0, overrides[:2], few))["refused"]
+    assert row["inside"] == row["steps"] > 0
 
 
 def test_the_tube_of_grass_is_invariant_and_that_of_the_paper_is_not():
-    condition, *shares = (
-        float(line.split()[-1]) for line in [*tubes.invariance(30, 20, 10, 300)][1:]
-    )
+    condition, *shares = (float(line.split()[-1]) for line in [*tubes.invariance(20, 300)][1:])
     assert condition <= 1.0 + 1e-6
-    assert len(shares) == 4
+    assert len(shares) == 1
     assert all(share <= 1.0 + 1e-6 for share in shares)
     lines = [*tubes.paper_tube(20)]
     assert sum("all seven states: no invariant set" in line for line in lines) == 4

@@ -8,9 +8,8 @@ from html.parser import HTMLParser
 import pytest
 from proving_ground.experiments.figures import draw
 from proving_ground.experiments.report.run_report import render_run_report
-from proving_ground.experiments.results.metrics import summarise
 from proving_ground.experiments.results.published import compare
-from proving_ground.experiments.results.summary import RunFacts
+from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.testbed.recording.record import Event
 
 from tests.browser import luminances, measured, needs_browser, printed_pages

@@ -12,7 +12,6 @@ from proving_ground.experiments.figures.comparison_figures import COMPARISONS
 from proving_ground.experiments.film.render import Film
 from proving_ground.experiments.film.settings import FilmSettings
 from proving_ground.experiments.results.run_comparison import format_comparison, read_compared
-from proving_ground.testbed.recording.channels import CONTROL, STATE
 
 
 def logs(short_runs, *names):
@@ -35,33 +34,6 @@ def test_the_statistics_are_those_of_each_run(short_runs, tmp_path, capsys):
             for name, value in figures.items():
                 assert row[name] == ("" if value is None else repr(value)), name
     assert {file.stem for file in folder.glob("*.png")} == set(COMPARISONS)
-
-
-def test_the_figures_show_each_run_up_to_the_common_end(short_runs):
-    runs = read_compared(logs(short_runs, "paper", "nominal"))
-    runs = [replace(run, end_s=9.0) for run in runs]
-    paths, errors, inputs = (COMPARISONS[name](runs) for name in ("path", "error", "signals"))
-    for k, run in enumerate(runs):
-        rows = run.record[STATE].time_s <= 9.0
-        driven = run.record[STATE].columns("x_i_m", "y_i_m")[rows]
-        np.testing.assert_array_equal(paths.axes[1].lines[k + 1].get_xydata(), driven)
-        trailer = errors.axes[1].lines[k].get_ydata()
-        np.testing.assert_allclose(trailer, 100.0 * run.errors.trailer.euclidean_m)
-        control = run.record[CONTROL]
-        sent = inputs.axes[2].lines[k].get_ydata()
-        expected = np.where(control.time_s <= 9.0, 100.0 * control["hp_command"], np.nan)
-        np.testing.assert_allclose(sent, expected)
-    for figure in (paths, errors, inputs):
-        labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-        assert [label for label in labels if label not in ("reference", "bounds")] == [
-            "paper",
-            "ttempc-nominal",
-        ]
-        assert figure.get_suptitle() == runs[0].common
-        widths = [
-            line.get_linewidth() for line in figure.axes[0].lines if line.get_label() in labels
-        ]
-        assert widths == sorted(widths, reverse=True), "a line hides an equal one below it"
 
 
 def test_vector_figures_of_a_comparison_have_the_width_of_a_column_and_their_data(

@@ -4,23 +4,20 @@ import json
 import math
 import re
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from proving_ground.experiments.results.metrics import input_statistics, summarise
 from proving_ground.experiments.results.published import applies_to, compare, published_beside
-from proving_ground.experiments.results.summary import RunFacts
+from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.experiments.results.table import (
     WIDTH,
     centimetres,
-    format_events,
     format_run,
     format_seeds,
 )
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING
-from proving_ground.testbed.recording.record import OVERRUN, REACTION, REACTION_ENDED, Event, Record
+from proving_ground.testbed.recording.channels import CONTROL, STATE, TIMING
+from proving_ground.testbed.recording.record import REACTION, REACTION_ENDED, Event, Record
 
 from tests.records import circle, eight, record, straight, table_of
 
@@ -78,18 +75,6 @@ def test_a_mirrored_run_has_the_opposite_cross_track_error():
         assert other == pytest.approx(error, abs=1e-9)
 
 
-def test_straight_and_curve_means_average_to_the_mean_of_all():
-    run = record(noise_m=0.05)
-    parts = tracking(run)
-    counted = run[STATE].time_s[run[STATE].time_s >= 8.0]
-    curved = np.mean(np.abs(eight(counted)) > 0.01 * 0.1)
-    mean = (
-        curved * parts.curve.tractor.mean_euclidean_m
-        + (1 - curved) * parts.straight.tractor.mean_euclidean_m
-    )
-    assert mean == pytest.approx(parts.all.tractor.mean_euclidean_m)
-
-
 def test_the_start_up_does_not_count():
     run = record(cross=(0.1, 0.1))
     values = run[STATE].values.copy()
@@ -121,26 +106,10 @@ def test_a_final_standstill_counts_where_nothing_has_stopped_the_vehicle_alone()
         assert summary(*texts).tracking.all.tractor.max_m > 2.9
 
 
-def test_a_missing_sample_makes_a_statistic_unknown():
-    run = record()
-    values = run[STATE].values.copy()
-    values[-1] = np.nan
-    error = tracking(with_table(run, replace(run[STATE], values=values))).all.tractor
-    assert set(asdict(error).values()) == {None}
-
-
 def test_the_estimation_error_is_taken_at_the_times_of_the_estimates():
     estimation = summarise(record(estimate_off=(0.03, -0.04)), FACTS).estimation
     assert estimation.tractor.mean_euclidean_m == pytest.approx(0.03)
     assert estimation.trailer.mean_euclidean_m == pytest.approx(0.04)
-
-
-def test_estimation_error_counts_from_the_first_estimate_on():
-    """Missing estimates before the first are left out; a later gap makes the error unknown."""
-    for gap, expected in ((slice(0, 3), pytest.approx(0.03)), (slice(3, 4), None)):
-        run = record(estimate_off=(0.03, -0.04))
-        run[ESTIMATE].values[gap] = np.nan
-        assert summarise(run, FACTS).estimation.tractor.mean_euclidean_m == expected
 
 
 def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it():
@@ -159,19 +128,6 @@ def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it(
     assert inputs.hp.saturated_fraction == 1.0
     steps = np.array([-0.5, 0.1, 0.1]) / 0.2
     assert inputs.delta_t.rms_rate == pytest.approx(math.sqrt(np.mean(steps**2)))
-
-
-def test_travel_is_the_change_of_a_command_over_the_distance_driven():
-    """Twice the commands travel twice as far; twice the distance halves the travel per metre."""
-    once, twice = record(), record()
-    columns = [twice[CONTROL].channel.fields.index(f"{name}_command") for name in INPUTS]
-    twice[CONTROL].values[:, columns] *= 2.0
-    travel = input_statistics(once).delta_t.travel_per_m
-    assert travel is not None
-    assert input_statistics(twice).delta_t.travel_per_m == pytest.approx(2.0 * travel)
-    place = [once[STATE].channel.fields.index(name) for name in ("x_t_m", "y_t_m")]
-    once[STATE].values[:, place] *= 2.0
-    assert input_statistics(once).delta_t.travel_per_m == pytest.approx(0.5 * travel)
 
 
 def test_timing_leaves_out_missing_samples():
@@ -287,15 +243,3 @@ def test_the_published_errors_stand_beside_runs_of_the_papers_vehicle_and_path_a
         assert not published_beside(summarise(record(), FACTS), settings)
         summary = summarise(record(), rebuilt)
         assert published_beside(summary, settings) == (compare(summary) if applies else ())
-
-
-def test_warnings_are_counted_and_the_first_is_shown_before_overruns():
-    info, slow = Event(0.0, "info", "start"), Event(1.0, "warning", f"{OVERRUN}took 0.3 s")
-    cut = Event(3.24, "warning", "reaction: hp \x1b[2Jbeyond its range: cut")
-    assert format_events([info], Path("runs/a")) == []
-    first, *more, last = format_events([info, slow, cut, cut], Path("runs/a"))
-    assert first.startswith("Warnings: 3 (1 of a slow machine: overruns), at 3.2 s: reaction: hp")
-    assert "\x1b" not in first + "".join(more)
-    assert last == "All events: ttempc log info runs/a"
-    (only, _) = format_events([slow, slow], Path("runs/a"))
-    assert only.endswith("at 1.0 s: overrun: took 0.3 s")

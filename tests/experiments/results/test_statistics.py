@@ -62,16 +62,6 @@ def test_holm_rejects_as_its_steps_do_and_keeps_the_error_of_the_family():
     assert families == pytest.approx(0.05, abs=0.015)
 
 
-def test_samples_of_one_unit_are_no_independent_samples():
-    generator = np.random.default_rng(2)
-    units = np.repeat(np.arange(10), 6)
-    shared = [
-        generator.normal(0.0, 1.0, 10)[units] + generator.normal(0.0, 0.3, 60) for _ in range(150)
-    ]
-    assert covered([mean(values, units) for values in shared], 0.0) >= 0.9
-    assert covered([mean(values) for values in shared], 0.0) < 0.75
-
-
 @pytest.mark.parametrize("statistic", [quantile95, cvar95])
 def test_statistics_follow_order_motion_and_weights_of_their_samples(statistic):
     generator = np.random.default_rng(3)
@@ -101,14 +91,6 @@ def test_the_worst_five_percent_are_worse_than_the_quantile_and_no_worse_than_th
     assert np.mean(values < quantile) < 0.95
     if count == 300:
         assert tail == pytest.approx(np.sort(values)[-15:].mean())
-
-
-def test_differences_of_equal_runs_are_none_and_one_sample_has_no_interval():
-    equal = mean(np.zeros(9))
-    assert (equal.value, equal.low, equal.high) == (0.0, 0.0, 0.0)
-    alone = mean(np.array([2.0, 3.0]), np.array([7, 7]))
-    assert (alone.value, alone.low, alone.high) == (2.5, None, None)
-    assert alone.ends == (2.5, 2.5)
 
 
 @pytest.mark.parametrize("count", [1, 5, 14, 100])

@@ -15,7 +15,7 @@ from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE, TOOL
+from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import STAGES, drive, sense
 
@@ -57,20 +57,6 @@ def test_without_daqp_one_line_says_how_to_get_it(monkeypatch, capsys, tmp_path)
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "pip install 'ttempc[baselines]'" in said
-
-
-def test_space_based_reference_waits_for_the_vehicle():
-    """It drives slower than 1 m/s; log and statistics have the place nearest to the tractor."""
-    parts = (f"controller.name='{PLACE}.nmpc:controller'",)
-    parts += (f"controller.estimator='{PLACE}.nmhe:Estimator'",)
-    summary, record = driven("pavement", *parts, straight(16.0), seed=31)
-    assert summary.status == "completed"
-    state, reference = record[STATE], record[REFERENCE]
-    assert 16.0 - state["x_t_m"][-1] - (state["x_t_m"][0] - reference["x_t_m"][0]) > 1.0
-    error = summary.tracking.all.tractor
-    assert error.along_mean_m == pytest.approx(0.0, abs=1e-9)
-    assert error.along_sd_m == pytest.approx(0.0, abs=1e-9)
-    assert 0.0 < error.mean_euclidean_m < 0.5
 
 
 class Slow:
@@ -157,22 +143,6 @@ def test_on_a_side_slope_a_steered_trailer_keeps_the_tool_where_a_locked_one_doe
     assert aside.tractor.cross_p95_m < 0.06
     assert aside.tool.cross_p95_m > 2.0 * steered.tool.cross_p95_m
     assert aside.tool.cross_mean_m < -0.03  # downhill
-
-
-def test_the_log_of_a_run_has_its_tool_and_the_path_has_its_reference():
-    more = ("implement.work_m=[[3.0, 20.0]]", "implement.behind_m=0.9")
-    summary, record = tilled("cultivate", *more)
-    assert summary.status == "completed"
-    tool, errors = record[TOOL], tracking_errors(record)
-    assert tool["x_reference_m"][-1] == pytest.approx(25.0 - 2.4 - 0.9, abs=0.1)
-    works = tool["lowered"] == 1.0
-    assert tool["distance_m"][works].min() > 3.0
-    assert tool["distance_m"][works].max() < 20.0
-    assert errors.tool.euclidean_m[works].max() < 0.2
-    assert summary.implement.draft_mean_n == pytest.approx(990.0, rel=0.15)
-    summary, record = tilled("grass")
-    assert summary.implement is summary.tracking.all.tool is None
-    assert not len(record[TOOL])
 
 
 def reversing(*overrides, seed=1):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from proving_ground.experiments.papers.studies.control import recover
+from proving_ground.experiments.papers.studies.recovery import recover
 from proving_ground.experiments.papers.study import Case
 
 SHORT = 'path={kind="straight",length_m=24.0}'

@@ -1,23 +1,19 @@
 """Faults of a scenario: all kinds, when and where they act, refusals, marks, axes of sweeps."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 from proving_ground.experiments.errors import InvalidScenario
-from proving_ground.experiments.figures import FIGURES
 from proving_ground.experiments.logs.replay import estimator_of, replay, same_as_recorded
 from proving_ground.experiments.run.assembly import assemble, check
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.errors import InvalidFault
 from proving_ground.testbed.faults.kinds import KINDS
-from proving_ground.testbed.recording.channels import CHANNELS, CONTROL, MEASUREMENT, STATE, TIMING
-from proving_ground.testbed.recording.record import Event, FaultSpan, fault_spans
+from proving_ground.testbed.recording.channels import CONTROL, MEASUREMENT, STATE
 
 from tests.experiments.study_files import plan_of
-from tests.records import record as made_record
 
 SHORT = "path={kind='straight', length_m=8}"
 BENT = "path={kind='figure-eight', laps=1}"
@@ -88,18 +84,6 @@ def test_every_kind_acts_in_the_loop_from_its_start_on(kind, plain):
         np.testing.assert_array_equal(one.values[rows], other.values[: rows.sum()])
         changed |= not np.array_equal(one.values, other.values, equal_nan=True)
     assert changed
-
-
-def test_a_run_is_bit_identical_until_its_faults_begin_and_marks_them(plain):
-    fault = "kind = 'front_steering_stuck', start_s = 6.1, duration_s = 1.0"
-    record = run(f"faults=[{{{fault}}}]")[1]
-    for channel in CHANNELS:
-        if channel is not TIMING:
-            rows = plain[channel].time_s < 6.05
-            one, other = plain[channel].values[rows], record[channel].values[: rows.sum()]
-            np.testing.assert_array_equal(one, other)
-    assert not np.array_equal(plain[STATE].values, record[STATE].values)
-    assert fault_spans(record.events) == (FaultSpan("front_steering_stuck", 6.1, 7.1),)
 
 
 def test_faults_are_those_of_the_seed_and_a_replay_has_the_faulty_samples():
@@ -194,23 +178,6 @@ faults = [
         load("grass", ["faults=[{kind='gnss_out', start_s=1.0}]", "faults.gust.force_n=3.0"])
 
 
-def test_spans_end_with_the_run_where_the_fault_does_not():
-    events = (
-        Event(1.0, "warning", "fault: a begins"),
-        Event(2.0, "warning", "fault: b begins"),
-        Event(3.0, "info", "fault: a ends"),
-    )
-    assert fault_spans(events) == (FaultSpan("a", 1.0, 3.0), FaultSpan("b", 2.0, math.inf))
-
-
-def test_the_error_figure_names_the_fault():
-    events = (Event(10.0, "warning", "fault: encoder_dead begins"),)
-    axes = FIGURES["error"](dataclasses.replace(made_record(duration_s=20.0), events=events)).axes[
-        0
-    ]
-    assert "encoder_dead" in [text.get_text() for text in axes.texts]
-
-
 LONGER = "path={kind='straight', length_m=30}"
 
 
@@ -229,11 +196,3 @@ def test_a_safe_stop_is_neither_completed_nor_lost(fault, status, reason):
     assert (summary.failure or "").startswith(reason or "")
     speed = record[STATE]["v_mps"][-1]
     assert (abs(speed) < 0.05) == (status == "stopped")
-
-
-def test_a_vehicle_that_does_not_obey_the_stop_is_lost():
-    stuck = "{kind='hydrostat_stuck', start_s=3.0}"
-    faults = f"faults=[{{kind='gnss_out', start_s=3.0}}, {stuck}]"
-    summary, record = run(LONGER, faults, "path.speed_mps=1.0")
-    assert summary.status != "stopped"
-    assert record[STATE]["v_mps"][-1] > 0.5

@@ -7,7 +7,7 @@ import tomllib
 import jsonschema
 import pytest
 from proving_ground.experiments.errors import InvalidScenario
-from proving_ground.experiments.scenario.path import FigureEight, Straight
+from proving_ground.experiments.scenario.path import FigureEight
 from proving_ground.experiments.scenario.scenario import (
     FILE_KEYS,
     Scenario,
@@ -100,16 +100,6 @@ def test_the_paper_s_sensors_and_path_are_the_default():
     assert (scenario.sensors.gnss_sd_m, scenario.sensors.angle_sd_deg) == (0.03, 1.0)
 
 
-def test_overrides_lie_over_the_file_and_leave_the_rest():
-    plain = load("wet-slope")[1]
-    changed = load("wet-slope", ["soil.cone_index_kpa=250", "path.laps=1"])[1]
-    assert changed.soil.cone_index_kpa == 250.0
-    assert changed.path.laps == 1
-    assert changed.terrain == plain.terrain
-    quoted = load("grass", ['controller.name="paper"', 'terrain.iso_class="B"'])
-    assert load("grass", ["controller.name=paper", "terrain.iso_class=B"]) == quoted
-
-
 def refusal(override, name="grass"):
     with pytest.raises(InvalidScenario) as caught:
         load(name, [override] if override else [])
@@ -149,9 +139,6 @@ def test_a_misspelt_name_gets_a_suggestion_and_a_missing_one_the_shipped_names()
     for name, override, meant in (
         ("gras", "", "grass"),
         ("grass", "soil.patchs=[]", "patches"),
-        ("grass", "laps=1", "path.laps"),
-        ("grass", "path.cone_index_kpa=250", "soil.cone_index_kpa"),
-        ("grass", "gnss_sd_m=0.1", "sensors.gnss_sd_m"),
         ("grass", "controller.options.horizn=12", "horizon"),
     ):
         assert refusal(override, name).endswith(f"(did you mean {meant}?)")
@@ -173,13 +160,6 @@ def test_a_path_in_a_change_starts_where_the_user_stands(tmp_path, monkeypatch):
         assert load("grass", [line])[1].path.file == str(tmp_path / "field.csv")
     height_map = load("grass", ["terrain.height_map=h.npy"])[1].terrain.height_map
     assert height_map == str(tmp_path / "h.npy")
-
-
-def test_another_kind_of_path_drops_the_keys_of_the_kind_in_the_file(tmp_path):
-    file = tmp_path / "mine.toml"
-    file.write_text("[path]\nradius_m = 9.0\nspeed_mps = 0.8\n")
-    assert load(str(file), ["path.kind=straight"])[1].path == Straight()
-    assert load("grass", ["path={kind='straight', length_m=30}"])[1].path == Straight(length_m=30.0)
 
 
 def test_every_key_has_a_description_a_type_and_a_unit_and_files_are_marked():

@@ -35,16 +35,6 @@ def plain():
     return run()
 
 
-def test_effects_that_are_on_are_logged_at_the_start_and_others_not(plain):
-    for name in ("old-valves", "raw-gnss"):
-        first = [event for event in run(name=name).events if event.time_s == 0.0]
-        message = [event.text for event in first if event.level == "info"]
-        assert message
-        assert all(text.startswith(("actuators: ", "sensors: ")) for text in message)
-    assert plain.events == ()
-    assert np.isnan(plain[MEASUREMENT].columns(*IMU)).all()
-
-
 def test_an_imu_whose_yaw_rate_is_not_used_changes_nothing_else(plain):
     record = run("sensors.imu.on=true", "controller.noise.yaw_rate_sd_degps=0.0")
     assert np.isfinite(record[MEASUREMENT].columns(*IMU)).all()
@@ -78,19 +68,6 @@ def test_late_gnss_samples_are_taken_in_and_named_in_the_log(plain):
         return np.hypot(*away[5:].T).mean()
 
     assert error(record) < 2.0 * error(plain)
-
-
-def test_late_samples_are_logged_with_the_time_and_the_value_of_their_sampling():
-    measured = run("sensors.gnss_latency_s=0.2", "sensors.gnss_sd_m=0.0")
-    table, state = measured[MEASUREMENT], measured[STATE]
-    late = np.isfinite(table["gnss_tractor_x_m"])
-    assert np.array_equal(late, np.isfinite(table["gnss_tractor_time_s"]))
-    taken = table["gnss_tractor_time_s"][late]
-    np.testing.assert_allclose(table.time_s[late] - taken, 0.2, atol=1e-9)
-    rows = np.abs(state.time_s[:, None] - taken).argmin(axis=0)
-    np.testing.assert_array_equal(state["x_t_m"][rows], table["gnss_tractor_x_m"][late])
-    prompt = np.isfinite(table["encoder_mps"])
-    np.testing.assert_array_equal(table["encoder_time_s"][prompt], table.time_s[prompt])
 
 
 def test_settings_that_do_not_fit_the_vehicle_or_the_step_are_refused():
@@ -154,30 +131,3 @@ def test_gnss_of_the_field_forgets_its_error_over_a_minute():
     for lag in (1, 15, 30, 60):
         rho = np.mean(columns[:-lag] * columns[lag:]) / np.mean(columns**2)
         assert abs(rho - 0.9 * math.exp(-lag * period_s / 60.0)) < 4 / math.sqrt(independent)
-
-
-def test_an_antenna_of_the_field_leans_and_the_imu_leaves_its_own_error():
-    """At heading 0 the corrected point errs by h (sin(measured roll) - sin(true roll)) across."""
-    heights, roll = np.array([1.78, 1.27]), 0.1
-    lean = heights * math.sin(roll)
-    antennas = np.array([[0.0, -lean[0], 1.7], [-2.4, -lean[1], 1.2]])
-    state = truth(tractor={"roll": roll}, trailer={"roll": roll}, antennas=antennas)
-    levers = np.column_stack([np.zeros((2, 2)), heights])
-    specification = sensors(FIELD, "sensors.gnss_sd_m=0.0", "sensors.gnss_latency_s=0.0")
-    raw = replace(specification, gnss_antenna="raw")
-    for seed in range(20):
-        samples = {
-            sample.sensor: sample.value
-            for sample in SensorSuite(specification, 0.002, seed, levers).sample(state, 0)
-        }
-        uncorrected = SensorSuite(raw, 0.002, seed, levers).sample(state, 0)
-        for sample in uncorrected:
-            if sample.sensor in GNSS:
-                assert sample.value[1] == -lean[GNSS.index(sample.sensor)]
-        for gnss, imu, height in zip(
-            GNSS, (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER), heights, strict=True
-        ):
-            measured = samples[imu][1]
-            left = height * (math.sin(measured) * math.cos(0.0) - math.sin(roll))
-            assert samples[gnss][1] == pytest.approx(left, abs=1e-12)
-            assert 0.0 < abs(samples[gnss][1]) < 5 * height * math.radians(math.hypot(0.2, 0.3))

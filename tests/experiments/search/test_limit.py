@@ -93,12 +93,11 @@ def test_a_run_that_raised_an_error_is_no_failure_of_the_controller(search):
 def test_invalid_settings_are_refused_before_any_run():
     for asked in (
         question(high=0.9),
-        question("cone-index", 1.0, low=-1.0, high=1.0, spacing="linear"),
         question("delay", 0.001),
         replace(question(), controller="me"),
     ):
         with pytest.raises(ExperimentError):
-            asked.check()
+            asked.plan(asked.scan_numbers()).extent()
 
 
 def test_the_command_writes_what_it_prints(tmp_path, monkeypatch, capsys):
