@@ -128,7 +128,7 @@ def demo(arguments: argparse.Namespace) -> int:
     def write(camera: Camera) -> None:
         film = Film.of([log], FilmSettings(camera=camera, speed=_DEMO_SPEED, size=_DEMO_SIZE))
         with progress(film.frames, file.name, "frame", shown=True) as count:
-            film.write(file, workers=2, on_frame=count)
+            film.write(file, count)
 
     try:
         write("chase")

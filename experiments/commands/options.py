@@ -233,13 +233,6 @@ PICTURE: Final = (
         help="draft (default), or high: finer shadows and edges, less compression",
     ),
     option(
-        "--exaggerate",
-        type=number,
-        default=1.0,
-        metavar="X",
-        help="factor of the cross-track error of driven paths, told in the legend (default: 1)",
-    ),
-    option(
         "--ghost",
         action="append",
         default=[],
@@ -250,13 +243,6 @@ PICTURE: Final = (
     option("--from", type=number, dest="begin_s", metavar="S", help="start [s] (default: of log)"),
     option("--to", type=number, dest="end_s", metavar="S", help="end [s] (default: of the log)"),
     SPEED.but(default=8.0, help="simulated seconds per second of film (default: 8)"),
-    option(
-        "--workers",
-        type=whole_number(1, 64),
-        default=2,
-        metavar="N",
-        help="processes that share the frames (default: 2)",
-    ),
 )
 """Camera, size, span and speed of a picture or film."""
 

@@ -45,7 +45,7 @@ def sweep(arguments: argparse.Namespace) -> int:
     run has a row, whatever its status, 130 if the sweep was interrupted.
     """
     # Imported here so that --help does not load MuJoCo and Dask.
-    from ..sweep.dry_run import find_inert_axes, format_plan
+    from ..sweep.dry_run import format_plan
     from ..sweep.engine import engine
     from ..sweep.folder import is_begun, lock_folder
     from ..sweep.plan import SweepPlan
@@ -58,8 +58,6 @@ def sweep(arguments: argparse.Namespace) -> int:
     extent = plan.extent()
     folder = arguments.out or Path("runs") / f"sweep-{name}"
     if arguments.dry_run or not (is_begun(folder) or arguments.quiet):
-        for axis in find_inert_axes(plan):
-            print(f"ttempc: note: axis {axis}: changes nothing, no run reads it", file=sys.stderr)
         for reason in extent.refused:
             print(f"ttempc: note: left out: {reason}", file=sys.stderr)
     if arguments.dry_run:
