@@ -7,8 +7,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from ...testbed.recording.record import OVERRUN, Event
 from ...testbed.terminal import one_line
 from .summary import BodyStatistics, CorridorStatistics, Summary
@@ -52,43 +50,6 @@ def format_run(summary: Summary) -> str:
         lines += textwrap.wrap(f"Learnt at {text}", WIDTH, subsequent_indent="  ")
     if summary.failure:
         lines += ["", *textwrap.wrap(f"{summary.status}: {summary.failure}", WIDTH)]
-    return "\n".join(lines)
-
-
-def format_seeds(summaries: Sequence[Summary]) -> str:
-    """Return the errors of runs that differ in their seed, and their means, as text."""
-    from .statistics import caveat, mean  # loads scipy.stats, which a single run does without
-
-    first = summaries[0]
-    working_point = next(iter(first.tracking.all.by_point))
-    heads = {
-        f"{point} {head}": (point, COLUMNS[head])
-        for point in (working_point, "tractor")
-        for head in ("p95", "sd")
-    }
-    lines = [
-        f"{first.scenario} · {first.controller}, cross-track error [cm]",
-        "",
-        "seed".ljust(8) + "status".ljust(11) + "".join(head.rjust(13) for head in heads),
-    ]
-    columns: list[list[float]] = [[] for _ in heads]
-    for summary in summaries:
-        cells = []
-        for column, (body, key) in zip(columns, heads.values(), strict=True):
-            value = getattr(summary.tracking.all.by_point[body], key)
-            cells.append(centimetres(value).rjust(13))
-            if value is not None and summary.status == "completed":
-                column.append(100.0 * value)
-        lines.append(f"{summary.seed:<8}{summary.status:<11}{''.join(cells)}")
-    completed = sum(summary.status == "completed" for summary in summaries)
-    lines += ["", f"Mean of {completed} completed runs (95 % interval, Student's t):"]
-    for head, column in zip(heads, columns, strict=True):
-        if column:
-            estimate = mean(np.array(column))
-            low, high = estimate.ends
-            lines.append(f"  {head:<13}{estimate.value:5.1f} ({low:.1f} to {high:.1f})")
-    if warning := caveat(completed):
-        lines += textwrap.wrap(warning, WIDTH)
     return "\n".join(lines)
 
 

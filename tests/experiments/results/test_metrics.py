@@ -12,7 +12,6 @@ from proving_ground.experiments.results.table import (
     WIDTH,
     centimetres,
     format_run,
-    format_seeds,
 )
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import REACTION, REACTION_ENDED, Event, Record
@@ -198,7 +197,3 @@ def test_the_table_tells_the_cross_track_error_of_the_working_point_first():
         keys = ("cross_p95_m", "cross_sd_m", "cross_mean_m", "along_mean_m", "along_sd_m")
         expected = [centimetres(getattr(error, key)) for key in keys]
         assert shown["whole path", body] == expected
-    seeds = format_seeds([summary, replace(summary, seed=2)])
-    error = summary.tracking.all.trailer
-    expected = [centimetres(error.cross_p95_m), centimetres(error.cross_sd_m)]
-    assert re.search(r"^2 +completed +(\S+) +(\S+)", seeds, re.MULTILINE).groups() == (*expected,)
