@@ -19,7 +19,7 @@ from ...testbed.recording.channels import STATE
 from ...testbed.recording.provenance import code_digest, versions
 from ...testbed.recording.record import Recorder
 from ..errors import InvalidPage
-from ..results.metrics import tracking_statistics
+from ..results.summary import tracking_statistics
 from ..results.tracking_errors import tracking_errors
 from ..run.assembly import assemble
 from ..run.simulate import drive_into

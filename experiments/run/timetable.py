@@ -30,11 +30,7 @@ _SAME_TIME: Final = 1e-9  # in control periods
 
 @dataclass(frozen=True)
 class Timetable:
-    """Faults of a run with their windows, in the order of the scenario.
-
-    Raises:
-        InvalidFault: a fault cannot act, or two have one name.
-    """
+    """Faults of a run with their windows; one that cannot act raises `InvalidFault`."""
 
     faults: tuple[Fault, ...]
     reference: Reference
@@ -100,11 +96,7 @@ class Timetable:
         return [(number, *pair) for number, pair in pairs if pair[0].row.on in targets]
 
     def ground(self, terrain: Terrain, soil: SoilMap) -> tuple[Terrain, SoilMap]:
-        """Return the ground with what lies across the path.
-
-        Raises:
-            InvalidField: a feature does not fit the field or its grid.
-        """
+        """Return the ground with what lies across the path."""
         features, patches = [], []
         for _, fault, window in self._on("ground"):
             x, y, yaw, *_ = self.reference.at(window.start_s).state.tolist()

@@ -154,6 +154,7 @@ def bench(
     runs = runs_of(rows(folder / "results.jsonl"), plan, draws)
     scenario = plan.setting(plan.changes(0)).scenario
     return ScoreCard(
+        format="ttempc field trials, card 1",
         identifier=identifier(differing(checks, frozen_checks())),
         controller=entrant.controller,
         settings={**entrant.settings},

@@ -15,7 +15,6 @@ from ...sweep_report.format import format_numbers
 from ...trials.bench import Entrant, bench
 from ...trials.definition import trial_files
 from ...trials.score_card import PUBLIC, ScoreCard, public_draws, read_score_card
-from ...trials.tables import format_interval
 from ..pages import ROOT
 from ..runner import Runner
 from ..study import Block, Study
@@ -105,7 +104,7 @@ def headline(cards: Mapping[str, ScoreCard]) -> Block:
     first = shown[0]
     footer = (
         f"<sub>Cards of the simulated benchmark `{first.identifier}`: mean over "
-        f"{first.draws.count} public seeds ({format_numbers(first.draws.seeds)}), a run that does "
+        f"{first.draws.count} public seeds ({format_numbers(PUBLIC)}), a run that does "
         "not complete counts 1 m; `ttempc bench NAME`; "
         "[all entries and intervals](docs/results.md#benchmark)</sub>"
     )
@@ -124,7 +123,7 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
         lines.append(
             (
                 f"`{entry(card)}`",
-                format_interval(item.cost_m),
+                item.cost_m.text(),
                 f"{item.not_completed} of {item.runs}",
                 f"{100.0 * max(outside):.1f}" if outside else "–",
                 "–" if step is None else f"{1e-3 * step:.2f}",

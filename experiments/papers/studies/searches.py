@@ -11,7 +11,7 @@ from ttempc.guidance.controllers import CONTROLLERS
 from ...scenario.scenario import merge_tables, parse_overrides, read_scenario
 from ...search.limit import Limit, Question, find_limit
 from ...search.quantities import QUANTITIES, read_subject
-from ...search.worst_case import Report, Search
+from ...search.worst_case import Report, find_worst_case
 from ...seeds import report_seeds
 from ...sweep.engine import engine
 from ..kayacan.eight_numbers import CONTROLLER
@@ -88,9 +88,7 @@ def hunt(task: Hunt, path: str = HEADLAND) -> Report:
     merge_tables(settings, {"controller": {"name": task.controller}})
     subject = read_subject(read_scenario("grass"), "grass", settings, task.words)
     with engine(workers=0) as here:
-        found = Search(subject, here, task.seed, task.limit_m)
-        found.falsify(task.budget)
-        return found.report()
+        return find_worst_case(subject, here, task.seed, task.budget, task.limit_m)
 
 
 SEARCHED: Final = (*CONTROLLERS, CONTROLLER)
@@ -111,13 +109,12 @@ def worst_cases(runner: Runner) -> str:
 
 def worst_table(reports: Sequence[Report]) -> str:
     """Return the worst case of each report with its values."""
-    keys = [key.rpartition(".")[2] for key in reports[0].cases[0].values]
+    keys = [key.rpartition(".")[2] for key in reports[0].values]
     lines = []
     for report in reports:
-        worst = report.cases[0]
-        values = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in worst.values.values()]
-        severity = f"{worst.severity:.2f}" if worst.failure else "-"
-        end = worst.failure or f"holds; least robustness {worst.robustness:.2f}"
+        values = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in report.values.values()]
+        severity = f"{report.severity:.2f}" if report.failure else "-"
+        end = report.failure or f"holds; least robustness {report.robustness:.2f}"
         failed = f"{report.failed} of {report.runs}"
         lines.append([f"`{report.controller}`", failed, severity, *values, end])
     return markdown(

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from proving_ground.experiments.errors import ExperimentError, InvalidStudy
-from proving_ground.experiments.sweep.dry_run import find_inert_axes
 from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.study import load_study, shipped_studies
 
@@ -146,17 +145,6 @@ def test_invalid_studies_are_refused_in_one_line_before_any_run(text, message, t
         plan_of(tmp_path, text).extent()
     assert message in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
-
-
-def test_an_axis_that_changes_nothing_is_found(tmp_path):
-    plan = plan_of(
-        tmp_path,
-        SHORT,
-        STRENGTHS,
-        '[[axis]]\nkind="list"\nkey="sensors.gnss_correlation_time_s"\nvalues=[1.0, 9.0]',
-        CONTROLLERS,
-    )
-    assert find_inert_axes(plan) == ("sensors.gnss_correlation_time_s",)
 
 
 @pytest.mark.parametrize("name", shipped_studies())

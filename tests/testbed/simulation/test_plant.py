@@ -12,7 +12,6 @@ from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.truth import WHEELS
-from proving_ground.testbed.vehicle.vehicle import AxleLoads, overload_notes
 
 from tests.testbed.plants import (
     ROLL,
@@ -276,12 +275,3 @@ def test_a_vehicle_that_does_not_stand_on_its_wheels_is_refused(ground, kg, caus
 @pytest.mark.parametrize("name", shipped())
 def test_every_shipped_scenario_starts(name):
     assemble(load(name)[1], seed=4)  # puts the vehicle to its start
-
-
-@both_vehicles
-def test_tyres_beyond_their_rated_load_are_named_with_their_share(vehicle):
-    assert overload_notes(vehicle) == ()
-    heavy = changed(vehicle, "load", mass_kg=2.0 * vehicle.trailer.mass_kg)
-    share = 0.5 * AxleLoads.of(heavy).trailer / heavy.trailer_wheel.rated_load_n
-    (note,) = overload_notes(heavy)
-    assert note.startswith(f"trailer tyres overloaded: each carries {share:.1f} times")
