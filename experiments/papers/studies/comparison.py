@@ -12,7 +12,6 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from ...results.published import COLUMNS, PUBLISHED_M, applies_to
 from ...results.statistics import IntervalEstimate, caveat, holm, mean, paired_p
 from ...results.summary import ACTUATOR_USE
 from ...scenario.scenario import load
@@ -20,6 +19,7 @@ from ...seeds import TUNED_FIELDS
 from ...sweep.results import WORKING_P95
 from ...sweep.study import DrawnAxis, load_study
 from ...sweep_report.format import format_estimate
+from ..published import COLUMNS, PUBLISHED_M, applies_to
 from ..study import Study
 from ..tables import ERRORS, markdown
 

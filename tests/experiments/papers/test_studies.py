@@ -15,7 +15,7 @@ from proving_ground.experiments.papers.studies import (
     widths,
 )
 from proving_ground.experiments.papers.study import Case, all_studies, lap
-from proving_ground.experiments.results.containment import QUANTITIES
+from proving_ground.experiments.results.tracking_errors import QUANTITIES
 from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import (
