@@ -180,7 +180,7 @@ def _print(finished: Finished, **further: Path) -> None:
     """Print the results; the last line names what to open."""
     from ..results.table import format_events, format_run
 
-    print(format_run(finished.summary, finished.comparison))
+    print(format_run(finished.summary))
     for line in format_events(finished.record.events, finished.files["report"].parent):
         print(line)
     if finished.mismatch:

@@ -25,11 +25,11 @@ from ...testbed.recording.channels import (
     TYRES,
 )
 from ...testbed.recording.record import Record, Table, fault_spans
-from ..results.containment import containment, leftward
 from ..results.tracking_errors import (
     BODIES,
     BodyError,
     TrackingErrors,
+    containment,
     counted,
     position_fields,
     rows_at_same_time,
@@ -276,7 +276,7 @@ def tube_figure(record: Record) -> Figure:
     figure, (*rows, last) = stacked(3, 1.8)
     for axes, (body, column) in zip(rows, contained.ACROSS.items(), strict=True):
         shade(axes, contained.time_s, contained.curved)
-        offset_cm = 100 * leftward(contained.deviation[:, column])
+        offset_cm = -100 * contained.deviation[:, column]  # to the left
         band = 100 * contained.half_width[:, column]
         _offset_in_band(axes, contained.time_s, offset_cm, band, body, "tube")
         dress(axes, "", "deviation from nominal\nstate, left positive [cm]")

@@ -10,7 +10,6 @@ from typing import Final
 
 from ...testbed.recording.record import Record
 from ..figures import CAPTIONS
-from ..results.published import CAVEAT, PublishedError
 from ..results.summary import ImplementStatistics, InputStatistics, Spread, Summary
 from ..results.table import centimetres, format_corridor
 from ..results.tracking_errors import START_UP_S
@@ -28,7 +27,6 @@ def render_run_report(
     pictures: Mapping[str, bytes],
     *,
     description: str = "",
-    comparison: Sequence[PublishedError] = (),
     files: Sequence[str] = FILES,
 ) -> str:
     """Return the text of `report.html`.
@@ -39,14 +37,11 @@ def render_run_report(
         scenario_toml: the resolved scenario.
         pictures: contents of PNG files, by the figure's name.
         description: of the scenario.
-        comparison: the published errors, where they apply to the run.
         files: beside the page, besides the log.
     """
     template = environment().get_template("report.html.j2")
     return template.render(
         summary=summary,
-        comparison=comparison,
-        caveat=CAVEAT,
         start_up_s=START_UP_S,
         errors=_errors(summary),
         facts=[

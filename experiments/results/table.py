@@ -1,4 +1,4 @@
-"""Console tables of runs: plain text, at most 80 columns, 89 with the published errors."""
+"""Console tables of runs: plain text, at most 80 columns."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Final
 
 from ...testbed.recording.record import OVERRUN, Event
 from ...testbed.terminal import one_line
-from .published import CAVEAT, PublishedError
 from .summary import BodyStatistics, CorridorStatistics, Summary
 from .tracking_errors import START_UP_S
 
@@ -24,35 +23,28 @@ COLUMNS: Final = {
     "along sd": "along_sd_m",
 }
 """Columns of the tables of runs: head, and key of an error statistic; the headline first."""
-_PUBLISHED: Final = {"distance": "mean_euclidean_m", "published": ""}
 _BODY_WIDTH: Final = 22  # of the first column of a table
 
 
-def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> str:
+def format_run(summary: Summary) -> str:
     """Return the tracking errors of a run as text, in centimetres.
 
-    The first lines are on the whole path, and of these the first on the working point. `comparison`
-    has the published mean distances, where they apply to the run.
+    The first lines are on the whole path, and of these the first on the working point.
     """
-    published = {(item.where, item.body): item.published_m for item in comparison}
-    columns = COLUMNS | _PUBLISHED if published else COLUMNS
     lines = [
         f"{summary.scenario} · {summary.controller} · seed {summary.seed}: {summary.status} "
         f"after {summary.duration_s:.1f} s",
         "",
-        "Cross-track error [cm]".ljust(_BODY_WIDTH) + _row(columns, columns),
+        "Cross-track error [cm]".ljust(_BODY_WIDTH) + _row(COLUMNS),
     ]
     for where in ("all", "straight", "curve"):
         bodies: BodyStatistics = getattr(summary.tracking, where)
         place = "whole path" if where == "all" else where
         for body, error in bodies.by_point.items():
-            numbers = [getattr(error, key) for key in columns.values() if key]
-            numbers += [published.get((where, body))] if published else []
+            cells = (centimetres(getattr(error, key)) for key in COLUMNS.values())
             head = f"{place:<12}{body}".ljust(_BODY_WIDTH)
-            lines.append(head + _row(columns, map(centimetres, numbers)))
+            lines.append(head + _row(cells))
     lines += ["", *_other_numbers(summary)]
-    if published:
-        lines.append(f"{CAVEAT.capitalize()}; both: mean distance from the reference.")
     lines.append("p95: of the absolute error. " + COUNTED)
     for text in summary.learnt:
         lines += textwrap.wrap(f"Learnt at {text}", WIDTH, subsequent_indent="  ")
@@ -62,10 +54,7 @@ def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> s
 
 
 def format_events(events: Sequence[Event], folder: Path) -> list[str]:
-    """Return lines on the warnings of a run: how many, the first, and where all events are.
-
-    Overruns tell of the machine: they are counted, and the first only where all are overruns.
-    """
+    """Return lines on the warnings of a run; of overruns, which tell of the machine, the count."""
     warnings = [event for event in events if event.level == "warning"]
     if not warnings:
         return []
@@ -97,14 +86,13 @@ def centimetres(metres: float | None, decimals: int = 1) -> str:
     return "–" if metres is None else f"{100.0 * metres:.{decimals}f}"
 
 
-def _row(heads: Iterable[str], cells: Iterable[str]) -> str:
-    """Return cells side by side, each as wide as its head."""
-    widths = (max(len(head), 5) + 2 for head in heads)
+def _row(cells: Iterable[str]) -> str:
+    """Return cells side by side, each as wide as its head in `COLUMNS`."""
+    widths = (max(len(head), 5) + 2 for head in COLUMNS)
     return "".join(cell.rjust(width) for width, cell in zip(widths, cells, strict=True))
 
 
 def _other_numbers(summary: Summary) -> list[str]:
-    """Return lines on timing and containment, as far as the run has these numbers."""
     step, factor = summary.timing.control_step_us, summary.timing.real_time_factor
     lines = []
     if step.median is not None and step.p99 is not None:

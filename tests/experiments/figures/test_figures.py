@@ -10,9 +10,8 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 from proving_ground.experiments.figures import CAPTIONS, FIGURES, draw
 from proving_ground.experiments.figures.style import series
-from proving_ground.experiments.results.containment import QUANTITIES
 from proving_ground.experiments.results.summary import RunFacts, summarise
-from proving_ground.experiments.results.tracking_errors import tracking_errors
+from proving_ground.experiments.results.tracking_errors import QUANTITIES, tracking_errors
 from proving_ground.testbed.recording.channels import (
     CONTROL,
     CORRIDOR,
