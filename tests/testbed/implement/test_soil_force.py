@@ -1,12 +1,14 @@
 """Compiled law of an implement in the soil: closed forms, passivity, moments, lift."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from proving_ground.testbed.ground.ground import Ground
-from proving_ground.testbed.ground.terrain import flat
-from proving_ground.testbed.implement.implement import Implement
+from proving_ground.testbed.ground.terrain import flat, rough
+from proving_ground.testbed.implement.implement import POINTS, Implement
+from proving_ground.testbed.implement.tool_kernel import ToolLaw, tool_step
 
 FRAME, DT = 0.3, 0.002
 LEVEL = flat((20.0, 20.0))
@@ -17,10 +19,86 @@ def turn(yaw, pitch=0.0, roll=0.0):
     """Return the axes (3, 3) of a body with these angles [rad] (z, y', x'')."""
     cz, sz, cy, sy = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
     cx, sx = math.cos(roll), math.sin(roll)
+    about_z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
+    about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
+    return about_z @ about_y @ about_x
+
+
+def act(tool, velocity, rotation=(0.0, 0.0, 0.0), *, axes=None, height=FRAME, xy=(0.0, 0.0),
+        ground=FIRM, lowered=1.0, distance=0.0):  # fmt: skip
+    """Return depth, draft and side force of the points, total force, moment about the axle."""
+    axes = turn(0.0) if axes is None else axes
+    axle, velocity, rotation = np.array([*xy, height]), np.array(velocity), np.array(rotation)
+    com, centre = np.array([0.3, -0.2, 0.5]), axle + np.array([0.2, 0.1, -0.1])
+    cvel = np.concatenate([rotation, velocity + np.cross(rotation, com - axle)])
+    body = [np.tile(row, (2, 1)) for row in (axle, axes.ravel(), centre, cvel, com)]
+    lift, output, xfrc = np.array([lowered, distance]), np.empty((POINTS, 3)), np.zeros((2, 6))
+    law, work = ToolLaw.of(tool, FRAME, 600.0), np.array(tool.work_m).reshape(-1, 2)
+    grid = np.array([*ground.terrain.origin, ground.terrain.spacing_m, DT])
+    soil = (ground.terrain.heights, ground.cone_index, grid)
+    tool_step(law.table(), tool.offsets, work, *soil, 1, *body, lift, output, xfrc)
+    force = xfrc[1, :3]
+    moment = xfrc[1, 3:] + np.cross(centre - axle, force)
+    depth, draft, side = output.T
+    power = force @ velocity + moment @ rotation
+    return SimpleNamespace(depth=depth, draft=draft, side=side, force=force, moment=moment,
+                           power=power, lowered=lift[0], distance=lift[1])  # fmt: skip
+
+
+def test_it_never_gives_energy_and_rests_without_force():
+    rng = np.random.default_rng(2)
+    terrain = rough("E", rng, (20.0, 20.0))
+    ground = Ground(terrain, rng.uniform(200.0, 900.0, terrain.heights.shape))
+    worked = 0
+    for _ in range(300):
+        state = act(
+            Implement(depth_m=0.1, strength_exponent=1.3),
+            rng.normal(0.0, 1.0, 3),
+            rng.normal(0.0, 0.3, 3),
+            axes=turn(rng.uniform(-3.0, 3.0), *rng.uniform(-0.1, 0.1, 2)),
+            height=FRAME + rng.uniform(-0.05, 0.05),
+            xy=rng.uniform(-5.0, 5.0, 2),
+            ground=ground,
+        )
+        assert state.power <= 1e-9
+        worked += state.power < 0.0
+    assert worked > 250
+    assert not act(Implement(), (0.0, 0.0, 0.0)).force.any()
+    creep = act(Implement(), (1e-6, 1e-6, 0.0))
+    assert np.abs(creep.force).max() < 1.0  # no jump from rest to motion
+
+
+@pytest.mark.parametrize("kind", ["field-cultivator", "subsoiler", "disk-harrow"])
+def test_draft_on_level_ground_is_that_of_the_standard(kind):
+    tool, yaw = Implement(type=kind, texture="coarse"), 0.7
+    ahead = turn(yaw)[:, 0]
+    for speed in (0.7, 1.0, 3.0, -1.0):
+        state, draft = act(tool, speed * ahead, axes=turn(yaw)), tool.draft(abs(speed))
+        assert state.draft.sum() == pytest.approx(math.copysign(draft, speed), rel=1e-5)
+        assert state.force == pytest.approx(-state.draft.sum() * ahead)
+        assert state.depth == pytest.approx(tool.depth_m)
+
+
+def test_side_force_is_stiffness_times_slip_angle_up_to_its_limit():
+    tool = Implement()
+    area = tool.width_m * tool.depth_m
+    small = math.radians(0.5)
+    side = act(tool, (math.cos(small), math.sin(small), 0.0)).side.sum()
+    assert side == pytest.approx(-0.5 * tool.side_stiffness_n_per_deg_m2 * area, rel=0.01)
+    large = act(tool, (0.0, 2.0, 0.0)).side.sum()
+    assert large == pytest.approx(-tool.side_limit * tool.draft(0.0), rel=1e-3)
+
+
+def test_a_rolled_trailer_works_deeper_on_one_side_and_forces_act_at_the_points():
+    roll, tool = 0.02, Implement()  # left side up
+    state = act(tool, (1.0, 0.0, 0.0), axes=turn(0.0, 0.0, roll))
+    across = tool.offsets[-1] - tool.offsets[0]
+    assert state.depth[0] - state.depth[-1] == pytest.approx(across * math.sin(roll), rel=1e-3)
     aside = tool.offsets * math.cos(roll) + (FRAME + tool.depth_m) * math.sin(roll)
-    about_z = (state.draft * aside - tool.behind_m * state.side * math.cos(roll)).sum()
-    assert state.moment[2] == pytest.approx(about_z)
-    assert state.moment[2] < 0.0  # clockwise, to the right
+    turning = (state.draft * aside - tool.behind_m * state.side * math.cos(roll)).sum()
+    assert state.moment[2] == pytest.approx(turning)
+    assert turning < 0.0  # clockwise, to the right
 
 
 def test_forces_follow_the_strength_of_the_soil_only_where_asked():
