@@ -96,19 +96,6 @@ def test_control_signals_show_every_action_of_every_input(run):
         np.testing.assert_allclose(high, factor * control[f"{name}_max"])
 
 
-def test_control_signals_without_actions_show_the_command_alone(run):
-    control = run[CONTROL]
-    hidden = ("_feedforward", "_feedback", "_robust", "_total")
-    columns = {
-        name: np.full(len(control), np.nan) if name.endswith(hidden) else control[name]
-        for name in control.channel.fields
-    }
-    tables = run.tables | {CONTROL.topic: table_of(CONTROL, control.time_s, columns)}
-    figure = FIGURES["signals"](replace(run, tables=tables))
-    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert labels == ["total, as sent", "bounds"]
-
-
 def test_the_tyre_figure_shows_means_over_a_second_of_each_wheel(run):
     slip, angle, load = FIGURES["tyres"](run).axes
     tyres = run[TYRES]
@@ -171,12 +158,10 @@ def test_a_run_without_curves_or_counted_time_has_figures_with_a_note(curvature,
 
 def test_figures_are_small_png_files_as_wide_as_a_page():
     pictures = draw(record(duration_s=273.0, noise_m=0.03))
-    assert set(pictures) == set(FIGURES) - {"tube", "corridor"}
-    assert set(CAPTIONS) == set(FIGURES)
+    assert set(CAPTIONS) == set(FIGURES) == {*pictures, "tube", "corridor"}
     for content in pictures.values():
         assert len(content) < MAX_BYTES
-        picture = Image.open(io.BytesIO(content))
-        assert (picture.format, picture.width) == ("PNG", 792)
+        assert Image.open(io.BytesIO(content)).width == 792
 
 
 def test_the_tool_is_drawn_where_it_works():
