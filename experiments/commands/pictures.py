@@ -36,7 +36,7 @@ def render(arguments: argparse.Namespace) -> int:
 
       ttempc render RUN --camera split --from 20 --to 60 --speed 4 -o curve.webp
       ttempc render RUN --at 42.5 --camera hitch --size 1920x1080 -o hitch.png
-      ttempc render RUN --ghost reference --ghost other/log.mcap --exaggerate 10
+      ttempc render RUN --ghost reference --ghost other/log.mcap
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..film.render import STILL_SUFFIXES
@@ -50,7 +50,7 @@ def render(arguments: argparse.Namespace) -> int:
         need = "a picture needs --at" if still else f"--at: makes {' or '.join(STILL_SUFFIXES)}"
         raise BadOptions(f"-o {file}: {need}")
     film = _film(arguments, [log], at_s)
-    _write_film(film, file, arguments.workers)
+    _write_film(film, file)
     if still:
         print(f"picture   {file}")
     else:
@@ -71,14 +71,13 @@ def _film(arguments: argparse.Namespace, logs: list[Path], at_s: float | None = 
         speed=arguments.speed,
         quality=arguments.quality,
         size=arguments.size,
-        exaggeration=arguments.exaggerate,
     )
     return Film.of(logs, settings, arguments.ghost)
 
 
-def _write_film(film: Film, file: Path, workers: int) -> None:
+def _write_film(film: Film, file: Path) -> None:
     with progress(film.frames, file.name, "frame", shown=film.frames > 1) as count:
-        film.write(file, workers=workers, on_frame=count)
+        film.write(file, count)
 
 
 @command(
@@ -219,8 +218,8 @@ def compare(arguments: argparse.Namespace) -> int:
     if set(arguments.ghost) - {_REFERENCE}:
         raise BadOptions("--ghost: takes reference alone here; the film has a panel for every run")
     name = arguments.film and Path(arguments.film)
-    if name and (name.name != arguments.film or name.suffix not in (".mp4", ".webp", ".gif")):
-        raise BadOptions(f"--film: got {name}, must be a name that ends in .mp4, .webp or .gif")
+    if name and (name.name != arguments.film or name.suffix not in (".mp4", ".webp")):
+        raise BadOptions(f"--film: got {name}, must be a name that ends in .mp4 or .webp")
     runs = read_compared(arguments.logs, arguments.label or ())
     film = _film(arguments, arguments.logs) if name else None
     print(format_comparison(runs) + "\n")
@@ -228,6 +227,6 @@ def compare(arguments: argparse.Namespace) -> int:
     write_file(folder / STATISTICS_FILE, comparison_csv(runs))
     print(folder / STATISTICS_FILE)
     if film is not None:
-        _write_film(film, folder / name, arguments.workers)
+        _write_film(film, folder / name)
         print(folder / name)
     return 0

@@ -11,7 +11,7 @@ import pandas as pd
 
 from ttempc.types import FloatArray
 
-from ..results.published import COLUMNS, PUBLISHED_M
+from .published import COLUMNS, PUBLISHED_M
 
 ERRORS: Final = tuple(f"tracking.{where}.{body}.mean_euclidean_m" for where, body in PUBLISHED_M)
 """Columns of the four mean errors of the paper's table, in the order of `COLUMNS`."""

@@ -10,9 +10,14 @@ from typing import Final
 
 from ...testbed.recording.record import Record
 from ..figures import CAPTIONS
+<<<<<<< HEAD
 from ..results.published import CAVEAT, PublishedError
 from ..results.summary import Summary
 from ..results.table import format_corridor
+=======
+from ..results.summary import ImplementStatistics, InputStatistics, Spread, Summary
+from ..results.table import centimetres, format_corridor
+>>>>>>> main
 from ..results.tracking_errors import START_UP_S
 from .html import Picture, environment
 
@@ -50,7 +55,6 @@ def render_run_report(
     pictures: Mapping[str, bytes],
     *,
     description: str = "",
-    comparison: Sequence[PublishedError] = (),
     files: Sequence[str] = FILES,
 ) -> str:
     """Return the text of `report.html`.
@@ -61,14 +65,11 @@ def render_run_report(
         scenario_toml: the resolved scenario.
         pictures: contents of PNG files, by the figure's name.
         description: of the scenario.
-        comparison: the published errors, where they apply to the run.
         files: beside the page, besides the log.
     """
     template = environment().get_template("report.html.j2")
     return template.render(
         summary=summary,
-        comparison=comparison,
-        caveat=CAVEAT,
         start_up_s=START_UP_S,
         errors=_errors(summary),
         facts=[

@@ -20,8 +20,8 @@ from scipy.stats import qmc
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 
-from ...results.published import COLUMNS, PUBLISHED_LMPC_M, PUBLISHED_NMPC_M
 from ...seeds import TUNING, report_seeds
+from ..published import COLUMNS, PUBLISHED_LMPC_M, PUBLISHED_NMPC_M
 from ..runner import Runner
 from ..study import Case, Study
 from ..tables import ERRORS, markdown, numbers
@@ -378,13 +378,11 @@ STUDIES: Final = (
         make=fit_table,
         seeds=REPORT_SEEDS,
         checks=(*_CHECKS, ("grass", "paper")),
-        minutes=5.0,
     ),
     Study(
         name="eight-numbers",
         make=lambda runner: search_table(find(BOTH, runner, GENERATIONS["eight-numbers"])),
         seeds=REPORT_SEEDS,
         checks=_CHECKS,
-        minutes=16.0,
     ),
 )

@@ -117,9 +117,10 @@ def test_growth_that_was_cut_off_is_made_up_for(cut, tmp_path, monkeypatch):
             raise SweepStopped("killed")
         write(file, text)
 
-    with monkeypatch.context() as patch, pytest.raises(SweepStopped, match="killed"):
-        patch.setattr(folder_module, "_write", dies)
+    monkeypatch.setattr(folder_module, "_write", dies)
+    with pytest.raises(SweepStopped, match="killed"):
         swept(more, tmp_path / "out")
+    monkeypatch.undo()
     assert [(row["run"], row["seed"]) for row in swept(more, tmp_path / "out")] == [
         (run, more[run].seed) for run in range(more.size)
     ]

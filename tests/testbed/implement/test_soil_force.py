@@ -114,35 +114,6 @@ def test_side_force_is_stiffness_times_slip_angle_up_to_its_limit():
     assert large == pytest.approx(-tool.side_limit * tool.draft(0.0), rel=1e-3)
 
 
-def test_a_mirrored_motion_has_mirrored_forces():
-    tool, flip = Implement(), np.array([1.0, -1.0, 1.0])
-    left = act(tool, motion((1.0, 0.1, 0.02), (0.1, -0.2, 0.3), axes=turn(0.0, 0.01, 0.03)))
-    right = act(tool, motion((1.0, -0.1, 0.02), (-0.1, -0.2, -0.3), axes=turn(0.0, 0.01, -0.03)))
-    assert right.force == pytest.approx(left.force[::-1] * flip, abs=1e-9)
-
-
-def test_depth_follows_the_ground_and_is_zero_above_it():
-    tool, forward = Implement(depth_m=0.05), motion((1.0, 0.0, 0.0))
-    terrain = flat((20.0, 20.0))
-    for rise in (0.02, -0.03, -0.06):
-        ground = Ground(type(terrain)(terrain.heights + rise, 0.1, terrain.origin), FIRM.cone_index)
-        state = act(tool, forward, ground)
-        assert state.depth == pytest.approx(max(0.0, 0.05 + rise), abs=1e-12)
-        assert bool(state.force.any()) == (rise > -0.05)
-    raised = act(tool, forward, lowered=0.0)
-    assert not raised.depth.any()
-    assert not raised.force.any()
-
-
-def test_a_rolled_trailer_works_deeper_on_one_side_and_is_turned_to_it():
-    roll = 0.02  # left side up
-    state = act(Implement(), motion((1.0, 0.0, 0.0), axes=turn(0.0, 0.0, roll)))
-    across = Implement().offsets[-1] - Implement().offsets[0]
-    assert state.depth[0] - state.depth[-1] == pytest.approx(across * math.sin(roll), rel=1e-3)
-    moment = np.cross(state.points - np.array([0.0, 0.0, FRAME]), state.force).sum(axis=0)
-    assert moment[2] < 0.0  # clockwise, to the right
-
-
 def test_forces_follow_the_strength_of_the_soil_only_where_asked():
     forward, soft = motion((1.0, 0.05, 0.0)), Ground(LEVEL, np.full(LEVEL.heights.shape, 300.0))
     for exponent in (0.0, 1.0, 2.0):

@@ -1,4 +1,4 @@
-"""Published mean Euclidean errors of a field experiment, compared with those of a run.
+"""Published mean Euclidean errors of a field experiment.
 
 Kayacan, Ramon, Saeys (2016), "Robust Trajectory Tracking Error Model-Based Predictive Control for
 Unmanned Ground Vehicles", section V: the time-based linear MPC with the robust action.
@@ -6,27 +6,11 @@ Unmanned Ground Vehicles", section V: the time-based linear MPC with the robust 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 from ...testbed.vehicle.vehicle import DEFAULT_VEHICLE, read_vehicle
 from ..scenario.path import FigureEight
 from ..scenario.scenario import Scenario
-from .summary import Summary
-
-_REBUILT: Final = "kayacan2016"  # scenario with the field of the experiment
-CAVEAT: Final = "published: field experiment; here: simulation"
-
-
-@dataclass(frozen=True, slots=True)
-class PublishedError:
-    """Mean Euclidean error of a run and its published counterpart."""
-
-    where: str  # "straight" or "curve"
-    body: str  # "tractor" or "trailer"
-    measured_m: float | None
-    published_m: float
-
 
 PUBLISHED_M: Final = {
     ("straight", "tractor"): 0.2349,
@@ -44,7 +28,7 @@ PUBLISHED_NMPC_M: Final = (0.0644, 0.0361, 0.4978, 0.4152)
 Kayacan, Kayacan, Ramon, Saeys (2015), IEEE Transactions on Control Systems Technology 23(1)."""
 
 COLUMNS: Final = tuple(f"{body} {where}" for where, body in PUBLISHED_M)
-"""Labels of the entries of `compare`, in their order."""
+"""Labels of these numbers."""
 
 
 def applies_to(scenario: Scenario) -> bool:
@@ -59,26 +43,4 @@ def applies_to(scenario: Scenario) -> bool:
         same_path
         and not scenario.implement
         and scenario.vehicles().plant == read_vehicle(DEFAULT_VEHICLE)
-    )
-
-
-def published_beside(summary: Summary, scenario: Scenario) -> tuple[PublishedError, ...]:
-    """Return the comparison that a run shows: in the scenario that rebuilds the experiment alone.
-
-    Other fields with the paper's vehicle and path differ from it in ground and sensors.
-    """
-    rebuilt = summary.scenario == _REBUILT and applies_to(scenario)
-    return compare(summary) if rebuilt else ()
-
-
-def compare(summary: Summary) -> tuple[PublishedError, ...]:
-    """Return the mean Euclidean errors of a run with the published ones."""
-    return tuple(
-        PublishedError(
-            where,
-            body,
-            getattr(getattr(summary.tracking, where), body).mean_euclidean_m,
-            published_m,
-        )
-        for (where, body), published_m in PUBLISHED_M.items()
     )
