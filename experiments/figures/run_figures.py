@@ -244,22 +244,13 @@ def corridor_figure(record: Record) -> Figure:
 def tube_figure(record: Record) -> Figure:
     """Return the cross-track deviation of both true axle points, and their margin in the tube."""
     contained = containment(record)
-<<<<<<< HEAD
     time_s, margin, width = contained.time_s, contained.margin, contained.half_width
     figure, rows = stacked(3, 1.8)
     for axes in rows:
         shade(axes, time_s, contained.curved)
     for axes, (body, column) in zip(rows[:2], contained.ACROSS.items(), strict=True):
-        offset = leftward(contained.deviation[:, column])
+        offset = -contained.deviation[:, column]  # to the left
         _draw_offset(axes, time_s, offset, width[:, column], body, "tube")
-=======
-    figure, (*rows, last) = stacked(3, 1.8)
-    for axes, (body, column) in zip(rows, contained.ACROSS.items(), strict=True):
-        shade(axes, contained.time_s, contained.curved)
-        offset_cm = -100 * contained.deviation[:, column]  # to the left
-        band = 100 * contained.half_width[:, column]
-        _offset_in_band(axes, contained.time_s, offset_cm, band, body, "tube")
->>>>>>> main
         dress(axes, "", "deviation from nominal\nstate, left positive [cm]")
     last = rows[-1]
     last.plot(time_s, margin, color=BLACK, linewidth=0.8)

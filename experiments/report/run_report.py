@@ -10,14 +10,8 @@ from typing import Final
 
 from ...testbed.recording.record import Record
 from ..figures import CAPTIONS
-<<<<<<< HEAD
-from ..results.published import CAVEAT, PublishedError
 from ..results.summary import Summary
 from ..results.table import format_corridor
-=======
-from ..results.summary import ImplementStatistics, InputStatistics, Spread, Summary
-from ..results.table import centimetres, format_corridor
->>>>>>> main
 from ..results.tracking_errors import START_UP_S
 from .html import Picture, environment
 

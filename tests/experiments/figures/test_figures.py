@@ -7,11 +7,6 @@ import numpy as np
 import pytest
 from PIL import Image
 from proving_ground.experiments.figures import CAPTIONS, FIGURES, draw
-<<<<<<< HEAD
-from proving_ground.experiments.results.containment import QUANTITIES
-=======
-from proving_ground.experiments.figures.style import series
->>>>>>> main
 from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.experiments.results.tracking_errors import QUANTITIES, tracking_errors
 from proving_ground.testbed.recording.channels import (
