@@ -18,13 +18,14 @@ from ttempc.vehicle import Vehicle
 
 from ...testbed.actuation.actuators import Actuators
 from ...testbed.discretisation import whole_steps
+from ...testbed.faults.faulty import Sensors
 from ...testbed.ground.grid import Grid
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
 from ...testbed.randomness import generator
 from ...testbed.recording.record import Sink
-from ...testbed.sensing.sensors import Sensors, SensorSuite
+from ...testbed.sensing.sensors import SensorSuite
 from ...testbed.sensing.truth_estimator import TruthEstimator
 from ...testbed.simulation.loop import STAGES, with_stages
 from ...testbed.simulation.plant import Plant, Snapshot

@@ -13,12 +13,12 @@ from ttempc.reference.reference import Reference
 
 from ...testbed.errors import InvalidFault
 from ...testbed.faults.fault import Fault, FaultContext, LastingFault, Window
-from ...testbed.faults.faulty import FaultyActuators, FaultySensors
+from ...testbed.faults.faulty import FaultyActuators, FaultySensors, Sensors
 from ...testbed.faults.kinds import Effect, refusal
 from ...testbed.ground.soil import Patch, SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.recording.record import BEGINS, ENDS, FAULT, Event
-from ...testbed.sensing.sensors import Sensors
+from ...testbed.sensing.sensors import SensorSuite
 from ...testbed.simulation.plant import Plant
 from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ...testbed.vehicle.vehicle import PlantVehicle
@@ -108,7 +108,7 @@ class Timetable:
             soil = replace(soil, layers=(*soil.layers, *patches))
         return terrain, soil
 
-    def sensors(self, sensors: Sensors, timestep: float, seed: int) -> Sensors:
+    def sensors(self, sensors: SensorSuite, timestep: float, seed: int) -> Sensors:
         """Return the sensors with their faults."""
         faults = self._on("samples")
         return FaultySensors(sensors, faults, timestep, seed) if faults else sensors

@@ -378,13 +378,11 @@ STUDIES: Final = (
         make=fit_table,
         seeds=REPORT_SEEDS,
         checks=(*_CHECKS, ("grass", "paper")),
-        minutes=5.0,
     ),
     Study(
         name="eight-numbers",
         make=lambda runner: search_table(find(BOTH, runner, GENERATIONS["eight-numbers"])),
         seeds=REPORT_SEEDS,
         checks=_CHECKS,
-        minutes=16.0,
     ),
 )

@@ -118,7 +118,7 @@ def study(runner: Runner) -> Block:
     fresh = [
         _case(field, seed, f'controller.tube="{file}"')
         for field, file in files.items()
-        for seed in runner.report_seeds(LAPS)
+        for seed in report_seeds(LAPS)
     ]
     laps = runner.frame(fresh, fresh_lap)
     tubes = {name: read_tube(str(file)) for name, file in files.items()}
@@ -209,6 +209,5 @@ STUDIES: Final = (
         seeds=report_seeds(LAPS),
         make=study,
         checks=tuple((name, DRIVER) for name in ("grass", "pavement", "wet-grass", "side-slope")),
-        minutes=13.0,
     ),
 )

@@ -497,6 +497,5 @@ STUDIES: Final = (
         name="evidence",
         make=_page,
         checks=(("farm", "ttempc"), ("cultivate", "ttempc"), ("grass", "ttempc")),
-        minutes=5.0,
     ),
 )

@@ -58,7 +58,7 @@ _ABOUT: Final = {
 
 def make(runner: Runner) -> Block:
     """Return the leaderboard, and the score cards of all entries driven here."""
-    draws = public_draws(runner.seeds(PUBLIC))
+    draws = public_draws(PUBLIC)
     cards = {}
     for name, *changes in (*SHIPPED, *OTHERS):
         entrant = Entrant.of(name, changes)
@@ -172,7 +172,6 @@ STUDIES: Final = (
             ),
             *(("grass", *words) for words in SHIPPED),
         ),
-        minutes=110.0,
     ),
     Study(name="headline", make=lambda runner: headline(shipped_cards())),
 )

@@ -42,7 +42,7 @@ def breaking_points(runner: Runner, path: str = "path.laps=1") -> str:
             parameter=QUANTITIES[quantity],
             tolerance=tolerance,
             limit_m=None,
-            seeds=runner.report_seeds(3),
+            seeds=report_seeds(3),
             settings=parse_overrides([path]),
         )
         for quantity, tolerance in TOLERANCES.items()
@@ -96,7 +96,7 @@ SEARCHED: Final = (*CONTROLLERS, CONTROLLER)
 
 def worst_cases(runner: Runner) -> str:
     """Return the worst case of every controller by question."""
-    (seed, *_) = runner.report_seeds(1)
+    (seed,) = report_seeds(1)
     tasks = [Hunt(name, *what, seed) for what in HUNTED.values() for name in SEARCHED]
     reports = iter(runner.map(hunt, tasks))
     parts = []
@@ -128,13 +128,11 @@ STUDIES: Final = (
         seeds=report_seeds(3),
         make=breaking_points,
         checks=tuple(("grass", name) for name in BROKEN),
-        minutes=5.0,
     ),
     Study(
         name="worst-cases",
         seeds=report_seeds(1),
         make=worst_cases,
         checks=tuple(("grass", name) for name in SEARCHED),
-        minutes=11.0,
     ),
 )

@@ -176,12 +176,10 @@ STUDIES: Final = (
         name="invariance",
         make=lambda runner: fenced(invariance()),
         checks=(("grass", "ttempc-tube"),),
-        minutes=0.5,
     ),
     Study(
         name="paper-tube",
         make=lambda runner: fenced(paper_tube()),
         checks=(("pavement", "paper"),),
-        minutes=0.1,
     ),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from proving_ground.experiments.papers.studies.recovery import recover
+from proving_ground.experiments.papers.studies.laps import recover
 from proving_ground.experiments.papers.study import Case
 
 
