@@ -57,11 +57,6 @@ def run(*overrides):
     return simulate("grass", scenario(*overrides), seed=3)
 
 
-@pytest.fixture(scope="module")
-def plain():
-    return run()[1]
-
-
 def test_every_kind_is_accepted_where_it_can_act():
     assert set(KINDS) == {*FOR_TIME, *ON_THE_WAY}
     assert all(check(scenario(table(kind))) > 0 for kind in KINDS)

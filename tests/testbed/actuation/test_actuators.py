@@ -146,20 +146,6 @@ def qpos_after(plant, strides):
     return np.array(rows)
 
 
-def test_a_dead_time_that_ends_between_two_ticks_shifts_the_steering_by_itself():
-    """Standing, so that nothing but the valve tells one moment from the other."""
-    turn, late = Command(0.2, 0.0, 0.0), 70  # 0.14 s, ticks are 0.2 s apart
-
-    def angles(plant):
-        plant.reset(0.0, 0.0, 0.0, 0.0)
-        return np.array([plant.advance(turn, 1).delta_t for _ in range(300)])
-
-    plain = angles(plant_with())
-    delayed = angles(plant_with(ActuatorSpecification(front=SteeringValve(dead_time_s=0.14))))
-    assert np.abs(delayed[:late]).max() < 1e-4
-    np.testing.assert_allclose(delayed[late:], plain[:-late], atol=1e-4)
-
-
 def test_a_steered_axle_stops_short_by_dead_band_and_half_the_play():
     plant = plant_with(ActuatorSpecification(front=OLD))
     plant.reset(-10.0, 0.0, 0.0, 0.7)
@@ -181,9 +167,3 @@ def test_a_restored_plant_goes_on_identically_with_commands_under_way():
     first = plant.advance(Command(0.05, 0.0, 0.5), 400).body_xyz
     plant.restore(before)
     np.testing.assert_array_equal(plant.advance(Command(0.05, 0.0, 0.5), 400).body_xyz, first)
-
-
-def test_a_reset_forgets_commands_under_way():
-    plant = plant_with(ActuatorSpecification(front=OLD, hydrostat=HydrostatValve(dead_time_s=0.3)))
-    strides = [(Command(0.2, 0.0, 0.8), 100), (Command(-0.2, 0.0, 0.1), 50)]
-    np.testing.assert_array_equal(qpos_after(plant, strides), qpos_after(plant, strides))

@@ -1,6 +1,5 @@
 """Soil strength: background, layers, tramlines."""
 
-import itertools
 import math
 
 import numpy as np
@@ -145,23 +144,6 @@ def test_an_unusable_map_is_refused_in_one_line_that_names_it(tmp_path, text, me
 
 
 # --- layers ----------------------------------------------------------------------------------
-
-
-def test_layers_lie_on_each_other_in_their_order():
-    patch = Patch(x_m=0.0, y_m=0.0, radius_m=3.0, cone_index_kpa=150.0)
-    gradient = Gradient(from_kpa=300.0, to_kpa=900.0, distance_m=10.0, x_m=-5.0)
-    factors = drawn(3)
-    places = np.array([0.0, 4.0]), np.zeros(2)
-    for order in itertools.permutations((patch, gradient, factors)):
-        expected = np.full(2, 700.0)
-        for layer in order:
-            if layer is patch:
-                expected[0] = 150.0
-            elif layer is gradient:
-                expected = np.array([600.0, 840.0])
-            else:
-                expected = expected * factors.at(*places)
-        np.testing.assert_allclose(SoilMap(700.0, order).cone_index(*places), expected)
 
 
 # --- tramlines -------------------------------------------------------------------------------

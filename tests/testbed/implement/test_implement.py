@@ -2,7 +2,6 @@
 
 import pytest
 from proving_ground.experiments.errors import InvalidScenario
-from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.implement.implement import Implement
@@ -28,12 +27,6 @@ def test_the_default_implement_is_one_that_the_small_tractor_pulls():
     check_pull(SoilLaw(), Implement(), SMALL, 600.0, 1.0)
     with pytest.raises(InvalidPlant, match="at most 30 % slip, but cannot pull it"):
         check_pull(SoilLaw(), Implement(depth_m=0.8), SMALL, 600.0, 1.0)
-
-
-def test_a_scenario_is_checked_before_it_is_built():
-    _, scenario = load("cultivate", ["implement.depth_m=0.3"])
-    with pytest.raises(InvalidPlant, match=r"implement: got 1\.2 m x 30 cm"):
-        check(scenario)
 
 
 def test_a_refusal_names_the_key_and_what_is_allowed():

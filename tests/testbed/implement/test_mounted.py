@@ -65,21 +65,6 @@ def test_it_works_in_its_intervals_of_the_distance_driven():
     assert all(tool.draft.any() == (tool.depth > 0.0).any() for tool in tools)
 
 
-def test_a_restored_run_repeats_every_bit():
-    plant, _ = drive(rough("D", np.random.default_rng(4), (60.0, 10.0)), seconds=1.0)
-    before = plant.snapshot()
-    first = plant.advance(Command(0.1, -0.05, 0.7), 700)
-    end = plant.snapshot()
-    plant.restore(before)
-    again = plant.advance(Command(0.1, -0.05, 0.7), 700)
-    assert np.array_equal(plant.snapshot().physics, end.physics)
-    assert np.array_equal(plant.snapshot().implement, end.implement)
-    for name in ("depth", "draft", "side"):
-        assert np.array_equal(getattr(first.tool, name), getattr(again.tool, name))
-    start = [plant.reset(-20.0, 0.0, 0.0, 1.0).tool for _ in range(2)]
-    assert [tool.distance for tool in start] == [0.0, 0.0]
-
-
 @both_vehicles
 def test_a_steered_mirror_image_is_mirrored(vehicle):
     def run(sign):
