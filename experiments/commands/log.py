@@ -30,10 +30,10 @@ def info(arguments: argparse.Namespace) -> int:
     out("PLACE", "of tables a folder; default: beside the log"),
     option(
         "--format",
-        choices=("csv", "parquet", "rerun", "ros2"),
+        choices=("csv", "parquet", "rerun"),
         default="csv",
         dest="form",
-        help="csv (default), parquet (extra `export`), rerun (extra `rerun`), or ros2: a recipe",
+        help="csv (default), parquet (extra `export`) or rerun (extra `rerun`)",
     ),
 )
 def export(arguments: argparse.Namespace) -> int:

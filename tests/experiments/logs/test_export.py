@@ -66,7 +66,6 @@ def test_what_cannot_be_exported_is_refused_in_one_line(short_runs, tmp_path, mo
     for form, out, words in (
         ("rerun", "run.txt", ".rrd"),
         ("rerun", "no/run.rrd", "cannot be written"),
-        ("ros2", "bag", "ros2_bag.py"),
     ):
         assert main(["log", "export", log, "--format", form, "-o", str(tmp_path / out)]) == 2
         error = capsys.readouterr().err
