@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.errors import InvalidReplay
 from proving_ground.experiments.logs.replay import (
     estimator_of,
     read_run,
@@ -16,7 +15,7 @@ from proving_ground.experiments.logs.replay import (
 from proving_ground.experiments.results.consistency import consistency
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import ESTIMATE, MEASUREMENT, STATE
+from proving_ground.testbed.recording.channels import ESTIMATE, STATE
 from proving_ground.testbed.recording.record import Record, Table
 
 from tests.experiments.conftest import STRAIGHT
@@ -60,13 +59,6 @@ def test_another_assumed_noise_gives_other_estimates_of_the_same_samples(run, lo
     assert not same_as_recorded(other, record)
     nis = {item.name: item.nis for item in consistency(other, record).sensors}
     assert nis[Sensor.GNSS_TRACTOR] < 0.6  # of four where GNSS alone is uncertain, so near 1/4
-
-
-def test_every_sample_of_the_log_reaches_the_estimator_once(run):
-    record, _ = run
-    logged = np.isfinite(record[MEASUREMENT].values).sum()  # with one time a sample
-    samples = [sample for tick in ticks(record) for sample in tick.samples]
-    assert sum(len(sample.value) + 1 for sample in samples) == logged
 
 
 def test_figures_of_estimates_with_known_errors():
@@ -119,11 +111,3 @@ def test_the_command_prints_states_and_sensors_and_refuses_what_cannot_be_replay
         error = capsys.readouterr().err
         assert reason in error
         assert len(error.splitlines()) == 1
-
-
-def test_a_record_without_estimates_is_refused(run):
-    record, _ = run
-    tables = dict(record.tables)
-    tables[ESTIMATE.topic] = Table(ESTIMATE, np.empty(0), np.empty((0, len(ESTIMATE.fields))))
-    with pytest.raises(InvalidReplay, match="0 estimates"):
-        list(ticks(Record(tables)))

@@ -8,14 +8,12 @@ import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from proving_ground.testbed.geodesy import DATUM
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
 from proving_ground.testbed.messages.encoding import (
     encode_fixes,
-    encode_paths,
     encode_poses,
     quaternions,
     single,
@@ -65,20 +63,6 @@ def test_attitudes_are_yaw_then_pitch_then_roll():
         np.testing.assert_allclose(rotated(quat, [1, 0, 0]), ahead, atol=1e-6)
         assert rotated(quat, [0, 1, 0])[2] == pytest.approx(math.cos(pitch) * math.sin(roll))
     np.testing.assert_allclose(np.linalg.norm(quaternions(poses), axis=1), 1.0)
-
-
-def test_paths_have_their_points_and_head_to_the_next_one():
-    lines = [np.eye(3), np.ones((1, 3)), np.arange(12.0).reshape(4, 3)]
-    for data, line, time_ns in zip(
-        encode_paths(TIMES_NS[:3], lines), lines, TIMES_NS.tolist(), strict=False
-    ):
-        path = PosesInFrame.FromString(data)
-        assert (path.frame_id, path.timestamp.ToNanoseconds()) == ("map", time_ns)
-        places = [(each.position.x, each.position.y, each.position.z) for each in path.poses]
-        assert places == [tuple(point) for point in line.tolist()]
-        for pose, step in zip(path.poses, np.diff(line, axis=0), strict=False):
-            yaw = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
-            assert yaw == pytest.approx(math.atan2(step[1], step[0]), abs=1e-6)
 
 
 def test_a_fix_lies_where_the_ellipsoid_says():

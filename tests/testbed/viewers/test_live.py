@@ -1,7 +1,6 @@
 """Live view: the messages of a log, paced by the clock, without effect on the run."""
 
 import base64
-import contextlib
 import json
 import socket
 import struct
@@ -163,12 +162,3 @@ def test_pages_of_other_sites_do_not_get_the_run():
         ):
             with pytest.raises(InvalidStatus, match="403"):
                 connect(view.url, subprotocols=[PROTOCOL], origin=origin)
-
-
-def test_rubbish_at_the_port_does_not_reach_the_server():
-    with view() as live, socket.socket() as client:
-        client.connect(("127.0.0.1", int(live.url.rpartition(":")[2])))
-        client.sendall(b"A" * 100_000)
-        client.settimeout(5.0)
-        with contextlib.suppress(ConnectionError):
-            assert client.recv(1) == b""
