@@ -83,19 +83,6 @@ def test_the_cameras_show_the_tractor_at_its_projected_position_and_no_site(play
     assert np.abs(scene.picture("side", 6.0) - before).max() <= 2  # of 255
 
 
-@needs_gl
-def test_a_frame_shows_field_sky_and_vehicle_and_depends_on_its_time_alone(log):
-    settings = FilmSettings(at_s=6.0, camera="chase", size=SMALL)
-    (one,), (two,) = (Film.of([log], settings).pictures() for _ in range(2))
-    np.testing.assert_array_equal(one, two)
-    assert one.shape == (180, 320, 3)
-    red, green, blue = np.moveaxis(one[:139].astype(float), -1, 0)
-    assert np.mean((red > 90) & (red > 2 * green)) > 0.002  # paint of the tractor
-    assert np.mean((green > 1.4 * red) & (green > 1.2 * blue)) > 0.005  # boards of the trailer
-    assert np.mean((blue > 180) & (blue > red)) > 0.05  # sky
-    assert np.mean((green > red) & (red > 1.2 * blue)) > 0.3  # grass
-
-
 def decoded(file):
     with av.open(str(file)) as container:
         stream = container.streams.video[0]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mcap.stream_reader import StreamReader
 from proving_ground.testbed.errors import LogError, PlantDiverged
-from proving_ground.testbed.log.reader import SALVAGED_KEY, read_content, read_log, recover
+from proving_ground.testbed.log.reader import SALVAGED_KEY, read_content, read_log
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.recording.record import Record
 
@@ -77,16 +77,6 @@ def test_any_other_end_leaves_a_readable_part(tmp_path):
         log.__exit__(error, error(), None)
         assert (folder / "log.mcap").exists() == (error is PlantDiverged), "an end by design"
         assert len(read_log(folder)[STATE]) == 25
-
-
-def test_recovery_refuses_to_write_over_the_partial_log_that_it_reads(logged, tmp_path):
-    path, _ = logged
-    truncated = tmp_path / "log.mcap.part"
-    truncated.write_bytes(path.read_bytes()[:-1000])
-    before = truncated.read_bytes()
-    with pytest.raises(LogError, match=r"log\.mcap\.part: exists already"):
-        recover(read_content(truncated), tmp_path / "log.mcap")
-    assert truncated.read_bytes() == before
 
 
 def test_a_full_disk_is_said(tmp_path, monkeypatch):

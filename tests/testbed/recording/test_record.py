@@ -5,20 +5,9 @@ from proving_ground.testbed.recording.channels import (
     STATE,
     Channel,
 )
-from proving_ground.testbed.recording.record import Event, Recorder, Tee
+from proving_ground.testbed.recording.record import Recorder
 
 PAIR = Channel("/pair", "two numbers", ("a_m", "b_m"))
-
-
-def test_rows_come_out_as_columns_in_their_order():
-    recorder = Recorder([PAIR])
-    for k in range(3):
-        recorder.row(PAIR, 0.1 * k, (k, -k))
-    table = recorder.record()[PAIR]
-    assert len(table) == 3
-    assert table.time_s.tolist() == [0.0, 0.1, 0.2]
-    assert table["b_m"].tolist() == [0.0, -1.0, -2.0]
-    assert table.columns("b_m", "a_m").tolist() == [[0.0, 0.0], [-1.0, 1.0], [-2.0, 2.0]]
 
 
 def test_a_record_does_not_change_when_the_run_goes_on():
@@ -29,15 +18,6 @@ def test_a_record_does_not_change_when_the_run_goes_on():
     assert len(early[PAIR]) == 1
     assert early.metadata == {"seed": "1"}
     assert len(recorder.record()[PAIR]) == 2
-
-
-def test_a_tee_passes_all_data_to_every_sink():
-    one, other = Recorder([PAIR]), Recorder([PAIR])
-    tee = Tee(one, other)
-    tee.row(PAIR, 0.0, (1.0, 2.0))
-    tee.event(Event(0.5, "info", "half way"))
-    assert one.record().events == other.record().events == (Event(0.5, "info", "half way"),)
-    assert one.record()[PAIR].values.tolist() == other.record()[PAIR].values.tolist() == [[1, 2]]
 
 
 def test_a_record_is_read_by_topic_and_shown_in_a_line():
