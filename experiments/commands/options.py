@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Final
 from ...testbed.atomic_write import partial_path
 from ...testbed.log import log_path
 from ..errors import BadOptions
-from ..seeds import report_seeds
 
 if TYPE_CHECKING:
     from ..scenario.scenario import Scenario
@@ -113,32 +112,6 @@ def positive(text: str) -> float:
     return value
 
 
-_LARGEST_SEED: Final = 2**32 - 1
-_MOST_SEEDS: Final = 1000
-
-
-def seeds(text: str) -> tuple[int, ...]:
-    """Read seeds: a count, or a list of numbers and ranges; at most 1000.
-
-    >>> seeds("3"), seeds("7,"), seeds("7,11-13")
-    ((201, 202, 203), (7,), (7, 11, 12, 13))
-    """
-    if text.isdecimal() and 1 <= int(text) <= _MOST_SEEDS:
-        return report_seeds(int(text))
-    found: dict[int, None] = {}
-    if re.fullmatch(r"\d{1,10}(-\d{1,10})?(,(\d{1,10}(-\d{1,10})?)?)*", text) and (
-        "," in text or "-" in text
-    ):
-        for part in filter(None, text.split(",")):
-            first, _, last = part.partition("-")
-            found |= dict.fromkeys(range(int(first), int(last or first) + 1)[: _MOST_SEEDS + 1])
-    if not 1 <= len(found) <= _MOST_SEEDS or max(found) > _LARGEST_SEED:
-        raise argparse.ArgumentTypeError(
-            f"must be a count from 1 to {_MOST_SEEDS}, or a list such as 3,5,10-20, got {text!r}"
-        )
-    return tuple(found)
-
-
 def _size(text: str) -> tuple[int, int]:
     """Read WIDTHxHEIGHT."""
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
@@ -190,18 +163,10 @@ CONTROLLER: Final = option(
 )
 SEED: Final = option(
     "--seed",
-    type=whole_number(0, _LARGEST_SEED),
+    type=whole_number(0, 2**32 - 1),
     default=1,
     metavar="N",
     help="draws terrain and noise (default: 1)",
-    group="seeds",
-)
-SEEDS: Final = option(
-    "--seeds",
-    type=seeds,
-    metavar="N|LIST",
-    help="a count N: the first N seeds of reported runs, from 201 on; or a list such as 3,5,10-20",
-    group="seeds",
 )
 SPEED: Final = option(
     "--speed", type=positive, metavar="X", help="simulated seconds per second of wall clock or film"

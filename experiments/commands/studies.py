@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import BadOptions
 from ..output import progress, refuse_existing, write_file
+from ..seeds import report_seeds
 from . import options
 from .options import Group, command, json_of, option, out, refuse_given
 
@@ -112,7 +113,13 @@ _REQUIRED_SCENARIO = options.SCENARIO.but(nargs=None, default=None, help="name o
     out("FILE", "default: a new one in runs/"),
     *options.CHANGES,
     options.CONTROLLER.but(action="append", help="may be repeated (default: the scenario's)"),
-    options.SEEDS.but(default="3", help="N or LIST, runs per value (default: 3, from 201 on)"),
+    option(
+        "--seeds",
+        type=options.whole_number(1, 1000),
+        default=3,
+        metavar="N",
+        help="runs per value, with the first N seeds of reported runs, from 201 on (default: 3)",
+    ),
     options.LIMIT,
     *options.ENGINE,
     json_of("the values"),
@@ -134,13 +141,13 @@ def limit(arguments: argparse.Namespace) -> int:
     name = arguments.quantity.partition("=")[0]
     file = arguments.out or options.unused_path(Path("runs"), f"limit-{draft.name}-{name}", ".json")
     refuse_existing(file)
-    questions = []
+    questions, seeds = [], report_seeds(arguments.seeds)
     for controller in arguments.controller or [None]:
         changes = options.scenario_changes(arguments.overrides, controller)
         scenario = draft.scenario(changes, "--set")
         if not arguments.trust:
             refuse_untrusted(draft.file, named_parts(scenario), changes)
-        asked = arguments.scenario, changes, arguments.quantity, arguments.seeds, arguments.limit
+        asked = arguments.scenario, changes, arguments.quantity, seeds, arguments.limit
         questions.append(read_question(draft, *asked))
 
     def show(found: Limit) -> None:

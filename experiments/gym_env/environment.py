@@ -33,8 +33,7 @@ from ..run.assembly import assemble, check, model_vehicle
 from ..run.shared_parts import SharedParts
 from ..run.user_code import named_parts, refuse_untrusted
 from ..scenario.scenario import parse_overrides, read_scenario
-from .observation import ESTIMATE_NAMES, EstimateObserver, bounds
-from .residual import ResidualController, half_range
+from .policy import ESTIMATE_NAMES, EstimateObserver, ResidualController, bounds, half_range
 
 ERROR_M: Final = 0.1
 """Distance of both points from their reference that costs 1; assumed."""
@@ -57,12 +56,8 @@ def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int
         reward = -min(mean((e / ERROR_M)^2) + EFFORT mean(c^2), LARGEST_COST)
 
     The periods that are left when a vehicle is lost have the largest cost, so that no policy gains
-    by ending its run early.
-
-    Args:
-        errors_m: e, true distances of tractor and trailer point from their references [m].
-        change: c, changes of the commands as shares of the largest ones in a period, of each input.
-        periods_lost: periods of the reference after this one that are not driven.
+    by ending its run early. `errors_m`: true distances e of both points from their references;
+    `change`: those c of the commands in a period, as shares of the largest ones.
     """
     error = sum(e * e for e in errors_m) / (len(errors_m) * ERROR_M**2)
     effort = sum(c * c for c in change) / len(change)

@@ -397,7 +397,7 @@ def table(parts: Mapping[str, Callable[[], list[Figure]]]) -> str:
     return f"{where}\n\n{markdown(('part', 'figure', 'value', 'limit'), lines)}"
 
 
-STUDIES: Final = (Study(name="performance", make=lambda runner: table(PARTS), minutes=4.0),)
+STUDIES: Final = (Study(name="performance", make=lambda runner: table(PARTS)),)
 
 
 def main(words: Sequence[str] | None = None) -> None:

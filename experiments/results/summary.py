@@ -28,11 +28,11 @@ from ...testbed.recording.channels import (
     TYRES,
 )
 from ...testbed.recording.record import LEARNT, Record
-from .containment import containment
 from .tracking_errors import (
     BODIES,
     BodyError,
     TrackingErrors,
+    containment,
     counted,
     position_fields,
     rows_at_same_time,
@@ -100,11 +100,6 @@ class TrackingStatistics:
     straight: BodyStatistics
     curve: BodyStatistics
     all: BodyStatistics
-
-    @property
-    def headline(self) -> ErrorStatistics:
-        """Errors of the working point on the whole path: its cross-track p95 and sd are told."""
-        return next(iter(self.all.by_point.values()))
 
 
 @dataclass(frozen=True, slots=True)

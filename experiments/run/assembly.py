@@ -18,13 +18,14 @@ from ttempc.vehicle import Vehicle
 
 from ...testbed.actuation.actuators import Actuators
 from ...testbed.discretisation import whole_steps
+from ...testbed.faults.faulty import Sensors
 from ...testbed.ground.grid import Grid
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
 from ...testbed.randomness import generator
 from ...testbed.recording.record import Sink
-from ...testbed.sensing.sensors import Sensors, SensorSuite
+from ...testbed.sensing.sensors import SensorSuite
 from ...testbed.sensing.truth_estimator import TruthEstimator
 from ...testbed.simulation.loop import STAGES, with_stages
 from ...testbed.simulation.plant import Plant, Snapshot
@@ -36,7 +37,7 @@ from ..scenario.path import Mission
 from ..scenario.plant import ControlSettings, record_rate, record_steps
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
-from .corridor_judge import corridor_row
+from .corridor_judge import CorridorJudge
 from .shared_parts import SharedParts
 from .timetable import Timetable
 from .user_code import is_user_code, load_factory, named_estimator, named_factory, user_stage
@@ -76,7 +77,8 @@ class Assembly:
         self.plant.restore(self.start)
         timestep, period_s = self.plant.timestep_s, self.guidance.period_s
         record_hz = record_hz or record_rate(timestep, period_s)
-        rows = self._reference_rows(record_hz)
+        rows, corridor = self._reference_rows(record_hz), self.reference.corridor
+        distance, _, _ = self.reference.speed.travel(np.arange(len(rows)) / record_hz)
         return SimulationSetup(
             plant=self.plant,
             sensors=self.sensors,
@@ -92,7 +94,7 @@ class Assembly:
             realtime=self.control.realtime,
             step_limit_s=self.control.step_limit_s,
             place=Projection(rows[:, :2]).place if self.guidance.space_based else None,
-            corridor_row=corridor_row(self.reference, rows, record_hz),
+            corridor_row=CorridorJudge(corridor, rows, distance).row if corridor else None,
         )
 
     def reference_path(self, step_m: float) -> FloatArray:
@@ -118,8 +120,6 @@ def _reference_columns(sample: ReferenceSample) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What follows from a scenario and a seed before anything is compiled or solved for."""
-
     mission: Mission
     vehicles: Vehicles
     reference: Reference  # of the model
@@ -194,11 +194,7 @@ def assemble(
 def check(scenario: Scenario) -> int:
     """Refuse what `assemble` would refuse, in a fraction of its time; return the control ticks.
 
-    Nothing is drawn, compiled or solved for: the ground is level but for its features, there is
-    neither a plant nor a controller.
-
-    Raises:
-        ExperimentError, TestbedError, TtempcError: as `assemble`.
+    Nothing is drawn, compiled or solved for: there is neither a plant nor a controller.
     """
     plan = _plan(scenario, 0, lambda of, seed: replace(of.terrain, iso_class="flat").terrain(seed))
     settings, vehicle = scenario.controller, plan.reference.vehicle
@@ -242,11 +238,7 @@ def _plan(scenario: Scenario, seed: int, make_terrain: Callable[[Scenario, int],
 
 
 def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> Vehicle:
-    """Return the vehicle model in the gear of the mission.
-
-    Raises:
-        InvalidScenario: the vehicle has no such gear.
-    """
+    """Return the vehicle model in the gear of the mission."""
     if mission.reverse and not vehicles.plant.hydrostat.reverse:
         raise InvalidScenario(
             f"path.reverse: vehicle {scenario.plant.vehicle.file} drives forward only; its file "
@@ -263,7 +255,6 @@ def _guidance(
     parts: SharedParts,
     guide: Callable[..., Guidance],
 ) -> Guidance:
-    """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, plan.reference.vehicle
     true_state = settings.estimator == TRUTH
     return guide(
@@ -281,11 +272,7 @@ def _guidance(
 
 
 def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:
-    """Refuse a path that comes too near to an edge of the field, or of a map of its soil.
-
-    Raises:
-        InvalidScenario: with the path's box, the grid's, the margin and the first place within it.
-    """
+    """Refuse a path that comes too near to an edge of the field, or of a map of its soil."""
     along = np.linspace(0.0, path.lap_m, math.ceil(path.lap_m / _COVER_STEP_M) + 1)
     x, y, _ = path.pose(along).T
     beyond = np.flatnonzero(~grid.inside(x, y, EDGE_M))

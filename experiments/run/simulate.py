@@ -21,7 +21,6 @@ from ...testbed.recording.provenance import machine, versions
 from ...testbed.recording.record import Event, OnEvent, Record, Recorder, Sink, Tee
 from ...testbed.simulation.loop import Outcome, drive, prepare
 from ..output import make_folder, progress, refuse_existing, write_file
-from ..results.published import PublishedError, published_beside
 from ..results.summary import RunFacts, Summary, summarise
 from ..scenario.controller import OptionValue
 from ..scenario.plant import record_steps
@@ -51,7 +50,6 @@ class Finished:
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     notes: tuple[str, ...] = ()  # on path and tube
-    comparison: tuple[PublishedError, ...] = ()  # published errors, where they are shown
 
 
 def simulate(
@@ -69,17 +67,15 @@ def simulate(
     The controller does not prepare its steps: its computation times are those of cold caches.
 
     Args:
-        name: of the scenario.
-        scenario: what to run.
+        name, scenario: what to run.
         seed: draws terrain and noise.
         factory: makes a controller of your own from vehicle, reference and control period [s]. The
             run is filed under its name `module:qualname` and a hash of its source.
-        log: file to write the log to, in a folder that exists.
         options: keyword options of the factory.
+        log: file to write the log to, in a folder that exists.
         parts: of earlier runs, to be used again; none by default.
 
     Raises:
-        LogError: the log cannot be written.
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
     """
     scenario, sources = _with_controller(scenario, factory, options)
@@ -115,16 +111,14 @@ def run(
     """Run a scenario and write log, summary, resolved scenario, figures and report to `folder`.
 
     Args:
-        name: of the scenario.
-        scenario: what to run.
+        name, scenario: what to run.
         seed: draws terrain and noise.
         folder: to make.
         record_hz: how often the truth is written down [Hz]; None: as in `record_rate`.
         watch: opens a live view of the run; it gets the same data as the log.
         on_event: called with every event when it occurs.
         shown: whether to show progress, see `output.progress`.
-        factory: makes a controller of your own, as in `simulate`.
-        options: keyword options of the factory.
+        factory, options: as in `simulate`.
         make: makes the objects of the run from scenario, seed and factory.
 
     Raises:
@@ -169,12 +163,9 @@ def run(
         files[figure] = folder / f"{figure}.png"
         write_file(files[figure], content)
     files["report"] = folder / "report.html"
-    comparison = published_beside(summary, scenario)
-    page = render_run_report(
-        summary, record, resolved, pictures, description=scenario.description, comparison=comparison
-    )
+    page = render_run_report(summary, record, resolved, pictures, description=scenario.description)
     write_file(files["report"], page)
-    return Finished(summary, record, files, mismatch, notes, comparison)
+    return Finished(summary, record, files, mismatch, notes)
 
 
 def drive_into(
@@ -259,11 +250,7 @@ def _with_controller(
     factory: Callable[..., object] | None,
     options: Mapping[str, OptionValue] | None,
 ) -> tuple[Scenario, dict[str, str]]:
-    """Return the scenario as it is filed, and a hash of the source of every part of a user's.
-
-    Raises:
-        InvalidController: a module named by the scenario cannot be imported.
-    """
+    """Return the scenario as it is filed, and a hash of the source of every part of a user's."""
     if factory is not None:
         settings = replace(scenario.controller, name=name_of(factory), options=dict(options or {}))
         scenario = replace(scenario, controller=settings)

@@ -22,9 +22,7 @@ from ...testbed.configuration.resources import ShippedFiles
 from ..errors import InvalidFit
 from .path import AnyPath
 
-_TUBES: Final = ShippedFiles(
-    "tube", "proving_ground.experiments", "fitted", ".json", InvalidFit, "`ttempc fit tube`"
-)
+_TUBES: Final = ShippedFiles("tube", "proving_ground.experiments", "fitted", ".json", InvalidFit)
 _DIMENSION: Final = len(State)
 _Row = Annotated[list[float], Field(min_length=_DIMENSION, max_length=_DIMENSION)]
 _Matrix = Annotated[list[_Row], Field(min_length=_DIMENSION, max_length=_DIMENSION)]
@@ -56,8 +54,7 @@ class HoldOut:
     """Windows of held-out runs inside the fitted set, with the interval of their share.
 
     The interval is that of Clopper and Pearson for independent windows. Windows of one run are
-    not: it is too narrow. They do not overlap, and those of the estimate's error, a set of single
-    steps, are as far apart as those of the disturbance.
+    not: it is too narrow.
     """
 
     windows: _Count
@@ -126,11 +123,7 @@ class TubeFile:
     calibration: RunCalibration | None = None
 
     def design(self) -> TubeDesign:
-        """Return the design of the tube.
-
-        Raises:
-            TtempcError: the numbers are no valid vehicle or no valid set.
-        """
+        """Return the design of the tube."""
         return TubeDesign(
             vehicle=Vehicle(**self.vehicle),  # pyright: ignore[reportArgumentType] - checked when read
             period_s=self.period_s,

@@ -196,7 +196,8 @@ def read_subject(
     for word in words:
         if word in FAULTS:
             length_m = scenario.mission().path.length_m
-            place = ("at_m", *(round(share * length_m, 2) for share in _ENDS), _FREE)
+            ends = (round(share * length_m, 2) for share in _ENDS)
+            place: tuple[Any, ...] = ("at_m", *ends, _FREE)
             found = [_fault_range(word, *one) for one in (*_FAULTS[word][1], place)]
         else:
             parameter, free = read_quantity(word, FAULTS)
@@ -229,10 +230,6 @@ def _nominal(parameter: Parameter, scenario: Scenario, name: str) -> float:
 
 def read_quantity(word: str, more: tuple[str, ...] = ()) -> tuple[Parameter, bool]:
     """Return a quantity by its name, or of `KEY=LOW:HIGH` or `KEY=LOW:HIGH:free`; is it free?
-
-    Args:
-        word: of the command line.
-        more: names that are allowed beside.
 
     Raises:
         InvalidStudy: it is none of these.

@@ -66,15 +66,10 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Specification:
-    """What a run must keep to: it completes, in the corridor, with an error below a limit.
+    """What a run must keep to: it completes, in the corridor, with an error below a limit."""
 
-    Args:
-        limits: figure of a row -> limit, in the unit of the figure.
-        limit_m: on the 95 % cross-track error of the working point [m]; None: not limited.
-    """
-
-    limits: Mapping[str, float]
-    limit_m: float | None = None
+    limits: Mapping[str, float]  # of figures of a row, in the unit of the figure
+    limit_m: float | None = None  # on the 95 % cross-track error of the working point [m]
 
     @classmethod
     def of(cls, scenario: Scenario, limit_m: float | None = None) -> Specification:
@@ -97,12 +92,7 @@ class Specification:
         return shares | {"working point": error}
 
     def judge(self, row: Row, nominal: Mapping[str, float]) -> Outcome:
-        """Return the outcome of a run.
-
-        Args:
-            row: of the run.
-            nominal: `shares` of the nominal run, which has not failed.
-        """
+        """Return the outcome of a run, by the `shares` of the nominal run, which did not fail."""
         if row["status"] != "completed":
             return Outcome(f"{row['status']}: {row['failure']}")
         for point in _POINTS:
@@ -149,11 +139,7 @@ def falsify(
 ) -> list[Case]:
     """Search for the least severe failure; return all cases in the order of their runs.
 
-    Args:
-        space: of the parameters.
-        evaluate: drives points (m, n) and returns their outcomes in order.
-        budget: largest number of points.
-        seed: of the optimiser.
+    `evaluate` drives points (m, n) and returns their outcomes in order, at most `budget` points.
 
     Raises:
         MissingExtra: `cmaes` is not installed.

@@ -1,4 +1,4 @@
-"""Dry run of a plan: its size, an estimate of time and disk."""
+"""Dry run of a plan: its size, an estimate of time."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ from ..scenario.scenario import Scenario
 from .engine import cores
 from .plan import SweepPlan
 
-_ROW_BYTES: Final = 3500  # of one axis, measured
-_LOG_BYTES_PER_S: Final = 26_000  # measured
 _SHOWN: Final = 12  # values of an axis
 
 
@@ -27,9 +25,6 @@ def format_plan(plan: SweepPlan, workers: int | None) -> str:
     at_once = max(1, cores() if workers is None else workers)
     start_s, per_s = _cost(plan)
     total_s = (start_s * extent.runs + per_s * extent.simulated_s) / at_once
-    logs = "no logs"
-    if study.keep != "none":
-        logs = f"up to {_LOG_BYTES_PER_S * extent.simulated_s / 1e6:.1f} MB logs"
     return "\n".join(
         [
             f"{plan.name}: {study.description}".rstrip(": "),
@@ -43,7 +38,6 @@ def format_plan(plan: SweepPlan, workers: int | None) -> str:
             f"{plan.controller_count} controllers ({', '.join(extent.controllers)})",
             f"time      about {_time(total_s)} on {at_once} cores of this machine, "
             f"{_time(extent.simulated_s)} simulated",
-            f"disk      about {_ROW_BYTES * extent.runs / 1e6:.1f} MB rows, {logs}",
         ]
     )
 

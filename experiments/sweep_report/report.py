@@ -22,7 +22,7 @@ from ..figures import png
 from ..report.html import Picture, environment
 from ..results.statistics import caveat
 from ..results.summary import ACTUATOR_USE
-from ..sweep.row import unmeasured_text
+from ..results.tracking_errors import START_UP_S
 from .charts import Panel, curve_panels, map_panels, tail_panel
 from .format import format_estimate, format_numbers, format_value, rerun_command
 from .runs import Sweep, best, differences, groups
@@ -170,7 +170,9 @@ def _method(sweep: Sweep) -> str:
         "Errors are the 95th percentile of the unsigned cross-track error of the "
         f"{sweep.point} in a run, of runs that completed; sd is its standard deviation.",
         f"A run fails where it does not complete (lost, invalid, failed, crashed){limit}.",
-        unmeasured_text(unmeasured, sweep.limit_m),
+        f"Completed without an error, shorter than {START_UP_S:g} s: {unmeasured} runs."
+        if unmeasured
+        else "",
         "In brackets: 95 % intervals; failure rates by Clopper and Pearson, means and "
         f"differences by Student's t over whole {sweep.units}.",
         caveat(rows["unit"].nunique(), sweep.units),

@@ -74,16 +74,13 @@ def hidden_draws(file: Path) -> Draws:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "is no text"
         raise BadOptions(f"--seeds-file {file}: cannot be read: {reason}") from None
-    if not 1 <= len(words) <= _MOST or len({*words}) < len(words):
+    valid = all(re.fullmatch(r"0|[1-9][0-9]{0,9}", word) for word in words)
+    seeds = tuple(map(int, words)) if valid else ()
+    if not 1 <= len({*seeds}) == len(seeds) <= _MOST or max(seeds) > _LARGEST:
         raise BadOptions(
-            f"--seeds-file {file}: has {len(words)} seeds, must have 1 to {_MOST}, each once"
+            f"--seeds-file {file}: must have 1 to {_MOST} different whole numbers from 0 to "
+            f"{_LARGEST}"
         )
-    for word in words:
-        if not re.fullmatch(r"0|[1-9][0-9]{0,9}", word) or int(word) > _LARGEST:
-            raise BadOptions(
-                f"--seeds-file {file}: {word[:40]!r} must be a whole number from 0 to {_LARGEST}"
-            )
-    seeds = tuple(int(word) for word in words)
     return Draws("hidden", seeds_hash(seeds), len(seeds), seeds)
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from scipy.stats import binomtest
 
+from ttempc.guidance.controllers import CONTROLLERS
 from ttempc.mpc.articulated_error import error_dynamics, error_state
 from ttempc.reference.reference import Reference, exact_feedforward
 from ttempc.tube.reference_tube import (
@@ -21,15 +24,17 @@ from ttempc.tube.sets import DisturbanceSet, fit_set
 from ttempc.types import Estimate, FloatArray, State
 from ttempc.vehicle import CommandLimits
 
+from ...testbed.errors import LogError
+from ...testbed.log.reader import read_log
 from ...testbed.recording.channels import CONTROL, ESTIMATE, STATE
 from ...testbed.recording.provenance import versions
 from ...testbed.recording.record import Record
-from ..errors import InvalidFit
-from ..results.containment import Containment
+from ..errors import InvalidFit, InvalidScenario
 from ..results.statistics import fewest_samples, proportion
-from ..results.tracking_errors import START_UP_S
+from ..results.tracking_errors import START_UP_S, Containment
+from ..run.assembly import model_vehicle
 from ..scenario.plant import PAPER_PERIOD_S
-from ..scenario.scenario import Scenario
+from ..scenario.scenario import Scenario, load
 from ..scenario.tube_file import (
     HoldOut,
     Provenance,
@@ -37,7 +42,6 @@ from ..scenario.tube_file import (
     path_table,
     tube_file,
 )
-from .logged_runs import LoggedRun, logged_run, require_alike
 
 WINDOW_STEPS = 10  # two seconds, in which the vehicle moves by two thirds of its length
 COVERAGE = 0.9
@@ -51,6 +55,103 @@ _DISTURBANCE = ("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel
 _MAP_DISTURBANCE = ("side_x_rad", "side_y_rad", "climb_x", "climb_y")
 _COMMAND = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
 _SAME_TIME_S = 1e-6
+Run = TypeVar("Run")
+
+
+@dataclass(frozen=True)
+class LoggedRun:
+    """A run that drove its whole path, by its settings."""
+
+    scenario: str
+    controller: str
+    seed: int
+    settings: Scenario
+    reference: Reference
+
+    @property
+    def label(self) -> str:
+        """Name of the run in messages."""
+        return f"{self.scenario}, seed {self.seed}"
+
+    @property
+    def drives_in_a_tube(self) -> bool:
+        """Whether the controller keeps the vehicle in a tube."""
+        entry = CONTROLLERS.get(self.controller)
+        return entry is not None and entry.tube == "required"
+
+
+def logged_run(record: Record, scenario: Scenario) -> LoggedRun:
+    """Return the settings of a run."""
+    if scenario.control.period_s != PAPER_PERIOD_S:
+        raise InvalidFit(
+            f"control.rate_hz = {scenario.control.rate_hz:g}: a tube is fitted to runs at "
+            f"{1.0 / PAPER_PERIOD_S:g} Hz"
+        )
+    mission = scenario.mission()
+    vehicle = model_vehicle(mission, scenario, scenario.vehicles())
+    reference = Reference(mission.path, vehicle, mission.speed)
+    end_s = max(record[CONTROL].time_s, default=0.0)
+    if end_s < reference.duration_s - 2.0 * PAPER_PERIOD_S:
+        raise InvalidFit(
+            f"the run ended after {end_s:.1f} s of {reference.duration_s:.1f} s: runs must complete"
+        )
+    return LoggedRun(
+        scenario=record.metadata["scenario"],
+        controller=record.metadata["controller"],
+        seed=int(record.metadata["seed"]),
+        settings=scenario,
+        reference=reference,
+    )
+
+
+def read_runs(folders: Sequence[Path], make: Callable[[Record, Scenario], Run]) -> list[Run]:
+    """Return what `make` takes from all runs in the folders and their subfolders, by name.
+
+    Raises:
+        InvalidFit: a folder holds no run, a log or its scenario cannot be read, or `make` refuses
+            a run.
+    """
+    runs = []
+    for folder in folders:
+        logs = sorted(folder.rglob("log.mcap"))
+        if not logs:
+            raise InvalidFit(f"{folder}: there is no log.mcap in it or below")
+        for log in logs:
+            try:
+                _, scenario = load(str(log.parent / "scenario.toml"))
+                runs.append(make(read_log(log), scenario))
+            except (LogError, InvalidScenario) as error:
+                raise InvalidFit(str(error)) from None
+            except InvalidFit as error:
+                raise InvalidFit(f"{log}: {error}") from None
+    return runs
+
+
+def require_alike(runs: Sequence[LoggedRun]) -> None:
+    """Refuse runs that are not of one scenario with a seed of its own each."""
+    first = asdict(runs[0].settings) if runs else {}
+    labels: dict[int, str] = {}
+    for run in runs:
+        if difference := _difference(first, asdict(run.settings)):
+            raise InvalidFit(
+                f"{run.label}: {difference} in {runs[0].label}: all runs must be of one field and "
+                "one controller"
+            )
+        if run.seed in labels:
+            raise InvalidFit(f"{run.label}: there twice: every run must have a seed of its own")
+        labels[run.seed] = run.label
+
+
+def _difference(first: Mapping[str, object], other: Mapping[str, object], above: str = "") -> str:
+    """Return the first key with another value, and both values; "" where all are equal."""
+    for key in sorted({*first, *other}):
+        one, two = first.get(key), other.get(key)
+        if one == two:
+            continue
+        if isinstance(one, Mapping) and isinstance(two, Mapping):
+            return _difference(one, two, f"{above}{key}.")
+        return f"{above}{key} = {two!r}, but {one!r}"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -74,11 +175,7 @@ class RunErrors:
 
 
 def run_errors(record: Record, reference: Reference) -> RunErrors:
-    """Return the errors of a run from the end of start-up to the first missing tick.
-
-    Raises:
-        InvalidFit: there are fewer than two consecutive ticks.
-    """
+    """Return the errors of a run from the end of start-up to the first missing tick."""
     time_s = record[ESTIMATE].time_s
     ticks = np.round(time_s / PAPER_PERIOD_S)
     kept = (time_s >= START_UP_S) & (np.abs(ticks * PAPER_PERIOD_S - time_s) < _SAME_TIME_S)
@@ -151,10 +248,7 @@ def hold_out(disturbance: DisturbanceSet, runs: Sequence[FloatArray]) -> HoldOut
 
 
 def contradiction(count: HoldOut, what: str, coverage: float) -> str:
-    """Return a sentence where a hold-out count contradicts the coverage, "" where it does not.
-
-    The test is the one-sided binomial one.
-    """
+    """Return a sentence where a one-sided binomial test contradicts the coverage, else ""."""
     if not count.windows:
         return ""
     p = binomtest(count.inside, count.windows, coverage, alternative="less").pvalue
@@ -186,12 +280,7 @@ class Fit:
 
 
 def fit_run(record: Record, scenario: Scenario) -> FitRun:
-    """Return the data of one run for a fit.
-
-    Raises:
-        InvalidFit: the run is too short, was driven at another control rate, or ended before its
-            path.
-    """
+    """Return the data of one run for a fit."""
     run = logged_run(record, scenario)
     errors = run_errors(record, run.reference)
     return FitRun(**vars(run), errors=errors, residuals=residuals(errors, run.reference))
@@ -256,15 +345,8 @@ def fit_tube(
 def design_weights(
     reference: Reference, ticks: Sequence[int], disturbance: DisturbanceSet
 ) -> AncillaryWeights:
-    """Return the weights of the ancillary gain for the error models at some ticks of a reference.
-
-    Args:
-        reference: along which the vehicle drives.
-        ticks: at which the error model is taken, as the straight and the sharpest curve.
-        disturbance: set of the one-step residuals.
-
-    Raises:
-        InvalidTube: no gain yields a tube.
+    """Return the weights of the ancillary gain for the error models at `ticks` of a reference,
+    as its straight and its sharpest curve; `disturbance` is the set of one-step residuals.
     """
     vehicle, rows = reference.vehicle, list(ticks)
     a, b, c = error_dynamics(reference, PAPER_PERIOD_S, max(rows) + 1)
@@ -298,7 +380,6 @@ def _require_enough(
 
 
 def _longest(flags: np.ndarray) -> int:
-    """Return the middle index of the longest run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     starts, ends = edges[::2], edges[1::2]
     longest = int(np.argmax(ends - starts))

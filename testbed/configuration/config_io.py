@@ -94,11 +94,7 @@ def parse_toml(text: str, error: type[Exception], where: str) -> dict[str, Any]:
 
 
 def _check_values(value: object, where: str = "", level: int = 0) -> None:
-    """Refuse what no key allows, before anything computes with it; `where` is its key.
-
-    Raises:
-        ValueError: with the key and the limit.
-    """
+    """Refuse what no key allows, before anything computes with it; `where` is its key."""
     if level > _MOST_LEVELS:
         raise ValueError(f"tables and lists nested more than {_MOST_LEVELS} deep")
     if isinstance(value, str) and ("\0" in value or len(value) > _MOST_CHARACTERS):
@@ -106,8 +102,8 @@ def _check_values(value: object, where: str = "", level: int = 0) -> None:
     if isinstance(value, int) and abs(value) >= 2**63:
         raise ValueError(f"{where}: must be a whole number of 64 bits")
     # NaN and infinities have a message of their own, which names the allowed range.
-    number = isinstance(value, float) and math.isfinite(value) and value != 0.0
-    if number and not _SMALLEST <= abs(value) <= _LARGEST:
+    size = abs(value) if isinstance(value, float) and value and math.isfinite(value) else 1.0
+    if not _SMALLEST <= size <= _LARGEST:
         raise ValueError(f"{where}: got {value}, must be {_SMALLEST:g} to {_LARGEST:g} in size")
     items = value.items() if isinstance(value, Mapping) else ()
     for key, item in enumerate(value) if isinstance(value, list) else items:
@@ -182,7 +178,6 @@ def _descend(location: Sequence[str | int], root: type) -> tuple[list[str], list
 
 
 def _tables(hint: Any) -> list[Any]:  # noqa: ANN401 - any type
-    """Return the dataclasses that a field of this type may hold, alone or in a list."""
     if is_dataclass(hint):
         return [hint]
     return [table for part in get_args(hint) for table in _tables(part)]

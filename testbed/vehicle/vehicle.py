@@ -254,7 +254,6 @@ def knuckle_angle(delta: FloatArray, wheelbase: float, kingpin_y: float) -> Floa
 
 
 def _problems(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
-    """Yield keys whose values do not fit together, and the reason."""
     tractor, axle, trailer = vehicle.tractor, vehicle.front_axle, vehicle.trailer
     hitch, box, load, behind = vehicle.hitch, vehicle.box, vehicle.load, vehicle.trailer_behind_m
     front, rear, towed = vehicle.wheels.values()

@@ -18,9 +18,8 @@ from ....testbed.recording.channels import TUBE
 from ....testbed.recording.record import Record
 from ...figures import png
 from ...figures.style import BODY_COLOURS, PALE, blank, dress, legend
-from ...results.containment import Containment, containment, leftward
 from ...results.statistics import proportion
-from ...results.tracking_errors import START_UP_S
+from ...results.tracking_errors import START_UP_S, Containment, containment
 from ...run.simulate import simulate
 from ...scenario.scenario import Scenario, load
 from ...scenario.tube_file import PointHalfWidths, TubeFile, read_tube, to_json
@@ -119,7 +118,7 @@ def study(runner: Runner) -> Block:
     fresh = [
         _case(field, seed, f'controller.tube="{file}"')
         for field, file in files.items()
-        for seed in runner.report_seeds(LAPS)
+        for seed in report_seeds(LAPS)
     ]
     laps = runner.frame(fresh, fresh_lap)
     tubes = {name: read_tube(str(file)) for name, file in files.items()}
@@ -191,7 +190,7 @@ def path(laps: pd.DataFrame) -> Figure:
             axes.fill(*band.T, color=PALE, alpha=0.6, linewidth=0.0)
         for number, (times, deviation, _) in enumerate(tracks):
             ticks = slice(len(times))  # fewer in a lap that terminated early
-            driven = place[ticks] + leftward(deviation[:, column, None]) * left[ticks]
+            driven = place[ticks] + (-deviation[:, column, None]) * left[ticks]
             near.plot(*driven.T, color=colour, linewidth=0.5)
             shown = body if number == 0 else None
             views["whole"].plot(*driven.T, color=colour, linewidth=0.5, label=shown)
@@ -210,6 +209,5 @@ STUDIES: Final = (
         seeds=report_seeds(LAPS),
         make=study,
         checks=tuple((name, DRIVER) for name in ("grass", "pavement", "wet-grass", "side-slope")),
-        minutes=13.0,
     ),
 )

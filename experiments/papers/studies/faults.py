@@ -319,23 +319,18 @@ _STUCK: Final = changes("front steering stuck", 5.0)  # within the time of a reg
 FAULTS: Final = Study(
     name="faults",
     seeds=SEEDS,
-    make=lambda runner: fault_tables(runner.frame(fault_cases(runner.seeds(SEEDS)), outcome)),
+    make=lambda runner: fault_tables(runner.frame(fault_cases(SEEDS), outcome)),
     checks=tuple(("grass", name, *own) for name in CONTROLLERS for own in ((), _STUCK)),
-    minutes=35.0,
 )
 FALSE_ALARMS: Final = Study(
     name="false-alarms",
     seeds=report_seeds(_DRIVES * len(fields())),
-    make=lambda runner: alarm_table(
-        runner.frame(alarm_cases(runner.seeds(FALSE_ALARMS.seeds)), alarms)
-    ),
+    make=lambda runner: alarm_table(runner.frame(alarm_cases(FALSE_ALARMS.seeds), alarms)),
     checks=tuple((name, "ttempc") for name in shipped()),
-    minutes=7.0,
 )
 LIMITS: Final = Study(
     name="detector-limits",
     seeds=tuple(TUNING[: _CALIBRATION_DRIVES * len(shipped())]),
     make=lambda runner: limit_table(runner.frame(limit_cases(), residuals)),
-    minutes=5.0,
 )
 STUDIES: Final = (FAULTS, FALSE_ALARMS, LIMITS)

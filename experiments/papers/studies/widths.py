@@ -68,7 +68,7 @@ def corridor(runner: Runner) -> str:
 
     `ttempc` drives at the speed that its half widths allow, the others at that of the scenario.
     """
-    seeds = runner.report_seeds(LAPS)
+    seeds = report_seeds(LAPS)
     cases = [
         Case("rows", seed, changes, {"driver": name})
         for name, changes in CONTROLLERS.items()
@@ -140,7 +140,7 @@ def corridor_options(runs: pd.DataFrame) -> str:
 
 def coverage(runner: Runner) -> str:
     """Return half widths that 40 laps of each field give, and how many fresh laps leave them."""
-    seeds = {"fitted": FITTING[:FITTED_LAPS], "fresh": runner.report_seeds(LAPS)}
+    seeds = {"fitted": FITTING[:FITTED_LAPS], "fresh": report_seeds(LAPS)}
     cases = [
         Case(field, seed, JUDGED, {"of": of})
         for field in FIELDS
@@ -197,7 +197,6 @@ STUDIES: Final = (
         seeds=report_seeds(LAPS),
         make=corridor,
         checks=tuple(("rows", name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")),
-        minutes=10.0,
     ),
     Study(
         name="corridor-options",
@@ -211,13 +210,11 @@ STUDIES: Final = (
         },
         seeds=tuple(CALIBRATION_SEEDS),
         table=corridor_options,
-        minutes=2.0,
     ),
     Study(
         name="coverage",
         seeds=report_seeds(LAPS),
         make=coverage,
         checks=tuple((name, "ttempc") for name in FIELDS),
-        minutes=40.0,
     ),
 )

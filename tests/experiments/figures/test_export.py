@@ -9,7 +9,6 @@ import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.figures import FIGURES
 from proving_ground.experiments.figures.export import export_figures, figure_csv, run_figures
-from proving_ground.experiments.figures.style import figure_width
 from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.experiments.sweep_report.runs import groups, read_sweep
 from proving_ground.testbed.log.reader import read_log
@@ -54,12 +53,6 @@ def test_every_line_of_the_csv_has_a_name(record):
     assert {"feedback", "lower bound", "upper bound"} <= signals
     error = {line for _, line in data(record, "error")}
     assert error == {"tractor", "trailer", "mean on straights"}
-
-
-def test_a_narrow_path_figure_is_lower(record):
-    with figure_width(8.8 / 2.54):
-        narrow = FIGURES["path"](record)
-    assert narrow.get_figheight() < 0.8 * FIGURES["path"](record).get_figheight()
 
 
 @pytest.mark.parametrize(("width", "inches"), [("single", 8.8 / 2.54), ("12.7", 5.0)])

@@ -11,7 +11,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from proving_ground.experiments.errors import BadOptions, InvalidScenario
 from proving_ground.experiments.gym_env.environment import LARGEST_COST, FieldTrial, reward
-from proving_ground.experiments.gym_env.observation import ESTIMATE_NAMES, bounds
+from proving_ground.experiments.gym_env.policy import ESTIMATE_NAMES, bounds
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import (

@@ -17,7 +17,7 @@ from mcap_ros2.decoder import DecoderFactory
 from proving_ground.experiments import logs
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.logs.export import PANELS, PATH_COLOURS
-from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.run.simulate import run
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.geodesy import DATUM, east_north
 from proving_ground.testbed.log.reader import read_content, read_log
@@ -98,18 +98,18 @@ def bag(tmp_path_factory):
     pytest.importorskip("rosbags")
     folder = tmp_path_factory.mktemp("bag")
     straight = "path={kind='straight', length_m=6}"
-    simulate(*load("grass", [straight, "sensors.preset=field"]), 3, log=folder / "log.mcap")
+    run(*load("grass", [straight, "sensors.preset=field"]), 3, folder / "run")
     recipes = str(Path(__file__).parents[3] / "docs" / "examples")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(recipes)
-        importlib.import_module("ros2_bag").convert(folder / "log.mcap", folder / "bag")
+        importlib.import_module("ros2_bag").convert(folder / "run" / "log.mcap", folder / "bag")
     topics = defaultdict(list)
     with (folder / "bag" / "bag.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         assert reader.get_header().profile == "ros2"
         for _, channel, message, decoded in reader.iter_decoded_messages():
             topics[channel.topic].append((1e-9 * message.log_time, decoded))
-    return folder / "log.mcap", read_log(folder / "log.mcap"), topics
+    return folder / "run" / "log.mcap", read_log(folder / "run" / "log.mcap"), topics
 
 
 def stamp_s(message):

@@ -2,11 +2,9 @@
 
 import csv
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.figures.comparison_figures import COMPARISONS
 from proving_ground.experiments.film.render import Film
@@ -34,32 +32,6 @@ def test_the_statistics_are_those_of_each_run(short_runs, tmp_path, capsys):
             for name, value in figures.items():
                 assert row[name] == ("" if value is None else repr(value)), name
     assert {file.stem for file in folder.glob("*.png")} == set(COMPARISONS)
-
-
-def test_vector_figures_of_a_comparison_have_the_width_of_a_column_and_their_data(
-    short_runs, tmp_path, capsys
-):
-    files = list(map(str, logs(short_runs, "paper", "nominal")))
-    folder = tmp_path / "both"
-    line = ["compare", *files, "-o", str(folder), "--format", "pdf,svg", "--width", "single"]
-    assert main([*line, "--only", "error"]) == 0
-    assert {file.name for file in folder.iterdir()} == {
-        "comparison.csv",
-        "error.csv",
-        "error.pdf",
-        "error.svg",
-    }
-    svg = (folder / "error.svg").read_text()
-    assert float(re.search(r'width="([\d.]+)pt"', svg)[1]) == pytest.approx(88 / 25.4 * 72, abs=0.1)
-    rows = list(csv.DictReader((folder / "error.csv").read_text().splitlines()))
-    errors = read_compared(logs(short_runs, "paper", "nominal"))[0].errors
-    own = [float(row["y"]) for row in rows if (row["chart"], row["line"]) == ("0", "paper")]
-    np.testing.assert_allclose(own, 100.0 * errors.tractor.euclidean_m, rtol=1e-8)
-    capsys.readouterr()
-    assert main(["report", str(folder), "--format", "pdf"]) == 2
-    message = capsys.readouterr().err
-    assert "is a comparison" in message
-    assert message.count("\n") == 1
 
 
 def test_runs_are_compared_up_to_the_end_of_the_shortest_and_labelled_by_what_differs(short_runs):
@@ -90,14 +62,12 @@ def test_what_cannot_be_compared_is_refused_before_anything_is_written(
     one, other = logs(short_runs, "paper", "nominal")
     torn, folder = tmp_path / "torn.mcap", tmp_path / "both"
     torn.write_bytes(other.read_bytes()[:-5000])
-    narrow = ["--film", "both.mp4", "--camera", "plan", "--size", "320x180"]
     for files, words in (
         ([one, *logs(short_runs, "slower")], "different references"),
         ([one, one], "given twice"),
         ([one], "takes 2 to 6"),
         ([one, *logs(short_runs, "none")], "cannot be read"),
         ([one, torn], "is torn"),
-        ([one, other, *narrow], "640"),
         ([one, other, "--ghost", one.parent, "--ghost", "reference"], "--ghost"),
     ):
         assert main(["compare", *map(str, files), "-o", str(folder)]) == 2

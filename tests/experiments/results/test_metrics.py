@@ -7,22 +7,18 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from proving_ground.experiments.results.published import applies_to, compare, published_beside
 from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.experiments.results.table import (
     WIDTH,
     centimetres,
     format_run,
-    format_seeds,
 )
-from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import CONTROL, STATE, TIMING
+from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import REACTION, REACTION_ENDED, Event, Record
 
 from tests.records import circle, eight, record, straight, table_of
 
 FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {"ttempc": "0"}, "log.mcap")
-INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
 KEYS = (
     "mean_euclidean_m rms_m p95_m max_m along_mean_m along_sd_m cross_mean_m cross_sd_m cross_p95_m"
 )
@@ -130,16 +126,6 @@ def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it(
     assert inputs.delta_t.rms_rate == pytest.approx(math.sqrt(np.mean(steps**2)))
 
 
-def test_timing_leaves_out_missing_samples():
-    cost = np.array([1.0, 2.0, 3.0, np.nan])
-    columns = {name: cost for name in TIMING.fields if name != "qp_solve_us"}
-    run = with_table(record(), table_of(TIMING, np.arange(4.0), columns))
-    timing = summarise(run, FACTS).timing
-    assert (timing.estimator_us.median, timing.estimator_us.max) == (2.0, 3.0)
-    assert timing.qp_solve_us.median is None
-    assert timing.real_time_factor == pytest.approx(60.0 / 10.0)
-
-
 def test_summary_has_exactly_the_keys_of_the_interface():
     def unknown(word):
         raise AssertionError(f"{word} is no JSON")
@@ -182,7 +168,6 @@ def test_a_tool_counts_while_it_is_lowered():
     assert statistics.draft_mean_n == pytest.approx(0.5 * (908.0 + 930.0), abs=0.1)
     assert statistics.draft_p95_n == pytest.approx(908.0 + 0.95 * 22.0, abs=0.1)
     assert list(summary.tracking.all.by_point) == ["tool", "trailer", "tractor"]
-    assert summary.tracking.headline == summary.tracking.all.tool
     assert "Draft 919 N (mean)" in format_run(summary)
 
 
@@ -212,34 +197,3 @@ def test_the_table_tells_the_cross_track_error_of_the_working_point_first():
         keys = ("cross_p95_m", "cross_sd_m", "cross_mean_m", "along_mean_m", "along_sd_m")
         expected = [centimetres(getattr(error, key)) for key in keys]
         assert shown["whole path", body] == expected
-    seeds = format_seeds([summary, replace(summary, seed=2)])
-    error = summary.tracking.all.trailer
-    expected = [centimetres(error.cross_p95_m), centimetres(error.cross_sd_m)]
-    assert re.search(r"^2 +completed +(\S+) +(\S+)", seeds, re.MULTILINE).groups() == (*expected,)
-
-
-def test_the_table_sets_the_published_errors_beside_the_runs():
-    summary = summarise(record(cross=(0.1, 0.05)), FACTS)
-    shown = rows(format_run(summary, compare(summary)))
-    assert shown["straight", "tractor"][-2:] == ["10.0", "23.5"]
-    assert shown["curve", "trailer"][-2:] == ["5.0", "36.2"]
-    assert [item.published_m for item in compare(summary)] == [0.2349, 0.2121, 0.3982, 0.3621]
-
-
-def test_the_published_errors_stand_beside_runs_of_the_papers_vehicle_and_path_alone():
-    rebuilt = replace(FACTS, scenario="kayacan2016")
-    for scenario, overrides, applies in (
-        ("grass", (), True),
-        ("wet-slope", ("path.laps=1",), True),
-        ("grass", ("path.radius_m=9.0",), False),
-        ("grass", ("path.speed_mps=0.8",), False),
-        ("grass", ("plant.vehicle.load_kg=400.0",), False),
-        ("split", (), False),
-        ("farm", (), False),
-        ("cultivate", (), False),
-    ):
-        settings = load(scenario, overrides)[1]
-        assert applies_to(settings) is applies
-        assert not published_beside(summarise(record(), FACTS), settings)
-        summary = summarise(record(), rebuilt)
-        assert published_beside(summary, settings) == (compare(summary) if applies else ())

@@ -139,17 +139,3 @@ def test_the_reference_is_as_slow_as_the_controllers_half_widths_ask_for():
     assert "0.40 m/s" in note
     assert "cannot" not in note
     assert check(scenario) * scenario.control.period_s > 26.0 / 1.0 + 10.0 / 0.4
-
-
-def test_controllers_without_half_widths_keep_the_speed_and_no_speed_may_be_slow_enough():
-    for lines in (
-        [*SLOWER[:2], 'controller.name="pid"'],
-        [*SLOWER, "controller.options.corridor=false"],
-    ):
-        mission = load("grass", lines)[1].mission()
-        assert mission.speed.duration_s(36.0) == 36.0
-        assert mission.notes == ()
-    mission = load("grass", [*SLOWER, "corridor={half_width_m=0.04}"])[1].mission()
-    distance, speed, _ = mission.speed.travel(np.linspace(0.0, 90.0, 901))
-    assert speed[(distance >= 15.0) & (distance < 25.0)].max() < 0.3
-    assert "cannot be kept" in mission.notes[0]

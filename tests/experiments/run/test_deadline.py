@@ -1,6 +1,5 @@
 """Deadline of a step: commands that come late, and steps that do not return."""
 
-import threading
 import time
 from dataclasses import replace
 
@@ -38,20 +37,6 @@ def test_a_call_that_does_not_return_is_ended_in_the_main_thread():
     with time_limit(0.05):
         pass
     time.sleep(0.1)  # no alarm is left over
-
-
-def test_another_thread_has_no_limit():
-    ended = []
-
-    def work():
-        with time_limit(0.01):
-            time.sleep(0.05)
-        ended.append(True)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert ended == [True]
 
 
 class SlowOnce:

@@ -19,12 +19,10 @@ from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import STAGES, drive, sense
 
-from ttempc.mpc.qp import PersistentSolver
 from ttempc.types import Command, Input, Sensor
 from ttempc.vehicle import Vehicle
 
 LARGEST_M = 0.05  # mean Euclidean error after the first 8 s; two to three times what they show
-PLACE = "proving_ground.experiments.papers.kayacan"
 BACK = "path={kind='straight', length_m=20.0, reverse=true}"
 WRONG = ["path.laps=1", "controller.vehicle.wheelbase_m=1.74", "controller.vehicle.drawbar_m=0.96"]
 LOCKED = "stages=[{make='tests.experiments.run.test_drives:locked', after='control'}]"
@@ -213,32 +211,3 @@ def test_sensors_that_say_nan_are_no_reason_to_crash():
         return replace(sample, value=(math.nan,) * len(sample.value)) if k >= 30 else sample
 
     assert any("stopped" in text for text in spoilt(nan, 90, straight(24))[2])
-
-
-def test_both_solvers_agree_on_the_qps_of_a_run(monkeypatch):
-    solve, qps = PersistentSolver.solve, []
-
-    def recording(solver, qp):
-        solution = solve(solver, qp)
-        if solution.report.iterations:
-            qps.append(qp)
-        return solution
-
-    with monkeypatch.context() as patch:
-        patch.setattr(PersistentSolver, "solve", recording)
-        driven("furrows", straight(20), seed=31)
-    piqp, daqp = PersistentSolver("piqp"), PersistentSolver("daqp")
-    assert len(qps) > 20
-    for qp in qps:
-        first, second = piqp.solve(qp).x, daqp.solve(qp).x
-        np.testing.assert_allclose(first, second, rtol=0.0, atol=1e-6)
-        residuals = qp.residuals(second)
-        assert residuals.primal < 1e-9
-        assert residuals.stationarity < 1e-10 * (1.0 + np.linalg.norm(qp.gradient))
-    for name in ("ttempc", "nmpc-rti"):
-        options = ("furrows", straight(20), f"controller.name={name}")
-        errors = [
-            driven(*options, f"controller.options.solver={solver}", seed=31)[0].tracking.all.tractor
-            for solver in ("piqp", "daqp")
-        ]
-        assert errors[0].rms_m == pytest.approx(errors[1].rms_m, rel=1e-6)

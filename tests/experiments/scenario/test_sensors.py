@@ -1,6 +1,5 @@
 """`[sensors]` and `[actuators]`: presets, laws of their errors, and what a record has of them."""
 
-import math
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -11,13 +10,8 @@ from proving_ground.experiments.scenario.scenario import Scenario, dump, load
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, MEASUREMENT, STATE
 from proving_ground.testbed.sensing.sensor_specification import SENSOR_PRESETS
-from proving_ground.testbed.sensing.sensors import SensorSuite
-
-from tests.testbed.truths import truth
-from ttempc.types import Sensor
 
 FIELD = 'sensors.preset="field"'
-GNSS = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 SHORT = "path={kind='straight', length_m=8}"
 IMU = tuple(name for name in MEASUREMENT.fields if name.startswith("imu"))
 
@@ -55,21 +49,6 @@ def test_commands_and_set_points_are_recorded():
             assert state[f"{field}_set_point"][row] == sent[k]
 
 
-def test_late_gnss_samples_are_taken_in_and_named_in_the_log(plain):
-    record = run("sensors.gnss_latency_s=0.2")
-    assert "sensors: GNSS latency 0.2 s" in [event.text for event in record.events]
-    later = record[ESTIMATE].time_s > 1.0
-    assert record[ESTIMATE]["nis_dof"][later].max() == 4 * 5 + 4, "as many as without latency"
-
-    def error(record):
-        place = ["x_t_m", "y_t_m"]
-        rows = np.searchsorted(record[STATE].time_s, record[ESTIMATE].time_s - 1e-6)
-        away = record[ESTIMATE].columns(*place) - record[STATE].columns(*place)[rows]
-        return np.hypot(*away[5:].T).mean()
-
-    assert error(record) < 2.0 * error(plain)
-
-
 def test_settings_that_do_not_fit_the_vehicle_or_the_step_are_refused():
     for override, words in (
         ("actuators.trailer.backlash_deg=30", "trailer.backlash_deg: got 30"),
@@ -103,31 +82,3 @@ def test_keys_beside_a_preset_replace_its_values_and_another_preset_those_of_a_f
     assert sensors('sensors.preset="paper"', name=str(resolved)) == sensors()
     same = sensors(FIELD, "sensors.gnss_sd_m=0.02", name=str(resolved))
     assert same == replace(plain, gnss_sd_m=0.02)
-
-
-def test_gnss_of_the_field_forgets_its_error_over_a_minute():
-    """Autocorrelation (1 - white share) exp(-t / 60 s), and the stated deviation.
-
-    The bands are four deviations of the mean of four independent first-order processes (Bartlett's
-    formula at lag 1, which is wider than that of their sum with white noise).
-    """
-    period_s, count = 2.0, 10_000
-    rates = ("gnss_rate_hz", "angle_rate_hz", "encoder_rate_hz", "imu.rate_hz")
-    specification = sensors(FIELD, *(f"sensors.{key}={1.0 / period_s}" for key in rates))
-    steps, late = round(period_s / 0.002), round(specification.gnss_latency_s / 0.002)
-    suite = SensorSuite(specification, 0.002, 7, np.zeros((2, 3)))
-    state = truth(antennas=np.zeros((2, 3)))
-    errors = {sensor: [] for sensor in GNSS}
-    for k in range(count):
-        for step in (k * steps, k * steps + late):
-            for sample in suite.sample(state, step):
-                if sample.sensor in errors:
-                    errors[sample.sensor].append(sample.value)
-    columns = np.hstack([errors[sensor] for sensor in GNSS])
-    assert columns.shape == (count, 4)
-    decay = math.exp(-2.0 * period_s / 60.0)
-    independent = 4 * count * (1.0 - decay) / (1.0 + decay)
-    assert columns.std() == pytest.approx(0.03, rel=4 / math.sqrt(2 * independent))
-    for lag in (1, 15, 30, 60):
-        rho = np.mean(columns[:-lag] * columns[lag:]) / np.mean(columns**2)
-        assert abs(rho - 0.9 * math.exp(-lag * period_s / 60.0)) < 4 / math.sqrt(independent)

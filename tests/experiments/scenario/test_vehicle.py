@@ -3,14 +3,10 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.scenario.scenario import dump, load, shipped
-from proving_ground.testbed.log.reader import read_log
-from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.vehicle.vehicle import find_vehicle, read_vehicle
 
 from ttempc.errors import InvalidPath, TtempcError
@@ -86,22 +82,3 @@ def test_a_path_that_the_large_vehicle_cannot_steer_is_refused_with_its_place():
     fast = load("farm", ["path.speed_mps=3.2"])[1]
     with pytest.raises(TtempcError, match=r"3\.1 m/s"):
         assemble(fast, 1)
-
-
-def test_a_run_reports_the_mismatch_and_its_resolved_scenario_repeats_it(tmp_path, capsys):
-    options = ("path={kind='straight', length_m=12}", "plant.vehicle.load_kg=500")
-    options += ("plant.vehicle.file='farm4500'", "controller.vehicle.trailer_m=3.0")
-    sets = [word for option in options for word in ("--set", option)]
-    first, again = tmp_path / "first", tmp_path / "again"
-    assert main(["run", "grass", *sets, "--out", str(first)]) == 0
-    message = "trailer_m 3 (true 2.6), load_kg 1500 (true 500)"
-    assert f"Parameter mismatch: {message}" in capsys.readouterr().out
-    assert message in (first / "report.html").read_text()
-    log = read_log(first / "log.mcap")
-    assert log.metadata["mismatch"] == message
-    resolved = (first / "scenario.toml").read_text()
-    assert "trailer_m = 3.0" in resolved
-    assert "load_kg = 500.0" in resolved
-    assert main(["run", str(first / "scenario.toml"), "--out", str(again)]) == 0
-    repeated = read_log(again / "log.mcap")[STATE].values
-    np.testing.assert_array_equal(repeated, log[STATE].values)
