@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from ..testbed.atomic_write import atomic_write, partial_path
+from ..testbed.atomic_write import atomic_write
 from .errors import OutputExists
 
 _EVERY_S: Final = 5.0  # between two lines of progress
@@ -52,25 +52,6 @@ def write_file(file: Path, content: str | bytes) -> None:
             stream.write(content.encode() if isinstance(content, str) else content)
     except OSError as error:
         raise OutputExists(f"output {file}: cannot be written: {error.strerror}") from None
-
-
-def create_partial(file: Path) -> Path:
-    """Create the empty partial file of a new file, and its folder, and return its path.
-
-    The caller writes to the partial file and renames it to `file` at the end. An interrupted
-    command therefore leaves its results so far in the partial file.
-
-    Raises:
-        OutputExists: the file or its partial file exists, or the folder cannot be written to.
-    """
-    partial = partial_path(file)
-    refuse_existing(file, partial)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        partial.touch()
-    except OSError as error:
-        raise OutputExists(f"output {file}: cannot be written: {error.strerror}") from None
-    return partial
 
 
 @contextmanager

@@ -19,8 +19,11 @@ from typing import Any, Final
 import numpy as np
 import tomli_w
 from proving_ground.experiments.gym_env import ENVIRONMENT_ID
-from proving_ground.experiments.gym_env.observation import ESTIMATE_NAMES, EstimateObserver
-from proving_ground.experiments.gym_env.residual import ResidualController
+from proving_ground.experiments.gym_env.policy import (
+    ESTIMATE_NAMES,
+    EstimateObserver,
+    ResidualController,
+)
 from proving_ground.experiments.seeds import TUNING
 
 from ttempc.guidance.controllers import make_controller

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from ...testbed.configuration.resources import resource
-from ..errors import BadOptions, ExperimentError
+from ..errors import ExperimentError
 from ..output import refuse_existing, write_file
 from .options import command, json_of, option, out
 
@@ -29,54 +29,25 @@ _TEMPLATES: Final = {
 
 
 @command(
-    out("FILE", "of --schema, --completion; default: print"),
+    out("FILE", "default: print"),
     json_of("names and descriptions"),
-    option(
-        "--schema",
-        nargs="?",
-        choices=("json", "markdown"),
-        const="json",
-        help="the JSON schema of a scenario for editors, or a page with a row for each key",
-        group="what",
-    ),
-    option("--completion", choices=("bash", "zsh"), help="the script for this shell", group="what"),
+    option("--schema", action="store_true", help="the JSON schema of a scenario, for editors"),
 )
 def list_(arguments: argparse.Namespace) -> int:
     """List the scenarios, studies, vehicles, controllers and tubes that ship with the
-    project, by the names that other commands and scenario files take.
-
-    --schema prints the JSON schema of a scenario file (draft 2020-12): every key with its
-    type, range, default, unit and meaning. An editor with TOML completion reads it from the
-    first line of a scenario. --completion prints a script that completes commands, options
-    and files.
+    project. --schema prints the JSON schema of a scenario file: every key with its type,
+    range, default, unit and meaning, as editors with TOML completion read it.
 
       ttempc list --schema -o scenario.schema.json
-      #:schema ./scenario.schema.json        (Taplo, Even Better TOML)
-      ttempc list --completion bash > ~/.local/share/bash-completion/completions/ttempc
-      ttempc list --completion zsh > ~/.zfunc/_ttempc      with fpath+=~/.zfunc before compinit
     """
-    if not (arguments.schema or arguments.completion):
-        if arguments.out:
-            raise BadOptions("--out: goes with --schema or --completion")
-        print(json.dumps(_groups(), indent=2) if arguments.json else _listing())
-        return 0
-    if arguments.out:
-        refuse_existing(arguments.out)
-    if arguments.completion:
-        import shtab
-
-        from .cli import make_parser
-
-        text = shtab.complete(make_parser(), arguments.completion)
-    elif arguments.schema == "markdown":
-        from ..scenario.schema import scenario_reference
-
-        text = scenario_reference()
-    else:
+    if arguments.schema:
         from ..scenario.schema import json_schema
 
         text = json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+    else:
+        text = json.dumps(_groups(), indent=2) + "\n" if arguments.json else _listing() + "\n"
     if arguments.out:
+        refuse_existing(arguments.out)
         write_file(arguments.out, text)
     else:
         print(text, end="")
@@ -115,13 +86,8 @@ def _listing() -> str:
 def _tube(name: str) -> str:
     from ..scenario.tube_file import read_tube
 
-    tube = read_tube(name)
-    scenarios = ", ".join(tube.provenance.scenarios)
-    text = f"{scenarios}, coverage {tube.provenance.coverage:g} of the windows"
-    whole = tube.calibration
-    if whole is not None:
-        text += f", calibrated for {whole.guaranteed:.3g} of the runs of {whole.scenario}"
-    return text
+    made = read_tube(name).provenance
+    return f"{', '.join(made.scenarios)}, coverage {made.coverage:g} of the windows"
 
 
 @command(
@@ -137,13 +103,9 @@ def new(arguments: argparse.Namespace) -> int:
     """
     name: str = arguments.name
     template, suffix, drive = _TEMPLATES[arguments.kind]
-    is_module = name.isidentifier() and not keyword.iskeyword(name)
-    if suffix == ".py" and not is_module:
-        raise ExperimentError(
-            f"name {name!r}: must be the name of a Python module, such as my_controller"
-        )
-    if not name.replace("-", "").replace("_", "").isalnum():
-        raise ExperimentError(f"name {name!r}: must have letters, digits, - and _ only")
+    module = name if suffix == ".py" else name.replace("-", "_")
+    if not module.isidentifier() or keyword.iskeyword(module):
+        raise ExperimentError(f"name {name!r}: must be as that of a Python module, my_controller")
     file = Path(f"{name}{suffix}")
     refuse_existing(file)
     named = "".join(part.capitalize() for part in name.split("_"))

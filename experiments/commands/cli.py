@@ -34,13 +34,13 @@ _COMMANDS: Final = {
     "sweep": ("studies.sweep", "drive all runs of a study"),
     "search": ("studies.search", "search for the limit of a quantity, or for the worst case"),
     "bench": ("studies.bench", "benchmark: score a controller on frozen scenarios"),
-    "fit": ("fit.fit", "fit a tube or the lengths of the vehicle to the logs of runs"),
+    "fit": ("log.fit", "fit a tube or the lengths of the vehicle to the logs of runs"),
     "log": ("log.log", "show, export, check, recover or replay a log"),
-    "serve": ("serve.serve", "drive one scenario with a controller over UDP"),
-    "validate": ("plant.validate", "validate the plant of one scenario"),
-    "mjcf": ("plant.mjcf", "export a scenario's vehicle and ground for MuJoCo"),
+    "serve": ("drive.serve", "drive one scenario with a controller over UDP"),
+    "validate": ("drive.validate", "validate the plant of one scenario"),
+    "mjcf": ("drive.mjcf", "export a scenario's vehicle and ground for MuJoCo"),
     "new": ("catalogue.new", "start a controller, a scenario or a study from a template"),
-    "list": ("catalogue.list_", "list what ships; JSON schema of a scenario; shell completion"),
+    "list": ("catalogue.list_", "list what ships; JSON schema of a scenario"),
 }
 
 _ABOUT: Final = """\
@@ -49,16 +49,8 @@ field in MuJoCo, under the controller of your choice.
 
   ttempc demo                       20 s of driving as a moving picture, and the report
   ttempc run                        the default: scenario `grass`, controller `ttempc`
-  ttempc run wet-slope --seed 7     another field, another draw of terrain and noise
-  ttempc run my-field.toml          your own scenario; `ttempc list` shows the shipped ones
-  ttempc run grass --set soil.cone_index_kpa=250 --set path.laps=1
+  ttempc run wet-slope --seed 7 --set path.laps=1
   ttempc new controller mine        a controller of your own, to start from
-  ttempc render runs/DIR            a film of a run; `-o NAME.png --at 42` takes one picture
-  ttempc sweep terrain-slip         thousands of runs on all cores
-  ttempc report runs/sweep-terrain-slip    one page with tables and charts of a sweep
-  ttempc serve grass                the plant over UDP, for a controller in any language
-  ttempc validate wet-slope         is it my controller or the simulator?
-  ttempc log info runs/DIR          content of a log; export, check, recover, replay it
 """
 
 

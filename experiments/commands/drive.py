@@ -1,24 +1,22 @@
-"""`ttempc run` and `ttempc demo`: drive one scenario."""
+"""Commands of one scenario: `run`, `demo`, `serve`, `validate`, `mjcf`."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from ...testbed.terminal import one_line
-from ..errors import BadOptions, NoGraphics
-from ..output import make_folder, progress
+from ..errors import NoGraphics
+from ..output import make_folder, progress, write_file
 from ..warm_up import compile_in_two_processes
 from . import options
 from .options import command, json_of, option, out, refuse_given
 
 if TYPE_CHECKING:
     from ...testbed.messages.scenery import Scenery
-    from ...testbed.recording.record import Event
     from ...testbed.viewers.live import LiveView
     from ..run.assembly import Assembly
     from ..run.simulate import Finished
@@ -35,10 +33,8 @@ _DEMO_SIZE: Final = (640, 360)
     *options.CHANGES,
     options.CONTROLLER,
     options.SEED,
-    options.SEEDS,
-    json_of("the summary, with --seeds a list of them,"),
+    json_of("the summary"),
     options.QUIET,
-    options.VERBOSE,
     option(
         "--record-rate",
         type=float,
@@ -67,12 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
       scenario.toml  all settings, resolved    report.html    one page with the figures
       *.png          the figures
 
-    With --seeds each seed has such a folder in DIR; `ttempc sweep` drives more runs in parallel.
-
-    Exit code 0 if the run ended as planned, 2 for bad input (one line names the key
-    and the allowed values; nothing is written), 3 if the run terminated early
-    (roll-over, jack-knife, off the field, stuck, diverged) or the simulation became invalid;
-    log and summary are written in this case, too.
+    Exit code 0 if the run ended as planned, 2 for bad input (one line; nothing is written),
+    3 if it ended early (roll-over, jack-knife, stuck); log and summary are written, too.
     """
     if not (arguments.live or arguments.view):
         refuse_given(arguments, ("speed",), "goes with --live or --view only")
@@ -82,28 +74,24 @@ def run(arguments: argparse.Namespace) -> int:
     compile_in_two_processes(arguments)
     if arguments.view:
         return _view(arguments, scenario)
-    numbers = arguments.seeds or (arguments.seed,)
-    if arguments.live and arguments.seeds:
-        raise BadOptions("--live: shows one run, leave out --seeds")
-    stem = f"{name}-{scenario.controller.name.replace(':', '-')}-{numbers[0]}"
-    stem += f"-and-{len(numbers) - 1}-more" if len(numbers) > 1 else ""
-    folder = arguments.out or options.unused_path(Path("runs"), stem)
-    if arguments.seeds:
-        make_folder(folder)
-        folders = [folder / f"seed-{seed}" for seed in numbers]
-    else:
-        folders = [folder]
-    runs = [
-        _drive(arguments, name, scenario, seed, place)
-        for seed, place in zip(numbers, folders, strict=True)
-    ]
+    # Imported here so that --help does not load MuJoCo and matplotlib.
+    from ..run.simulate import run
+
+    stem = f"{name}-{scenario.controller.name.replace(':', '-')}-{arguments.seed}"
+    finished = run(
+        name,
+        scenario,
+        arguments.seed,
+        arguments.out or options.unused_path(Path("runs"), stem),
+        record_hz=arguments.record_rate,
+        watch=_live_view(arguments, name) if arguments.live else None,
+        shown=not arguments.quiet,
+    )
     if arguments.json:
-        texts = [run.summary.to_json().rstrip() for run in runs]
-        print(f"[{', '.join(texts)}]" if arguments.seeds else texts[0])
+        print(finished.summary.to_json().rstrip())
     elif not arguments.quiet:
-        _print(runs, folder)
-    completed = all(run.summary.status == "completed" for run in runs)
-    return 0 if completed else options.EXIT_LOST
+        _print(finished)
+    return 0 if finished.summary.status == "completed" else options.EXIT_LOST
 
 
 @command(
@@ -140,13 +128,13 @@ def demo(arguments: argparse.Namespace) -> int:
     def write(camera: Camera) -> None:
         film = Film.of([log], FilmSettings(camera=camera, speed=_DEMO_SPEED, size=_DEMO_SIZE))
         with progress(film.frames, file.name, "frame", shown=True) as count:
-            film.write(file, workers=2, on_frame=count)
+            film.write(file, count)
 
     try:
         write("chase")
     except NoGraphics:
         write("plan")
-    _print([finished], folder, film=file)
+    _print(finished, film=file)
     return 0 if finished.summary.status == "completed" else options.EXIT_LOST
 
 
@@ -157,7 +145,7 @@ def _view(arguments: argparse.Namespace, scenario: Scenario) -> int:
     from ..run.assembly import assemble
     from ..run.simulate import drive_into
 
-    given = ("out", "seeds", "json", "quiet", "verbose", "record_rate")
+    given = ("out", "json", "quiet", "record_rate")
     refuse_given(arguments, given, "not with --view, which writes nothing")
     assembly = assemble(scenario, arguments.seed)
     with Window(assembly.plant, arguments.speed or 1.0) as window:
@@ -166,24 +154,6 @@ def _view(arguments: argparse.Namespace, scenario: Scenario) -> int:
         except WindowClosed:
             return 0
     return 0 if outcome.status == "completed" else options.EXIT_LOST
-
-
-def _drive(
-    arguments: argparse.Namespace, name: str, scenario: Scenario, seed: int, folder: Path
-) -> Finished:
-    # Imported here so that --help does not load MuJoCo and matplotlib.
-    from ..run.simulate import run
-
-    return run(
-        name,
-        scenario,
-        seed,
-        folder,
-        record_hz=arguments.record_rate,
-        watch=_live_view(arguments, name) if arguments.live else None,
-        on_event=_print_event if arguments.verbose else None,
-        shown=not arguments.quiet,
-    )
 
 
 def _live_view(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], LiveView]:
@@ -206,24 +176,12 @@ def _live_view(arguments: argparse.Namespace, name: str) -> Callable[[Scenery], 
     return open_view
 
 
-def _print_event(event: Event) -> None:
-    from tqdm import tqdm
-
-    line = f"{event.time_s:8.2f} s  {event.level:<8}{event.text}"
-    tqdm.write(one_line(line), file=sys.stderr)
-
-
-def _print(runs: Sequence[Finished], folder: Path, **further: Path) -> None:
+def _print(finished: Finished, **further: Path) -> None:
     """Print the results; the last line names what to open."""
-    from ..results.table import format_events, format_run, format_seeds
+    from ..results.table import format_events, format_run
 
-    if len(runs) > 1:
-        print(format_seeds([run.summary for run in runs]))
-        print(f"\nopen {folder / 'seed-*' / 'report.html'}")
-        return
-    (finished,) = runs
-    print(format_run(finished.summary, finished.comparison))
-    for line in format_events(finished.record.events, folder):
+    print(format_run(finished.summary))
+    for line in format_events(finished.record.events, finished.files["report"].parent):
         print(line)
     if finished.mismatch:
         print(f"Parameter mismatch: {', '.join(map(str, finished.mismatch))}")
@@ -233,3 +191,163 @@ def _print(runs: Sequence[Finished], folder: Path, **further: Path) -> None:
     for what, file in {**finished.files, **further}.items():
         print(f"{what:<11} {file}")
     print(f"\nopen {finished.files['report']}")
+
+
+_PORTS: Final = {"json": 8890, "agopengps": 8888}
+
+
+@command(
+    options.SCENARIO,
+    out("DIR", "default: a new one in runs/"),
+    *options.CHANGES,
+    options.SEED,
+    json_of("the summary"),
+    option(
+        "--protocol", choices=tuple(_PORTS), default="json", help="of the datagrams (default: json)"
+    ),
+    option(
+        "--host",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="to listen on (default: 127.0.0.1, this machine only). With any other, every computer "
+        "that reaches it may drive: UDP has neither password nor encryption",
+    ),
+    option(
+        "--port",
+        type=options.whole_number(0, 2**16 - 1),
+        metavar="N",
+        help="to listen on, 0 for any free one (default: 8890, of agopengps 8888)",
+    ),
+    option(
+        "--peer",
+        metavar="HOST:PORT",
+        help="the only peer that is listened to (default: the first that is understood)",
+    ),
+    options.SPEED.but(help="simulated seconds per second (default: 1)"),
+    option(
+        "--step", action="store_true", help="wait for every command instead of keeping the pace"
+    ),
+    option(
+        "--wait",
+        type=options.positive,
+        default=600.0,
+        metavar="S",
+        help="time for the peer to start the run, and with --step for each command (default: 600)",
+    ),
+    option(
+        "--hold",
+        type=options.positive,
+        default=1.0,
+        metavar="S",
+        help="simulated time for which the last command is held (default: 1)",
+    ),
+)
+def serve(arguments: argparse.Namespace) -> int:
+    """Drive one scenario in real time with a controller of your own over UDP, and write
+    what `ttempc run` writes. docs/integrations.md describes the protocols: json, or
+    agopengps with the plant in the place of the modules of AgOpenGPS.
+
+    A command that does not come in time is replaced by the last one; after --hold the
+    vehicle stops until there is one again. With --step the plant waits for every command.
+    Exit codes as of `ttempc run`; 2 also where no peer came.
+    """
+    # Imported here so that --help does not load MuJoCo and matplotlib.
+    from ..serve.link import Link, address_of, is_local, peer_of, text_of
+    from ..serve.session import PROTOCOLS, SessionSettings, serve
+
+    if arguments.step:
+        refuse_given(arguments, ("speed",), "has no meaning with --step, which keeps no pace")
+    port = _PORTS[arguments.protocol] if arguments.port is None else arguments.port
+    address = address_of(arguments.host, port, "--host")
+    peer = None if arguments.peer is None else peer_of(arguments.peer)
+    name, scenario = options.load_scenario(arguments)
+    compile_in_two_processes(arguments)
+    settings = SessionSettings(
+        speed=arguments.speed or 1.0,
+        lockstep=arguments.step,
+        wait_s=arguments.wait,
+        hold_s=arguments.hold,
+    )
+    stem = f"{name}-{arguments.protocol}-{arguments.seed}"
+    folder = arguments.out or options.unused_path(Path("runs"), stem)
+    with Link(address, peer) as link:
+        _say(f"{arguments.protocol} on {text_of(link.address)}, waiting for a peer")
+        if not is_local(link.address):
+            reach = f"with the address {text_of(peer)}" if peer else "who reaches it"
+            _say(f"everyone {reach} may drive: UDP has neither password nor encryption")
+        protocol = PROTOCOLS[arguments.protocol]()
+        asked = name, scenario, arguments.seed, folder, link, protocol, settings
+        finished, totals = serve(*asked, _say)
+    if arguments.json:
+        print(finished.summary.to_json())
+        _say(totals)
+    else:
+        print(totals)
+        _print(finished)
+    return 0 if finished.summary.status == "completed" else options.EXIT_LOST
+
+
+def _say(line: str) -> None:
+    print(f"ttempc serve: {line}", file=sys.stderr, flush=True)
+
+
+@command(
+    options.SCENARIO,
+    out("DIR", "default: a new one in runs/"),
+    *options.CHANGES,
+    json_of("the checks"),
+)
+def validate(arguments: argparse.Namespace) -> int:
+    """Validate the plant of a scenario in experiments whose results are known without the
+    simulation, or published. Write the validation report into DIR: a page to attach to a
+    paper, the checks as JSON, the figures. Exit code 1 if a check fails.
+    """
+    # Imported here so that --help does not load MuJoCo and matplotlib.
+    from ..validation.validation_report import format_check, validation_report
+
+    name, scenario = options.load_scenario(arguments)
+    stem = f"{name}-validation-{scenario.plant.wheels}"
+    folder = arguments.out or options.unused_path(Path("runs"), stem)
+    validation = validation_report(
+        name,
+        scenario,
+        folder,
+        on_check=lambda check: None if arguments.json else print(format_check(check), flush=True),
+    )
+    if arguments.json:
+        print(validation.to_json(), end="")
+    else:
+        print(f"\n{validation.summary_line()}\n\nopen {folder / 'validation.html'}")
+    return 0 if validation.passed else options.EXIT_CHECK_FAILED
+
+
+@command(
+    options.SCENARIO,
+    out("DIR", "default: a new one in runs/"),
+    *options.CHANGES,
+    options.SEED,
+)
+def mjcf(arguments: argparse.Namespace) -> int:
+    """Write a scenario's vehicle on its ground as files that MuJoCo loads without this
+    project: scene.xml, and ground.hf where the ground is not level. The wheels have
+    MuJoCo's own contact; the keyframe `home` stands at the start. Actuators: front
+    steering [rad], drawbar [rad], hydrostat from -1 to 1.
+
+      ttempc mjcf patchy -o patchy
+      python -m mujoco.viewer --mjcf=patchy/scene.xml
+    """
+    # Imported here so that --help does not load MuJoCo.
+    from ...testbed.simulation.mjcf_export import mjcf_files
+    from ..run.assembly import assemble
+
+    arguments.overrides = [*arguments.overrides, "plant.wheels=contact"]
+    name, scenario = options.load_scenario(arguments)
+    folder = arguments.out or options.unused_path(Path("runs"), f"{name}-mjcf-{arguments.seed}")
+    assembly = assemble(scenario, arguments.seed)
+    assembly.plant.restore(assembly.start)
+    files = mjcf_files(assembly.plant)
+    make_folder(folder)
+    for file, content in files.items():
+        write_file(folder / file, content)
+        print(folder / file)
+    return 0

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Final
 from ...testbed.atomic_write import partial_path
 from ...testbed.log import log_path
 from ..errors import BadOptions
-from ..seeds import report_seeds
 
 if TYPE_CHECKING:
     from ..scenario.scenario import Scenario
@@ -23,8 +22,6 @@ EXIT_CHECK_FAILED: Final = 1
 EXIT_BAD_INPUT: Final = 2
 EXIT_LOST: Final = 3  # the run ended early: stopped, roll-over, jack-knife, off the field, stuck
 EXIT_INTERRUPTED: Final = 130
-
-_COMPLETE_FILES: Final = {"bash": "_shtab_compgen_files", "zsh": "_files"}  # functions of shtab
 
 
 @dataclass(frozen=True)
@@ -52,22 +49,15 @@ class Command:
     run: Callable[[argparse.Namespace], int]
     options: tuple[Option, ...]
 
-    @property
-    def about(self) -> str:
-        """Description of the command: the docstring of its function."""
-        return cleandoc(self.run.__doc__ or "")
-
     def add_to(self, parser: argparse.ArgumentParser) -> None:
         """Declare description and options of the command."""
-        parser.description = self.about
+        parser.description = cleandoc(self.run.__doc__ or "")
         parser.set_defaults(command=self.run)
         groups: dict[str, Any] = {"": parser}
         for item in self.options:
             if item.group not in groups:
                 groups[item.group] = parser.add_mutually_exclusive_group()
-            action = groups[item.group].add_argument(*item.flags, **item.settings)
-            if action.type in (Path, log_path):
-                action.complete = _COMPLETE_FILES  # of shtab, see `ttempc list --completion`
+            groups[item.group].add_argument(*item.flags, **item.settings)
 
 
 @dataclass(frozen=True)
@@ -82,12 +72,9 @@ class Group:
         parser.description = self.about
         below = parser.add_subparsers(required=True, metavar="ACTION")
         for name, action in self.actions.items():
-            title = action.about.partition("\n")[0].rstrip(".")
-            action.add_to(
-                below.add_parser(
-                    name, help=title, formatter_class=argparse.RawDescriptionHelpFormatter
-                )
-            )
+            title = cleandoc(action.run.__doc__ or "").partition("\n")[0]
+            shown = argparse.RawDescriptionHelpFormatter
+            action.add_to(below.add_parser(name, help=title, formatter_class=shown))
 
 
 def command(*options: Option) -> Callable[[Callable[[argparse.Namespace], int]], Command]:
@@ -123,32 +110,6 @@ def positive(text: str) -> float:
     if not (value := number(text)) > 0.0:
         raise argparse.ArgumentTypeError(f"must be above 0, got {text}")
     return value
-
-
-_LARGEST_SEED: Final = 2**32 - 1
-_MOST_SEEDS: Final = 1000
-
-
-def seeds(text: str) -> tuple[int, ...]:
-    """Read seeds: a count, or a list of numbers and ranges; at most 1000.
-
-    >>> seeds("3"), seeds("7,"), seeds("7,11-13")
-    ((201, 202, 203), (7,), (7, 11, 12, 13))
-    """
-    if text.isdecimal() and 1 <= int(text) <= _MOST_SEEDS:
-        return report_seeds(int(text))
-    found: dict[int, None] = {}
-    if re.fullmatch(r"\d{1,10}(-\d{1,10})?(,(\d{1,10}(-\d{1,10})?)?)*", text) and (
-        "," in text or "-" in text
-    ):
-        for part in filter(None, text.split(",")):
-            first, _, last = part.partition("-")
-            found |= dict.fromkeys(range(int(first), int(last or first) + 1)[: _MOST_SEEDS + 1])
-    if not 1 <= len(found) <= _MOST_SEEDS or max(found) > _LARGEST_SEED:
-        raise argparse.ArgumentTypeError(
-            f"must be a count from 1 to {_MOST_SEEDS}, or a list such as 3,5,10-20, got {text!r}"
-        )
-    return tuple(found)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -202,18 +163,10 @@ CONTROLLER: Final = option(
 )
 SEED: Final = option(
     "--seed",
-    type=whole_number(0, _LARGEST_SEED),
+    type=whole_number(0, 2**32 - 1),
     default=1,
     metavar="N",
     help="draws terrain and noise (default: 1)",
-    group="seeds",
-)
-SEEDS: Final = option(
-    "--seeds",
-    type=seeds,
-    metavar="N|LIST",
-    help="a count N: the first N seeds of reported runs, from 201 on; or a list such as 3,5,10-20",
-    group="seeds",
 )
 SPEED: Final = option(
     "--speed", type=positive, metavar="X", help="simulated seconds per second of wall clock or film"
@@ -240,10 +193,7 @@ DASK: Final = option(
     group="workers",
 )
 ENGINE: Final = WORKERS, DASK
-QUIET: Final = option("-q", "--quiet", action="store_true", help="print errors only", group="level")
-VERBOSE: Final = option(
-    "-v", "--verbose", action="store_true", help="also print every event", group="level"
-)
+QUIET: Final = option("-q", "--quiet", action="store_true", help="print errors only")
 AGAINST: Final = option(
     "--against",
     metavar="NAME",
@@ -259,10 +209,9 @@ FIGURES: Final = (
     ),
     option("--width", metavar="WIDTH", help="single (8.8 cm), double (18.1 cm), or in cm"),
     option("--style", metavar="STYLE", help="matplotlib style, name or file"),
-    option("--dpi", type=number, default=300.0, help="of PNG (default: 300)"),
     option("--only", nargs="+", metavar="NAME", help="these figures (default: all)"),
 )
-"""Formats, width, style, resolution and choice of figures, see `figures.FigureFiles`."""
+"""Formats, width, style and choice of figures."""
 
 PICTURE: Final = (
     option(
@@ -284,13 +233,6 @@ PICTURE: Final = (
         help="draft (default), or high: finer shadows and edges, less compression",
     ),
     option(
-        "--exaggerate",
-        type=number,
-        default=1.0,
-        metavar="X",
-        help="factor of the cross-track error of driven paths, told in the legend (default: 1)",
-    ),
-    option(
         "--ghost",
         action="append",
         default=[],
@@ -301,13 +243,6 @@ PICTURE: Final = (
     option("--from", type=number, dest="begin_s", metavar="S", help="start [s] (default: of log)"),
     option("--to", type=number, dest="end_s", metavar="S", help="end [s] (default: of the log)"),
     SPEED.but(default=8.0, help="simulated seconds per second of film (default: 8)"),
-    option(
-        "--workers",
-        type=whole_number(1, 64),
-        default=2,
-        metavar="N",
-        help="processes that share the frames (default: 2)",
-    ),
 )
 """Camera, size, span and speed of a picture or film."""
 

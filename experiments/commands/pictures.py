@@ -30,19 +30,13 @@ _REFERENCE: Final = "reference"  # of --ghost
 def render(arguments: argparse.Namespace) -> int:
     """Film a run from its log alone, or take one picture; nothing is simulated again.
 
-    Renders in software without a GPU; needs no screen. H.264 in MP4 (extra `film`),
-    25 frames a second, plays in a browser; an animated WebP plays inside a page. On the
-    ground: reference path (white), driven paths of tractor (blue) and trailer (orange),
-    predicted paths (yellow). Poles mark the references of both points. Slipping wheels
-    are amber, then red.
+    On the ground: reference path (white), driven paths of tractor (blue) and trailer
+    (orange), predicted paths (yellow). Slipping wheels are amber, then red. MP4 needs the
+    extra `film`.
 
-      ttempc render runs/grass-paper-1
-      ttempc render log.mcap --camera split --from 20 --to 60 --speed 4 -o curve.webp
-      ttempc render log.mcap --at 42.5 --camera hitch --size 1920x1080 -o hitch.png
-      ttempc render log.mcap --camera plan       no OpenGL needed
-      ttempc render log.mcap --ghost reference --ghost other/log.mcap --exaggerate 10
-
-    Exit code 2 for bad input (one line; nothing is written).
+      ttempc render RUN --camera split --from 20 --to 60 --speed 4 -o curve.webp
+      ttempc render RUN --at 42.5 --camera hitch --size 1920x1080 -o hitch.png
+      ttempc render RUN --ghost reference --ghost other/log.mcap
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..film.render import STILL_SUFFIXES
@@ -56,7 +50,7 @@ def render(arguments: argparse.Namespace) -> int:
         need = "a picture needs --at" if still else f"--at: makes {' or '.join(STILL_SUFFIXES)}"
         raise BadOptions(f"-o {file}: {need}")
     film = _film(arguments, [log], at_s)
-    _write_film(film, file, arguments.workers)
+    _write_film(film, file)
     if still:
         print(f"picture   {file}")
     else:
@@ -77,14 +71,13 @@ def _film(arguments: argparse.Namespace, logs: list[Path], at_s: float | None = 
         speed=arguments.speed,
         quality=arguments.quality,
         size=arguments.size,
-        exaggeration=arguments.exaggerate,
     )
     return Film.of(logs, settings, arguments.ghost)
 
 
-def _write_film(film: Film, file: Path, workers: int) -> None:
+def _write_film(film: Film, file: Path) -> None:
     with progress(film.frames, file.name, "frame", shown=film.frames > 1) as count:
-        film.write(file, workers=workers, on_frame=count)
+        film.write(file, count)
 
 
 @command(
@@ -99,18 +92,10 @@ def _write_film(film: Film, file: Path, workers: int) -> None:
 def report(arguments: argparse.Namespace) -> int:
     """Write the page of a run or of a sweep; with --format its figures for a paper instead.
 
-    Of a log, also an old, a recovered or a torn one, it writes the page that `ttempc run`
-    makes, with the numbers that the log has. Of a sweep, which may still be running, it reads
-    the rows and writes DIR/report/report.html, in place of an earlier one: tables to sort,
-    charts, the worst runs, all runs.
-
-    Figures are vector graphics with editable text; each comes with its data as CSV.
+    The page of a sweep, which may still be running, is DIR/report/report.html.
 
       ttempc report runs/sweep-terrain-slip --limit 0.6 --against paper
-      ttempc report runs/grass-ttempc-1 -o page.html
       ttempc report runs/grass-ttempc-1 --format pdf,svg --width single --only error path
-
-    Exit code 2 for bad input, such as a folder without rows (one line; nothing is written).
     """
     source: Path = arguments.source
     if arguments.formats is None:
@@ -167,10 +152,7 @@ def _figures_of(source: Path, against: str | None) -> Mapping[str, Callable[[], 
     from ..sweep_report.runs import read_sweep
 
     if (source / STATISTICS_FILE).is_file():
-        raise BadOptions(
-            f"{source}: is a comparison and has no logs; for its figures as files: "
-            "ttempc compare LOG LOG --format pdf,svg --width single"
-        )
+        raise BadOptions(f"{source}: is a comparison and has no logs: use ttempc compare --format")
     return panel_figures(make_report(read_sweep(source), against))
 
 
@@ -189,29 +171,21 @@ def _write_figures(
         raise BadOptions(f"--format: got {unknown[0]!r}, must be of {', '.join(FORMATS)}")
     if unknown := [name for name in arguments.only or () if name not in figures]:
         raise BadOptions(f"--only: got {unknown[0]!r}, must be of {', '.join(figures)}")
-    width = WIDTHS_CM.get(arguments.width) if arguments.width else None
-    if arguments.width and width is None:
-        width = _between("--width", arguments.width, 4.0, 100.0)
-    dpi = _between("--dpi", arguments.dpi, 30.0, 2400.0)
+    width = None
+    if text := arguments.width:
+        number = float(text) if text.replace(".", "", 1).isdecimal() else 0.0
+        width = WIDTHS_CM.get(text, number)
+        if not 4.0 <= width <= 100.0:
+            raise BadOptions(f"--width: got {text}, must be single, double, or from 4 to 100 cm")
     try:
         style = arguments.style and style_of(arguments.style)
     except ValueError as error:
         raise BadOptions(f"--style: {error}") from None
     chosen = {name: figures[name] for name in arguments.only or figures}
     make_folder(folder)
-    for name, content in export_figures(chosen, formats, width, style, dpi):
+    for name, content in export_figures(chosen, formats, width, style):
         write_file(folder / name, content)
         print(folder / name)
-
-
-def _between(name: str, text: object, low: float, high: float) -> float:
-    try:
-        value = float(str(text))
-    except ValueError:
-        value = low - 1.0
-    if not low <= value <= high:
-        raise BadOptions(f"{name}: got {text}, must be from {low:g} to {high:g}")
-    return value
 
 
 @command(
@@ -225,15 +199,10 @@ def _between(name: str, text: object, low: float, high: float) -> float:
 def compare(arguments: argparse.Namespace) -> int:
     """Compare runs on one reference, aligned by its time; print a table and write into DIR:
 
-      path, error, cross-track, signals  figures of driven paths, of errors over time and over
-                                         the path, of commands, each with its data as CSV
-      comparison.csv                     the statistics, SI units
+    path, error, cross-track, signals   figures, each with its data as CSV
+    comparison.csv                      the statistics, SI units
 
-      ttempc compare runs/grass-paper-1 runs/grass-ttempc-nominal-1 --film side-by-side.webp
-      ttempc compare runs/grass-pid-1 runs/grass-ttempc-1 --format pdf,svg --width single
-
-    Exit code 2 for bad input, such as logs of different references (one line; nothing
-    is written).
+    ttempc compare runs/grass-pid-1 runs/grass-ttempc-1 --film side-by-side.webp
     """
     # Imported here so that --help does not load MuJoCo and matplotlib.
     from ..figures.comparison_figures import comparison_figures
@@ -249,8 +218,8 @@ def compare(arguments: argparse.Namespace) -> int:
     if set(arguments.ghost) - {_REFERENCE}:
         raise BadOptions("--ghost: takes reference alone here; the film has a panel for every run")
     name = arguments.film and Path(arguments.film)
-    if name and (name.name != arguments.film or name.suffix not in (".mp4", ".webp", ".gif")):
-        raise BadOptions(f"--film: got {name}, must be a name that ends in .mp4, .webp or .gif")
+    if name and (name.name != arguments.film or name.suffix not in (".mp4", ".webp")):
+        raise BadOptions(f"--film: got {name}, must be a name that ends in .mp4 or .webp")
     runs = read_compared(arguments.logs, arguments.label or ())
     film = _film(arguments, arguments.logs) if name else None
     print(format_comparison(runs) + "\n")
@@ -258,6 +227,6 @@ def compare(arguments: argparse.Namespace) -> int:
     write_file(folder / STATISTICS_FILE, comparison_csv(runs))
     print(folder / STATISTICS_FILE)
     if film is not None:
-        _write_film(film, folder / name, arguments.workers)
+        _write_film(film, folder / name)
         print(folder / name)
     return 0

@@ -10,13 +10,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ...testbed.terminal import one_line
 from ..errors import BadOptions
 from ..output import progress, refuse_existing, write_file
+from ..seeds import report_seeds
 from . import options
 from .options import Group, command, json_of, option, out, refuse_given
 
 if TYPE_CHECKING:
+    from ..search.limit import Limit
     from ..search.worst_case import Report
     from ..sweep.sweep import Progress
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     *options.ENGINE,
     options.TRUST,
     options.QUIET,
-    options.VERBOSE.but(help="also print a line for each run that has ended"),
     option(
         "--dry-run",
         action="store_true",
@@ -41,14 +41,11 @@ def sweep(arguments: argparse.Namespace) -> int:
       study.toml      the study, resolved      versions.json   of the software
       logs/           the logs that the study keeps
 
-    The same command continues an interrupted sweep. A study that has more seeds or values
-    of axes than before keeps the rows that it has.
-
-    Exit code 0 if every run has a row, whatever its status, 2 for bad input (one line; no run
-    is made), 130 if the sweep was interrupted.
+    The same command continues an interrupted sweep; a study may grow. Exit code 0 if every
+    run has a row, whatever its status, 130 if the sweep was interrupted.
     """
     # Imported here so that --help does not load MuJoCo and Dask.
-    from ..sweep.dry_run import find_inert_axes, format_plan
+    from ..sweep.dry_run import format_plan
     from ..sweep.engine import engine
     from ..sweep.folder import is_begun, lock_folder
     from ..sweep.plan import SweepPlan
@@ -61,58 +58,50 @@ def sweep(arguments: argparse.Namespace) -> int:
     extent = plan.extent()
     folder = arguments.out or Path("runs") / f"sweep-{name}"
     if arguments.dry_run or not (is_begun(folder) or arguments.quiet):
-        for axis in find_inert_axes(plan):
-            print(f"ttempc: note: axis {axis}: changes nothing, no run reads it", file=sys.stderr)
         for reason in extent.refused:
             print(f"ttempc: note: left out: {reason}", file=sys.stderr)
     if arguments.dry_run:
         print(format_plan(plan, arguments.workers))
         return 0
 
-    def drive() -> int:
+    def drive() -> None:
         with (
             engine(arguments.workers, arguments.dask) as submit,
             lock_folder(folder, plan) as locked,
             progress(extent.runs, name, "run", shown=not arguments.quiet) as count,
         ):
-            sweep(plan, locked, submit, _counted(count, verbose=arguments.verbose))
+            sweep(plan, locked, submit, _counted(count))
         if not arguments.quiet:
             counts = Counter(str(row["status"]) for row in rows(folder / "results.jsonl"))
             by_status = ", ".join(f"{count} {status}" for status, count in counts.most_common())
             print(f"{counts.total()} runs: {by_status}\nrows      {folder / 'results.jsonl'}")
-        return 0
 
     return _resumable(drive, folder)
 
 
-def _counted(count: Callable[[], object], *, verbose: bool) -> Callable[[Progress], None]:
-    """Return a function that counts the runs that ended, and prints them if asked."""
+def _counted(count: Callable[[], object]) -> Callable[[Progress], None]:
+    """Return a function that counts the runs that ended."""
     seen = 0
 
     def show(progress: Progress) -> None:
         nonlocal seen
         for _ in range(progress.done - seen):
             count()
-        seen, row = progress.done, progress.row
-        if verbose:
-            from tqdm import tqdm
-
-            named = (row[key] for key in ("scenario", "controller", "status", "failure"))
-            text = f"{progress.done} of {progress.runs}: run {row['run']}, seed {row['seed']}, "
-            tqdm.write(one_line(text + ", ".join(map(str, filter(None, named)))), file=sys.stderr)
+        seen = progress.done
 
     return show
 
 
-def _resumable(work: Callable[[], int], folder: Path) -> int:
+def _resumable(work: Callable[[], None], folder: Path) -> int:
     """Work; where it is interrupted after the folder was made, say how it goes on."""
     try:
-        return work()
+        work()
     except KeyboardInterrupt:
         if not folder.exists():
             raise
         print(f"ttempc: interrupted; the same command carries on in {folder}", file=sys.stderr)
         return options.EXIT_INTERRUPTED
+    return 0
 
 
 _REQUIRED_SCENARIO = options.SCENARIO.but(nargs=None, default=None, help="name or .toml file")
@@ -124,8 +113,13 @@ _REQUIRED_SCENARIO = options.SCENARIO.but(nargs=None, default=None, help="name o
     out("FILE", "default: a new one in runs/"),
     *options.CHANGES,
     options.CONTROLLER.but(action="append", help="may be repeated (default: the scenario's)"),
-    options.SEEDS.but(default="3", help="N or LIST, runs per value (default: 3, from 201 on)"),
-    option("--tolerance", type=options.positive, metavar="X", help="width of the last bracket"),
+    option(
+        "--seeds",
+        type=options.whole_number(1, 1000),
+        default=3,
+        metavar="N",
+        help="runs per value, with the first N seeds of reported runs, from 201 on (default: 3)",
+    ),
     options.LIMIT,
     *options.ENGINE,
     json_of("the values"),
@@ -134,34 +128,33 @@ def limit(arguments: argparse.Namespace) -> int:
     """Find the value of a quantity at which a controller begins to fail.
 
     At a value it fails if at least half of the seeds terminate early or exceed --limit.
-    Scans the whole range first and reports if both ends pass or fail, or if failure is not
-    monotone; then bisects down to the tolerance. Prints one line per controller and writes
-    the results, with every value that was tried, to a JSON file.
+    Scans the whole range, then bisects. Prints one line per controller and writes every
+    value that was tried to a JSON file.
     """
     # Imported here so that --help does not load MuJoCo and Dask.
     from ..run.user_code import named_parts, refuse_untrusted
     from ..scenario.scenario import read_scenario
-    from ..search.limit import Question, limit_file
+    from ..search.limit import limit_file, read_question
     from ..sweep.engine import engine
 
     draft = read_scenario(arguments.scenario)
     name = arguments.quantity.partition("=")[0]
     file = arguments.out or options.unused_path(Path("runs"), f"limit-{draft.name}-{name}", ".json")
     refuse_existing(file)
-    questions = []
+    questions, seeds = [], report_seeds(arguments.seeds)
     for controller in arguments.controller or [None]:
         changes = options.scenario_changes(arguments.overrides, controller)
         scenario = draft.scenario(changes, "--set")
         if not arguments.trust:
             refuse_untrusted(draft.file, named_parts(scenario), changes)
-        given = {"seeds": arguments.seeds, "limit_m": arguments.limit}
-        given["tolerance"] = arguments.tolerance
-        question = Question.of(draft, arguments.scenario, changes, arguments.quantity, **given)
-        question.check()
-        questions.append(question)
+        asked = arguments.scenario, changes, arguments.quantity, seeds, arguments.limit
+        questions.append(read_question(draft, *asked))
+
+    def show(found: Limit) -> None:
+        if not arguments.json:
+            print(found, flush=True)
 
     with engine(arguments.workers, arguments.dask) as workers:
-        show = None if arguments.json else lambda found: print(found, flush=True)
         text = limit_file(questions, workers, file, show)
     print(text if arguments.json else f"values    {file}\n", end="")
     return 0
@@ -190,14 +183,14 @@ def worst(arguments: argparse.Namespace) -> int:
 
     A run fails if it terminates early, leaves the corridor, or exceeds --limit. Severity is
     the distance from the nominal values, in units of the bounds. Writes into DIR
-    falsification.json, worst/*.toml (scenarios that `ttempc run` replays) and generations/
-    (the rows of all runs). The same command continues an interrupted search.
+    falsification.json, worst.toml, which `ttempc run` replays, and the rows of all runs. The
+    same command continues an interrupted search.
     """
     # Imported here so that --help does not load MuJoCo and Dask.
     from ..run.assembly import check
     from ..scenario.scenario import read_scenario
     from ..search.quantities import read_subject
-    from ..search.worst_case import Search
+    from ..search.worst_case import find_worst_case
     from ..sweep.engine import engine
 
     name, scenario = options.load_scenario(arguments)
@@ -208,16 +201,14 @@ def worst(arguments: argparse.Namespace) -> int:
     controller = scenario.controller.name.replace(":", "-")
     folder: Path = arguments.out or Path("runs") / f"worst-{name}-{controller}"
 
-    def drive() -> int:
+    def drive() -> None:
         with (
             engine(arguments.workers, arguments.dask) as workers,
             progress(arguments.budget, f"worst case of {name}", "run", shown=True) as count,
         ):
-            search = Search(subject, workers, arguments.seed, arguments.limit, folder, count)
-            search.falsify(arguments.budget)
-            report = search.report()
+            asked = arguments.seed, arguments.budget, arguments.limit
+            report = find_worst_case(subject, workers, *asked, folder, count)
         print(report.to_json() if arguments.json else _text(report, folder), end="")
-        return 0
 
     return _resumable(drive, folder)
 
@@ -239,35 +230,25 @@ and of `worst` also
   ttempc search limit grass slope --controller pid --controller ttempc --limit 0.3
   ttempc search limit my-gusty-field.toml faults.gust.force_n=100:4000
   ttempc search worst rows gust soil_patch --budget 300
-
-Exit code 0 if the search completed, 2 for bad input (one line, no run made), 130 if it was
-interrupted.
 """,
     {"limit": limit, "worst": worst},
 )
 
 
 def _text(report: Report, folder: Path) -> str:
-    """Return the report as lines of text, with the commands that replay its cases."""
-    lines = [
-        f"{report.controller} on {report.scenario}, seed {report.seed}: "
-        f"{report.failed} of {report.runs} runs failed, {report.without_result} without a result"
-    ]
-    for case in report.cases:
-        values = ", ".join(
-            f"{key} = {value:g}" if isinstance(value, float) else f"{key} = {value}"
-            for key, value in case.values.items()
-        )
-        end = case.failure or f"no failure; robustness {case.robustness:.2f} is the least"
-        run = folder / Path(case.file).stem
-        lines += [
-            "",
-            f"severity {case.severity:.3f}: {end}",
-            f"  {values}",
-            f"  ttempc run {folder / case.file} --seed {report.seed} --out {run}",
-            f"  ttempc render {run / 'log.mcap'}",
-        ]
-    return "\n".join([*lines, f"report    {folder / 'falsification.json'}"]) + "\n"
+    """Return the report as lines of text, with the command that replays its case."""
+    values = ", ".join(
+        f"{key} = {value:g}" if isinstance(value, float) else f"{key} = {value}"
+        for key, value in report.values.items()
+    )
+    end = report.failure or f"no failure; robustness {report.robustness:.2f} is the least"
+    replay = f"{folder / 'worst.toml'} --seed {report.seed} --out {folder / 'worst'}"
+    return (
+        f"{report.controller} on {report.scenario}, seed {report.seed}: {report.failed} of "
+        f"{report.runs} runs failed, {report.without_result} without a result\n"
+        f"severity {report.severity:.3f}: {end}\n  {values}\n  ttempc run {replay}\n"
+        f"report    {folder / 'falsification.json'}\n"
+    )
 
 
 @command(
@@ -296,28 +277,22 @@ def _text(report: Report, folder: Path) -> str:
     option(
         "--draw-seeds", action="store_true", help="write hidden seeds to FILE, print their hash"
     ),
-    option("--schema", action="store_true", help="print the JSON schema of score.json"),
 )
 def bench(arguments: argparse.Namespace) -> int:
     """Drive a controller through the benchmark: frozen scenarios with public seeds. Print
     its score card and write into DIR:
 
-      score.json   the card, for --compare and the leaderboard     score.html   as a page
-      results.jsonl, study.toml, versions.json                     the rows, as of a sweep
+      score.json                                  the card, for --compare and the leaderboard
+      results.jsonl, study.toml, versions.json    the rows, as of a sweep
 
     The same command continues an interrupted benchmark. An organiser draws seeds with
-    --draw-seeds, publishes the hash that it prints, and reruns entries with --seeds-file;
-    their cards hold the hash, not the seeds.
-
-    Exit code 0 if every run has a row, whatever its status, 2 for bad input (one line; no
-    run is made), 130 if the benchmark was interrupted.
+    --draw-seeds, publishes the hash that it prints, and reruns entries with --seeds-file.
     """
-    asked = [arguments.controller, arguments.compare, arguments.draw_seeds, arguments.schema]
+    asked = [arguments.controller, arguments.compare, arguments.draw_seeds]
     if sum(map(bool, asked)) != 1:
-        raise BadOptions("bench: give CONTROLLER, or one of --compare, --draw-seeds, --schema")
+        raise BadOptions("bench: give CONTROLLER, or one of --compare, --draw-seeds")
     # Imported here so that --help does not load MuJoCo and Dask.
-    from ..trials.score_card import card_schema, compare_cards, draw_hidden, read_score_card
-    from ..trials.tables import format_comparison
+    from ..trials.score_card import compare_cards, draw_hidden, format_comparison, read_score_card
 
     if arguments.compare:
         found = compare_cards(*map(read_score_card, arguments.compare))
@@ -326,8 +301,6 @@ def bench(arguments: argparse.Namespace) -> int:
         if arguments.out is None:
             raise BadOptions("bench: --draw-seeds needs -o FILE")
         print(f"{draw_hidden(arguments.out).sha256}  {arguments.out}")
-    elif arguments.schema:
-        print(json.dumps(card_schema(), indent=2))
     else:
         return _bench(arguments)
     return 0
@@ -336,8 +309,7 @@ def bench(arguments: argparse.Namespace) -> int:
 def _bench(arguments: argparse.Namespace) -> int:
     from ..sweep.engine import engine
     from ..trials.bench import Entrant, bench
-    from ..trials.score_card import PUBLIC, hidden_draws, public_draws
-    from ..trials.tables import card_page, format_card
+    from ..trials.score_card import PUBLIC, format_card, hidden_draws, public_draws
 
     if arguments.seeds_file is None:
         draws = public_draws(PUBLIC[:1] if arguments.quick else PUBLIC)
@@ -349,23 +321,18 @@ def _bench(arguments: argparse.Namespace) -> int:
     ending = "" if draws.kind == "public" else f"-{draws.kind}"
     folder = arguments.out or Path("runs") / f"bench-{entrant.stem}{ending}"
 
-    def drive() -> int:
+    def drive() -> None:
         with (
             engine(arguments.workers, arguments.dask) as workers,
             progress(runs, f"bench {entrant.stem}", "run", shown=True) as count,
         ):
-            card = bench(entrant, draws, folder, workers, _counted(count, verbose=False))
+            card = bench(entrant, draws, folder, workers, _counted(count))
         text = card.to_json()
         write_file(folder / "score.json", text)
-        write_file(folder / "score.html", card_page(card))
         if "+" in card.identifier:
             note = "the plant of this code is not that of the benchmark"
             print(f"ttempc: note: {note}", file=sys.stderr)
-        if arguments.json:
-            print(text, end="")
-        else:
-            print(f"{format_card(card)}\ncard      {folder / 'score.json'}")
-            print(f"\nopen {folder / 'score.html'}")
-        return 0
+        shown = text if arguments.json else f"{format_card(card)}\ncard {folder / 'score.json'}\n"
+        print(shown, end="")
 
     return _resumable(drive, folder)

@@ -95,7 +95,6 @@ def _errors_figure(runs: Sequence[ComparedRun], across: bool) -> Figure:
 def inputs_figure(runs: Sequence[ComparedRun]) -> Figure:
     """Return the commands of all runs with the bounds of the first run."""
     figure, rows = _stacked(3, 2.1, runs)
-    bounds, in_view = runs[0].record[CONTROL], False
     for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
         for run, style in _lines(runs):
             table = run.record[CONTROL]
@@ -103,9 +102,9 @@ def inputs_figure(runs: Sequence[ComparedRun]) -> Figure:
             sent = np.where(common, factor * table[f"{name}_command"], np.nan)
             axes.plot(table.time_s, sent, **style)
         dress(axes, "", label)
-        in_view |= draw_bounds(axes, bounds, name, factor)
+        draw_bounds(axes, runs[0].record[CONTROL], name, factor)
     rows[-1].set_xlim(0.0, runs[0].end_s)
-    legend(rows[0], len(runs) + 1, [BOUNDS] if in_view else [])
+    legend(rows[0], len(runs) + 1, [BOUNDS])
     label_below(rows[-1], "time [s]")
     return figure
 

@@ -9,7 +9,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from ttempc.types import FloatArray
@@ -25,11 +24,11 @@ from ...testbed.recording.channels import (
     TYRES,
 )
 from ...testbed.recording.record import Record, Table, fault_spans
-from ..results.containment import containment, leftward
 from ..results.tracking_errors import (
     BODIES,
     BodyError,
     TrackingErrors,
+    containment,
     counted,
     position_fields,
     rows_at_same_time,
@@ -57,12 +56,8 @@ from .style import (
 TIME_OF_ERRORS: Final = "time [s] (hatched: not counted; shaded: curves)"
 LENGTH: Final = "length of the path [m] (hatched: not counted; shaded: curves)"
 
-_ZOOM_ERRORS: Final = 4.0  # half height of a zoom over the error at its moment
-_ZOOM_MIN_M: Final = 1.0  # least half height, so that a good run still shows a piece of path
-_ZOOM_SHARE: Final = 1.0 / 12.0  # greatest half height over the extent of the whole drawing
-_ZOOM_SHAPE: Final = 1.4  # width over height
 _FLATTEST, _TALLEST = 0.3, 0.8  # height of the whole path over its width, for lines and squares
-_TEXT_IN: Final = 1.6  # height of all labels, titles and the legend
+_TEXT_IN: Final = 1.0  # height of all labels, titles and the legend
 
 INPUTS: Final = (  # field, label, factor from the field's unit to the label's
     ("delta_t_rad", "front steering [deg]", np.degrees(1.0)),
@@ -76,10 +71,7 @@ _ACTIONS: Final = (  # field, label, colour (the paper's roles: cyan, red, blue,
     ("total", "total, before limits", GREY, 0.7),
     ("command", "total, as sent", BLACK, 1.0),
 )
-_HEADROOM: Final = 0.06  # of the range of the signals
-_NEAR: Final = 0.3  # of the same; bounds farther away are left out
-_EDGE: Final = 0.02  # of the same, beside a bound
-_NOTE: Final = 0.15  # of the same, space for a note above them
+_NEAR: Final = 0.3  # of the range of the signals; bounds farther away would flatten them
 _BOUND_LINE: Final[dict[str, Any]] = {"color": BLACK, "linestyle": "--", "linewidth": 0.9}
 BOUNDS: Final = Line2D([], [], label="bounds", **_BOUND_LINE)
 """Entry of the legend for what `draw_bounds` draws."""
@@ -100,90 +92,17 @@ _TIMES: Final = (
     ("plant_step_us", "plant, one physics step"),
 )
 _BINS: Final = 40
-_FEW: Final = 20  # samples that are drawn one by one
 _WIDE: Final = 50.0  # ratio of largest to smallest time above which decades alone label the axis
 
 
 def path_figure(record: Record) -> Figure:
-    """Return the driven paths and the reference, with zooms at the largest counted errors."""
+    """Return the driven paths and the reference."""
     figure = blank(1.0)
     width_in = figure.get_figwidth()
     extent = np.ptp(record[REFERENCE].columns(*position_fields("tractor")), axis=0)
     shape = float(np.clip(extent[1] / max(extent[0], 1e-9), _FLATTEST, _TALLEST))
-    zoom_shape = 0.5 / _ZOOM_SHAPE
-    figure.set_figheight((shape + zoom_shape) * width_in + _TEXT_IN)
-    whole, *zooms = figure.subplot_mosaic(
-        [["whole", "whole"], ["straight", "curve"]], height_ratios=[shape, zoom_shape]
-    ).values()
-    _draw_paths(whole, record)
-    dress(whole, "x east [m]", "y north [m]")
-    whole.set_aspect("equal", adjustable="datalim")
-    legend(whole, 4)
-    largest_m = _ZOOM_SHARE * float(max(np.ptp(whole.get_xlim()), np.ptp(whole.get_ylim())))
-    _draw_zooms(dict(zip(("straight", "curve"), zooms, strict=True)), whole, record, largest_m)
-    return figure
-
-
-def _draw_zooms(by_shape: dict[str, Axes], whole: Axes, record: Record, largest_m: float) -> None:
-    """Draw the largest errors on straights and on curves, in frames that do not overlap.
-
-    Args:
-        by_shape: axes for a straight and for a curve.
-        whole: axes of the whole path, which get the frames.
-        record: of the run.
-        largest_m: greatest half height of a frame [m].
-    """
-    errors = tracking_errors(record)
-    _, state, reference = rows_at_same_time(record, STATE, REFERENCE)
-    actual, desired = (
-        np.stack([record[channel].columns(*position_fields(body))[rows] for body in BODIES])
-        for channel, rows in ((STATE, state), (REFERENCE, reference))
-    )  # (bodies, n, 2) each
-    errors_m = np.stack([errors.by_point[body].euclidean_m for body in BODIES])  # (bodies, n)
-    worse, every = errors_m.argmax(axis=0), np.arange(errors_m.shape[1])
-    error_m = errors_m[worse, every]
-    half_m = np.minimum(np.maximum(_ZOOM_ERRORS * error_m, _ZOOM_MIN_M), largest_m)
-    centres = np.where(
-        (error_m > half_m)[:, None],
-        actual[worse, every],
-        0.5 * (actual + desired)[worse, every],
-    )
-    rows_of = {
-        "straight": np.flatnonzero(~errors.curved & errors.counted),
-        "curve": np.flatnonzero(errors.curved & errors.counted),
-    }
-    free = np.ones(len(every), dtype=bool)  # rows whose frame is apart from those drawn
-    for where in sorted(by_shape, key=lambda name: -error_m[rows_of[name]].max(initial=0.0)):
-        axes, rows = by_shape[where], rows_of[where]
-        chosen = rows[free[rows]]
-        dress(axes, "x east [m]", "y north [m]")
-        if not len(chosen):
-            text = "beside the other frame" if len(rows) else f"no {where} after the start-up"
-            note(axes, 0.5, 0.5, text, ha="center", color=GREY)
-            continue
-        row = int(chosen[np.argmax(error_m[chosen])])
-        apart = "" if error_m[row] == error_m[rows].max() else ", elsewhere"
-        moment = f"{100 * error_m[row]:.1f}\xa0cm at {errors.time_s[row]:.1f}\xa0s"
-        dress(
-            axes, "x east [m]", "y north [m]", f"{where}{apart}: {[*BODIES][worse[row]]}, {moment}"
-        )
-        _draw_paths(axes, record)
-        for number, colour in enumerate(BODY_COLOURS[body] for body in BODIES):
-            ends = actual[number, row], desired[number, row]
-            axes.plot(*np.transpose(ends), color=colour, linewidth=1.0)
-            axes.plot(*ends[0], "o", color=colour, markersize=5)
-            axes.plot(*ends[1], "o", markeredgecolor=BLACK, markerfacecolor="white", markersize=5)
-        half = half_m[row] * np.array([_ZOOM_SHAPE, 1.0])
-        (left, low), (right, high) = centres[row] - half, centres[row] + half
-        axes.set(xlim=(left, right), ylim=(low, high))
-        axes.set_box_aspect(1.0 / _ZOOM_SHAPE)
-        frame = Rectangle((left, low), right - left, high - low, fill=False, edgecolor=GREY)
-        whole.add_patch(frame)
-        gap_m = (np.abs(centres - centres[row]) / (_ZOOM_SHAPE, 1.0)).max(axis=1)
-        free &= gap_m >= half_m + half_m[row]
-
-
-def _draw_paths(axes: Axes, record: Record) -> None:
+    figure.set_figheight(shape * width_in + _TEXT_IN)
+    axes = figure.subplots()
     reference = record[REFERENCE].columns(*position_fields("tractor"))
     axes.plot(*reference.T, color=PALE, linewidth=3.0, label="reference")
     for body in BODIES:
@@ -193,6 +112,10 @@ def _draw_paths(axes: Axes, record: Record) -> None:
     if len(tool):
         driven = np.where(tool["lowered"] == 1.0, tool.columns("x_m", "y_m").T, np.nan)
         axes.plot(*driven, color=BODY_COLOURS["tool"], linewidth=1.0, label="tool, lowered")
+    dress(axes, "x east [m]", "y north [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    legend(axes, 4)
+    return figure
 
 
 def error_figure(record: Record) -> Figure:
@@ -221,10 +144,9 @@ def _shade(axes: Axes, x: FloatArray, errors: TrackingErrors) -> None:
 
 def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
     """Draw the mean errors on straights and on curves as lines, with their values as text."""
-    known = errors.counted & np.isfinite(error.along_m)
-    shapes = {"straights": known & ~errors.curved, "curves": known & errors.curved}
     parts = []
-    for name, rows in shapes.items():
+    for name, shape in {"straights": ~errors.curved, "curves": errors.curved}.items():
+        rows = shape & errors.counted & np.isfinite(error.along_m)
         if rows.any():
             mean_cm = 100 * float(np.mean(error.euclidean_m[rows]))
             style = {"color": BLACK, "linewidth": 1.0, "label": f"mean on {name}"}
@@ -261,10 +183,10 @@ def corridor_figure(record: Record) -> Figure:
     table = record[CORRIDOR]
     points = [name for name in BODY_COLOURS if np.isfinite(table[f"{name}_m"]).any()]
     figure, rows = stacked(len(points), 1.8, share_y=True)
+    hatched, width = ~counted(record, table.time_s), table["half_width_m"]
     for axes, name in zip(rows, points, strict=True):
-        shade(axes, table.time_s, ~counted(record, table.time_s), hatch="////")
-        band = 100 * table["half_width_m"]
-        _offset_in_band(axes, table.time_s, 100 * table[f"{name}_m"], band, name, "corridor")
+        shade(axes, table.time_s, hatched, hatch="////")
+        _draw_offset(axes, table.time_s, table[f"{name}_m"], width, name, "corridor")
         dress(axes, "", "offset from path,\nleft positive [cm]")
     label_below(rows[-1], "time [s] (hatched: not counted)")
     return figure
@@ -273,16 +195,16 @@ def corridor_figure(record: Record) -> Figure:
 def tube_figure(record: Record) -> Figure:
     """Return the cross-track deviation of both true axle points, and their margin in the tube."""
     contained = containment(record)
-    figure, (*rows, last) = stacked(3, 1.8)
-    for axes, (body, column) in zip(rows, contained.ACROSS.items(), strict=True):
-        shade(axes, contained.time_s, contained.curved)
-        offset_cm = 100 * leftward(contained.deviation[:, column])
-        band = 100 * contained.half_width[:, column]
-        _offset_in_band(axes, contained.time_s, offset_cm, band, body, "tube")
+    time_s, margin, width = contained.time_s, contained.margin, contained.half_width
+    figure, rows = stacked(3, 1.8)
+    for axes in rows:
+        shade(axes, time_s, contained.curved)
+    for axes, (body, column) in zip(rows[:2], contained.ACROSS.items(), strict=True):
+        offset = -contained.deviation[:, column]  # to the left
+        _draw_offset(axes, time_s, offset, width[:, column], body, "tube")
         dress(axes, "", "deviation from nominal\nstate, left positive [cm]")
-    shade(last, contained.time_s, contained.curved)
-    margin = contained.margin
-    last.plot(contained.time_s, margin, color=BLACK, linewidth=0.8)
+    last = rows[-1]
+    last.plot(time_s, margin, color=BLACK, linewidth=0.8)
     last.axhline(0.0, color=GREY, linewidth=0.8)
     dress(last, "time [s] (shaded: curves)", "margin [1]")
     last.margins(x=0.0)
@@ -291,11 +213,12 @@ def tube_figure(record: Record) -> Figure:
     return figure
 
 
-def _offset_in_band(
+def _draw_offset(
     axes: Axes, time_s: FloatArray, offset: FloatArray, band: FloatArray, body: str, label: str
 ) -> None:
-    axes.fill_between(time_s, -band, band, color=PALE, alpha=0.6, label=label)
-    axes.plot(time_s, offset, color=BODY_COLOURS[body], linewidth=0.8, label=body)
+    """Draw an offset and the band around zero that it should stay in, both given in metres."""
+    axes.fill_between(time_s, -100 * band, 100 * band, color=PALE, alpha=0.6, label=label)
+    axes.plot(time_s, 100 * offset, color=BODY_COLOURS[body], linewidth=0.8, label=body)
     axes.margins(x=0.0)
     legend(axes, 2)
 
@@ -312,22 +235,19 @@ def signals_figure(record: Record) -> Figure:
         if any(np.isfinite(table[f"{name}_{action[0]}"]).any() for name, _, _ in INPUTS)
     ]
     figure, rows = stacked(3, 2.1)
-    in_view = False
     for axes, (name, label, factor) in zip(rows, INPUTS, strict=True):
         for action, text, colour, width in given:
             style = {"color": colour, "linewidth": width, "label": text}
             axes.plot(table.time_s, factor * table[f"{name}_{action}"], **style)
         dress(axes, "", label)
-        in_view |= draw_bounds(axes, table, name, factor)
-    legend(rows[0], 6, [BOUNDS] if in_view else [])
+        draw_bounds(axes, table, name, factor)
+    legend(rows[0], 6, [BOUNDS])
     label_below(rows[-1], "time [s]")
     return figure
 
 
-def draw_bounds(axes: Axes, control: Table, name: str, factor: float) -> bool:
-    """Set the limits of axes by the signals in them, draw the bounds; return whether one is seen.
-
-    Bounds outside of these limits would flatten the signals; a note has their values.
+def draw_bounds(axes: Axes, control: Table, name: str, factor: float) -> None:
+    """Draw the bounds of an input, in view where they are near the signals in the axes.
 
     Args:
         axes: with the signals.
@@ -335,25 +255,16 @@ def draw_bounds(axes: Axes, control: Table, name: str, factor: float) -> bool:
         name: of the input.
         factor: from the unit of the input's field to that of the axes.
     """
-    axes.margins(x=0.0, y=_HEADROOM)
+    axes.margins(x=0.0)
     low, high = axes.get_ylim()
-    bounds = {"lower": factor * control[f"{name}_min"], "upper": factor * control[f"{name}_max"]}
-    outside = []
-    near, edge = _NEAR * (high - low), _EDGE * (high - low)
-    for which, values in bounds.items():
+    near = _NEAR * (high - low)
+    view = [low, high]
+    for which, end in (("lower", "min"), ("upper", "max")):
+        values = factor * control[f"{name}_{end}"]
         # The underscore keeps the line out of the legend, and its name in the data of the figure.
         axes.plot(control.time_s, values, **_BOUND_LINE, label=f"_{which} bound")
-    for which, values in bounds.items():
-        seen = values[(values >= low - near) & (values <= high + near)]
-        low, high = min([low, *(seen - edge)]), max([high, *(seen + edge)])
-        if not len(seen) and np.isfinite(values).any():
-            ends = dict.fromkeys(f"{end:.3g}" for end in (np.nanmin(values), np.nanmax(values)))
-            outside.append(f"{which} bound {' to '.join(ends)}")
-    if outside:
-        note(axes, 0.99, 0.97, f"not in view: {', '.join(outside)}", ha="right", va="top")
-        high += _NOTE * (high - low)
-    axes.set_ylim(low, high)
-    return len(outside) < len(bounds)
+        view += [*values[(values >= low - near) & (values <= high + near)]]
+    axes.set_ylim(min(view), max(view))
 
 
 def tyres_figure(record: Record) -> Figure:
@@ -371,10 +282,8 @@ def tyres_figure(record: Record) -> Figure:
         for axle in axles:
             for side, line in _SIDES.items():
                 samples = factor * table[f"{axle}_{side}_{field}"]
-                low, high = (
-                    np.minimum.reduceat(samples, starts),
-                    np.maximum.reduceat(samples, starts),
-                )
+                low = np.minimum.reduceat(samples, starts)
+                high = np.maximum.reduceat(samples, starts)
                 axes.fill_between(time_s, low, high, color=_AXLES[axle], alpha=0.15, linewidth=0)
                 mean = np.add.reduceat(samples, starts) / counts
                 style = {"color": _AXLES[axle], "linewidth": 1.1, "label": f"{axle} {side}"}
@@ -401,19 +310,14 @@ def timing_figure(record: Record) -> Figure:
 
 
 def histogram(axes: Axes, cost_us: FloatArray) -> None:
-    """Draw the distribution of times [µs], few ones each, with median, 99 % and maximum."""
+    """Draw the distribution of times [µs] with median, 99 % and maximum."""
     if not len(cost_us):
         note(axes, 0.5, 0.5, "not recorded", ha="center", color=GREY)
         axes.set(xticks=[], yticks=[])
         return
     low, high = 0.9 * cost_us.min(), 1.1 * cost_us.max()
     axes.set_xscale("log")
-    if len(cost_us) < _FEW:
-        axes.plot(cost_us, np.ones(len(cost_us)), "|", color=SKY, markersize=14.0, linewidth=2.0)
-        axes.set_ylim(0.0, 2.0)
-        axes.set_yticks([1])
-    else:
-        axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
+    axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
     between = (2.0, 5.0) if high < _WIDE * low else ()
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, *between)))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
@@ -437,8 +341,7 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
 }
 
 CAPTIONS: Final = {
-    "path": "Reference and driven paths; below, the largest counted error of an axle point on a "
-    "straight and on a curve, in frames apart from each other.",
+    "path": "Reference and driven paths.",
     "error": "Distance to the time-based reference. Shaded: curves; red, with names: faults. "
     "Hatched: not counted in the means.",
     "cross-track": "Error to the left of the reference over the length of the path.",

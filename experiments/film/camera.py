@@ -29,12 +29,7 @@ _VIEWS: Final[dict[str, tuple[_Place, _Place]]] = {
 class FollowCamera:
     """Upright cameras that follow the vehicle, smoothed by a Gaussian window in time.
 
-    The window is symmetric in time, so that a view depends on its time only and frames can be
-    rendered in any order. Its width grows with the speed of the film.
-
-    Args:
-        playback: of the run.
-        speed: seconds of the run per second of film.
+    A view depends on its time only; the window grows with the speed [s of the run per s of film].
     """
 
     def __init__(self, playback: Playback, speed: float) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache
 from typing import Final, Literal
 
@@ -13,7 +12,6 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from .. import colours
 
 Rgb = tuple[int, int, int]
-Point = tuple[float, float]
 _BRIGHTENING: Final = 0.35
 
 
@@ -101,11 +99,6 @@ class OverlayBox:
         """Fill a rectangle; x0 and x1 may be in either order."""
         left, right = sorted((x0 * self.scale, x1 * self.scale))
         self._draw.rectangle((left, y0 * self.scale, right, y1 * self.scale), fill=colour)
-
-    def line(self, points: Sequence[Point], colour: Rgb, width: float) -> None:
-        """Draw a line through points."""
-        pixels = [(x * self.scale, y * self.scale) for x, y in points]
-        self._draw.line(pixels, fill=colour, width=max(1, round(width * self.scale)))
 
     def bar(
         self, box: tuple[float, float, float, float], fraction: float, colour: Rgb, zero: float = 0

@@ -25,7 +25,7 @@ from ..errors import InvalidFilm, NoGraphics
 from .camera import FIELD_OF_VIEW, FollowCamera
 from .drawing import PLAN, POINTS, REFERENCE, Rgb, slip_colour
 from .playback import Ghost, Playback, Poses, rotation
-from .settings import FilmSettings, Quality
+from .settings import QUALITIES, FilmSettings
 
 _PACKAGES: Final = "libegl1 libgl1 (Debian, Ubuntu)"
 _OFF: Final = ("disable", "disabled", "off", "false", "0")  # values of MUJOCO_GL
@@ -34,34 +34,24 @@ _SUN: Final = (0.45, -0.45, -0.77)  # direction of light: from the north-west, a
 _SUN_AWAY_M: Final = 1.6  # distance of the light; farther away, shadow acne appears on the ground
 _STEP_M: Final = 0.25  # between the points of a line
 _POLE_M: Final = 2.6  # height, above the roof so that the top is always visible
-_SHADOW_MAP: Final[dict[Quality, int]] = {"draft": 2048, "high": 4096}  # pixels
-_SAMPLES: Final[dict[Quality, int]] = {"draft": 4, "high": 8}  # per pixel
+_SHADOW_MAP: Final = 2048  # pixels
 _EMISSION, _LIGHT = 1.5, 2.5  # of a line; with sky and sun on level ground
 _HIDDEN_GROUP: Final = 3  # shapes of this group and above serve contacts and are not drawn
 _GHOST_OPACITY: Final = 0.30
-_GHOST_NEAR_M: Final = 0.08  # of both axle points to those of a ghost, which would only tint
-_TRACKS: Final = ("rear_left", "rear_right", "trailer_left", "trailer_right")  # wheels
-_TRACK_STEP_M: Final = 0.4
-_SOIL: Final = (0.14, 0.11, 0.07, 0.25)  # colour of a wheel track
+_GHOST_NEAR_M: Final = 0.08
 _EXTENT_M: Final = 4.0  # half the side of the area with shadows
 _TEXTURE: Final = (2560, 1600)  # pixels of the ground, width and height
 _MOST_CELLS: Final = 90_000  # of the drawn ground: every 0.2 m on 80 x 50 m; that of the simulation
 # has nine times as many, and a picture takes four times as long
+_MOST_LINES: Final = 60_000  # pieces of all paths, 15 km
 _MEADOW_BELOW_M: Final = 0.02
 
 
 def _context() -> Any:  # noqa: ANN401 - mujoco has no types
-    """Return an OpenGL context that needs no screen, in software without a GPU.
-
-    Raises:
-        NoGraphics: no context can be created.
-    """
-    if os.environ.get("MUJOCO_GL", "").lower() in _OFF:
-        raise NoGraphics(
-            f"MUJOCO_GL={os.environ['MUJOCO_GL']}: rendering is switched off; unset it, "
-            "or take --camera plan, which needs no OpenGL"
-        )
+    """Return an OpenGL context that needs no screen, in software without a GPU."""
     try:
+        if os.environ.get("MUJOCO_GL", "").lower() in _OFF:
+            raise RuntimeError(f"MUJOCO_GL={os.environ['MUJOCO_GL']}")
         from mujoco.egl import GLContext
 
         context = GLContext(1, 1)  # the size is that of MuJoCo's own frame buffer
@@ -86,12 +76,6 @@ def check_graphics() -> None:
 class MujocoScene:
     """Renderer of one run at any time, with the bodies at their logged poses.
 
-    Args:
-        playback: of the run.
-        settings: of the film.
-        size: width and height of the picture [pixels].
-        ghosts: vehicles that are drawn translucent.
-
     Raises:
         InvalidFilm: the log's model and its transforms have different bodies.
         NoGraphics: OpenGL is unavailable.
@@ -110,32 +94,24 @@ class MujocoScene:
         self.model = model = self._compiled()
         self.data = mujoco.MjData(model)
         self._paint_ground()
-        names = {model.body(i).name: i for i in range(model.nbody)}
-        missing = sorted(set(playback.motion.body_names) - set(names))
-        if missing:
-            raise InvalidFilm(
-                f"{playback.file}: has transforms of {', '.join(missing)}, which its model lacks"
-            )
-        self._bodies = np.array([names[name] for name in playback.motion.body_names])
+        try:
+            self._bodies = np.array([model.body(name).id for name in playback.motion.body_names])
+        except KeyError as error:
+            raise InvalidFilm(f"{playback.file}: {first_line(error)}") from None
         self._row = np.zeros(model.nbody, np.intp)  # of a body in the log
         self._row[self._bodies] = np.arange(len(self._bodies))
         self._moving = np.flatnonzero(np.isin(model.geom_bodyid, self._bodies))
-        self._shell = self._opaque_geoms()
+        material = model.geom_matid[self._moving]
+        opaque = (material < 0) | (model.mat_rgba[material, 3] == 1.0)  # glass left out
+        self._shell = self._moving[opaque & (model.geom_group[self._moving] < _HIDDEN_GROUP)]
         self._lugs = [model.geom(f"{wheel}_lugs").id for wheel in WHEELS]
         model.geom_matid[self._lugs] = -1  # no material: the colour shows the slip
-        self._track_rows = playback.spaced_rows(_TRACK_STEP_M)
         mujoco.mj_kinematics(model, self.data)  # poses of the static geoms
         self._gl = _context()
         model.vis.global_.offwidth, model.vis.global_.offheight = size
         self._renderer = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._renderer)
-        lines = len(playback.path) + 2 * playback.driven(playback.end_s, _STEP_M).shape[1]
-        lines += len(_TRACKS) * (len(self._track_rows) + 1)
-        lines += sum(
-            max((len(line.points) for line in each), default=0) for each in playback.predicted
-        )
-        geoms = model.ngeom + len(ghosts) * len(self._shell) + lines + 8
-        self._scene = mujoco.MjvScene(model, geoms)
+        self._scene = mujoco.MjvScene(model, model.ngeom * (1 + len(ghosts)) + _MOST_LINES)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = 1
         self._options = mujoco.MjvOption()
         self._options.sitegroup[:] = 0  # a playback moves bodies only: sites would stay behind
@@ -172,12 +148,6 @@ class MujocoScene:
         mujoco.mjr_readPixels(pixels, None, rectangle, self._renderer)
         return pixels[::-1]  # OpenGL's first row is the bottom row
 
-    def close(self) -> None:
-        """Free the graphics memory. Nothing can be rendered afterwards."""
-        self._gl.make_current()
-        self._renderer.free()
-        self._gl.free()
-
     def _compiled(self) -> mujoco.MjModel:
         """Return the log's model with the ground and light of a film."""
         try:
@@ -192,7 +162,7 @@ class MujocoScene:
 
     def _dressed(self, spec: mujoco.MjSpec) -> mujoco.MjSpec:
         """Add ground and light of a film to a model."""
-        unit, visual, quality = self.camera.unit, spec.visual, self._settings.quality
+        unit, visual = self.camera.unit, spec.visual
         ground = spec.texture("ground")
         ground.width, ground.height = _TEXTURE
         self._add_field(spec)
@@ -210,8 +180,8 @@ class MujocoScene:
         visual.headlight.specular = (0.0, 0.0, 0.0)
         visual.rgba.fog = (*_HORIZON, 1.0)
         visual.global_.fovy = math.degrees(FIELD_OF_VIEW)
-        visual.quality.shadowsize = _SHADOW_MAP[quality]
-        visual.quality.offsamples = _SAMPLES[quality]
+        visual.quality.shadowsize = _SHADOW_MAP
+        visual.quality.offsamples = QUALITIES[self._settings.quality][1]
         # Clipping planes, fog and shadow distance are multiples of the extent.
         spec.stat.extent = _EXTENT_M * unit
         visual.map.znear, visual.map.zfar = 0.05, 60.0
@@ -229,18 +199,12 @@ class MujocoScene:
         field.size = [0.5 * width, 0.5 * depth, span, 0.01]
         field.userdata = ((heights - low) / span).ravel()
         spec.geom("ground").pos = [*middle, low]
-        # The meadow lies in the plane that fits the field, below its lowest hollow.
-        x, y = (points.ravel() for points in np.broadcast_arrays(*terrain.points()))
-        design = np.column_stack([x - middle[0], y - middle[1], np.ones(x.size)])
-        plane = np.linalg.lstsq(design, heights.ravel(), rcond=None)[0]
-        (east, north, level), hollow = plane, float((heights.ravel() - design @ plane).min())
         spec.add_material(name="meadow", specular=0.0)
         spec.worldbody.add_geom(
             name="meadow",
             type=mujoco.mjtGeom.mjGEOM_PLANE,
             size=[0.0, 0.0, 1.0],  # without end
-            pos=[*middle, level + hollow - _MEADOW_BELOW_M],
-            zaxis=[-east, -north, 1.0],
+            pos=[*middle, low - _MEADOW_BELOW_M],
             material="meadow",
         )
 
@@ -253,13 +217,6 @@ class MujocoScene:
         texture.data[:] = (255.0 * colours[::-1]).astype(np.uint8)
         self.model.material("meadow").rgba[:3] = colours.mean(axis=(0, 1))
 
-    def _opaque_geoms(self) -> NDArray[np.intp]:
-        """Return the ids of the vehicle's visible shapes, glass left out."""
-        model = self.model
-        material = model.geom_matid[self._moving]
-        opaque = (material < 0) | (model.mat_rgba[material, 3] == 1.0)
-        return self._moving[opaque & (model.geom_group[self._moving] < _HIDDEN_GROUP)]
-
     def _geom_poses(self, geoms: NDArray[np.intp], poses: Poses) -> tuple[FloatArray, FloatArray]:
         """Return positions (n, 3) [m] and rotations (n, 9) of geoms on bodies at poses."""
         model = self.model
@@ -270,16 +227,10 @@ class MujocoScene:
         return places, turns.reshape(-1, 9)
 
     def _add_lines(self, time_s: float) -> None:
-        """Add paths, wheel tracks, and the poles on the references of both points."""
+        """Add paths, and the poles on the references of both points."""
         playback, unit = self._playback, self.camera.unit
-        motion, (xyz, _) = playback.motion, playback.poses(time_s)
-        passed = self._track_rows[motion.time_s[self._track_rows] < time_s]
-        for wheel in _TRACKS:
-            body = playback.body(wheel)
-            points = np.vstack([motion.xyz[passed, body, :2], xyz[body, :2]])
-            self._add_line(points, 0.16 * unit, 0.006, _SOIL, emission=0.0)
         self._add_line(playback.path, 0.12 * unit, 0.010, _lit(REFERENCE))
-        driven = playback.driven(time_s, _STEP_M, self._settings.exaggeration)
+        driven = playback.driven(time_s, _STEP_M)
         for point, line, lift in zip(("tractor", "trailer"), driven, (0.014, 0.018), strict=True):
             self._add_line(line, 0.09 * unit, lift, _lit(POINTS[point]))
         for line in playback.predicted_paths(time_s):
@@ -291,12 +242,7 @@ class MujocoScene:
             self._add_geom(mujoco.mjtGeom.mjGEOM_CAPSULE, size, place, upright, _lit(POINTS[point]))
 
     def _add_line(
-        self,
-        points: FloatArray,
-        width_m: float,
-        lift_m: float,
-        colour: Sequence[float],
-        emission: float = _EMISSION,
+        self, points: FloatArray, width_m: float, lift_m: float, colour: Sequence[float]
     ) -> None:
         """Add a line through points (n, 2) [m], flat boxes that lie on the ground."""
         height = self._terrain.height(points[:, 0], points[:, 1])
@@ -309,15 +255,15 @@ class MujocoScene:
         across /= np.linalg.norm(across, axis=1, keepdims=True)
         turns = np.stack([along, across, np.cross(along, across)], axis=2).reshape(-1, 9)
         middles = (0.5 * (places[1:] + places[:-1]))[kept]
-        overlap = 0.1 * width_m if emission else 0.0  # closes the outer side of a bend
+        overlap = 0.1 * width_m  # closes the outer side of a bend
         for length, middle, turn in zip(lengths[kept].tolist(), middles, turns, strict=True):
             size = [0.5 * length + overlap, 0.5 * width_m, 0.002]
-            self._add_geom(mujoco.mjtGeom.mjGEOM_BOX, size, middle, turn, colour, emission)
+            self._add_geom(mujoco.mjtGeom.mjGEOM_BOX, size, middle, turn, colour)
 
     def _add_ghost(self, ghost: Poses, vehicle: Poses, colour: Rgb) -> None:
-        """Add a translucent copy of the vehicle, unless it is nearly where the vehicle is."""
+        """Add a translucent copy of the vehicle, unless it would only tint the vehicle."""
         points = [self._playback.body(name) for name in ("tractor", "trailer")]
-        if np.linalg.norm((ghost[0] - vehicle[0])[points], axis=1).max() < _GHOST_NEAR_M:
+        if np.abs((ghost[0] - vehicle[0])[points]).max() < _GHOST_NEAR_M:
             return
         rgba = (*_unit(colour), _GHOST_OPACITY)
         places, turns = self._geom_poses(self._shell, ghost)

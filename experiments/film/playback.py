@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ttempc.types import FloatArray
@@ -81,6 +80,11 @@ class Playback:
         run = self.record.metadata
         return f"{run['scenario']} · {run['controller']} · seed {run['seed']}"
 
+    @property
+    def label(self) -> str:
+        """Controller and seed."""
+        return "{controller}, seed {seed}".format(**self.record.metadata)
+
     @cached_property
     def errors(self) -> TrackingErrors:
         """Tracking errors of the whole run."""
@@ -90,8 +94,7 @@ class Playback:
         """Return the poses of all bodies at a time, in the order of the log.
 
         Positions and quaternions are interpolated linearly between two records, the quaternions
-        on the shorter arc and normalised. In the 0.04 s between records the wheels turn by less
-        than 0.3 rad, where this differs from spherical interpolation by less than 0.1 %.
+        on the shorter arc and normalised: the wheels turn by less than 0.3 rad between records.
         """
         motion = self.motion
         k = int(np.searchsorted(motion.time_s, time_s, side="right")) - 1
@@ -103,6 +106,16 @@ class Playback:
         nearer = np.where(np.sum(start * end, axis=1, keepdims=True) < 0.0, -1.0, 1.0)
         quat = (1.0 - part) * start + part * nearer * end
         return xyz, quat / np.linalg.norm(quat, axis=1, keepdims=True)
+
+    def poses_of(self, bodies: Sequence[str]) -> Callable[[float], Poses]:
+        """Return `poses` of some bodies, in their order."""
+        rows = [self.body(name) for name in bodies]
+
+        def poses(time_s: float) -> Poses:
+            xyz, quat = self.poses(time_s)
+            return xyz[rows], quat[rows]
+
+        return poses
 
     def reference_poses(self, time_s: float) -> Poses:
         """Return the poses of the vehicle moved to its reference.
@@ -151,38 +164,14 @@ class Playback:
         at = [np.interp(time_s, table.time_s, table[field]) for field in _POSITIONS]
         return np.array(at).reshape(2, 2)
 
-    def driven(self, time_s: float, step_m: float, exaggeration: float = 1.0) -> FloatArray:
-        """Return the driven paths of both points up to a time, (2, n, 2) [m], `step_m` apart.
-
-        Args:
-            time_s: up to which they are drawn.
-            step_m: between two points of them.
-            exaggeration: factor of the cross-track error at every point.
-        """
-        table, rows = self.record[STATE], self.spaced_rows(step_m)
-        passed = rows[table.time_s[rows] < time_s]
-        points = table.columns(*_POSITIONS)[passed].reshape(-1, 2, 2)
-        times = np.append(table.time_s[passed], time_s)
-        points = np.concatenate([points, self.positions(STATE, time_s)[None]]).swapaxes(0, 1)
-        if exaggeration != 1.0:
-            points += (exaggeration - 1.0) * self._cross_track(times)
-        return points
-
-    def _cross_track(self, times_s: FloatArray) -> FloatArray:
-        """Return the cross-track errors of both points as vectors, (2, n, 2) [m] map frame."""
-        errors, vectors = self.errors, []
-        for body, letter in BODIES.items():
-            yaw = np.unwrap(self.record[REFERENCE][f"psi_{letter}_rad"])
-            heading = np.interp(times_s, self.record[REFERENCE].time_s, yaw)
-            cross = np.interp(times_s, errors.time_s, getattr(errors, body).cross_m)
-            vectors.append(cross[:, None] * np.column_stack([-np.sin(heading), np.cos(heading)]))
-        return np.array(vectors)
-
-    def spaced_rows(self, step_m: float) -> NDArray[np.intp]:
-        """Return the rows of the state at which the tractor point has driven another step [m]."""
-        driven = np.diff(self.record[STATE].columns(*position_fields("tractor")), axis=0)
-        steps = np.cumsum(np.hypot(*driven.T)) // step_m
-        return np.flatnonzero(np.diff(steps, prepend=-1.0, append=steps[-1]))
+    def driven(self, time_s: float, step_m: float) -> FloatArray:
+        """Return the driven paths of both points up to a time, (2, n, 2) [m], `step_m` apart."""
+        table = self.record[STATE]
+        points = table.columns(*_POSITIONS).reshape(-1, 2, 2)
+        steps = np.cumsum(np.hypot(*np.diff(points[:, 0], axis=0).T)) // step_m
+        rows = np.flatnonzero(np.diff(steps, prepend=-1.0, append=steps[-1]))
+        passed = points[rows[table.time_s[rows] < time_s]]
+        return np.concatenate([passed, self.positions(STATE, time_s)[None]]).swapaxes(0, 1)
 
     def predicted_paths(self, time_s: float) -> tuple[FloatArray, ...]:
         """Return the newest predicted paths at a time, (n, 2) [m] each; empty if there are none."""
@@ -214,15 +203,10 @@ def read_playback(file: Path) -> Playback:
             f"{file}: is torn ({content.salvage}); first: ttempc log check {file} -o NEW.mcap"
         )
     record = record_of(content, (*_CHANNELS, TOOL))
-    for channel in _CHANNELS:
-        if not len(record[channel]):
-            raise InvalidFilm(f"{file}: holds nothing on {channel.topic}")
-    motion = motion_of(content)
-    if len(motion.time_s) < 2:
-        raise InvalidFilm(f"{file}: holds a single moment, a picture needs two or more")
-    path = lines_of(content, REFERENCE_PATH_TOPIC)
-    if not path:
-        raise InvalidFilm(f"{file}: holds nothing on {REFERENCE_PATH_TOPIC}")
+    motion, path = motion_of(content), lines_of(content, REFERENCE_PATH_TOPIC)
+    empty = [channel.topic for channel in _CHANNELS if len(record[channel]) < 2]
+    if empty or not path or len(motion.time_s) < 2:
+        raise InvalidFilm(f"{file}: is too short for a picture: {', '.join(empty)}")
     tractor, trailer = (lines_of(content, topic) for topic in _PREDICTED_PATHS)
     return Playback(
         file=file,
@@ -237,27 +221,8 @@ def read_playback(file: Path) -> Playback:
 
 @dataclass(frozen=True)
 class Ghost:
-    """A vehicle that is drawn translucent: that of another run at the same time, or a reference.
+    """A vehicle that is drawn translucent: that of another run, or on the reference."""
 
-    It has the shape of the vehicle in the picture, whose bodies are `bodies` in their order.
-    """
-
-    playback: Playback
-    bodies: tuple[str, ...]
+    name: str
     colour: Rgb
-    is_reference: bool = False
-
-    @property
-    def name(self) -> str:
-        """Name in the legend: the reference, or controller and seed of the run."""
-        run = self.playback.record.metadata
-        return "reference" if self.is_reference else f"{run['controller']}, seed {run['seed']}"
-
-    def poses(self, time_s: float) -> Poses:
-        """Return the poses of all bodies at a time; a run that has ended stays where it is."""
-        time_s = min(time_s, self.playback.end_s)
-        if self.is_reference:
-            return self.playback.reference_poses(time_s)
-        xyz, quat = self.playback.poses(time_s)
-        rows = [self.playback.body(name) for name in self.bodies]
-        return xyz[rows], quat[rows]
+    poses: Callable[[float], Poses]  # of the bodies of the vehicle in the picture, at a time

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import multiprocessing
 import os
-import signal
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,24 +24,20 @@ from .hud import Hud, error_scale_m
 from .mujoco_scene import MujocoScene, check_graphics
 from .plan_view import PlanView
 from .playback import Ghost, Playback, read_playback
-from .settings import FRAME_RATE, MIN_SIZE, Camera, FilmSettings, Quality
+from .settings import FRAME_RATE, Camera, FilmSettings
 
 REFERENCE_GHOST: Final = "reference"
-FILM_SUFFIXES: Final = (".mp4", ".webp", ".gif")
+FILM_SUFFIXES: Final = (".mp4", ".webp")
 STILL_SUFFIXES: Final = (".png", ".jpg")
 
 Picture = NDArray[np.uint8]
 """A picture, (height, width, 3)."""
 
 _SPLIT: Final[tuple[Camera, Camera]] = ("chase", "top")
-_MIN_FRAMES_FOR_POOL: Final = 50  # fewer frames are rendered before a second process starts
 _CODEC: Final = "libx264"
 # Browsers need yuv420p, and the index at the front of the file to start at once.
 _PIXELS: Final = "yuv420p"
-_RATES: Final[dict[Quality, dict[str, str]]] = {  # constant rate factor, effort
-    "draft": {"crf": "23", "preset": "veryfast"},
-    "high": {"crf": "19", "preset": "slow"},
-}
+_RATE: Final = {"crf": "23", "preset": "veryfast"}  # constant rate factor, effort
 _TICK: Final = Fraction(1, FRAME_RATE)  # [s]
 _EVERY: Final = 2  # frames of a film to one of an animation
 _MOST_FRAMES: Final = 500  # of a film as an animation: 0.7 GB at 1280x720
@@ -58,7 +49,7 @@ class Film:
     """A picture or a film of one run, or of several side by side, that can be written."""
 
     runs: tuple[Playback, ...]
-    ghosts: tuple[tuple[Ghost, ...], ...]  # of each run
+    ghosts: Sequence[Sequence[Ghost]]  # of each run
     settings: FilmSettings
     times: FloatArray  # of the frames, (n,) [s of the run]
 
@@ -80,82 +71,55 @@ class Film:
             NoGraphics: the camera needs OpenGL, which is unavailable.
         """
         runs = tuple(read_playback(Path(log)) for log in logs)
-        times = settings.times(
-            *(max(getattr(run, end) for run in runs) for end in ("begin_s", "end_s"))
-        )
+        times = settings.times(max(run.begin_s for run in runs), max(run.end_s for run in runs))
         others = [read_playback(Path(log)) for log in ghosts if log != REFERENCE_GHOST]
         bodies = runs[0].motion.body_names
         for other in others:
             if missing := set(bodies) - set(other.motion.body_names):
                 raise InvalidFilm(f"--ghost {other.file}: has no {', '.join(sorted(missing))}")
-        colours = itertools.cycle(GHOSTS[1:])
-        drawn = [Ghost(other, bodies, next(colours)) for other in others]
-        references = [[Ghost(run, (), GHOSTS[0], True)] for run in runs]
-        each = [(own if REFERENCE_GHOST in ghosts else []) + drawn for own in references]
-        count, width = len(runs), settings.pixels[0]
-        if width // count < MIN_SIZE[0]:
-            raise InvalidFilm(
-                f"--size: {count} runs abreast need a width of {count * MIN_SIZE[0]} or more, "
-                f"got {width}"
-            )
-        if count > 1 and settings.camera == "split":
-            raise InvalidFilm("--camera split: shows one run; take another for several abreast")
+        shared = []
+        for other, colour in zip(others, itertools.cycle(GHOSTS[1:])):
+            shared.append(Ghost(other.label, colour, other.poses_of(bodies)))
+        ghosts_of = [
+            [Ghost("reference", GHOSTS[0], run.reference_poses)] * (REFERENCE_GHOST in ghosts)
+            + shared
+            for run in runs
+        ]
         if settings.camera != "plan":
             check_graphics()
-        return cls(runs, tuple(map(tuple, each)), settings, times)
+        return cls(runs, ghosts_of, settings, times)
 
     @property
     def frames(self) -> int:
         """Number of frames."""
         return len(self.times)
 
-    def pictures(self, workers: int = 1) -> Iterator[Picture]:
-        """Yield the frames in order, from several processes if there are many.
+    def pictures(self) -> Iterator[Picture]:
+        """Yield the frames in order."""
+        panels = self._panels()
+        for time_s in self.times.tolist():
+            yield np.hstack([panel(time_s) for panel in panels])
 
-        Raises:
-            InvalidFilm: a process was killed.
-        """
-        if workers < 2 or self.frames < _MIN_FRAMES_FOR_POOL:
-            yield from map(self._frame_maker(), self.times.tolist())
-            return
-        # Spawned, since a forked process inherits an unusable graphics context.
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, context, _prepare, (self, workers)) as pool:
-            try:
-                yield from pool.map(_picture, self.times.tolist())
-            except BrokenProcessPool:
-                raise InvalidFilm("a rendering process was killed: try --workers 1") from None
-            finally:
-                pool.shutdown(cancel_futures=True)
-
-    def write(
-        self, file: Path, *, workers: int = 2, on_frame: Callable[[], object] = lambda: None
-    ) -> None:
-        """Write the picture (.png, .jpg) or the film (.mp4, .webp, .gif), whole or not at all.
-
-        Args:
-            file: to write.
-            workers: processes that render frames; the file does not depend on their number.
-            on_frame: called after each frame.
+    def write(self, file: Path, on_frame: Callable[[], object] = lambda: None) -> None:
+        """Write the picture (.png, .jpg) or the film (.mp4, .webp), whole or not at all.
 
         Raises:
             OutputExists: the file or its partial file exists.
             InvalidFilm: the suffix or the folder is wrong, or the file cannot be written.
             MissingExtra: an .mp4 needs the extra `film`.
         """
-        moving = self.settings.at_s is None
+        moving, suffix = self.settings.at_s is None, file.suffix.lower()
         _check_writable(file, FILM_SUFFIXES if moving else STILL_SUFFIXES)
-        suffix = file.suffix.lower()
         if suffix == ".mp4":
             _check_codec()
-        elif moving and self.frames > _MOST_FRAMES:
+        elif self.frames > _MOST_FRAMES:
             raise InvalidFilm(
                 f"{file}: {self.frames} frames, at most {_MOST_FRAMES} as {suffix}: a shorter span "
                 "or a larger --speed"
             )
 
-        def frames(film: Film, every: int = 1) -> Iterator[Picture]:
-            for picture in film.pictures(workers):
+        def frames(every: int) -> Iterator[Picture]:
+            for picture in replace(self, times=self.times[::every]).pictures():
                 yield picture
                 for _ in range(every):
                     on_frame()
@@ -163,107 +127,41 @@ class Film:
         try:
             with atomic_write(file) as stream:
                 if suffix == ".mp4":
-                    _encode(stream.name, frames(self), self.settings)
+                    _encode(stream.name, frames(1), self.settings)
                 else:
-                    fewer = replace(self, times=self.times[::_EVERY])
-                    images = [Image.fromarray(each) for each in frames(fewer, _EVERY)]
-                    form = {".jpg": "jpeg"}.get(suffix, suffix[1:])
-                    animation = {
-                        "save_all": True,
-                        "append_images": images[1:],
-                        "duration": round(1000 * _EVERY / FRAME_RATE),
-                        "loop": 0,
-                    }
-                    quality = _WEBP_QUALITY if moving else 88
-                    more = animation if moving else {}
-                    images[0].save(stream, format=form, quality=quality, **more)
+                    first, *others = map(Image.fromarray, frames(_EVERY))
+                    more: dict[str, Any] = {"format": "jpeg" if suffix == ".jpg" else suffix[1:]}
+                    if moving:
+                        more |= {"save_all": True, "append_images": others, "loop": 0}
+                        more |= {"duration": round(1000 * _EVERY / FRAME_RATE)}
+                    first.save(stream, quality=_WEBP_QUALITY if moving else 88, **more)
         except OSError as error:
             reason = error.strerror or error
             raise InvalidFilm(f"{partial_path(file)}: cannot be written: {reason}") from error
 
-    def _frame_maker(self) -> Callable[[float], Picture]:
-        """Return the function that draws the frame of a time."""
+    def _panels(self) -> list[Callable[[float], Picture]]:
+        """Return the functions that draw the runs, each its views side by side and the display."""
         settings, (width, height) = self.settings, self.settings.pixels
-        error_m, count = error_scale_m(self.runs), len(self.runs)
-        edges = [round(width * k / count) for k in range(count + 1)]
-        panels = []
-        for run, ghosts, (left, right) in zip(
-            self.runs, self.ghosts, itertools.pairwise(edges), strict=True
-        ):
-            hud = Hud(
-                run,
-                (right - left, height),
-                error_m,
-                speed=settings.speed if settings.at_s is None else 0.0,
-                ghosts=ghosts,
-                exaggeration=settings.exaggeration,
-                brief=count > 1,
-                plan=settings.camera == "plan",
-            )
-            panels.append(self._panel(run, hud))
-        return lambda time_s: np.hstack([panel(time_s) for panel in panels])
+        error_m, width = error_scale_m(self.runs), width // len(self.runs)
+        cameras = _SPLIT if settings.camera == "split" else (settings.camera,)
+        make = PlanView if settings.camera == "plan" else MujocoScene
+        speed = settings.speed if settings.at_s is None else 0.0
 
-    def _panel(self, run: Playback, hud: Hud) -> Callable[[float], Picture]:
-        """Return the function that draws one run: its views side by side, and the display."""
-        camera, (width, height) = self.settings.camera, hud.view_size
-        cameras = _SPLIT if camera == "split" else (camera,)
-        make = PlanView if camera == "plan" else MujocoScene
-        view = make(run, self.settings, (width // len(cameras), height), hud.ghosts)
+        def panel_of(run: Playback, ghosts: Sequence[Ghost]) -> Callable[[float], Picture]:
+            hud = Hud(run, (width, height), error_m, speed, ghosts)
+            view = make(run, settings, (width // len(cameras), hud.view_size[1]), ghosts)
 
-        def panel(time_s: float) -> Picture:
-            time_s = min(time_s, run.end_s)  # a run that has ended stays at its last record
-            image = Image.new("RGB", hud.size, DARK)
-            shown = np.hstack([view.picture(name, time_s) for name in cameras])
-            image.paste(Image.fromarray(shown))
-            hud.draw_onto(image, time_s)
-            return np.asarray(image)
+            def panel(time_s: float) -> Picture:
+                time_s = min(time_s, run.end_s)  # a run that has ended stays at its last record
+                image = Image.new("RGB", hud.size, DARK)
+                shown = np.hstack([view.picture(name, time_s) for name in cameras])
+                image.paste(Image.fromarray(shown))
+                hud.draw_onto(image, time_s)
+                return np.asarray(image)
 
-        return panel
+            return panel
 
-
-def render(
-    logs: Sequence[Path],
-    file: Path,
-    settings: FilmSettings,
-    ghosts: Sequence[str | Path] = (),
-    *,
-    workers: int = 2,
-    on_frame: Callable[[], object] = lambda: None,
-) -> int:
-    """Write a picture or a film of logs, see `Film.of` and `Film.write`; return its frames.
-
-    `settings.at_s` makes it a picture. A command that writes other files before the film takes
-    `Film.of` first, which refuses bad input, and `Film.write` later.
-    """
-    film = Film.of(logs, settings, ghosts)
-    film.write(file, workers=workers, on_frame=on_frame)
-    return film.frames
-
-
-_film: Film | None = None  # of this process: sent once, not with each frame
-
-
-def _prepare(film: Film, workers: int) -> None:
-    """Initialise a process of the pool."""
-    global _film
-    _film = film
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C, and ends this process
-    # By default Mesa starts as many threads in each process as there are cores.
-    os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))
-
-
-@cache
-def _maker() -> Callable[[float], Picture]:
-    """Return the frame maker of this process.
-
-    It is made with the first frame, not in `_prepare`, so that its errors reach the caller.
-    """
-    assert _film is not None
-    return _film._frame_maker()
-
-
-def _picture(time_s: float) -> Picture:
-    return _maker()(time_s)
+        return list(map(panel_of, self.runs, self.ghosts))
 
 
 def _check_writable(file: Path, suffixes: tuple[str, ...]) -> None:
@@ -271,11 +169,8 @@ def _check_writable(file: Path, suffixes: tuple[str, ...]) -> None:
     if file.suffix.lower() not in suffixes:
         raise InvalidFilm(f"{file}: must end in {', '.join(suffixes)}")
     refuse_existing(file, partial_path(file))
-    folder = file.parent
-    if not folder.is_dir():
-        raise InvalidFilm(f"{file}: there is no folder {folder}")
-    if not os.access(folder, os.W_OK):
-        raise InvalidFilm(f"{file}: the folder {folder} cannot be written to")
+    if not os.access(file.parent, os.W_OK):
+        raise InvalidFilm(f"{file}: there is no folder {file.parent} that can be written to")
 
 
 def _check_codec() -> None:
@@ -284,7 +179,7 @@ def _check_codec() -> None:
         import av
     except ImportError:
         raise MissingExtra(
-            ".mp4: needs PyAV, pip install 'ttempc-proving-ground[film]'; .webp and .gif do not"
+            ".mp4: needs PyAV, pip install 'ttempc-proving-ground[film]'; .webp does not"
         ) from None
     if _CODEC not in av.codecs_available:
         raise InvalidFilm(f"no H.264 encoder ({_CODEC}) in PyAV {av.__version__}: pip install av")
@@ -299,7 +194,7 @@ def _encode(file: str, frames: Iterable[Picture], settings: FilmSettings) -> Non
         with av.open(file, "w", format="mp4", options={"movflags": "+faststart"}) as container:
             stream = container.add_stream(_CODEC, rate=FRAME_RATE)
             stream.width, stream.height = settings.pixels
-            stream.pix_fmt, stream.options = _PIXELS, dict(_RATES[settings.quality])
+            stream.pix_fmt, stream.options = _PIXELS, dict(_RATE)
             stream.time_base = _TICK
             for number, picture in enumerate(frames):
                 frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")

@@ -13,14 +13,12 @@ from ..errors import InvalidFilm
 
 Camera = Literal["chase", "top", "side", "hitch", "split", "plan"]
 CAMERAS: Final[tuple[Camera, ...]] = get_args(Camera)
-Quality = Literal["draft", "high"]
-QUALITIES: Final[tuple[Quality, ...]] = get_args(Quality)
-SIZES: Final[dict[Quality, tuple[int, int]]] = {"draft": (1280, 720), "high": (1920, 1080)}
+# Width, height [pixels] and samples per pixel.
+QUALITIES: Final = {"draft": ((1280, 720), 4), "high": ((1920, 1080), 8)}
 FRAME_RATE: Final = 25  # frames a second of film
 MIN_SIZE: Final = (320, 180)  # smaller text cannot be read
 _MAX_SIZE: Final = (3840, 2160)
 _SPEEDS: Final = (0.05, 100.0)
-_EXAGGERATIONS: Final = (1.0, 100.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,33 +34,26 @@ class FilmSettings:
     begin_s: float | None = None  # None: begin of the log
     end_s: float | None = None  # None: end of the log
     speed: float = 8.0  # seconds of the run per second of film
-    quality: Quality = "draft"
+    quality: str = "draft"  # of `QUALITIES`
     size: tuple[int, int] | None = None  # width, height [pixels]; None: that of the quality
-    exaggeration: float = 1.0  # factor of the cross-track error of the driven paths
 
     def __post_init__(self) -> None:
         if self.camera not in CAMERAS:
             raise InvalidFilm(f"--camera: got {self.camera!r}, allowed are {', '.join(CAMERAS)}")
         (width, height), (low_w, low_h), (high_w, high_h) = self.pixels, MIN_SIZE, _MAX_SIZE
-        if width % 2 or height % 2:
+        if width % 2 or height % 2 or not (low_w <= width <= high_w and low_h <= height <= high_h):
             raise InvalidFilm(
-                f"--size: got {width}x{height}, H.264 needs an even width and an even height"
+                f"--size: got {width}x{height}, must be even and from {low_w}x{low_h} to "
+                f"{high_w}x{high_h}"
             )
-        if not (low_w <= width <= high_w and low_h <= height <= high_h):
-            raise InvalidFilm(
-                f"--size: got {width}x{height}, must be from {low_w}x{low_h} to {high_w}x{high_h}"
-            )
-        for option, value, (low, high) in (
-            ("--speed", self.speed, _SPEEDS),
-            ("--exaggerate", self.exaggeration, _EXAGGERATIONS),
-        ):
-            if not low <= value <= high:
-                raise InvalidFilm(f"{option}: got {value:g}, must be from {low:g} to {high:g}")
+        low, high = _SPEEDS
+        if not low <= self.speed <= high:
+            raise InvalidFilm(f"--speed: got {self.speed:g}, must be from {low:g} to {high:g}")
 
     @property
     def pixels(self) -> tuple[int, int]:
         """Width and height of a frame [pixels]."""
-        return self.size or SIZES[self.quality]
+        return self.size or QUALITIES[self.quality][0]
 
     def times(self, first_s: float, last_s: float) -> FloatArray:
         """Return the time of each frame [s of the run], (n,), n at least 1.

@@ -1,8 +1,5 @@
 """Environment of Gymnasium: one run of a scenario, a control period a step."""
 
-# mujoco fills its name space from compiled modules without type information
-# pyright: reportAttributeAccessIssue=false
-
 from __future__ import annotations
 
 import math
@@ -10,11 +7,9 @@ from collections.abc import Generator, Sequence
 from typing import Any, Final, Literal
 
 import gymnasium
-import mujoco
 import numpy as np
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
-from numpy.typing import NDArray
 
 from ttempc.reference.reference import Reference
 from ttempc.types import Command, Controller, Estimate, FloatArray
@@ -38,8 +33,7 @@ from ..run.assembly import assemble, check, model_vehicle
 from ..run.shared_parts import SharedParts
 from ..run.user_code import named_parts, refuse_untrusted
 from ..scenario.scenario import parse_overrides, read_scenario
-from .observation import ESTIMATE_NAMES, EstimateObserver, SensorObserver, bounds, sensor_names
-from .residual import ResidualController, half_range
+from .policy import ESTIMATE_NAMES, EstimateObserver, ResidualController, bounds, half_range
 
 ERROR_M: Final = 0.1
 """Distance of both points from their reference that costs 1; assumed."""
@@ -51,12 +45,8 @@ LARGEST_COST: Final = 100.0
 """Of a period: that of 1 m; assumed."""
 
 _LEFT_OUT: Final = (prepare, log_control, log_truth, log_timing)  # of real time and the log
-_PICTURE: Final = (360, 640)  # height and width
-CAMERA: Final = "chase"
-"""Camera of the MJCF from which `FieldTrial.render` looks."""
 _SEEDS: Final = 2**32  # as of `ttempc run --seed`
 
-Observation = Literal["estimate", "sensors"]
 Action = Literal["command", "residual"]
 
 
@@ -66,12 +56,8 @@ def reward(errors_m: Sequence[float], change: Sequence[float], periods_lost: int
         reward = -min(mean((e / ERROR_M)^2) + EFFORT mean(c^2), LARGEST_COST)
 
     The periods that are left when a vehicle is lost have the largest cost, so that no policy gains
-    by ending its run early.
-
-    Args:
-        errors_m: e, true distances of tractor and trailer point from their references [m].
-        change: c, changes of the commands as shares of the largest ones in a period, of each input.
-        periods_lost: periods of the reference after this one that are not driven.
+    by ending its run early. `errors_m`: true distances e of both points from their references;
+    `change`: those c of the commands in a period, as shares of the largest ones.
     """
     error = sum(e * e for e in errors_m) / (len(errors_m) * ERROR_M**2)
     effort = sum(c * c for c in change) / len(change)
@@ -82,45 +68,38 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
     """A run of a scenario; `reset(seed=N)` starts that of `ttempc run --seed N`.
 
     Estimator, supervisor and command guard of the run stay in place; the action replaces the
-    command of the controller, or is added to it.
+    command of the controller, or is added to it. `observation_names` has the entries of what a
+    policy sees.
 
     Args:
         scenario: name of a scenario that ships, or path of a TOML file.
         overrides: lines `key.key=value` that replace values of the scenario.
-        observation: "estimate", what a controller sees, or "sensors", the newest samples and the
-            reference in the map frame; `observation_names` has the entries.
         action: "command", or "residual" on the controller of the scenario.
         normalised: whether a command of -1 to 1 spans the vehicle's limits and entries of the
             observation are scaled to -1 to 1; else both are in the units of their names. A residual
             is always from -1 to 1.
         residual_share: of half the range of a command that a residual of 1 adds.
         trust: whether code that the scenario file names may run.
-        render_mode: "rgb_array" for pictures of MuJoCo's scene from `CAMERA`.
 
     Raises:
         BadOptions: an argument has none of the allowed values.
         ExperimentError, TestbedError, TtempcError: as a run of the scenario.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012 - as in its base
+    observation_names = ESTIMATE_NAMES
 
     def __init__(
         self,
         scenario: str = "grass",
         overrides: Sequence[str] = (),
         *,
-        observation: Observation = "estimate",
         action: Action = "command",
         normalised: bool = True,
         residual_share: float = 0.25,
         trust: bool = False,
-        render_mode: Literal["rgb_array"] | None = None,
     ) -> None:
-        _require("observation", observation, ("estimate", "sensors"))
-        _require("action", action, ("command", "residual"))
-        if render_mode is not None:
-            _require("render_mode", render_mode, self.metadata["render_modes"])
-        self.render_mode, self._renderer = render_mode, None
+        if action not in ("command", "residual"):
+            raise BadOptions(f"action: must be one of command, residual, got {action!r}")
         if not 0.0 < residual_share <= 1.0:
             raise BadOptions(f"residual_share: must be above 0 and at most 1, got {residual_share}")
         source, changes = read_scenario(scenario), parse_overrides(overrides)
@@ -132,10 +111,7 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         vehicles, mission = self._scenario.vehicles(), self._scenario.mission()
         self._vehicle = model_vehicle(mission, self._scenario, vehicles)
         self._limits = CommandLimits.of(self._vehicle, self._scenario.control.period_s)
-        specification = self._scenario.sensors if observation == "sensors" else None
-        names = sensor_names(specification) if specification else ESTIMATE_NAMES
-        self.observation_names = names
-        largest, scale = bounds(names)
+        largest, scale = bounds(ESTIMATE_NAMES)
         self._scale = scale if normalised else None
         largest = np.ones_like(scale) if normalised else largest
         self.observation_space = Box(-largest, largest, dtype=np.float64)
@@ -144,7 +120,6 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         if normalised or self._residual:
             low, high = -np.ones(3), np.ones(3)
         self.action_space = Box(low, high, dtype=np.float64)
-        self._specification = specification
         self._parts = SharedParts(terrains=1, controllers=1)
         self._action = np.zeros(3)  # as the controller takes it
         self._run: Generator[TickContext, None, Outcome] | None = None
@@ -163,7 +138,6 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
             BadOptions: the seed is above 2**32 - 1.
         """
         super().reset(seed=seed, options=options)
-        self.close()  # a picture is of the ground of its run
         if seed is not None and seed >= _SEEDS:
             raise BadOptions(f"seed: must be from 0 to {_SEEDS - 1}, got {seed}")
         run_seed = int(self.np_random.integers(_SEEDS)) if seed is None else seed
@@ -175,11 +149,6 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         self._run = periods(self._setup, self._ticks, stages, lambda k: None)
         self._sent = self._limits.clamp(self._reference.at(0.0).inputs)
         self._estimates = EstimateObserver(self._reference, period_s)
-        self._samples = (
-            SensorObserver(self._specification, self._reference, period_s)
-            if self._specification
-            else None
-        )
         outcome = self._proceed()
         if outcome is not None:
             raise InvalidScenario(f"reset: the run ended before it started: {outcome.failure}")
@@ -225,25 +194,6 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
         completed = outcome is not None and not ended_early
         return self._observe(), gained, ended_early, completed, info
 
-    def render(self) -> NDArray[np.uint8] | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return a picture of the scene (height, width, 3), None without a render mode."""
-        if self.render_mode is None:
-            return None
-        plant = self._setup.plant
-        if self._renderer is None:
-            self._renderer = mujoco.Renderer(plant.drawn_model(), *_PICTURE)
-            self._drawn = mujoco.MjData(self._renderer.model)
-        self._drawn.qpos[:] = plant.data.qpos
-        mujoco.mj_forward(self._renderer.model, self._drawn)
-        self._renderer.update_scene(self._drawn, CAMERA)
-        return self._renderer.render()
-
-    def close(self) -> None:
-        """Release the renderer."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
-
     def _controller(
         self, vehicle: Vehicle, reference: Reference, period_s: float, **options: object
     ) -> Controller:
@@ -269,14 +219,11 @@ class FieldTrial(gymnasium.Env[FloatArray, FloatArray]):
 
     def _observe(self) -> FloatArray:
         tick, k = self._tick, self._guidance.reference_tick
-        if self._samples:
-            entries = self._samples.observe(tick.now.time_s, tick.measurements, k, self._sent)
-        else:
-            assert tick.estimate is not None
-            if self._guidance.reference is not self._reference:  # the model was learnt anew
-                self._reference = self._guidance.reference
-                self._estimates = EstimateObserver(self._reference, self._guidance.period_s)
-            entries = self._estimates.observe(tick.estimate, k, self._sent)
+        assert tick.estimate is not None
+        if self._guidance.reference is not self._reference:  # the model was learnt anew
+            self._reference = self._guidance.reference
+            self._estimates = EstimateObserver(self._reference, self._guidance.period_s)
+        entries = self._estimates.observe(tick.estimate, k, self._sent)
         return entries if self._scale is None else np.clip(entries / self._scale, -1.0, 1.0)
 
     def _errors_m(self) -> tuple[float, float]:
@@ -300,8 +247,3 @@ class _Actions:
     def step(self, estimate: Estimate, k: int) -> Command:
         """Return the action as a command."""
         return Command(*self._environment._action.tolist())
-
-
-def _require(name: str, value: str, allowed: Sequence[str]) -> None:
-    if value not in allowed:
-        raise BadOptions(f"{name}: must be one of {', '.join(allowed)}, got {value!r}")

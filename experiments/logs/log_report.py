@@ -7,24 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, cast
 
-from ttempc.errors import TtempcError
-
 from ...testbed.configuration.config_io import parse_toml
-from ...testbed.errors import TestbedError
 from ...testbed.log.reader import RECOVERED_KEY, SALVAGED_KEY, read_content, record_of
 from ...testbed.recording.channels import CHANNELS, EVENT_TOPIC, STATE
 from ...testbed.recording.record import Record
-from ..errors import ExperimentError, InvalidReplay
+from ..errors import InvalidReplay
 from ..figures import draw
 from ..report.run_report import render_run_report
-from ..results.metrics import summarise
-from ..results.published import PublishedError, published_beside
-from ..results.summary import RunFacts, Status, Summary
-from ..run.simulate import BEGINS, ENDS, SETTINGS, versions_of
+from ..results.summary import RunFacts, Status, summarise
+from ..run.simulate import BEGINS, ENDS, versions_of
 from ..scenario.scenario import ScenarioFile, identity
 
 _SCENARIO: Final = "scenario.toml"
-_SAID_ELSEWHERE: Final = (SETTINGS, BEGINS, ENDS)  # on the page
+_SAID_ELSEWHERE: Final = (BEGINS, ENDS)  # on the page
 _STATUS: Final = re.compile(rf"{ENDS}(completed|stopped|lost|invalid) after")
 
 
@@ -55,7 +50,6 @@ def report_of_log(log: Path) -> str:
         text,
         draw(record),
         description=str(source.content.get("description", "")),
-        comparison=_comparison(source, summary),
         files=(),
     )
 
@@ -92,11 +86,3 @@ def _outcome(record: Record) -> tuple[Status, str | None]:
     if torn:
         return "torn", failure or f"the log is not whole: {torn}"
     return ("ended early" if errors else "completed"), failure
-
-
-def _comparison(source: ScenarioFile, summary: Summary) -> tuple[PublishedError, ...]:
-    """Return the published errors where they apply; not to a scenario of another version."""
-    try:
-        return published_beside(summary, source.scenario())
-    except (ExperimentError, TestbedError, TtempcError):
-        return ()

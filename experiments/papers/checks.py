@@ -9,17 +9,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from ...testbed.recording.channels import STATE
-from ...testbed.recording.provenance import code_digest, versions
 from ...testbed.recording.record import Recorder
 from ..errors import InvalidPage
-from ..results.metrics import tracking_statistics
+from ..results.summary import tracking_statistics
 from ..results.tracking_errors import tracking_errors
 from ..run.assembly import assemble
 from ..run.simulate import drive_into
@@ -34,12 +33,9 @@ LEDGER: Final = "docs/fingerprints.json"
 _REFERENCE: Final = "ttempc"  # the controller that drives every scenario of a sweep
 _CLOSE: Final = 1e-9  # [m]
 _END: Final = ("x_t_m", "y_t_m", "x_i_m", "y_i_m")
-_DATA: Final = ("experiments/scenarios", "experiments/sweeps", "experiments/fitted")
 
-Outcome = Literal["same bits", "equal to 1e-9", "differs"]
-"""Result of a check that was driven again, from best to worst."""
-
-OUTCOMES: Final[tuple[Outcome, ...]] = ("same bits", "equal to 1e-9", "differs")
+OUTCOMES: Final = ("same bits", "equal to 1e-9", "differs")
+"""Results of a check that was driven again, from best to worst."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,24 +47,23 @@ class Check:
     seed: int = FIRST
 
 
-@dataclass(frozen=True, slots=True)
-class Fingerprint:
+class Fingerprint(NamedTuple):
     """Result of a check."""
 
     sha256: str  # of times and values of `/state`, little-endian doubles; the first 16 digits
     values: tuple[float, ...]  # last position and mean error of both axle points [m], (6,)
 
-    def compare(self, other: Fingerprint) -> Outcome:
-        """Return how the same check, driven again, compares.
+    def compare(self, other: Fingerprint) -> str:
+        """Return how the same check, driven again, compares: one of `OUTCOMES`.
 
         The state of another processor may differ in its last bits, because linear algebra libraries
         choose their instructions by processor; the closed loop does not let the difference grow.
         """
         if self == other:
-            return "same bits"
+            return OUTCOMES[0]
         pairs = zip(self.values, other.values, strict=True)
         close = all(abs(one - another) <= _CLOSE for one, another in pairs)
-        return "equal to 1e-9" if close else "differs"
+        return OUTCOMES[1] if close else OUTCOMES[2]
 
 
 def scenario_check(scenario: str, controller: str, *overrides: str) -> Check:
@@ -124,12 +119,10 @@ def digest_of(fingerprints: Iterable[Fingerprint]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 
 
-@dataclass(frozen=True, slots=True)
-class Making:
+class Making(NamedTuple):
     """Circumstances under which a table was made."""
 
     versions: Mapping[str, str]  # of project and packages
-    source: str  # see `source_digest`
     checks: Mapping[str, Fingerprint]  # by name
 
 
@@ -140,52 +133,19 @@ def read_ledger(out: Path = ROOT) -> dict[str, Making]:
         InvalidPage: the file is not what `write_ledger` writes.
     """
     file = out / LEDGER if (out / LEDGER).exists() else ROOT / LEDGER
-    if not file.exists():
-        return {}
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        known = {
-            key: Fingerprint(item["sha256"], tuple(item["values"]))
-            for key, item in content["fingerprints"].items()
-        }
         return {
             name: Making(
-                item["versions"],
-                item["source"],
-                {check: known[key] for check, key in item["checks"].items()},
+                dict(versions),
+                {check: Fingerprint(sha256, tuple(of)) for check, (sha256, of) in checks.items()},
             )
-            for name, item in content["entries"].items()
+            for name, (versions, checks) in json.loads(file.read_text(encoding="utf-8")).items()
         }
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, TypeError, AttributeError):
         raise InvalidPage(f"{file}: is no ledger of regression checks") from None
 
 
 def write_ledger(ledger: Mapping[str, Making], out: Path = ROOT) -> None:
-    """Write the ledger; a fingerprint that several tables share stands in it once."""
-    by_digest: dict[str, Any] = {}
-    entries = {}
-    for name, making in sorted(ledger.items()):
-        keys = {check: digest_of([found]) for check, found in making.checks.items()}
-        by_digest |= {keys[check]: asdict(found) for check, found in making.checks.items()}
-        entries[name] = {
-            "versions": dict(making.versions),
-            "source": making.source,
-            "checks": keys,
-        }
-    lines = [f'  "{key}": {json.dumps(by_digest[key])}' for key in sorted(by_digest)]
-    text = (
-        '{\n "fingerprints": {\n' + ",\n".join(lines) + "\n },\n"
-        ' "entries": ' + json.dumps(entries, indent=1).replace("\n", "\n ") + "\n}\n"
-    )
-    write_file(out / LEDGER, text.encode())
-
-
-def source_digest() -> str:
-    """Return a hash of code, shipped data and package versions: equal ones need no check."""
-    digest = hashlib.sha256(code_digest().encode())
-    for folder in _DATA:
-        for file in sorted((ROOT / folder).glob("*.*")):
-            digest.update(file.name.encode() + b"\0" + file.read_bytes())
-    packages = {name: text for name, text in versions().items() if name != "commit"}
-    digest.update(json.dumps(packages, sort_keys=True).encode())
-    return digest.hexdigest()[:12]
+    """Write the ledger, a line for each table."""
+    lines = (f' "{name}": {json.dumps(making)}' for name, making in sorted(ledger.items()))
+    write_file(out / LEDGER, ("{\n" + ",\n".join(lines) + "\n}\n").encode())

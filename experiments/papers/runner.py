@@ -10,7 +10,6 @@ import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -20,7 +19,6 @@ from tqdm import tqdm
 
 from ...testbed.recording.provenance import code_digest, versions
 from ..errors import InvalidRows
-from ..seeds import report_seeds
 from ..sweep.engine import Engine, engine, imap_bounded
 from ..sweep.folder import is_begun, lock_folder
 from ..sweep.plan import SweepPlan
@@ -37,7 +35,6 @@ from .checks import (
     digest_of,
     fingerprint,
     read_ledger,
-    source_digest,
     sweep_checks,
     write_ledger,
 )
@@ -63,30 +60,13 @@ class Runner:
     Args:
         folder: for rows.
         workers: processes; None: one per core, 0: this process.
-        seeds: of all runs, instead of those of the studies; for a rehearsal.
-        overrides: of all runs, as of `--set`; for a rehearsal. A path replaces that of the study.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        workers: int | None = None,
-        seeds: tuple[int, ...] = (),
-        overrides: tuple[str, ...] = (),
-    ) -> None:
+    def __init__(self, folder: Path, workers: int | None = None) -> None:
         self.folder, self._workers = folder, workers
-        self._seeds, self._overrides = seeds, overrides
         self._fingerprints: dict[str, Fingerprint] = {}
         self._study: Study
         self.versions = current_versions()  # of the rows that were read last
-
-    def seeds(self, seeds: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the seeds of a study, or those of the rehearsal."""
-        return self._seeds or seeds
-
-    def report_seeds(self, count: int) -> tuple[int, ...]:
-        """Return the first seeds of reported runs, or those of the rehearsal."""
-        return self.seeds(report_seeds(count))
 
     def engine(self) -> contextlib.AbstractContextManager[Engine]:
         """Return the workers of the runs, until the block ends."""
@@ -107,8 +87,11 @@ class Runner:
             made = study.make(self)
         else:
             assert study.table is not None
-            cases = study.cases(self._seeds)
-            rows = self.sweep_rows(study.sweeps) if study.sweeps else self.frame(cases, study.drive)
+            rows = (
+                self.sweep_rows(study.sweeps)
+                if study.sweeps
+                else self.frame(study.cases(), study.drive)
+            )
             made = study.table(rows)
         return made if isinstance(made, Block) else Block(made)
 
@@ -121,7 +104,6 @@ class Runner:
         self, cases: Sequence[Case], drive: Callable[[Case], Row | list[Row]] = lap
     ) -> pd.DataFrame:
         """Return the rows of cases in their order, with scenario, seed and labels as columns."""
-        cases = [self._rehearsed(case) for case in cases]
         return pd.DataFrame(
             [
                 {"scenario": case.scenario, "seed": case.seed, **case.labels, **row}
@@ -155,9 +137,8 @@ class Runner:
         study = self._study
         source = inspect.getmodule(study.make or study.table)
         assert source is not None
-        digest = hashlib.sha256(inspect.getsource(source).encode())
-        digest.update(repr((self._seeds, self._overrides)).encode())
-        folder = self._folder(study.name, study.all_checks, digest.hexdigest()[:8])
+        digest = hashlib.sha256(inspect.getsource(source).encode()).hexdigest()
+        folder = self._folder(study.name, study.all_checks, digest[:8])
         folder.mkdir(parents=True, exist_ok=True)
         file = folder / "versions.json"
         if not file.exists():
@@ -172,8 +153,6 @@ class Runner:
             SweepRefused: an interrupted sweep was begun with other code.
         """
         _, study = load_study(name)
-        if self._seeds:
-            study = replace(study, seeds=self._seeds)
         text = hashlib.sha256(study.dump().encode()).hexdigest()[:8]
         folder = self._folder(name, sweep_checks(name), text) / f"sweep-{name}"
         if not self._is_finished(folder):
@@ -197,12 +176,6 @@ class Runner:
     def _folder(self, name: str, checks: Sequence[Check], digest: str) -> Path:
         state = digest_of(self.fingerprints(checks).values()) if checks else code_digest()
         return self.folder / f"{name}-{state}-{digest}"
-
-    def _rehearsed(self, case: Case) -> Case:
-        own = case.overrides
-        if any(text.startswith("path") for text in self._overrides):
-            own = tuple(text for text in own if not text.startswith("path"))
-        return replace(case, overrides=(*own, *self._overrides))
 
     def _imap(
         self, function: Callable[[Any], Any], tasks: Sequence[Any], label: str
@@ -263,8 +236,8 @@ def write_tables(studies: Sequence[Study], runner: Runner, out: Path = ROOT) -> 
             print(block.text, flush=True)
             continue
         page = pages[study.name]
-        making = Making(runner.versions, source_digest(), runner.fingerprints(study.all_checks))
-        line = block.footer or provenance(study, making, runner.seeds(study.all_seeds))
+        making = Making(runner.versions, runner.fingerprints(study.all_checks))
+        line = block.footer or provenance(study, making)
         text = with_block(read_page(page, out), study.name, f"{block.text.strip()}\n\n{line}")
         for name, content in block.files.items():
             write_file((out / page).parent / name, content)
@@ -273,10 +246,10 @@ def write_tables(studies: Sequence[Study], runner: Runner, out: Path = ROOT) -> 
         yield study
 
 
-def provenance(study: Study, making: Making, seeds: Sequence[int]) -> str:
+def provenance(study: Study, making: Making) -> str:
     """Return the line below a table: study, seeds, versions and the digest of its checks."""
     parts = [f"`python -m proving_ground.experiments.papers {study.name}`"]
-    if seeds and study.all_seeds:
+    if seeds := study.all_seeds:
         parts.append(f"seed{'s' if len(seeds) > 1 else ''} {format_numbers(seeds)}")
     known = (f"{name} {making.versions[name]}" for name in _SHOWN if name in making.versions)
     parts.append(", ".join(known))

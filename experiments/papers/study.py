@@ -100,14 +100,9 @@ class Study:
     drive: Callable[[Case], Row | list[Row]] = lap  # of a grid; called in a worker process
     make: Callable[[Any], str | Block] | None = None  # of a `Runner`
     checks: tuple[tuple[str, ...], ...] = ()  # scenario, controller, overrides; sweeps have theirs
-    minutes: float = 0.0  # of the runs on two cores, without those of sweeps
 
-    def cases(self, seeds: tuple[int, ...] = ()) -> list[Case]:
-        """Return the combinations of a grid.
-
-        Args:
-            seeds: instead of those of the study.
-        """
+    def cases(self) -> list[Case]:
+        """Return the combinations of a grid."""
         axes = [
             [(label, values[label] if isinstance(values, Mapping) else ()) for label in values]
             for values in self.axes.values()
@@ -121,7 +116,7 @@ class Study:
             )
             for scenario in self.scenarios
             for point in itertools.product(*axes)
-            for seed in seeds or self.seeds
+            for seed in self.seeds
         ]
 
     @property

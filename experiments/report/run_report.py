@@ -4,19 +4,40 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
 from datetime import UTC, datetime
 from typing import Final
 
 from ...testbed.recording.record import Record
 from ..figures import CAPTIONS
-from ..results.published import CAVEAT, PublishedError
-from ..results.summary import ImplementStatistics, InputStatistics, Spread, Summary
-from ..results.table import centimetres, format_corridor
+from ..results.summary import Summary
+from ..results.table import COLUMNS, format_corridor
 from ..results.tracking_errors import START_UP_S
 from .html import Picture, environment
 
+_COLUMNS: Final = COLUMNS | {"distance mean": "mean_euclidean_m", "distance max": "max_m"}
 _EVENTS_SHOWN: Final = 100  # an intermittent fault would fill the page; the log has all
+_SPREAD: Final = "median {0}.median:.0f}} µs, p99 {0}.p99:.0f}} µs, max {0}.max:.0f}} µs"
+_INPUT: Final = (
+    "at a limit {0}.saturated_fraction:.1%}} of the ticks, rms rate {0}.rms_rate:.3f}} {1}/s, "
+    "travel {0}.travel_per_m:.3f}} {1}/m"
+)
+_FACTS: Final = {
+    "real-time factor": "{s.timing.real_time_factor:.1f}",
+    "control step": _SPREAD.format("{s.timing.control_step_us"),
+    "QP solve": _SPREAD.format("{s.timing.qp_solve_us"),
+    "estimator": _SPREAD.format("{s.timing.estimator_us"),
+    "physics step": _SPREAD.format("{s.timing.plant_step_us"),
+    "estimation error": "tractor {s.estimation.tractor.mean_euclidean_m:.3f} m, "
+    "trailer {s.estimation.trailer.mean_euclidean_m:.3f} m (mean)",
+    "front steering": _INPUT.format("{s.inputs.delta_t", "rad"),
+    "trailer steering": _INPUT.format("{s.inputs.delta_i", "rad"),
+    "hydrostat": _INPUT.format("{s.inputs.hp", "1"),
+    "slip": "rear wheels {s.slip.rear_mean:.1%} (mean), {s.slip.rear_p95:.1%} (p95); "
+    "trailer slip angle {s.slip.trailer_slip_angle_p95_rad:.3f} rad (p95)",
+    "implement": "draft {s.implement.draft_mean_n:.0f} N (mean), {s.implement.draft_p95_n:.0f} N "
+    "(p95); side force {s.implement.side_p95_n:.0f} N (p95); depth "
+    "{s.implement.depth_mean_m:.3f} m (mean)",
+}
 FILES: Final = ("summary.json", "scenario.toml")
 """Files of a run beside its report."""
 
@@ -28,7 +49,6 @@ def render_run_report(
     pictures: Mapping[str, bytes],
     *,
     description: str = "",
-    comparison: Sequence[PublishedError] = (),
     files: Sequence[str] = FILES,
 ) -> str:
     """Return the text of `report.html`.
@@ -39,15 +59,13 @@ def render_run_report(
         scenario_toml: the resolved scenario.
         pictures: contents of PNG files, by the figure's name.
         description: of the scenario.
-        comparison: the published errors, where they apply to the run.
         files: beside the page, besides the log.
     """
     template = environment().get_template("report.html.j2")
     return template.render(
         summary=summary,
-        comparison=comparison,
-        caveat=CAVEAT,
         start_up_s=START_UP_S,
+        columns=list(_COLUMNS),
         errors=_errors(summary),
         facts=[
             *_facts(summary),
@@ -77,63 +95,17 @@ def _dated(metadata: Mapping[str, str]) -> str:
 
 def _errors(summary: Summary) -> list[tuple[str, tuple[float | None, ...]]]:
     return [
-        (f"{point}, {where}", astuple(error))
-        for where in ("straight", "curve", "all")
+        (f"{point}, {where}", tuple(getattr(error, key) for key in _COLUMNS.values()))
+        for where in ("all", "straight", "curve")
         for point, error in getattr(summary.tracking, where).by_point.items()
     ]
 
 
 def _facts(summary: Summary) -> list[tuple[str, str]]:
-    timing, inputs, slip = summary.timing, summary.inputs, summary.slip
-    estimation, implement = summary.estimation, summary.implement
-    return [
-        ("run", summary.run_id),
-        ("versions", ", ".join(f"{name} {text}" for name, text in summary.versions.items())),
-        ("real-time factor", _number(timing.real_time_factor, "{:.1f}")),
-        ("control step", _spread(timing.control_step_us)),
-        ("QP solve", _spread(timing.qp_solve_us)),
-        ("estimator", _spread(timing.estimator_us)),
-        ("physics step", _spread(timing.plant_step_us)),
-        (
-            "estimation error",
-            f"tractor {centimetres(estimation.tractor.mean_euclidean_m)} cm, "
-            f"trailer {centimetres(estimation.trailer.mean_euclidean_m)} cm (mean)",
-        ),
-        ("front steering", _input(inputs.delta_t, "rad")),
-        ("trailer steering", _input(inputs.delta_i, "rad")),
-        ("hydrostat", _input(inputs.hp, "1")),
-        (
-            "slip",
-            f"rear wheels {_number(slip.rear_mean, '{:.1%}')} (mean), "
-            f"{_number(slip.rear_p95, '{:.1%}')} (p95); trailer slip angle "
-            f"{_number(slip.trailer_slip_angle_p95_rad, '{:.3f}')} rad (p95)",
-        ),
-        *([("implement", _implement(implement))] if implement else []),
-        *([("corridor", format_corridor(summary.corridor))] if summary.corridor else []),
-    ]
-
-
-def _spread(cost_us: Spread) -> str:
-    parts = (("median", cost_us.median), ("p99", cost_us.p99), ("max", cost_us.max))
-    return ", ".join(f"{name} {_number(value, '{:.0f}')} µs" for name, value in parts)
-
-
-def _implement(statistics: ImplementStatistics) -> str:
-    return (
-        f"draft {_number(statistics.draft_mean_n, '{:.0f}')} N (mean), "
-        f"{_number(statistics.draft_p95_n, '{:.0f}')} N (p95); side force "
-        f"{_number(statistics.side_p95_n, '{:.0f}')} N (p95); depth "
-        f"{centimetres(statistics.depth_mean_m)} cm (mean)"
-    )
-
-
-def _input(statistics: InputStatistics, unit: str) -> str:
-    return (
-        f"at a limit {_number(statistics.saturated_fraction, '{:.1%}')} of the ticks, "
-        f"rms rate {_number(statistics.rms_rate, '{:.3f}')} {unit}/s, "
-        f"travel {_number(statistics.travel_per_m, '{:.3f}')} {unit}/m"
-    )
-
-
-def _number(value: float | None, form: str) -> str:
-    return "–" if value is None else form.format(value)
+    """Return names and texts of what the run has; a fact without its numbers is left out."""
+    facts = [("run", summary.run_id)]
+    facts += [("versions", ", ".join(f"{name} {text}" for name, text in summary.versions.items()))]
+    for name, form in _FACTS.items():
+        with contextlib.suppress(AttributeError, TypeError):  # of a None
+            facts.append((name, form.format(s=summary)))
+    return facts + ([("corridor", format_corridor(summary.corridor))] if summary.corridor else [])

@@ -81,12 +81,14 @@ def consistency(estimates: Sequence[Estimate], record: Record) -> Consistency:
         and np.isfinite(estimates[k].state).all()
     ]
     used, row = [estimates[k] for k in kept], row[kept]
-    error = _array([item.state for item in used], len(State)) - table.columns(*_TRUTH)[row]
+    error = (
+        np.reshape([item.state for item in used], (-1, len(State))) - table.columns(*_TRUTH)[row]
+    )
     for angle in (State.PSI_T, State.PSI_I):
         error[:, angle] = [wrap_angle(value) for value in error[:, angle].tolist()]
-    variance = _array([np.diag(item.covariance) for item in used], len(State))
-    trailer = _array([item.trailer_xy for item in used], 2)
-    trailer -= table.columns("x_i_m", "y_i_m")[row]
+    variance = np.reshape([np.diag(item.covariance) for item in used], (-1, len(State)))
+    trailer = np.reshape([item.trailer_xy for item in used], (-1, 2))
+    trailer = trailer - table.columns("x_i_m", "y_i_m")[row]
     return Consistency(
         states=tuple(
             StateConsistency(
@@ -153,10 +155,6 @@ def _sensor(name: str, items: Sequence[Innovation]) -> SensorConsistency:
         autocorrelation=float(np.sum(whitened[1:] * whitened[:-1])) / power,
         log_likelihood=-0.5 * (power + float(determinants.sum()) + constant),
     )
-
-
-def _array(rows: Sequence[FloatArray], width: int) -> FloatArray:
-    return np.array(rows, dtype=float).reshape(-1, width)
 
 
 def _mean(values: FloatArray) -> float:

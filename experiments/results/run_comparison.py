@@ -18,8 +18,14 @@ from ...testbed.log.reader import SALVAGED_KEY, read_log
 from ...testbed.recording.channels import REFERENCE, STATE
 from ...testbed.recording.record import Record
 from ..errors import NotComparable
-from .metrics import corridor_statistics, input_statistics, tracking_statistics
-from .summary import ACTUATOR_USE, ErrorStatistics, TrackingStatistics
+from .summary import (
+    ACTUATOR_USE,
+    ErrorStatistics,
+    TrackingStatistics,
+    corridor_statistics,
+    input_statistics,
+    tracking_statistics,
+)
 from .table import COLUMNS, centimetres, format_corridor
 from .tracking_errors import BODIES, START_UP_S, TrackingErrors, position_fields, tracking_errors
 
@@ -31,21 +37,13 @@ _COLUMNS: Final = ("p95", "sd", "mean", "along sd")
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """One of the compared runs.
+    """One of the compared runs."""
 
-    Attributes:
-        label: scenario, controller and seed, and the log where another run has the same.
-        short_label: what of the label differs between the compared runs.
-        common: what of it is equal for all, "" if nothing is.
-        record: of the run.
-        end_s: end of the shortest of the compared runs.
-    """
-
-    label: str
-    short_label: str
-    common: str
+    label: str  # scenario, controller and seed, and the log where another run has the same
+    short_label: str  # what of it differs between the compared runs
+    common: str  # what of it is equal for all, "" if nothing is
     record: Record
-    end_s: float
+    end_s: float  # of the shortest of the compared runs
 
     @cached_property
     def errors(self) -> TrackingErrors:
@@ -59,11 +57,7 @@ class ComparedRun:
 
 
 def read_compared(logs: Sequence[Path], labels: Sequence[str] = ()) -> list[ComparedRun]:
-    """Read the logs of runs and check that the runs are comparable.
-
-    Args:
-        logs: of the runs.
-        labels: names of the runs, as many and all different; default: what differs.
+    """Return 2 to 6 runs of one reference; `labels` name them, by default what differs.
 
     Raises:
         NotComparable: too few or too many logs or labels, a torn log, or different references.
@@ -167,7 +161,6 @@ def _check_same_reference(first: Path, one: Record, second: Path, other: Record)
 
 
 def _label_parts(logs: Sequence[Path], records: Sequence[Record]) -> list[tuple[str, ...]]:
-    """Return scenario, controller, seed, and the log where two runs have the same, "" elsewhere."""
     titles = [
         (r.metadata["scenario"], r.metadata["controller"], f"seed {r.metadata['seed']}")
         for r in records

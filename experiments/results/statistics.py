@@ -98,11 +98,9 @@ def mean(values: FloatArray, units: NDArray[Any] | None = None) -> IntervalEstim
 
 
 def paired_p(differences: FloatArray) -> float:
-    """Return the two-sided p-value of Student's paired t-test.
+    """Return the two-sided p-value of Student's paired t-test of differences (n,).
 
-    Args:
-        differences: of independent pairs, (n,). NaN for a single one; of equal ones 0, or 1 if they
-            are 0.
+    NaN for a single one; of equal ones 0, or 1 if they are 0.
     """
     count = len(differences)
     if count < 2:
@@ -116,8 +114,7 @@ def paired_p(differences: FloatArray) -> float:
 def holm(p_values: Sequence[float]) -> FloatArray:
     """Return p-values adjusted for their number, (n,): Holm (1979), Scand. J. Statist. 6.
 
-    Rejecting where the adjusted value is below a level keeps the probability of any false rejection
-    in the family below that level, whatever the dependence.
+    Rejecting below a level keeps the probability of any false rejection below that level.
     """
     p = np.asarray(p_values, dtype=float)
     order = np.argsort(p)
@@ -221,38 +218,25 @@ def bootstrap_means(
 
 
 def _expanded(value: float, resampled: FloatArray, count: int) -> IntervalEstimate:
-    """Return the percentile interval of resamples, expanded for the number of units."""
     tail = norm.cdf(np.sqrt(count / (count - 1)) * t.ppf(0.5 - 0.5 * CONFIDENCE, count - 1))
     low, high = np.quantile(resampled, (tail, 1.0 - tail))
     # Rounding of resamples must not exclude the estimate from its own interval.
     return IntervalEstimate(value, min(float(low), value), max(float(high), value))
 
 
+@functools.lru_cache(maxsize=2)
 def _weights(count: int) -> NDArray[np.int16]:
-    return _drawn_few(count) if count <= _FEW else _drawn(count, _RESAMPLES_OF_MANY)
-
-
-def _drawn(count: int, resamples: int) -> NDArray[np.int16]:
     """Return the count of each unit in each resample, (resamples, count)."""
     equal = np.full(count, 1.0 / count)
+    resamples = _RESAMPLES if count <= _FEW else _RESAMPLES_OF_MANY
     return generator(count, "bootstrap").multinomial(count, equal, size=resamples).astype(np.int16)
-
-
-@functools.lru_cache(maxsize=8)
-def _drawn_few(count: int) -> NDArray[np.int16]:
-    return _drawn(count, _RESAMPLES)
 
 
 def proportion(count: int, total: int, confidence: float = CONFIDENCE) -> Proportion:
     """Return a proportion with its exact interval, after Clopper and Pearson (1934).
 
     Of a total of 0, the interval is all of [0, 1].
-
-    Raises:
-        ValueError: the count is negative or exceeds the total.
     """
-    if not 0 <= count <= total:
-        raise ValueError(f"count must be from 0 to {total}, got {count}")
     if not total:
         return Proportion(0, 0, 0.0, 1.0)
     interval = binomtest(count, total).proportion_ci(confidence, method="exact")
@@ -260,13 +244,7 @@ def proportion(count: int, total: int, confidence: float = CONFIDENCE) -> Propor
 
 
 def rate(count: int, time: float) -> IntervalEstimate:
-    """Return events per unit of time with the exact interval of a Poisson rate, Garwood (1936).
-
-    Raises:
-        ValueError: the count is negative, or the time not above 0.
-    """
-    if count < 0 or not time > 0.0:
-        raise ValueError(f"count must be 0 or more and time above 0, got {count} and {time}")
+    """Return events per unit of time with the exact interval of a Poisson rate, Garwood (1936)."""
     tail = 0.5 * (1.0 - CONFIDENCE)
     low = 0.5 * float(chi2.ppf(tail, 2 * count)) if count else 0.0
     high = 0.5 * float(chi2.ppf(1.0 - tail, 2 * (count + 1)))
@@ -280,17 +258,3 @@ def fewest_samples(coverage: float, confidence: float = CONFIDENCE) -> int:
     probability 1 - coverage^n.
     """
     return math.ceil(math.log(1.0 - confidence) / math.log(coverage))
-
-
-def survival(values: FloatArray, worse: int = 0) -> tuple[FloatArray, FloatArray]:
-    """Return the empirical survival function as steps: the share of samples above each value.
-
-    Args:
-        values: samples, (n,).
-        worse: number of samples without a value that count as larger than any.
-
-    Returns:
-        The values sorted, (n,), and the share that lies above each, (n,).
-    """
-    above = np.arange(len(values) - 1, -1, -1) + worse
-    return np.sort(values), above / (len(values) + worse)

@@ -1,4 +1,4 @@
-"""Console tables of runs: plain text, at most 80 columns, 89 with the published errors."""
+"""Console tables of runs: plain text, at most 80 columns."""
 
 from __future__ import annotations
 
@@ -7,11 +7,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from ...testbed.recording.record import OVERRUN, Event
 from ...testbed.terminal import one_line
-from .published import CAVEAT, PublishedError
 from .summary import BodyStatistics, CorridorStatistics, Summary
 from .tracking_errors import START_UP_S
 
@@ -26,35 +23,28 @@ COLUMNS: Final = {
     "along sd": "along_sd_m",
 }
 """Columns of the tables of runs: head, and key of an error statistic; the headline first."""
-_PUBLISHED: Final = {"distance": "mean_euclidean_m", "published": ""}
 _BODY_WIDTH: Final = 22  # of the first column of a table
 
 
-def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> str:
+def format_run(summary: Summary) -> str:
     """Return the tracking errors of a run as text, in centimetres.
 
-    The first lines are on the whole path, and of these the first on the working point. `comparison`
-    has the published mean distances, where they apply to the run.
+    The first lines are on the whole path, and of these the first on the working point.
     """
-    published = {(item.where, item.body): item.published_m for item in comparison}
-    columns = COLUMNS | _PUBLISHED if published else COLUMNS
     lines = [
         f"{summary.scenario} · {summary.controller} · seed {summary.seed}: {summary.status} "
         f"after {summary.duration_s:.1f} s",
         "",
-        "Cross-track error [cm]".ljust(_BODY_WIDTH) + _row(columns, columns),
+        "Cross-track error [cm]".ljust(_BODY_WIDTH) + _row(COLUMNS),
     ]
     for where in ("all", "straight", "curve"):
         bodies: BodyStatistics = getattr(summary.tracking, where)
         place = "whole path" if where == "all" else where
         for body, error in bodies.by_point.items():
-            numbers = [getattr(error, key) for key in columns.values() if key]
-            numbers += [published.get((where, body))] if published else []
+            cells = (centimetres(getattr(error, key)) for key in COLUMNS.values())
             head = f"{place:<12}{body}".ljust(_BODY_WIDTH)
-            lines.append(head + _row(columns, map(centimetres, numbers)))
+            lines.append(head + _row(cells))
     lines += ["", *_other_numbers(summary)]
-    if published:
-        lines.append(f"{CAVEAT.capitalize()}; both: mean distance from the reference.")
     lines.append("p95: of the absolute error. " + COUNTED)
     for text in summary.learnt:
         lines += textwrap.wrap(f"Learnt at {text}", WIDTH, subsequent_indent="  ")
@@ -63,48 +53,8 @@ def format_run(summary: Summary, comparison: Sequence[PublishedError] = ()) -> s
     return "\n".join(lines)
 
 
-def format_seeds(summaries: Sequence[Summary]) -> str:
-    """Return the errors of runs that differ in their seed, and their means, as text."""
-    from .statistics import caveat, mean  # loads scipy.stats, which a single run does without
-
-    first = summaries[0]
-    working_point = next(iter(first.tracking.all.by_point))
-    heads = {
-        f"{point} {head}": (point, COLUMNS[head])
-        for point in (working_point, "tractor")
-        for head in ("p95", "sd")
-    }
-    lines = [
-        f"{first.scenario} · {first.controller}, cross-track error [cm]",
-        "",
-        "seed".ljust(8) + "status".ljust(11) + "".join(head.rjust(13) for head in heads),
-    ]
-    columns: list[list[float]] = [[] for _ in heads]
-    for summary in summaries:
-        cells = []
-        for column, (body, key) in zip(columns, heads.values(), strict=True):
-            value = getattr(summary.tracking.all.by_point[body], key)
-            cells.append(centimetres(value).rjust(13))
-            if value is not None and summary.status == "completed":
-                column.append(100.0 * value)
-        lines.append(f"{summary.seed:<8}{summary.status:<11}{''.join(cells)}")
-    completed = sum(summary.status == "completed" for summary in summaries)
-    lines += ["", f"Mean of {completed} completed runs (95 % interval, Student's t):"]
-    for head, column in zip(heads, columns, strict=True):
-        if column:
-            estimate = mean(np.array(column))
-            low, high = estimate.ends
-            lines.append(f"  {head:<13}{estimate.value:5.1f} ({low:.1f} to {high:.1f})")
-    if warning := caveat(completed):
-        lines += textwrap.wrap(warning, WIDTH)
-    return "\n".join(lines)
-
-
 def format_events(events: Sequence[Event], folder: Path) -> list[str]:
-    """Return lines on the warnings of a run: how many, the first, and where all events are.
-
-    Overruns tell of the machine: they are counted, and the first only where all are overruns.
-    """
+    """Return lines on the warnings of a run; of overruns, which tell of the machine, the count."""
     warnings = [event for event in events if event.level == "warning"]
     if not warnings:
         return []
@@ -136,14 +86,13 @@ def centimetres(metres: float | None, decimals: int = 1) -> str:
     return "–" if metres is None else f"{100.0 * metres:.{decimals}f}"
 
 
-def _row(heads: Iterable[str], cells: Iterable[str]) -> str:
-    """Return cells side by side, each as wide as its head."""
-    widths = (max(len(head), 5) + 2 for head in heads)
+def _row(cells: Iterable[str]) -> str:
+    """Return cells side by side, each as wide as its head in `COLUMNS`."""
+    widths = (max(len(head), 5) + 2 for head in COLUMNS)
     return "".join(cell.rjust(width) for width, cell in zip(widths, cells, strict=True))
 
 
 def _other_numbers(summary: Summary) -> list[str]:
-    """Return lines on timing and containment, as far as the run has these numbers."""
     step, factor = summary.timing.control_step_us, summary.timing.real_time_factor
     lines = []
     if step.median is not None and step.p99 is not None:

@@ -18,26 +18,26 @@ from ttempc.vehicle import Vehicle
 
 from ...testbed.actuation.actuators import Actuators
 from ...testbed.discretisation import whole_steps
+from ...testbed.faults.faulty import Sensors
 from ...testbed.ground.grid import Grid
 from ...testbed.ground.soil import SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.implement.mounted import check_pull
 from ...testbed.randomness import generator
 from ...testbed.recording.record import Sink
-from ...testbed.sensing.sensors import Sensors, SensorSuite
+from ...testbed.sensing.sensors import SensorSuite
 from ...testbed.sensing.truth_estimator import TruthEstimator
 from ...testbed.simulation.loop import STAGES, with_stages
 from ...testbed.simulation.plant import Plant, Snapshot
 from ...testbed.simulation.setup import SimulationSetup, Stage
 from ...testbed.simulation.termination import TerminationLimits
-from ...testbed.vehicle.vehicle import overload_notes
 from ..errors import InvalidScenario
 from ..scenario.controller import TRUTH
 from ..scenario.path import Mission
 from ..scenario.plant import ControlSettings, record_rate, record_steps
 from ..scenario.scenario import Scenario
 from ..scenario.vehicle import ParameterMismatch, Vehicles
-from .corridor_judge import corridor_row
+from .corridor_judge import CorridorJudge
 from .shared_parts import SharedParts
 from .timetable import Timetable
 from .user_code import is_user_code, load_factory, named_estimator, named_factory, user_stage
@@ -60,7 +60,7 @@ class Assembly:
     ticks: int
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
     control: ControlSettings
-    notes: tuple[str, ...] = ()  # on path, tyres and tube, for the log
+    notes: tuple[str, ...] = ()  # on path and tube, for the log
     stages: tuple[Stage, ...] = STAGES
     termination: TerminationLimits | None = None  # None: those of the vehicle
 
@@ -77,7 +77,8 @@ class Assembly:
         self.plant.restore(self.start)
         timestep, period_s = self.plant.timestep_s, self.guidance.period_s
         record_hz = record_hz or record_rate(timestep, period_s)
-        rows = self._reference_rows(record_hz)
+        rows, corridor = self._reference_rows(record_hz), self.reference.corridor
+        distance, _, _ = self.reference.speed.travel(np.arange(len(rows)) / record_hz)
         return SimulationSetup(
             plant=self.plant,
             sensors=self.sensors,
@@ -93,7 +94,7 @@ class Assembly:
             realtime=self.control.realtime,
             step_limit_s=self.control.step_limit_s,
             place=Projection(rows[:, :2]).place if self.guidance.space_based else None,
-            corridor_row=corridor_row(self.reference, rows, record_hz),
+            corridor_row=CorridorJudge(corridor, rows, distance).row if corridor else None,
         )
 
     def reference_path(self, step_m: float) -> FloatArray:
@@ -119,8 +120,6 @@ def _reference_columns(sample: ReferenceSample) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What follows from a scenario and a seed before anything is compiled or solved for."""
-
     mission: Mission
     vehicles: Vehicles
     reference: Reference  # of the model
@@ -152,8 +151,24 @@ def assemble(
     """
     parts = parts or SharedParts()
     plan = _plan(scenario, seed, parts.terrain)
-    plant = _plant(scenario, plan)
-    sensors = _sensors(scenario, plan, plant, seed)
+    settings = scenario.plant
+    plant = Plant(
+        plan.vehicles.plant,
+        plan.terrain,
+        plan.soil,
+        wheels=settings.wheels,
+        wheel_law=settings.wheel_law,
+        timestep_s=settings.timestep_s,
+        actuators=scenario.actuators,
+        implement=scenario.implement,
+    )
+    plan.timetable.damage(plant)
+    suite = SensorSuite(scenario.sensors, settings.timestep_s, seed, plant.lever_arms)
+    sensors = plan.timetable.sensors(suite, settings.timestep_s, seed)
+    user_stages = [
+        (stage.after, user_stage(stage, generator(seed, f"stage {number} {stage.make}")))
+        for number, stage in enumerate(scenario.stages)
+    ]
     guidance = _guidance(scenario, plan, plant, factory, parts, guide)
     x, y, yaw, *_, speed = plan.reference.at(0.0).state.tolist()
     plant.reset(x, y, yaw, speed)  # refused here, before anything is written
@@ -169,22 +184,17 @@ def assemble(
         mismatch=(*plan.vehicles.mismatch, *scenario.controller.noise.mismatch(scenario.sensors)),
         notes=(
             *plan.mission.notes,
-            *overload_notes(plan.vehicles.plant),
             *(() if factory else scenario.controller.notes(vehicle, scenario.control.period_s)),
         ),
         control=scenario.control,
-        stages=with_stages([*plan.timetable.stages(plant), *_user_stages(scenario, seed)]),
+        stages=with_stages([*plan.timetable.stages(plant), *user_stages]),
     )
 
 
 def check(scenario: Scenario) -> int:
     """Refuse what `assemble` would refuse, in a fraction of its time; return the control ticks.
 
-    Nothing is drawn, compiled or solved for: the ground is level but for its features, there is
-    neither a plant nor a controller.
-
-    Raises:
-        ExperimentError, TestbedError, TtempcError: as `assemble`.
+    Nothing is drawn, compiled or solved for: there is neither a plant nor a controller.
     """
     plan = _plan(scenario, 0, lambda of, seed: replace(of.terrain, iso_class="flat").terrain(seed))
     settings, vehicle = scenario.controller, plan.reference.vehicle
@@ -228,41 +238,13 @@ def _plan(scenario: Scenario, seed: int, make_terrain: Callable[[Scenario, int],
 
 
 def model_vehicle(mission: Mission, scenario: Scenario, vehicles: Vehicles) -> Vehicle:
-    """Return the vehicle model in the gear of the mission.
-
-    Raises:
-        InvalidScenario: the vehicle has no such gear.
-    """
+    """Return the vehicle model in the gear of the mission."""
     if mission.reverse and not vehicles.plant.hydrostat.reverse:
         raise InvalidScenario(
             f"path.reverse: vehicle {scenario.plant.vehicle.file} drives forward only; its file "
             "must say hydrostat.reverse = true"
         )
     return replace(vehicles.model, reverse=mission.reverse)
-
-
-def _plant(scenario: Scenario, plan: _Plan) -> Plant:
-    """Return vehicle and ground in MuJoCo, with the faults of the command path."""
-    settings = scenario.plant
-    plant = Plant(
-        plan.vehicles.plant,
-        plan.terrain,
-        plan.soil,
-        wheels=settings.wheels,
-        wheel_law=settings.wheel_law,
-        timestep_s=settings.timestep_s,
-        actuators=scenario.actuators,
-        implement=scenario.implement,
-    )
-    plan.timetable.damage(plant)
-    return plant
-
-
-def _sensors(scenario: Scenario, plan: _Plan, plant: Plant, seed: int) -> Sensors:
-    """Return the sensors with their faults."""
-    timestep_s = scenario.plant.timestep_s
-    suite = SensorSuite(scenario.sensors, timestep_s, seed, plant.lever_arms)
-    return plan.timetable.sensors(suite, timestep_s, seed)
 
 
 def _guidance(
@@ -273,7 +255,6 @@ def _guidance(
     parts: SharedParts,
     guide: Callable[..., Guidance],
 ) -> Guidance:
-    """Return estimator, controller and supervisor of a scenario as one object."""
     settings, vehicle = scenario.controller, plan.reference.vehicle
     true_state = settings.estimator == TRUTH
     return guide(
@@ -290,20 +271,8 @@ def _guidance(
     )
 
 
-def _user_stages(scenario: Scenario, seed: int) -> list[tuple[str, Stage]]:
-    """Return the stages of the scenario, each with its own generator, and where they stand."""
-    return [
-        (stage.after, user_stage(stage, generator(seed, f"stage {number} {stage.make}")))
-        for number, stage in enumerate(scenario.stages)
-    ]
-
-
 def _check_covered(path: Path, grid: Grid, what: str, keys: str) -> None:
-    """Refuse a path that comes too near to an edge of the field, or of a map of its soil.
-
-    Raises:
-        InvalidScenario: with the path's box, the grid's, the margin and the first place within it.
-    """
+    """Refuse a path that comes too near to an edge of the field, or of a map of its soil."""
     along = np.linspace(0.0, path.lap_m, math.ceil(path.lap_m / _COVER_STEP_M) + 1)
     x, y, _ = path.pose(along).T
     beyond = np.flatnonzero(~grid.inside(x, y, EDGE_M))

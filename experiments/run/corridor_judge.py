@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import Projection
-from ttempc.reference.reference import Reference
 from ttempc.types import FloatArray
 
 from ...testbed.recording.channels import REFERENCE
@@ -18,29 +16,15 @@ from ...testbed.truth import Truth
 _NAN = math.nan
 
 
-def corridor_row(
-    reference: Reference, rows: FloatArray, record_hz: float
-) -> Callable[[Truth], list[float]] | None:
-    """Return `CorridorJudge.row` for the `rows` of a reference, None on free ground."""
-    if reference.corridor is None:
-        return None
-    distance, _, _ = reference.speed.travel(np.arange(len(rows)) / record_hz)
-    return CorridorJudge(reference.corridor, rows, distance).row
-
-
 class CorridorJudge:
     """Rows of `channels.CORRIDOR` for the truth of a run.
 
     A corridor is a place: each point is compared with the nearest place of its own reference path,
     whatever the time. The tool's path lies behind the trailer's, as in `channels.TOOL`.
-
-    Args:
-        corridor: of the scenario.
-        reference: rows of `channels.REFERENCE` (n, fields).
-        distance_m: arc length of the tractor point at these rows, (n,).
     """
 
     def __init__(self, corridor: Corridor, reference: FloatArray, distance_m: FloatArray) -> None:
+        # reference: rows of `channels.REFERENCE` (n, fields); distance_m: of the tractor point (n,)
         self._half_width = corridor.half_width(distance_m)
         self._hitch_limit = _NAN if corridor.hitch_limit is None else corridor.hitch_limit
         column = {name: reference[:, i] for i, name in enumerate(REFERENCE.fields)}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from dataclasses import replace
 from functools import partial
@@ -26,27 +25,22 @@ class Kept(Generic[Part]):
     """At most so many parts by what they were made from; the least recently used are dropped."""
 
     def __init__(self, most: int) -> None:
-        self._most = most
-        self._parts: OrderedDict[Hashable, Part] = OrderedDict()
+        self._most, self._parts = most, dict[Hashable, Part]()
 
     def get(self, key: Hashable, make: Callable[[], Part]) -> Part:
         """Return the part of this key, from `make` where it is not kept."""
-        part = self._parts.pop(key, None)
-        if part is None:
-            part = make()
-        self._parts[key] = part
-        while len(self._parts) > self._most:
-            self._parts.popitem(last=False)
+        part = self._parts.pop(key) if key in self._parts else make()
+        self._parts[key] = part  # the last of the dictionary is the latest
+        if len(self._parts) > self._most:
+            del self._parts[next(iter(self._parts))]
         return part
 
 
 class SharedParts:
     """Terrains and controllers of runs; a run changes neither, so that its bits stay the same.
 
-    Args:
-        terrains: number of terrains that are kept, 3 MB each at the default size.
-        controllers: number of controllers that are kept, each as before its first tick, up to 6 MB
-            for each lap of the default path.
+    At most so many are kept: a terrain has 3 MB at the default size, a controller up to 6 MB for
+    each lap of the default path.
     """
 
     def __init__(self, terrains: int = 0, controllers: int = 0) -> None:
@@ -64,9 +58,6 @@ class SharedParts:
         """Return what makes the controller of a run from vehicle, reference and period [s].
 
         `given` are the model parameters of the scenario; a user's `factory` replaces its own.
-
-        Raises:
-            InvalidController, UnknownController, InvalidTuning: as `named_factory`.
         """
         settings = scenario.controller
         if factory is None:

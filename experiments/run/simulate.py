@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import tomllib
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -22,26 +21,22 @@ from ...testbed.recording.provenance import machine, versions
 from ...testbed.recording.record import Event, OnEvent, Record, Recorder, Sink, Tee
 from ...testbed.simulation.loop import Outcome, drive, prepare
 from ..output import make_folder, progress, refuse_existing, write_file
-from ..results.metrics import summarise
-from ..results.published import PublishedError, published_beside
-from ..results.summary import RunFacts, Summary
+from ..results.summary import RunFacts, Summary, summarise
 from ..scenario.controller import OptionValue
 from ..scenario.plant import record_steps
 from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import ParameterMismatch
 from .assembly import Assembly, assemble
 from .shared_parts import SharedParts
-from .user_code import exits_raise, name_of, user_sources
+from .user_code import name_of, user_sources
 
 if TYPE_CHECKING:
     from ...testbed.viewers.live import LiveView
 
-SETTINGS: Final = "settings: "
 BEGINS: Final = "run begins: "
 ENDS: Final = "run ends: "
-"""Beginnings of the lines that a log has beside the events of the run's record."""
+"""Beginnings of the two lines that a log has beside the events of the run's record."""
 
-_NESTED: Final = (dict, list)
 _OF_THE_RUN: Final = ("scenario", "controller", "seed", "started", "machine", "mismatch")
 _PATH_STEP_M: Final = 0.2  # between the points of the reference path in the log
 
@@ -54,11 +49,9 @@ class Finished:
     record: Record
     files: Mapping[str, Path]  # "log", "summary", "scenario", "report" and each figure
     mismatch: tuple[ParameterMismatch, ...]  # between plant and model
-    notes: tuple[str, ...] = ()  # on path, tyres and tube
-    comparison: tuple[PublishedError, ...] = ()  # published errors, where they are shown
+    notes: tuple[str, ...] = ()  # on path and tube
 
 
-@exits_raise()
 def simulate(
     name: str,
     scenario: Scenario,
@@ -74,17 +67,15 @@ def simulate(
     The controller does not prepare its steps: its computation times are those of cold caches.
 
     Args:
-        name: of the scenario.
-        scenario: what to run.
+        name, scenario: what to run.
         seed: draws terrain and noise.
         factory: makes a controller of your own from vehicle, reference and control period [s]. The
             run is filed under its name `module:qualname` and a hash of its source.
-        log: file to write the log to, in a folder that exists.
         options: keyword options of the factory.
+        log: file to write the log to, in a folder that exists.
         parts: of earlier runs, to be used again; none by default.
 
     Raises:
-        LogError: the log cannot be written.
         ExperimentError, TestbedError, TtempcError: the scenario asks for something impossible.
     """
     scenario, sources = _with_controller(scenario, factory, options)
@@ -95,8 +86,7 @@ def simulate(
     else:
         metadata = describe(name, scenario, seed, assembly, sources)
         with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
-            for event in first_lines(metadata, scenario):
-                writer.event(event)
+            writer.event(first_line(metadata))
             outcome = drive_into(Tee(recorder, writer), assembly, prepared=False)
             writer.event(last_line(outcome))
     del assembly  # plant and horizons: the summary of a long run takes their memory
@@ -104,7 +94,6 @@ def simulate(
     return _summarise(record, name, scenario, seed, outcome, file, sources), record
 
 
-@exits_raise()
 def run(
     name: str,
     scenario: Scenario,
@@ -122,16 +111,14 @@ def run(
     """Run a scenario and write log, summary, resolved scenario, figures and report to `folder`.
 
     Args:
-        name: of the scenario.
-        scenario: what to run.
+        name, scenario: what to run.
         seed: draws terrain and noise.
         folder: to make.
         record_hz: how often the truth is written down [Hz]; None: as in `record_rate`.
         watch: opens a live view of the run; it gets the same data as the log.
         on_event: called with every event when it occurs.
         shown: whether to show progress, see `output.progress`.
-        factory: makes a controller of your own, as in `simulate`.
-        options: keyword options of the factory.
+        factory, options: as in `simulate`.
         make: makes the objects of the run from scenario, seed and factory.
 
     Raises:
@@ -156,9 +143,8 @@ def run(
         log = stack.enter_context(open_log(files["log"], scenario, assembly, scenery, metadata))
         what = f"{name}, {scenario.controller.name}, seed {seed}"
         count = stack.enter_context(progress(assembly.ticks, what, "tick", shown))
-        viewers = Tee(log, *views)  # who read of the run's start, settings and end
-        for event in first_lines(metadata, scenario):
-            viewers.event(event)
+        viewers = Tee(log, *views)  # who read of the run's start and end
+        viewers.event(first_line(metadata))
         sink = Tee(recorder, viewers, *([OnEvent(on_event)] if on_event else ()))
         outcome = drive_into(sink, assembly, record_hz, lambda k: count())
         viewers.event(last_line(outcome))
@@ -177,12 +163,9 @@ def run(
         files[figure] = folder / f"{figure}.png"
         write_file(files[figure], content)
     files["report"] = folder / "report.html"
-    comparison = published_beside(summary, scenario)
-    page = render_run_report(
-        summary, record, resolved, pictures, description=scenario.description, comparison=comparison
-    )
+    page = render_run_report(summary, record, resolved, pictures, description=scenario.description)
     write_file(files["report"], page)
-    return Finished(summary, record, files, mismatch, notes, comparison)
+    return Finished(summary, record, files, mismatch, notes)
 
 
 def drive_into(
@@ -247,22 +230,13 @@ def open_log(
     )
 
 
-def first_lines(metadata: Mapping[str, str], scenario: Scenario) -> tuple[Event, ...]:
-    """Return the log lines with the settings of a run, a line for each table, and of its start.
-
-    Tables within tables and arrays are left out; the attachment `scenario.toml` has them all.
-    """
-    tables = {
-        name: [f"{key} = {value}" for key, value in table.items() if not isinstance(value, _NESTED)]
-        for name, table in tomllib.loads(dump(scenario)).items()
-        if isinstance(table, dict)
-    }
-    begins = (
+def first_line(metadata: Mapping[str, str]) -> Event:
+    """Return the log line of the start of a run."""
+    text = (
         f"{BEGINS}{metadata['scenario']}, controller {metadata['controller']}, "
         f"seed {metadata['seed']}, ttempc {metadata['ttempc']}"
     )
-    settings = [f"{SETTINGS}{name}: {', '.join(lines)}" for name, lines in tables.items() if lines]
-    return tuple(Event(0.0, "info", text) for text in (*settings, begins))
+    return Event(0.0, "info", text)
 
 
 def last_line(outcome: Outcome) -> Event:
@@ -276,11 +250,7 @@ def _with_controller(
     factory: Callable[..., object] | None,
     options: Mapping[str, OptionValue] | None,
 ) -> tuple[Scenario, dict[str, str]]:
-    """Return the scenario as it is filed, and a hash of the source of every part of a user's.
-
-    Raises:
-        InvalidController: a module named by the scenario cannot be imported.
-    """
+    """Return the scenario as it is filed, and a hash of the source of every part of a user's."""
     if factory is not None:
         settings = replace(scenario.controller, name=name_of(factory), options=dict(options or {}))
         scenario = replace(scenario, controller=settings)

@@ -13,12 +13,12 @@ from ttempc.reference.reference import Reference
 
 from ...testbed.errors import InvalidFault
 from ...testbed.faults.fault import Fault, FaultContext, LastingFault, Window
-from ...testbed.faults.faulty import FaultyActuators, FaultySensors
+from ...testbed.faults.faulty import FaultyActuators, FaultySensors, Sensors
 from ...testbed.faults.kinds import Effect, refusal
 from ...testbed.ground.soil import Patch, SoilMap
 from ...testbed.ground.terrain import Terrain
 from ...testbed.recording.record import BEGINS, ENDS, FAULT, Event
-from ...testbed.sensing.sensors import Sensors
+from ...testbed.sensing.sensors import SensorSuite
 from ...testbed.simulation.plant import Plant
 from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
 from ...testbed.vehicle.vehicle import PlantVehicle
@@ -30,11 +30,7 @@ _SAME_TIME: Final = 1e-9  # in control periods
 
 @dataclass(frozen=True)
 class Timetable:
-    """Faults of a run with their windows, in the order of the scenario.
-
-    Raises:
-        InvalidFault: a fault cannot act, or two have one name.
-    """
+    """Faults of a run with their windows; one that cannot act raises `InvalidFault`."""
 
     faults: tuple[Fault, ...]
     reference: Reference
@@ -100,11 +96,7 @@ class Timetable:
         return [(number, *pair) for number, pair in pairs if pair[0].row.on in targets]
 
     def ground(self, terrain: Terrain, soil: SoilMap) -> tuple[Terrain, SoilMap]:
-        """Return the ground with what lies across the path.
-
-        Raises:
-            InvalidField: a feature does not fit the field or its grid.
-        """
+        """Return the ground with what lies across the path."""
         features, patches = [], []
         for _, fault, window in self._on("ground"):
             x, y, yaw, *_ = self.reference.at(window.start_s).state.tolist()
@@ -116,7 +108,7 @@ class Timetable:
             soil = replace(soil, layers=(*soil.layers, *patches))
         return terrain, soil
 
-    def sensors(self, sensors: Sensors, timestep: float, seed: int) -> Sensors:
+    def sensors(self, sensors: SensorSuite, timestep: float, seed: int) -> Sensors:
         """Return the sensors with their faults."""
         faults = self._on("samples")
         return FaultySensors(sensors, faults, timestep, seed) if faults else sensors

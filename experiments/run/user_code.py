@@ -7,17 +7,14 @@ import importlib
 import inspect
 import os
 import sys
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, NoReturn
+from typing import Any, Final
 
 import numpy as np
 
-from ttempc.errors import UnknownController
 from ttempc.estimation.noise import SensorNoise
 from ttempc.guidance.controllers import controller_options, estimator_factory
 from ttempc.reference.reference import Reference
@@ -39,37 +36,11 @@ _ROLES: Final = {  # by key of a scenario
 _MOST_OFFERED: Final = 20  # names of a module in a message
 
 
-_leave = os._exit
-_guarded = threading.local()  # .pid: of the process in which this thread is in `exits_raise`
-
-
-def _exit(status: int) -> NoReturn:
-    if getattr(_guarded, "pid", None) == os.getpid():
-        raise SystemExit(f"os._exit({status})")
-    _leave(status)
-
-
-@contextmanager
-def exits_raise() -> Iterator[None]:
-    """Raise `SystemExit` where `os._exit` is called in this block, by a user's Python code say.
-
-    It would end the process without a word: a run with exit code 0, or a worker of a sweep. Calls
-    from other threads and from forked processes end them as ever; compiled code is not seen.
-    """
-    before, os._exit = getattr(_guarded, "pid", None), _exit
-    _guarded.pid = os.getpid()
-    try:
-        yield
-    finally:
-        _guarded.pid = before
-
-
 def is_user_code(name: str) -> bool:
     """Whether a name is of the form `package.module:factory`."""
     return ":" in name
 
 
-@exits_raise()
 def load_factory(name: str, what: str) -> Callable[..., object]:
     """Return the callable of the name `package.module:factory`; `what` is its role in messages.
 
@@ -109,25 +80,10 @@ def load_factory(name: str, what: str) -> Callable[..., object]:
 
 
 def named_factory(name: str, options: Mapping[str, object]) -> Callable[..., object] | None:
-    """Return the factory of a user's controller, None for one that ships and takes the options.
-
-    Raises:
-        UnknownController: none of this name ships; where a module of it is in the working
-            directory, the message says how it is named.
-        InvalidController: as `load_factory`.
-        InvalidTuning: an option is unknown, of another type, or out of its range.
-    """
+    """Return the factory of a user's controller, None for one that ships and takes the options."""
     if is_user_code(name):
         return load_factory(name, "controller")
-    try:
-        controller_options(name, options)
-    except UnknownController as error:
-        module = name.removesuffix(".py")
-        if not (module.isidentifier() and Path(f"{module}.py").is_file()):
-            raise
-        raise UnknownController(
-            f"{error}; {module}.py is named {module}:FACTORY, FACTORY a class or function in it"
-        ) from None
+    controller_options(name, options)
     return None
 
 
@@ -139,24 +95,13 @@ def user_controller(
     reference: Reference,
     period_s: float,
 ) -> Controller:
-    """Return the controller that `factory(vehicle, reference, period_s, **options)` makes.
-
-    Raises:
-        InvalidController: the factory does not take the options, raised, or returned an object
-            without a method `step`.
-    """
+    """Return the controller that `factory(vehicle, reference, period_s, **options)` makes."""
     arguments = (vehicle, reference, period_s)
     return _made(name, "controller", factory, arguments, options, "step(estimate, k)")
 
 
 def named_estimator(name: str, vehicle: Vehicle, sensor_noise: SensorNoise) -> Estimator:
-    """Return the estimator of a name: one that ships, or what a user's factory makes.
-
-    Raises:
-        UnknownEstimator: none of this name ships.
-        InvalidController: no such factory, or it raised, or returned an object without a method
-            `update`.
-    """
+    """Return the estimator of a name: one that ships, or what a user's factory makes."""
     if not is_user_code(name):
         return estimator_factory(name)(vehicle, sensor_noise)
     factory, method = load_factory(name, "estimator"), "update(time_s, measurements, command)"
@@ -167,9 +112,6 @@ def user_stage(settings: StageSettings, generator: np.random.Generator) -> Stage
     """Return the stage that `factory(generator, **options)` makes.
 
     An exception in the stage ends the run as invalid.
-
-    Raises:
-        InvalidController: no such factory, or it raised, or returned no function.
     """
     name = settings.make
     stage = _made(name, "stage", load_factory(name, "stage"), (generator,), settings.options)
@@ -197,10 +139,7 @@ def refuse_untrusted(
 ) -> None:
     """Refuse a scenario file that names code which the user's own changes do not name.
 
-    Args:
-        file: of the scenario, for the message.
-        parts: key and name of each part, as from `named_parts`.
-        changes: tables that the user gave on the command line.
+    `parts` are as of `named_parts`, `changes` the tables that the user gave on the command line.
 
     Raises:
         InvalidScenario: with the name of the code, and what allows it.
@@ -222,7 +161,6 @@ def named_parts(scenario: Scenario) -> list[tuple[str, str]]:
 
 
 def _texts(value: object) -> Iterator[str]:
-    """Yield every text in nested tables and lists."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, Mapping | list | tuple):
@@ -239,8 +177,7 @@ def name_of(factory: Callable[..., object]) -> str:
 def source_digest(factory: Callable[..., object]) -> str:
     """Return a hash of the module in which a factory is defined, and of bound arguments.
 
-    Of code without a file, such as a notebook's cell, it is the source of the factory alone;
-    "unknown" where that does not exist either.
+    Of code without a file it is the source of the factory; "unknown" where that does not exist.
     """
     kind, bound = _definition(factory)
     content = _source(kind)
@@ -251,11 +188,7 @@ def source_digest(factory: Callable[..., object]) -> str:
 
 @cache
 def _source(kind: Any) -> bytes | None:  # noqa: ANN401 - a function or a class
-    """Return the source of a definition as it was when first asked for: that of the loaded code.
-
-    A module that is edited while it is loaded keeps running as it was. A definition that is loaded
-    again is another object.
-    """
+    """Return the source of a definition as it was when first asked for: that of the loaded code."""
     try:
         file = inspect.getsourcefile(kind)
         if file and Path(file).is_file():
@@ -271,9 +204,6 @@ def user_sources(
     """Return a hash of the source of controller, estimator and stages where they are a user's.
 
     `factory` is that of the controller, where it is not to be found by its name.
-
-    Raises:
-        InvalidController: as `load_factory`.
     """
     sources = {}
     if factory is not None:
@@ -286,7 +216,6 @@ def user_sources(
 
 
 def _definition(factory: Callable[..., object]) -> tuple[Any, str]:
-    """Return the function or class behind a factory, and the arguments bound to it as text."""
     if isinstance(factory, partial):
         return factory.func, f"{factory.args} {factory.keywords}"
     return (factory if hasattr(factory, "__qualname__") else type(factory)), ""
@@ -300,20 +229,7 @@ def _made(
     options: Mapping[str, object],
     method: str = "",
 ) -> Any:  # noqa: ANN401 - a user's object
-    """Return what a factory makes; it must have the `method`, given with its arguments.
-
-    Raises:
-        InvalidController: the factory does not take the arguments, or raised, or its object has no
-            such method, or a property of that name raises.
-    """
-    try:
-        inspect.signature(factory).bind(*arguments, **options)
-    except TypeError as error:
-        raise InvalidController(
-            f"{what} {name!r}: the factory takes {inspect.signature(factory)}: {error}"
-        ) from None
-    except ValueError:  # no signature, as of some compiled callables
-        pass
+    """Return what a factory makes; it must have the `method`, given with its arguments."""
     try:
         made = factory(*arguments, **options)
         found = not method or callable(getattr(made, method.partition("(")[0], None))
@@ -330,16 +246,11 @@ def _made(
 
 
 def _offered(module: ModuleType, attribute: str) -> str:
-    """Return the end of a message with the classes and functions that a module defines."""
     names = [
         name
         for name, item in vars(module).items()
-        if (inspect.isclass(item) or inspect.isfunction(item))
-        and item.__module__ == module.__name__
-        and not name.startswith("_")
+        if getattr(item, "__module__", "") == module.__name__ and not name.startswith("_")
     ]
-    if not names:
-        return ", and defines neither class nor function"
     return f"; it defines {', '.join(names[:_MOST_OFFERED])}{did_you_mean(attribute, names)}"
 
 

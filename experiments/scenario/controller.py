@@ -38,14 +38,12 @@ AssumedSd = Annotated[float, Field(ge=_MIN_SD, le=1e6)]
 class NoiseSettings:
     """Standard deviations that the estimator assumes; absent: those of `assumed`.
 
-    An estimator assumes that errors are white but for the slow part of GNSS and the bias of a gyro,
-    and that a GNSS sample is one of the axle point unless the height of the antenna is given, also
-    where the sensors differ.
+    Errors are taken for white but for the slow part of GNSS and the bias of a gyro, GNSS samples
+    for those of the axle point unless the height of the antenna is given.
     """
 
     assumed: Literal["sensors", "paper"] = "sensors"
-    """Origin of the absent keys: the table `[sensors]`, as from a data sheet, or the paper's
-    sensors. A change drops the file's other keys."""
+    """Origin of the absent keys: the table `[sensors]`, or the paper's sensors."""
     gnss_sd_m: AssumedSd | None = None
     """Position of both receivers, each axis."""
     angle_sd_deg: AssumedSd | None = None
@@ -61,8 +59,7 @@ class NoiseSettings:
     yaw_rate_bias_sd_degps: Positive | None = None
     """Bias of this yaw rate at the start."""
     antenna_height_t_m: NotNegative = 0.0
-    """Antenna of the tractor above the axle point: raw positions are corrected with the attitude
-    that the IMU measures; 0: they are taken for the axle point."""
+    """Antenna of the tractor above the axle point; raw positions are corrected with the IMU."""
     antenna_height_i_m: NotNegative = 0.0
     """The same of the trailer."""
 
@@ -126,12 +123,8 @@ class ControllerSettings:
     estimator: str = "ekf"
     """Name in ttempc/guidance/controllers.py, "truth", or "package.module:factory"."""
     tube: NameOrFile | None = None
-    """Name of a shipped tube, or path of a file relative to the scenario.
-
-    `ttempc-tube` stays inside it. `ttempc` leaves it its share of the inputs and monitors its
-    deviation from it. The default is the tube of grass; `ttempc` has none if its vehicle differs
-    from that of grass.
-    """
+    """Name of a shipped tube, or path of a file relative to the scenario; absent: that of grass,
+    which `ttempc` leaves out where its vehicle differs."""
     options: dict[str, OptionValue] = Field(default_factory=dict)
     """Options of the controller, such as `horizon`; keyword arguments of a user's factory."""
     vehicle: ModelVehicleSettings = ModelVehicleSettings()
@@ -155,12 +148,7 @@ class ControllerSettings:
         return self.tube or _DEFAULT_TUBE
 
     def design(self, vehicle: Vehicle, period_s: float) -> TubeDesign | None:
-        """Return the design of the tube that the controller needs or uses, None without one.
-
-        Raises:
-            InvalidFit: there is no such tube, or its file is not valid.
-            InvalidTube: the tube that is named was made for another vehicle.
-        """
+        """Return the design of the tube that the controller needs or uses, None without one."""
         entry = CONTROLLERS.get(self.name)
         if entry is None or entry.tube is None:
             return None
@@ -188,11 +176,7 @@ class ControllerSettings:
         return speed_tube(self.name, self.options) if self.name in CONTROLLERS else None
 
     def with_defaults(self) -> ControllerSettings:
-        """Return the same with every option of a shipped controller filled in.
-
-        Raises:
-            InvalidTuning: an option is unknown, of another type, or out of its range.
-        """
+        """Return the same with every option of a shipped controller filled in."""
         if self.name not in CONTROLLERS:
             return self
         options = controller_options(self.name, self.options)
@@ -207,8 +191,7 @@ def _plain(value: object) -> OptionValue:
 class StageSettings:
     """A stage in the list of `testbed/simulation/loop.py`, such as a fault or a disturbance.
 
-    The factory is called with a random generator of the stage's own and the options; it returns a
-    function of the simulation set-up and the context of the tick.
+    factory(generator, **options) returns a function of the simulation set-up and the tick.
     """
 
     make: str

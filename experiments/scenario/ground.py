@@ -63,12 +63,7 @@ class TerrainSettings:
     """Rises, furrows, bumps, ditches and steps."""
 
     def terrain(self, seed: int) -> Terrain:
-        """Return the ground of the run with this seed.
-
-        Raises:
-            InvalidField: the sizes do not fit, the height map is missing or not usable, or a
-                feature lies outside the field or is too fine for the grid.
-        """
+        """Return the ground of the run with this seed."""
         size, spacing = (self.size_x_m, self.size_y_m), self.spacing_m
         if self.height_map:
             ground = Terrain.from_file(Path(self.height_map), spacing)
@@ -102,11 +97,7 @@ class LineTramlines(Tracks):
     """Points (x, y), map frame."""
 
     def tramlines(self, path: ReferencePath) -> Tramlines:
-        """Return the soil layer; it does not depend on the path.
-
-        Raises:
-            InvalidField: the points make no line.
-        """
+        """Return the soil layer; it does not depend on the path."""
         return Tramlines((np.array(self.points_m),), self)
 
 
@@ -189,11 +180,7 @@ class SoilSettings:
             object.__setattr__(self, "cone_index_kpa", _DEFAULT_KPA)
 
     def strength_map(self) -> StrengthMap | None:
-        """Return the map from the file, None without a file.
-
-        Raises:
-            InvalidField: the file is missing or not usable.
-        """
+        """Return the map from the file, None without a file."""
         if (map := self.map) is None:
             return None
         return StrengthMap.from_file(Path(map.file), map.spacing_m, (map.x_m, map.y_m))
@@ -201,11 +188,7 @@ class SoilSettings:
     def soil(
         self, seed: int, terrain: Terrain, path: ReferencePath, strength_map: StrengthMap | None
     ) -> SoilMap:
-        """Return the strength of the ground in the run with this seed.
-
-        Raises:
-            InvalidField: there is no soil of that name, or a layer does not fit the terrain.
-        """
+        """Return the strength of the ground in the run with this seed."""
         random = self.random and self.random.draw(generator(seed, "soil"), terrain)
         layers: list[Layer] = [
             *(layer for layer in (self.gradient, strength_map, random) if layer is not None),

@@ -60,11 +60,7 @@ class Mission:
         return cls(path, speed, reverse, notes)
 
     def check_size(self, period_s: float) -> None:
-        """Refuse a path that is too long for a run with this control period [s].
-
-        Raises:
-            InvalidScenario: with its length or its ticks, and the limit.
-        """
+        """Refuse a path that is too long for a run with this control period [s]."""
         length_m = self.path.length_m
         ticks = self.speed.duration_s(length_m) / period_s
         for what, count, limit in (("m", length_m, MOST_M), ("control ticks", ticks, MOST_TICKS)):
@@ -94,25 +90,15 @@ class Mission:
 
 
 class _ClosedForm:
-    """A path of a few lengths, driven at one speed."""
-
     speed_mps: float
     reverse: bool
 
     @abstractmethod
     def path(self) -> ReferencePath:
-        """Return the path.
-
-        Raises:
-            InvalidPath: the lengths do not fit together.
-        """
+        """Return the path."""
 
     def mission(self) -> Mission:
-        """Return path, speed and gear.
-
-        Raises:
-            InvalidPath: as `path`.
-        """
+        """Return path, speed and gear."""
         return Mission.along(self.path(), ConstantSpeed(self.speed_mps), reverse=self.reverse)
 
 
@@ -206,22 +192,11 @@ class FilePath:
     """Whether the vehicle drives the path in reverse gear."""
 
     def mission(self, field_m: tuple[float, float] | None = None) -> Mission:
-        """Return path, speed and gear.
-
-        Args:
-            field_m: extent of the field from west to east and from south to north, in which all
-                points must lie; None where it is not known.
-
-        Raises:
-            InvalidWaypoints: the file is missing or not understood.
-            InvalidPath: the points make no path.
-            InvalidReference: the vehicle cannot drive the speeds of the file.
-            InvalidScenario: the file drives in reverse gear, the scenario does not.
+        """Return path, speed and gear; `field_m` is the extent, west-east and south-north, in which
+        all points must lie, None where it is not known.
         """
         file = Path(self.file)
         waypoints = read_waypoints(file, self.origin_m, self.origin_deg)
-        if waypoints.backward and not self.reverse:
-            raise InvalidScenario(f"path: {file} is driven backward, set path.reverse = true")
         if field_m is not None:
             _check_on_field(waypoints.points, field_m)
         smoothed = smooth(waypoints.points, self.max_deviation_m)
@@ -237,11 +212,7 @@ class FilePath:
 
 
 def _check_on_field(points: FloatArray, field_m: tuple[float, float]) -> None:
-    """Refuse points beyond the field before they are smoothed: kilometres take minutes.
-
-    Raises:
-        InvalidScenario: with the first of them.
-    """
+    """Refuse points beyond the field before they are smoothed: kilometres take minutes."""
     beyond = np.flatnonzero((np.abs(points) > 0.5 * np.array(field_m)).any(axis=1))
     if len(beyond):
         x, y = points[beyond[0]]
@@ -271,11 +242,7 @@ class CorridorSettings:
     """Largest angle between tractor and drawbar; absent: not limited."""
 
     def corridor(self, tool_behind_m: float | None) -> Corridor:
-        """Return the corridor of a vehicle with a tool so far behind the trailer point, if any.
-
-        Raises:
-            InvalidTuning: the intervals do not increase.
-        """
+        """Return the corridor of a vehicle with a tool so far behind the trailer point, if any."""
         limit = self.hitch_limit_deg
         return Corridor(
             half_width_m=self.half_width_m,

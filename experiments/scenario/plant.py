@@ -46,8 +46,8 @@ class ControlSettings:
     rate_hz: Annotated[float, Field(ge=5.0, le=25.0)] = 1.0 / PAPER_PERIOD_S
     """Commands per second; a period must be a whole number of physics steps."""
     realtime: bool = False
-    """Whether the command of a step that took longer than its period, by the clock of this machine,
-    acts as much later. Such a run is not reproducible. An overrun is an event of the log anyway."""
+    """Whether the command of a step that took longer than its period acts as much later; such a
+    run is not reproducible."""
     step_limit_s: Annotated[float, Field(ge=1.0, le=3600.0)] = STEP_LIMIT_S
     """Wall-clock time after which a step that does not return ends the run as invalid."""
 
@@ -61,9 +61,6 @@ def record_rate(timestep_s: float, period_s: float) -> float:
     """Return the default number of rows of the truth per second [Hz].
 
     It is the lowest from 25 Hz on with rows on control ticks and on physics steps.
-
-    Raises:
-        InvalidPlant: a control period is not a whole number of physics steps.
     """
     steps = whole_steps(period_s, timestep_s, _period_name(timestep_s))
     counts = (n for n in range(1, steps + 1) if steps % n == 0)
@@ -72,11 +69,7 @@ def record_rate(timestep_s: float, period_s: float) -> float:
 
 
 def record_steps(timestep_s: float, period_s: float, record_hz: float) -> int:
-    """Return the physics steps from one row of the truth to the next.
-
-    Raises:
-        InvalidScenario: a control period does not hold a whole number of rows.
-    """
+    """Return the physics steps from one row of the truth to the next."""
     control_steps = whole_steps(period_s, timestep_s, _period_name(timestep_s))
     rows = round(period_s * record_hz) if math.isfinite(record_hz) else 0
     exact = abs(rows - period_s * record_hz) < 1e-9

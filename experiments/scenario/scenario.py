@@ -78,11 +78,6 @@ class Scenario:
         """Return path, speed and gear.
 
         In a corridor the speed is that at which the tube of the controller fits into it.
-
-        Raises:
-            InvalidTuning: the corridor is not possible, or an option of the controller.
-            InvalidScenario: the path lies beyond the field, or takes longer than can be driven.
-            InvalidWaypoints, InvalidPath, InvalidReference: as `FilePath.mission`.
         """
         terrain = self.terrain
         if isinstance(self.path, FilePath) and not terrain.height_map:
@@ -96,22 +91,12 @@ class Scenario:
         return mission
 
     def kept_corridor(self) -> Corridor | None:
-        """Return the corridor that the vehicle is to keep to, None without one.
-
-        Raises:
-            InvalidTuning: its intervals do not increase.
-        """
+        """Return the corridor that the vehicle is to keep to, None without one."""
         behind = self.implement.behind_m if self.implement else None
         return self.corridor.corridor(behind) if self.corridor else None
 
     def vehicles(self) -> Vehicles:
-        """Return plant and model of the vehicle; reads the vehicle file.
-
-        Raises:
-            InvalidPlant: the file is missing or not understood, or the parts of the plant do not
-                fit together.
-            InvalidVehicle: the parameters of the model do not fit together.
-        """
+        """Return plant and model of the vehicle; reads the vehicle file."""
         return read_vehicles(self.plant.vehicle, self.controller.vehicle)
 
 
@@ -138,9 +123,6 @@ class ScenarioFile:
         """Return the validated scenario, every absent key filled in and every path absolute.
 
         `changes` are tables that replace values of the file; messages name `changed_by`.
-
-        Raises:
-            InvalidScenario: a key or a value is not allowed, or the vehicle is not possible.
         """
         content = copy.deepcopy(self.content)
         _drop_unselected(content, changes or {})
@@ -228,7 +210,6 @@ def _parse_override(line: str) -> dict[str, Any]:
 
 
 def _from_here(content: Any) -> Any:  # noqa: ANN401 - any TOML value
-    """Return tables with the paths of files made absolute from the present folder."""
     if isinstance(content, list):
         return [_from_here(item) for item in content]
     if not isinstance(content, Mapping):
@@ -266,9 +247,6 @@ def list_index(key: str, entries: Sequence[Any], entry: str) -> int:
     """Return the place in a list of tables, or objects, that a part of a dotted key means.
 
     `entry` is a number from 0, the `name` or, where one alone has it, the `kind` of a table.
-
-    Raises:
-        InvalidScenario: there is no such table, or there are several.
     """
     names = [_label(item) for item in entries]
     if entry.isdecimal() and int(entry) < len(entries):
@@ -306,11 +284,7 @@ _SELECTIONS: Final[Sequence[tuple[tuple[str, ...], str, str, tuple[str, ...] | N
 
 
 def _drop_unselected(content: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Drop the file's values that belong to another selection than that of the changes.
-
-    They are the keys of another kind of path, the options of another controller, the values of
-    another preset and the coefficients of another kind of tyre.
-    """
+    """Drop the file's values that belong to another selection than that of the changes."""
     for tables, key, default, dependent in _SELECTIONS:
         below, above = _table(content, tables), _table(changes, tables)
         if below is None or above is None:
@@ -322,7 +296,6 @@ def _drop_unselected(content: dict[str, Any], changes: Mapping[str, Any]) -> Non
 
 
 def _table(content: Any, names: Sequence[str]) -> Any:  # noqa: ANN401 - any TOML value
-    """Return a table inside tables, None where there is none."""
     for name in names:
         content = content.get(name) if isinstance(content, Mapping) else None
     return content if isinstance(content, Mapping) else None

@@ -48,9 +48,7 @@ Keys of `controller.options`. Their meaning stands in the options class of each 
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema of a scenario file (draft 2020-12).
 
-    Each key has its type, range, default value and description, and with a unit in its name also
-    `unit`. A table with a key `kind` is a choice between the tables of all kinds; `kind` may be
-    absent from the table of a figure eight only.
+    A key with a unit in its name has `unit`. Without a key `kind`, a path is a figure eight.
     """
     schema = TypeAdapter(Scenario).json_schema()
     for name, table in schema["$defs"].items():
@@ -91,7 +89,6 @@ def scenario_reference() -> str:
 def _tables(
     schema: Schema, path: str, definitions: Schema, *, repeated: bool
 ) -> Iterator[tuple[str, str, list[str]]]:
-    """Yield header, meaning and rows of the table at a dotted path, then of those inside it."""
     brackets = f"[[{path}]]" if repeated else f"[{path}]"
     kind = schema["properties"].get("kind", {}).get("const")
     title = f"`{brackets}`" if path else "At the top"
@@ -109,7 +106,6 @@ def _tables(
 
 
 def _tables_of(value: Schema, definitions: Schema) -> tuple[list[Schema], bool]:
-    """Return the tables that a value may be, and whether it is a list of them."""
     if "items" in value and isinstance(value["items"], Mapping):
         return _tables_of(value["items"], definitions)[0], True
     if "$ref" in value:
@@ -123,7 +119,6 @@ def _choices(value: Schema) -> list[Schema]:
 
 
 def _only_tables(value: Schema) -> bool:
-    """Whether all choices of a value are tables, or its absence."""
     return all(
         {"$ref", "oneOf", "items"} & choice.keys() or choice.get("type") == "null"
         for choice in value["anyOf"]
@@ -148,7 +143,6 @@ def _default(value: object) -> str:
 
 
 def _allowed(value: Schema) -> str:
-    """Return type, range and alternatives of a value in words."""
     if "const" in value:
         return f"`{json.dumps(value['const'])}`"
     if "enum" in value:

@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass
 from ttempc.errors import TtempcError
 from ttempc.tube.reference_tube import AncillaryWeights, TubeDesign
 from ttempc.tube.sets import DisturbanceSet, Shape
-from ttempc.types import FloatArray, State
+from ttempc.types import State
 from ttempc.vehicle import Vehicle
 
 from ...testbed.configuration.config_io import STRICT, validated
@@ -22,9 +22,7 @@ from ...testbed.configuration.resources import ShippedFiles
 from ..errors import InvalidFit
 from .path import AnyPath
 
-_TUBES: Final = ShippedFiles(
-    "tube", "proving_ground.experiments", "fitted", ".json", InvalidFit, "`ttempc fit tube`"
-)
+_TUBES: Final = ShippedFiles("tube", "proving_ground.experiments", "fitted", ".json", InvalidFit)
 _DIMENSION: Final = len(State)
 _Row = Annotated[list[float], Field(min_length=_DIMENSION, max_length=_DIMENSION)]
 _Matrix = Annotated[list[_Row], Field(min_length=_DIMENSION, max_length=_DIMENSION)]
@@ -41,6 +39,11 @@ class SetTable:
     window: Annotated[int, Field(ge=1)]
     shape: Shape
 
+    @classmethod
+    def of(cls, item: DisturbanceSet) -> SetTable:
+        """Return the table of a set."""
+        return cls(item.axes.tolist(), item.window, item.shape)
+
     def set(self) -> DisturbanceSet:
         """Return the set."""
         return DisturbanceSet(np.array(self.axes), self.window, self.shape)
@@ -51,23 +54,13 @@ class HoldOut:
     """Windows of held-out runs inside the fitted set, with the interval of their share.
 
     The interval is that of Clopper and Pearson for independent windows. Windows of one run are
-    not: it is too narrow. They do not overlap, and those of the estimate's error, a set of single
-    steps, are as far apart as those of the disturbance.
+    not: it is too narrow.
     """
 
     windows: _Count
     inside: _Count
     low: float
     high: float
-
-
-@dataclass(frozen=True, config=STRICT)
-class ResidualTable:
-    """Size of the residuals, in the order of `State`; see `experiments.tubes.fit`."""
-
-    mean: _Row
-    sd: _Row
-    largest: _Row
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -83,9 +76,6 @@ class Provenance:
     confidence: _Fraction
     disturbance: HoldOut
     estimate_error: HoldOut
-    seen: ResidualTable  # of the estimated states
-    true: ResidualTable  # of the true states
-    estimation: ResidualTable  # true less estimated error
     versions: dict[str, str]
 
 
@@ -133,11 +123,7 @@ class TubeFile:
     calibration: RunCalibration | None = None
 
     def design(self) -> TubeDesign:
-        """Return the design of the tube.
-
-        Raises:
-            TtempcError: the numbers are no valid vehicle or no valid set.
-        """
+        """Return the design of the tube."""
         return TubeDesign(
             vehicle=Vehicle(**self.vehicle),  # pyright: ignore[reportArgumentType] - checked when read
             period_s=self.period_s,
@@ -154,28 +140,16 @@ def tube_file(design: TubeDesign, about: str, provenance: Provenance) -> TubeFil
         about=about,
         vehicle=asdict(design.vehicle),
         period_s=design.period_s,
-        disturbance=_set_table(design.disturbance),
-        estimate_error=_set_table(design.estimate_error),
+        disturbance=SetTable.of(design.disturbance),
+        estimate_error=SetTable.of(design.estimate_error),
         weights=design.weights,
         provenance=provenance,
     )
 
 
-def _set_table(item: DisturbanceSet) -> SetTable:
-    return SetTable(item.axes.tolist(), item.window, item.shape)
-
-
 def path_table(path: AnyPath) -> dict[str, str]:
     """Return path and speed of a scenario as text."""
     return {name: str(value) for name, value in sorted(asdict(path).items())}
-
-
-def residual_table(samples: FloatArray) -> ResidualTable:
-    """Return the sizes of residuals (n, 7)."""
-    largest = np.abs(samples).max(axis=0)
-    return ResidualTable(
-        samples.mean(axis=0).tolist(), samples.std(axis=0).tolist(), largest.tolist()
-    )
 
 
 def shipped_tubes() -> list[str]:

@@ -98,12 +98,7 @@ class PlantVehicleSettings:
     """Other numbers of the plant that differ from the vehicle file, by its tables and keys."""
 
     def plant_vehicle(self, nominal: PlantVehicle) -> PlantVehicle:
-        """Return the vehicle of the plant, given that of the file.
-
-        Raises:
-            InvalidPlant: `parts` has an unknown table or key or one that `[plant.vehicle]` has
-                itself, a value is not allowed, or the parts do not fit together.
-        """
+        """Return the vehicle of the plant, given that of the file."""
         content = asdict(nominal)
         for key, value in _given(self).items():
             content[PARAMETERS[key].table][PARAMETERS[key].key] = value
@@ -231,12 +226,7 @@ def read_vehicles(plant: PlantVehicleSettings, model: ModelVehicleSettings) -> V
 def fill_in(
     plant: PlantVehicleSettings, model: ModelVehicleSettings
 ) -> tuple[PlantVehicleSettings, ModelVehicleSettings]:
-    """Return both tables with the absent keys filled in from the vehicle file.
-
-    Raises:
-        InvalidPlant: the file is missing or not understood, or the parts of the plant do not fit
-            together.
-    """
+    """Return both tables with the absent keys filled in from the vehicle file."""
     nominal = read_vehicle(plant.file)
     plant_values = _values(plant.plant_vehicle(nominal))
     return _filled(plant, plant_values), _filled(model, _values(nominal) | _given(model))
@@ -266,11 +256,9 @@ def _filled(table: _Settings, values: Mapping[str, float]) -> _Settings:
 
 
 def _given(table: PlantVehicleSettings | ModelVehicleSettings) -> dict[str, float]:
-    """Return the parameters that a table gives."""
     given = asdict(table).items()
     return {key: value for key, value in given if key in PARAMETERS and value is not None}
 
 
 def _values(vehicle: PlantVehicle) -> dict[str, float]:
-    """Return the parameters of a vehicle by their keys of a scenario."""
     return {key: item.of(vehicle) for key, item in PARAMETERS.items()}

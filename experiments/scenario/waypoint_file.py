@@ -20,20 +20,13 @@ from ..errors import InvalidWaypoints
 
 _GEOJSON: Final = (".geojson", ".json")
 # Columns without a header, by their number.
-_UNNAMED: Final = {
-    2: ("x", "y"),
-    3: ("x", "y", "speed"),
-    # Fields2Cover, Path::serializePath. The sixth is the length of the section that starts here,
-    # in older versions its duration.
-    8: ("x", "y", "z", "angle", "speed", "extent", "direction", "type"),
-}
+_UNNAMED: Final = {2: ("x", "y"), 3: ("x", "y", "speed")}  # by the number of columns
 _NAMES: Final = {  # of a header, in lower case and without unit
     **dict.fromkeys(("x", "east", "easting"), "x"),
     **dict.fromkeys(("y", "north", "northing"), "y"),
     **dict.fromkeys(("speed", "v", "velocity"), "speed"),
-    **dict.fromkeys(("t", "time"), "time"),
 }
-_USED: Final = ("x", "y", "speed", "time", "angle", "extent", "direction")
+_USED: Final = ("x", "y", "speed")
 _MOST_LINES: Final = 100_000  # 10 km with a point every 10 cm
 _SHOWN: Final = 100  # characters of a wrong value
 _UNIT: Final = re.compile(r"(_mps|_m|_s)$|\s*\[.*\]$")
@@ -45,7 +38,6 @@ class Waypoints:
 
     points: FloatArray  # (n, 2) x, y [m], map frame
     speed: FloatArray | None = None  # (n,) [m/s]; None if the file has no speeds
-    backward: bool = False  # the file drives in reverse gear
 
 
 def read_waypoints(
@@ -56,9 +48,8 @@ def read_waypoints(
     """Return the waypoints of a file.
 
     A .geojson or .json file contains one LineString in WGS84. Any other file contains columns
-    that commas, semicolons or blanks separate: x y, x y speed, or the eight columns of
-    Fields2Cover, in metres and m/s. A header may name columns x, y, speed and time in any order;
-    speeds are derived from times.
+    that commas, semicolons or blanks separate: x y or x y speed, in metres and m/s. A header may
+    name columns x, y and speed in any order.
 
     Args:
         file: path of the file.
@@ -99,13 +90,8 @@ def _columns_waypoints(text: str, origin_m: tuple[float, float]) -> Waypoints:
     values = np.array(rows).reshape(-1, len(names))
     column = dict(zip(names, values.T, strict=True))
     points = np.column_stack([column["x"], column["y"]]) - origin_m
-    numbers = [number for number, _ in lines]
-    if "direction" in column:
-        return _fields2cover_waypoints(points, column, numbers)
     if "speed" in column:
         return Waypoints(points, column["speed"])
-    if "time" in column and len(points) > 1:
-        return Waypoints(points, _speed_of(points, column["time"], numbers))
     return Waypoints(points)
 
 
@@ -127,7 +113,6 @@ def _plain(word: str) -> str:
 def _header(
     lines: list[tuple[int, list[str]]],
 ) -> tuple[Sequence[str], list[tuple[int, list[str]]]]:
-    """Return the names of the columns and the lines of numbers."""
     if not lines:
         raise InvalidWaypoints("is empty, must hold points")
     number, words = lines[0]
@@ -137,13 +122,13 @@ def _header(
             if names.count(name) != 1:
                 raise InvalidWaypoints(
                     f"line {number}: header {' '.join(words)}: needs one column x and one y, "
-                    "may have speed and time"
+                    "may have speed"
                 )
         return names, lines[1:]
     if len(words) not in _UNNAMED:
         raise InvalidWaypoints(
-            f"line {number}: got {len(words)} columns, must be 2 (x y), 3 (x y speed), 8 "
-            "(Fields2Cover), or have a header"
+            f"line {number}: got {len(words)} columns, must be 2 (x y), 3 (x y speed), "
+            "or have a header"
         )
     return _UNNAMED[len(words)], lines
 
@@ -162,54 +147,10 @@ def _row(number: int, words: Sequence[str], names: Sequence[str]) -> list[float]
 
 
 def _number(word: str) -> float:
-    """Return the number that a word is, NaN where it is none."""
     try:
         return float(word)
     except ValueError:
         return math.nan
-
-
-def _speed_of(points: FloatArray, times: FloatArray, numbers: Sequence[int]) -> FloatArray:
-    """Return the speeds (n,) [m/s] at the points (n, 2) [m], from their times (n,) [s]."""
-    late = np.flatnonzero(np.diff(times) <= 0.0)
-    if len(late):
-        index = int(late[0]) + 1
-        raise InvalidWaypoints(
-            f"line {numbers[index]} (point {index} at x = {points[index, 0]:.2f}, "
-            f"y = {points[index, 1]:.2f} m): time goes from {times[index - 1]:g} to "
-            f"{times[index]:g} s, must rise"
-        )
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-    return np.gradient(along, times)
-
-
-def _fields2cover_waypoints(
-    points: FloatArray, column: dict[str, FloatArray], numbers: Sequence[int]
-) -> Waypoints:
-    """Return the waypoints of Fields2Cover's states, each the start of a section.
-
-    The end of the last section is a waypoint, too. The sixth column contains lengths or
-    durations, depending on the version of Fields2Cover; the one that fits the distances between
-    the other states is taken.
-    """
-    direction = column["direction"]
-    for index, value in enumerate(direction):
-        if value != direction[0] or abs(value) != 1.0:
-            raise InvalidWaypoints(
-                f"line {numbers[index]} (point {index} at x = {points[index, 0]:.2f}, "
-                f"y = {points[index, 1]:.2f} m): direction is {value:g}, must be 1 (forward) or "
-                "-1 (backward) and the same all along: a change of gear needs a path of its own"
-            )
-    speed, extent = column["speed"], column["extent"]
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    driven = np.append(steps > 0.0, True)  # a section without length is no point
-    lengths = min((extent, extent * speed), key=lambda read: float(np.abs(read[:-1] - steps).sum()))
-    angle = column["angle"][-1]
-    end = points[-1] + lengths[-1] * np.array([np.cos(angle), np.sin(angle)])
-    points, speed = points[driven], speed[driven]
-    if lengths[-1] > 0.0:
-        points, speed = np.vstack([points, end]), np.append(speed, speed[-1])
-    return Waypoints(points, speed, backward=bool(direction[0] < 0.0))
 
 
 def _geojson_points(text: str, origin_deg: tuple[float, float] | None) -> FloatArray:

@@ -11,22 +11,20 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from ...testbed.recording.provenance import versions
 from ..errors import InvalidStudy, SweepStopped
-from ..output import create_partial, write_file
+from ..output import write_file
 from ..scenario.scenario import ScenarioFile
 from ..sweep.engine import Engine
 from ..sweep.plan import SweepPlan
-from ..sweep.row import Row, has_failed, mostly_fails, unmeasured_text, working_error
+from ..sweep.row import has_failed, mostly_fails, working_error
 from ..sweep.study import ListAxis, Study
 from ..sweep.sweep import drive_plan
-from .quantities import FAULTS, Parameter, read_quantity
-
-_SHARE: Final = 1.0 / 40.0  # of the range: tolerance of a quantity without one
+from .quantities import Parameter, read_quantity
 
 
 @dataclass(frozen=True)
@@ -42,36 +40,6 @@ class Question:
     seeds: tuple[int, ...]
     scan: int = 5  # values over the range before bisection, ends included
     settings: dict[str, Any] = field(default_factory=dict)  # override keys of the scenario
-
-    @classmethod
-    def of(
-        cls,
-        draft: ScenarioFile,
-        scenario: str,
-        settings: dict[str, Any],
-        word: str,
-        *,
-        seeds: tuple[int, ...],
-        limit_m: float | None = None,
-        tolerance: float | None = None,
-    ) -> Question:
-        """Return the question of a command line; `settings` may name the controller.
-
-        Raises:
-            InvalidStudy: there is no such quantity.
-            InvalidScenario: the settings are invalid.
-        """
-        if word in FAULTS:
-            raise InvalidStudy(
-                f"quantity {word!r}: is of `search worst`; for a limit put the fault into the "
-                "scenario and give KEY=LOW:HIGH, such as faults.gust.force_n=100:4000"
-            )
-        parameter, _ = read_quantity(word)
-        default = parameter.tolerance or _SHARE * (parameter.high - parameter.low)
-        controller = draft.scenario(settings, "--set").controller.name
-        name = word.partition("=")[0]
-        width = default if tolerance is None else tolerance
-        return cls(scenario, controller, name, parameter, width, limit_m, seeds, settings=settings)
 
     def scan_numbers(self) -> list[float]:
         """Return the values of the scan; those of a named quantity are the indices of its names.
@@ -103,13 +71,29 @@ class Question:
         study = Study(scenario=self.scenario, seeds=self.seeds, set=self.settings, axis=axes)
         return SweepPlan(f"limit of {self.quantity}", study)
 
-    def check(self) -> None:
-        """Check the settings without any run.
 
-        Raises:
-            InvalidStudy: the tolerance or a value in the range is invalid.
-        """
-        self.plan(self.scan_numbers()).extent()
+def read_question(
+    draft: ScenarioFile,
+    scenario: str,
+    settings: dict[str, Any],
+    word: str,
+    seeds: tuple[int, ...],
+    limit_m: float | None = None,
+) -> Question:
+    """Return the question of a command line, checked without a run.
+
+    Raises:
+        InvalidStudy: there is no such quantity, or a value in the range is invalid.
+        InvalidScenario: the settings are invalid.
+    """
+    parameter, _ = read_quantity(word)
+    width = parameter.tolerance or (parameter.high - parameter.low) / 40.0
+    controller, name = draft.scenario(settings, "--set").controller.name, word.partition("=")[0]
+    question = Question(
+        scenario, controller, name, parameter, width, limit_m, seeds, settings=settings
+    )
+    question.plan(question.scan_numbers()).extent()
+    return question
 
 
 @dataclass(frozen=True)
@@ -141,41 +125,32 @@ class Limit:
     def __str__(self) -> str:
         question = self.question
         tested = f"from {_text(self.probes[0].value)} to {_text(self.probes[-1].value)}"
+        result = f"holds at {_text(self.holds_at)}, fails at {_text(self.fails_at)}"
         if self.outcome != "found":
-            end = "hold" if self.outcome == "holds" else "fail"
-            result = f"{self.outcome} {tested}: both ends {end}, there is nothing to bisect"
-        else:
-            result = f"holds at {_text(self.holds_at)}, fails at {_text(self.fails_at)}"
-            if not self.monotone:
-                result += f"; not monotone: failure comes and goes {tested}"
-        holding = [probe for probe in self.probes if not probe.failed]
-        unmeasured = sum(probe.cross_p95_m.count(None) for probe in holding)
-        note = unmeasured_text(unmeasured, question.limit_m).rstrip(".")
+            result = f"{self.outcome} {tested}, nothing to bisect"
+        elif not self.monotone:
+            result += f"; not monotone: failure comes and goes {tested}"
+        if question.limit_m and any(None in p.cross_p95_m for p in self.probes if not p.failed):
+            result += "; runs without an error figure, to which the limit does not apply"
         unit = f" [{question.parameter.unit}]" if question.parameter.unit else ""
-        subject = f"{question.controller} on {question.scenario}, {question.quantity}{unit}"
-        return f"{subject}: {result}" + (f"; {note}" if note else "")
+        return f"{question.controller} on {question.scenario}, {question.quantity}{unit}: {result}"
 
 
 def limit_file(
-    questions: Sequence[Question],
-    engine: Engine,
-    file: Path,
-    show: Callable[[Limit], object] | None = None,
+    questions: Sequence[Question], engine: Engine, file: Path, show: Callable[[Limit], object]
 ) -> str:
-    """Answer questions and write the file; return its text. The partial file has those answered.
+    """Answer questions, write the answers so far after each of them, and return the text.
 
     Raises:
-        OutputExists, InvalidStudy, SweepStopped: as `create_partial` and `find_limit`.
+        OutputExists, InvalidStudy, SweepStopped: as `write_file` and `find_limit`.
     """
-    partial, answers, text = create_partial(file), [], ""
+    answers, text = [], ""
     for question in questions:
         answers.append(find_limit(question, engine))
-        if show:
-            show(answers[-1])
+        show(answers[-1])
         content = {"versions": versions(), "limits": list(map(asdict, answers))}
         text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-        write_file(partial, text)
-    partial.rename(file)
+        write_file(file, text)
     return text
 
 
@@ -192,36 +167,33 @@ def find_limit(question: Question, engine: Engine) -> Limit:
     def drive(numbers: Sequence[float]) -> None:
         driven = drive_plan(question.plan(numbers), engine)
         for number, rows in zip(numbers, driven, strict=True):
-            probes[number] = _probe(question, parameter.named(number), rows)
+            value = parameter.named(number)
+            for row in rows:
+                if row["status"] in ("failed", "crashed"):
+                    raise SweepStopped(
+                        f"{question.quantity} at {_text(value)}, {question.controller}, seed "
+                        f"{row['seed']}: {row['failure']}"
+                    )
+            failed = sum(has_failed(row, question.limit_m) for row in rows)
+            probes[number] = Probe(value, len(rows), failed, tuple(map(working_error, rows)))
 
-    def bracket() -> tuple[float, float] | None:
-        """First pair of neighbouring values of which one holds and one fails."""
+    def brackets() -> list[tuple[float, float]]:
+        """Pairs of neighbouring values of which one holds and one fails."""
         pairs = itertools.pairwise(sorted(probes))
-        return next((p for p in pairs if probes[p[0]].fails != probes[p[1]].fails), None)
+        return [pair for pair in pairs if probes[pair[0]].fails != probes[pair[1]].fails]
 
     drive(question.scan_numbers())
-    while (found := bracket()) and not parameter.names:
-        if found[1] - found[0] <= question.tolerance * (1.0 + 1e-9):
+    while (found := brackets()) and not parameter.names:
+        low, high = found[0]
+        if high - low <= question.tolerance * (1.0 + 1e-9):
             break
-        drive([parameter.number(0.5 * sum(map(parameter.position, found)))])
+        drive([parameter.number(0.5 * (parameter.position(low) + parameter.position(high)))])
     ordered = tuple(probes[number] for number in sorted(probes))
-    if found is None:
+    if not found:
         outcome = "fails" if ordered[0].fails else "holds"
         return Limit(question, outcome, True, None, None, ordered)
-    changes = sum(one.fails != other.fails for one, other in itertools.pairwise(ordered))
-    holds, fails = sorted((probes[number] for number in found), key=lambda probe: probe.fails)
-    return Limit(question, "found", changes == 1, holds.value, fails.value, ordered)
-
-
-def _probe(question: Question, value: float | str, rows: Sequence[Row]) -> Probe:
-    for row in rows:
-        if row["status"] in ("failed", "crashed"):
-            raise SweepStopped(
-                f"{question.quantity} at {_text(value)}, {question.controller}, seed "
-                f"{row['seed']}: {row['failure']}"
-            )
-    failed = sum(has_failed(row, question.limit_m) for row in rows)
-    return Probe(value, len(rows), failed, tuple(map(working_error, rows)))
+    holds, fails = sorted((probes[number] for number in found[0]), key=lambda probe: probe.fails)
+    return Limit(question, "found", len(found) == 1, holds.value, fails.value, ordered)
 
 
 def _text(value: float | str | None) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final, Literal
 
@@ -21,7 +21,7 @@ _FREE: Final = "free"
 _ENDS: Final = (0.1, 0.9)  # of the path: the vehicle has started, and can still be lost
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Parameter:
     """A bounded quantity of a scenario.
 
@@ -99,71 +99,60 @@ class Space:
         return {key: p.named(p.number(position)) for p, position in pairs for key in p.keys}
 
 
-def _range(
-    low: float,
-    high: float,
-    nominal: Literal["low", "high", "free"] = "low",
-    spacing: Literal["linear", "log"] = "linear",
-) -> Parameter:
-    """Return the range of a key of a fault; its key follows from its place in `FAULTS`."""
-    value = {"low": low, "high": high, _FREE: None}[nominal]
-    return Parameter(keys=("",), low=low, high=high, nominal=value, spacing=spacing)
-
-
+_DEAD_TIMES: Final = tuple(f"actuators.{n}.dead_time_s" for n in ("front", "trailer", "hydrostat"))
 QUANTITIES: Final[Mapping[str, Parameter]] = {
     "cone-index": Parameter(
-        keys=("soil.cone_index_kpa",),
-        unit="kPa",
-        low=100.0,
-        high=2000.0,
-        spacing="log",
-        tolerance=20.0,
+        ("soil.cone_index_kpa",), 100.0, 2000.0, spacing="log", unit="kPa", tolerance=20.0
     ),
-    "slope": Parameter(keys=("terrain.slope_rad",), unit="rad", low=0.0, high=0.4, tolerance=0.01),
-    "speed": Parameter(keys=("path.speed_mps",), unit="m/s", low=0.4, high=1.35, tolerance=0.05),
-    "delay": Parameter(
-        keys=tuple(f"actuators.{n}.dead_time_s" for n in ("front", "trailer", "hydrostat")),
-        unit="s",
-        low=0.0,
-        high=1.0,
-        step=0.01,  # a dead time is a whole number of physics steps
-        tolerance=0.05,
-    ),
+    "slope": Parameter(("terrain.slope_rad",), 0.0, 0.4, unit="rad", tolerance=0.01),
+    "speed": Parameter(("path.speed_mps",), 0.4, 1.35, unit="m/s", tolerance=0.05),
+    # A dead time is a whole number of physics steps.
+    "delay": Parameter(_DEAD_TIMES, 0.0, 1.0, step=0.01, unit="s", tolerance=0.05),
     "roughness": Parameter(
-        keys=("terrain.iso_class",), unit="ISO 8608", low=0.0, high=5.0, names=tuple("ABCDEF")
+        ("terrain.iso_class",), 0.0, 5.0, names=tuple("ABCDEF"), unit="ISO 8608"
     ),
 }
 """Quantities of a scenario by name; the ranges are assumed."""
 
-# Kind of `[[faults]]` -> keys with one value, and ranges of the keys that are searched. From hardly
-# felt to far outside of normal use; assumed.
-FAULTS: Final[Mapping[str, tuple[dict[str, str | float], dict[str, Parameter]]]] = {
+_SPAN: Final = ("duration_s", 0.5, 20.0, "low")
+# Kind of `[[faults]]` -> keys with one value; searched keys, their range, and its nominal end. From
+# hardly felt to far outside of normal use; assumed.
+_FAULTS: Final[Mapping[str, tuple[dict[str, str | float], tuple[Any, ...]]]] = {
     "gust": (
         {"body": "trailer", "duration_s": 2.0},
-        {"force_n": _range(10.0, 6000.0), "direction_deg": _range(0.0, 360.0, _FREE)},
+        (("force_n", 10.0, 6000.0, "low"), ("direction_deg", 0.0, 360.0, _FREE)),
     ),
-    "ditch": ({"width_m": 1.5}, {"depth_m": _range(0.01, 0.6)}),
+    "ditch": ({"width_m": 1.5}, (("depth_m", 0.01, 0.6, "low"),)),
     "soil_patch": (
         {},
-        {
-            "radius_m": _range(1.0, 8.0),
-            "cone_index_kpa": _range(60.0, 600.0, "high", "log"),
-            "left_m": _range(-3.0, 3.0, _FREE),
-        },
+        (
+            ("radius_m", 1.0, 8.0, "low"),
+            ("cone_index_kpa", 60.0, 600.0, "high", "log"),
+            ("left_m", -3.0, 3.0, _FREE),
+        ),
     ),
-    "gnss_float": (
-        {"correlation_time_s": 2.0},
-        {"sd_m": _range(0.01, 2.0), "duration_s": _range(0.5, 20.0)},
-    ),
-    "angle_noise": (
-        {"sensor": "hitch"},
-        {"sd_deg": _range(0.1, 20.0), "duration_s": _range(0.5, 20.0)},
-    ),
-    "gnss_out": ({}, {"duration_s": _range(0.5, 30.0)}),
-    "commands_late": ({}, {"delay_s": _range(0.02, 2.0), "duration_s": _range(0.5, 20.0)}),
-    "front_steering_stuck": ({}, {"duration_s": _range(0.5, 20.0)}),
-    "trailer_steering_stuck": ({}, {"duration_s": _range(0.5, 20.0)}),
+    "gnss_float": ({"correlation_time_s": 2.0}, (("sd_m", 0.01, 2.0, "low"), _SPAN)),
+    "angle_noise": ({"sensor": "hitch"}, (("sd_deg", 0.1, 20.0, "low"), _SPAN)),
+    "gnss_out": ({}, (("duration_s", 0.5, 30.0, "low"),)),
+    "commands_late": ({}, (("delay_s", 0.02, 2.0, "low"), _SPAN)),
+    "front_steering_stuck": ({}, (_SPAN,)),
+    "trailer_steering_stuck": ({}, (_SPAN,)),
 }
+
+
+def _fault_range(
+    kind: str,
+    key: str,
+    low: float,
+    high: float,
+    nominal: str,
+    spacing: Literal["linear", "log"] = "linear",
+) -> Parameter:
+    value = {"low": low, "high": high}.get(nominal)
+    return Parameter((f"faults.{kind}.{key}",), low, high, nominal=value, spacing=spacing)
+
+
+FAULTS: Final[tuple[str, ...]] = tuple(_FAULTS)
 """Faults that a search of the worst case adds to a scenario, once, anywhere on the path."""
 
 
@@ -186,8 +175,7 @@ def read_subject(
         name: by which the scenario is read again.
         settings: override tables.
         words: names of `QUANTITIES` and `FAULTS`, or `KEY=LOW:HIGH` for a key of the scenario,
-            `KEY=LOW:HIGH:free` for one without severity. A key that a name has, too, gets other
-            bounds.
+            `KEY=LOW:HIGH:free` for one without severity.
 
     Raises:
         InvalidScenario: the settings are invalid.
@@ -196,58 +184,42 @@ def read_subject(
     scenario = draft.scenario(settings, "--set")
     tables: dict[str, Any] = {}
     merge_tables(tables, settings)
-    added = [
-        {"kind": kind, "at_m": 0.0, **FAULTS[kind][0], **{k: p.low for k, p in ranges.items()}}
-        for kind in words
-        if kind in FAULTS
-        for ranges in (FAULTS[kind][1],)
-    ]
+    added = []
+    for kind in filter(FAULTS.__contains__, words):
+        fixed, ranges = _FAULTS[kind]
+        least = {key: low for key, low, *_ in ranges}
+        added.append({"kind": kind, "at_m": 0.0, **fixed, **least})
     if added:
         tables["faults"] = [*(without_none(asdict(f)) for f in scenario.faults), *added]
         scenario = draft.scenario(tables, "--set")
-    parameters = {
-        parameter.keys[0]: parameter
-        for word in words
-        for parameter in _parameters(word, scenario, draft.name, words)
-    }
+    parameters: dict[str, Parameter] = {}
+    for word in words:
+        if word in FAULTS:
+            length_m = scenario.mission().path.length_m
+            ends = (round(share * length_m, 2) for share in _ENDS)
+            place: tuple[Any, ...] = ("at_m", *ends, _FREE)
+            found = [_fault_range(word, *one) for one in (*_FAULTS[word][1], place)]
+        else:
+            parameter, free = read_quantity(word, FAULTS)
+            nominal = None if free else _nominal(parameter, scenario, draft.name)
+            found = [replace(parameter, nominal=nominal)]
+        parameters |= {parameter.keys[0]: parameter for parameter in found}
     space = Space(tuple(parameters.values()))
     if not space.counted.any():
         raise InvalidStudy("no quantity has a severity: give one that is not free")
     return Subject(name, tables, space)
 
 
-def _parameters(
-    word: str, scenario: Scenario, name: str, words: Sequence[str]
-) -> Iterator[Parameter]:
-    if word in FAULTS:
-        length_m = scenario.mission().path.length_m
-        low, high = (round(share * length_m, 2) for share in _ENDS)
-        for key, bounds in (*FAULTS[word][1].items(), ("at_m", _range(low, high, _FREE))):
-            yield replace(bounds, keys=(f"faults.{word}.{key}",))
-        return
-    parameter, free = read_quantity(word)
-    key = parameter.keys[0]
-    _, fault, last = f"{key}..".split(".")[:3]
-    known = FAULTS[fault][1].get(last) if fault in words and fault in FAULTS else None
-    if known:  # other bounds of an added fault
-        ends = {known.low: parameter.low, known.high: parameter.high, None: None}
-        nominal, parameter = ends[known.nominal], replace(parameter, spacing=known.spacing)
-    else:
-        nominal = scenario_value(scenario, key, name)
-        if nominal in parameter.names:
-            nominal = parameter.names.index(str(nominal))
-    yield parameter if free else replace(parameter, nominal=_within(parameter, nominal))
-
-
-def _within(parameter: Parameter, value: object) -> float | None:
-    """Return a nominal value.
+def _nominal(parameter: Parameter, scenario: Scenario, name: str) -> float:
+    """Return the value of the scenario.
 
     Raises:
         InvalidStudy: it is no number between the bounds.
     """
     low, high = parameter.low, parameter.high
-    if value is None and parameter.keys[0].startswith("faults."):
-        return None
+    value = scenario_value(scenario, parameter.keys[0], name)
+    if value in parameter.names:
+        value = parameter.names.index(str(value))
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise InvalidStudy(
             f"{parameter.keys[0]}: the scenario's value must be a number from {low:g} to {high:g}, "
@@ -256,7 +228,7 @@ def _within(parameter: Parameter, value: object) -> float | None:
     return float(value)
 
 
-def read_quantity(word: str) -> tuple[Parameter, bool]:
+def read_quantity(word: str, more: tuple[str, ...] = ()) -> tuple[Parameter, bool]:
     """Return a quantity by its name, or of `KEY=LOW:HIGH` or `KEY=LOW:HIGH:free`; is it free?
 
     Raises:
@@ -265,21 +237,20 @@ def read_quantity(word: str) -> tuple[Parameter, bool]:
     if word in QUANTITIES:
         return QUANTITIES[word], False
     key, equals, text = word.partition("=")
-    names = (*QUANTITIES, *FAULTS)
+    names = (*QUANTITIES, *more)
     if not equals:
         raise InvalidStudy(
             f"quantity {word!r}: must be KEY=LOW:HIGH or one of {', '.join(names)}"
             f"{did_you_mean(word, names)}"
         )
-    low_text, _, rest = text.partition(":")
-    high_text, colon, last = rest.partition(":")
+    low_text, _, high_text = text.removesuffix(f":{_FREE}").partition(":")
     try:
         low, high = float(low_text), float(high_text)
     except ValueError:
         low = high = math.nan
-    if not (math.isfinite(high - low) and low < high) or (colon and last != _FREE):
+    if not (math.isfinite(high - low) and low < high):
         raise InvalidStudy(
             f"quantity {word!r}: must be KEY=LOW:HIGH with two numbers, LOW below HIGH, or "
             "KEY=LOW:HIGH:free"
         )
-    return Parameter(keys=(key,), low=low, high=high), bool(colon)
+    return Parameter((key,), low, high), text.endswith(_FREE)

@@ -18,6 +18,7 @@ does not hide the others.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -46,7 +47,6 @@ from .quantities import Space, Subject
 if TYPE_CHECKING:
     from cmaes import CMA
 
-_WORST: Final = 3  # failures that are reported
 _ERRORS: Final = ("failed", "crashed")  # status of a run that raised an error: no result
 _SIGMA: Final = 0.2  # first standard deviation, of the bounds
 _EXPLORED: Final = 2  # generations of the first, space-filling sample
@@ -60,22 +60,16 @@ _POINTS: Final = ("tractor", "trailer", "tool")
 class Outcome:
     """Outcome of a run."""
 
-    failed: bool
-    robustness: float  # 1 nominal, 0 failed
-    reason: str = ""  # of the failure
+    failure: str  # its reason; "" of a run that holds
+    robustness: float = 0.0  # 1 nominal, 0 failed
 
 
 @dataclass(frozen=True)
 class Specification:
-    """What a run must keep to: it completes, in the corridor, with an error below a limit.
+    """What a run must keep to: it completes, in the corridor, with an error below a limit."""
 
-    Args:
-        limits: figure of a row -> limit, in the unit of the figure.
-        limit_m: on the 95 % cross-track error of the working point [m]; None: not limited.
-    """
-
-    limits: Mapping[str, float]
-    limit_m: float | None = None
+    limits: Mapping[str, float]  # of figures of a row, in the unit of the figure
+    limit_m: float | None = None  # on the 95 % cross-track error of the working point [m]
 
     @classmethod
     def of(cls, scenario: Scenario, limit_m: float | None = None) -> Specification:
@@ -98,31 +92,21 @@ class Specification:
         return shares | {"working point": error}
 
     def judge(self, row: Row, nominal: Mapping[str, float]) -> Outcome:
-        """Return the outcome of a run.
-
-        Args:
-            row: of the run.
-            nominal: `shares` of the nominal run, which has not failed.
-        """
-        if reason := self._failure(row):
-            return Outcome(failed=True, robustness=0.0, reason=reason)
-        shares = {n: share for n, share in self.shares(row).items() if nominal[n] < 1.0}
-        nearest = max((share - nominal[n]) / (1.0 - nominal[n]) for n, share in shares.items())
-        return Outcome(failed=False, robustness=max(1.0 - nearest, _LEAST))
-
-    def _failure(self, row: Row) -> str:
-        """Return why a run has failed, "" if it has not."""
+        """Return the outcome of a run, by the `shares` of the nominal run, which did not fail."""
         if row["status"] != "completed":
-            return f"{row['status']}: {row['failure']}"
+            return Outcome(f"{row['status']}: {row['failure']}")
         for point in _POINTS:
             name = f"corridor.{point}.max_m"
-            if name in self.limits and _number(row[name]) > self.limits[name]:
-                return f"out of the corridor: {point} {_number(row[name]):.3f} m from its path"
+            if _number(row[name]) > self.limits.get(name, math.inf):
+                reason = f"out of the corridor: {point} {_number(row[name]):.3f} m from its path"
+                return Outcome(reason)
         if _number(row["corridor.hitch_outside_fraction"]) > 0.0:
-            return "hitch angle beyond the limit of the corridor"
+            return Outcome("hitch angle beyond the limit of the corridor")
         if has_failed(row, self.limit_m):
-            return f"95 % cross-track error {working_error(row):.3f} m"
-        return ""
+            return Outcome(f"95 % cross-track error {working_error(row):.3f} m")
+        shares = {n: share for n, share in self.shares(row).items() if nominal[n] < 1.0}
+        nearest = max((share - nominal[n]) / (1.0 - nominal[n]) for n, share in shares.items())
+        return Outcome("", max(1.0 - nearest, _LEAST))
 
 
 def _number(value: object) -> float:
@@ -140,14 +124,14 @@ class Case:
     @property
     def failed(self) -> bool:
         """Return whether the run failed."""
-        return self.outcome is not None and self.outcome.failed
+        return self.outcome is not None and bool(self.outcome.failure)
 
     @property
     def cost(self) -> float:
         """Return the number by which cases are ordered, best first."""
         if self.outcome is None:
             return _REFUSED
-        return self.severity if self.outcome.failed else 2.0 + self.outcome.robustness
+        return self.severity if self.failed else 2.0 + self.outcome.robustness
 
 
 def falsify(
@@ -155,13 +139,7 @@ def falsify(
 ) -> list[Case]:
     """Search for the least severe failure; return all cases in the order of their runs.
 
-    The cases depend on space, budget and seed alone, not on how `evaluate` shares its work.
-
-    Args:
-        space: of the parameters.
-        evaluate: drives points (m, n) and returns their outcomes in order.
-        budget: largest number of points.
-        seed: of the optimiser.
+    `evaluate` drives points (m, n) and returns their outcomes in order, at most `budget` points.
 
     Raises:
         MissingExtra: `cmaes` is not installed.
@@ -178,9 +156,8 @@ def falsify(
 
     def add(points: FloatArray) -> list[Case]:
         pairs = zip(points, evaluate(points), strict=True)
-        new = [Case(point, space.severity(point), outcome) for point, outcome in pairs]
-        cases.extend(new)
-        return new
+        cases.extend(Case(point, space.severity(point), outcome) for point, outcome in pairs)
+        return cases[-len(points) :]
 
     def strategy(mean: FloatArray, population: int) -> CMA:
         bounds = np.tile([0.0, 1.0], (size, 1))
@@ -216,23 +193,6 @@ def best(cases: Sequence[Case]) -> Case:
     return min(cases, key=lambda case: case.cost)
 
 
-def distinct(space: Space, cases: Sequence[Case], most: int, apart: float = 0.2) -> list[Case]:
-    """Return failures in the order of their severity, without neighbours of one returned before.
-
-    Args:
-        space: of the parameters.
-        cases: to choose from.
-        most: largest number of failures to return.
-        apart: least root mean square distance, of the bounds.
-    """
-    chosen: list[Case] = []
-    scale = apart * np.sqrt(len(space.parameters))
-    for case in sorted((case for case in cases if case.failed), key=lambda case: case.cost):
-        if all(np.linalg.norm(case.point - other.point) >= scale for other in chosen):
-            chosen.append(case)
-    return chosen[:most]
-
-
 def milder(space: Space, point: FloatArray) -> FloatArray:
     """Return milder points, (m, n), that share the free parameters of a point.
 
@@ -246,19 +206,8 @@ def milder(space: Space, point: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class CaseReport:
-    """A case of the report."""
-
-    severity: float
-    robustness: float  # 1 nominal, 0 failed
-    failure: str  # "" of a run that did not fail
-    values: Mapping[str, Scalar]  # of the scenario's keys
-    file: str  # the scenario, in the folder of the report
-
-
-@dataclass(frozen=True)
 class Report:
-    """Content of `falsification.json`."""
+    """Content of `falsification.json`: the least severe failure, or the least robust case."""
 
     scenario: str
     controller: str
@@ -267,7 +216,10 @@ class Report:
     runs: int  # of the search
     failed: int  # of these
     without_result: int  # of these: refused by the scenario, or ended by an error
-    cases: tuple[CaseReport, ...]  # failures, least severe first; without any the least robust case
+    severity: float
+    robustness: float  # 1 nominal, 0 failed
+    failure: str  # "" of a run that did not fail
+    values: Mapping[str, Scalar]  # of the scenario's keys
     versions: Mapping[str, str]
 
     def to_json(self) -> str:
@@ -275,15 +227,25 @@ class Report:
         return json.dumps(asdict(self), indent=2, allow_nan=False) + "\n"
 
 
-class Search:
-    """A search and its runs; every generation of runs has a sweep's folder of its own.
+def find_worst_case(
+    subject: Subject,
+    engine: Engine,
+    seed: int,
+    budget: int,
+    limit_m: float | None = None,
+    folder: Path | None = None,
+    on_run: Callable[[], object] = lambda: None,
+) -> Report:
+    """Search for the least severe failure and return the report, written to the folder.
 
     Args:
         subject: scenario and space of parameters.
         engine: executes the runs.
         seed: of all runs, for terrain and noise, and of the optimiser.
+        budget: runs of the search, the nominal one among them.
         limit_m: as of `Specification`.
-        folder: for runs and report; None: nothing is kept.
+        folder: of the report, of `worst.toml`, the scenario of its case, and of the rows, each
+            generation in a sweep's folder of its own; None: nothing is kept.
         on_run: called after every run.
 
     Raises:
@@ -291,93 +253,55 @@ class Search:
         SweepRefused: the folder has other content.
         SweepStopped: the nominal run raised an error.
     """
+    space, generation = subject.space, itertools.count()
 
-    def __init__(
-        self,
-        subject: Subject,
-        engine: Engine,
-        seed: int,
-        limit_m: float | None = None,
-        folder: Path | None = None,
-        on_run: Callable[[], object] = lambda: None,
-    ) -> None:
-        self.subject, self._engine, self.seed, self.folder = subject, engine, seed, folder
-        self._generations, self._on_run = 0, on_run
-        nominal = subject.space.nominal
-        self.specification = Specification.of(self.setting(nominal).scenario, limit_m)
-        row = self._drive(nominal[None, :])[0]
-        if row is None or row["status"] in _ERRORS:
-            raise SweepStopped(f"nominal run: {row['failure'] if row else 'refused'}")
-        self._nominal_shares = self.specification.shares(row)
-        outcome = self.specification.judge(row, self._nominal_shares)
-        self.cases = [Case(nominal, 0.0, outcome)]
+    def plan(points: FloatArray) -> SweepPlan:
+        changes = [space.changes(point) for point in points]
+        return points_plan(subject.scenario, changes, subject.settings, [seed])
 
-    def falsify(self, budget: int) -> None:
-        """Search with a number of runs, the nominal one among them; see `falsify`."""
-        if not self.cases[0].failed and budget > 1:
-            self.cases += falsify(self.subject.space, self._outcomes, budget - 1, self.seed)
+    def setting(point: FloatArray) -> Setting:
+        return plan(point[None, :]).setting(space.changes(point))
 
-    def report(self) -> Report:
-        """Return the report, written to the folder with a scenario file for each case."""
-        space, reports = self.subject.space, []
-        worst = distinct(space, self.cases, _WORST) or [best(self.cases)]
-        settings = [self.setting(case.point) for case in worst]
-        controller = settings[0].scenario.controller.name
-        for number, (case, setting) in enumerate(zip(worst, settings, strict=True), 1):
-            outcome, name = case.outcome, f"{setting.name}-{controller.replace(':', '-')}-{number}"
-            assert outcome is not None
-            reports.append(
-                CaseReport(
-                    severity=case.severity,
-                    robustness=outcome.robustness,
-                    failure=outcome.reason,
-                    values=space.changes(case.point),
-                    file=f"worst/{name}.toml",
-                )
-            )
-        report = Report(
-            scenario=settings[0].name,
-            controller=controller,
-            seed=self.seed,
-            limit_m=self.specification.limit_m,
-            runs=len(self.cases),
-            failed=sum(case.failed for case in self.cases),
-            without_result=sum(case.outcome is None for case in self.cases),
-            cases=tuple(reports),
-            versions=versions(),
-        )
-        if self.folder is not None:
-            for case, setting in zip(reports, settings, strict=True):
-                write_file(self.folder / case.file, setting.toml)
-            write_file(self.folder / "falsification.json", report.to_json())
-        return report
+    def drive(points: FloatArray) -> list[Row | None]:
+        """Return the row of each point, None where it is refused."""
+        place = folder and folder / "generations" / f"{next(generation):03d}"
+        driven = drive_plan(plan(points), engine, place)
+        for _ in points:
+            on_run()
+        return [rows[0] if rows else None for rows in driven]
 
-    def setting(self, point: FloatArray) -> Setting:
-        """Return the scenario at a point.
-
-        Raises:
-            InvalidStudy: it is refused.
-        """
-        return self._plan(point[None, :]).setting(self.subject.space.changes(point))
-
-    def _plan(self, points: FloatArray) -> SweepPlan:
-        subject = self.subject
-        changes = [subject.space.changes(point) for point in points]
-        return points_plan(subject.scenario, changes, subject.settings, [self.seed])
-
-    def _outcomes(self, points: FloatArray) -> list[Outcome | None]:
+    def evaluate(points: FloatArray) -> list[Outcome | None]:
         return [
-            None
-            if row is None or row["status"] in _ERRORS
-            else self.specification.judge(row, self._nominal_shares)
-            for row in self._drive(points)
+            None if row is None or row["status"] in _ERRORS else specification.judge(row, shares)
+            for row in drive(points)
         ]
 
-    def _drive(self, points: FloatArray) -> Sequence[Row | None]:
-        """Drive one generation and return the row of each point, None where it is refused."""
-        folder = self.folder and self.folder / "generations" / f"{self._generations:03d}"
-        self._generations += 1
-        driven = drive_plan(self._plan(points), self._engine, folder)
-        for _ in points:
-            self._on_run()
-        return [rows[0] if rows else None for rows in driven]
+    specification = Specification.of(setting(space.nominal).scenario, limit_m)
+    (row,) = drive(space.nominal[None, :])
+    if row is None or row["status"] in _ERRORS:
+        raise SweepStopped(f"nominal run: {row['failure'] if row else 'refused'}")
+    shares = specification.shares(row)
+    cases = [Case(space.nominal, 0.0, specification.judge(row, shares))]
+    if not cases[0].failed and budget > 1:
+        cases += falsify(space, evaluate, budget - 1, seed)
+    worst = best(cases)
+    assert worst.outcome is not None
+    found = setting(worst.point)
+    report = Report(
+        scenario=found.name,
+        controller=found.scenario.controller.name,
+        seed=seed,
+        limit_m=limit_m,
+        runs=len(cases),
+        failed=sum(case.failed for case in cases),
+        without_result=sum(case.outcome is None for case in cases),
+        severity=worst.severity,
+        robustness=worst.outcome.robustness,
+        failure=worst.outcome.failure,
+        values=space.changes(worst.point),
+        versions=versions(),
+    )
+    if folder is not None:
+        write_file(folder / "worst.toml", found.toml)
+        write_file(folder / "falsification.json", report.to_json())
+    return report

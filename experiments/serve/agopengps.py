@@ -1,6 +1,6 @@
 """AgOpenGPS over UDP: the plant in the place of GNSS receiver and steering module.
 
-docs/howto/serve.md describes the set-up. The bytes are checked against AgOpenGPS
+docs/integrations.md describes the set-up. The bytes are checked against AgOpenGPS
 (https://github.com/AgOpenGPS-Official/AgOpenGPS) at commit
 d3cfa141be6259c894604fe80da177275323ff2f: docs/pgn-protocol.md; under SourceCode the receiver
 GPS/Forms/UDPComm.Designer.cs, the sender GPS/Forms/PGN.Designer.cs and Position.designer.cs, the
@@ -19,13 +19,13 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
+from ttempc.reference.reference import Reference
 from ttempc.types import Sensor, State
 
 from ...testbed.geodesy import DATUM, Datum
-from .link import Received, Refused, RemoteCommand, RunFacts, TickData, Trouble
+from .link import Received, Refused, RemoteCommand, RunFacts, TickData, WireProtocol
 
 STEER: Final = 254  # from AgOpenGPS: speed, switch, steering angle
 STEER_STATUS: Final = 253  # from the steering module
@@ -57,15 +57,6 @@ _SIMULATED: Final = 8  # fix quality "Sim" (GUI.Designer.cs)
 _SWITCHES_OPEN: Final = 0b11  # work and steer switch are low when closed (CModuleComm.cs)
 
 
-@dataclass(frozen=True, slots=True)
-class Steering:
-    """Content of a steering frame, PGN 254."""
-
-    angle_deg: float  # desired, positive to the right
-    engaged: bool  # whether the autosteer button is on
-    speed_kmh: float  # as AgOpenGPS measures it
-
-
 def frame(source: int, number: int, data: bytes) -> bytes:
     """Return a frame with its checksum."""
     body = bytes((source, number, len(data))) + data
@@ -79,40 +70,14 @@ def parse(datagram: bytes) -> tuple[int, bytes]:
         Refused: no frame, or one of wrong length or checksum.
     """
     if datagram[:2] != _HEADER:
-        raise Refused(Trouble.CONTENT, f"{datagram[:16].hex(' ')}: a frame starts with 80 81")
-    if len(datagram) < _SHORTEST or len(datagram) != _SHORTEST + datagram[4]:
-        declared = _SHORTEST + datagram[4] if len(datagram) > 4 else _SHORTEST
-        raise Refused(
-            Trouble.LENGTH, f"a frame of {len(datagram)} bytes, must have {declared} by its header"
-        )
-    number = datagram[3]
-    expected = sum(datagram[2:-1]) % 256
-    if number not in _WITHOUT_CHECKSUM and datagram[-1] != expected:
-        raise Refused(
-            Trouble.CHECKSUM, f"PGN {number}: checksum {datagram[-1]:02x}, must be {expected:02x}"
-        )
+        raise Refused(f"{datagram[:16].hex(' ')}: a frame starts with 80 81")
+    declared = _SHORTEST + datagram[4] if len(datagram) > 4 else _SHORTEST
+    if len(datagram) != declared:
+        raise Refused(f"a frame of {len(datagram)} bytes, must have {declared} by its header")
+    number, sent, expected = datagram[3], datagram[-1], sum(datagram[2:-1]) % 256
+    if number not in _WITHOUT_CHECKSUM and sent != expected:
+        raise Refused(f"PGN {number}: checksum {sent:02x}, must be {expected:02x}")
     return number, datagram[5:-1]
-
-
-def steering(data: bytes) -> Steering:
-    """Return the content of a steering frame, PGN 254.
-
-    Raises:
-        Refused: the data are of another length.
-    """
-    if len(data) != _STEER.size:
-        raise Refused(Trouble.LENGTH, f"PGN 254: {len(data)} bytes of data, must be {_STEER.size}")
-    speed, status, angle, *_ = _STEER.unpack(data)
-    return Steering(0.01 * angle, bool(status & 1), 0.1 * speed)
-
-
-def steering_frame(content: Steering, source: int = 0x7F) -> bytes:
-    """Return a steering frame as AgOpenGPS sends it: for tests and examples.
-
-    Distance from the line and sections are those of no line and no section.
-    """
-    angle, speed = round(100.0 * content.angle_deg), round(10.0 * content.speed_kmh)
-    return frame(source, STEER, _STEER.pack(speed, content.engaged, angle, 255, 0, 0))
 
 
 def position_frame(
@@ -134,23 +99,11 @@ def position_frame(
     return frame(_AGIO, POSITION, data)
 
 
-def status_frame(angle_deg: float) -> bytes:
-    """Return the frame of the steering module, PGN 253: its measured angle, both switches open."""
-    data = (_centi(angle_deg), _NO_HEADING, _NO_ROLL, _SWITCHES_OPEN, 0)
-    return frame(_MODULE, STEER_STATUS, _STEER_STATUS.pack(*data))
-
-
-def hello_frame(angle_deg: float) -> bytes:
-    """Return the steering module's answer to the hello of AgIO."""
-    data = _HELLO_DATA.pack(_centi(angle_deg), 0, _SWITCHES_OPEN)
-    return frame(_MODULE, _HELLO_REPLY, data)
-
-
 def _centi(angle_deg: float) -> int:
     return max(-_NO_SHORT, min(_NO_SHORT, round(100.0 * angle_deg)))
 
 
-class AgOpenGpsProtocol:
+class AgOpenGpsProtocol(WireProtocol):
     """Positions and steering angles out, steering angles in.
 
     Position, speed, steering angle and roll are those of the sensors, the heading is that of the
@@ -170,13 +123,10 @@ class AgOpenGpsProtocol:
         self._angle_deg = 0.0  # measured last, positive to the right
         self._speed_kmh = 0.0
         self._roll_deg: float | None = None
-        self._start: tuple[float, float, float] | None = None  # x, y [m], yaw [rad]
-        self.ready = False  # until the autosteer button is on
 
-    def begin(self, facts: RunFacts) -> None:
-        """Keep the place where the vehicle waits."""
-        x, y, yaw = facts.reference.at(0.0).state.tolist()[: State.PSI_I]
-        self._start = x, y, yaw
+    def begin(self, facts: RunFacts, reference: Reference) -> None:
+        """Keep the place where the vehicle waits: x, y [m], yaw [rad]."""
+        self._start = reference.at(0.0).state.tolist()[: State.PSI_I]
 
     def receive(self, payload: bytes) -> Received:
         """Return the steering command of PGN 254, or the answer to a hello.
@@ -186,18 +136,20 @@ class AgOpenGpsProtocol:
         """
         number, data = parse(payload)
         if number == HELLO:
-            return Received(replies=(hello_frame(self._angle_deg),))
+            reply = _HELLO_DATA.pack(_centi(self._angle_deg), 0, _SWITCHES_OPEN)
+            return Received(replies=(frame(_MODULE, _HELLO_REPLY, reply),))
         if number != STEER:  # settings, sections, machine data: nothing for this plant
             return Received()
-        wanted = steering(data)
-        if not wanted.engaged:
+        if len(data) != _STEER.size:
+            raise Refused(f"PGN 254: {len(data)} bytes of data, must be {_STEER.size}")
+        _, status, angle, *_ = _STEER.unpack(data)
+        if not status & 1:  # the autosteer button is off
             return Received()
         self.ready = True
-        return Received(RemoteCommand(tick=None, delta_t=-math.radians(wanted.angle_deg)))
+        return Received(RemoteCommand(tick=None, delta_t=-math.radians(0.01 * angle)))
 
     def standing(self) -> Sequence[bytes]:
         """Return the place of the start, without motion."""
-        assert self._start is not None
         return self._frames(*self._start)
 
     def period(self, data: TickData) -> Sequence[bytes]:
@@ -213,16 +165,16 @@ class AgOpenGpsProtocol:
             elif item.sensor == Sensor.IMU_TRACTOR:
                 self._roll_deg = math.degrees(item.value[1])
         if place is None:
-            return (status_frame(self._angle_deg),)
+            return (self._status(),)
         return self._frames(*place, float(data.estimate.state[State.PSI_T]))
-
-    def end(self, status: str) -> Sequence[bytes]:
-        """Return nothing: AgOpenGPS notices that positions cease."""
-        del status
-        return ()
 
     def _frames(self, x: float, y: float, yaw: float) -> Sequence[bytes]:
         latitude, longitude = self._datum.degrees(x, y)
         heading_deg = 90.0 - math.degrees(yaw)
         position = position_frame(latitude, longitude, heading_deg, self._speed_kmh, self._roll_deg)
-        return status_frame(self._angle_deg), position
+        return self._status(), position
+
+    def _status(self) -> bytes:
+        """Return the frame of the steering module: its measured angle, both switches open."""
+        data = (_centi(self._angle_deg), _NO_HEADING, _NO_ROLL, _SWITCHES_OPEN, 0)
+        return frame(_MODULE, STEER_STATUS, _STEER_STATUS.pack(*data))

@@ -1,6 +1,6 @@
 """JSON over UDP: one datagram with the samples of a control period, one with its command.
 
-docs/howto/serve.md describes the datagrams. They are objects with the key `type`, in UTF-8; angles
+docs/integrations.md describes the datagrams. They are objects with the key `type`, in UTF-8; angles
 are in radians, counter-clockwise, and numbers keep all their digits.
 """
 
@@ -16,11 +16,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from ttempc.reference.reference import Reference
-from ttempc.types import Estimate, FloatArray, State
+from ttempc.types import Estimate, FloatArray
 
-from .link import Received, Refused, RemoteCommand, RunFacts, TickData, Trouble
+from .link import Received, Refused, RemoteCommand, RunFacts, TickData, WireProtocol
 
-VERSION: Final = 1
 _MOST_BYTES: Final = 1024  # of a datagram of the peer
 _MOST_STAGES: Final = 100  # of the reference in a datagram: some 25 kB of the 64 that UDP carries
 
@@ -50,20 +49,12 @@ _RECEIVED: Final[TypeAdapter[_Hello | _Command]] = TypeAdapter(
 )
 
 
-class JsonProtocol:
+class JsonProtocol(WireProtocol):
     """Datagrams `hello` and `command` in, `welcome`, `samples` and `end` out."""
 
     name = "json"
-    space_based = False
 
-    def __init__(self) -> None:
-        self._facts: RunFacts | None = None
-        self._stages = 0  # of the reference that the peer has asked for
-        self._estimate = False  # whether it has asked for the estimate
-        self.peer_name = ""
-        self.ready = False  # until the first hello
-
-    def begin(self, facts: RunFacts) -> None:
+    def begin(self, facts: RunFacts, reference: Reference) -> None:
         """Keep the facts for the welcome."""
         self._facts = facts
 
@@ -75,27 +66,23 @@ class JsonProtocol:
                 a command before the hello.
         """
         if len(payload) > _MOST_BYTES:
-            raise Refused(
-                Trouble.LENGTH, f"a datagram of {len(payload)} bytes, must be {_MOST_BYTES} at most"
-            )
+            raise Refused(f"a datagram of {len(payload)} bytes, must be {_MOST_BYTES} at most")
         try:
             message = _RECEIVED.validate_json(payload)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             key = ".".join(map(str, first["loc"][1:]))
             what = f"{first['msg']}, got {str(first['input'])[:80]!r}"
-            raise Refused(Trouble.CONTENT, f"`{key}`: {what}" if key else what) from None
+            raise Refused(f"`{key}`: {what}" if key else what) from None
         if isinstance(message, _Hello):
-            return self._welcome(message)
+            self._asked, self.peer_name, self.ready = message, message.name, True
+            welcome = {"type": "welcome", "version": message.version, **asdict(self._facts)}
+            return Received(replies=(_encoded(welcome),))
         if not self.ready:
-            raise Refused(Trouble.CONTENT, "command before a hello")
+            raise Refused("command before a hello")
         return Received(
             RemoteCommand(message.tick, message.delta_t_rad, message.delta_i_rad, message.hp)
         )
-
-    def standing(self) -> Sequence[bytes]:
-        """Return nothing: the peer speaks first."""
-        return ()
 
     def period(self, data: TickData) -> Sequence[bytes]:
         """Return the samples of a tick, with estimate and reference where they were asked for."""
@@ -108,11 +95,10 @@ class JsonProtocol:
                 for item in data.samples
             ],
         }
-        assert self._facts is not None
-        if self._estimate:
+        if self._asked.estimate:
             message["estimate"] = _estimate(data.estimate)
-        if self._stages:
-            ticks = np.arange(self._stages, dtype=np.float64) + data.reference_tick
+        if self._asked.reference:
+            ticks = np.arange(self._asked.reference, dtype=np.float64) + data.reference_tick
             message["reference"] = _reference(data.reference, ticks * self._facts.period_s)
         return (_encoded(message),)
 
@@ -120,36 +106,17 @@ class JsonProtocol:
         """Return the last datagram of the run."""
         return (_encoded({"type": "end", "status": status}),)
 
-    def _welcome(self, hello: _Hello) -> Received:
-        self._stages, self._estimate = hello.reference, hello.estimate
-        self.peer_name, self.ready = hello.name, True
-        assert self._facts is not None
-        facts = self._facts
-        welcome = {
-            "type": "welcome",
-            "version": VERSION,
-            "scenario": facts.scenario,
-            "seed": facts.seed,
-            "period_s": facts.period_s,
-            "ticks": facts.ticks,
-            "step": facts.lockstep,
-            "vehicle": asdict(facts.vehicle),
-        }
-        return Received(replies=(_encoded(welcome),))
+
+_STATE: Final = (  # in the order of `State`
+    *("x_m", "y_m", "yaw_rad", "trailer_yaw_rad"),
+    *("wheel_rad", "trailer_wheel_rad", "speed_mps"),
+)
 
 
 def _reference(reference: Reference, times_s: FloatArray) -> list[dict[str, float]]:
     sample = reference.at(times_s)
     names = (
-        *(
-            "x_m",
-            "y_m",
-            "yaw_rad",
-            "trailer_yaw_rad",
-            "wheel_rad",
-            "trailer_wheel_rad",
-            "speed_mps",
-        ),
+        *_STATE,
         *("delta_t_rad", "delta_i_rad", "hp"),
         *("trailer_x_m", "trailer_y_m", "curvature_per_m"),
     )
@@ -159,20 +126,9 @@ def _reference(reference: Reference, times_s: FloatArray) -> list[dict[str, floa
 
 
 def _estimate(estimate: Estimate) -> dict[str, float | None]:
-    state = estimate.state
-    values = {
-        "x_m": state[State.X],
-        "y_m": state[State.Y],
-        "yaw_rad": state[State.PSI_T],
-        "trailer_yaw_rad": state[State.PSI_I],
-        "wheel_rad": state[State.DELTA_T],
-        "trailer_wheel_rad": state[State.DELTA_I],
-        "speed_mps": state[State.V],
-        "trailer_x_m": estimate.trailer_xy[0],
-        "trailer_y_m": estimate.trailer_xy[1],
-        "hitch_rad": estimate.hitch_angle,
-    }
-    return dict(zip(values, _plain(values.values()), strict=True))
+    values = (*estimate.state, *estimate.trailer_xy, estimate.hitch_angle)
+    names = (*_STATE, "trailer_x_m", "trailer_y_m", "hitch_rad")
+    return dict(zip(names, _plain(values), strict=True))
 
 
 def _plain(values: Iterable[float]) -> list[float | None]:

@@ -9,8 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from types import TracebackType
-from typing import Final, Protocol, Self
+from typing import Final, NamedTuple, Self
 
 from ttempc.reference.reference import Reference
 from ttempc.types import Estimate, Measurement
@@ -32,37 +31,25 @@ class Trouble(StrEnum):
     LATE = "late commands"
     REPEATED = "repeated commands"
     STRANGER = "datagrams from other addresses"
-    LENGTH = "datagrams of wrong length"
-    CHECKSUM = "wrong checksums"
-    CONTENT = "datagrams with invalid content"
+    INVALID = "invalid datagrams"
     UNSENT = "datagrams that could not be sent"
     OVERRUN = "overruns of the clock"
 
 
 class Refused(Exception):
-    """A datagram that its protocol refuses.
-
-    Args:
-        trouble: under which it is counted.
-        text: what was received and what is allowed.
-    """
-
-    def __init__(self, trouble: Trouble, text: str) -> None:
-        super().__init__(text)
-        self.trouble = trouble
+    """A datagram that its protocol refuses: what was received and what is allowed."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunFacts:
-    """Facts of a run that the peer may need before its first tick."""
+    """Facts of a run that the peer may need before its first tick, by the keys of the welcome."""
 
     scenario: str
     seed: int
     period_s: float  # control period [s]
     ticks: int  # of the reference
-    lockstep: bool  # whether the plant waits for every command
+    step: bool  # whether the plant waits for every command
     vehicle: Vehicle  # model parameters
-    reference: Reference
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,26 +84,23 @@ class CommandLink:
     silence_s: float = field(default=0.0, repr=False)  # simulated, since the tick of that command
 
 
-@dataclass(frozen=True, slots=True)
-class Received:
+class Received(NamedTuple):
     """Content of a valid datagram."""
 
     command: RemoteCommand | None = None
-    replies: Sequence[bytes] = field(default=())
+    replies: Sequence[bytes] = ()
 
 
-class WireProtocol(Protocol):
+class WireProtocol:
     """Datagrams of one protocol; it has neither socket nor clock."""
 
     name: str
-    space_based: bool  # whether the peer follows a line of its own and not the reference over time
+    space_based = False  # whether the peer follows a line of its own and not the reference
+    peer_name = ""  # as the peer gives it
+    ready = False  # whether the peer has said that the vehicle may start
 
-    peer_name: str  # as the peer gives it
-    ready: bool  # whether the peer has said that the vehicle may start
-
-    def begin(self, facts: RunFacts) -> None:
+    def begin(self, facts: RunFacts, reference: Reference) -> None:
         """Take in the facts of the run, before the peer is waited for."""
-        ...
 
     def receive(self, payload: bytes) -> Received:
         """Return the content of a datagram.
@@ -124,19 +108,19 @@ class WireProtocol(Protocol):
         Raises:
             Refused: it is not one of this protocol.
         """
-        ...
+        raise NotImplementedError
 
     def standing(self) -> Sequence[bytes]:
         """Return what is sent every period while the vehicle waits for its start."""
-        ...
+        return ()
 
     def period(self, data: TickData) -> Sequence[bytes]:
         """Return what is sent at a control tick."""
-        ...
+        raise NotImplementedError
 
     def end(self, status: str) -> Sequence[bytes]:
         """Return what is sent when the run has ended."""
-        ...
+        return ()
 
 
 class Link:
@@ -147,7 +131,7 @@ class Link:
 
     Args:
         address: to bind to; port 0 for any free one.
-        peer: the only address that is listened to; None: see `own`.
+        peer: the only address that is listened to; None: the first that is understood.
 
     Raises:
         ServeError: the address is not of this machine, or its port is taken.
@@ -168,17 +152,8 @@ class Link:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._socket.close()
-
-    def own(self, address: Address) -> None:
-        """Make `address` the peer for the rest of the session."""
-        self.peer = address
 
     def send(self, payload: bytes) -> None:
         """Send a datagram to the peer; one that the system refuses is counted."""
@@ -192,14 +167,8 @@ class Link:
             self.sent += 1
 
     def receive(self, until: float) -> tuple[bytes, Address] | None:
-        """Return the next datagram of the peer, or of anyone while there is none.
-
-        Args:
-            until: time of `time.monotonic` to wait until [s]; datagrams that are there are read
-                before.
-
-        Returns:
-            Payload and address; None where none came.
+        """Return payload and address of the next datagram of the peer, or of anyone while there is
+        none; None where none came until a time of the monotonic clock [s].
         """
         while True:
             self._socket.settimeout(max(until - time.monotonic(), _SHORTEST_WAIT_S))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,7 +21,7 @@ from ttempc.vehicle import Vehicle
 from ...testbed.errors import StageFailed
 from ...testbed.recording.record import Event
 from ...testbed.simulation.loop import with_stages
-from ...testbed.simulation.setup import SimulationSetup, Stage, TickContext
+from ...testbed.simulation.setup import SimulationSetup, TickContext
 from ...testbed.simulation.termination import TerminationLimits
 from ...testbed.terminal import one_line
 from ..errors import InvalidController, ServeError
@@ -47,7 +46,6 @@ from .link import (
 _WAIT_SHARE: Final = 0.8  # of a period, for the command; the rest is the plant's; assumed
 _MOST_DATAGRAMS: Final = 1000  # that are read after their time: a flood does not hold the plant
 _ECHO_S: Final = 0.1  # in which a repeated command is no request to repeat the samples; assumed
-_NOTE_S: Final = 1.0  # simulated time between two events on troubles
 # A peer that follows a line of its own may be anywhere: limits of supervisor and termination.
 _FREE: Final = SafetyLimits(cross_m=math.inf, distance_m=math.inf, yaw=math.inf, jump_m=math.inf)
 _FREE_GROUND: Final = {"deviation": math.inf, "stuck_deviation": math.inf}
@@ -73,12 +71,6 @@ class RemoteController:
     with the reference at the same place (space-based protocols) or time, and K of the model; the
     gain 1 / K is assumed. Where it gives no steering of the trailer, the trailer is towed with its
     steering straight.
-
-    Args:
-        vehicle: model parameters.
-        reference: where both axle points should be over time.
-        period_s: control period [s].
-        link: to the peer.
 
     Raises:
         InvalidController: there is no link; such a run needs `ttempc serve`.
@@ -119,12 +111,7 @@ class RemoteController:
 
 
 class SilenceDetector:
-    """Detector of a peer that sends no command: the supervisor stops until it does again.
-
-    Args:
-        link: to the peer.
-        limit: time without a command after which the vehicle stops [s].
-    """
+    """Detector of a peer without a command for `limit` seconds: the vehicle stops until it has."""
 
     name = "command link"
 
@@ -191,9 +178,6 @@ class Session:
         self._running = False
         self._samples: tuple[bytes, ...] = ()  # sent last, and when on the monotonic clock [s]
         self._sent_s = 0.0
-        self._noted: Counter[Trouble] = Counter()
-        self._noted_s = -math.inf
-        self._said: set[Trouble] = set()
         self._ended = False
 
     def assemble(
@@ -218,16 +202,17 @@ class Session:
             seed=seed,
             period_s=self._period_s,
             ticks=assembly.ticks,
-            lockstep=self._settings.lockstep,
+            step=self._settings.lockstep,
             vehicle=guidance.vehicle,
-            reference=guidance.reference,
         )
-        self._protocol.begin(facts)
+        self._protocol.begin(facts, guidance.reference)
         self._wait_for_the_peer()
         limits = replace(TerminationLimits.of(assembly.plant.vehicle), **_FREE_GROUND)
+        stages = with_stages([("estimate", self._exchange)], assembly.stages)
+        pace = () if self._settings.lockstep else (self._pace,)
         return replace(
             assembly,
-            stages=self._stages(assembly.stages),
+            stages=(*pace, *stages, self._note),
             termination=limits if self._protocol.space_based else None,
         )
 
@@ -240,12 +225,9 @@ class Session:
     def totals(self) -> str:
         """Return what was exchanged and what went wrong as one line."""
         parts = [f"{self._link.sent} datagrams sent", f"{self.used} commands in time"]
-        parts += _counted(self._link.counts)
+        counts = self._link.counts
+        parts += [f"{counts[trouble]} {trouble}" for trouble in Trouble if counts[trouble]]
         return "UDP: " + ", ".join(parts)
-
-    def _stages(self, stages: tuple[Stage, ...]) -> tuple[Stage, ...]:
-        first = () if self._settings.lockstep else (self._pace,)
-        return (*first, *with_stages([("estimate", self._exchange)], stages), self._note)
 
     def _wait_for_the_peer(self) -> None:
         """Answer until the protocol is ready.
@@ -321,14 +303,9 @@ class Session:
             raise StageFailed(f"no command for tick {tick.k} within {self._settings.wait_s:g} s")
 
     def _note(self, setup: SimulationSetup, tick: TickContext) -> None:
-        """Log what went wrong since the last note, and the totals at the end."""
-        time_s, counts = tick.now.time_s, self._link.counts
-        if counts != self._noted and time_s - self._noted_s >= _NOTE_S:
-            text = "UDP: " + ", ".join(_counted(counts - self._noted))
-            setup.sink.event(Event(time_s, "warning", text))
-            self._noted, self._noted_s = counts.copy(), time_s
+        """Log the totals at the end."""
         if tick.lost or tick.stopped or setup.guidance.reference_tick >= self._ticks:
-            setup.sink.event(Event(time_s, "info", self.totals()))
+            setup.sink.event(Event(tick.now.time_s, "info", self.totals()))
             self.end("lost" if tick.lost else "stopped" if tick.stopped else "completed")
 
     def _take(self, payload: bytes, address: Address) -> None:
@@ -336,13 +313,12 @@ class Session:
         try:
             received = self._protocol.receive(payload)
         except Refused as error:
-            self._link.counts[error.trouble] += 1
-            if error.trouble not in self._said:
-                self._said.add(error.trouble)
+            self._link.counts[Trouble.INVALID] += 1
+            if self._link.counts[Trouble.INVALID] == 1:
                 self._say(one_line(f"refused, from {text_of(address)}: {error}"))
             return
         if self._link.peer is None:
-            self._link.own(address)
+            self._link.peer = address
             self._say(f"peer {text_of(address)}")
         self._send(received.replies)
         if received.command is not None and self._running:
@@ -352,7 +328,7 @@ class Session:
         """Keep a command for its tick, for the next one where it is late."""
         tick = self._tick if command.tick is None else command.tick
         if tick > self._tick:
-            self._link.counts[Trouble.CONTENT] += 1
+            self._link.counts[Trouble.INVALID] += 1
         elif tick <= self._latest_tick:
             self._link.counts[Trouble.REPEATED] += 1
             echo = time.monotonic() < self._sent_s + _ECHO_S
@@ -372,11 +348,6 @@ class Session:
             self._link.send(payload)
 
 
-def _counted(counts: Counter[Trouble]) -> list[str]:
-    """Return what was counted as text, in the order of `Trouble`."""
-    return [f"{counts[trouble]} {trouble}" for trouble in Trouble if counts[trouble]]
-
-
 PROTOCOLS: Final[dict[str, Callable[[], WireProtocol]]] = {
     "json": JsonProtocol,
     "agopengps": AgOpenGpsProtocol,
@@ -390,21 +361,10 @@ def serve(
     folder: Path,
     link: Link,
     protocol: WireProtocol,
-    settings: SessionSettings | None = None,
-    *,
-    say: Callable[[str], None] = lambda line: None,
+    settings: SessionSettings,
+    say: Callable[[str], None],
 ) -> tuple[Finished, str]:
     """Run a scenario with the controller at the other end of a link; write as `run` does.
-
-    Args:
-        name: of the scenario.
-        scenario: what to run; its controller is replaced.
-        seed: draws terrain and noise.
-        folder: to make.
-        link: socket, open.
-        protocol: of the datagrams; of this run alone.
-        settings: of the session.
-        say: is told what happens beside the run, in lines.
 
     Returns:
         What the run left, and what was exchanged as one line.
@@ -413,7 +373,7 @@ def serve(
         ServeError: no peer was ready in time; nothing is written.
         OutputExists, ExperimentError, TestbedError, TtempcError: as `run`.
     """
-    session = Session(name, link, protocol, settings or SessionSettings(), say)
+    session = Session(name, link, protocol, settings, say)
     factory = partial(RemoteController, link=session.commands)
     try:
         finished = run(name, scenario, seed, folder, factory=factory, make=session.assemble)

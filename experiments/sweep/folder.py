@@ -6,7 +6,6 @@ import fcntl
 import json
 import os
 import platform
-from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -43,6 +42,10 @@ class Origin:
         """Return the origin of rows that this process makes."""
         machine, cpus = platform.platform(), os.cpu_count() or 1
         return cls(plan, runs, code_digest(), versions(), machine, cpus, refused, study)
+
+    def dump(self) -> str:
+        """Return the content of `versions.json`."""
+        return json.dumps(asdict(self), indent=2) + "\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +111,7 @@ def lock_folder(path: Path, plan: SweepPlan) -> Iterator[SweepFolder]:
         if is_begun(path):
             origin = _resumed(path, plan, origin)
         else:
-            _write_origin(path, origin)
+            _write(path / _VERSIONS, origin.dump())
             _write(path / _STUDY, plan.study.dump())
         yield SweepFolder(path, origin)
 
@@ -120,10 +123,14 @@ def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
         SweepRefused: it belongs to another sweep; the message says what differs.
     """
     begun = Origin(**json.loads((path / _VERSIONS).read_text(encoding="utf-8")))
-    if difference := _difference(begun, origin):
-        raise SweepRefused(
-            f"output folder {path}: was begun with another {difference}; give another folder"
-        )
+    # The commit may differ: the digest says whether the code does.
+    before, after = ({"code": item.code, **item.versions, "commit": ""} for item in (begun, origin))
+    for name in {**before, **after}:
+        if (old := before.get(name)) != (now := after.get(name)):
+            raise SweepRefused(
+                f"output folder {path}: was begun with another {name} ({old}, now {now}); "
+                "give another folder"
+            )
     same = (path / _STUDY).read_text(encoding="utf-8") == plan.study.dump()
     if same and begun.plan == origin.plan:
         return begun
@@ -132,47 +139,26 @@ def _resumed(path: Path, plan: SweepPlan, origin: Origin) -> Origin:
     # The digest of the plan comes last: until it is written, rows are found by their identity.
     _write(path / _STUDY, plan.study.dump())
     _write(path / FILE, "".join(map(line, kept)))
-    _write_origin(path, origin)
+    _write(path / _VERSIONS, origin.dump())
     return origin
 
 
 def _renumbered(path: Path, plan: SweepPlan, origin: Origin) -> list[Row]:
-    """Return the rows of a folder with the numbers and axes of another plan of the same runs.
-
-    Raises:
-        SweepRefused: a row is of a run that the plan does not have.
-    """
-    by_identity: defaultdict[str, list[Row]] = defaultdict(list)
-    for row in rows(path / FILE) if (path / FILE).exists() else ():
-        by_identity[str(row["run_id"])].append(row)
+    """Return the rows of a folder with the numbers and axes of another plan of the same runs."""
+    rest = {str(row["run_id"]): row for row in rows(path / FILE)} if (path / FILE).exists() else {}
     kept: list[Row] = []
-    for run in plan.runs() if by_identity else ():
+    for run in plan.runs() if rest else ():
         planned = plan[run]
-        if same := by_identity.get(plan.identity(planned, origin.versions)):
-            numbers = {"run": run, "point": planned.point}
-            values = {**same.pop(), **planned.setting.axes, **numbers}
+        if row := rest.pop(plan.identity(planned, origin.versions), None):
+            values = {**row, **planned.setting.axes, "run": run, "point": planned.point}
             kept.append({name: values[name] for name in columns(plan.study.names)})
-    if left := [row for same in by_identity.values() for row in same]:
-        row = left[0]
+    for row in rest.values():
         raise SweepRefused(
-            f"output folder {path}: holds {len(left)} rows of runs that are not in study "
+            f"output folder {path}: holds {len(rest)} rows of runs that are not in study "
             f"{plan.name}, such as run {row['run']} ({row['controller']} on {row['scenario']}, "
             f"seed {row['seed']}); a study may grow, its runs may not change: give another folder"
         )
     return kept
-
-
-def _difference(begun: Origin, now: Origin) -> str:
-    """Return the first difference of two origins that can change rows, as text."""
-    # The commit may differ: the digest says whether the code does.
-    before, after = ({**item.versions, "commit": ""} for item in (begun, now))
-    pairs = [("code", begun.code, now.code)]
-    pairs += [(name, before.get(name), after.get(name)) for name in sorted({*before, *after})]
-    return next((f"{name} ({old}, now {new})" for name, old, new in pairs if old != new), "")
-
-
-def _write_origin(path: Path, origin: Origin) -> None:
-    _write(path / _VERSIONS, json.dumps(asdict(origin), indent=2) + "\n")
 
 
 def _write(file: Path, text: str) -> None:

@@ -9,11 +9,10 @@ from __future__ import annotations
 import json
 import typing
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from typing import Any, Final, Literal
 
 from ..results.summary import Status, Summary
-from ..results.tracking_errors import START_UP_S
 
 Value = str | float | int | bool | None
 Row = dict[str, Value]
@@ -49,8 +48,13 @@ def columns(axes: Sequence[str]) -> tuple[str, ...]:
 
 def figures(summary: Summary) -> dict[str, float | None]:
     """Return the numbers of a summary by their dotted names."""
-    content = asdict(summary)
-    return {name: _dig(content, name) for name in FIGURES}
+    result: dict[str, float | None] = {}
+    for name in FIGURES:
+        value: Any = summary
+        for part in name.split("."):
+            value = getattr(value, part) if value is not None else None
+        result[name] = None if value is None else float(value)
+    return result
 
 
 def no_figures() -> dict[str, float | None]:
@@ -65,13 +69,6 @@ def line(row: Row) -> str:
         ValueError: a number is not finite.
     """
     return json.dumps(row, ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
-
-
-def _dig(content: Mapping[str, Any], name: str) -> float | None:
-    value: Any = content
-    for part in name.split("."):
-        value = value[part] if value is not None else None
-    return None if value is None else float(value)
 
 
 def working_error(row: Mapping[str, Value], figure: str = "cross_p95_m") -> float | None:
@@ -98,20 +95,6 @@ def has_failed(row: Mapping[str, Value], limit_m: float | None = None) -> bool:
     error = working_error(row)
     beyond = limit_m is not None and error is not None and error > limit_m
     return row["status"] != "completed" or beyond
-
-
-def is_unmeasured(row: Mapping[str, Value]) -> bool:
-    """Return whether a run completed without an error figure: it lasted less than `START_UP_S`."""
-    return row["status"] == "completed" and working_error(row) is None
-
-
-def unmeasured_text(count: int, limit_m: float | None = None) -> str:
-    """Return a sentence on the completed runs without an error figure, "" where there are none."""
-    if not count:
-        return ""
-    verb = "run has" if count == 1 else "runs have"
-    scope = "" if limit_m is None else ", and the limit does not apply"
-    return f"{count} completed {verb} no error figure (shorter than {START_UP_S:g} s){scope}."
 
 
 def mostly_fails(failed: int, runs: int) -> bool:

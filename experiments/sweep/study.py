@@ -197,9 +197,9 @@ def load_study(name: str) -> tuple[str, Study]:
 
 
 def _anchored(content: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the content of a file with the paths of its scenarios made absolute."""
+    """Return the content of a file, not validated, with the paths of its scenarios absolute."""
 
-    def anchored(value: Any) -> Any:  # noqa: ANN401 - not validated yet
+    def anchored(value: Any) -> Any:  # noqa: ANN401
         if isinstance(value, list):
             return [anchored(item) for item in value]
         named = isinstance(value, str) and value.endswith(".toml")
@@ -207,13 +207,9 @@ def _anchored(content: dict[str, Any], folder: Path) -> dict[str, Any]:
 
     content = {**content, "scenario": anchored(content.get("scenario", "grass"))}
     axes = content.get("axis")
-    if isinstance(axes, list):
-        content["axis"] = [
-            {**axis, "values": anchored(axis.get("values"))}
-            if isinstance(axis, dict) and axis.get("key") == "scenario"
-            else axis
-            for axis in axes
-        ]
+    for axis in axes if isinstance(axes, list) else ():
+        if isinstance(axis, dict) and axis.get("key") == "scenario":
+            axis["values"] = anchored(axis.get("values"))
     return content
 
 
@@ -236,13 +232,17 @@ def dimensions(study: Study) -> tuple[Dimension, ...]:
     if study.samples is not None:
         drawn = [axis for axis in study.axis if isinstance(axis, DrawnAxis)]
         points = draw(drawn, study.samples, study.draw).tolist()
-        names = [axis.names for axis in drawn]
-        result.append(Dimension([_joint_change(names, point) for point in points]))
+        joint = [
+            {name: value for axis, value in zip(drawn, point, strict=True) for name in axis.names}
+            for point in points
+        ]
+        result.append(Dimension(joint))
     return tuple(result)
 
 
-def _joint_change(names: Sequence[Sequence[str]], point: Sequence[float]) -> Change:
-    return {name: value for own, value in zip(names, point, strict=True) for name in own}
+def _change(names: Sequence[str], value: Scalar | tuple[Scalar, ...]) -> Change:
+    values = value if isinstance(value, tuple) else (value,) * len(names)
+    return dict(zip(names, values, strict=True))
 
 
 def grid(axis: GridAxis) -> tuple[float, ...]:
@@ -259,34 +259,23 @@ def draw(axes: Sequence[DrawnAxis], samples: int, seed: int) -> FloatArray:
     Every independent axis has its own generator, so that adding an axis does not change the
     values of the others.
     """
-    from scipy.stats import qmc  # loads for a second, which `ttempc list` does without
+    from scipy.stats import norm, qmc  # loads for a second, which `ttempc list` does without
 
-    uniform = np.empty((samples, len(axes)))
-    joint = [column for column, axis in enumerate(axes) if axis.kind == "latin-hypercube"]
-    if joint:
-        sampler = qmc.LatinHypercube(len(joint), rng=generator(seed, "latin-hypercube"))
-        uniform[:, joint] = sampler.random(samples)
-    for column, axis in enumerate(axes):
-        if axis.kind == "random":
-            uniform[:, column] = generator(seed, f"random {axis.label}").random(samples)
-    return np.column_stack(
-        [_quantile(axis, uniform[:, column]) for column, axis in enumerate(axes)]
-    )
-
-
-def _quantile(axis: DrawnAxis, probability: FloatArray) -> FloatArray:
-    """Return the quantiles of the axis's distribution at these probabilities, (n,) each."""
-    low, high = axis.low, axis.high
-    if axis.distribution == "uniform":
-        return low + probability * (high - low)
-    if axis.distribution == "log-uniform":
-        return low * (high / low) ** probability
-    from scipy.stats import norm
-
-    # `low` and `high` are 2.5 and 97.5 %.
-    return norm.ppf(probability, 0.5 * (low + high), 0.5 * (high - low) / norm.ppf(0.975))
-
-
-def _change(names: Sequence[str], value: Scalar | tuple[Scalar, ...]) -> Change:
-    values = value if isinstance(value, tuple) else (value,) * len(names)
-    return dict(zip(names, values, strict=True))
+    joint = [axis.label for axis in axes if axis.kind == "latin-hypercube"]
+    sampler = qmc.LatinHypercube(max(1, len(joint)), rng=generator(seed, "latin-hypercube"))
+    cube = sampler.random(samples)
+    columns = []
+    for axis in axes:
+        low, high = axis.low, axis.high
+        if axis.label in joint:
+            probability = cube[:, joint.index(axis.label)]
+        else:
+            probability = generator(seed, f"random {axis.label}").random(samples)
+        if axis.distribution == "uniform":
+            columns.append(low + probability * (high - low))
+        elif axis.distribution == "log-uniform":
+            columns.append(low * (high / low) ** probability)
+        else:  # `low` and `high` are 2.5 and 97.5 %
+            sd = 0.5 * (high - low) / norm.ppf(0.975)
+            columns.append(norm.ppf(probability, 0.5 * (low + high), sd))
+    return np.column_stack(columns)

@@ -14,31 +14,37 @@ import pandas as pd
 from ttempc.types import FloatArray
 
 from ..errors import InvalidRows
-from ..results.statistics import (
-    IntervalEstimate,
-    Statistic,
-    bootstrap,
-    cvar95,
-    mean,
-    proportion,
-    quantile95,
-)
+from ..results.statistics import IntervalEstimate, mean, proportion
 from ..results.summary import ACTUATOR_USE
 from ..sweep.results import FILE, WORKING_P95, WORKING_SD, frame, rows
-from ..sweep.row import Row, Value
-from ..sweep.study import Axis, DrawnAxis, ListAxis, Study, load_study
+from ..sweep.row import Row
+from ..sweep.study import Axis, DrawnAxis, Study, load_study
 from .format import format_value
 
 _COST: Final = "timing.control_step_us.median"
 _TRACTOR: Final = "tracking.all.tractor.cross_p95_m"
-_OF_WORKING_POINT: Final = tuple(
+_WORKING: Final = [
     column.replace("working", f"tracking.all.{point}")
     for column in (WORKING_P95, WORKING_SD)
     for point in ("trailer", "tool")
-)
+]
 _TEXTS: Final = ("run_id", "scenario", "controller", "status", "failure", "log")
-_WHOLE: Final = ("run", "point", "seed")
-_NUMBERS: Final = (*_OF_WORKING_POINT, _TRACTOR, _COST, *(name for _, name, _ in ACTUATOR_USE))
+_NUMBERS: Final = (
+    "point",
+    "seed",
+    *_WORKING,
+    _TRACTOR,
+    _COST,
+    *(key for _, key, _ in ACTUATOR_USE),
+)
+
+_FIGURES: Final = {  # column of a report -> column of the rows, factor
+    "error_cm": (WORKING_P95, 100.0),
+    "sd_cm": (WORKING_SD, 100.0),
+    "tractor_cm": (_TRACTOR, 100.0),
+    "step_us": (_COST, 1.0),
+    **{head: (key, factor) for head, key, factor in ACTUATOR_USE},
+}
 
 _UNITS: Final = {
     "kpa": "kPa",
@@ -60,9 +66,9 @@ class Scale:
     label: str
     texts: tuple[str, ...]  # of its k values or bins
     positions: FloatArray  # of the values on a chart, (k,)
-    numeric: bool
-    logarithmic: bool
-    binned: bool
+    numeric: bool = False
+    logarithmic: bool = False
+    binned: bool = False
 
 
 @dataclass(frozen=True)
@@ -71,8 +77,9 @@ class Sweep:
 
     `rows` has one row a run by increasing number, with the columns of `results.jsonl` that a report
     shows, a column per scale, and: `controller` as ordered category; `failed`; of completed runs
-    `error_cm`, `sd_cm` of the working point and `tractor_cm`, NaN elsewhere, all across the track;
-    `step_us`; `unit`, the independent unit: the drawn point, or else the seed.
+    `error_cm`, `sd_cm` of the working point and `tractor_cm`, all across the track, `step_us` and
+    the heads of `ACTUATOR_USE`, NaN elsewhere; `unit`, the independent unit: the drawn point, or
+    else the seed.
     """
 
     name: str
@@ -82,8 +89,12 @@ class Sweep:
     scales: tuple[Scale, ...]
     controllers: tuple[str, ...]  # in the order of the plan
     point: str  # whose error is shown: tool, trailer, or working point for both
-    refused: int  # runs left out because a scenario or a controller refuses them
     limit_m: float | None = None  # on the error, see `has_failed`
+
+    @property
+    def refused(self) -> int:
+        """Return the number of runs left out because a scenario or a controller refuses them."""
+        return int(self.origin.get("refused", 0))
 
     @property
     def planned(self) -> int:
@@ -98,12 +109,7 @@ class Sweep:
     @property
     def units(self) -> str:
         """Return what the independent units are called."""
-        return "points" if _by_point(self.study) else "seeds"
-
-    @property
-    def unmeasured(self) -> int:
-        """Return the number of runs that completed without an error figure."""
-        return int((self.rows["status"].eq("completed") & self.rows["error_cm"].isna()).sum())
+        return "seeds" if self.study.samples is None else "points"
 
 
 def read_sweep(folder: Path, limit_m: float | None = None) -> Sweep:
@@ -127,126 +133,84 @@ def read_sweep(folder: Path, limit_m: float | None = None) -> Sweep:
     if not len(table):
         raise InvalidRows(f"{file}: holds no row yet")
     completed = table["status"].eq("completed")
-    present = dict.fromkeys(table["controller"])
     listed = (axis for axis in study.axis if "controller" in axis.names)
-    planned = [value for axis in listed if isinstance(axis, ListAxis) for value in axis.values]
+    planned = [value for axis in listed for value in getattr(axis, "values", ())]
+    present = table["controller"].unique()
     order = dict.fromkeys([*(name for name in planned if name in present), *present])
     too_far = False if limit_m is None else table[WORKING_P95] > limit_m
-    more: dict[str, Any] = {
-        "controller": pd.Categorical(table["controller"], [*order], ordered=True),
-        "failed": ~completed | too_far,
-        "error_cm": 100.0 * table[WORKING_P95].where(completed),
-        "sd_cm": 100.0 * table[WORKING_SD].where(completed),
-        "tractor_cm": 100.0 * table[_TRACTOR].where(completed),
-        "step_us": table[_COST],
-        "unit": table["point" if _by_point(study) else "seed"],
-    }
-    for head, name, factor in ACTUATOR_USE:
-        more[head] = factor * table[name].where(completed)
-    scales = []
-    for scale, places in _scales(study, table):
-        scales.append(scale)
-        more[scale.label] = places
-    name = str(origin.get("study") or folder.resolve().name.removeprefix("sweep-"))
-    tool = table["tracking.all.tool.cross_p95_m"][more["error_cm"].notna()].notna()
-    point = "trailer" if not tool.any() else "tool" if tool.all() else "working point"
-    table, refused = table.assign(**more), int(origin.get("refused", 0))
-    return Sweep(
-        name, study, origin, table, tuple(scales), tuple(map(str, order)), point, refused, limit_m
+    scales = [*_scales(study, table)]
+    table = table.assign(
+        **{
+            "controller": pd.Categorical(table["controller"], [*order], ordered=True),
+            "failed": ~completed | too_far,
+            "unit": table["seed" if study.samples is None else "point"],
+            **{
+                name: factor * table[key].where(completed)
+                for name, (key, factor) in _FIGURES.items()
+            },
+            **{scale.label: places for scale, places in scales},
+        }
     )
+    name = str(origin.get("study") or folder.resolve().name.removeprefix("sweep-"))
+    tool = table["tracking.all.tool.cross_p95_m"][table["error_cm"].notna()].notna()
+    point = "trailer" if not tool.any() else "tool" if tool.all() else "working point"
+    shown = tuple(scale for scale, _ in scales)
+    return Sweep(name, study, origin, table, shown, tuple(map(str, order)), point, limit_m)
 
 
 def groups(sweep: Sweep, by: Sequence[Scale] = ()) -> pd.DataFrame:
     """Return one row for each controller, at each combination of values that has runs.
 
-    Columns: the labels of the scales, `controller`; `runs` and `failed`, arrays of run numbers;
-    `rate`, the proportion of failed ones; `error`, the mean error [cm], None where no run
-    has one.
+    Columns: the labels of the scales, `controller`; `runs` and `failed`, their numbers; `rate`, the
+    proportion of failed ones; means of the figures of `Sweep.rows`, None where no run has one.
     """
 
     def of(part: pd.DataFrame) -> dict[str, Any]:
-        failed = part["failed"]
-        return {
-            "runs": part["run"].to_numpy(),
-            "failed": part["run"][failed].to_numpy(),
-            "rate": proportion(int(failed.sum()), len(part)),
-            "error": average(part, "error_cm"),
-        }
+        failed = int(part["failed"].sum())
+        means = {name: _mean(part, name) for name in _FIGURES}
+        return {"runs": len(part), "failed": failed, "rate": proportion(failed, len(part)), **means}
 
     return _each(sweep.rows, by, of)
 
 
-def tails(sweep: Sweep) -> pd.DataFrame:
-    """Return further estimates of each controller; None where no run has the figure.
-
-    Columns: `quantile95` and `cvar95` of the errors [cm]; means of `sd_cm`, `tractor_cm`, `step_us`
-    and the heads of `ACTUATOR_USE`.
-    """
-    shown = ("sd_cm", "tractor_cm", "step_us", *(head for head, _, _ in ACTUATOR_USE))
-
-    def tail(part: pd.DataFrame, statistic: Statistic) -> IntervalEstimate | None:
-        known = part[part["error_cm"].notna()]
-        values, units = known["error_cm"].to_numpy(), known["unit"].to_numpy()
-        return bootstrap(values, units, statistic) if len(known) else None
-
-    def of(part: pd.DataFrame) -> dict[str, Any]:
-        return {
-            "quantile95": tail(part, quantile95),
-            "cvar95": tail(part, cvar95),
-            **{name: average(part, name) for name in shown},
-        }
-
-    return _each(sweep.rows, (), of)
-
-
-def differences(sweep: Sweep, against: str, by: Sequence[Scale] = ()) -> pd.DataFrame:
+def differences(sweep: Sweep, against: str) -> pd.DataFrame:
     """Return the difference of every other controller to one, paired by point and seed.
 
-    Columns: as `groups`, with `runs` that have a counterpart; `pairs`, the number of those in which
-    both have an error; `error`, their mean difference [cm]; `alone`, `other`: numbers of runs of
-    which it alone failed, or the counterpart alone.
+    Columns: `controller`; `runs` that have a counterpart; `pairs`, the number of those in which
+    both have an error; `difference`, their mean difference [cm]; `alone`, `other`: numbers of runs
+    of which it alone failed, or the counterpart alone.
     """
-    rows = sweep.rows
-    counterpart = rows[rows["controller"] == against][["point", "seed", "error_cm", "failed"]]
-    pairs = rows[rows["controller"] != against].merge(
-        counterpart, on=["point", "seed"], suffixes=("", "_other")
-    )
+    rows, keys = sweep.rows, ["point", "seed"]
+    counterpart = rows[rows["controller"] == against][[*keys, "error_cm", "failed"]]
+    pairs = rows[rows["controller"] != against].merge(counterpart, on=keys, suffixes=("", "_other"))
     pairs["error_cm"] -= pairs["error_cm_other"]
 
     def of(part: pd.DataFrame) -> dict[str, Any]:
         failed, other = part["failed"], part["failed_other"]
         return {
-            "runs": part["run"].to_numpy(),
+            "runs": len(part),
             "pairs": int(part["error_cm"].notna().sum()),
-            "error": average(part, "error_cm"),
-            "alone": part["run"][failed & ~other].to_numpy(),
-            "other": part["run"][~failed & other].to_numpy(),
+            "difference": _mean(part, "error_cm"),
+            "alone": int((failed & ~other).sum()),
+            "other": int((~failed & other).sum()),
         }
 
-    return _each(pairs, by, of)
+    return _each(pairs, (), of)
 
 
-def ranking(sweep: Sweep) -> list[str]:
-    """Return the controllers, that with the least error first.
+def best(sweep: Sweep) -> str:
+    """Return the controller with the least median error of its runs.
 
-    They are compared by the median error of their runs. A run that did not complete counts as
-    worse than any other, so that no controller gains by the runs that it does not complete.
+    A run that did not complete counts as worse than any other, so that no controller gains by the
+    runs that it does not complete.
     """
     rows = sweep.rows
     error = rows["error_cm"].where(rows["status"].eq("completed"), np.inf)
-    by = rows["controller"]
-    order = pd.DataFrame(
-        {
-            # Without runs that are too short for an error.
-            "median": error.groupby(by, observed=True).quantile(0.5, interpolation="higher"),
-            "failed": rows["failed"].groupby(by, observed=True).mean(),
-        }
-    )
-    order["median"] = order["median"].fillna(np.inf)
-    return [*order.sort_values(["median", "failed"], kind="stable").index]
+    medians = error.groupby(rows["controller"], observed=True).quantile(interpolation="higher")
+    return str(medians.fillna(np.inf).idxmin())
 
 
-def average(part: pd.DataFrame, column: str) -> IntervalEstimate | None:
+def _mean(part: pd.DataFrame, column: str) -> IntervalEstimate | None:
     """Return the mean of a column over the runs that have it, None if there is none."""
     known = part[part[column].notna()]
     return mean(known[column].to_numpy(), known["unit"].to_numpy()) if len(known) else None
@@ -264,22 +228,14 @@ def _each(
     return pd.DataFrame.from_records(records)
 
 
-def _by_point(study: Study) -> bool:
-    """Return whether points are drawn at random; they are then the independent units."""
-    return any(isinstance(axis, DrawnAxis) for axis in study.axis)
-
-
 def _scales(study: Study, table: pd.DataFrame) -> Iterator[tuple[Scale, Any]]:
-    """Yield the axes except the controller, with the index of each run's value, (n,)."""
-    axes = [
-        axis
-        for axis in study.axis
-        if "controller" not in axis.names
-        and not (isinstance(axis, ListAxis) and len(axis.values) == 1)
-    ]
+    """Yield the axes of several values, not the controller, with the index of each run's, (n,)."""
+    axes = [axis for axis in study.axis if "controller" not in axis.names]
     labels = [_label(axis.names[0]) for axis in axes]
     for axis, label in zip(axes, labels, strict=True):
-        yield _scale(axis, axis.label if labels.count(label) > 1 else label, table)
+        scale, places = _scale(axis, axis.label if labels.count(label) > 1 else label, table)
+        if len(scale.texts) > 1:
+            yield scale, places
 
 
 def _label(key: str) -> str:
@@ -291,39 +247,25 @@ def _label(key: str) -> str:
 
 
 def _scale(axis: Axis, label: str, table: pd.DataFrame) -> tuple[Scale, Any]:
-    entries = table[[*axis.names]].itertuples(index=False, name=None)
-    values: list[Value] = [
+    values: list[Any] = [
         entry[0] if len(set(entry)) == 1 else ", ".join(map(format_value, entry))
-        for entry in entries
+        for entry in table[[*axis.names]].itertuples(index=False, name=None)
     ]
-    if not all(isinstance(v, int | float) and not isinstance(v, bool) for v in values):
-        listed = axis.values if isinstance(axis, ListAxis) and not axis.relative else ()
-        order = [*dict.fromkeys([*(v for v in listed if v in values), *values])]
-        texts = tuple(map(format_value, order))
-        scale = Scale(label, texts, np.arange(len(order), dtype=float), False, False, False)
+    if not all(type(value) in (int, float) for value in values):
+        listed: Any = getattr(axis, "values", ())
+        order = [*dict.fromkeys([*(value for value in listed if value in values), *values])]
+        scale = Scale(label, tuple(map(format_value, order)), np.arange(float(len(order))))
         return scale, [order.index(value) for value in values]
     numbers = pd.Series(values, index=table.index, dtype=float)
     places, distinct = pd.factorize(numbers, sort=True)
-    if isinstance(axis, ListAxis):
-        logarithmic = bool(distinct[0] > 0.0 and distinct[-1] >= _WIDE * distinct[0])
-    else:
-        spacing = getattr(axis, "spacing", "") + getattr(axis, "distribution", "")
-        logarithmic = spacing.startswith("log")
+    logarithmic = bool(distinct[0] > 0.0 and distinct[-1] >= _WIDE * distinct[0])
     if not isinstance(axis, DrawnAxis) and len(distinct) <= _MOST_VALUES:
-        texts = tuple(map(_short, distinct))
-        if len(set(texts)) < len(texts):
-            texts = tuple(f"{value:g}" for value in distinct)
-        return Scale(label, texts, np.asarray(distinct), True, logarithmic, binned=False), places
+        texts = tuple(f"{value:g}" for value in distinct)
+        return Scale(label, texts, np.asarray(distinct), True, logarithmic), places
     bins = places * min(_BINS, len(distinct)) // len(distinct)
     span = numbers.groupby(bins).agg(["min", "max", "median"])
-    texts = tuple(
-        f"{_short(a)} to {_short(b)}" for a, b in zip(span["min"], span["max"], strict=True)
-    )
+    texts = tuple(f"{a:.3g} to {b:.3g}" for a, b in zip(span["min"], span["max"], strict=True))
     return Scale(label, texts, span["median"].to_numpy(), True, logarithmic, binned=True), bins
-
-
-def _short(number: float) -> str:
-    return f"{number:.3g}" if abs(number) < 1000.0 else f"{number:.0f}"
 
 
 def _origin(file: Path) -> dict[str, Any]:
@@ -339,33 +281,16 @@ def _origin(file: Path) -> dict[str, Any]:
 
 def _checked(file: Path, study: Study, planned: int) -> Iterator[Row]:
     """Yield the shown columns of the rows of a file, each row checked."""
-    names = dict.fromkeys((*_WHOLE, *_TEXTS, *study.names, *_NUMBERS))
-    known: set[Value] = set()
-    content = rows(file)
-    for number in range(1, planned + 2):
-        reason = ""
-        try:
-            row = next(content)
-        except StopIteration:
-            return
-        except ValueError:
-            row = None
-        if not isinstance(row, dict):
-            reason = "is no object"
-        elif missing := [name for name in names if name not in row]:
-            reason = f"column {missing[0]} is missing"
-        elif wrong := [name for name in _WHOLE if type(row[name]) is not int]:
-            reason = f"{wrong[0]} is no whole number: {row[wrong[0]]!r}"
-        elif wrong := [name for name in _NUMBERS if not isinstance(row[name], int | float | None)]:
-            reason = f"{wrong[0]} is no number: {row[wrong[0]]!r}"
-        elif row["run"] not in range(planned):
-            reason = f"run {row['run']} of {planned}"
-        elif row["run"] in known:
-            reason = f"run {row['run']} is there twice"
-        if reason or row is None:
-            raise InvalidRows(
-                f"{file}: line {number} is no row of this study, as `ttempc sweep` writes them: "
-                f"{reason}"
-            )
-        known.add(row["run"])
-        yield {name: row[name] for name in names}
+    names, known = dict.fromkeys(("run", *_TEXTS, *study.names, *_NUMBERS)), set()
+    try:
+        for row in rows(file):
+            shown = {name: row[name] for name in names}
+            if row["run"] in known or row["run"] not in range(planned):
+                raise ValueError(f"run {row['run']} of {planned}")
+            if wrong := [key for key in _NUMBERS if not isinstance(row[key], int | float | None)]:
+                raise ValueError(f"{wrong[0]} is no number: {row[wrong[0]]!r}")
+            known.add(row["run"])
+            yield shown
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        line, reason = len(known) + 1, str(error).partition("\n")[0]
+        raise InvalidRows(f"{file}: line {line} is no row of this study: {reason}") from None

@@ -15,7 +15,7 @@ from ..errors import BadOptions, InvalidController
 from ..run.assembly import assemble
 from ..run.user_code import named_factory, user_sources
 from ..scenario.controller import TRUTH
-from ..scenario.scenario import Scenario, parse_overrides, read_scenario
+from ..scenario.scenario import parse_overrides, read_scenario
 from ..sweep.engine import Engine, imap_bounded
 from ..sweep.folder import lock_folder
 from ..sweep.plan import SweepPlan
@@ -23,14 +23,7 @@ from ..sweep.results import rows
 from ..sweep.row import Row
 from ..sweep.study import ListAxis, Study
 from ..sweep.sweep import Progress, sweep
-from .definition import (
-    VERSION,
-    differing,
-    frozen_checks,
-    identifier,
-    plant_check,
-    trial_files,
-)
+from .definition import VERSION, differing, frozen_checks, identifier, plant_check, trial_files
 from .score_card import Draws, ScoreCard, TrialRun, entry_label, score
 
 _COLUMNS: Final = {  # key of a run: column of a row
@@ -112,19 +105,17 @@ class Entrant:
         )
         plan = SweepPlan(f"benchmark {VERSION}", study)
         plan.extent()
-        if _is_space_based(plan[next(iter(plan.runs()))].setting.scenario, draws.seeds[0]):
+        first = plan[next(iter(plan.runs()))]
+        try:
+            by_place = assemble(first.setting.scenario, first.seed).guidance.space_based
+        except InvalidController:  # its factory raises: so do its runs, which then count as lost
+            by_place = False
+        if by_place:
             raise BadOptions(
                 f"bench {self.controller}: is space_based, follows the reference by place; the "
                 "speed of the trials is fixed, and slower is easier"
             )
         return plan
-
-
-def _is_space_based(scenario: Scenario, seed: int) -> bool:
-    try:
-        return assemble(scenario, seed).guidance.space_based
-    except InvalidController:  # its factory raises: so do its runs, which then count as lost
-        return False
 
 
 def bench(
@@ -134,14 +125,7 @@ def bench(
     engine: Engine,
     on_row: Callable[[Progress], object] = lambda progress: None,
 ) -> ScoreCard:
-    """Drive all runs of an entry that have no row yet and return its score card.
-
-    Args:
-        entrant: the controller.
-        draws: the seeds.
-        folder: of the rows, new or of the same bench.
-        engine: executes the runs.
-        on_row: called after each run.
+    """Drive all runs of an entry that have no row yet in the folder and return its score card.
 
     Raises:
         ExperimentError, TestbedError, TtempcError: the entry is refused.
@@ -154,6 +138,7 @@ def bench(
     runs = runs_of(rows(folder / "results.jsonl"), plan, draws)
     scenario = plan.setting(plan.changes(0)).scenario
     return ScoreCard(
+        format="ttempc field trials, card 1",
         identifier=identifier(differing(checks, frozen_checks())),
         controller=entrant.controller,
         settings={**entrant.settings},
@@ -171,26 +156,23 @@ def runs_of(
 ) -> dict[str, tuple[TrialRun, ...]]:
     """Return what counts of all rows, by trial; a refused trial has refused runs."""
     assert draws.seeds is not None
-    by_run = {(row["scenario"], row["seed"]): trial_run(row) for row in results}
+    by_run = {(row["scenario"], row["seed"]): row for row in results}
     runs = {}
     for point, name in enumerate(trial_files()):
         error = plan.refusals.get((point, 0))
         # Without study and axes: the path of the scenario is of this machine.
-        reason = str(error).split(": ", 2)[-1]
-        refused = TrialRun(status="refused", failure=reason) if error else None
-        runs[name] = tuple(refused or by_run[name, seed] for seed in draws.seeds)
+        refused = error and TrialRun(status="refused", failure=str(error).split(": ", 2)[-1])
+        runs[name] = tuple(refused or _trial_run(by_run[name, seed]) for seed in draws.seeds)
     return runs
 
 
-def trial_run(row: Row) -> TrialRun:
-    """Return what counts of a row."""
-    numbers = {key: _rounded(row[column]) for key, column in _COLUMNS.items()}
+def _trial_run(row: Row) -> TrialRun:
     outside = [share for share in map(row.get, _OUTSIDE) if isinstance(share, int | float)]
     return TrialRun(
         status=row["status"],  # pyright: ignore[reportArgumentType] - validated
         failure=str(row["failure"]),
-        outside=_rounded(max(outside)) if outside else None,
-        **numbers,
+        outside=_rounded(max(outside, default=None)),
+        **{key: _rounded(row[column]) for key, column in _COLUMNS.items()},
     )
 
 

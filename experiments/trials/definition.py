@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 import math
@@ -27,12 +26,10 @@ from ..scenario.scenario import Scenario, read_scenario
 VERSION: Final = "v1"
 """Version of the benchmark; other scenarios, seeds or scores are another version."""
 
-FORWARD_S: Final = 40.0
-"""Simulated time of a check: it covers a straight, half a circle and the first faults."""
-
-REVERSE_S: Final = 10.0
-"""The same in reverse, where the law does not hold the trailer: rounding errors must not grow."""
-
+# Simulated time of a check: forward it covers a straight, half a circle and the first faults; in
+# reverse, where the law does not hold the trailer, rounding errors must not grow.
+_FORWARD_S: Final = 40.0
+_REVERSE_S: Final = 10.0
 _TOLERANCE: Final = 1e-6  # between processors; a change of a constant changes more
 _SEED: Final = 1
 _NOT_DRIVEN: Final = tuple(
@@ -57,13 +54,6 @@ def frozen_checks() -> dict[str, tuple[float, ...]]:
     return {name: tuple(values) for name, values in content.items()}
 
 
-@functools.cache
-def frozen_identifier() -> str:
-    """Return version and content hash of the benchmark, see `identifier_of`."""
-    contents = {name: read_scenario(str(file)).content for name, file in trial_files().items()}
-    return identifier_of(contents, frozen_checks())
-
-
 def identifier_of(
     contents: Mapping[str, Mapping[str, Any]], checks: Mapping[str, tuple[float, ...]]
 ) -> str:
@@ -80,14 +70,16 @@ def identifier_of(
     return f"{VERSION}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
-def identifier(differing: tuple[str, ...]) -> str:
+def identifier(differing: tuple[str, ...] = ()) -> str:
     """Return the identifier of scores.
 
     Args:
         differing: scenarios on which the plant of this code differs from the frozen one. The
             identifier then has the digest of the code, so that runs compare within one code only.
     """
-    return f"{frozen_identifier()}+{code_digest()}" if differing else frozen_identifier()
+    contents = {name: read_scenario(str(file)).content for name, file in trial_files().items()}
+    frozen = identifier_of(contents, frozen_checks())
+    return f"{frozen}+{code_digest()}" if differing else frozen
 
 
 def plant_check(name: str) -> tuple[float, ...]:
@@ -105,7 +97,7 @@ def plant_check(name: str) -> tuple[float, ...]:
     tick.truths = [(0, setup.plant.truth())]
     grid = assembly.reference.on_grid(period_s)
     stages = [stage for stage in assembly.stages if stage not in _NOT_DRIVEN]
-    duration_s = REVERSE_S if assembly.vehicle.reverse else FORWARD_S
+    duration_s = _REVERSE_S if assembly.vehicle.reverse else _FORWARD_S
     for k in range(min(round(duration_s / period_s), assembly.ticks)):
         tick.k = tick.reference_tick = k
         tick.command = fixed_law(grid, k, tick)
@@ -143,13 +135,11 @@ def differing(
 ) -> tuple[str, ...]:
     """Return the scenarios whose checks differ by more than rounding of another processor."""
 
-    def same(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    def same(name: str) -> bool:
+        one, other = results.get(name, ()), frozen.get(name, ())
         return len(one) == len(other) and np.allclose(one, other, rtol=_TOLERANCE, atol=_TOLERANCE)
 
-    names = {*results, *frozen}
-    return tuple(
-        name for name in sorted(names) if not same(results.get(name, ()), frozen.get(name, ()))
-    )
+    return tuple(name for name in sorted({*results, *frozen}) if not same(name))
 
 
 def _folder() -> Path:

@@ -1,4 +1,4 @@
-"""Score cards of the benchmark: seeds, scores, files, paired comparison.
+"""Score cards of the benchmark.
 
 The cost of a run is a length: the 95th percentile of the absolute cross-track error of the working
 point, which is the tool where there is one, else the trailer's axle point. A run that does not
@@ -16,8 +16,8 @@ import json
 import math
 import re
 import secrets
-import typing
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -40,9 +40,7 @@ from ..sweep.study import Seed
 PUBLIC: Final = tuple(TRIALS)
 """The public seeds."""
 
-MOST: Final = 1000
-"""Largest number of seeds of a file."""
-
+_MOST: Final = 1000  # seeds of a file
 _LARGEST: Final = 2**32 - 1
 _MOST_BYTES: Final = 2**24  # of a card of 1,000 seeds
 
@@ -54,7 +52,7 @@ class Draws:
     kind: Literal["public", "quick", "hidden"]
     sha256: str
     """Of the seeds as text, one a line: that of an organiser's file."""
-    count: Annotated[int, Field(ge=1, le=MOST)]
+    count: Annotated[int, Field(ge=1, le=_MOST)]
     seeds: tuple[Seed, ...] | None = None
     """The seeds; absent in the score card of hidden ones."""
 
@@ -76,16 +74,13 @@ def hidden_draws(file: Path) -> Draws:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "is no text"
         raise BadOptions(f"--seeds-file {file}: cannot be read: {reason}") from None
-    if not 1 <= len(words) <= MOST or len({*words}) < len(words):
+    valid = all(re.fullmatch(r"0|[1-9][0-9]{0,9}", word) for word in words)
+    seeds = tuple(map(int, words)) if valid else ()
+    if not 1 <= len({*seeds}) == len(seeds) <= _MOST or max(seeds) > _LARGEST:
         raise BadOptions(
-            f"--seeds-file {file}: has {len(words)} seeds, must have 1 to {MOST}, each once"
+            f"--seeds-file {file}: must have 1 to {_MOST} different whole numbers from 0 to "
+            f"{_LARGEST}"
         )
-    for word in words:
-        if not re.fullmatch(r"0|[1-9][0-9]{0,9}", word) or int(word) > _LARGEST:
-            raise BadOptions(
-                f"--seeds-file {file}: {word[:40]!r} must be a whole number from 0 to {_LARGEST}"
-            )
-    seeds = tuple(int(word) for word in words)
     return Draws("hidden", seeds_hash(seeds), len(seeds), seeds)
 
 
@@ -98,36 +93,35 @@ def draw_hidden(file: Path) -> Draws:
         OutputExists: the file exists already or cannot be written.
     """
     refuse_existing(file)
-    seeds: dict[int, None] = {}
+    seeds: set[int] = set()
     while len(seeds) < len(PUBLIC):
-        seeds[secrets.randbits(32)] = None
-    write_file(file, _text((*seeds,)))
+        seeds.add(secrets.randbits(32))
+    write_file(file, "".join(f"{seed}\n" for seed in seeds))
     return hidden_draws(file)
 
 
-def seeds_hash(seeds: tuple[int, ...]) -> str:
+def seeds_hash(seeds: Iterable[int]) -> str:
     """Return the SHA-256 of seeds, as `sha256sum` prints it of a file with one seed a line."""
-    return hashlib.sha256(_text(seeds).encode()).hexdigest()
-
-
-def _text(seeds: tuple[int, ...]) -> str:
-    return "".join(f"{seed}\n" for seed in seeds)
+    return hashlib.sha256("".join(f"{seed}\n" for seed in seeds).encode()).hexdigest()
 
 
 LOSS_M: Final = 1.0
 """Cost of a run that does not complete, and the largest cost of any run [m]; assumed."""
 
 _LEAST_M: Final = 1e-3  # smallest cost of a trial: below, no receiver of a field could tell
+_MEANS: Final = (  # of completed runs, in `TrialScore`
+    *("trailer_p95_m", "tool_p95_m", "outside"),
+    *("front_rad_per_m", "trailer_rad_per_m", "hydrostat_per_m"),
+)
 
 Number = Annotated[float, Field(ge=0)] | None
-Status = RowStatus | Literal["refused"]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class TrialRun:
     """What counts of a run; a number that does not exist is None."""
 
-    status: Status
+    status: RowStatus | Literal["refused"]
     failure: str = ""
     trailer_p95_m: Number = None
     """95th percentile of the absolute cross-track error."""
@@ -158,21 +152,25 @@ class TrialRun:
         return (1.0 - outside) * min(error, LOSS_M) + outside * LOSS_M
 
 
-@dataclass(frozen=True, kw_only=True, config=STRICT)
+@dataclass(frozen=True, config=STRICT)
 class Interval:
     """An estimate with its 95 % confidence interval; without ends where there is one seed."""
 
     value: float
-    low: float | None
-    high: float | None
+    low: float | None = None
+    high: float | None = None
 
     @classmethod
-    def of(cls, estimate: IntervalEstimate, factor: float = 1.0) -> Interval:
-        """Return an estimate times a factor, rounded to 6 decimals."""
-        ends = (estimate.value, estimate.low, estimate.high)
-        value, low, high = (None if x is None else round(factor * x, 6) for x in ends)
-        assert value is not None
-        return cls(value=value, low=low, high=high)
+    def of(cls, estimate: IntervalEstimate) -> Interval:
+        """Return an estimate, rounded to 6 decimals."""
+        ends = (None if x is None else round(x, 6) for x in (estimate.low, estimate.high))
+        return cls(round(estimate.value, 6), *ends)
+
+    def text(self, factor: float = 100.0, form: str = ".2f") -> str:
+        """Return the estimate with its interval, of a length in cm."""
+        low, high = self.low, self.high
+        ends = "" if low is None or high is None else f" ({factor * low:{form}} to "
+        return f"{factor * self.value:{form}}" + (ends and f"{ends}{factor * (high or 0):{form}})")
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
@@ -183,15 +181,15 @@ class TrialScore:
     tail_m: float
     """Mean cost of the worst 5 % of the runs."""
     not_completed: int
-    trailer_p95_m: float | None
-    tool_p95_m: float | None
-    trailer_max_m: float | None
+    trailer_p95_m: float | None = None
+    tool_p95_m: float | None = None
+    trailer_max_m: float | None = None
     """The largest of all runs."""
-    outside: float | None
-    front_rad_per_m: float | None
-    trailer_rad_per_m: float | None
-    hydrostat_per_m: float | None
-    step_p99_us: float | None
+    outside: float | None = None
+    front_rad_per_m: float | None = None
+    trailer_rad_per_m: float | None = None
+    hydrostat_per_m: float | None = None
+    step_p99_us: float | None = None
     """Median over runs."""
 
 
@@ -203,7 +201,7 @@ class Score:
     """Geometric mean over trials of the mean costs: the overall figure, less is better."""
     runs: int
     not_completed: int
-    step_p99_us: float | None
+    step_p99_us: float | None = None
     """The largest of the trials."""
     trials: dict[str, TrialScore]
 
@@ -240,37 +238,29 @@ def _trial_score(runs: tuple[TrialRun, ...]) -> TrialScore:
     completed = [run for run in runs if run.completed]
 
     def numbers(name: str) -> list[float]:
-        values = (getattr(run, name) for run in completed)
-        return [value for value in values if value is not None]
+        return [value for run in completed if (value := getattr(run, name)) is not None]
 
-    def mean(name: str) -> float | None:
-        values = numbers(name)
-        return round(math.fsum(values) / len(values), 6) if values else None
-
+    found = {name: numbers(name) for name in _MEANS}
     steps = numbers("step_p99_us")
     return TrialScore(
-        cost_m=Interval.of(bootstrap_means(cost, lambda means: means[:, 0])),
+        cost_m=Interval.of(bootstrap_means(cost, _only)),
         tail_m=round(float(cvar95(cost[:, 0], np.ones((1, len(cost))))[0]), 6),
         not_completed=len(runs) - len(completed),
-        trailer_p95_m=mean("trailer_p95_m"),
-        tool_p95_m=mean("tool_p95_m"),
         trailer_max_m=max(numbers("trailer_max_m"), default=None),
-        outside=mean("outside"),
-        front_rad_per_m=mean("front_rad_per_m"),
-        trailer_rad_per_m=mean("trailer_rad_per_m"),
-        hydrostat_per_m=mean("hydrostat_per_m"),
         step_p99_us=round(float(np.median(steps)), 1) if steps else None,
+        **{name: round(math.fsum(own) / len(own), 6) for name, own in found.items() if own},
     )
 
 
-Format = Literal["ttempc field trials, card 1"]
+def _only(means: FloatArray) -> FloatArray:
+    return means[:, 0]
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)
 class ScoreCard:
     """Content of `score.json`."""
 
-    format: Format = typing.get_args(Format)[0]
+    format: Literal["ttempc field trials, card 1"]
     """Kind and version of this format."""
     identifier: str
     """Version and content hash of the trials; with the digest of the code if that changes the
@@ -282,7 +272,6 @@ class ScoreCard:
     source: str = ""
     """Hash of the source of an own controller or estimator."""
     draws: Draws
-    """Seeds of the runs."""
     machine: dict[str, str]
     """That measured the computation times."""
     versions: dict[str, str]
@@ -297,33 +286,27 @@ class ScoreCard:
         """Return the controller with its settings, in one line."""
         return entry_label(self.controller, self.settings)
 
-    @property
-    def badge(self) -> str:
-        """Return identifier, entry and score in one line."""
-        cost, lost = self.score.cost_m, self.score.not_completed
-        ends = (
-            "" if cost.low is None else f" ({100 * cost.low:.2f} to {100 * (cost.high or 0):.2f})"
-        )
-        seeds = {"public": "", "quick": ", quick", "hidden": f", hidden {self.draws.sha256[:8]}"}
-        return (
-            f"field trials {self.identifier}{seeds[self.draws.kind]} | {self.label} | "
-            f"{100 * cost.value:.2f}{ends} cm | {lost} of {self.score.runs} not completed"
-        )
-
     def to_json(self) -> str:
-        """Return the text of `score.json`: one line a key and a trial."""
-        content = _without_defaults(asdict(self))
+        """Return the text of `score.json`: a line for each key and trial, without defaults."""
+        content = TypeAdapter(ScoreCard).dump_python(self, mode="json", exclude_defaults=True)
         trials = content.pop("trials")
-        lines = [f" {json.dumps(key)}: {_compact(value)}" for key, value in content.items()]
-        by_trial = (f"  {json.dumps(name)}: {_compact(runs)}" for name, runs in trials.items())
+        lines = [f" {json.dumps(key)}: {json.dumps(value)}" for key, value in content.items()]
+        by_trial = (f"  {json.dumps(name)}: {json.dumps(runs)}" for name, runs in trials.items())
         lines.append(' "trials": {\n' + ",\n".join(by_trial) + "\n }")
         return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def entry_label(controller: str, settings: Mapping[str, Any]) -> str:
     """Return a controller with its settings, in one line."""
-    leaves = sorted(_leaves(settings).items())
-    return " ".join((controller, *(f"{key}={_plain(value)}" for key, value in leaves)))
+
+    def leaves(table: Mapping[str, Any], prefix: str) -> Iterator[str]:
+        for key, value in table.items():
+            if isinstance(value, dict):
+                yield from leaves(value, f"{prefix}{key}.")
+            else:
+                yield f"{prefix}{key}={value if isinstance(value, str) else json.dumps(value)}"
+
+    return " ".join((controller, *sorted(leaves(settings, ""))))
 
 
 def read_score_card(file: Path) -> ScoreCard:
@@ -334,15 +317,12 @@ def read_score_card(file: Path) -> ScoreCard:
     """
     try:
         content = json.loads(read_bounded(file, _MOST_BYTES))
+        if not isinstance(content, dict):
+            raise InvalidScoreCard("must be an object")
+        card = validated(ScoreCard, content, InvalidScoreCard)
     except OSError as error:
         raise InvalidScoreCard(f"{file}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
-        raise InvalidScoreCard(f"{file}: is no JSON: {error}") from None
-    if not isinstance(content, dict):
-        raise InvalidScoreCard(f"{file}: must be an object")
-    try:
-        card = validated(ScoreCard, content, InvalidScoreCard)
-    except InvalidScoreCard as error:
+    except (ValueError, RecursionError, InvalidScoreCard) as error:
         raise InvalidScoreCard(f"{file}: {error}") from None
     for name, runs in card.trials.items():
         if len(runs) != card.draws.count:
@@ -352,38 +332,6 @@ def read_score_card(file: Path) -> ScoreCard:
     if not card.trials or score(card.trials) != card.score:
         raise InvalidScoreCard(f"{file}: score does not follow from the runs in trials")
     return card
-
-
-def card_schema() -> dict[str, Any]:
-    """Return the JSON schema of a score card (draft 2020-12)."""
-    schema = TypeAdapter(ScoreCard).json_schema()
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
-
-
-def _leaves(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    leaves: dict[str, Any] = {}
-    for key, value in table.items():
-        inside = isinstance(value, dict)
-        leaves |= _leaves(value, f"{prefix}{key}.") if inside else {f"{prefix}{key}": value}
-    return leaves
-
-
-def _plain(value: object) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
-
-
-def _compact(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-
-
-def _without_defaults(content: dict[str, Any]) -> dict[str, Any]:
-    """Leave out the numbers of runs that do not exist, and seeds that are not told."""
-    runs = {
-        name: [{k: v for k, v in run.items() if v is not None and v != ""} for run in own]
-        for name, own in content["trials"].items()
-    }
-    draws = {key: value for key, value in content["draws"].items() if value is not None}
-    return {**content, "draws": draws, "trials": runs}
 
 
 def compare_cards(first: ScoreCard, second: ScoreCard) -> dict[str, Any]:
@@ -412,12 +360,13 @@ def compare_cards(first: ScoreCard, second: ScoreCard) -> dict[str, Any]:
     )
     trials = {}
     for k, name in enumerate(first.trials):
-        gap = bootstrap_means((after - before)[:, k : k + 1], lambda means: means[:, 0])
         one, other = first.score.trials[name], second.score.trials[name]
         trials[name] = {
             "first_m": one.cost_m.value,
             "second_m": other.cost_m.value,
-            "difference_m": asdict(Interval.of(gap)),
+            "difference_m": asdict(
+                Interval.of(bootstrap_means((after - before)[:, k : k + 1], _only))
+            ),
             "not_completed": [one.not_completed, other.not_completed],
         }
     return {
@@ -427,3 +376,61 @@ def compare_cards(first: ScoreCard, second: ScoreCard) -> dict[str, Any]:
         "ratio": asdict(Interval.of(ratio)),
         "trials": trials,
     }
+
+
+_COLUMNS: Final = (  # head of the table, figure of `TrialScore`, factor, decimals
+    ("worst 5 % [cm]", "tail_m", 100.0, 1),
+    ("trailer p95 [cm]", "trailer_p95_m", 100.0, 1),
+    ("tool p95 [cm]", "tool_p95_m", 100.0, 1),
+    ("not completed", "not_completed", 1.0, 0),
+    ("outside [%]", "outside", 100.0, 1),
+    ("front [deg/m]", "front_rad_per_m", math.degrees(1.0), 1),
+    ("trailer [deg/m]", "trailer_rad_per_m", math.degrees(1.0), 1),
+    ("hydrostat [%/m]", "hydrostat_per_m", 100.0, 1),
+    ("step p99 [us]", "step_p99_us", 1.0, 0),
+)
+
+
+def format_card(card: ScoreCard) -> str:
+    """Return the score card as plain text, with the reasons of runs that did not complete."""
+    rows = [["trial", "cost [cm]", *(column[0] for column in _COLUMNS)]]
+    for name, item in card.score.trials.items():
+        cells = [name, item.cost_m.text()]
+        for _, figure, factor, decimals in _COLUMNS:
+            value = getattr(item, figure)
+            cells.append("–" if value is None else f"{factor * value:.{decimals}f}")
+        rows.append(cells)
+    failures = [
+        f"{name}: {count} {status}: {failure}"
+        for name, runs in card.trials.items()
+        for (status, failure), count in Counter(
+            (run.status, run.failure) for run in runs if not run.completed
+        ).most_common(3)
+    ]
+    total = card.score
+    end = (
+        f"{card.label}, benchmark {card.identifier}, {card.draws.kind} seeds: overall cost "
+        f"{total.cost_m.text()} cm, {total.not_completed} of {total.runs} runs not completed"
+    )
+    return "\n".join([*_aligned(rows), "", *failures, end])
+
+
+def format_comparison(found: Mapping[str, Any]) -> str:
+    """Return what `compare_cards` found as plain text."""
+    rows = [["", "A", "B", "B - A (95 % interval)", "not completed"]]
+    for name, item in found["trials"].items():
+        ends = [f"{100.0 * item[key]:.2f}" for key in ("first_m", "second_m")]
+        lost = "{} / {}".format(*item["not_completed"])
+        rows.append([name, *ends, Interval(**item["difference_m"]).text(100.0, "+.2f"), lost])
+    title = f"Benchmark {found['identifier']}; costs [cm], paired by scenario and seed"
+    end = f"Overall cost B / A: {Interval(**found['ratio']).text(1.0, '.3f')}"
+    heads = [f"A: {found['first']}", f"B: {found['second']}", title]
+    return "\n".join([*heads, "", *_aligned(rows), "", end])
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return lines of columns of equal width, all but the first to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows
+    ]

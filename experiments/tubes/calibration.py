@@ -21,11 +21,11 @@ from ...testbed.recording.channels import TUBE
 from ...testbed.recording.provenance import versions
 from ...testbed.recording.record import Record
 from ..errors import InvalidFit
-from ..results.containment import QUANTITIES, Containment, containment
+from ..results.tracking_errors import QUANTITIES, Containment, containment
 from ..scenario.plant import PAPER_PERIOD_S
 from ..scenario.scenario import Scenario
 from ..scenario.tube_file import PointHalfWidths, RunCalibration, TubeFile, path_table, read_tube
-from .logged_runs import LoggedRun, logged_run, require_alike
+from .fit import LoggedRun, logged_run, require_alike
 
 SCALE_EVERY: Final = 5
 """Of five runs, the fifth gives the scale; the others are scored."""
@@ -43,12 +43,7 @@ class DrivenRun(LoggedRun):
 
 
 def driven_run(record: Record, scenario: Scenario) -> DrivenRun:
-    """Return the deviations of a run.
-
-    Raises:
-        InvalidFit: the run was not driven in a tube, was driven at another control rate, or ended
-            before its path.
-    """
+    """Return the deviations of a run."""
     run = logged_run(record, scenario)
     if not run.drives_in_a_tube:
         raise InvalidFit(f"{run.controller} does not drive in a tube")
@@ -69,13 +64,8 @@ def calibrated_widths(
     Constant half widths, in the proportion of the mean largest deviations of the scale runs: the
     scale must not depend on the runs that are scored.
 
-    Args:
-        largest: largest absolute deviations of each run, (n, q), all above 0.
-        coverage: probability that the next run keeps to all half widths.
-        every: of so many runs, the last gives the scale.
-
-    Raises:
-        InvalidFit: there are too few runs for the coverage; with the number that is needed.
+    `largest`: largest absolute deviations of each run, (n, q), all above 0; of `every` runs, the
+    last gives the scale. Raises `InvalidFit` where there are too few runs for the coverage.
     """
     for_scale = np.arange(1, len(largest) + 1) % every == 0
     needed = fewest_scores(coverage)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from scipy.stats import binomtest
 
+from ttempc.guidance.controllers import CONTROLLERS
 from ttempc.mpc.articulated_error import error_dynamics, error_state
 from ttempc.reference.reference import Reference, exact_feedforward
 from ttempc.tube.reference_tube import (
@@ -17,31 +20,32 @@ from ttempc.tube.reference_tube import (
     TubeDesign,
     search_weights,
 )
-from ttempc.tube.sets import DisturbanceSet, Shape, fit_set
+from ttempc.tube.sets import DisturbanceSet, fit_set
 from ttempc.types import Estimate, FloatArray, State
 from ttempc.vehicle import CommandLimits
 
+from ...testbed.errors import LogError
+from ...testbed.log.reader import read_log
 from ...testbed.recording.channels import CONTROL, ESTIMATE, STATE
 from ...testbed.recording.provenance import versions
 from ...testbed.recording.record import Record
-from ..errors import InvalidFit
-from ..results.containment import Containment
+from ..errors import InvalidFit, InvalidScenario
 from ..results.statistics import fewest_samples, proportion
-from ..results.tracking_errors import START_UP_S
+from ..results.tracking_errors import START_UP_S, Containment
+from ..run.assembly import model_vehicle
 from ..scenario.plant import PAPER_PERIOD_S
-from ..scenario.scenario import Scenario
+from ..scenario.scenario import Scenario, load
 from ..scenario.tube_file import (
     HoldOut,
     Provenance,
     TubeFile,
     path_table,
-    residual_table,
     tube_file,
 )
-from .logged_runs import LoggedRun, logged_run, require_alike
 
 WINDOW_STEPS = 10  # two seconds, in which the vehicle moves by two thirds of its length
 COVERAGE = 0.9
+CONFIDENCE = 0.95
 RESERVE = 0.2  # share of each steering range that the tube leaves free
 _HOLD_OUT_EVERY = 3  # of three runs, the third is held out
 _N = len(State)
@@ -51,6 +55,103 @@ _DISTURBANCE = ("slip_t_rad", "slip_i_rad", "steering_rad", "drive_mps2", "wheel
 _MAP_DISTURBANCE = ("side_x_rad", "side_y_rad", "climb_x", "climb_y")
 _COMMAND = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")
 _SAME_TIME_S = 1e-6
+Run = TypeVar("Run")
+
+
+@dataclass(frozen=True)
+class LoggedRun:
+    """A run that drove its whole path, by its settings."""
+
+    scenario: str
+    controller: str
+    seed: int
+    settings: Scenario
+    reference: Reference
+
+    @property
+    def label(self) -> str:
+        """Name of the run in messages."""
+        return f"{self.scenario}, seed {self.seed}"
+
+    @property
+    def drives_in_a_tube(self) -> bool:
+        """Whether the controller keeps the vehicle in a tube."""
+        entry = CONTROLLERS.get(self.controller)
+        return entry is not None and entry.tube == "required"
+
+
+def logged_run(record: Record, scenario: Scenario) -> LoggedRun:
+    """Return the settings of a run."""
+    if scenario.control.period_s != PAPER_PERIOD_S:
+        raise InvalidFit(
+            f"control.rate_hz = {scenario.control.rate_hz:g}: a tube is fitted to runs at "
+            f"{1.0 / PAPER_PERIOD_S:g} Hz"
+        )
+    mission = scenario.mission()
+    vehicle = model_vehicle(mission, scenario, scenario.vehicles())
+    reference = Reference(mission.path, vehicle, mission.speed)
+    end_s = max(record[CONTROL].time_s, default=0.0)
+    if end_s < reference.duration_s - 2.0 * PAPER_PERIOD_S:
+        raise InvalidFit(
+            f"the run ended after {end_s:.1f} s of {reference.duration_s:.1f} s: runs must complete"
+        )
+    return LoggedRun(
+        scenario=record.metadata["scenario"],
+        controller=record.metadata["controller"],
+        seed=int(record.metadata["seed"]),
+        settings=scenario,
+        reference=reference,
+    )
+
+
+def read_runs(folders: Sequence[Path], make: Callable[[Record, Scenario], Run]) -> list[Run]:
+    """Return what `make` takes from all runs in the folders and their subfolders, by name.
+
+    Raises:
+        InvalidFit: a folder holds no run, a log or its scenario cannot be read, or `make` refuses
+            a run.
+    """
+    runs = []
+    for folder in folders:
+        logs = sorted(folder.rglob("log.mcap"))
+        if not logs:
+            raise InvalidFit(f"{folder}: there is no log.mcap in it or below")
+        for log in logs:
+            try:
+                _, scenario = load(str(log.parent / "scenario.toml"))
+                runs.append(make(read_log(log), scenario))
+            except (LogError, InvalidScenario) as error:
+                raise InvalidFit(str(error)) from None
+            except InvalidFit as error:
+                raise InvalidFit(f"{log}: {error}") from None
+    return runs
+
+
+def require_alike(runs: Sequence[LoggedRun]) -> None:
+    """Refuse runs that are not of one scenario with a seed of its own each."""
+    first = asdict(runs[0].settings) if runs else {}
+    labels: dict[int, str] = {}
+    for run in runs:
+        if difference := _difference(first, asdict(run.settings)):
+            raise InvalidFit(
+                f"{run.label}: {difference} in {runs[0].label}: all runs must be of one field and "
+                "one controller"
+            )
+        if run.seed in labels:
+            raise InvalidFit(f"{run.label}: there twice: every run must have a seed of its own")
+        labels[run.seed] = run.label
+
+
+def _difference(first: Mapping[str, object], other: Mapping[str, object], above: str = "") -> str:
+    """Return the first key with another value, and both values; "" where all are equal."""
+    for key in sorted({*first, *other}):
+        one, two = first.get(key), other.get(key)
+        if one == two:
+            continue
+        if isinstance(one, Mapping) and isinstance(two, Mapping):
+            return _difference(one, two, f"{above}{key}.")
+        return f"{above}{key} = {two!r}, but {one!r}"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -73,26 +174,8 @@ class RunErrors:
         return self.true - self.estimated
 
 
-@dataclass(frozen=True)
-class Residuals:
-    """One-step residuals w = z_e(k+1) - A z_e(k) - B u_e(k) + E s(k).
-
-    The estimated disturbances s, map disturbance included, are part of the model. `true` takes the
-    true error at both ends of the step, `estimated` the error of the estimate, on which a
-    controller acts. They differ by the correction of the estimate in that step, which is one more
-    disturbance to the controller.
-    """
-
-    estimated: FloatArray  # (n - 1, 7)
-    true: FloatArray  # (n - 1, 7)
-
-
 def run_errors(record: Record, reference: Reference) -> RunErrors:
-    """Return the errors of a run from the end of start-up to the first missing tick.
-
-    Raises:
-        InvalidFit: there are fewer than two consecutive ticks.
-    """
+    """Return the errors of a run from the end of start-up to the first missing tick."""
     time_s = record[ESTIMATE].time_s
     ticks = np.round(time_s / PAPER_PERIOD_S)
     kept = (time_s >= START_UP_S) & (np.abs(ticks * PAPER_PERIOD_S - time_s) < _SAME_TIME_S)
@@ -121,20 +204,20 @@ def run_errors(record: Record, reference: Reference) -> RunErrors:
     return RunErrors(ticks[first:last], errors(estimates[:, :_N]), errors(true)[:, :_N], command)
 
 
-def residuals(run: RunErrors, reference: Reference) -> Residuals:
-    """Return the one-step residuals of a run along its reference."""
+def residuals(run: RunErrors, reference: Reference) -> FloatArray:
+    """Return the one-step residuals of the estimated error along its reference, (n - 1, 7).
+
+        w = z_e(k+1) - A z_e(k) - B u_e(k) + E s(k)
+
+    The estimated disturbances s, map disturbance included, are part of the model. A controller
+    acts on the estimate: its correction in a step is one more disturbance to the controller.
+    """
     tick = run.tick[:-1].astype(int)
     count = int(tick[-1]) + 1
     a, b, _ = error_dynamics(reference, PAPER_PERIOD_S, count)
-    feedforward = exact_feedforward(reference, count, PAPER_PERIOD_S)
-    u_e = feedforward[tick] - run.command[:-1]  # (n - 1, 3)
+    u_e = exact_feedforward(reference, count, PAPER_PERIOD_S)[tick] - run.command[:-1]
     driven = np.einsum("kij,kj->ki", b[tick, :_N], u_e)
-
-    def residual(error: FloatArray) -> FloatArray:
-        state = np.concatenate([error, run.state[:, _N:]], axis=1)[:-1]
-        return error[1:] - np.einsum("kij,kj->ki", a[tick, :_N], state) - driven
-
-    return Residuals(estimated=residual(run.estimated), true=residual(run.true))
+    return run.estimated[1:] - np.einsum("kij,kj->ki", a[tick, :_N], run.state[:-1]) - driven
 
 
 def _error(
@@ -157,24 +240,19 @@ def _error(
     return error_state(target, estimated, reference.vehicle)
 
 
-def hold_out(
-    disturbance: DisturbanceSet, runs: Sequence[FloatArray], confidence: float, apart: int
-) -> HoldOut:
-    """Count the windows of held-out runs inside the set, one every `apart` steps."""
-    fills = np.concatenate([disturbance.fill(run)[::apart] for run in runs])
-    inside = proportion(int((fills <= 1.0).sum()), len(fills), confidence)
+def hold_out(disturbance: DisturbanceSet, runs: Sequence[FloatArray]) -> HoldOut:
+    """Count the windows of held-out runs inside the set, one every `WINDOW_STEPS`."""
+    fills = np.concatenate([disturbance.fill(run)[::WINDOW_STEPS] for run in runs])
+    inside = proportion(int((fills <= 1.0).sum()), len(fills))
     return HoldOut(inside.total, inside.count, inside.low, inside.high)
 
 
-def contradiction(count: HoldOut, what: str, coverage: float, confidence: float) -> str:
-    """Return a sentence where a hold-out count contradicts the coverage, "" where it does not.
-
-    The test is the one-sided binomial one.
-    """
+def contradiction(count: HoldOut, what: str, coverage: float) -> str:
+    """Return a sentence where a one-sided binomial test contradicts the coverage, else ""."""
     if not count.windows:
         return ""
     p = binomtest(count.inside, count.windows, coverage, alternative="less").pvalue
-    if p >= 1.0 - confidence:
+    if p >= 1.0 - CONFIDENCE:
         return ""
     return (
         f"{count.inside} of {count.windows} held-out windows of the {what} lie in its set, a "
@@ -187,7 +265,7 @@ class FitRun(LoggedRun):
     """Data of one run for a fit."""
 
     errors: RunErrors
-    residuals: Residuals
+    residuals: FloatArray  # (n - 1, 7), see `residuals`
 
 
 @dataclass(frozen=True)
@@ -202,12 +280,7 @@ class Fit:
 
 
 def fit_run(record: Record, scenario: Scenario) -> FitRun:
-    """Return the data of one run for a fit.
-
-    Raises:
-        InvalidFit: the run is too short, was driven at another control rate, or ended before its
-            path.
-    """
+    """Return the data of one run for a fit."""
     run = logged_run(record, scenario)
     errors = run_errors(record, run.reference)
     return FitRun(**vars(run), errors=errors, residuals=residuals(errors, run.reference))
@@ -216,18 +289,12 @@ def fit_run(record: Record, scenario: Scenario) -> FitRun:
 def fit_tube(
     runs: Sequence[FitRun],
     coverage: float = COVERAGE,
-    window: int = WINDOW_STEPS,
-    shape: Shape = "box",
-    confidence: float = 0.95,
 ) -> Fit:
     """Fit a tube to runs. Every third run is held out to check the fit.
 
     Args:
         runs: in the order in which they are held out.
         coverage: share of the windows inside the disturbance set.
-        window: length of a window in control steps.
-        shape: of the disturbance set.
-        confidence: of the intervals of the hold-out counts, and of the least amount of data.
 
     Raises:
         InvalidFit: there are too few data for the coverage, or the runs are not of one field and
@@ -237,10 +304,10 @@ def fit_tube(
     require_alike(runs)
     fitted = [run for number, run in enumerate(runs, 1) if number % _HOLD_OUT_EVERY]
     held_out = [run for number, run in enumerate(runs, 1) if number % _HOLD_OUT_EVERY == 0]
-    _require_enough(fitted, held_out, coverage, window, confidence)
-    disturbance = fit_set([run.residuals.estimated for run in fitted], coverage, window, shape)
+    _require_enough(fitted, held_out, coverage)
+    disturbance = fit_set([run.residuals for run in fitted], coverage, WINDOW_STEPS, "box")
     estimate_error = fit_set([run.errors.estimation for run in fitted], coverage, 1, "zonotope")
-    held_residuals = [run.residuals.estimated for run in held_out]
+    held_residuals = [run.residuals for run in held_out]
     held_estimation = [run.errors.estimation for run in held_out]
     reference = runs[0].reference
     ticks = int(reference.duration_s / PAPER_PERIOD_S)
@@ -255,19 +322,16 @@ def fit_tube(
         held_out_seeds=[run.seed for run in held_out],
         reference=path_table(runs[0].settings.path),
         coverage=coverage,
-        confidence=confidence,
-        disturbance=hold_out(disturbance, held_residuals, confidence, window),
-        estimate_error=hold_out(estimate_error, held_estimation, confidence, window),
-        seen=residual_table(np.concatenate([run.residuals.estimated for run in runs])),
-        true=residual_table(np.concatenate([run.residuals.true for run in runs])),
-        estimation=residual_table(np.concatenate([run.errors.estimation for run in runs])),
+        confidence=CONFIDENCE,
+        disturbance=hold_out(disturbance, held_residuals),
+        estimate_error=hold_out(estimate_error, held_estimation),
         versions=versions(),
     )
     about = "Tube for the controller ttempc-tube, written by ttempc fit tube"
     along = ReferenceTube.along(design, reference, ticks)
     warnings = [
-        contradiction(provenance.disturbance, "disturbance", coverage, confidence),
-        contradiction(provenance.estimate_error, "error of the estimate", coverage, confidence),
+        contradiction(provenance.disturbance, "disturbance", coverage),
+        contradiction(provenance.estimate_error, "error of the estimate", coverage),
     ]
     if not runs[0].drives_in_a_tube:
         warnings.append(
@@ -281,15 +345,8 @@ def fit_tube(
 def design_weights(
     reference: Reference, ticks: Sequence[int], disturbance: DisturbanceSet
 ) -> AncillaryWeights:
-    """Return the weights of the ancillary gain for the error models at some ticks of a reference.
-
-    Args:
-        reference: along which the vehicle drives.
-        ticks: at which the error model is taken, as the straight and the sharpest curve.
-        disturbance: set of the one-step residuals.
-
-    Raises:
-        InvalidTube: no gain yields a tube.
+    """Return the weights of the ancillary gain for the error models at `ticks` of a reference,
+    as its straight and its sharpest curve; `disturbance` is the set of one-step residuals.
     """
     vehicle, rows = reference.vehicle, list(ticks)
     a, b, c = error_dynamics(reference, PAPER_PERIOD_S, max(rows) + 1)
@@ -304,8 +361,6 @@ def _require_enough(
     fitted: Sequence[FitRun],
     held_out: Sequence[FitRun],
     coverage: float,
-    window: int,
-    confidence: float,
 ) -> None:
     """Raise `InvalidFit` if there are too few runs or windows for the coverage."""
     if not 0.0 < coverage < 1.0:
@@ -315,17 +370,16 @@ def _require_enough(
             f"got {len(fitted)} runs, at least {_HOLD_OUT_EVERY} are needed: every third is held "
             "out to check the fit"
         )
-    windows = sum(len(run.residuals.estimated) // window for run in fitted)
-    needed = fewest_samples(coverage, confidence)
+    windows = sum(len(run.residuals) // WINDOW_STEPS for run in fitted)
+    needed = fewest_samples(coverage)
     if windows < needed:
         raise InvalidFit(
-            f"got {windows} windows of {window} steps in {len(fitted)} runs, a coverage of "
-            f"{coverage:g} with a confidence of {confidence:g} takes {needed} at least"
+            f"got {windows} windows of {WINDOW_STEPS} steps in {len(fitted)} runs, a coverage of "
+            f"{coverage:g} with a confidence of {CONFIDENCE:g} takes {needed} at least"
         )
 
 
 def _longest(flags: np.ndarray) -> int:
-    """Return the middle index of the longest run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     starts, ends = edges[::2], edges[1::2]
     longest = int(np.argmax(ends - starts))
@@ -341,9 +395,8 @@ def format_fit(fit: Fit) -> str:
         f"{len(provenance.held_out_seeds)} held out",
         f"Set       {disturbance.shape}, windows of {disturbance.window} steps, "
         f"coverage {provenance.coverage:g}",
-        f"Hold-out  disturbance {_inside(provenance.disturbance, provenance.confidence)}",
-        "          error of the estimate "
-        f"{_inside(provenance.estimate_error, provenance.confidence)}",
+        f"Hold-out  disturbance {_inside(provenance.disturbance)}",
+        f"          error of the estimate {_inside(provenance.estimate_error)}",
         f"Tube      alpha {certificate.alpha:.3f} after {certificate.terms} windows",
         "",
         f"{'half width':<24}{'straight':>10}{'curve':>10}{'largest':>10}",
@@ -358,9 +411,9 @@ def format_fit(fit: Fit) -> str:
     return "\n".join(lines)
 
 
-def _inside(count: HoldOut, confidence: float) -> str:
+def _inside(count: HoldOut) -> str:
     return (
-        f"{count.inside} of {count.windows} windows inside ({100.0 * confidence:g} %: "
+        f"{count.inside} of {count.windows} windows inside ({100.0 * CONFIDENCE:g} %: "
         f"{count.low:.4f} to {count.high:.4f})"
     )
 

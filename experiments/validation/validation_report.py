@@ -7,7 +7,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -77,15 +77,11 @@ def bench(scenario: Scenario) -> Bench:
     Raises:
         ExperimentError, TestbedError, TtempcError: the scenario is invalid.
     """
-    ground, plant = scenario.terrain, assemble(scenario, _SEED).plant
-    has_roughness = ground.iso_class != "flat" and not ground.height_map
+    plant = assemble(scenario, _SEED).plant
     return Bench(
         vehicle=plant.vehicle,
         terrain=plant.terrain,
         soil=plant.soil,
-        rough=replace(ground, features=()).terrain(_SEED) if has_roughness else None,
-        iso_class=ground.iso_class,
-        slope_rad=ground.slope_rad,
         wheels=scenario.plant.wheels,
         wheel_law=plant.wheel_law,
         timestep_s=plant.timestep_s,

@@ -15,7 +15,7 @@ crosses the play; the crossing itself takes no time.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Final, NamedTuple, Protocol
+from typing import Annotated, Final, NamedTuple
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -45,17 +45,6 @@ class SteeringValve:
     resolution_deg: NotNegative = 0.0
     """Resolution of the command as it is sent."""
 
-    def notes(self) -> list[str]:
-        """Return one phrase for each effect that is on."""
-        angles = {
-            "dead band": self.dead_band_deg,
-            "backlash": self.backlash_deg,
-            "resolution": self.resolution_deg,
-        }
-        return _dead_time_note(self.dead_time_s) + [
-            f"{name} {value:g} deg" for name, value in angles.items() if value
-        ]
-
 
 @dataclass(frozen=True, config=STRICT)
 class HydrostatValve:
@@ -63,10 +52,6 @@ class HydrostatValve:
 
     dead_time_s: DeadTime = 0.0
     """Time from command to valve."""
-
-    def notes(self) -> list[str]:
-        """Return one phrase for each effect that is on."""
-        return _dead_time_note(self.dead_time_s)
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -79,15 +64,6 @@ class ActuatorSpecification:
     """Steering of the trailer's wheels."""
     hydrostat: HydrostatValve = HydrostatValve()
     """Drive."""
-
-    def notes(self) -> list[str]:
-        """Return one line for each actuator with an effect that is on."""
-        parts = {
-            "front valve": self.front.notes(),
-            "trailer valve": self.trailer.notes(),
-            "hydrostat": self.hydrostat.notes(),
-        }
-        return [f"actuators: {name} {', '.join(notes)}" for name, notes in parts.items() if notes]
 
 
 # Named tuples: made three times a physics step, they cost a third of a frozen dataclass.
@@ -114,37 +90,6 @@ class ActuatorState(NamedTuple):
         return self.front.set_point, self.trailer.set_point, self.hydrostat.set_point
 
 
-class PathState(Protocol):
-    """State of a command path, never changed in place."""
-
-    @property
-    def set_points(self) -> tuple[float, float, float]:
-        """Set points of the servos: front and trailer angle [rad], position of the hydrostat."""
-        ...
-
-
-class CommandPath(Protocol):
-    """Anything between a command and the servos; `Actuators` is one."""
-
-    @property
-    def specification(self) -> ActuatorSpecification:
-        """Specification of each axis."""
-        ...
-
-    @property
-    def passive(self) -> bool:
-        """Whether every command is a set point at once."""
-        ...
-
-    def start(self, hp: float) -> PathState:
-        """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
-        ...
-
-    def step(self, state: Any, command: Command, delta_t: float, delta_i: float) -> PathState:  # noqa: ANN401 - of its own
-        """Return the state after one physics step; the arguments are the present angles [rad]."""
-        ...
-
-
 class _Axis(NamedTuple):
     delay: int  # physics steps
     dead_band: float = 0.0  # [rad] half width
@@ -169,7 +114,9 @@ class Actuators:
         self, specification: ActuatorSpecification, timestep: float, stops: tuple[float, float]
     ) -> None:
         self.specification = specification
-        self.passive = not specification.notes()  # every command is a set point at once
+        self.passive = (
+            specification == ActuatorSpecification()
+        )  # every command is a set point at once
         self._front = _steering_axis("front", specification.front, timestep, stops[0])
         self._trailer = _steering_axis("trailer", specification.trailer, timestep, stops[1])
         self._hydrostat = _Axis(_delay("hydrostat", specification.hydrostat, timestep))
@@ -274,7 +221,3 @@ def _steering_axis(name: str, valve: SteeringValve, timestep: float, stop: float
 
 def _delay(name: str, valve: SteeringValve | HydrostatValve, timestep: float) -> int:
     return delay_steps(valve.dead_time_s, timestep, f"actuators.{name}.dead_time_s")
-
-
-def _dead_time_note(dead_time_s: float) -> list[str]:
-    return [f"dead time {dead_time_s:g} s"] if dead_time_s else []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar, get_args, get_type_hints
@@ -42,8 +42,6 @@ _MOST_LEVELS: Final = 20  # of tables and lists inside each other
 _MOST_CHARACTERS: Final = 10_000  # of a text
 _SMALLEST, _LARGEST = 1e-12, 1e12  # magnitudes of numbers; the ranges of most keys are narrower
 _MOST_SHOWN: Final = 300  # characters of a wrong value
-_TOO_DEEP: Final = f"tables and lists nested more than {_MOST_LEVELS} deep"
-
 Table = TypeVar("Table")
 
 
@@ -68,8 +66,7 @@ def read_toml(file: Path, error: type[Exception]) -> dict[str, Any]:
     """Return the content of a TOML file.
 
     Raises:
-        Exception: `error` with one line, if the file is missing, too large or no TOML, or holds
-            what no file of this project needs: see `parse_toml`.
+        Exception: `error` with one line, if the file is missing, too large or no TOML.
     """
     try:
         text = read_bounded(file, _MOST_BYTES).decode()
@@ -84,8 +81,7 @@ def parse_toml(text: str, error: type[Exception], where: str) -> dict[str, Any]:
     """Return the content of a text in TOML.
 
     Raises:
-        Exception: `error` with one line that starts with `where`: no TOML, nested more deeply than
-            any file of this project, a number beyond all ranges, a text with a NUL.
+        Exception: `error` with one line that starts with `where`.
     """
     try:
         content = tomllib.loads(text)
@@ -93,48 +89,25 @@ def parse_toml(text: str, error: type[Exception], where: str) -> dict[str, Any]:
     except ValueError as reason:  # of tomllib, or of a whole number with too many digits
         raise error(f"{where}: cannot be read as TOML: {reason}") from None
     except RecursionError:
-        raise error(f"{where}: cannot be read as TOML: {_TOO_DEEP}") from None
+        raise error(f"{where}: cannot be read as TOML: nested too deeply") from None
     return content
 
 
-def _check_values(content: Mapping[str, Any]) -> None:
-    """Refuse values that no key allows, before anything computes with them.
-
-    Raises:
-        ValueError: with the key, the limit and the value.
-    """
-    level: list[tuple[str, Any]] = [("", content)]
-    for _ in range(_MOST_LEVELS):
-        level = [pair for where, value in level for pair in _below(where, value)]
-        for where, value in level:
-            if isinstance(value, str) and ("\0" in value or len(value) > _MOST_CHARACTERS):
-                raise ValueError(
-                    f"{where}: must be text without NUL, {_MOST_CHARACTERS} characters at most"
-                )
-            if isinstance(value, int) and abs(value) >= 2**63:
-                raise ValueError(f"{where}: must be a whole number of 64 bits")
-            if isinstance(value, float) and not _is_sane(value):
-                raise ValueError(
-                    f"{where}: got {value!r}, must be 0 or from {_SMALLEST:g} to {_LARGEST:g} in "
-                    "magnitude"
-                )
-    if level:
-        raise ValueError(_TOO_DEEP)
-
-
-def _below(where: str, value: object) -> Iterator[tuple[str, Any]]:
-    """Yield the values inside a table or a list, each with its key."""
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield (f"{where}.{key}" if where else str(key)), item
-    elif isinstance(value, list):
-        for number, item in enumerate(value):
-            yield f"{where}.{number}", item
-
-
-def _is_sane(value: float) -> bool:
+def _check_values(value: object, where: str = "", level: int = 0) -> None:
+    """Refuse what no key allows, before anything computes with it; `where` is its key."""
+    if level > _MOST_LEVELS:
+        raise ValueError(f"tables and lists nested more than {_MOST_LEVELS} deep")
+    if isinstance(value, str) and ("\0" in value or len(value) > _MOST_CHARACTERS):
+        raise ValueError(f"{where}: must be text without NUL, {_MOST_CHARACTERS} characters")
+    if isinstance(value, int) and abs(value) >= 2**63:
+        raise ValueError(f"{where}: must be a whole number of 64 bits")
     # NaN and infinities have a message of their own, which names the allowed range.
-    return value == 0.0 or not math.isfinite(value) or _SMALLEST <= abs(value) <= _LARGEST
+    size = abs(value) if isinstance(value, float) and value and math.isfinite(value) else 1.0
+    if not _SMALLEST <= size <= _LARGEST:
+        raise ValueError(f"{where}: got {value}, must be {_SMALLEST:g} to {_LARGEST:g} in size")
+    items = value.items() if isinstance(value, Mapping) else ()
+    for key, item in enumerate(value) if isinstance(value, list) else items:
+        _check_values(item, f"{where}.{key}".lstrip("."), level + 1)
 
 
 def validated(
@@ -171,33 +144,13 @@ def format_validation_error(error: ValidationError, root: type) -> str:
     where = ".".join(keys)
     if first["type"] == "unexpected_keyword_argument":
         names = [field.name for field in fields(tables[0])]
-        meant = did_you_mean(keys[-1], names) or _elsewhere(keys[-1], root)
+        meant = did_you_mean(keys[-1], names)
         return f"{where}: unknown key; allowed here: {', '.join(names)}{meant}"
     value = first["input"]
     given = "" if isinstance(value, Mapping) else f", got {_shown(value)}"
     if first["type"] == "union_tag_not_found":
         return f"{where}: kind is missing, must be one of {', '.join(_kinds(tables))}{given}"
     return f"{where}: {first['msg'].removeprefix('Value error, ')}{given}"
-
-
-def _elsewhere(key: str, root: type) -> str:
-    """Return the end of a message that names a key as it is called in another table of a file."""
-    level: list[tuple[tuple[str, ...], Any]] = [((), root)]
-    seen = {root}
-    while level:  # the least deep first
-        places = [(*keys, field.name) for keys, table in level for field in fields(table)]
-        for place in places:
-            if place[-1] == key:
-                return f" (did you mean {'.'.join(place)}?)"
-        below = [
-            ((*keys, name), table)
-            for keys, parent in level
-            for name, hint in get_type_hints(parent).items()
-            for table in _tables(hint)
-        ]
-        level = [(keys, table) for keys, table in below if table not in seen]
-        seen |= {table for _, table in level}
-    return ""
 
 
 def _shown(value: object) -> str:
@@ -225,7 +178,6 @@ def _descend(location: Sequence[str | int], root: type) -> tuple[list[str], list
 
 
 def _tables(hint: Any) -> list[Any]:  # noqa: ANN401 - any type
-    """Return the dataclasses that a field of this type may hold, alone or in a list."""
     if is_dataclass(hint):
         return [hint]
     return [table for part in get_args(hint) for table in _tables(part)]

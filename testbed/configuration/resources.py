@@ -30,7 +30,6 @@ class ShippedFiles:
     folder: str
     suffix: str  # of the files, with the dot
     error: type[Exception]  # raised with one line
-    made_by: str = ""  # command that writes such files
 
     def names(self) -> list[str]:
         """Return the names of the shipped files."""
@@ -49,8 +48,7 @@ class ShippedFiles:
         if file.suffix == self.suffix and file.is_file():
             return file
         missing = "file" if file.suffix == self.suffix else self.kind
-        written = f" that {self.made_by} has written" if self.made_by else ""
         raise self.error(
             f"{self.kind} {name!r}: no such {missing}; shipped are {', '.join(self.names())}, "
-            f"or give the path of a {self.suffix} file{written}{did_you_mean(name, self.names())}"
+            f"or give the path of a {self.suffix} file{did_you_mean(name, self.names())}"
         )

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ttempc.types import Command, Measurement, Sensor
 
-from ..actuation.actuators import ActuatorSpecification, CommandPath, PathState
+from ..actuation.actuators import Actuators, ActuatorSpecification
 from ..randomness import generator
-from ..sensing.sensor_specification import SensorSpecification
-from ..sensing.sensors import Sensors
+from ..sensing.sensors import SensorSuite
 from ..truth import Truth
 from .fault import Fault, Window
 from .kinds import BusState, SampleFilter, Sampling, sensors_of, valve
@@ -30,7 +29,7 @@ class FaultySensors:
 
     def __init__(
         self,
-        sensors: Sensors,
+        sensors: SensorSuite,
         faults: Sequence[tuple[int, Fault, Window]],
         timestep: float,
         seed: int,
@@ -45,11 +44,6 @@ class FaultySensors:
                 for rng in (generator(seed, f"fault {number} {fault.kind} {sensor}"),)
             }
             self._chain.append((window, filters))
-
-    @property
-    def specification(self) -> SensorSpecification:
-        """Specification of the sensors without faults."""
-        return self._sensors.specification
 
     @property
     def every(self) -> int:
@@ -80,11 +74,14 @@ class FaultySensors:
         return items
 
 
+Sensors = SensorSuite | FaultySensors
+
+
 class FaultyState(NamedTuple):
     """State of a command path with faults."""
 
     step: int  # physics steps since the start
-    inner: PathState  # of the path without faults
+    inner: Any  # of the path without faults
     arrived: Command  # command at the valves in the step before
     buses: Mapping[int, BusState]  # of the active faults, by their places in the list
     moved: Mapping[int, float]  # set points of the active faults of valves, in the same way
@@ -105,7 +102,7 @@ class FaultyActuators:
 
     def __init__(
         self,
-        path: CommandPath,
+        path: Actuators | FaultyActuators,
         faults: Sequence[tuple[Fault, Window]],
         timestep: float,
         stops: tuple[float, float],

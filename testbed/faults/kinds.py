@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Union, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, NamedTuple, Union
 
 import mujoco
 import numpy as np
@@ -183,15 +183,10 @@ def _float(fault: Made, run: Sampling) -> SampleFilter:
     return _added(lambda time_s: tuple(error.draw()))
 
 
-def _without_effect(key: str, value: float) -> Callable[[Made, FaultContext], str]:
-    """Return the refusal of the value of a key at which the fault has no effect."""
-    return lambda fault, context: f"{key} is {value:g}" if getattr(fault, key) == value else ""
-
-
 def _no_gyro_bias(fault: Made, context: FaultContext) -> str:
     if not context.sensors.imu.on:
         return "there is no IMU, sensors.imu.on is false"
-    return "" if fault.bias_degps else "bias_degps is 0"
+    return ""
 
 
 # --- commands and valves: between a command and the servos ----------------------------------------
@@ -384,7 +379,7 @@ _TABLE: Final = (
                                                      f.direction_deg))),
     Row("gnss_outlier", "samples",
         "Single positions are off by a vector of constant length and random direction.",
-        (_RECEIVER, _OFFSET, _SHARE), _outlier, _without_effect("share", 0.0)),
+        (_RECEIVER, _OFFSET, _SHARE), _outlier),
     Row("gnss_float", "samples",
         "The receivers lose the fixed ambiguities: a correlated error is added.",
         (_RECEIVER, _SD, _MEMORY), _float),
@@ -399,13 +394,11 @@ _TABLE: Final = (
         (_SENSOR,), _frozen),
     Row("angle_bias", "samples", "An angle sensor reads too much by a constant.",
         (_SENSOR, Key("bias_deg", BearingDeg, "What is added to a reading.")),
-        lambda f, run: _added(lambda time_s: (math.radians(f.bias_deg),)),
-        _without_effect("bias_deg", 0.0)),
+        lambda f, run: _added(lambda time_s: (math.radians(f.bias_deg),))),
     Row("angle_drift", "samples", "The error of an angle sensor grows at a constant rate.",
         (_SENSOR, Key("rate_degps", Signed, "Rate at which the error grows.")),
         lambda f, run: _added(
-            lambda time_s: (math.radians(f.rate_degps) * (time_s - run.window.start_s),)),
-        _without_effect("rate_degps", 0.0)),
+            lambda time_s: (math.radians(f.rate_degps) * (time_s - run.window.start_s),))),
     Row("angle_noise", "samples", "White noise is added to an angle sensor.",
         (_SENSOR, Key("sd_deg", Positive, "Standard deviation of the added error.")),
         lambda f, run: _added(
@@ -418,17 +411,16 @@ _TABLE: Final = (
         (), lambda f, run: _changed(lambda sample: replace(sample, value=(0.0,)))),
     Row("encoder_scaled", "samples",
         "The speed encoder reads a multiple of the speed: 2 doubled, -1 reversed.",
-        (Key("factor", Signed, "Factor on a reading, not 1."),),
-        lambda f, run: _scaled(f.factor), _without_effect("factor", 1.0)),
+        (Key("factor", Signed, "Factor on a reading."),),
+        lambda f, run: _scaled(f.factor)),
     Row("samples_duplicated", "samples", "Each sample arrives twice.",
         (_GROUP,), lambda f, run: lambda sample: [(0.0, sample), (0.0, sample)]),
     Row("stamps_backward", "samples", "Time stamps run backward from the start of the fault.",
         (_GROUP,), lambda f, run: _stamped(lambda time_s: 2.0 * run.window.start_s - time_s)),
     Row("stamps_shifted", "samples",
         "Time stamps are wrong by a constant: negative ones are too old.",
-        (_GROUP, Key("offset_s", Signed, "What is added to a stamp, not 0.")),
-        lambda f, run: _stamped(lambda time_s: time_s + f.offset_s),
-        _without_effect("offset_s", 0.0)),
+        (_GROUP, Key("offset_s", Signed, "What is added to a stamp.")),
+        lambda f, run: _stamped(lambda time_s: time_s + f.offset_s)),
 
     Row("commands_lost", "bus", "Commands do not arrive; the last one before holds.",
         (), lambda f, bus, command, now_s: bus),
@@ -507,20 +499,3 @@ if TYPE_CHECKING:
 else:
     AnyFault = Annotated[Union[_TYPES], Field(discriminator="kind")]  # noqa: UP007
     """A table of `[[faults]]`, chosen by its `kind`."""
-
-
-def kinds_table() -> str:
-    """Return the Markdown table of all kinds with their own keys and effects."""
-    lines = ["| kinds | keys beside the common ones | effect |", "|---|---|---|"]
-    for row in _TABLE:
-        kinds = ", ".join(f"`{kind}`" for kind in row.kinds.split())
-        keys = ", ".join(map(_shown, row.keys))
-        lines.append(f"| {kinds} | {keys or '-'} | {row.text} |")
-    return "\n".join(lines)
-
-
-def _shown(key: Key) -> str:
-    if key.default is not ...:
-        return f"`{key.name}` ({key.default})"
-    choices = " or ".join(f'"{word}"' for word in get_args(key.type) if isinstance(word, str))
-    return f"`{key.name}`: {choices}" if choices else f"`{key.name}`"

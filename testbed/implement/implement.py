@@ -161,11 +161,3 @@ class Implement:
         """Return the draft [N] at the set depth on level ground (ASABE D497)."""
         a, b, c = draft_equation(self.type).coefficients(self.texture)
         return (a + b * speed_mps + c * speed_mps**2) * self.size * self.depth_m
-
-    def notes(self) -> list[str]:
-        """Return one line on the implement for the log."""
-        return [
-            f"implement: {self.type}, {self.width_m:g} m wide, {100.0 * self.depth_m:g} cm deep in "
-            f"{self.texture} soil, {self.behind_m:g} m behind the trailer's axle; draft "
-            f"{self.draft(1.0):.0f} N at 1 m/s on level ground"
-        ]

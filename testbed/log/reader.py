@@ -6,7 +6,6 @@ import io
 import struct
 import zlib
 from array import array
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -19,11 +18,10 @@ import zstandard
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import DecodeError
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
-from mcap.opcode import Opcode
-from mcap.records import Attachment, Chunk, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Attachment, Chunk, DataEnd, Footer, McapRecord, Message, Metadata, Schema
 from mcap.records import Channel as McapChannel
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from zstandard import ZstdError
 
@@ -35,7 +33,7 @@ from ..messages.publisher import Topic
 from ..recording.channels import CHANNELS, EVENT_TOPIC, Channel
 from ..recording.record import Event, Record, Table
 from . import LOG_NAME, log_path
-from .writer import FORMAT, FORMAT_KEY, RUN_METADATA, McapFile, refuse_existing_log
+from .writer import FORMAT, FORMAT_KEY, RUN_METADATA, begin_log, refuse_existing_log
 
 SALVAGED_KEY: Final = "salvaged"  # metadata of a truncated log: extent of what was read
 RECOVERED_KEY: Final = "recovered"  # metadata of a recovered log: extent of what was recovered
@@ -48,20 +46,8 @@ _MOST_RATIO: Final = 64  # of decompressed bytes to those of the file
 _SMALL_BYTES: Final = 64 * 2**20  # decompressed, at any ratio
 _MOST_MESSAGES: Final = 10_000_000  # read into memory
 
-_HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
-_MESSAGE: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_DATA_END_BYTES: Final = 13  # https://mcap.dev/spec#data-end-op0x0f
 _CRC_BYTES: Final = 4
-# Records with opcode and length, https://mcap.dev/spec#records
-_DATA_END: Final = struct.Struct("<BQI")  # checksum of the data section
-_FOOTER: Final = struct.Struct("<BQQQI")  # starts of summary and offsets, checksum of the summary
-_RECORDS: Final[Mapping[int, type[McapRecord]]] = {
-    Opcode.ATTACHMENT: Attachment,
-    Opcode.CHANNEL: McapChannel,
-    Opcode.CHUNK: Chunk,
-    Opcode.METADATA: Metadata,
-    Opcode.SCHEMA: Schema,
-    Opcode.STATISTICS: Statistics,
-}
 
 # Exceptions that truncated, damaged or foreign bytes raise in their readers.
 _DAMAGE: Final = (
@@ -76,16 +62,13 @@ class Salvage:
 
     reason: str  # why the log is not whole
     chunks: int  # recovered, each complete and with a correct checksum
-    damaged: int  # chunks and attachments of full length with a wrong checksum, left out
-    kept_bytes: int  # up to the end of the last whole MCAP record
-    total_bytes: int
+    left_out: int  # chunks that are cut or have a wrong checksum
     last_time_s: float  # of the newest message recovered
 
     def __str__(self) -> str:
-        damaged = f", {self.damaged} damaged left out" if self.damaged else ""
+        left_out = f", {self.left_out} left out" if self.left_out else ""
         return (
-            f"{self.chunks} whole chunks{damaged}, up to {self.last_time_s:.2f} s, "
-            f"{self.kept_bytes} of {self.total_bytes} bytes; {self.reason}"
+            f"{self.chunks} whole chunks{left_out}, up to {self.last_time_s:.2f} s; {self.reason}"
         )
 
 
@@ -114,59 +97,85 @@ def read_content(path: str | Path, is_read: Callable[[str], bool] = lambda topic
     path = log_path(path)
     data = _bytes(path)
     limit = min(_MOST_BYTES, max(_SMALL_BYTES, _MOST_RATIO * len(data)))
-    chunks, damaged, unpacked, last_ns, kept = 0, 0, 0, 0, len(MCAP0_MAGIC)
+    chunks, left_out, unpacked, count, last_ns = 0, 0, 0, 0, 0
     metadata: dict[str, str] = {}
     attachments: dict[str, bytes] = {}
     schemas: dict[int, Schema] = {}
     channels: dict[int, McapChannel] = {}
-    messages: dict[str, list[Message]] = {}
-    counts: Counter[int] = Counter()  # of all messages, by channel
-    counted: dict[int, int] | None = None
-    for opcode, start, end in _whole_records(data, len(MCAP0_MAGIC)):
-        kept = end
-        try:
-            match _record(opcode, data[start:end]):
-                case Metadata(name=name, metadata=content) if name == RUN_METADATA:
-                    metadata = dict(content)
-                case Attachment(name=name, data=content):
-                    attachments[name] = content
-                case Schema() as schema:
-                    schemas[schema.id] = schema
-                case McapChannel() as channel:
-                    channels[channel.id] = channel
-                    if is_read(channel.topic):
-                        messages.setdefault(channel.topic, [])
-                case Chunk() as chunk:
-                    unpacked += chunk.uncompressed_size
-                    if unpacked > limit:
-                        raise LogError(
-                            f"{path}: declares {unpacked} bytes of messages or more, at most "
-                            f"{limit} are read from {len(data)}"
-                        )
-                    for message in _messages(chunk):
-                        counts[message.channel_id] += 1
-                        channel = channels.get(message.channel_id)
-                        if channel and channel.topic in messages:
-                            messages[channel.topic].append(message)
-                    chunks, last_ns = chunks + 1, max(last_ns, chunk.message_end_time)
-                    if counts.total() > _MOST_MESSAGES:
-                        raise LogError(f"{path}: more than {_MOST_MESSAGES} messages, the limit")
-                case Statistics(channel_message_counts=numbers):
-                    counted = numbers
-        except _DAMAGE:
-            damaged += 1
-    reason = integrity_error(data)
-    if not reason and damaged:
-        reason = "not as this program writes it"
-    if not reason and counted != counts:
-        reason = "the numbers of messages are not those of its statistics"
-    salvage = Salvage(reason, chunks, damaged, kept, len(data), last_ns / 1e9) if reason else None
+    by_channel: dict[int, list[Message]] = {}
+    faults, ends = [], 0  # of the sections of data and summary
+    stream = io.BytesIO(data)
+    try:
+        for record in StreamReader(stream, emit_chunks=True).records:
+            parts = [record]
+            if isinstance(record, Chunk):
+                unpacked += record.uncompressed_size
+                if unpacked > limit:
+                    raise LogError(
+                        f"{path}: declares {unpacked} bytes of messages or more, at most "
+                        f"{limit} are read from {len(data)}"
+                    )
+                try:
+                    parts = _unpacked(record)
+                except _DAMAGE:
+                    left_out += 1
+                    continue
+                chunks, last_ns = chunks + 1, max(last_ns, record.message_end_time)
+                count += len(parts)
+                if count > _MOST_MESSAGES:
+                    raise LogError(f"{path}: more than {_MOST_MESSAGES} messages, the limit")
+            for part in parts:
+                match part:
+                    case Metadata(name=name, metadata=content) if name == RUN_METADATA:
+                        metadata = dict(content)
+                    case Attachment(name=name, data=content):
+                        attachments[name] = content
+                    case Schema() as schema:
+                        schemas[schema.id] = schema
+                    case McapChannel() as channel:
+                        channels[channel.id] = channel
+                    case Message(channel_id=number) as message:
+                        if number not in channels or is_read(channels[number].topic):
+                            by_channel.setdefault(number, []).append(message)
+                    case DataEnd(data_section_crc=crc):
+                        ends += 1
+                        if zlib.crc32(memoryview(data)[: stream.tell() - _DATA_END_BYTES]) != crc:
+                            faults.append("checksum of the data section wrong")
+                    case Footer(summary_start=start, summary_crc=crc):
+                        ends += 1
+                        if zlib.crc32(data[start : stream.tell() - _CRC_BYTES]) != crc:
+                            faults.append("checksum of the summary wrong")
+                    case _:
+                        pass
+    except (EndOfFile, struct.error):
+        faults.append("truncated")
+    except _DAMAGE as error:
+        faults.append(f"damaged: {error}")
+    if left_out or ends != 2:
+        faults.append("damaged")
+    salvage = Salvage(faults[0], chunks, left_out, last_ns / 1e9) if faults else None
     topics = {
         each.topic: Topic(each.topic, schema.name, schema.data, dict(each.metadata))
         for each in channels.values()
         if (schema := schemas.get(each.schema_id))
     }
+    messages = {
+        each.topic: by_channel.get(number, [])
+        for number, each in channels.items()
+        if is_read(each.topic)
+    }
     return Content(path, _of_run(path, metadata), attachments, topics, messages, salvage)
+
+
+def _unpacked(chunk: Chunk) -> list[McapRecord]:
+    """Return the records in a chunk; wrong bytes raise one of `_DAMAGE`."""
+    if chunk.compression == "zstd":
+        # Before any allocation: decompression trusts the size in the compressed data.
+        if zstandard.frame_content_size(chunk.data) != chunk.uncompressed_size:
+            raise ValueError("size of a chunk")
+    elif chunk.compression:
+        raise ValueError(f"compression {chunk.compression!r}")
+    return breakup_chunk(chunk, validate_crc=True)
 
 
 def _of_run(path: Path, metadata: dict[str, str]) -> dict[str, str]:
@@ -177,31 +186,6 @@ def _of_run(path: Path, metadata: dict[str, str]) -> dict[str, str]:
     if version != FORMAT:
         raise LogError(f"{path}: log format {version}, this version reads {FORMAT}")
     return metadata
-
-
-def integrity_error(data: bytes) -> str | None:
-    """Return the reason why a log is not as it was written, None if all checksums are correct.
-
-    The checksum of the data section covers the bytes up to its end, that of the footer the summary
-    and the footer; the two records that hold them have one place and one length.
-    """
-    footer = len(data) - _FOOTER.size - len(MCAP0_MAGIC)
-    if footer < len(MCAP0_MAGIC) + _DATA_END.size or not data.endswith(MCAP0_MAGIC):
-        return "truncated"
-    opcode, length, start, _, summary_crc = _FOOTER.unpack_from(data, footer)
-    data_end = start - _DATA_END.size
-    if (opcode, length) != (Opcode.FOOTER, 20) or not len(MCAP0_MAGIC) <= data_end < footer:
-        return "footer damaged"
-    if zlib.crc32(data[start : footer + _FOOTER.size - _CRC_BYTES]) != summary_crc:
-        return "checksum of the summary wrong"
-    opcode, length, data_crc = _DATA_END.unpack_from(data, data_end)
-    if (opcode, length) != (Opcode.DATA_END, 4):
-        return "end of the data section damaged"
-    if data_crc == 0:
-        return "no checksum of the data section"
-    if zlib.crc32(memoryview(data)[:data_end]) != data_crc:
-        return "checksum of the data section wrong"
-    return None
 
 
 @contextmanager
@@ -227,61 +211,6 @@ def _bytes(path: Path) -> bytes:
     if not data.startswith(MCAP0_MAGIC):
         raise LogError(f"{path}: is not an MCAP log")
     return data
-
-
-def _whole_records(data: bytes, place: int) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, start and end of MCAP records up to the first that is incomplete."""
-    while place + _HEAD.size <= len(data):
-        opcode, length = _HEAD.unpack_from(data, place)
-        start, place = place + _HEAD.size, place + _HEAD.size + length
-        if place > len(data):
-            return
-        yield opcode, start, place
-        if opcode == Opcode.FOOTER:
-            return
-
-
-def _record(opcode: int, body: bytes) -> McapRecord | None:
-    """Return a record of a kind that matters here.
-
-    Raises:
-        ValueError: an attachment with a wrong checksum; other bytes raise others of `_DAMAGE`.
-    """
-    kind = _RECORDS.get(opcode)
-    if kind is None:
-        return None
-    if kind is Attachment:  # its checksum is not read by `mcap`
-        expected = int.from_bytes(body[-_CRC_BYTES:], "little")
-        if zlib.crc32(body[:-_CRC_BYTES]) != expected:
-            raise ValueError("checksum of an attachment")
-    return kind.read(ReadDataStream(io.BytesIO(body)))
-
-
-def _messages(chunk: Chunk) -> list[Message]:
-    """Return the messages of a chunk.
-
-    Raises:
-        ValueError: wrong size, checksum or compression, or something else than messages in it; a
-            compression that is not understood raises `ZstdError`.
-    """
-    data = chunk.data
-    if chunk.compression == "zstd":
-        # Before any allocation: `decompress` trusts the size in the compressed data.
-        if zstandard.frame_content_size(data) != chunk.uncompressed_size:
-            raise ValueError("size of a chunk")
-        data = zstandard.decompress(data)
-    elif chunk.compression:
-        raise ValueError(f"compression {chunk.compression!r}")
-    if len(data) != chunk.uncompressed_size or zlib.crc32(data) != chunk.uncompressed_crc:
-        raise ValueError("checksum of a chunk")
-    messages = []
-    for opcode, start, end in _whole_records(data, 0):
-        if opcode != Opcode.MESSAGE:
-            raise ValueError(f"record of kind {opcode} in a chunk")
-        channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, start)
-        body = data[start + _MESSAGE.size : end]
-        messages.append(Message(channel, log_time, body, publish_time, sequence))
-    return messages
 
 
 _LEVEL_NAMES: Final = {number: name for name, number in LEVELS.items()}
@@ -360,18 +289,16 @@ def recover(content: Content, file: Path) -> None:
     extent = {} if content.salvage is None else {RECOVERED_KEY: str(content.salvage)}
     try:
         with atomic_write(file) as stream:
-            mcap = McapFile(stream)
-            mcap.add_metadata(RUN_METADATA, {**content.metadata, **extent, FORMAT_KEY: FORMAT})
-            for name, data in content.attachments.items():
-                mcap.add_attachment(name, data)
-            numbers = {name: mcap.add_topic(topic) for name, topic in content.topics.items()}
+            metadata = {**content.metadata, **extent}
+            topics = content.topics.values()
+            mcap, numbers = begin_log(stream, metadata, content.attachments, topics)
             recovered = [
                 (message.log_time, number, message.data)
                 for name, number in numbers.items()
                 for message in content.messages.get(name, [])
             ]
             for time_ns, number, data in sorted(recovered, key=lambda item: item[0]):
-                mcap.add_message(number, time_ns, data)
+                mcap.add_message(number, time_ns, data, time_ns)
             mcap.finish()
     except OSError as error:
         raise LogError(f"{file}: cannot be written: {error.strerror}") from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -12,14 +12,6 @@ from ttempc.types import FloatArray
 _BAD_SHARE: Final = 0.1
 _BAD_FACTOR: Final = 3.0
 _AHEAD: Final = 64  # samples drawn at once
-
-
-class ErrorSource(Protocol):
-    """Source of the errors of successive samples."""
-
-    def draw(self) -> list[float]:
-        """Return the error of the next sample, (m,) in the sensor's unit."""
-        ...
 
 
 class White:
@@ -108,3 +100,6 @@ class HeavyTailed:
         factor = _BAD_FACTOR if self._rng.random() < _BAD_SHARE else 1.0
         drawn = self._rng.standard_normal(len(self._good_sd))
         return (factor * self._good_sd * drawn).tolist()
+
+
+ErrorSource = White | Correlated | HeavyTailed

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
@@ -96,21 +95,6 @@ class ImuSpecification:
     latency_s: Latency = 0.0
     """Time from sampling to delivery."""
 
-    @property
-    def sd(self) -> tuple[float, float, float]:
-        """Standard deviation of yaw rate [rad/s], roll and pitch [rad]."""
-        return _yaw_rate_and_angles(self.yaw_rate_sd_degps, self.angle_sd_deg)
-
-    @property
-    def bias_sd(self) -> tuple[float, float, float]:
-        """Standard deviation of the bias of yaw rate [rad/s], roll and pitch [rad]."""
-        return _yaw_rate_and_angles(self.yaw_rate_bias_sd_degps, self.angle_bias_sd_deg)
-
-    @property
-    def resolution(self) -> tuple[float, float, float]:
-        """Resolution of yaw rate [rad/s], roll and pitch [rad]."""
-        return _yaw_rate_and_angles(self.yaw_rate_resolution_degps, self.angle_resolution_deg)
-
 
 @dataclass(frozen=True, config=STRICT)
 class SensorSpecification:
@@ -175,45 +159,3 @@ class SensorSpecification:
             return 1.0 / self.imu.rate_hz
         rates = {"gnss": self.gnss_rate_hz, "encoder": self.encoder_rate_hz}
         return 1.0 / rates.get(sensor.split("_")[0], self.angle_rate_hz)
-
-    @property
-    def angle_sd(self) -> float:
-        """Standard deviation of the steering angles and the hitch angle [rad]."""
-        return math.radians(self.angle_sd_deg)
-
-    @property
-    def angle_resolution(self) -> float:
-        """Resolution of the steering angles and the hitch angle [rad]."""
-        return math.radians(self.angle_resolution_deg)
-
-    def notes(self) -> list[str]:
-        """Return one line for each error or sensor that the paper does not have.
-
-        Rates and standard deviations are not listed.
-        """
-        texts = {
-            f"GNSS error correlated over {self.gnss_correlation_time_s:g} s, "
-            f"{100.0 * self.gnss_white_share:g} % of its variance white": (
-                self.gnss_error == "correlated"
-            ),
-            "GNSS error heavy-tailed": self.gnss_error == "non-gaussian",
-            "GNSS of the antennas taken for the axle points": self.gnss_antenna == "raw",
-            "GNSS of the antennas, lever arms corrected with the IMU's attitude": (
-                self.gnss_antenna == "corrected"
-            ),
-            "encoder reads the speed over ground": self.encoder_on == "ground",
-            "IMU on tractor and trailer": self.imu.on,
-            f"IMU latency {self.imu.latency_s:g} s": self.imu.on and self.imu.latency_s,
-            f"GNSS latency {self.gnss_latency_s:g} s": self.gnss_latency_s,
-            f"angle latency {self.angle_latency_s:g} s": self.angle_latency_s,
-            f"encoder latency {self.encoder_latency_s:g} s": self.encoder_latency_s,
-            f"GNSS resolution {self.gnss_resolution_m:g} m": self.gnss_resolution_m,
-            f"angle resolution {self.angle_resolution_deg:g} deg": self.angle_resolution_deg,
-            f"encoder resolution {self.encoder_resolution_mps:g} m/s": self.encoder_resolution_mps,
-        }
-        return [f"sensors: {text}" for text, applies in texts.items() if applies]
-
-
-def _yaw_rate_and_angles(yaw_rate_degps: float, angle_deg: float) -> tuple[float, float, float]:
-    angle = math.radians(angle_deg)
-    return math.radians(yaw_rate_degps), angle, angle

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from operator import add
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -69,24 +69,6 @@ class _SampledSensor:
     every: int  # physics steps from sample to sample
     delay: int  # physics steps from sample to delivery
     resolution: tuple[float, ...]  # of each component
-
-
-class Sensors(Protocol):
-    """Anything that samples the truth; `SensorSuite` is one."""
-
-    @property
-    def specification(self) -> SensorSpecification:
-        """Specification of rates, errors and latencies."""
-        ...
-
-    @property
-    def every(self) -> int:
-        """Physics steps between two moments at which any sensor samples or delivers."""
-        ...
-
-    def sample(self, truth: Truth, step: int) -> list[Measurement]:
-        """Sample what is due at physics step `step`; return the samples delivered."""
-        ...
 
 
 class SensorSuite:
@@ -148,12 +130,17 @@ class SensorSuite:
         if imu.on:
             for sensor, read in _IMU.items():
                 error = _imu_error(imu, self._seed, sensor)
-                yield self._entry(sensor, read, error, imu.latency_s, imu.resolution)
+                grid = _imu_units(imu.yaw_rate_resolution_degps, imu.angle_resolution_deg)
+                yield self._entry(sensor, read, error, imu.latency_s, grid)
         for body, sensor in enumerate(_GNSS):
             error, resolution = _gnss_error(of, self._seed, sensor), 2 * (of.gnss_resolution_m,)
             read = self._gnss_reader(body)
             yield self._entry(sensor, read, error, of.gnss_latency_s, resolution)
-        angle = (of.angle_sd, of.angle_latency_s, of.angle_resolution)
+        angle = (
+            math.radians(of.angle_sd_deg),
+            of.angle_latency_s,
+            math.radians(of.angle_resolution_deg),
+        )
         speed = (of.encoder_sd_mps, of.encoder_latency_s, of.encoder_resolution_mps)
         plain = [*((pair, angle) for pair in _ANGLES), (_ENCODER[of.encoder_on], speed)]
         for (sensor, read), (sd, latency_s, resolution) in plain:
@@ -240,7 +227,13 @@ def _gnss_error(specification: SensorSpecification, seed: int, sensor: Sensor) -
             return HeavyTailed(sd, rng)
 
 
+def _imu_units(yaw_rate_degps: float, angle_deg: float) -> tuple[float, float, float]:
+    """Return values of the components of an IMU in their units."""
+    return math.radians(yaw_rate_degps), math.radians(angle_deg), math.radians(angle_deg)
+
+
 def _imu_error(imu: ImuSpecification, seed: int, sensor: Sensor) -> ErrorSource:
-    sd = np.array(imu.sd)
-    bias = np.array(imu.bias_sd) * generator(seed, f"sensor/{sensor}/bias").standard_normal(3)
+    sd = np.array(_imu_units(imu.yaw_rate_sd_degps, imu.angle_sd_deg))
+    bias_sd = np.array(_imu_units(imu.yaw_rate_bias_sd_degps, imu.angle_bias_sd_deg))
+    bias = bias_sd * generator(seed, f"sensor/{sensor}/bias").standard_normal(3)
     return White(sd, generator(seed, f"sensor/{sensor}"), bias)

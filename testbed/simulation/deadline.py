@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import signal
 import threading
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from types import FrameType
 from typing import Final
 
@@ -16,37 +14,6 @@ from ttempc.types import Command
 
 STEP_LIMIT_S: Final = 60.0
 """Wall-clock time after which a call of the guidance is ended; assumed: 300 control periods."""
-
-
-@dataclass(slots=True)
-class _Alarm:
-    """The alarm of the process: the operating system has one."""
-
-    seconds: float = math.inf  # of the limit that runs
-    handled: bool = False  # whether `expire` is its handler
-
-    def expire(self, number: int, frame: FrameType | None) -> None:
-        """Raise `TimeoutError` where the main thread is."""
-        del number, frame
-        raise TimeoutError(f"did not return within {self.seconds:g} s")
-
-
-_ALARM: Final = _Alarm()
-
-
-@contextmanager
-def alarm_handled() -> Iterator[None]:
-    """Set the handler of all time limits in the block once: to set it takes longer than a limit."""
-    if _ALARM.handled or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGALRM, _ALARM.expire)
-    _ALARM.handled = True
-    try:
-        yield
-    finally:
-        _ALARM.handled = False
-        signal.signal(signal.SIGALRM, before)
 
 
 @contextmanager
@@ -60,13 +27,17 @@ def time_limit(seconds: float) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    with alarm_handled():
-        _ALARM.seconds = seconds
-        signal.setitimer(signal.ITIMER_REAL, seconds)
-        try:
-            yield
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+    def expire(number: int, frame: FrameType | None) -> None:
+        raise TimeoutError(f"did not return within {seconds:g} s")
+
+    before = signal.signal(signal.SIGALRM, expire)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 class CommandQueue:

@@ -16,7 +16,7 @@ from ..errors import PlantDiverged, StageFailed
 from ..recording import channels
 from ..recording.channels import PREDICTED_PATH_TOPIC, PREDICTED_TRAILER_PATH_TOPIC
 from ..recording.record import LEARNT, OVERRUN, REACTION, REACTION_ENDED, Event
-from .deadline import alarm_handled, time_limit
+from .deadline import time_limit
 from .setup import SimulationSetup, Stage, TickContext
 from .termination import check_termination
 
@@ -32,19 +32,6 @@ class Outcome:
     duration_s: float  # simulated
     wall_s: float
     traceback: str | None = None  # of an exception in a user's controller or estimator
-
-
-def log_settings(setup: SimulationSetup, tick: TickContext) -> None:
-    """Log notes, implement, and actuator and sensor settings unlike the paper's."""
-    implement = setup.plant.implement
-    specifications = (
-        *([implement.settings] if implement else []),
-        setup.plant.actuators.specification,
-        setup.sensors.specification,
-    )
-    notes = (note for specification in specifications for note in specification.notes())
-    for text in (*setup.notes, *notes):
-        setup.sink.event(Event(tick.now.time_s, "info", text))
 
 
 def prepare(setup: SimulationSetup, tick: TickContext) -> None:
@@ -219,7 +206,6 @@ def with_stages(
     return tuple(extended)
 
 
-@alarm_handled()
 def drive(
     setup: SimulationSetup,
     ticks: int,
@@ -248,7 +234,8 @@ def periods(
 ) -> Generator[TickContext, None, Outcome]:
     """Do as `drive`, and pause before every `control`: an estimate is there, a command is not."""
     tick = TickContext(truths=[(0, setup.plant.truth())])
-    log_settings(setup, tick)
+    for text in setup.notes:
+        setup.sink.event(Event(tick.now.time_s, "info", text))
     log_truth(setup, tick)
     status: Literal["completed", "stopped", "lost", "invalid"] = "completed"
     failure: str | None = None

@@ -9,14 +9,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
 import numpy as np
 
 from ttempc.types import Command, FloatArray
 
-from ..actuation.actuators import Actuators, ActuatorSpecification, CommandPath, PathState
+from ..actuation.actuators import Actuators, ActuatorSpecification
 from ..errors import InvalidPlant, PlantDiverged
 from ..ground.ground import Ground
 from ..ground.soil import SoilMap
@@ -36,6 +36,9 @@ from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, SoilWheels, wheel_model
 from .compiled_steps import compiled_steps
 from .truth_reader import TruthReader
 
+if TYPE_CHECKING:
+    from ..faults.faulty import FaultyActuators
+
 _DEFAULT_LAW: Final = SoilLaw()
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 _SETTLE_CHUNK_S: Final = 0.1  # between comparisons of the wheel loads
@@ -52,7 +55,7 @@ class Snapshot:
     wheel_state: FloatArray  # `WheelModel.state`
     output: FloatArray  # (6, 7) last report of the wheels
     implement: FloatArray  # `MountedImplement.state`, empty without an implement
-    valves: PathState  # commands that are still in the command path
+    valves: Any  # state of `Plant.actuators`: commands that are still in the command path
 
 
 class Plant:
@@ -113,10 +116,10 @@ class Plant:
         steering = [model.joint(name) for name in ("steer", "rj2_yaw")]
         self._steering_angles = [int(joint.qposadr[0]) for joint in steering]
         front_stop, trailer_stop = (float(joint.range[1]) for joint in steering)
-        self.actuators: CommandPath = Actuators(
+        self.actuators: Actuators | FaultyActuators = Actuators(
             actuators or ActuatorSpecification(), timestep_s, (front_stop, trailer_stop)
         )
-        self._valves: PathState = self.actuators.start(hp=0.0)
+        self._valves: Any = self.actuators.start(hp=0.0)
 
     def reset(self, x: float, y: float, yaw: float, speed: float) -> Truth:
         """Put the vehicle on the ground, in line, rolling.

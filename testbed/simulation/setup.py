@@ -10,9 +10,9 @@ import numpy as np
 from ttempc.types import Command, ControlStep, Estimate, FloatArray, Measurement, VehicleGuidance
 from ttempc.vehicle import Vehicle
 
+from ..faults.faulty import Sensors
 from ..ground.terrain import Terrain
 from ..recording.record import Sink
-from ..sensing.sensors import Sensors
 from ..truth import Truth
 from .deadline import STEP_LIMIT_S, CommandQueue
 from .plant import Plant

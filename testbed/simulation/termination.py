@@ -23,9 +23,7 @@ class TerminationLimits:
     fold: float = math.radians(80.0)  # [rad] between tractor and drawbar, or drawbar and trailer
     deviation: float = 5.0  # [m] of the tractor point from its reference
     # A vehicle is stuck whose driven wheels slip that much, on the mean of a time, while it is that
-    # far from its reference: there the supervisor stops it. Chosen on laps of `grass` with class F
-    # at 110 to 130 kPa, under an earlier wheel law. Under this one, at 105, 110 and 120 kPa with
-    # seeds 1 to 3, eight of nine laps end by it and the ninth completes.
+    # far from its reference; chosen on laps of `grass` with class F at 110 to 130 kPa.
     stuck_slip: float = 0.4
     stuck_time: float = 5.0  # [s]
     stuck_deviation: float = 4.0  # [m]

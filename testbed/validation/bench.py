@@ -37,9 +37,6 @@ class Bench:
     vehicle: PlantVehicle
     terrain: Terrain  # of the scenario, slope included
     soil: SoilMap
-    rough: Terrain | None = None  # terrain without features; None: not of an ISO 8608 class
-    iso_class: str = ""  # of `rough`
-    slope_rad: float = 0.0
     wheels: str = DEFAULT_WHEEL_MODEL
     wheel_law: SoilLaw = SoilLaw()  # noqa: RUF009 - frozen
     timestep_s: float = 0.002
@@ -52,7 +49,23 @@ class Bench:
     @cached_property
     def nominal(self) -> Vehicle:
         """Model parameters of the vehicle's file."""
-        return nominal(self.vehicle)
+        vehicle = self.vehicle
+        front, trailer, drive = vehicle.front_steering, vehicle.trailer_steering, vehicle.hydrostat
+        return Vehicle(
+            wheelbase=vehicle.tractor.wheelbase_m,
+            hitch_offset=vehicle.hitch.offset_m,
+            drawbar_length=vehicle.drawbar.length_m,
+            trailer_length=vehicle.trailer.length_m,
+            speed_gain=drive.speed_gain_mps,
+            speed_time_constant=drive.time_constant_s,
+            steering_lag_t=front.lag_s,
+            steering_lag_i=trailer.lag_s,
+            steering_limit_t=math.radians(front.limit_deg),
+            steering_limit_i=math.radians(trailer.limit_deg),
+            steering_rate_t=math.radians(front.rate_degps),
+            steering_rate_i=math.radians(trailer.rate_degps),
+            hp_rate=drive.rate_per_s,
+        )
 
     def command(self, speed: float = SPEED, delta_t: float = 0.0, delta_i: float = 0.0) -> Command:
         """Return the command for a speed [m/s] on firm ground and steering angles [rad]."""
@@ -62,8 +75,6 @@ class Bench:
         self,
         ground: Terrain | None = None,
         cone_index: float | SoilMap = FIRM_KPA,
-        *,
-        wheels: str | None = None,
         timestep_s: float | None = None,
     ) -> Plant:
         """Return a plant of the vehicle; the ground is level and firm by default."""
@@ -71,7 +82,7 @@ class Bench:
             self.vehicle,
             ground or flat((60.0, 40.0)),
             cone_index if isinstance(cone_index, SoilMap) else SoilMap(cone_index),
-            wheels=wheels or self.wheels,
+            wheels=self.wheels,
             wheel_law=self.wheel_law,
             timestep_s=timestep_s or self.timestep_s,
         )
@@ -122,23 +133,3 @@ def wheel_motion(plant: Plant) -> WheelMotion:
     arm = data.xpos[ids] - data.subtree_com[1]
     velocity = data.cvel[ids, 3:] + np.cross(rotation, arm)
     return WheelMotion(data.xpos[ids], data.xmat[ids][:, [1, 4, 7]], velocity, rotation)
-
-
-def nominal(vehicle: PlantVehicle) -> Vehicle:
-    """Return the vehicle's file as model parameters of the control library."""
-    front, trailer, drive = vehicle.front_steering, vehicle.trailer_steering, vehicle.hydrostat
-    return Vehicle(
-        wheelbase=vehicle.tractor.wheelbase_m,
-        hitch_offset=vehicle.hitch.offset_m,
-        drawbar_length=vehicle.drawbar.length_m,
-        trailer_length=vehicle.trailer.length_m,
-        speed_gain=drive.speed_gain_mps,
-        speed_time_constant=drive.time_constant_s,
-        steering_lag_t=front.lag_s,
-        steering_lag_i=trailer.lag_s,
-        steering_limit_t=math.radians(front.limit_deg),
-        steering_limit_i=math.radians(trailer.limit_deg),
-        steering_rate_t=math.radians(front.rate_degps),
-        steering_rate_i=math.radians(trailer.rate_degps),
-        hp_rate=drive.rate_per_s,
-    )

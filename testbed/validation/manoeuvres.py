@@ -9,7 +9,6 @@ in the order of the rows.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -23,16 +22,11 @@ from scipy.optimize import curve_fit
 from ttempc.types import Command, FloatArray
 
 from ..ground.terrain import (
-    HIGHEST_FREQUENCY,
-    ISO_8608,
-    LOWEST_FREQUENCY,
-    REFERENCE_FREQUENCY,
     Terrain,
     flat,
 )
 from ..simulation.plant import Plant
 from ..truth import WHEELS
-from ..vehicle.servos import tyres_of, wheel_loads
 from ..vehicle.vehicle import AxleLoads
 from ..wheels import tyre
 from ..wheels.soil_law import SoilLaw
@@ -53,7 +47,6 @@ from .bench import (
     wheel_places,
 )
 from .check import Chart, Line
-from .steady_motion import Planar, steady_motion
 
 _UP_Y: Final = 0.5 * math.pi  # [rad] direction of a slope that rises to the north
 
@@ -89,7 +82,6 @@ def _chart(title: str, x_label: str, y_label: str, x: FloatArray, **lines: Float
 _SLOPE: Final = math.radians(10.0)
 _STEEP: Final = math.radians(15.0)
 _REST_S: Final = 5.0
-_UPHILL: Final = 0.5  # [m/s]
 
 
 def static_loads(bench: Bench) -> Iterator[Measured]:
@@ -105,61 +97,25 @@ def static_loads(bench: Bench) -> Iterator[Measured]:
 
 
 def load_transfer(bench: Bench) -> Iterator[Measured]:
-    """Measure the shift of the centre of the wheel loads on a slope, across it and uphill.
+    """Measure the shift of the centre of the wheel loads at rest across a slope.
 
-    h is the height of the centre of mass. With soil wheels motion resistance counts at the hub
-    (`testbed.wheels.soil_law`: that of the tyre is a torque on the wheel, which is a force at the
-    hub and its opposite, a part of gross traction, at the rim), all other forces along the slope
-    act in the plane of the ground. Moments about the ground give
-
-        shift = h tan(slope) + lever,   lever = (sum R_i h_i - T (h_rear - r)) / sum N_i
-
-    down the slope from the foot of the centre of mass; the lever is that of motion resistance R_i
-    at the heights h_i of the hubs and of gross traction T at the rim. It is zero across the slope.
+    Moments about the ground: h tan(slope) down the slope from the foot of the centre of mass, which
+    is at the height h.
     """
-    ground = flat((30.0, 20.0)).tilted(_SLOPE, _UP_Y)
-    across, up = bench.plant(ground), bench.plant(ground)
-    load = _at_rest(across)
-    yield _transfer(across, load, _feet(across), 0.0, "across")
-    up.reset(0.0, -4.0, _UP_Y, _UPHILL)
-    command = bench.command(_UPHILL)
-    up.advance(command, steps(up, 4.0))
-    load = np.mean(column(drive(up, command, 0.5, 0.05), "wheels.load"), axis=0)
-    if up.wheels.follows_soil_law:
-        yield _transfer(up, load, wheel_places(up), _resistance_lever(up, load), "up")
-    else:
-        yield _transfer(up, load, _feet(up), 0.0, "up")
+    plant = bench.plant(flat((30.0, 20.0)).tilted(_SLOPE, _UP_Y))
+    load = _at_rest(plant)
+    feet = tyre.contact(plant.tyres, plant.terrain, wheel_motion(plant)).point  # (6, 3) [m]
+    uphill = np.array([0.0, math.cos(_SLOPE), math.sin(_SLOPE)])
+    normal = np.array([0.0, -math.sin(_SLOPE), math.cos(_SLOPE)])
+    centre = centre_of_mass(plant, bodies(plant, "tractor"))[1]
+    shift = float(centre @ uphill - load @ (feet @ uphill) / load.sum())
+    yield Measured(1e3 * shift, 1e3 * float(centre @ normal) * math.tan(_SLOPE))
 
 
 def _at_rest(plant: Plant) -> FloatArray:
     """Return the wheel loads at rest, after the tread deflections of settling have faded."""
     plant.reset(0.0, 0.0, 0.0, 0.0)
     return plant.advance(STOP, steps(plant, _REST_S)).wheels.load
-
-
-def _feet(plant: Plant) -> FloatArray:
-    """Return the centres of pressure under the wheels, (6, 3) [m]."""
-    return tyre.contact(plant.tyres, plant.terrain, wheel_motion(plant)).point
-
-
-def _transfer(plant: Plant, load: FloatArray, feet: FloatArray, lever: float, way: str) -> Measured:
-    uphill = np.array([0.0, math.cos(_SLOPE), math.sin(_SLOPE)])
-    normal = np.array([0.0, -math.sin(_SLOPE), math.cos(_SLOPE)])
-    centre = centre_of_mass(plant, bodies(plant, "tractor"))[1]
-    shift = float(centre @ uphill - load @ (feet @ uphill) / load.sum())
-    law = float(centre @ normal) * math.tan(_SLOPE) + lever
-    return Measured(1e3 * shift, 1e3 * law, words={"way": way})
-
-
-def _resistance_lever(plant: Plant, load: FloatArray) -> float:
-    bn, _ = _mobility(plant, load, FIRM_KPA)
-    resistance = load * plant.wheel_law.motion_resistance_ratio(bn, np.zeros(len(WHEELS)))  # (6,)
-    normal = np.array([0.0, -math.sin(_SLOPE), math.cos(_SLOPE)])
-    heights = wheel_places(plant) @ normal  # the plane runs through the origin
-    weight = float(-plant.model.opt.gravity[2] * plant.model.body_mass.sum())
-    traction = weight * math.sin(_SLOPE) + float(resistance.sum())
-    sunk = float((heights - plant.tyres.radius)[DRIVEN].mean())
-    return (float(resistance @ heights) - traction * sunk) / float(load.sum())
 
 
 def _mobility(plant: Plant, load: FloatArray, cone_index: float) -> tuple[FloatArray, FloatArray]:
@@ -263,22 +219,18 @@ def steering_steps(bench: Bench) -> Iterator[Measured]:
 # --- turning --------------------------------------------------------------------------------------
 
 _RADII: Final = np.array([6.0, 8.0, 10.0, 14.0, 20.0])  # [m]
-_STRENGTHS: Final = np.array([FIRM_KPA, 600.0, 300.0])  # [kPa]
-_RADIUS: Final = 10.0  # [m] of turns on softer soil
 _SETTLE: Final = 8.0  # lengths behind the pin: the transient has decayed to e^-8
 
 
-def _turn(bench: Bench, radius: float, cone_index: float) -> tuple[float, float, float, float]:
-    """Drive a circle at walking pace until it is steady.
+def _turn(bench: Bench, radius: float) -> tuple[float, float, float]:
+    """Drive a circle at walking pace on firm ground until it is steady.
 
     Returns:
-        Yaw rate over Ackermann's v tan(delta) / L, the same by `steady_motion`, radius of the
-        tractor point [m], by how much the trailer point cuts in [m].
+        Yaw rate over Ackermann's v tan(delta) / L, radius of the tractor point [m], by how much the
+        trailer point cuts in [m].
     """
     wheelbase = bench.nominal.wheelbase
-    plant = bench.plant(flat((50.0, 50.0)), cone_index)
-    plant.reset(0.0, 0.0, 0.0, 0.0)
-    planar = Planar.of(bench.nominal, plant)
+    plant = bench.plant(flat((50.0, 50.0)))
     plant.reset(0.0, -radius, 0.0, SPEED)
     command = bench.command(delta_t=math.atan(wheelbase / radius))
     behind = bench.nominal.drawbar_length + bench.nominal.trailer_length
@@ -287,55 +239,32 @@ def _turn(bench: Bench, radius: float, cone_index: float) -> tuple[float, float,
     names = ("delta_t", "yaw_rate_t", "speed", "lateral_speed", "yaw_rate_i")
     means = np.mean(np.column_stack([column(truths, name) for name in names]), axis=0)
     delta, yaw_rate, speed, lateral, trailer_rate = means
-    load = np.mean(column(truths, "wheels.load"), axis=0)
-    ackermann = speed * math.tan(delta) / wheelbase
-    motion = steady_motion(planar, delta, speed, load, cone_index)
     apart = np.diff(column(truths, "trailer")[:, :2], axis=0)
-    trailer_speed = float(
-        np.linalg.norm(apart, axis=1).sum() / (truths[-1].time_s - truths[0].time_s)
-    )
+    way, time_s = np.linalg.norm(apart, axis=1).sum(), truths[-1].time_s - truths[0].time_s
     turned = math.hypot(speed, lateral) / yaw_rate
-    cut = turned - trailer_speed / trailer_rate
-    return yaw_rate / ackermann, motion.yaw_rate / ackermann, turned, cut
+    return (
+        yaw_rate * wheelbase / (speed * math.tan(delta)),
+        turned,
+        turned - way / (time_s * trailer_rate),
+    )
 
 
 def circles(bench: Bench) -> Iterator[Measured]:
     """Measure yaw rate and off-tracking on circles of 6 to 20 m on firm ground."""
-    turns = np.array([_turn(bench, radius, FIRM_KPA) for radius in _RADII.tolist()])
-    ratios, predicted, radii, measured = turns.T
+    turns = np.array([_turn(bench, radius) for radius in _RADII.tolist()])
+    ratios, radii, measured = turns.T
     closed = np.array([off_tracking(bench, radius) for radius in radii.tolist()])
-    lines = {"plant": ratios, "balance of forces": predicted}
-    title, x_label = "Steady turning on firm ground", "radius by Ackermann [m]"
     yield Measured(ratios.min())
     yield Measured(ratios.max())
-    yield Measured(
-        np.abs(ratios - predicted).max(),
-        chart=_chart(title, x_label, "yaw rate / Ackermann", _RADII, **lines),
-    )
     worst = np.abs(measured - closed).argmax()
     lines = {"plant": measured, "closed form": closed}
-    title = "Off-tracking, trailer unsteered"
+    title, x_label = "Off-tracking, trailer unsteered", "radius by Ackermann [m]"
     yield Measured(
         1e3 * abs(measured - closed).max(),
         note=f"worst at R = {_RADII[worst]:g} m: {measured[worst]:.3f} m, closed form "
         f"{closed[worst]:.3f} m",
         chart=_chart(title, x_label, "trailer inside tractor [m]", _RADII, **lines),
     )
-
-
-def softening(bench: Bench) -> Iterator[Measured]:
-    """Measure the loss of yaw rate by slip angles on one circle as the ground softens."""
-    turns = [_turn(bench, _RADIUS, strength) for strength in _STRENGTHS.tolist()]
-    ratios, predicted = np.array(turns).T[:2]
-    lines = {"plant": ratios, "balance of forces": predicted}
-    title, x_label = "Turning at R = 10 m on softer soil", "cone index [kPa]"
-    yield Measured(
-        ratios[0] - ratios[-1],
-        predicted[0] - predicted[-1],
-        chart=_chart(title, x_label, "yaw rate / Ackermann", _STRENGTHS, **lines),
-        words={"firm": _STRENGTHS[0], "soft": _STRENGTHS[-1]},
-    )
-    yield Measured(-np.diff(ratios).max())
 
 
 def off_tracking(bench: Bench, radius: float) -> float:
@@ -467,13 +396,10 @@ def efficiency(bench: Bench) -> Iterator[Measured]:
     )
     bn, best = driven_bn(load), _best(slips, measured)
     surface, _, (low, high) = min(_BANDS, key=lambda band: abs(math.log(band[1] / bn)))
-    edge = min(max(best, low), high)
-    lost = _efficiency(law, bn, best) - _efficiency(law, bn, edge)
     yield Measured(
         100.0 * best,
         (100.0 * low, 100.0 * high),
-        note=f"driven wheels at Bn = {bn:.0f}; at {100.0 * edge:.1f} %, in the band, the law is "
-        f"{100.0 * lost:.2f} points below its best efficiency",
+        note=f"driven wheels at Bn = {bn:.0f}",
         words={"surface": f", {surface}"},
     )
 
@@ -500,37 +426,6 @@ def _efficiency(law: SoilLaw, bn: float, slip: float) -> float:
 # --- side force -----------------------------------------------------------------------------------
 
 _SIDE_SLOPES: Final = np.radians([2.0, 4.0, 6.0, 8.0, 10.0])
-_CONTOUR: Final = 0.10  # [rad] slope where the scenario is level
-_DRIFT_S: Final = 8.0
-
-
-def mobility_numbers(bench: Bench) -> Iterator[Measured]:
-    """Measure the mobility number of each axle at rest; the band has no assumed limit in it.
-
-    Outside, side stiffness or side force are at the limit of the law, which no source gives.
-    """
-    law, load = bench.wheel_law, wheel_loads(bench.vehicle)
-    strength = np.full(len(WHEELS), bench.cone_index)
-    bn, numbers = tyre.mobility(law, tyres_of(bench.vehicle), load, strength)
-    low = law.side_mobility / (law.side_most - law.side) if law.side_most > law.side else math.inf
-    growth = law.side_stiffness_mobility_per_rad
-    spare = law.side_stiffness_most_per_rad - law.side_stiffness_per_rad
-    high = spare / growth if growth > 0.0 else math.inf
-    for axle, wheel in (("front", 0), ("rear", 2), ("trailer", 4)):
-        m, words = numbers[wheel : wheel + 1], {"kpa": bench.cone_index, "axle": axle}
-        note = (
-            f"Bn = {bn[wheel]:.1f}, M = {m[0]:.1f}, side stiffness "
-            f"{law.side_stiffness(m)[0]:.2f} per rad, side force at most "
-            f"{law.largest_side_ratio(m)[0]:.2f} of the load"
-        )
-        if not wheel_model(bench.wheels).follows_soil_law:
-            yield Measured(None, note="Coulomb friction has no mobility number", words=words)
-        elif not low <= m[0] <= high:
-            limit = "the cap of side stiffness" if m[0] > high else "the limit of side force"
-            note = f"at {limit}, which is assumed: {note}"
-            yield Measured(None, note=note, words=words)
-        else:
-            yield Measured(m[0], (low, high), note=note, words=words)
 
 
 def side_force(bench: Bench) -> Iterator[Measured]:
@@ -576,31 +471,6 @@ def side_force(bench: Bench) -> Iterator[Measured]:
         note=f"slip angles {degrees.min():.2f} to {degrees.max():.2f} deg",
         chart=_chart(title, "slip angle [deg]", "side force / load", degrees, **lines),
         words={"kpa": bench.cone_index},
-    )
-
-
-def contour(bench: Bench) -> Iterator[Measured]:
-    """Measure the drift down the slope along a contour, steering straight."""
-    slope = bench.slope_rad or _CONTOUR
-    plant = bench.plant(flat((60.0, 30.0)), bench.cone_index)
-    plant.reset(0.0, 0.0, 0.0, 0.0)
-    planar = Planar.of(bench.nominal, plant)
-    plant = bench.plant(flat((60.0, 30.0)).tilted(slope, _UP_Y), bench.cone_index)
-    plant.reset(-20.0, 0.0, 0.0, SPEED)
-    truths = drive(plant, bench.command(), _DRIFT_S, 0.1)
-    speed, time = float(np.mean(column(truths, "speed"))), column(truths, "time_s")
-    load = np.mean(column(truths, "wheels.load"), axis=0)  # tilted downhill
-    pull = plant.model.opt.gravity[2] * math.sin(slope)
-    motion = steady_motion(planar, 0.0, speed, load, bench.cone_index, pull)
-    down = -column(truths, "tractor.y") / math.cos(slope)
-    predicted = -(motion.lateral_speed * time + 0.5 * speed * motion.yaw_rate * time**2)
-    title = f"Along a contour, slope {slope:.2f} rad, {bench.cone_index:.0f} kPa"
-    lines = {"plant": down, "balance of forces": predicted}
-    yield Measured(
-        100.0 * down[-1],
-        100.0 * predicted[-1],
-        chart=_chart(title, "time [s]", "drift down the slope [m]", time, **lines),
-        words={"slope": slope, "way_m": speed * _DRIFT_S},
     )
 
 
@@ -669,8 +539,6 @@ def hitch_kinematics(bench: Bench) -> Iterator[Measured]:
 _HEIGHT: Final = 0.15  # of the bump over the smallest wheel's radius
 _LENGTH: Final = 1.0  # over the same: short enough to excite the wheel hop
 _RUN_UP_M: Final = 2.0
-_BAND: Final = (0.1, 1.5)  # [cycle/m] in which a roughness class is read
-_LANE_M: Final = 3.0  # between passes
 
 
 def bump(bench: Bench) -> Iterator[Measured]:
@@ -721,56 +589,6 @@ def _lane(start: float, length: float, height: float) -> Terrain:
     return Terrain(np.where(inside, wave, 0.0) + lane.heights, lane.spacing_m, lane.origin)
 
 
-def roughness(bench: Bench) -> Iterator[Measured]:
-    """Measure G_d(n0) of both wheel tracks, the mean over passes across the field, by its class."""
-    if bench.rough is None:
-        for side in ("left", "right"):
-            reason, words = "the ground has no ISO 8608 class", {"side": side, "of": ""}
-            yield Measured(None, note=reason, words=words)
-        return
-    plant = bench.plant(flat((20.0, 20.0)))
-    plant.reset(0.0, 0.0, 0.0, 0.0)
-    half, expected = 0.5 * float(np.ptp(wheel_places(plant)[2:4, 1])), ISO_8608[bench.iso_class]
-    lines, ratios, wave = {}, [], np.empty(0)
-    for side, offset in (("left", half), ("right", -half)):
-        wave, density = section_spectrum(*_tracks(bench.rough, offset))
-        inside = (wave >= _BAND[0]) & (wave <= _BAND[1])
-        wave, density = wave[inside], density[inside]
-        lines[side] = np.log10(density)
-        ratios.append(float(np.mean(density * (wave / REFERENCE_FREQUENCY) ** 2)) / expected)
-    lines["ISO 8608"] = np.log10(expected * (wave / REFERENCE_FREQUENCY) ** -2)
-    title = f"Roughness of both tracks, class {bench.iso_class}"
-    x_label, y_label = "log10 of wave number [cycle/m]", "log10 of G_d [m³]"
-    chart = _chart(title, x_label, y_label, np.log10(wave), **lines)
-    note = (
-        f"the ground has waves of {LOWEST_FREQUENCY:g} to {HIGHEST_FREQUENCY:g} cycle/m; "
-        "ISO 8608 covers 0.01 to 10"
-    )
-    for side, ratio in zip(("left", "right"), ratios, strict=True):
-        words = {"side": side, "of": f" over class {bench.iso_class}"}
-        yield Measured(ratio, note=note, chart=chart if side == "left" else None, words=words)
-
-
-def section_spectrum(heights: FloatArray, spacing: float) -> tuple[FloatArray, FloatArray]:
-    """Return frequency [cycle/m] and one-sided density [m^3], the mean over rows of heights [m]."""
-    n = heights.shape[1]
-    window = np.hanning(n)
-    x = np.linspace(-1.0, 1.0, n)
-    level = heights - heights.mean(axis=1, keepdims=True)
-    level = level - (level @ x / (x @ x))[:, None] * x  # without the slope
-    power = np.abs(np.fft.rfft(level * window, axis=1)) ** 2 * 2.0 * spacing / (window**2).sum()
-    frequency: FloatArray = np.arange(power.shape[1]) / (n * spacing)
-    return frequency, power.mean(axis=0)
-
-
-def _tracks(terrain: Terrain, offset: float) -> tuple[FloatArray, float]:
-    """Return the heights under one wheel along all passes, (passes, n) [m], and their spacing."""
-    (x0, y0), (width, depth) = terrain.origin, terrain.size_m
-    passes = np.arange(y0 + 2.0, y0 + depth - 2.0, _LANE_M)
-    x = np.arange(x0, x0 + width, terrain.spacing_m)
-    return terrain.height(x, passes[:, None] + offset), terrain.spacing_m
-
-
 # --- conservation ---------------------------------------------------------------------------------
 
 _FALL_S: Final = 0.5
@@ -801,23 +619,6 @@ def free_fall(bench: Bench) -> Iterator[Measured]:
     yield Measured(abs(energy_after / energy - 1.0))
 
 
-def frictionless(bench: Bench) -> Iterator[Measured]:
-    """Measure a vehicle that slides ahead and aside on the normal forces of its wheels alone."""
-    plant = bench.plant(flat((20.0, 20.0)))
-    plant.reset(0.0, 0.0, 0.0, 0.0)
-    _remove_losses(plant)
-    plant.data.qvel[:2] += 1.0, 0.5
-    mujoco.mj_step1(plant.model, plant.data)
-    _, momentum, _ = _mechanics(plant)
-    kinetic = _kinetic(plant)
-    for _ in range(steps(plant, 1.0)):
-        _slide(plant)
-    _, after, _ = _mechanics(plant)
-    scale = float(np.linalg.norm(momentum[:2]))
-    yield Measured(float(np.abs(after - momentum)[:2].max()) / scale)
-    yield Measured(abs(_kinetic(plant) - kinetic) / kinetic)
-
-
 def _remove_losses(plant: Plant) -> None:
     """Remove drive, damping and friction from the model."""
     for name in (
@@ -830,20 +631,6 @@ def _remove_losses(plant: Plant) -> None:
         getattr(plant.model, name)[:] = 0.0
 
 
-def _slide(plant: Plant) -> None:
-    """Advance one physics step with the normal forces of the wheels alone."""
-    model, data = plant.model, plant.data
-    if plant.wheels.follows_soil_law:
-        ids = np.array([plant.body_names.index(wheel) for wheel in WHEELS])
-        motion = wheel_motion(plant)
-        touch = tyre.contact(plant.tyres, plant.terrain, motion)
-        force = touch.load[:, None] * touch.normal
-        data.xfrc_applied[ids, :3] = force
-        data.xfrc_applied[ids, 3:] = np.cross(touch.point - motion.centre, force)
-    mujoco.mj_step2(model, data)
-    mujoco.mj_step1(model, data)
-
-
 def _mechanics(plant: Plant) -> tuple[float, FloatArray, FloatArray]:
     """Return kinetic energy [J] about the centre of mass, momentum [N s], angular momentum [N m s].
 
@@ -852,15 +639,11 @@ def _mechanics(plant: Plant) -> tuple[float, FloatArray, FloatArray]:
     """
     model, data = plant.model, plant.data
     mujoco.mj_subtreeVel(model, data)
+    mujoco.mj_energyVel(model, data)
     mass = float(model.body_mass.sum())
     momentum = mass * data.subtree_linvel[1].copy()
-    energy = _kinetic(plant) - 0.5 * float(momentum @ momentum) / mass
+    energy = float(data.energy[1]) - 0.5 * float(momentum @ momentum) / mass
     return energy, momentum, data.subtree_angmom[1].copy()
-
-
-def _kinetic(plant: Plant) -> float:
-    mujoco.mj_energyVel(plant.model, plant.data)
-    return float(plant.data.energy[1])
 
 
 # --- numerics -------------------------------------------------------------------------------------
@@ -871,9 +654,10 @@ _CONVERGE_S: Final = 10.0
 
 def convergence(bench: Bench) -> Iterator[Measured]:
     """Measure the end point after 10 s on the scenario's ground at four time steps."""
-    ends = []
+    ends, (x, y) = [], bench.terrain.centre
     for timestep in _TIMESTEPS_S:
-        plant = _started(bench, timestep)
+        plant = bench.plant(bench.terrain, bench.soil, timestep_s=timestep)
+        plant.reset(x - 0.5 * SPEED * _CONVERGE_S, y, 0.0, SPEED)
         truth = plant.advance(bench.command(SPEED, 0.03), steps(plant, _CONVERGE_S))
         ends.append((truth.tractor.x, truth.tractor.y, truth.trailer.x, truth.trailer.y))
     apart = np.abs(np.array(ends) - ends[0]).max(axis=1)
@@ -882,47 +666,3 @@ def convergence(bench: Bench) -> Iterator[Measured]:
         for away, step in zip(apart[1:], _TIMESTEPS_S[1:], strict=True)
     )
     yield Measured(1e3 * apart.max(), note=f"from that at 0.5 ms: {text}")
-
-
-def same_bits(bench: Bench) -> Iterator[Measured]:
-    """Count the drives that end in other bits, in two plants and from a snapshot."""
-    command, (one, other) = bench.command(SPEED, 0.2, -0.1), (_started(bench), _started(bench))
-    for plant in (one, other):
-        plant.advance(command, steps(plant, 3.0))
-    snapshot = one.snapshot()
-    one.advance(command, 200)
-    first = state_hash(one)
-    one.restore(snapshot)
-    one.advance(command, 200)
-    other.advance(command, 200)
-    yield Measured((state_hash(other) != first) + (state_hash(one) != first))
-
-
-def wheel_models(bench: Bench) -> Iterator[Measured]:
-    """Measure how far soil wheels and contact wheels agree on firm level ground."""
-    seconds, ends = 10.0, []
-    for wheels in ("soil", "contact"):
-        plant = bench.plant(wheels=wheels)
-        stand = plant.reset(-10.0, 0.0, 0.0, 0.0).wheels.load
-        plant.reset(-10.0, 0.0, 0.0, SPEED)
-        truth = plant.advance(bench.command(SPEED, 0.1), steps(plant, seconds))
-        ends.append((truth, stand))
-    (soil, soil_load), (contact, contact_load) = ends
-    apart = math.hypot(contact.tractor.x - soil.tractor.x, contact.tractor.y - soil.tractor.y)
-    yield Measured(100.0 * abs(contact.speed / soil.speed - 1.0))
-    yield Measured(100.0 * apart / (SPEED * seconds))
-    yield Measured(100.0 * float(np.abs(contact_load - soil_load).max() / soil_load.sum()))
-
-
-def state_hash(plant: Plant) -> str:
-    """Return a hash of the plant's state without the last report of its wheels."""
-    snapshot = plant.snapshot()
-    return hashlib.sha256(snapshot.physics.tobytes() + snapshot.wheel_state.tobytes()).hexdigest()
-
-
-def _started(bench: Bench, timestep_s: float | None = None) -> Plant:
-    """Return a plant on the scenario's ground with 10 m of field ahead."""
-    plant = bench.plant(bench.terrain, bench.soil, timestep_s=timestep_s)
-    x, y = bench.terrain.centre
-    plant.reset(x - 0.5 * SPEED * _CONVERGE_S, y, 0.0, SPEED)
-    return plant

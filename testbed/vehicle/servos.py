@@ -30,7 +30,7 @@ _TRAILER_TORQUE: Final = 1.4
 _TRAILER_GIVE: Final = 0.08  # [rad]
 # Inertia of linkage and oil of the front steering over the servo's damping; assumed. Without it the
 # implicit damper and the constraints of the knuckles are inconsistent at a time step of 4 ms.
-_LINKAGE_TIME: Final = 1e-3  # [s]
+LINKAGE_TIME: Final = 1e-3  # [s]
 # Largest torque of the drive over the largest that the rear wheels transmit: the wheels slip before
 # the drive stalls. And its loss of speed under that torque, by leakage, over the top wheel speed.
 _DRIVE_TORQUE: Final = 1.4  # assumed
@@ -48,11 +48,6 @@ class SteeringServo:
     torque: float  # [N m] largest
     rate: float  # [rad/s] of the set point
     limit: float  # [rad] to each side
-
-    @property
-    def linkage_inertia(self) -> float:
-        """Inertia of the linkage and the oil in it [kg m^2]."""
-        return _LINKAGE_TIME * self.damping
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +81,6 @@ def drive_servo(vehicle: PlantVehicle, law: SoilLaw) -> DriveServo:
     tau: the speed over ground lags behind the wheels by m v / C, with C = dF/ds the slope of the
     traction equation at small slip (on average over a step v = K / 2). The wheels lag behind the
     servo by m r^2 / damping. The rest of tau is the lag of the valve.
-
-    Raises:
-        InvalidPlant: the vehicle is too heavy for its tau.
     """
     empty, tyres = _empty(vehicle), tyres_of(vehicle)
     load = wheel_loads(empty)  # (6,)
@@ -118,9 +110,6 @@ def equilibrium_slip(
 
     `load` is that on each wheel [N], (6,), `cone_index` that of the soil under all of them [kPa],
     `pull` the drawbar pull beyond that of the trailer [N].
-
-    Raises:
-        InvalidPlant: traction is below motion resistance at every slip.
     """
     bn, _ = mobility(law, tyres, load, np.full(len(WHEELS), cone_index))
 

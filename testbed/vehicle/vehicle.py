@@ -34,7 +34,6 @@ from ..errors import InvalidPlant
 DEFAULT_VEHICLE: Final = "kayacan2016"
 _VEHICLES: Final = ShippedFiles("vehicle", "proving_ground.mjcf", "vehicles", ".toml", InvalidPlant)
 GRAVITY: Final = 9.81  # [m/s^2] as in MuJoCo
-_OVERLOAD: Final = 1.5  # static load over rated load from which a run says so; assumed
 _LEAST_SHARE: Final = 0.05  # of the tractor's weight on each axle; it must steer and drive
 _WIDEST_KNUCKLE_DEG: Final = 65.0  # beyond it the quartic of MuJoCo's coupling does not fit
 
@@ -172,10 +171,9 @@ class PlantVehicle:
     hydrostat: Hydrostat
 
     def __post_init__(self) -> None:
-        for check in _CHECKS:
-            for keys, reason in check(self):
-                given = attrgetter(*keys.split(", "))(self)
-                raise InvalidPlant(f"{keys} = {given}: {reason}")
+        for keys, reason in _problems(self):
+            given = attrgetter(*keys.split(", "))(self)
+            raise InvalidPlant(f"{keys} = {given}: {reason}")
 
     @property
     def wheels(self) -> dict[str, Wheel]:
@@ -246,25 +244,6 @@ class AxleLoads:
         return cls(front, GRAVITY * tractor.mass_kg + pin - front, towed - pin, pin)
 
 
-def overload_notes(vehicle: PlantVehicle) -> tuple[str, ...]:
-    """Return a line for each axle whose tyres carry far more than their rated load.
-
-    They are not refused: the law is linear in the load up to the rim on the ground, at which
-    `Plant.reset` refuses. Its range is exceeded all the same, for a real tyre would be harmed.
-    """
-    loads = AxleLoads.of(vehicle)
-    shares = {
-        axle: 0.5 * getattr(loads, axle) / wheel.rated_load_n
-        for axle, wheel in vehicle.wheels.items()
-    }
-    return tuple(
-        f"{axle} tyres overloaded: each carries {share:.1f} times its rated load of "
-        f"{vehicle.wheels[axle].rated_load_n:g} N"
-        for axle, share in shares.items()
-        if share > _OVERLOAD
-    )
-
-
 def knuckle_angle(delta: FloatArray, wheelbase: float, kingpin_y: float) -> FloatArray:
     """Return the angle [rad] of the knuckle at `kingpin_y` [m], left positive (Ackermann).
 
@@ -274,49 +253,32 @@ def knuckle_angle(delta: FloatArray, wheelbase: float, kingpin_y: float) -> Floa
     return np.arctan2(wheelbase * tangent, wheelbase - kingpin_y * tangent)
 
 
-Problem = tuple[str, str]
-"""Keys of a vehicle file whose values are not allowed, and the reason."""
-
-
-def _check_wheels(vehicle: PlantVehicle) -> Iterator[Problem]:
+def _problems(vehicle: PlantVehicle) -> Iterator[tuple[str, str]]:
+    tractor, axle, trailer = vehicle.tractor, vehicle.front_axle, vehicle.trailer
+    hitch, box, load, behind = vehicle.hitch, vehicle.box, vehicle.load, vehicle.trailer_behind_m
+    front, rear, towed = vehicle.wheels.values()
     for pair, wheel in vehicle.wheels.items():
         if wheel.section_height_m >= wheel.radius_m:
             limit = f"must be below radius_m = {wheel.radius_m}, or there is no rim"
             yield f"{pair}_wheel.section_height_m", limit
-
-
-def _check_places(vehicle: PlantVehicle) -> Iterator[Problem]:
-    """Yield wheels that overlap, in a pair or from axle to axle."""
-    tractor, axle, trailer = vehicle.tractor, vehicle.front_axle, vehicle.trailer
     for key, track, wheel in (
-        ("front_axle.track_m", axle.track_m, vehicle.front_wheel),
-        ("tractor.rear_track_m", tractor.rear_track_m, vehicle.rear_wheel),
-        ("trailer.track_m", trailer.track_m, vehicle.trailer_wheel),
+        ("front_axle.track_m", axle.track_m, front),
+        ("tractor.rear_track_m", tractor.rear_track_m, rear),
+        ("trailer.track_m", trailer.track_m, towed),
     ):
         if track <= wheel.width_m:
             yield key, f"narrower than a tyre of {wheel.width_m} m, its wheels overlap"
     if axle.kingpin_track_m >= axle.track_m:
         reason = f"the kingpins must stand inside the wheels, track_m = {axle.track_m}"
         yield "front_axle.kingpin_track_m", reason
-    front, rear, towed = (wheel.radius_m for wheel in vehicle.wheels.values())
-    if tractor.wheelbase_m <= front + rear:
-        reason = f"front and rear wheels overlap, must be above {front + rear:.3f}"
-        yield "tractor.wheelbase_m", reason
-    behind = vehicle.trailer_behind_m
-    if behind <= rear + towed:
-        yield (
-            "trailer.length_m",
-            f"trailer axle {behind:.3f} m behind the rear axle, its wheels overlap the tractor's; "
-            f"must be above {rear + towed:.3f} m",
-        )
-
-
-def _check_masses(vehicle: PlantVehicle) -> Iterator[Problem]:
-    axle = vehicle.front_axle.mass_kg
-    front, rear, towed = (2.0 * wheel.mass_kg for wheel in vehicle.wheels.values())
+    if tractor.wheelbase_m <= (radii := front.radius_m + rear.radius_m):
+        yield "tractor.wheelbase_m", f"front and rear wheels overlap, must be above {radii:.3f}"
+    if behind <= (radii := rear.radius_m + towed.radius_m):
+        reason = f"its wheels overlap the tractor's; must be above {radii:.3f} m"
+        yield "trailer.length_m", f"trailer axle {behind:.3f} m behind the rear axle, {reason}"
     for name, whole, parts in (
-        ("tractor", vehicle.tractor, axle + front + rear),
-        ("trailer", vehicle.trailer, towed),
+        ("tractor", tractor, axle.mass_kg + 2.0 * (front.mass_kg + rear.mass_kg)),
+        ("trailer", trailer, 2.0 * towed.mass_kg),
     ):
         if whole.mass_kg <= parts:
             reason = f"masses do not add up, axles and wheels alone weigh {parts:g} kg"
@@ -325,88 +287,54 @@ def _check_masses(vehicle: PlantVehicle) -> Iterator[Problem]:
         if inertia is not None and 2.0 * max(inertia) > sum(inertia):
             reason = "no body has one moment of inertia above the sum of the others"
             yield f"{name}.chassis_inertia_kgm2", reason
-
-
-def _check_axle_loads(vehicle: PlantVehicle) -> Iterator[Problem]:
     loads, places = AxleLoads.of(vehicle), "trailer.centre_forward_m, load.forward_m"
     if loads.pin < 0.0:
         yield places, f"the trailer tips backwards, it lifts the hitch with {-loads.pin:.0f} N"
     if loads.trailer <= 0.0:
         yield places, "the trailer's wheels carry nothing, all of it hangs on the hitch"
     least = _LEAST_SHARE * (loads.front + loads.rear)
-    for axle, load in (("front", loads.front), ("rear", loads.rear)):
-        if load < least:
-            yield (
-                "tractor.centre_forward_m",
-                f"the {axle} axle carries {load:.0f} N with the trailer hitched, "
-                f"must be at least {least:.0f} N",
-            )
-
-
-def _check_front_steering(vehicle: PlantVehicle) -> Iterator[Problem]:
-    """Yield a steering limit at which the inner wheel turns too far or touches the body."""
-    axle, wheel, limit = vehicle.front_axle, vehicle.front_wheel, vehicle.front_steering.limit_deg
-    kingpin, wheelbase = 0.5 * axle.kingpin_track_m, vehicle.tractor.wheelbase_m
-    angle = float(knuckle_angle(np.radians(limit), wheelbase, kingpin))
+    for name, carried in (("front", loads.front), ("rear", loads.rear)):
+        if carried < least:
+            reason = f"{carried:.0f} N with the trailer hitched, must be at least {least:.0f} N"
+            yield "tractor.centre_forward_m", f"the {name} axle carries {reason}"
+    # the inner wheel at the steering limit
+    kingpin = 0.5 * axle.kingpin_track_m
+    angle = np.radians(vehicle.front_steering.limit_deg)
+    angle = float(knuckle_angle(angle, tractor.wheelbase_m, kingpin))
     if angle > math.radians(_WIDEST_KNUCKLE_DEG):
         yield (
             "front_steering.limit_deg",
             f"the inner wheel would turn by {math.degrees(angle):.0f} deg, "
             f"at most {_WIDEST_KNUCKLE_DEG:g} deg are allowed",
         )
-    arm = 0.5 * (axle.track_m - axle.kingpin_track_m) - 0.5 * wheel.width_m
-    edge = kingpin + arm * math.cos(angle) - wheel.radius_m * math.sin(angle)
-    if edge <= 0.5 * vehicle.tractor.engine_width_m:
+    arm = 0.5 * (axle.track_m - axle.kingpin_track_m) - 0.5 * front.width_m
+    edge = kingpin + arm * math.cos(angle) - front.radius_m * math.sin(angle)
+    if edge <= 0.5 * tractor.engine_width_m:
         yield (
             "front_steering.limit_deg",
             f"the inner wheel comes {edge:.3f} m near to the middle and touches the body, "
-            f"tractor.engine_width_m = {vehicle.tractor.engine_width_m}",
+            f"tractor.engine_width_m = {tractor.engine_width_m}",
         )
-
-
-def _check_drawbar_swing(vehicle: PlantVehicle) -> Iterator[Problem]:
-    """Yield a hitch limit at which the drawbar, as a line, meets the rear wheels."""
-    hitch, wheel = vehicle.hitch, vehicle.rear_wheel
-    inside = 0.5 * (vehicle.tractor.rear_track_m - wheel.width_m)
-    # half the length of a wheel at the height of the hitch, and what of it stands behind the hitch
-    chord = math.sqrt(max(0.0, wheel.radius_m**2 - (hitch.height_m - wheel.radius_m) ** 2))
+    # the drawbar, as a line, between the rear wheels: half the length of a wheel at the height of
+    # the hitch, and what of it stands behind the hitch
+    inside = 0.5 * (tractor.rear_track_m - rear.width_m)
+    chord = math.sqrt(max(0.0, rear.radius_m**2 - (hitch.height_m - rear.radius_m) ** 2))
     beside = chord - hitch.offset_m
     if vehicle.drawbar.length_m <= beside:
         reason = f"the drawbar ends between the rear wheels, must be above {beside:.3f}"
         yield "drawbar.length_m", reason
     largest = math.degrees(math.atan2(inside, beside))
     if hitch.yaw_limit_deg >= largest:
-        yield (
-            "hitch.yaw_limit_deg",
-            f"hitched {hitch.offset_m} m behind the axle the drawbar meets the rear wheels "
-            f"at {largest:.0f} deg",
-        )
-
-
-def _check_box(vehicle: PlantVehicle) -> Iterator[Problem]:
-    box, wheel, trailer, load = vehicle.box, vehicle.trailer_wheel, vehicle.trailer, vehicle.load
-    if box.floor_m <= 2.0 * wheel.radius_m and box.width_m > trailer.track_m - wheel.width_m:
-        yield (
-            "box.floor_m",
-            f"the wheels reach through the floor, must be above {2.0 * wheel.radius_m} "
-            f"or the box narrower than {trailer.track_m - wheel.width_m:.3f} m",
-        )
-    front = vehicle.trailer_behind_m - box.forward_m - 0.5 * box.length_m
-    if front <= vehicle.rear_wheel.radius_m:
+        reason = f"the drawbar meets the rear wheels at {largest:.0f} deg"
+        yield "hitch.yaw_limit_deg", f"hitched {hitch.offset_m} m behind the axle {reason}"
+    between, top = trailer.track_m - towed.width_m, 2.0 * towed.radius_m
+    if box.floor_m <= top and box.width_m > between:
+        reason = f"must be above {top} or the box narrower than {between:.3f} m"
+        yield "box.floor_m", f"the wheels reach through the floor, {reason}"
+    if behind - box.forward_m - 0.5 * box.length_m <= rear.radius_m:
         yield "box.forward_m", "the box reaches into the tractor's rear wheels"
     if load.mass_kg > 0.0 and abs(load.forward_m - box.forward_m) > 0.5 * box.length_m:
         yield "load.forward_m", "the load's centre lies outside the box"
     if load.mass_kg > 0.0 and load.height_m <= box.floor_m:
         reason = f"the load's centre lies below the floor, {box.floor_m} m above the ground"
         yield "load.height_m", reason
-
-
-_CHECKS: Final = (
-    _check_wheels,
-    _check_places,
-    _check_masses,
-    _check_axle_loads,
-    _check_front_steering,
-    _check_drawbar_swing,
-    _check_box,
-)

@@ -28,7 +28,7 @@ from ..truth import WHEELS
 from ..wheels.soil_law import SoilLaw
 from ..wheels.wheel_models import wheel_model
 from .appearance import put_tyres
-from .servos import SteeringServo, drive_servo, steering_servos
+from .servos import LINKAGE_TIME, SteeringServo, drive_servo, steering_servos
 from .vehicle import PlantVehicle, Tractor, Trailer, knuckle_angle
 
 _MJCF: Final = "tractor_trailer.xml"
@@ -216,7 +216,6 @@ def _frame(spec: mujoco.MjSpec, name: str) -> mujoco.MjsFrame:
 def _fit_frame(
     spec: mujoco.MjSpec, name: str, scale: Scale, position: tuple[float, float, float]
 ) -> None:
-    """Move a named frame to its position and scale its shapes and sites."""
     _frame(spec, name).pos = position
     _scale_shapes([g for g in spec.geoms if g.frame and g.frame.name == name], scale)
     for site in spec.sites:
@@ -327,7 +326,7 @@ def _put_actuators(spec: mujoco.MjSpec, vehicle: PlantVehicle, law: SoilLaw) -> 
     front, trailer = steering_servos(vehicle)
     _put_steering(spec.actuator("steer"), front)
     _put_steering(spec.actuator("rj2"), trailer)
-    spec.joint("steer").armature = front.linkage_inertia
+    spec.joint("steer").armature = LINKAGE_TIME * front.damping  # [kg m^2]
     limit = math.radians(vehicle.front_steering.limit_deg)
     kingpin = 0.5 * vehicle.front_axle.kingpin_track_m
     for side, y in (("left", kingpin), ("right", -kingpin)):

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import math
 import re
-import secrets
 import socket
 import threading
 import time
@@ -47,7 +46,6 @@ _RETAINED: Final = (
 )
 _HEADER_BYTES: Final = 16_384  # of an upgrade request
 _HEADER_S: Final = 5.0  # until it must be there
-_CLIENTS: Final = 64  # at a time
 _BLOCK: Final = 65_536
 _ORIGIN: Final = re.compile(rb"\r\norigin:[ \t]*([^\r\n]*)", re.IGNORECASE)
 # Foxglove's site, its desktop program, and pages of this machine. Programs send no origin.
@@ -97,7 +95,6 @@ class LiveView(Publisher):
                 "live view: needs foxglove-sdk, pip install 'ttempc-proving-ground[live]'"
             ) from None
         listener = _listener(port)
-        host = _hidden_host()
         self._speed = speed
         self._due_ns = 0
         context = self._context = foxglove.Context()  # its channels close when it is deleted
@@ -118,7 +115,7 @@ class LiveView(Publisher):
         try:
             self._server = foxglove.start_server(
                 name=name,
-                host=host,
+                host=HOST,
                 port=0,
                 capabilities=[Capability.Time],
                 server_listener=_welcome(self),
@@ -128,7 +125,7 @@ class LiveView(Publisher):
             listener.close()
             raise LiveError(f"live view: port {port} cannot be opened: {error}") from error
         self._port: int = listener.getsockname()[1]
-        self._gate = _OriginGate(listener, (host, self._server.port))
+        self._gate = _OriginGate(listener, self._server.port)
         self._start_s = time.monotonic()
 
     @property
@@ -202,94 +199,53 @@ def _listener(port: int) -> socket.socket:
     return listener
 
 
-def _hidden_host() -> str:
-    """Return an address of this machine that nobody guesses: one of 16 million of 127.0.0.0/8.
-
-    Where only 127.0.0.1 is such an address, as on macOS, it is that, with a random port.
-    """
-    host = ".".join(["127", *(str(1 + secrets.randbelow(254)) for _ in range(3))])
-    with socket.socket() as probe:
-        try:
-            probe.bind((host, 0))
-        except OSError:
-            return HOST
-    return host
-
-
-def _is_allowed(header: bytes) -> bool:
-    """Whether the request of a client comes from a program, or a page that may read the run."""
-    return all(_ALLOWED.fullmatch(origin.strip()) for origin in _ORIGIN.findall(header))
-
-
 class _OriginGate:
     """Gate before a server: no page of a stranger's web site reads a run.
 
     A browser lets any page open a WebSocket to this machine, and names the page's site in the
-    header `Origin` (RFC 6455, section 10.2); a server must check it. Foxglove's does not. It
-    listens on an address of this machine that a page cannot guess, and the gate alone connects to
-    it.
-
-    Args:
-        listener: bound socket of the clients; the gate closes it.
-        inner: address and port of the server behind.
+    header `Origin` (RFC 6455, section 10.2); a server must check it. Foxglove's does not: it
+    listens on a random port, and the gate passes on to it.
     """
 
-    def __init__(self, listener: socket.socket, inner: tuple[str, int]) -> None:
-        self._listener, self._inner = listener, inner
-        self._clients = 0
-        self._loop = asyncio.new_event_loop()
+    def __init__(self, listener: socket.socket, inner_port: int) -> None:
+        self._listener, self._inner_port = listener, inner_port
+        self._runner = asyncio.Runner(loop_factory=asyncio.new_event_loop)
+        self._loop, self._end = self._runner.get_loop(), asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="origin gate", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Close all connections."""
         with contextlib.suppress(RuntimeError):  # closed already
-            self._loop.call_soon_threadsafe(self._loop.stop)
+            self._loop.call_soon_threadsafe(self._end.set)
         self._thread.join()
 
     def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        server = self._loop.run_until_complete(
-            asyncio.start_server(self._serve, sock=self._listener, limit=_HEADER_BYTES)
-        )
-        self._loop.run_forever()
+        with self._runner:  # cancels the connections at its end
+            self._runner.run(self._main())
+
+    async def _main(self) -> None:
+        server = await asyncio.start_server(self._serve, sock=self._listener, limit=_HEADER_BYTES)
+        await self._end.wait()
         server.close()
-        tasks = asyncio.all_tasks(self._loop)
-        for task in tasks:
-            task.cancel()
-        self._loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
-        self._loop.close()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        self._clients += 1
-        try:
-            await self._pass_on(reader, writer)
-        except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
-            pass  # the client left, or sent no request
-        finally:
-            self._clients -= 1
-            writer.close()
-
-    async def _pass_on(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        header = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEADER_S)
-        if self._clients > _CLIENTS or not _is_allowed(header):
-            writer.write(_REFUSAL)
-            await writer.drain()
-            return
-        behind, onward = await asyncio.open_connection(*self._inner)
-        onward.write(header)
-        try:
-            ways = (_copy(reader, onward), _copy(behind, writer))
-            tasks = [asyncio.ensure_future(way) for way in ways]
-            _, open_tasks = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in open_tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-        finally:
-            onward.close()
+        # Errors: the client left, or sent no request.
+        with contextlib.suppress(OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+            header = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEADER_S)
+            if all(_ALLOWED.fullmatch(origin.strip()) for origin in _ORIGIN.findall(header)):
+                behind, onward = await asyncio.open_connection(HOST, self._inner_port)
+                onward.write(header)
+                await asyncio.gather(_copy(reader, onward), _copy(behind, writer))
+            else:
+                writer.write(_REFUSAL)
+        writer.close()
 
 
 async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    while data := await reader.read(_BLOCK):
-        writer.write(data)
-        await writer.drain()
+    """Pass bytes on until one side leaves, which closes the other."""
+    with contextlib.suppress(OSError):
+        while data := await reader.read(_BLOCK):
+            writer.write(data)
+            await writer.drain()
+    writer.close()

@@ -1,7 +1,4 @@
-"""Wheel models: the forces of the ground on the wheels, by name.
-
-A new model is a class that satisfies `WheelModel`, and a line in `WHEEL_MODELS`.
-"""
+"""Wheel models: the forces of the ground on the wheels, by name."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
@@ -9,11 +6,10 @@ A new model is a class that satisfies `WheelModel`, and a line in `WHEEL_MODELS`
 from __future__ import annotations
 
 from functools import partial
-from typing import Annotated, ClassVar, Final
+from typing import ClassVar, Final, Literal
 
 import mujoco
 import numpy as np
-from pydantic import AfterValidator, Field
 
 from ttempc.types import FloatArray
 
@@ -158,6 +154,7 @@ class ContactWheels(WheelModel):
         return self._ground.cone_index_at(*self._data.xpos[self._bodies, :2].T)
 
 
+WheelModelName = Literal["soil", "contact"]
 WHEEL_MODELS: Final[dict[str, type[WheelModel]]] = {"soil": SoilWheels, "contact": ContactWheels}
 DEFAULT_WHEEL_MODEL: Final = "soil"
 
@@ -174,12 +171,4 @@ def wheel_model(name: str) -> type[WheelModel]:
     return WHEEL_MODELS[name]
 
 
-def _known(name: str) -> str:
-    wheel_model(name)
-    return name
-
-
-WheelModelName = Annotated[
-    str, AfterValidator(_known), Field(json_schema_extra={"enum": list(WHEEL_MODELS)})
-]
 """Type of a setting: the name of a wheel model; another name raises `InvalidPlant`."""

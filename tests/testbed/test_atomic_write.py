@@ -1,7 +1,7 @@
 """Atomic writes: a complete new file, or the old one, and nothing beside it."""
 
 import pytest
-from proving_ground.testbed.atomic_write import atomic_write, partial_path
+from proving_ground.testbed.atomic_write import atomic_write
 
 
 @pytest.fixture(params=[None, b"old"], ids=["new", "old"])
@@ -38,7 +38,3 @@ def test_an_exception_leaves_the_folder_as_it_was(error, file):
     with pytest.raises(error):
         interrupted()
     assert contents(file.parent) == before
-
-
-def test_the_partial_file_stands_beside_the_file(tmp_path):
-    assert partial_path(tmp_path / "a.mcap") == tmp_path / "a.mcap.part"

@@ -8,21 +8,22 @@ controllers on the field `kayacan2016`. The second varies all of `ALL` for the e
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Any, Final
 
 import numpy as np
+import pandas as pd
+from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 
-from ...results.published import COLUMNS, PUBLISHED_LMPC_M, PUBLISHED_NMPC_M
 from ...seeds import TUNING, report_seeds
 from ..runner import Runner
 from ..study import Case, Study
-from ..tables import ERRORS, markdown
+from ..tables import COLUMNS, ERRORS, PUBLISHED_LMPC_M, PUBLISHED_NMPC_M, markdown, numbers
 
 _FOLDER: Final = "proving_ground.experiments.papers.kayacan"
 CONTROLLER: Final = f"{_FOLDER}.nmpc:controller"
@@ -33,7 +34,7 @@ NMPC: Final = (f'controller.name="{CONTROLLER}"', f'controller.estimator="{ESTIM
 # --- Parameters -----------------------------------------------------------------------------------
 
 Value = float | str
-Overrides = Callable[[Value], tuple[str, ...]]
+Overrides = Callable[[Any], tuple[str, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,153 +46,117 @@ class Parameter:
     overrides: Overrides  # of a scenario, from the value
     low: float = 0.0
     high: float = 0.0
-    scale: Literal["linear", "log"] = "linear"
+    log: bool = False
     choices: tuple[str, ...] = ()
 
     def value(self, share: float) -> Value:
         """Return the value at a share of the way from the lower to the upper bound."""
         if self.choices:
             return self.choices[min(int(share * len(self.choices)), len(self.choices) - 1)]
-        if self.scale == "log":
-            exact = self.low * (self.high / self.low) ** share
-        else:
-            exact = self.low + share * (self.high - self.low)
-        return float(f"{exact:.3g}")
+        low, high = self._ends
+        exact = low + share * (high - low)
+        return float(f"{math.exp(exact) if self.log else exact:.3g}")
 
     def share(self, value: Value) -> float:
         """Return a share that `value` turns into `value`, to three digits."""
         if self.choices:
             return (self.choices.index(str(value)) + 0.5) / len(self.choices)
-        if self.scale == "log":
-            return math.log(float(value) / self.low) / math.log(self.high / self.low)
-        return (float(value) - self.low) / (self.high - self.low)
+        low, high = self._ends
+        return ((math.log(float(value)) if self.log else float(value)) - low) / (high - low)
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        return (math.log(self.low), math.log(self.high)) if self.log else (self.low, self.high)
 
     @property
     def bounds(self) -> str:
         """Bounds or choices as text."""
-        ends = f"{self.low:g} to {self.high:g}" + (" (log)" if self.scale == "log" else "")
+        ends = f"{self.low:g} to {self.high:g}" + (" (log)" if self.log else "")
         return ", ".join(self.choices) or ends
 
 
 def _keys(*keys: str) -> Overrides:
     """Return the overrides that give the value to all `keys`."""
-
-    def overrides(value: Value) -> tuple[str, ...]:
-        text = f'"{value}"' if isinstance(value, str) else f"{value}"
-        return tuple(f"{key}={text}" for key in keys)
-
-    return overrides
+    return lambda value: tuple(
+        f"{key}=" + (f'"{value}"' if isinstance(value, str) else f"{value}") for key in keys
+    )
 
 
 def _option(name: str) -> Overrides:
     return _keys(f"controller.options.{name}")
 
 
-def _dead_time(value: Value) -> tuple[str, ...]:
+def _dead_time(value: float) -> tuple[str, ...]:
     """Set the dead time of both steering valves, a whole number of physics steps."""
-    keys = _keys("actuators.front.dead_time_s", "actuators.trailer.dead_time_s")
-    return keys(round(float(value), 2))
+    valves = _keys("actuators.front.dead_time_s", "actuators.trailer.dead_time_s")
+    return valves(round(value, 2))
 
 
-def _hitch(value: Value) -> tuple[str, ...]:
+def _hitch(value: float) -> tuple[str, ...]:
     """Set the place of RJ1 between rear axle and RJ2, whose distance is printed."""
-    offset = float(value)
-    lengths = {"hitch_offset_m": offset, "drawbar_m": round(Vehicle().drawbar_offset - offset, 4)}
+    lengths = {"hitch_offset_m": value, "drawbar_m": round(Vehicle().drawbar_offset - value, 4)}
     changes = [
         f"{where}.vehicle.{key}={length}"
         for key, length in lengths.items()
         for where in ("plant", "controller")
     ]
     # Nearer to the axle, the drawbar meets the wheels at a smaller angle than the file's.
-    if offset < 0.3:
+    if value < 0.3:
         changes.append("plant.vehicle.parts.hitch.yaw_limit_deg=60.0")
     return tuple(changes)
 
 
-def _unset(value: Value) -> tuple[str, ...]:
+def _step_weight(value: float) -> tuple[str, ...]:
+    return _option("step_weight")([value, value, 1.0])
+
+
+def _speed_weight(value: float) -> tuple[str, ...]:
+    return _option("output_weight")([1.0, 1.0, 1.0, 1.0, value])
+
+
+def _unset(value: float) -> tuple[str, ...]:
     """Set nothing: `overrides` joins two parameters to one option."""
     return ()
 
 
-FIELD: Final = (
-    Parameter("ISO 8608 class", "E", _keys("terrain.iso_class"), choices=("C", "D", "E", "F")),
-    Parameter("cone index [kPa]", 160.0, _keys("soil.cone_index_kpa"), 120.0, 600.0, "log"),
-    Parameter("slope [rad]", 0.02, _keys("terrain.slope_rad"), 0.0, 0.10),
+P = Parameter
+_STOP: Final = _keys(
+    "plant.vehicle.parts.trailer_steering.limit_deg", "controller.vehicle.trailer_limit_deg"
 )
-"""The ground."""
-
+FIELD: Final = (
+    P("ISO 8608 class", "E", _keys("terrain.iso_class"), choices=("C", "D", "E", "F")),
+    P("cone index [kPa]", 160.0, _keys("soil.cone_index_kpa"), 120.0, 600.0, log=True),
+    P("slope [rad]", 0.02, _keys("terrain.slope_rad"), 0.0, 0.10),
+)
+# Of the path the radius alone is printed; the length of its straights follows from the distance.
 MACHINE: Final = (
     *FIELD,
-    Parameter(
-        "distance of the circles' centres [m]", 44.0, _keys("path.centre_distance_m"), 24.0, 44.0
-    ),
-    Parameter("white share of the GNSS error", 1.0, _keys("sensors.gnss_white_share"), 0.0, 1.0),
-    Parameter("GNSS antenna", "point", _keys("sensors.gnss_antenna"), choices=("point", "raw")),
-    Parameter("dead time of both valves [s]", 0.01, _dead_time, 0.01, 0.4, "log"),
-    Parameter("rear axle to RJ1 [m]", 0.3, _hitch, 0.2, 0.6),
-    Parameter(
-        "stop of the trailer steering [deg]",
-        25.0,
-        _keys(
-            "plant.vehicle.parts.trailer_steering.limit_deg", "controller.vehicle.trailer_limit_deg"
-        ),
-        20.0,
-        35.0,
-    ),
+    P("distance of the circles [m]", 44.0, _keys("path.centre_distance_m"), 24.0, 44.0),
+    P("white share of the GNSS error", 1.0, _keys("sensors.gnss_white_share"), 0.0, 1.0),
+    P("GNSS antenna", "point", _keys("sensors.gnss_antenna"), choices=("point", "raw")),
+    P("dead time of both valves [s]", 0.01, _dead_time, 0.01, 0.4, log=True),
+    P("rear axle to RJ1 [m]", 0.3, _hitch, 0.2, 0.6),
+    P("stop of the trailer steering [deg]", 25.0, _STOP, 20.0, 35.0),
 )
-"""Ground, path, sensors, actuators and vehicle: all that both controllers share.
-
-Of the path the radius alone is printed; the length of its straights follows from the distance.
-"""
-
-LMPC_OPTIONS: Final = (
-    Parameter(
-        "nominal state of the LMPC", "one-step", _option("nominal"), choices=("one-step", "tube")
-    ),
+LMPC_OPTIONS: Final = (  # that are not printed
+    P("nominal state of the LMPC", "one-step", _option("nominal"), choices=("one-step", "tube")),
 )
-"""Options of `paper` that are not printed."""
-
-_FRONT: Final = Parameter(
-    "bound of the front steering of the NMPC [deg]", 10.5, _unset, 8.0, 35.0, "log"
-)
-_TRAILER: Final = Parameter(
-    "bound of the trailer steering of the NMPC [deg]", 6.0, _unset, 3.0, 25.0, "log"
-)
-NMPC_OPTIONS: Final = (
+_FRONT: Final = P("NMPC: bound of the front steering [deg]", 10.5, _unset, 8.0, 35.0, log=True)
+_TRAILER: Final = P("NMPC: bound of the trailer steering [deg]", 6.0, _unset, 3.0, 25.0, log=True)
+NMPC_OPTIONS: Final = (  # that are not known
     _FRONT,
     _TRAILER,
-    Parameter("look-ahead of the NMPC [m]", 1.6, _option("look_ahead_m"), 0.0, 4.0),
-    Parameter("target of the NMPC", "fixed", _option("target"), choices=("fixed", "moving")),
-    Parameter(
-        "step weight of both steerings of the NMPC",
-        1.0,
-        lambda value: (f"controller.options.step_weight=[{value}, {value}, 1.0]",),
-        0.1,
-        100.0,
-        "log",
-    ),
-    Parameter(
-        "speed weight of the NMPC",
-        1.0,
-        lambda value: (f"controller.options.output_weight=[1.0, 1.0, 1.0, 1.0, {value}]",),
-        0.1,
-        100.0,
-        "log",
-    ),
-    Parameter(
-        "trailer input of the NMPC",
-        "lambda",
-        _option("trailer_input"),
-        choices=("lambda", "delta_i"),
-    ),
+    P("NMPC: look-ahead [m]", 1.6, _option("look_ahead_m"), 0.0, 4.0),
+    P("NMPC: target", "fixed", _option("target"), choices=("fixed", "moving")),
+    P("NMPC: step weight of the steerings", 1.0, _step_weight, 0.1, 100.0, log=True),
+    P("NMPC: speed weight", 1.0, _speed_weight, 0.1, 100.0, log=True),
+    P("NMPC: trailer input", "lambda", _option("trailer_input"), choices=("lambda", "delta_i")),
 )
-"""Options of the NMPC that are not known."""
-
 ALL: Final = (*MACHINE, *LMPC_OPTIONS, *NMPC_OPTIONS)
 
 
-def overrides(parameters: Sequence[Parameter], shares: FloatArray) -> tuple[str, ...]:
-    """Return the overrides that set `parameters` to their values at `shares` (n,)."""
+def overrides(parameters: Sequence[Parameter], shares: Sequence[float]) -> tuple[str, ...]:
+    """Return the overrides that set `parameters` to their values at `shares`."""
     values = {item: item.value(share) for item, share in zip(parameters, shares, strict=True)}
     lines = [line for item, value in values.items() for line in item.overrides(value)]
     if _FRONT in values:
@@ -200,114 +165,35 @@ def overrides(parameters: Sequence[Parameter], shares: FloatArray) -> tuple[str,
     return tuple(lines)
 
 
-# --- Search of a unit cube ------------------------------------------------------------------------
+# --- Search ---------------------------------------------------------------------------------------
 
-START: Final = 32  # points of a Sobol sequence, then mutations of the best points found
-BATCH: Final = 8  # points evaluated at a time
-_PARENTS: Final = 6  # best points from which mutations start
-_CROSSING: Final = 0.3  # probability that an entry comes from a second parent
-_REDRAWN: Final = 0.1  # probability that an entry is drawn anew, which a choice may need
-_SPREAD: Final = (0.2, 0.97, 0.02)  # standard deviation at first, its factor a point, its least
-
-
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """A point of the cube and its score, lower is better."""
-
-    point: FloatArray  # (n,)
-    score: float
-
-
-def search(
-    scores: Callable[[Sequence[FloatArray]], Iterable[float]],
-    dimension: int,
-    budget: int,
-    known: FloatArray | None = None,
-    seed: int = 0,
-) -> list[Trial]:
-    """Return `budget` trials in the order in which they were made.
-
-    The i-th point depends on the seed and the scores before it alone, so that a larger budget
-    continues a smaller one.
-
-    Args:
-        scores: of a batch of points; finite numbers.
-        dimension: of the cube.
-        budget: number of points.
-        known: the first point (n,), instead of that of the sequence.
-        seed: of the sequence and of the mutations.
-    """
-    first = qmc.Sobol(dimension, rng=np.random.default_rng(seed)).random(START)
-    if known is not None:
-        first[0] = known
-    trials: list[Trial] = []
-    while len(trials) < budget:
-        count = min(BATCH, budget - len(trials))
-        places = range(len(trials), len(trials) + BATCH)  # a cut batch makes the same points
-        points = [first[i] if i < START else _mutation(trials, i, seed) for i in places][:count]
-        trials += map(Trial, points, scores(points))
-    return trials
-
-
-def best(trials: Sequence[Trial], count: int) -> list[Trial]:
-    """Return the `count` best trials, the best first."""
-    return sorted(trials, key=lambda trial: trial.score)[:count]
-
-
-def _mutation(trials: Sequence[Trial], number: int, seed: int) -> FloatArray:
-    """Return the point of this number from the best of all whole batches before it."""
-    generator = np.random.default_rng((seed, number))
-    parents = best(trials[: number - number % BATCH], _PARENTS)
-    mother, father = (parents[i].point for i in generator.integers(len(parents), size=2))
-    size = len(mother)
-    mixed = np.where(generator.random(size) < _CROSSING, father, mother)
-    first, factor, least = _SPREAD
-    spread = max(least, first * factor ** (number - START))
-    moved = mixed + spread * generator.standard_normal(size)
-    reflected = 1.0 - np.abs(1.0 - np.abs(moved) % 2.0)  # at both faces of the cube
-    return np.where(generator.random(size) < _REDRAWN, generator.random(size), reflected)
-
-
-# --- Problems -------------------------------------------------------------------------------------
-
-TUNING_SEEDS: Final = tuple(TUNING[:5])
+SEARCH_SEEDS: Final = tuple(TUNING[:2])
 REPORT_SEEDS: Final = report_seeds(5)
-RACE_SEEDS: Final = (2, 3)  # driven too where the first tuning seed has a distance below
-RACED: Final = 0.6
-CANDIDATES: Final = 3  # of the search, driven again on all tuning seeds
 WITHIN: Final = 0.25  # relative difference of a number that counts as found
 WORST: Final = 3.0  # largest relative difference that counts, also that of a run that is lost
-BUDGET, FIT_BUDGET = 48, 32  # sets of parameters, fields
+SETS: Final = 16  # of a generation of differential evolution (Storn and Price 1997)
+GENERATIONS: Final = {"eight-numbers-fit": 2, "eight-numbers": 3}
 NAMES: Final = tuple(f"{name}, {column}" for name in ("LMPC", "NMPC") for column in COLUMNS)
 PUBLISHED_CM: Final = 100.0 * np.array([*PUBLISHED_LMPC_M, *PUBLISHED_NMPC_M])
 
 
-def differences(errors_cm: FloatArray, published_cm: FloatArray) -> FloatArray:
+def differences(errors_cm: FloatArray) -> FloatArray:
     """Return |error / published - 1|, at most `WORST`, of (..., n) errors; lost runs have it."""
-    relative = np.abs(errors_cm / published_cm - 1.0)
+    relative = np.abs(errors_cm / PUBLISHED_CM[: errors_cm.shape[-1]] - 1.0)
     return np.minimum(np.where(np.isfinite(relative), relative, WORST), WORST)
 
 
-def distance(errors_cm: FloatArray, published_cm: FloatArray) -> FloatArray:
+def distance(errors_cm: FloatArray) -> FloatArray:
     """Return the root mean square of `differences` over the last axis."""
-    return np.sqrt(np.mean(np.square(differences(errors_cm, published_cm)), axis=-1))
-
-
-def errors_of(runner: Runner, cases: Sequence[Case]) -> FloatArray:
-    """Return the mean errors of runs [cm], (n, 4); NaN in a run that was lost."""
-    rows = runner.frame(cases)
-    errors = 100.0 * rows[[*ERRORS]].to_numpy(float)
-    return np.where((rows["status"] == "completed").to_numpy()[:, None], errors, np.nan)
+    return np.sqrt(np.mean(np.square(differences(errors_cm)), axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Numbers to find, and what may be varied for it."""
+    """Errors to find, of the LMPC alone or of both controllers, and what may be varied for it."""
 
     parameters: tuple[Parameter, ...]
     controllers: tuple[tuple[tuple[str, ...], tuple[Parameter, ...]], ...]  # overrides, parameters
-    published_cm: FloatArray  # (4 times the number of controllers,)
-    known: FloatArray | None = None  # the first point of the search
 
     def cases(self, point: FloatArray, seed: int) -> list[Case]:
         """Return the run of every controller at a point of the unit cube."""
@@ -316,7 +202,7 @@ class Problem:
             Case(
                 "grass",
                 seed,
-                ("path.laps=1", *fixed, *overrides(own, np.array([share[item] for item in own]))),
+                ("path.laps=1", *fixed, *overrides(own, [share[item] for item in own])),
             )
             for fixed, own in self.controllers
         ]
@@ -324,12 +210,18 @@ class Problem:
     def errors_cm(
         self, runner: Runner, points: Sequence[FloatArray], seeds: Sequence[int]
     ) -> FloatArray:
-        """Return the errors at points and seeds, (points, seeds, numbers)."""
+        """Return the errors at points and seeds, (points, seeds, numbers); NaN in a lost run."""
         cases = [case for point in points for seed in seeds for case in self.cases(point, seed)]
-        return errors_of(runner, cases).reshape(len(points), len(seeds), -1)
+        return errors_of(runner.frame(cases)).reshape(len(points), len(seeds), -1)
 
 
-LMPC_ON_FIELD: Final = Problem(FIELD, ((LMPC, FIELD),), PUBLISHED_CM[:4])
+def errors_of(rows: pd.DataFrame) -> FloatArray:
+    """Return the mean errors of runs [cm], (n, 4); NaN in a run that was lost."""
+    completed = (rows["status"] == "completed").to_numpy()
+    return np.where(completed[:, None], 100.0 * numbers(rows, *ERRORS), np.nan)
+
+
+LMPC_ON_FIELD: Final = Problem(FIELD, ((LMPC, FIELD),))
 _CORRELATED: Final = 'sensors.gnss_error="correlated"'  # a white share of 1 makes it white
 BOTH: Final = Problem(
     ALL,
@@ -337,8 +229,6 @@ BOTH: Final = Problem(
         ((_CORRELATED, *LMPC), (*MACHINE, *LMPC_OPTIONS)),
         ((_CORRELATED, *NMPC), (*MACHINE, *NMPC_OPTIONS)),
     ),
-    PUBLISHED_CM,
-    known=np.array([item.share(item.start) for item in ALL]),
 )
 
 
@@ -347,57 +237,55 @@ class Found:
     """Result of a search."""
 
     problem: Problem
-    trials: list[Trial]
-    trial_errors_cm: FloatArray  # (trials, numbers), one seed
-    point: FloatArray  # the best of the candidates on all tuning seeds
-    tuning_cm: FloatArray  # (numbers,) mean over the tuning seeds
+    tried_cm: FloatArray  # (points, numbers) of all points, first seed
+    point: FloatArray  # the best
     report_cm: FloatArray  # (report seeds, numbers)
 
     @property
     def mean_cm(self) -> FloatArray:
         """Mean over the report seeds that completed, (numbers,); NaN where none did."""
-        return _mean(self.report_cm)
+        with np.errstate(invalid="ignore"):
+            return np.nansum(self.report_cm, 0) / np.isfinite(self.report_cm).sum(0)
+
+    def values(self) -> list[tuple[str, str, str]]:
+        """Return name, bounds and best value of the parameters."""
+        pairs = zip(self.problem.parameters, self.point.tolist(), strict=True)
+        named = ((item, item.value(share)) for item, share in pairs)
+        return [(i.name, i.bounds, v if isinstance(v, str) else f"{v:g}") for i, v in named]
 
 
-def find(problem: Problem, runner: Runner, budget: int) -> Found:
-    """Search a problem on the first tuning seeds; choose on all of them; drive the report seeds.
+def find(problem: Problem, runner: Runner, generations: int) -> Found:
+    """Minimise the mean distance over the search seeds, and drive the report seeds at the best.
 
-    The score of a set is its distance on the first seed. Where that is below `RACED`, it is the
-    mean distance over the first seed and `RACE_SEEDS`, so that one lucky run wins nothing.
+    Differential evolution from `ALL` at its starts and a Sobol sequence; `SETS` points a
+    generation.
     """
-    first = TUNING_SEEDS[:1]
+    points: list[FloatArray] = []
+    tried: list[FloatArray] = []
 
-    def scores(points: Sequence[FloatArray]) -> list[float]:
-        score = distance(problem.errors_cm(runner, points, first)[:, 0], problem.published_cm)
-        raced = np.flatnonzero(score < RACED)
-        if raced.size:
-            more = problem.errors_cm(runner, [points[i] for i in raced.tolist()], RACE_SEEDS)
-            total = score[raced] + distance(more, problem.published_cm).sum(axis=1)
-            score[raced] = total / (1 + len(RACE_SEEDS))
-        return score.tolist()
+    def scores(columns: FloatArray) -> FloatArray:
+        errors = problem.errors_cm(runner, [*columns.T], SEARCH_SEEDS)
+        points.extend(columns.T)
+        tried.extend(errors)
+        return distance(errors).mean(axis=1)
 
-    trials = search(scores, len(problem.parameters), budget, problem.known)
-    trial_errors = problem.errors_cm(runner, [trial.point for trial in trials], first)[:, 0]
-    candidates = [trial.point for trial in best(trials, CANDIDATES)]
-    on_tuning = problem.errors_cm(runner, candidates, TUNING_SEEDS)
-    # A seed that is lost counts as lost: the mean of its distances, not of its errors.
-    chosen = int(np.argmin(distance(on_tuning, problem.published_cm).mean(axis=1)))
-    return Found(
-        problem=problem,
-        trials=trials,
-        trial_errors_cm=trial_errors,
-        point=candidates[chosen],
-        tuning_cm=_mean(on_tuning[chosen]),
-        report_cm=problem.errors_cm(runner, [candidates[chosen]], REPORT_SEEDS)[0],
+    parameters = problem.parameters
+    first = qmc.Sobol(len(parameters), rng=np.random.default_rng(0)).random(SETS)
+    first[0] = [item.share(item.start) for item in parameters]
+    differential_evolution(
+        scores,
+        [(0.0, 1.0)] * len(parameters),
+        maxiter=generations - 1,
+        init=first,  # pyright: ignore[reportArgumentType]
+        rng=np.random.default_rng(0),
+        tol=0.0,
+        polish=False,
+        updating="deferred",
+        vectorized=True,
     )
-
-
-def _mean(errors_cm: FloatArray) -> FloatArray:
-    """Return the mean (n,) over the seeds of (seeds, n) that completed; NaN where none did."""
-    completed = np.isfinite(errors_cm)
-    count = completed.sum(axis=0)
-    total = np.where(completed, errors_cm, 0.0).sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    best = points[int(np.argmin([distance(errors).mean() for errors in tried]))]
+    report_cm = problem.errors_cm(runner, [best], REPORT_SEEDS)[0]
+    return Found(problem, np.array(tried)[:, 0], best, report_cm)
 
 
 # --- Tables ---------------------------------------------------------------------------------------
@@ -405,68 +293,51 @@ def _mean(errors_cm: FloatArray) -> FloatArray:
 
 def fit_table(runner: Runner) -> str:
     """Return the fit of the LMPC's four numbers: best field, and the shipped scenario."""
-    fit = find(LMPC_ON_FIELD, runner, FIT_BUDGET)
+    fit = find(LMPC_ON_FIELD, runner, GENERATIONS["eight-numbers-fit"])
     cases = [Case("kayacan2016", seed, own) for seed in REPORT_SEEDS for own in (LMPC, NMPC)]
-    shipped_cm = errors_of(runner, cases).reshape(len(REPORT_SEEDS), -1)
-    pairs = zip(fit.problem.parameters, fit.point.tolist(), strict=True)
-    values = ", ".join(f"{item.name} {_text(item.value(share))}" for item, share in pairs)
-    tuning, report = (distance(errors, PUBLISHED_CM[:4]) for errors in (fit.tuning_cm, fit.mean_cm))
+    shipped_cm = errors_of(runner.frame(cases)).reshape(len(REPORT_SEEDS), -1)
+    values = ", ".join(f"{name} {value}" for name, _, value in fit.values())
     lines = []
     for i, name in enumerate(NAMES):
         field = _spread(fit.report_cm[:, i]) if i < fit.report_cm.shape[1] else "-"
         lines.append((name, f"{PUBLISHED_CM[i]:.2f}", field, _spread(shipped_cm[:, i])))
     heads = ("controller, error [cm]", "published", "best field", "`kayacan2016`")
     return (
-        f"Best of {len(fit.trials)} fields for `paper`: {values}. Distance on the tuning seeds "
-        f"{tuning:.2f}, on the report seeds {report:.2f}.\n\n{markdown(heads, lines)}"
+        f"Best of {len(fit.tried_cm)} fields for `paper`: {values}. Distance on the report seeds "
+        f"{distance(fit.mean_cm):.2f}.\n\n{markdown(heads, lines)}"
     )
 
 
 def search_table(found: Found) -> str:
     """Return the best set for all eight numbers, and how near each number came by itself."""
-    each = differences(found.trial_errors_cm, PUBLISHED_CM)  # (trials, 8)
-    lines = []
-    for i, name in enumerate(NAMES):
-        ratio = found.mean_cm[i] / PUBLISHED_CM[i]
-        lines.append(
-            (
-                name,
-                f"{PUBLISHED_CM[i]:.2f}",
-                _spread(found.report_cm[:, i]),
-                "-" if np.isnan(ratio) else f"{ratio:.2f}",
-                f"{np.sum(each[:, i] <= WITHIN)} of {len(found.trials)}",
-            )
+    near = (differences(found.tried_cm) <= WITHIN).sum(axis=0)  # (8,)
+    ratio = found.mean_cm / PUBLISHED_CM
+    lines = [
+        (
+            name,
+            f"{PUBLISHED_CM[i]:.2f}",
+            _spread(found.report_cm[:, i]),
+            "-" if np.isnan(ratio[i]) else f"{ratio[i]:.2f}",
+            f"{near[i]} of {len(found.tried_cm)}",
         )
-    errors = ("controller, error [cm]", "published", "best set", "ours / published")
-    pairs = zip(found.problem.parameters, found.point.tolist(), strict=True)
-    values = [(item.name, item.bounds, _text(item.value(share))) for item, share in pairs]
+        for i, name in enumerate(NAMES)
+    ]
+    heads = ("controller, error [cm]", "published", "best set", "ours / published")
+    off = differences(found.mean_cm) > WITHIN
+    lost = np.isnan(found.report_cm)[:, ::4].any(axis=1).sum()
+    beyond = ", ".join(name for i, name in enumerate(NAMES) if off[i])
+    verdict = (
+        f"Best of {len(found.tried_cm)} sets: distance {distance(found.mean_cm):.2f} on the report "
+        f"seeds, {lost} of {len(found.report_cm)} with a lost run. Beyond {WITHIN:.0%}: "
+        f"{beyond or 'none'}."
+    )
     return "\n\n".join(
         (
-            markdown((*errors, f"sets within {WITHIN:.0%}"), lines),
-            verdict(found),
-            markdown(("parameter", "bounds", "best set"), values),
+            markdown((*heads, f"sets within {WITHIN:.0%}"), lines),
+            verdict,
+            markdown(("parameter", "bounds", "best set"), found.values()),
         )
     )
-
-
-def verdict(found: Found) -> str:
-    """Return whether the best set has every number, and which numbers it does not have."""
-    published = found.problem.published_cm
-    off = differences(found.mean_cm, published) > WITHIN
-    lost = np.isnan(found.report_cm)[:, ::4].any(axis=1).sum()
-    rms = f"{distance(found.mean_cm, published):.2f}"
-    if not off.any() and not lost:
-        return f"Found within {WITHIN:.0%} each; distance {rms} on the report seeds."
-    times = [
-        "lost" if np.isnan(ratio) else f"{ratio:.2f} times the published"
-        for ratio in found.mean_cm / PUBLISHED_CM
-    ]
-    names = ", ".join(f"{name} ({times[i]})" for i, name in enumerate(NAMES) if off[i])
-    return (
-        f"No set found in {len(found.trials)} evaluations within these bounds; the best has a "
-        f"distance of {rms} on the report seeds, {lost} of {len(REPORT_SEEDS)} with a lost run. "
-        + (f"Beyond {WITHIN:.0%}: {names}." if names else "")
-    ).strip()
 
 
 def _spread(errors_cm: FloatArray) -> str:
@@ -479,10 +350,6 @@ def _spread(errors_cm: FloatArray) -> str:
     return f"{text}, {lost} lost" if lost else text
 
 
-def _text(value: Value) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
-
-
 _CHECKS: Final = (("kayacan2016", "paper"), ("kayacan2016", CONTROLLER))
 STUDIES: Final = (
     Study(
@@ -490,13 +357,11 @@ STUDIES: Final = (
         make=fit_table,
         seeds=REPORT_SEEDS,
         checks=(*_CHECKS, ("grass", "paper")),
-        minutes=5.0,
     ),
     Study(
         name="eight-numbers",
-        make=lambda runner: search_table(find(BOTH, runner, BUDGET)),
+        make=lambda runner: search_table(find(BOTH, runner, GENERATIONS["eight-numbers"])),
         seeds=REPORT_SEEDS,
         checks=_CHECKS,
-        minutes=16.0,
     ),
 )

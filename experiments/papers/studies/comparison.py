@@ -12,21 +12,16 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from ...figures import png
-from ...figures.style import blank, dress, legend, series
-from ...results.published import COLUMNS, PUBLISHED_M, applies_to
 from ...results.statistics import IntervalEstimate, caveat, holm, mean, paired_p
 from ...results.summary import ACTUATOR_USE
-from ...scenario.scenario import load
 from ...seeds import TUNED_FIELDS
 from ...sweep.results import WORKING_P95
 from ...sweep.study import DrawnAxis, load_study
 from ...sweep_report.format import format_estimate
-from ..study import Block, Study
-from ..tables import ERRORS, markdown
+from ..study import Study
+from ..tables import COLUMNS, ERRORS, PUBLISHED_M, markdown
 
 DEFAULT: Final = "ttempc"  # that the others are compared with
-FAMILY: Final = ("ttempc", "ttempc-nominal", "ttempc-tube")  # of the same kind; others are rivals
 LEVEL: Final = 0.05  # of the tests, after Holm's correction
 _RIVAL: Final = "pid"
 _SHOWN: Final = (DEFAULT, _RIVAL, "paper")
@@ -107,21 +102,6 @@ class Comparison:
         logs = self.log_ratio.xs(controller, level="controller").to_numpy()
         return _exp(mean(logs.mean(axis=0))), len(logs)
 
-    def verdicts(self) -> str:
-        """Return the sentences on where `pid` is ahead."""
-        ahead = [at for at, one in self.ratios.items() if at[1] == _RIVAL and one[0].value < 1.0]
-        listed = ", ".join(
-            f"`{field}`" + (" (significant)" if self.verdict(field, name) else "")
-            for field, name in ahead
-        )
-        over, count = self.over_fields(_RIVAL)
-        return (
-            f"`{_RIVAL}` is ahead on {listed or 'no field'}. Its error is "
-            f"{format_estimate(over, 2)} times that of `{DEFAULT}` (geometric mean over {count} "
-            "fields, 95 % interval). Significant: paired t-test at 5 % after Holm's correction for "
-            f"{len(self.ratios)} comparisons."
-        )
-
 
 def _exp(estimate: IntervalEstimate) -> IntervalEstimate:
     """Return an estimate of a logarithm as one of the number."""
@@ -129,44 +109,8 @@ def _exp(estimate: IntervalEstimate) -> IntervalEstimate:
     return IntervalEstimate(float(np.exp(estimate.value)), *ends)
 
 
-def by_field(rows: pd.DataFrame) -> str:
-    """Return the default controller beside `pid` and the best rival, field by field."""
-    comparison = Comparison(rows)
-    lines = []
-    for field in comparison.fields:
-        own = comparison.error_cm.loc[field, DEFAULT].to_numpy(float)
-        rivals = {
-            name: ratio
-            for (at, name), ratio in comparison.ratios.items()
-            if at == field and name not in FAMILY
-        }
-        best = min(rivals, key=lambda name: rivals[name][0].value, default="")
-        tuned = [what for what, fields in TUNED_FIELDS.items() if field in fields]
-        lines.append(
-            (
-                f"`{field}`",
-                ", ".join(tuned) or "–",
-                format_estimate(mean(own), 2) if np.isfinite(own).all() else "lost",
-                _ratio(rivals.get(_RIVAL)),
-                f"`{best}`" if best else "–",
-                _ratio(rivals.get(best)),
-            )
-        )
-    heads = ("field", "tuned here", f"`{DEFAULT}` [cm]", f"`{_RIVAL}`: ratio; p", "best rival")
-    table = markdown((*heads, "its ratio; p"), lines)
-    return f"{table}\n\n{comparison.verdicts()} {caveat(comparison.seeds)}".rstrip()
-
-
-def _ratio(ratio: tuple[IntervalEstimate, float] | None) -> str:
-    if ratio is None:
-        return "lost or not driven"
-    estimate, p = ratio
-    text = "–" if np.isnan(p) else "< 0.001" if p < 0.001 else f"{p:.3f}"
-    return f"{format_estimate(estimate, 2)}; {text}"
-
-
-def controllers(rows: pd.DataFrame) -> Block:
-    """Return cost, error and use of actuators of every controller, by field too, and a figure.
+def controllers(rows: pd.DataFrame) -> str:
+    """Return cost, error and use of actuators of every controller, and errors by field.
 
     The use of the actuators is the median of the runs that completed. Errors by field have < where
     they are significantly less than those of the default one, > where more.
@@ -175,7 +119,7 @@ def controllers(rows: pd.DataFrame) -> Block:
     done = comparison.rows[comparison.rows["completed"]]
     keys = [_STEP, *(key for _, key, _ in ACTUATOR_USE)]
     medians: Any = done.groupby("controller")[keys].median().T.to_dict()
-    lines, points = [], []
+    lines = []
     for name in comparison.controllers:
         ratio, fields = comparison.over_fields(name)
         verdicts = [comparison.verdict(field, name) for field in comparison.fields]
@@ -192,8 +136,6 @@ def controllers(rows: pd.DataFrame) -> Block:
                 *(f"{factor * medians[name][key]:.1f}" for _, key, factor in ACTUATOR_USE),
             )
         )
-        if ratio:
-            points.append((name, cost, ratio))
     heads = ("controller", "step [us]", f"/ `{DEFAULT}`", f"error / that of `{DEFAULT}`", "fields")
     heads = (*heads, "better / worse", "lost", *(head for head, _, _ in ACTUATOR_USE))
     signs = {"better": " <", "worse": " >", "": ""}
@@ -204,26 +146,17 @@ def controllers(rows: pd.DataFrame) -> Block:
         return comparison.lost(field, name) or text
 
     names = comparison.controllers
-    by_field = [(f"`{f}`", *(cell(f, name) for name in names)) for f in comparison.fields]
-    text = "\n\n".join(
-        [
-            "![Error relative to `ttempc` over the cost of a control step](compare.png)",
-            markdown(heads, lines),
-            markdown(("field", *(f"`{name}`" for name in names)), by_field),
-            caveat(comparison.seeds),
-        ]
-    )
-    figure = blank(3.2)
-    axes = figure.subplots()
-    for number, (name, cost, ratio) in enumerate(points):
-        low, high = ratio.ends
-        style = {**series(number), "linestyle": "none", "label": name}
-        axes.errorbar([cost], [ratio.value], [[ratio.value - low], [high - ratio.value]], **style)
-    legend(axes, 4)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    dress(axes, "control step, median [us]", f"error / that of {DEFAULT}")
-    return Block(text, {"compare.png": png(figure)})
+    by_field = [
+        (
+            f"`{field}`",
+            ", ".join(what for what, fields in TUNED_FIELDS.items() if field in fields) or "–",
+            *(cell(field, name) for name in names),
+        )
+        for field in comparison.fields
+    ]
+    head = ("field", "tuned here", *(f"`{name}`" for name in names))
+    tables = (markdown(heads, lines), markdown(head, by_field), caveat(comparison.seeds))
+    return "\n\n".join(filter(None, tables))
 
 
 def errors(rows: pd.DataFrame) -> str:
@@ -241,11 +174,7 @@ def errors(rows: pd.DataFrame) -> str:
             published = (f"{100.0 * error:.2f}" for error in PUBLISHED_M.values())
             lines.append(("published (field)", *published, "–"))
         tables.append(markdown((f"`{name}`", *COLUMNS, "lost"), lines))
-    same = ", ".join(f"`{name}`" for name in comparison.fields if applies_to(load(name)[1]))
-    note = (
-        f"The published errors compare with fields that have the paper's vehicle and path: {same}."
-    )
-    return "\n\n".join([*tables, note])
+    return "\n\n".join(tables)
 
 
 def _range(values: pd.Series) -> str:
@@ -284,7 +213,6 @@ def side_by_side(rows: pd.DataFrame) -> str:
 
 
 STUDIES: Final = (
-    Study(name="fields", table=by_field, sweeps=("compare",)),
     Study(name="errors", table=errors, sweeps=("compare",)),
     Study(name="compare", table=controllers, sweeps=("compare",)),
     Study(name="studies", table=side_by_side, sweeps=SWEEPS),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import groupby
@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ttempc.types import FloatArray, Sensor
 
@@ -24,7 +23,7 @@ from ....testbed.ground.terrain import flat
 from ....testbed.recording.channels import ESTIMATE, MEASUREMENT, REFERENCE, STATE, TOOL
 from ....testbed.recording.record import Record
 from ....testbed.truth import WHEELS
-from ....testbed.validation.bench import DRIVEN, FIRM_KPA, Bench, drive, steps
+from ....testbed.validation.bench import DRIVEN, FIRM_KPA, Bench, steps
 from ....testbed.validation.check import Check, between, number
 from ....testbed.validation.validate import validate
 from ....testbed.vehicle.servos import tyres_of
@@ -40,7 +39,6 @@ from ..runner import Runner
 from ..study import Study
 from ..tables import markdown
 
-Verdict = Literal["in band", "below", "above", "no figure", "not judged"]
 Figure = float | tuple[float, str]
 """A figure of ours, with a note on it if there is one."""
 
@@ -52,9 +50,9 @@ class Evidence:
     """A figure of the plant, the band of the published one, and the reason where it is outside."""
 
     name: str
-    figure: float  # ours [unit]
+    figure: float  # ours [unit]; NaN: none
     unit: str
-    band: tuple[float, float]  # of the published figure; infinite on both sides: not judged
+    band: tuple[float, float]  # of the published figure
     published: str  # as the source states it
     rule: str = ASSUMED  # where the band comes from
     source: str
@@ -64,35 +62,30 @@ class Evidence:
     note: str = ""
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> str:
         """Place of our figure against the band."""
-        low, high = self.band
         if math.isnan(self.figure):
             return "no figure"
-        if math.isinf(low) and math.isinf(high):
-            return "not judged"
-        if self.figure < low:
-            return "below"
-        return "above" if self.figure > high else "in band"
+        low, high = self.band
+        return "below" if self.figure < low else "above" if self.figure > high else "in band"
 
     @property
     def reason(self) -> str:
         """Physical reason of a figure outside the band, "unknown" where we have none, else ""."""
-        reasons = {"below": self.below, "above": self.above, "no figure": self.above}
-        return reasons.get(self.verdict, "")
+        verdict = self.verdict
+        return "" if verdict == "in band" else self.below if verdict == "below" else self.above
 
     @property
     def cells(self) -> list[str]:
         """Cells of the table: figure, published, band, ours, verdict."""
-        verdict = self.verdict
         ours = f"{number(float(f'{self.figure:.3g}'))} {self.unit}".rstrip()
-        range_ = between("", self.figure, *self.band, self.unit, "").expectation
+        band = between("", self.figure, *self.band, self.unit, "").expectation
         return [
             self.name,
             self.published,
-            "–" if verdict == "not judged" else f"{range_} {self.unit}".rstrip(),
-            "–" if verdict == "no figure" else ours,
-            verdict if verdict in ("in band", "not judged") else f"**{verdict}**",
+            f"{band} {self.unit}".rstrip(),
+            "–" if math.isnan(self.figure) else ours,
+            self.verdict if self.verdict == "in band" else f"**{self.verdict}**",
         ]
 
 
@@ -117,15 +110,14 @@ def beside(name: str, figures: Sequence[Figure]) -> list[Evidence]:
 
 def page(items: Sequence[Evidence]) -> str:
     """Return how many figures are inside their bands, the table, and how they were made."""
-    judged = [item for item in items if item.verdict != "not judged"]
-    held = sum(item.verdict == "in band" for item in judged)
-    sources = len({item.source for item in judged})
+    held = sum(item.verdict == "in band" for item in items)
+    sources = len({item.source for item in items})
     numbered = list(enumerate(items, 1))
     heads = ["", "figure", "published", "band", "ours", "verdict"]
     notes = groupby(numbered, lambda pair: (pair[1].source, pair[1].method))
     return "\n\n".join(
         [
-            f"{held} of {len(judged)} figures from {sources} sources are inside their bands.",
+            f"{held} of {len(items)} figures from {sources} sources are inside their bands.",
             markdown(heads, [[str(k), *item.cells] for k, item in numbered]),
             *(_note(list(group)) for _, group in notes),
         ]
@@ -137,16 +129,11 @@ def _note(group: list[tuple[int, Evidence]]) -> str:
     (first, item), (last, _) = group[0], group[-1]
     place = f"{first}" if first == last else f"{first} to {last}"
     lines = [f"**{place}.** {item.source.rstrip('.')}. Ours: {item.method}.", ""]
-    for rule, members in groupby(group, lambda pair: pair[1].rule):
-        lines.append(f"- Band of {_numbers(members)}: {rule}.")
-    lines += [f"- Of {k}: {each.note}." for k, each in group if each.note]
-    for reason, members in groupby(group, lambda pair: pair[1].reason):
-        lines += [f"- Outside, {_numbers(members)}: {reason}."] if reason else []
+    for what, of in (("Band of", "rule"), ("Of", "note"), ("Outside,", "reason")):
+        for text, members in groupby(group, lambda pair, of=of: getattr(pair[1], of)):
+            listed = ", ".join(str(k) for k, _ in members)
+            lines += [f"- {what} {listed}: {text}."] if text else []
     return "\n".join(lines)
-
-
-def _numbers(members: Iterable[tuple[int, Evidence]]) -> str:
-    return ", ".join(str(k) for k, _ in members)
 
 
 # Wheels on soil.
@@ -157,19 +144,11 @@ SOILS: Final = {"soft or sandy": 20.0, "tilled": 40.0, "firm": 55.0, "hard": 80.
 _REAR: Final = WHEELS.index("rear_left")
 
 
-def farm(mass: float = 1.0, speed_gain: float | None = None) -> Bench:
-    """Return the farm machine on firm, level ground.
-
-    Args:
-        mass: times the mass of the tractor in the file, same centre of mass.
-        speed_gain: steady speed at hydrostat position 1 [m/s]; None: as in the file.
-    """
+def farm(mass: float = 1.0) -> Bench:
+    """Return the farm machine on firm, level ground, the tractor's mass times a factor."""
     vehicle = read_vehicle("farm4500")
     tractor = replace(vehicle.tractor, mass_kg=mass * vehicle.tractor.mass_kg)
-    gain = vehicle.hydrostat.speed_gain_mps if speed_gain is None else speed_gain
-    hydrostat = replace(vehicle.hydrostat, speed_gain_mps=gain)
-    whole = replace(vehicle, tractor=tractor, hydrostat=hydrostat)
-    return Bench(whole, flat((300.0, 60.0)), SoilMap(FIRM_KPA))
+    return Bench(replace(vehicle, tractor=tractor), flat((300.0, 60.0)), SoilMap(FIRM_KPA))
 
 
 def side_ratio(slip_angle: float, slip: float, bn: float) -> float:
@@ -236,8 +215,6 @@ def _best(check: Check) -> float:
 
 _FREQUENCY_HZ: Final = 0.2
 _AMPLITUDE: Final = math.radians(4.0)
-_STEP: Final = math.radians(3.0)
-_STEP_SPEED: Final = 4.5  # [m/s] of the source
 
 
 def yaw_gain(bench: Bench, speed: float, periods: int = 3) -> float:
@@ -268,35 +245,6 @@ def yaw_response() -> list[Figure]:
         )
         for gains in (by_mass, by_speed)
     ]
-
-
-def sensitivity(seconds: float = 6.0) -> list[Figure]:
-    """Return how far stiffness changes the response to a step, by 10 and by 50 % of it [%]."""
-    nominal = _step_response(1.0, seconds)
-    figures: list[Figure] = []
-    for change in (0.1, 0.5):
-        changed = [_step_response(1.0 + sign * change, seconds) for sign in (-1, 1)]
-        norms = [np.linalg.norm(each - nominal, axis=0) for each in changed]
-        figures.append(100.0 * float(np.max(norms / np.linalg.norm(nominal, axis=0))))
-    return figures
-
-
-def _step_response(stiffness: float, seconds: float) -> FloatArray:
-    """Return yaw rates of tractor and trailer after a step of the steering, (n, 2) [rad/s].
-
-    Args:
-        stiffness: times the cornering stiffness of every tyre.
-        seconds: after the step.
-    """
-    keys = [f"side_stiffness{part}_per_rad" for part in ("", "_mobility", "_most")]
-    law = SoilLaw()
-    law = replace(law, **{key: stiffness * getattr(law, key) for key in keys})
-    bench = replace(farm(speed_gain=5.0), wheel_law=law)
-    plant = bench.plant(bench.terrain, 900.0)
-    plant.reset(-140.0, 0.0, 0.0, _STEP_SPEED)
-    plant.advance(bench.command(_STEP_SPEED), steps(plant, 1.0))
-    truths = drive(plant, bench.command(_STEP_SPEED, delta_t=_STEP), seconds, 0.02)
-    return np.array([(truth.yaw_rate_t, truth.yaw_rate_i) for truth in truths])
 
 
 # Straight passes of the farm machine.
@@ -476,79 +424,6 @@ def receiver_error(record: Record) -> FloatArray:
     return np.hypot(*(given - actual for given, actual in zip((x, y), true, strict=True)))
 
 
-_PASS_MEAN_M: Final = 0.008 / 0.082  # mean error, from 0.8 cm = 8.2 %
-_PASS_RATE_HZ: Final = 10.0  # 0.25 m at most from a sample at 5 m/s, as the source has it
-
-
-def nearest_points() -> list[Figure]:
-    """Return by how much distances to the nearest sample of a pass exceed those to its line [%].
-
-    The later pass is sampled ten times as often, thus in every phase of the samples of the earlier.
-    """
-    figures: list[Figure] = []
-    for speed in (1.25, 0.5):
-        first, second = (
-            _track(speed, seed, rate)
-            for seed, rate in zip(SEEDS[:2], (_PASS_RATE_HZ, 10.0 * _PASS_RATE_HZ), strict=True)
-        )
-        second[:, 1] += _PASS_MEAN_M - np.mean(_offset(first, second))
-        figures.append(100.0 * nearest_point_excess(first, second))
-    return figures
-
-
-def _track(speed: float, seed: int, rate_hz: float) -> FloatArray:
-    """Return positions of the tractor point at a rate, (n, 2) [m]."""
-    state = straight_pass(speed, seed, (*FARM, *FIELD_SENSORS), 60.0 * speed)[1][STATE]
-    times = np.arange(START_UP_S, state.time_s[-1], 1.0 / rate_hz)
-    return np.column_stack(
-        [np.interp(times, state.time_s, state[name]) for name in ("x_t_m", "y_t_m")]
-    )
-
-
-def nearest_point_excess(first: FloatArray, second: FloatArray) -> float:
-    """Return the mean distance to the nearest sample of a pass over that to its line, less 1.
-
-    Args:
-        first: samples of the earlier pass, (n, 2) [m], x growing.
-        second: samples of the later pass, (m, 2) [m]; those beyond the earlier pass do not count.
-    """
-    to_point = np.linalg.norm(_covered(first, second)[:, None] - first[None], axis=2).min(axis=1)
-    return float(to_point.mean() / np.abs(_offset(first, second)).mean() - 1.0)
-
-
-def _covered(first: FloatArray, second: FloatArray) -> FloatArray:
-    return second[(second[:, 0] > first[0, 0]) & (second[:, 0] < first[-1, 0])]
-
-
-def _offset(first: FloatArray, second: FloatArray) -> FloatArray:
-    points = _covered(first, second)
-    return points[:, 1] - np.interp(points[:, 0], *first.T)
-
-
-def revisit() -> list[Figure]:
-    """Return the relative cross-track error of repeated straight, level passes [cm].
-
-    The method is that of ISO 12188-2 in outline: a representative point of the vehicle, straight
-    level travel, the same line at a later time, and the error of the position source included. The
-    standard's text was not read; it states a method and no figure to be met.
-    """
-    path = ("path.centre_distance_m=120.0", "path.laps=3", "path.speed_mps=1.0")
-    field = ("terrain.size_x_m=160.0", "terrain.size_y_m=40.0")
-    name, scenario = load("pavement", (*path, *field, *FIELD_SENSORS))
-    errors = tracking_errors(simulate(name, scenario, SEEDS[0])[1])
-    lap_s = scenario.mission().path.lap_m  # at 1 m/s
-    offset = relative_error(errors.time_s, errors.tractor.cross_m, ~errors.curved, lap_s)
-    return [100.0 * float(np.percentile(np.abs(offset), 95.0))]
-
-
-def relative_error(
-    time_s: FloatArray, cross_m: FloatArray, straight: NDArray[np.bool_], lap_s: float
-) -> FloatArray:
-    """Return by how much later laps deviate from the lap before, on straight parts, (n,) [m]."""
-    later = straight & (time_s >= START_UP_S + lap_s)
-    return cross_m[later] - np.interp(time_s[later] - lap_s, time_s, cross_m)
-
-
 EXPERIMENTS: Final[dict[str, Callable[[], list[Figure]]]] = {
     experiment.__name__: experiment
     for experiment in (
@@ -560,12 +435,9 @@ EXPERIMENTS: Final[dict[str, Callable[[], list[Figure]]]] = {
         tool_forces,
         unsteered_tool,
         yaw_response,
-        sensitivity,
         implement_steering,
         steered_joint,
         receivers,
-        nearest_points,
-        revisit,
     )
 }
 """By the name of their table, in the order of the page."""
@@ -585,6 +457,5 @@ STUDIES: Final = (
         name="evidence",
         make=_page,
         checks=(("farm", "ttempc"), ("cultivate", "ttempc"), ("grass", "ttempc")),
-        minutes=5.0,
     ),
 )

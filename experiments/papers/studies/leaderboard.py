@@ -15,7 +15,6 @@ from ...sweep_report.format import format_numbers
 from ...trials.bench import Entrant, bench
 from ...trials.definition import trial_files
 from ...trials.score_card import PUBLIC, ScoreCard, public_draws, read_score_card
-from ...trials.tables import format_interval
 from ..pages import ROOT
 from ..runner import Runner
 from ..study import Block, Study
@@ -59,7 +58,7 @@ _ABOUT: Final = {
 
 def make(runner: Runner) -> Block:
     """Return the leaderboard, and the score cards of all entries driven here."""
-    draws = public_draws(runner.seeds(PUBLIC))
+    draws = public_draws(PUBLIC)
     cards = {}
     for name, *changes in (*SHIPPED, *OTHERS):
         entrant = Entrant.of(name, changes)
@@ -105,7 +104,7 @@ def headline(cards: Mapping[str, ScoreCard]) -> Block:
     first = shown[0]
     footer = (
         f"<sub>Cards of the simulated benchmark `{first.identifier}`: mean over "
-        f"{first.draws.count} public seeds ({format_numbers(first.draws.seeds)}), a run that does "
+        f"{first.draws.count} public seeds ({format_numbers(PUBLIC)}), a run that does "
         "not complete counts 1 m; `ttempc bench NAME`; "
         "[all entries and intervals](docs/results.md#benchmark)</sub>"
     )
@@ -124,7 +123,7 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
         lines.append(
             (
                 f"`{entry(card)}`",
-                format_interval(item.cost_m),
+                item.cost_m.text(),
                 f"{item.not_completed} of {item.runs}",
                 f"{100.0 * max(outside):.1f}" if outside else "–",
                 "–" if step is None else f"{1e-3 * step:.2f}",
@@ -132,14 +131,8 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
         )
         costs = (f"{100 * item.trials[name].cost_m.value:.1f}" for name in names)
         by_trial.append((f"`{entry(card)}`", *costs))
-    loads: dict[str, list[str]] = {}
-    for card in cards:
-        processor, cores, system = (
-            card.machine.get(key, "unknown") for key in ("processor", "cores", "system")
-        )
-        own = loads.setdefault(f"{processor} ({system}), cores: {cores}", [])
-        own.append(card.machine.get("load", ""))
-    machines = [f"{name}, load {_range(own)}" for name, own in sorted(loads.items())]
+    keys = ("processor", "cores", "system")
+    machines = {", ".join(f"{k} {card.machine.get(k, '?')}" for k in keys): None for card in cards}
     heads = ("entry", "cost [cm]", "not completed", "outside rows [%]", "step p99 [ms]")
     count = f"{first.draws.count} seed{'s' if first.draws.count > 1 else ''}"
     return "\n\n".join(
@@ -149,16 +142,9 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
             markdown(heads, lines),
             "Mean cost by scenario [cm]:",
             markdown(("entry", *names), by_trial),
-            f"Steps were timed on: {'; '.join(machines)}. A load above the number of cores makes "
-            "them longer.",
+            f"Steps were timed on: {'; '.join(machines)}.",
         )
     )
-
-
-def _range(loads: Sequence[str]) -> str:
-    """Return the least and the greatest load."""
-    known = sorted({load for load in loads if load}, key=float)
-    return " to ".join(dict.fromkeys((known[0], known[-1]))) if known else "unknown"
 
 
 STUDIES: Final = (
@@ -173,7 +159,6 @@ STUDIES: Final = (
             ),
             *(("grass", *words) for words in SHIPPED),
         ),
-        minutes=110.0,
     ),
     Study(name="headline", make=lambda runner: headline(shipped_cards())),
 )

@@ -1,4 +1,4 @@
-"""Searches of runs: breaking points, worst cases."""
+"""Worst cases of every controller."""
 
 from __future__ import annotations
 
@@ -9,58 +9,14 @@ from typing import Final
 from ttempc.guidance.controllers import CONTROLLERS
 
 from ...scenario.scenario import merge_tables, parse_overrides, read_scenario
-from ...search.limit import Limit, Question, find_limit
-from ...search.quantities import QUANTITIES, read_subject
-from ...search.worst_case import Report, Search
+from ...search.quantities import read_subject
+from ...search.worst_case import Report, find_worst_case
 from ...seeds import report_seeds
 from ...sweep.engine import engine
 from ..kayacan.eight_numbers import CONTROLLER
 from ..runner import Runner
 from ..study import Study
 from ..tables import markdown
-
-BROKEN: Final = ("ttempc", "pid", "paper")
-TOLERANCES: Final = {"cone-index": 10.0, "slope": 0.01, "delay": 0.05}
-
-
-def breaking_point(question: Question) -> Limit:
-    """Return the answer to a question, found in this process."""
-    with engine(workers=0) as here:
-        return find_limit(question, here)
-
-
-def breaking_points(runner: Runner, path: str = "path.laps=1") -> str:
-    """Return the last value at which a lap is completed, and the first at which it is lost.
-
-    Lost: in at least half of the seeds.
-    """
-    questions = [
-        Question(
-            scenario="grass",
-            controller=controller,
-            quantity=quantity,
-            parameter=QUANTITIES[quantity],
-            tolerance=tolerance,
-            limit_m=None,
-            seeds=runner.report_seeds(3),
-            settings=parse_overrides([path]),
-        )
-        for quantity, tolerance in TOLERANCES.items()
-        for controller in BROKEN
-    ]
-    found = iter(runner.map(breaking_point, questions))
-    lines = []
-    for quantity in TOLERANCES:
-        cells = [_broken(next(found)) for _ in BROKEN]
-        lines.append([f"{quantity.replace('-', ' ')} [{QUANTITIES[quantity].unit}]", *cells])
-    return markdown(["quantity", *(f"`{name}`" for name in BROKEN)], lines)
-
-
-def _broken(found: Limit) -> str:
-    if found.outcome != "found":
-        return f"{found.outcome} from {found.probes[0].value:g} to {found.probes[-1].value:g}"
-    note = "" if found.monotone else ", not monotone"
-    return f"{found.holds_at:.3g}, {found.fails_at:.3g}{note}"
 
 
 @dataclass(frozen=True)
@@ -88,9 +44,7 @@ def hunt(task: Hunt, path: str = HEADLAND) -> Report:
     merge_tables(settings, {"controller": {"name": task.controller}})
     subject = read_subject(read_scenario("grass"), "grass", settings, task.words)
     with engine(workers=0) as here:
-        found = Search(subject, here, task.seed, task.limit_m)
-        found.falsify(task.budget)
-        return found.report()
+        return find_worst_case(subject, here, task.seed, task.budget, task.limit_m)
 
 
 SEARCHED: Final = (*CONTROLLERS, CONTROLLER)
@@ -98,7 +52,7 @@ SEARCHED: Final = (*CONTROLLERS, CONTROLLER)
 
 def worst_cases(runner: Runner) -> str:
     """Return the worst case of every controller by question."""
-    (seed, *_) = runner.report_seeds(1)
+    (seed,) = report_seeds(1)
     tasks = [Hunt(name, *what, seed) for what in HUNTED.values() for name in SEARCHED]
     reports = iter(runner.map(hunt, tasks))
     parts = []
@@ -111,13 +65,12 @@ def worst_cases(runner: Runner) -> str:
 
 def worst_table(reports: Sequence[Report]) -> str:
     """Return the worst case of each report with its values."""
-    keys = [key.rpartition(".")[2] for key in reports[0].cases[0].values]
+    keys = [key.rpartition(".")[2] for key in reports[0].values]
     lines = []
     for report in reports:
-        worst = report.cases[0]
-        values = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in worst.values.values()]
-        severity = f"{worst.severity:.2f}" if worst.failure else "-"
-        end = worst.failure or f"holds; least robustness {worst.robustness:.2f}"
+        values = [f"{v:.3g}" if isinstance(v, float) else str(v) for v in report.values.values()]
+        severity = f"{report.severity:.2f}" if report.failure else "-"
+        end = report.failure or f"holds; least robustness {report.robustness:.2f}"
         failed = f"{report.failed} of {report.runs}"
         lines.append([f"`{report.controller}`", failed, severity, *values, end])
     return markdown(
@@ -127,17 +80,9 @@ def worst_table(reports: Sequence[Report]) -> str:
 
 STUDIES: Final = (
     Study(
-        name="breaking-points",
-        seeds=report_seeds(3),
-        make=breaking_points,
-        checks=tuple(("grass", name) for name in BROKEN),
-        minutes=5.0,
-    ),
-    Study(
         name="worst-cases",
         seeds=report_seeds(1),
         make=worst_cases,
         checks=tuple(("grass", name) for name in SEARCHED),
-        minutes=11.0,
     ),
 )

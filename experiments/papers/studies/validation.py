@@ -49,6 +49,5 @@ STUDIES: Final = (
         name="card",
         make=validations,
         checks=tuple((name, "ttempc") for name in shipped()),
-        minutes=5.0,
     ),
 )

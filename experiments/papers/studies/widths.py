@@ -11,21 +11,22 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import gumbel_r
 
 from ttempc.types import FloatArray
 
 from ...results.statistics import proportion
-from ...scenario.scenario import load
 from ...seeds import FITTING, TUNING, report_seeds
 from ...tubes.calibration import calibrated_widths
 from ..runner import Runner
 from ..study import Case, Study
-from ..tables import groups, markdown, numbers, slash
+from ..tables import Cell, grouped, groups, label, markdown, numbers, slash
 
 LAPS: Final = 200
 RIVAL_LAPS: Final = 60  # of each controller that does not plan its speed by its half widths
+HALF_WIDTH_M: Final = 0.10  # of the corridor of `rows`
 CONTROLLERS: Final = {
     "`ttempc`": (),
     "`ttempc`, `corridor = false`": ("controller.options.corridor=false",),
@@ -62,42 +63,40 @@ def distances(runs: pd.DataFrame) -> FloatArray:
     return np.where(kept, found, np.inf)
 
 
-def half_width_m() -> float:
-    """Return the half width of the corridor of `rows` [m]."""
-    corridor = load("rows")[1].corridor
-    assert corridor is not None
-    return corridor.half_width_m
-
-
 def corridor(runner: Runner) -> str:
     """Return the laps outside the corridor, by controller.
 
     `ttempc` drives at the speed that its half widths allow, the others at that of the scenario.
     """
-    seeds = runner.report_seeds(LAPS)
+    seeds = report_seeds(LAPS)
     cases = [
         Case("rows", seed, changes, {"driver": name})
         for name, changes in CONTROLLERS.items()
         for seed in (seeds[:RIVAL_LAPS] if changes else seeds)
     ]
-    lines = []
-    for runs in groups(runner.frame(cases), ["driver"]):
-        distance = distances(runs)
-        outside = proportion(int(np.sum(distance.max(axis=1) > half_width_m())), len(runs))
-        low, high = (100.0 * end for end in outside.ends)
-        lines.append(
-            [
-                runs["driver"].iloc[0],
-                f"{outside.count} of {outside.total}",
-                f"{100.0 * outside.value:.1f} % ({low:.1f} to {high:.1f})",
-                *(f"{100 * np.median(one):.1f}, {100 * one.max():.1f}" for one in distance.T),
-                f"{np.median(runs['duration_s']):.0f}",
-            ]
-        )
-    heads = [f"{body}: median, largest [cm]" for body in ("tractor", "trailer")]
-    return markdown(
-        ["controller", "laps outside", "share (95 % interval)", *heads, "time [s]"], lines
-    )
+
+    def point(n: int) -> Cell:
+        def cell(own: pd.DataFrame) -> str:
+            distance = 100.0 * distances(own)[:, n]
+            return f"{np.median(distance):.1f}, {distance.max():.1f}"
+
+        return cell
+
+    cells: dict[str, Cell] = {
+        "controller": label("driver"),
+        "laps outside (95 % interval)": lambda own: share(distances(own) > HALF_WIDTH_M),
+        "tractor: median, largest [cm]": point(0),
+        "trailer: median, largest [cm]": point(1),
+        "time [s]": lambda own: f"{np.median(own['duration_s']):.0f}",
+    }
+    return grouped(runner.frame(cases), ["driver"], cells)
+
+
+def share(points: NDArray[np.bool_]) -> str:
+    """Return how many laps have any of (laps, points) true, with the interval of the share."""
+    found = proportion(int(points.any(axis=1).sum()), len(points))
+    low, high = (100.0 * end for end in found.ends)
+    return f"{found.count} of {found.total} ({low:.1f} to {high:.1f} %)"
 
 
 def half_widths(speed_mps: FloatArray, distance_m: FloatArray) -> tuple[float, float]:
@@ -140,31 +139,29 @@ def corridor_options(runs: pd.DataFrame) -> str:
 
 
 def coverage(runner: Runner) -> str:
-    """Return half widths that 40 laps of each field give, and how many fresh laps keep to them."""
+    """Return half widths that 40 laps of each field give, and how many fresh laps leave them."""
+    seeds = {"fitted": FITTING[:FITTED_LAPS], "fresh": report_seeds(LAPS)}
     cases = [
         Case(field, seed, JUDGED, {"of": of})
         for field in FIELDS
-        for of, seeds in (
-            ("fitted", FITTING[:FITTED_LAPS]),
-            ("fresh", runner.report_seeds(LAPS)),
-        )
-        for seed in seeds
-    ]
-    heads = [
-        "field",
-        "half widths of 95 % [cm]",
-        "promised",
-        "fresh laps inside",
-        "exceeded once in 1000 laps [cm]",
-        "fresh laps inside",
-        "largest of them [cm]",
-        "half widths of 95 % from the fresh laps [cm]",
+        for of, own in seeds.items()
+        for seed in own
     ]
     lines = []
     for runs in groups(runner.frame(cases), ["scenario"]):
         fitted, fresh = (distances(one) for one in groups(runs, ["of"]))
         lines.append([f"`{runs['scenario'].iloc[0]}`", *coverage_cells(fitted, fresh)])
-    return markdown(heads, lines)
+    return markdown(["field", *COVERAGE_HEADS], lines)
+
+
+COVERAGE_HEADS: Final = (
+    "half widths of 95 % [cm]",
+    "promised inside",
+    "fresh laps outside",
+    "exceeded once in 1000 laps [cm]",
+    "fresh laps outside",
+    "largest of them [cm]",
+)
 
 
 def coverage_cells(fitted: FloatArray, fresh: FloatArray) -> list[str]:
@@ -179,15 +176,13 @@ def coverage_cells(fitted: FloatArray, fresh: FloatArray) -> list[str]:
     """
     widths, calibration = calibrated_widths(fitted, COVERAGE)
     extrapolated = quantiles(fitted)
-    again = calibrated_widths(fresh, COVERAGE)[0] if len(fresh) >= FITTED_LAPS else None
     return [
         slash(widths),
         f"{100.0 * calibration.coverage:.1f} %",
-        _inside(fresh, widths),
+        share(fresh > widths),
         slash(extrapolated),
-        _inside(fresh, extrapolated),
+        share(fresh > extrapolated),
         slash(fresh.max(axis=0)),
-        "–" if again is None else slash(again),
     ]
 
 
@@ -196,19 +191,12 @@ def quantiles(distance: FloatArray) -> FloatArray:
     return np.array([gumbel_r.ppf(1.0 - MISSED, *gumbel_r.fit(column)) for column in distance.T])
 
 
-def _inside(fresh: FloatArray, widths: FloatArray) -> str:
-    inside = proportion(int((fresh <= widths).all(axis=1).sum()), len(fresh))
-    low, high = (100.0 * end for end in inside.ends)
-    return f"{inside.count} of {inside.total} ({low:.1f} to {high:.1f} %)"
-
-
 STUDIES: Final = (
     Study(
         name="corridor",
         seeds=report_seeds(LAPS),
         make=corridor,
         checks=tuple(("rows", name) for name in ("ttempc", "pid", "lqr", "nmpc-rti")),
-        minutes=10.0,
     ),
     Study(
         name="corridor-options",
@@ -216,19 +204,17 @@ STUDIES: Final = (
         overrides=("controller.options.corridor_at_rest_m=[0.0, 0.0]",),
         axes={
             "speed": {  # half widths that fit into the corridor at exactly this speed
-                v: (f"controller.options.corridor_per_speed_s=[{half_width_m() / v!r}, 0.0]",)
+                v: (f"controller.options.corridor_per_speed_s=[{HALF_WIDTH_M / v!r}, 0.0]",)
                 for v in SPEEDS
             }
         },
         seeds=tuple(CALIBRATION_SEEDS),
         table=corridor_options,
-        minutes=2.0,
     ),
     Study(
         name="coverage",
         seeds=report_seeds(LAPS),
         make=coverage,
         checks=tuple((name, "ttempc") for name in FIELDS),
-        minutes=40.0,
     ),
 )

@@ -1,4 +1,4 @@
-// Tables sorted by a click on a head; runs picked by a click on their number.
+// Tables sorted by a click on a head.
 for (const table of document.querySelectorAll("table.sortable")) {
   const heads = [...table.tHead.rows[0].cells];
   heads.forEach((head, column) => {
@@ -22,29 +22,3 @@ for (const table of document.querySelectorAll("table.sortable")) {
     };
   });
 }
-const list = document.getElementById("runs");
-function pick(text) {
-  const parts = text ? text.split(", ").map(part => {
-    const [first, last, step] = part.split(/[-/]/).map(Number);
-    return [first, last ?? first, step ?? 1];
-  }) : null;
-  let shown = 0;
-  for (const row of list.querySelectorAll("tbody tr")) {
-    const run = Number(row.cells[0].textContent);
-    row.hidden = parts !== null &&
-      !parts.some(([first, last, step]) => run >= first && run <= last && (run - first) % step === 0);
-    shown += !row.hidden;
-  }
-  document.getElementById("picked").textContent = parts === null ? "" : `${shown} picked.`;
-  document.getElementById("all").hidden = parts === null;
-}
-function follow() {
-  const match = /^#runs=(.+)$/.exec(decodeURIComponent(location.hash));
-  if (!match) return;
-  pick(match[1]);
-  list.open = true;
-  list.scrollIntoView();
-}
-document.getElementById("all").onclick = () => { pick(null); history.replaceState(null, "", "#runs"); };
-addEventListener("hashchange", follow);
-follow();

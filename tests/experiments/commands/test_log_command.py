@@ -1,6 +1,5 @@
 """`ttempc log` and `ttempc run --live`: output, exit codes, refusals."""
 
-import csv
 import json
 import socket
 
@@ -69,25 +68,6 @@ def test_the_log_holds_the_true_error_at_every_time_of_the_state(log):
             )
 
 
-def test_the_log_tells_start_settings_and_end_as_lines(log):
-    events = read_log(log).events
-    texts = [event.text for event in events if event.time_s == 0.0]
-    assert any("settings: path: kind = straight, length_m = 15" in text for text in texts)
-    assert any(text.startswith("run begins: grass, controller ttempc, seed 3") for text in texts)
-    assert events[-1].text == f"run ends: completed after {events[-1].time_s:.1f} s"
-    assert events[-1].time_s == pytest.approx(read_log(log)[STATE].time_s[-1], abs=1e-9)
-
-
-def test_channels_of_a_log_have_descriptions_and_the_units_of_their_fields(log):
-    with log.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    channels = {channel.topic: channel.metadata for channel in summary.channels.values()}
-    assert all(metadata["description"] for metadata in channels.values())
-    for channel in CHANNELS:
-        assert channels[channel.topic].keys() == {"description", "time_s", *channel.fields}
-    assert (channels["/state"]["v_mps"], channels["/control"]["hp_min"]) == ("m/s", "1")
-
-
 def test_info_shows_run_duration_and_topics(log, capsys):
     assert main(["log", "info", str(log)]) == 0
     printed = capsys.readouterr().out
@@ -109,9 +89,10 @@ def test_check_passes_a_whole_log_and_fails_a_torn_one(log, torn, tmp_path, caps
     assert "FAIL  whole" in printed
     assert "whole chunks, up to " in printed
     assert main(["log", "check", str(new)]) == 0
+    assert main(["log", "export", str(torn), "--out", str(tmp_path / "tables")]) == 0
+    assert "torn or damaged" in capsys.readouterr().err
     assert read_content(new).messages == read_content(torn).messages
     assert read_content(new).topics == read_content(torn).topics
-    assert [file.name for file in tmp_path.iterdir()] == ["new.mcap"]
 
 
 def test_check_reports_missing_topics_attachments_and_rows(tmp_path):
@@ -129,67 +110,39 @@ def test_check_reports_missing_topics_attachments_and_rows(tmp_path):
 
 
 def test_tables_hold_the_log_to_the_bit(log, tmp_path):
-    assert main(["log", "export", str(log), "--out", str(tmp_path / "new")]) == 0
-    record = read_log(log)
-    with (tmp_path / "new" / "state.csv").open(newline="") as stream:
-        head, *rows = csv.reader(stream)
-    assert head == ["time_s", *STATE.fields]
-    assert np.array_equal(np.array(rows, float)[:, 1:], record[STATE].values)
-    names = {file.name for file in (tmp_path / "new").iterdir()}
-    assert {"mpc_info.csv", "log.csv", "tf.csv", "tyres.csv"} <= names
-
-
-def test_parquet_holds_the_log_to_the_bit(log, tmp_path):
     pandas = pytest.importorskip("pandas")
-    main(["log", "export", str(log), "--out", str(tmp_path / "new"), "--format", "parquet"])
-    table = pandas.read_parquet(tmp_path / "new" / "state.parquet")
-    assert np.array_equal(table[list(STATE.fields)].to_numpy(), read_log(log)[STATE].values)
+    record = read_log(log)
+    for form, read in (("csv", pandas.read_csv), ("parquet", pandas.read_parquet)):
+        folder = tmp_path / form
+        assert main(["log", "export", str(log), "--out", str(folder), "--format", form]) == 0
+        table = read(folder / f"state.{form}")
+        assert np.array_equal(table[list(STATE.fields)].to_numpy(), record[STATE].values)
+        names = {file.stem for file in folder.iterdir()}
+        assert {"mpc_info", "log", "tf", "tyres"} <= names
 
 
-def test_a_torn_log_is_exported_with_a_note(torn, tmp_path, capsys):
-    assert main(["log", "export", str(torn), "--out", str(tmp_path / "new")]) == 0
-    assert "torn or damaged" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("info", "nowhere.mcap"), "nowhere.mcap: cannot be read"),
-        (("check", "text.mcap"), "is not an MCAP log"),
-        (("export", "text.mcap", "--out", "new"), "is not an MCAP log"),
-        (("export", "LOG", "--out", "text.mcap"), "exists already"),
-        (("export", "LOG", "--out", "text.mcap/new"), "cannot be written"),
-        (("export", "LOG", "--format", "xls"), "--format"),
-        (("check", "TORN", "-o", "text.mcap"), "exists already"),
-        (("check", "TORN", "-o", "no/new.mcap"), "cannot be written"),
-        (("check", "TORN", "-o", "/dev/full/new.mcap"), "cannot be written"),
-    ],
-)
-def test_bad_input_gets_one_line_and_leaves_nothing(
-    log, torn, arguments, message, tmp_path, monkeypatch, capsys
-):
+def test_bad_input_gets_one_line_and_leaves_nothing(log, torn, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "text.mcap").write_text("precious")
-    given = [{"LOG": str(log), "TORN": str(torn)}.get(each, each) for each in arguments]
-    try:
-        code = main(["log", *given])
-    except SystemExit as stopped:  # argparse's way out
-        code = stopped.code
-    printed = capsys.readouterr()
-    assert code == 2
-    assert message in printed.err
-    assert len(printed.err.strip().splitlines()) == 1
-    assert not printed.out
-    assert [file.name for file in tmp_path.iterdir()] == ["text.mcap"]
-    assert (tmp_path / "text.mcap").read_text() == "precious"
-
-
-def test_parquet_without_its_extra_is_refused_with_its_name(log, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    code = main(["log", "export", str(log), "--format", "parquet", "--out", str(tmp_path / "new")])
-    assert code == 2
-    assert "pip install 'ttempc-proving-ground[export]'" in capsys.readouterr().err
-    assert not any(tmp_path.iterdir())
+    for given, message in (
+        (("info", "nowhere.mcap"), "nowhere.mcap: cannot be read"),
+        (("check", "text.mcap"), "is not an MCAP log"),
+        (("export", log, "--out", "text.mcap"), "exists already"),
+        (("export", log, "--out", "text.mcap/new"), "cannot be written"),
+        (("export", log, "--format", "xls"), "--format"),
+        (("check", torn, "-o", "no/new.mcap"), "cannot be written"),
+    ):
+        try:
+            code = main(["log", *map(str, given)])
+        except SystemExit as stopped:  # argparse's way out
+            code = stopped.code
+        printed = capsys.readouterr()
+        assert code == 2
+        assert message in printed.err
+        assert len(printed.err.strip().splitlines()) == 1
+        assert not printed.out
+        assert [file.name for file in tmp_path.iterdir()] == ["text.mcap"]
+        assert (tmp_path / "text.mcap").read_text() == "precious"
 
 
 def test_a_taken_port_stops_the_run_before_it_writes(tmp_path, capsys):

@@ -2,18 +2,13 @@
 
 import io
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
 from PIL import Image
 from proving_ground.experiments.figures import CAPTIONS, FIGURES, draw
-from proving_ground.experiments.figures.style import series
-from proving_ground.experiments.results.containment import QUANTITIES
-from proving_ground.experiments.results.metrics import summarise
-from proving_ground.experiments.results.summary import RunFacts
-from proving_ground.experiments.results.tracking_errors import tracking_errors
+from proving_ground.experiments.results.summary import RunFacts, summarise
+from proving_ground.experiments.results.tracking_errors import QUANTITIES, tracking_errors
 from proving_ground.testbed.recording.channels import (
     CONTROL,
     CORRIDOR,
@@ -53,51 +48,12 @@ def line(axes, label):
     return lines[label].get_xydata()
 
 
-@pytest.mark.parametrize("name", FIGURES)
-def test_axes_are_labelled_with_units(name, run):
-    figure = FIGURES[name](run)
-    x_labels = {axes.get_xlabel() for axes in figure.axes} - {""}
-    assert x_labels
-    assert all("[" in label for label in x_labels)
-    for axes in figure.axes:
-        label = axes.get_ylabel()
-        assert "[" in label or label == "control periods"
-
-
-def test_the_path_figure_shows_both_driven_paths_and_zooms_in_on_the_largest_errors(run):
-    whole, *zooms = FIGURES["path"](run).axes
-    np.testing.assert_array_equal(
-        line(whole, "reference"), run[REFERENCE].columns("x_t_m", "y_t_m")
-    )
-    np.testing.assert_array_equal(line(whole, "tractor"), run[STATE].columns("x_t_m", "y_t_m"))
-    np.testing.assert_array_equal(line(whole, "trailer"), run[STATE].columns("x_i_m", "y_i_m"))
-    errors = tracking_errors(run)
-    assert len(zooms) == len(whole.patches) == 2
-    for axes, name, shape in zip(
-        zooms, ("straight", "curve"), (~errors.curved, errors.curved), strict=True
-    ):
-        both = [errors.tractor.euclidean_m, errors.trailer.euclidean_m]
-        both = np.where(shape & errors.counted, both, -1.0)
-        body, worst = np.unravel_index(np.argmax(both), both.shape)
-        assert not axes.texts, "no text covers the curves"
-        point, fields = (("tractor", ("x_t_m", "y_t_m")), ("trailer", ("x_i_m", "y_i_m")))[body]
-        moment = f"{point}, {100 * both.max():.1f} cm at {errors.time_s[worst]:.1f} s"
-        assert " ".join(axes.get_title(loc="left").split()) == f"{name}: {moment}"
-        x, y = run[STATE].columns(*fields)[worst]
-        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-        assert left < x < right
-        assert bottom < y < top
-
-
-def test_the_zooms_of_a_run_far_off_its_path_magnify_and_do_not_overlap():
-    whole, *zooms = FIGURES["path"](record(cross=(9.0, 12.0), duration_s=100.0)).axes
-    boxes = [patch.get_bbox() for patch in whole.patches]
-    assert boxes
-    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
-    extent = max(np.ptp(whole.get_xlim()), np.ptp(whole.get_ylim()))
-    assert all(box.width < 0.25 * extent for box in boxes)
-    noted = [any("other frame" in text.get_text() for text in axes.texts) for axes in zooms]
-    assert len(boxes) + sum(noted) == 2
+def test_the_path_figure_shows_both_driven_paths(run):
+    (axes,) = FIGURES["path"](run).axes
+    reference = run[REFERENCE].columns("x_t_m", "y_t_m")
+    np.testing.assert_array_equal(line(axes, "reference"), reference)
+    for body, fields in (("tractor", ("x_t_m", "y_t_m")), ("trailer", ("x_i_m", "y_i_m"))):
+        np.testing.assert_array_equal(line(axes, body), run[STATE].columns(*fields))
 
 
 def test_the_error_figure_shows_the_distance_to_the_reference(run):
@@ -106,8 +62,6 @@ def test_the_error_figure_shows_the_distance_to_the_reference(run):
         time_s, error_cm = axes.lines[0].get_xydata().T
         np.testing.assert_array_equal(time_s, errors.time_s)
         np.testing.assert_allclose(error_cm, 100 * getattr(errors, body).euclidean_m)
-        assert axes.get_ylabel() == f"{body} error [cm]"
-        assert axes.get_ylim()[0] == 0.0
 
 
 def test_control_signals_show_every_action_of_every_input(run):
@@ -125,44 +79,8 @@ def test_control_signals_show_every_action_of_every_input(run):
         np.testing.assert_allclose(high, factor * control[f"{name}_max"])
 
 
-def test_control_signals_without_actions_show_the_command_alone(run):
-    control = run[CONTROL]
-    hidden = ("_feedforward", "_feedback", "_robust", "_total")
-    columns = {
-        name: np.full(len(control), np.nan) if name.endswith(hidden) else control[name]
-        for name in control.channel.fields
-    }
-    tables = run.tables | {CONTROL.topic: table_of(CONTROL, control.time_s, columns)}
-    figure = FIGURES["signals"](replace(run, tables=tables))
-    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert labels == ["total, as sent", "bounds"]
-
-
-def with_bounds(run, low, high):
-    """Return the run with other bounds of the front steering [rad]."""
-    control = run[CONTROL]
-    columns = {name: control[name] for name in control.channel.fields}
-    columns["delta_t_rad_min"] = np.full(len(control), low)
-    columns["delta_t_rad_max"] = np.full(len(control), high)
-    table = table_of(CONTROL, control.time_s, columns)
-    return replace(run, tables=run.tables | {CONTROL.topic: table})
-
-
-@pytest.mark.parametrize(("low_deg", "high_deg"), [(-80.0, 80.0), (-15.0, 80.0), (-15.0, 15.0)])
-def test_bounds_are_either_in_view_or_told(low_deg, high_deg, run):
-    axes = FIGURES["signals"](with_bounds(run, *np.radians([low_deg, high_deg]))).axes[0]
-    told = " ".join(text.get_text() for text in axes.texts)
-    bottom, top = axes.get_ylim()
-    signals = np.concatenate([line.get_ydata() for line in axes.lines[:-2]])
-    assert bottom <= signals.min() < signals.max() <= top
-    assert np.ptp(signals) > 0.4 * (top - bottom), "the signals are not flattened"
-    for which, bound in (("lower", low_deg), ("upper", high_deg)):
-        assert (bottom <= bound <= top) != (f"{which} bound {bound:g}" in told)
-
-
 def test_the_tyre_figure_shows_means_over_a_second_of_each_wheel(run):
     slip, angle, load = FIGURES["tyres"](run).axes
-    assert [len(axes.lines) for axes in (slip, angle, load)] == [2, 4, 6]
     tyres = run[TYRES]
     for axes, label, field, factor in (
         (slip, "rear left", "rear_left_slip", 100.0),
@@ -176,10 +94,7 @@ def test_the_tyre_figure_shows_means_over_a_second_of_each_wheel(run):
 
 
 def test_the_timing_figure_counts_every_control_period(run):
-    titles = {}
-    for axes in FIGURES["timing"](run).axes:
-        titles[axes.get_title(loc="left")] = axes
-    assert list(titles) == ["estimator", "control step", "QP solve", "plant, one physics step"]
+    titles = {axes.get_title(loc="left"): axes for axes in FIGURES["timing"](run).axes}
     axes = titles["control step"]
     time_us = run[TIMING]["control_step_us"]
     assert sum(patch.get_height() for patch in axes.patches) == len(time_us)
@@ -208,40 +123,26 @@ def test_the_tube_figure_shows_offsets_to_the_left_and_the_margin(run):
 
 
 @pytest.mark.parametrize(
-    ("curvature", "duration_s", "texts"),
-    [
-        (straight, 20.0, {"path": "no curve after the start-up", "error": "mean on straights"}),
-        (eight, 4.0, {"path": "no curve after the start-up", "error": "shorter than the start-up"}),
-        (eight, 0.0, {"path": "no straight after the start-up"}),
-    ],
-    ids=["no curve", "within the start-up", "over at once"],
+    ("curvature", "duration_s", "text"),
+    [(straight, 20.0, "mean on straights"), (eight, 4.0, "shorter than"), (eight, 0.0, "shorter")],
 )
-def test_a_run_without_curves_or_counted_time_has_figures_with_a_note(curvature, duration_s, texts):
+def test_a_run_without_curves_or_counted_time_has_figures_with_a_note(curvature, duration_s, text):
     short = record(curvature, duration_s)
     assert set(draw(short)) == set(FIGURES) - {"tube", "corridor"}
-    for name, text in texts.items():
-        notes = [note.get_text() for axes in FIGURES[name](short).axes for note in axes.texts]
-        assert any(text in note for note in notes), notes
+    assert text in FIGURES["error"](short).axes[0].texts[0].get_text()
 
 
 def test_figures_are_small_png_files_as_wide_as_a_page():
     pictures = draw(record(duration_s=273.0, noise_m=0.03))
-    assert set(pictures) == set(FIGURES) - {"tube", "corridor"}
-    assert set(CAPTIONS) == set(FIGURES)
+    assert set(CAPTIONS) == set(FIGURES) == {*pictures, "tube", "corridor"}
     for content in pictures.values():
         assert len(content) < MAX_BYTES
-        picture = Image.open(io.BytesIO(content))
-        assert (picture.format, picture.width) == ("PNG", 792)
+        assert Image.open(io.BytesIO(content)).width == 792
 
 
 def test_the_tool_is_drawn_where_it_works():
     run = record(tool=(0.03, 0.04))
     figure = FIGURES["error"](run)
-    assert [axes.get_ylabel() for axes in figure.axes] == [
-        "tractor error [cm]",
-        "trailer error [cm]",
-        "tool error [cm]",
-    ]
     drawn = figure.axes[2].lines[0].get_ydata()
     works = run[TOOL]["lowered"] == 1.0
     assert np.array_equal(np.isfinite(drawn), works)
@@ -249,23 +150,3 @@ def test_the_tool_is_drawn_where_it_works():
     driven = line(FIGURES["path"](run).axes[0], "tool, lowered")
     assert np.array_equal(driven[works], run[TOOL].columns("x_m", "y_m")[works])
     assert len(FIGURES["error"](record()).axes) == 2
-
-
-def test_ten_series_have_ten_colours_that_are_told_apart():
-    """Distance in CIE Lab (CIE 15), 2.3 of which are just noticeable; 20 differ in the line."""
-    to_xyz = np.array(
-        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]]
-    )
-
-    def lab(colour):
-        rgb = np.array(to_rgb(colour))
-        linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-        f = to_xyz @ linear / (0.9505, 1.0, 1.089)
-        f = np.where(f > (6 / 29) ** 3, np.cbrt(f), f / (3 * (6 / 29) ** 2) + 4 / 29)
-        return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
-
-    colours = [series(number)["color"] for number in range(10)]
-    for one, other in combinations(colours, 2):
-        assert np.linalg.norm(lab(one) - lab(other)) > 10 * 2.3
-    lines = {(item["color"], item["linestyle"]) for item in map(series, range(20))}
-    assert len(lines) == 20

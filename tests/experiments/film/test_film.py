@@ -13,7 +13,7 @@ from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidFilm, OutputExists
 from proving_ground.experiments.film.camera import FIELD_OF_VIEW
 from proving_ground.experiments.film.mujoco_scene import MujocoScene
-from proving_ground.experiments.film.render import Film, render
+from proving_ground.experiments.film.render import Film
 from proving_ground.experiments.film.settings import FRAME_RATE, FilmSettings
 from proving_ground.testbed.recording.channels import STATE
 
@@ -63,47 +63,24 @@ def projected(place, eye, target, size):
 @needs_gl
 def test_the_cameras_show_the_tractor_at_its_projected_position_and_no_site(playback):
     scene = MujocoScene(playback, SIDE, SMALL)
-    try:
-        for camera, geom in (("side", "bonnet"), ("top", "roof"), ("chase", "roof")):
-            picture = scene.picture(camera, 6.0).astype(float)
-            place = scene.data.geom(geom).xpos
-            x, y = projected(place, *scene.camera.view(camera, 6.0), SMALL)
-            red, green, blue = picture[round(y), round(x)]
-            assert red > 90.0, (camera, x, y)
-            assert red > 2.0 * max(green, blue), (camera, x, y)
-        xyz, _ = playback.poses(6.0)
-        positions = [scene.data.body(name).xpos for name in playback.motion.body_names]
-        np.testing.assert_array_equal(positions, xyz)
-        terrain, plane = playback.ground.terrain, scene.data.geom("meadow")
-        x, y = np.broadcast_arrays(*terrain.points())
-        above = np.dstack([x, y, terrain.heights]) - plane.xpos
-        assert (above @ plane.xmat.reshape(3, 3)[:, 2]).min() > 0.0, "the meadow covers no field"
-        before = scene.picture("side", 6.0).astype(int)
-        scene.model.site_rgba[:] = (1.0, 0.0, 1.0, 1.0)  # sites do not move with the bodies
-        scene.model.site_size[:] = 1.0
-        assert np.abs(scene.picture("side", 6.0) - before).max() <= 2  # of 255
-    finally:
-        scene.close()
-
-
-@needs_gl
-def test_a_frame_shows_field_sky_and_vehicle_and_depends_on_its_time_alone(log):
-    settings = FilmSettings(at_s=6.0, camera="chase", size=SMALL)
-    (one,), (two,) = (Film.of([log], settings).pictures() for _ in range(2))
-    np.testing.assert_array_equal(one, two)
-    assert one.shape == (180, 320, 3)
-    red, green, blue = np.moveaxis(one[:139].astype(float), -1, 0)
-    assert np.mean((red > 90) & (red > 2 * green)) > 0.002  # paint of the tractor
-    assert np.mean((green > 1.4 * red) & (green > 1.2 * blue)) > 0.005  # boards of the trailer
-    assert np.mean((blue > 180) & (blue > red)) > 0.05  # sky
-    assert np.mean((green > red) & (red > 1.2 * blue)) > 0.3  # grass
-
-
-@needs_gl
-def test_a_ghost_at_the_place_of_the_vehicle_does_not_tint_it(log):
-    settings = FilmSettings(at_s=6.0, camera="side", size=(640, 360))
-    (plain,), (same,) = (Film.of([log], settings, each).pictures() for each in ((), [log]))
-    np.testing.assert_array_equal(plain[:278], same[:278])  # above the band
+    for camera, geom in (("side", "bonnet"), ("top", "roof"), ("chase", "roof")):
+        picture = scene.picture(camera, 6.0).astype(float)
+        place = scene.data.geom(geom).xpos
+        x, y = projected(place, *scene.camera.view(camera, 6.0), SMALL)
+        red, green, blue = picture[round(y), round(x)]
+        assert red > 90.0, (camera, x, y)
+        assert red > 2.0 * max(green, blue), (camera, x, y)
+    xyz, _ = playback.poses(6.0)
+    positions = [scene.data.body(name).xpos for name in playback.motion.body_names]
+    np.testing.assert_array_equal(positions, xyz)
+    terrain, plane = playback.ground.terrain, scene.data.geom("meadow")
+    x, y = np.broadcast_arrays(*terrain.points())
+    above = np.dstack([x, y, terrain.heights]) - plane.xpos
+    assert (above @ plane.xmat.reshape(3, 3)[:, 2]).min() > 0.0, "the meadow covers no field"
+    before = scene.picture("side", 6.0).astype(int)
+    scene.model.site_rgba[:] = (1.0, 0.0, 1.0, 1.0)  # sites do not move with the bodies
+    scene.model.site_size[:] = 1.0
+    assert np.abs(scene.picture("side", 6.0) - before).max() <= 2  # of 255
 
 
 def decoded(file):
@@ -128,19 +105,12 @@ def test_a_plan_film_needs_no_opengl_and_plays_in_a_browser(log, tmp_path, monke
     assert np.abs(frames[0].astype(float) - frames[-1]).max() > 60.0, "something moves"
 
 
-def test_processes_share_a_film_without_changing_it(log):
-    film = Film.of([log], FilmSettings(camera="plan", end_s=11.0, speed=5.0, size=SMALL))
-    alone, shared = (list(film.pictures(workers)) for workers in (1, 2))
-    assert len(alone) == 55
-    np.testing.assert_array_equal(alone, shared)
-
-
 def test_the_plan_shows_the_tractor_where_it_was(log, playback):
     centroids = []
     for time_s in (1.0, 9.0):
         settings = FilmSettings(camera="plan", at_s=time_s, size=(1280, 720))
         (picture,) = Film.of([log], settings).pictures()
-        red, green, blue = np.moveaxis(picture[60:550, :880].astype(int), -1, 0)
+        red, green, blue = np.moveaxis(picture[60:550].astype(int), -1, 0)
         rows, columns = np.nonzero((red > 150) & (red > 2 * green) & (red > 2 * blue))
         centroids.append((columns.mean(), -rows.mean()))
     x, y = np.subtract(centroids[1], centroids[0])
@@ -171,69 +141,40 @@ def test_an_mp4_without_its_encoder_is_refused_and_a_webp_needs_none(
     assert "pip install 'ttempc-proving-ground[film]'" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
     settings = FilmSettings(camera="plan", begin_s=2.0, end_s=3.6, speed=4.0, size=SMALL)
-    for suffix in ("webp", "gif"):
-        file = tmp_path / f"plan.{suffix}"
-        assert render([log], file, settings) == 10
-        with Image.open(file) as animation:
-            assert (animation.n_frames, animation.size) == (5, SMALL)
-            assert animation.info["loop"] == 0
-            animation.seek(1)
-            animation.load()
-            assert animation.info["duration"] == 80
-        with pytest.raises(OutputExists):
-            render([log], file, settings)
+    file = tmp_path / "plan.webp"
+    Film.of([log], settings).write(file)
+    with Image.open(file) as animation:
+        assert (animation.n_frames, animation.size) == (5, SMALL)
+        assert animation.info["loop"] == 0
+        animation.seek(1)
+        animation.load()
+        assert animation.info["duration"] == 80
+    with pytest.raises(OutputExists):
+        Film.of([log], settings).write(file)
     many = FilmSettings(camera="plan", speed=0.05, size=SMALL)
     with pytest.raises(InvalidFilm, match="at most 500"):
-        render([log], tmp_path / "long.webp", many)
-    assert len(list(tmp_path.iterdir())) == 2
+        Film.of([log], many).write(tmp_path / "long.webp")
+    assert list(tmp_path.iterdir()) == [file]
 
 
-def test_a_film_that_fails_leaves_nothing(log, tmp_path):
-    def broken():
-        raise RuntimeError("stop")
-
-    settings = FilmSettings(camera="plan", size=SMALL)
-    for name in ("film.mp4", "film.webp"):
-        with pytest.raises(RuntimeError):
-            render([log], tmp_path / name, settings, on_frame=broken)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.fixture
-def bad_logs(log, tmp_path):
-    folder = tmp_path / "bad"
-    folder.mkdir()
-    shutil.copy(log, folder / "log.mcap")
-    (folder / "text.mcap").write_text("nothing of the kind")
+def test_bad_input_is_refused_in_one_line(log, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(log, "log.mcap")
     content = log.read_bytes()
-    (folder / "torn.mcap").write_bytes(content[: len(content) // 2])
-    (folder / "taken.mp4").write_text("mine")
-    return folder
-
-
-def test_bad_input_is_refused_in_one_line(bad_logs, monkeypatch, capsys):
-    monkeypatch.chdir(bad_logs)
-    before = sorted(bad_logs.iterdir())
+    (tmp_path / "torn.mcap").write_bytes(content[: len(content) // 2])
+    (tmp_path / "taken.mp4").write_text("mine")
+    before = sorted(tmp_path.iterdir())
     for line, words in (
         ("none.mcap", "cannot be read"),
-        ("text.mcap", "is not an MCAP log"),
         ("torn.mcap", "is torn"),
         ("log.mcap --size 321x180", "even"),
-        ("log.mcap --size 16x16", "320x180"),
-        ("log.mcap --size big", "WIDTHxHEIGHT"),
         ("log.mcap --to 99", "the log reaches from 0 to 1"),
-        ("log.mcap --from -1", "the log reaches from"),
         ("log.mcap --from 5 --to 5", "must end after it begins"),
         ("log.mcap --speed 0", "--speed"),
-        ("log.mcap --exaggerate 0.5", "--exaggerate"),
         ("log.mcap --ghost none.mcap", "none.mcap: cannot be read"),
-        ("log.mcap --camera aerial", "--camera"),
         ("log.mcap --camera plan -o taken.mp4", "exists already"),
-        ("log.mcap --camera plan -o film.avi", ".mp4"),
         ("log.mcap --camera plan -o no/film.mp4", "there is no folder"),
-        ("log.mcap --at 99", "the log reaches from"),
-        ("log.mcap --at nan", "finite"),
-        ("log.mcap --at 5 -o still.gif", ".png"),
+        ("log.mcap --at 5 -o still.webp", ".png"),
     ):
         try:
             code = main(["render", *line.split()])
@@ -244,5 +185,5 @@ def test_bad_input_is_refused_in_one_line(bad_logs, monkeypatch, capsys):
         assert words in printed.err
         assert printed.err.count("\n") == 1
         assert printed.out == ""
-    assert sorted(bad_logs.iterdir()) == before
-    assert (bad_logs / "taken.mp4").read_text() == "mine"
+    assert sorted(tmp_path.iterdir()) == before
+    assert (tmp_path / "taken.mp4").read_text() == "mine"

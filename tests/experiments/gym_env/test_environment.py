@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AsyncVectorEnv
 from proving_ground.experiments.errors import BadOptions, InvalidScenario
 from proving_ground.experiments.gym_env.environment import LARGEST_COST, FieldTrial, reward
-from proving_ground.experiments.gym_env.observation import ESTIMATE_NAMES, bounds
+from proving_ground.experiments.gym_env.policy import ESTIMATE_NAMES, bounds
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import (
     CONTROL,
-    MEASUREMENT,
     STATE,
     TRACKING,
     state_row,
@@ -62,22 +60,9 @@ def at_ticks(record):
 
 def test_gymnasium_accepts_it():
     """Its warnings are errors here."""
-    for options in ({}, {"action": "residual", "observation": "sensors", "scenario": "raw-gnss"}):
+    for options in ({}, {"action": "residual", "scenario": "raw-gnss"}):
         environment = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT, **options)
         check_env(environment.unwrapped, skip_render_check=True)
-
-
-def test_pictures_show_the_present_scene():
-    environment = FieldTrial("grass", STRAIGHT, render_mode="rgb_array")
-    environment.reset(seed=SEED)
-    first = environment.render()
-    environment.step(np.array([0.0, 0.0, 1.0]))
-    assert first.shape == (360, 640, 3)
-    assert np.ptp(first) > 50
-    for _ in range(5):
-        environment.step(np.array([1.0, 0.0, 1.0]))
-    assert not np.array_equal(first, environment.render())
-    environment.close()
 
 
 def test_commands_of_a_run_give_its_states_bit_for_bit(driven):
@@ -117,24 +102,6 @@ def test_normalised_commands_span_the_limits_and_drive_the_same_way(driven):
     environment = gymnasium.make(ENVIRONMENT, overrides=STRAIGHT)
     states, *_ = repeat(environment, actions)
     np.testing.assert_allclose(states, at_ticks(record), atol=1e-6)
-
-
-def test_sensors_are_the_newest_samples_with_their_ages(driven):
-    _, record = driven
-    environment = FieldTrial(
-        "grass", STRAIGHT, observation="sensors", action="command", normalised=False
-    )
-    _, observations, _, _ = repeat(environment, commands(record)[:5])
-    table = record[MEASUREMENT]
-    for k, observation in enumerate(observations):
-        entries = dict(zip(environment.observation_names, observation, strict=True))
-        now = 0.2 * k
-        for sensor, part in (("gnss_trailer", "x_m"), ("hitch", "rad"), ("encoder", "mps")):
-            delivered = (table.time_s < now + 1e-6) & ~np.isnan(table[f"{sensor}_time_s"])
-            assert entries[f"{sensor}_{part}"] == table[f"{sensor}_{part}"][delivered][-1]
-            age = now - table[f"{sensor}_time_s"][delivered][-1]
-            assert entries[f"{sensor}_age_s"] == pytest.approx(age, abs=1e-9)
-    assert not any(name.startswith("imu") for name in environment.observation_names)
 
 
 def test_a_seed_draws_the_run_and_those_that_follow_it():
@@ -179,9 +146,7 @@ def test_an_action_that_is_no_number_is_the_last_command():
 
 def test_options_are_refused_in_a_line_and_code_of_a_file_needs_trust(tmp_path):
     for options, message in (
-        ({"observation": "truth"}, "observation: must be one of estimate, sensors, got 'truth'"),
-        ({"action": "torque"}, "action: must be one of command, residual, got 'torque'"),
-        ({"render_mode": "human"}, "render_mode: must be one of rgb_array, got 'human'"),
+        ({"action": "torque"}, "action: must be one of command, residual"),
         ({"residual_share": 0.0}, "residual_share: "),
     ):
         with pytest.raises(BadOptions, match=message):
@@ -192,23 +157,6 @@ def test_options_are_refused_in_a_line_and_code_of_a_file_needs_trust(tmp_path):
         FieldTrial(str(file))
     with pytest.raises(BadOptions, match="seed"):
         FieldTrial("grass", STRAIGHT).reset(seed=2**32)
-
-
-def test_processes_drive_the_runs_of_their_seeds():
-    def make():
-        return FieldTrial("grass", STRAIGHT, action="residual")
-
-    vector = AsyncVectorEnv([make, make])
-    try:
-        vector.reset(seed=[SEED, SEED + 1])
-        observations = [vector.step(np.full((2, 3), 0.1))[0] for _ in range(3)][-1]
-    finally:
-        vector.close()
-    for row, seed in zip(observations, (SEED, SEED + 1), strict=True):
-        alone = make()
-        alone.reset(seed=seed)
-        expected = [alone.step(np.full(3, 0.1))[0] for _ in range(3)][-1]
-        np.testing.assert_array_equal(row, expected)
 
 
 def test_the_reward_is_0_at_best_and_an_early_end_is_the_worst():

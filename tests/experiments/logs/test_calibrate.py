@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.run.simulate import run
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.vehicle.vehicle import DEFAULT_VEHICLE, read_vehicle
 
@@ -20,12 +20,12 @@ WRONG = [
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     """The log of a lap with a model of wrong lengths, which the run does not learn."""
-    file = tmp_path_factory.mktemp("calibrate") / "log.mcap"
+    folder = tmp_path_factory.mktemp("calibrate") / "run"
     _, scenario = load("grass", ["path.laps=1", "controller.learn=false", *WRONG])
-    summary, _ = simulate("grass", scenario, 2, log=file)
+    summary = run("grass", scenario, 2, folder).summary
     assert summary.status == "completed"
     assert summary.learnt == []
-    return file
+    return folder / "log.mcap"
 
 
 def test_the_lengths_of_the_plant_are_found_and_a_scenario_can_name_them(log, tmp_path, capsys):
@@ -61,8 +61,8 @@ def test_a_log_without_curves_or_too_short_is_refused_in_one_line(tmp_path, caps
         (STRAIGHT, "s of driving"),
         ("path={kind='straight', length_m=34}", "too few curves"),
     ):
-        file = tmp_path / f"{reason}.mcap"
-        simulate("grass", load("grass", [path])[1], 1, log=file)
+        file = tmp_path / reason / "log.mcap"
+        run("grass", load("grass", [path])[1], 1, file.parent)
         out = tmp_path / "vehicle.toml"
         assert main(["fit", "vehicle", str(file), "-o", str(out)]) == 2
         assert not out.exists()

@@ -21,19 +21,17 @@ def values(figures):
 def test_a_step_costs_more_with_the_solver_and_its_tail_more_than_its_median():
     named = values(benchmarks.control_step(ticks=60, repeats=2))
     assert named["`ttempc` step, QP without active bounds"] < named["`ttempc` step with PIQP"]
-    measured = benchmarks.latencies(ticks=60, repeats=1, pause_s=0.001)
-    named = values(benchmarks.latency(measured))
+    named = values(benchmarks.latency(ticks=60, repeats=1, pause_s=0.001))
     for kind in benchmarks.KINDS:
         quantiles = [named[f"{kind}, {name}"] for name in ("median", "p99", "p99.9", "max")]
         assert quantiles == sorted(quantiles)
-    assert benchmarks.latency_picture(measured).startswith(b"\x89PNG")
 
 
 def test_a_loop_costs_more_than_its_physics():
     assert benchmarks.physics_steps(read_vehicle(), steps=20, repeats=2).shape == (2,)
     named = values(benchmarks.closed_loop(STRAIGHT, repeats=1, steps=20))
     assert named["loop without log / bare step"] > 1.0
-    assert named["- estimator, a tick"] < named["- physics, a tick"]
+    assert named["loop with log / bare step"] > named["physics on soil / bare step"]
 
 
 @pytest.mark.slow

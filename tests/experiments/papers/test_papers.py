@@ -166,9 +166,6 @@ def test_rows_of_a_grid_are_kept_in_order_and_driven_once(out, short, monkeypatc
     assert len(driven) == 9
     assert set(rows["status"]) == {"completed"}
     assert set(rows["controller"]) == {"pid"}
-    rehearsal = Runner(out / "rows", workers=0, seeds=(7,), overrides=(STRAIGHT,))
-    rehearsal.block(study)
-    assert {case.seed for case in driven[9:]} == {7}
 
 
 def test_finished_rows_of_a_sweep_are_those_of_one_plant(tmp_path, short, monkeypatch):
@@ -183,11 +180,8 @@ def test_finished_rows_of_a_sweep_are_those_of_one_plant(tmp_path, short, monkey
     assert Runner(tmp_path / "rows", workers=0).sweep("tiny") == first
     assert (first / "results.jsonl").read_bytes() == content
     found = fingerprint
-    monkeypatch.setattr(module, "fingerprint", lambda item: replace(found(item), sha256="other"))
+    monkeypatch.setattr(module, "fingerprint", lambda item: found(item)._replace(sha256="other"))
     assert Runner(tmp_path / "rows", workers=0).sweep("tiny") != first
-    rehearsal = Runner(tmp_path / "rows", workers=0, seeds=(7, 8)).sweep_rows(("tiny",))
-    assert {*rehearsal["seed"]} == {7, 8}
-    assert {*rehearsal["study"]} == {"tiny"}
 
 
 @pytest.mark.parametrize(
@@ -211,8 +205,7 @@ def test_the_command_lists_and_refuses(capsys):
     assert command.main([]) == 0
     listed = capsys.readouterr().out
     assert all(name in listed for name in all_studies())
-    for words, reason in ((["nothing"], "nothing"), (["errata", "--seeds", "201"], "--out")):
-        with pytest.raises(SystemExit) as refusal:
-            command.main(words)
-        assert refusal.value.code == 2
-        assert reason in capsys.readouterr().err
+    with pytest.raises(SystemExit) as refusal:
+        command.main(["nothing"])
+    assert refusal.value.code == 2
+    assert "nothing" in capsys.readouterr().err

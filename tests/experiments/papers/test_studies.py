@@ -9,14 +9,13 @@ import pandas as pd
 import pytest
 from proving_ground.experiments.papers.studies import (
     containment,
-    estimation,
     faults,
+    laps,
     tubes,
-    variants,
     widths,
 )
 from proving_ground.experiments.papers.study import Case, all_studies, lap
-from proving_ground.experiments.results.containment import QUANTITIES
+from proving_ground.experiments.results.tracking_errors import QUANTITIES
 from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.tube_file import (
@@ -28,8 +27,6 @@ from proving_ground.experiments.scenario.tube_file import (
 from proving_ground.experiments.seeds import FITTING, report_seeds
 from proving_ground.experiments.sweep.row import FIGURES
 from scipy.stats import gumbel_r
-
-from tests.ttempc.tubes import DESIGN
 
 STRAIGHT = 'path={kind="straight",length_m=10.0}'
 
@@ -54,7 +51,7 @@ def test_the_scenario_of_every_run_of_every_grid_can_be_driven():
 
 
 def test_tables_of_laps_have_the_means_of_each_variant_over_the_seeds():
-    for study in variants.STUDIES:
+    for study in laps.STUDIES[:2]:
         rows = []
         for number, case in enumerate(study.cases()):
             figures = dict.fromkeys(FIGURES, 0.01 * number)
@@ -94,14 +91,14 @@ def test_half_widths_grow_with_the_speed_as_the_distribution_does():
 
 def test_fresh_laps_keep_to_the_half_widths_as_often_as_promised():
     rows = [widths.coverage_cells(draws(40, k), draws(400, 100 + k)) for k in range(20)]
-    inside = np.array([[int(row[n].split(" of ")[0]) for n in (2, 4)] for row in rows])
+    inside = np.array([[400 - int(row[n].split(" of ")[0]) for n in (2, 4)] for row in rows])
     promised = float(rows[0][1].strip(" %"))
     assert promised >= 95.0
     # The promise is a mean over calibrations; its standard error here is below 1 %.
     assert promised - 3.0 < 100.0 * inside[:, 0].mean() / 400 < promised + 3.0
     assert inside[:, 1].mean() / 400 > 0.98
     lost = np.vstack([draws(9, 3), [np.inf, np.inf]])
-    assert widths.coverage_cells(draws(40, 2), lost)[4].startswith("9 of 10")
+    assert widths.coverage_cells(draws(40, 2), lost)[4].startswith("1 of 10")
     assert not {*FITTING[: widths.FITTED_LAPS]} & {*report_seeds(widths.LAPS)}
 
 
@@ -116,10 +113,10 @@ def test_the_judge_of_widths_does_not_change_the_lap():
 
 
 def test_estimators_are_consistent_on_a_straight():
-    row = estimation.consistent(Case("grass", 1, (STRAIGHT,)))
+    row = laps.consistent(Case("grass", 1, (STRAIGHT,)))
     assert row["NIS"] == pytest.approx(1.0, abs=0.3)
     assert [*row][:3] == ["x", "y", "psi_t"]
-    assert estimation.estimated(Case("grass", 1, (STRAIGHT,)))["nis"] == pytest.approx(1.0, abs=0.3)
+    assert laps.estimated(Case("grass", 1, (STRAIGHT,)))["nis"] == pytest.approx(1.0, abs=0.3)
 
 
 # Faults.
@@ -132,7 +129,6 @@ def test_a_stuck_valve_stops_and_a_stuck_hitch_sensor_does_not(monkeypatch):
         for fault, name in (("front steering stuck", "pid"), ("hitch angle stuck", "ttempc"))
     )
     assert stuck["result"] == "stopped"
-    assert 0.5 < stuck["stop_m"] < 5.0
     assert hitch["result"] == "degraded"
     assert hitch["noticed_s"] <= 1.0
     assert hitch["worst_m"] < 0.2
@@ -170,10 +166,9 @@ def test_the_limit_of_maxima_is_that_of_a_gumbel_distribution():
 
 
 def lap_row(seed=1, outside=0, status="completed"):
-    counts = {"straight_steps": 300, "straight_inside": 300, "curve_steps": 350}
     return {
         **{"field": "grass-soil", "seed": seed, "status": status, "restarts": outside},
-        **{**counts, "curve_inside": 350 - outside, "share": 0.4 + 0.1 * outside},
+        **{"steps": 650, "inside": 650 - outside, "share": 0.4 + 0.1 * outside},
         "largest_m": np.array([0.05, 0.07, 0.05, 0.05 + 0.001 * outside]),
         "time_s": 8.0 + 0.2 * np.arange(600),
         "deviation": 0.01 * np.random.default_rng(seed).standard_normal((600, len(QUANTITIES))),
@@ -196,31 +191,25 @@ def test_laps_are_counted_by_steps_and_as_wholes_and_drawn():
     tube = replace(read_tube("grass"), calibration=calibration)
     laps = pd.DataFrame([lap_row(1), lap_row(2, outside=13), lap_row(3, status="lost")])
     _, (row,) = cells(containment.lap_table(laps, {"grass-soil": tube}))
-    assert row[:6] == ["`grass-soil`", "3", "1", f"{1 - 13 / 1950:.4f}", "1.0000", "0.9876"]
-    assert row[6].startswith("0.3333 (")  # a lap that was lost is not inside
-    assert row[8:11] == ["1.70", "8.0 / 6.0", "0.9600"]
-    assert row[11].startswith("0.3333 (")  # one left the width of the trailer, one was lost
-    for picture in containment.figures(laps, DESIGN).values():
-        assert picture.startswith(b"\x89PNG")
-        assert 5_000 < len(picture) < 300_000
+    assert row[:3] == ["`grass-soil`", "1/3", f"{1 - 13 / 1950:.4f}"]
+    assert row[3].startswith("0.3333 (")  # a lap that was lost is not inside
+    assert row[5:7] == ["1.70", "8.0 / 6.0"]
+    assert row[7].startswith("0.3333 (")  # one left the width of the trailer, one was lost
+    assert len(containment.path(laps).axes) == 3
 
 
-def test_fresh_laps_keep_to_the_shipped_tube_and_a_fit_to_few_laps_is_refused(tmp_path):
+def test_fresh_laps_keep_to_the_shipped_tube(tmp_path):
     tube = tmp_path / "grass.json"
     tube.write_text(to_json(read_tube("grass")))
     overrides = (STRAIGHT, 'controller.name="ttempc-tube"', f'controller.tube="{tube}"')
     row = containment.fresh_lap(Case("grass", 1, overrides, {"field": "grass-soil"}))
-    assert row["straight_inside"] == row["straight_steps"] > 0
-    few = {"field": "few", "folder": tmp_path, "fit": (1001, 1002, 1003), "calibrate": ()}
-    assert containment.fitted(Case("grass", 0, overrides[:2], few))["refused"]
+    assert row["inside"] == row["steps"] > 0
 
 
 def test_the_tube_of_grass_is_invariant_and_that_of_the_paper_is_not():
-    condition, *shares = (
-        float(line.split()[-1]) for line in [*tubes.invariance(30, 20, 10, 300)][1:]
-    )
+    condition, *shares = (float(line.split()[-1]) for line in [*tubes.invariance(20, 300)][1:])
     assert condition <= 1.0 + 1e-6
-    assert len(shares) == 4
+    assert len(shares) == 1
     assert all(share <= 1.0 + 1e-6 for share in shares)
-    lines = [*tubes.paper_tube(20)]
+    lines = [*tubes.paper_tube()]
     assert sum("all seven states: no invariant set" in line for line in lines) == 4

@@ -2,17 +2,14 @@
 
 import csv
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.figures.comparison_figures import COMPARISONS
 from proving_ground.experiments.film.render import Film
 from proving_ground.experiments.film.settings import FilmSettings
 from proving_ground.experiments.results.run_comparison import format_comparison, read_compared
-from proving_ground.testbed.recording.channels import CONTROL, STATE
 
 
 def logs(short_runs, *names):
@@ -35,59 +32,6 @@ def test_the_statistics_are_those_of_each_run(short_runs, tmp_path, capsys):
             for name, value in figures.items():
                 assert row[name] == ("" if value is None else repr(value)), name
     assert {file.stem for file in folder.glob("*.png")} == set(COMPARISONS)
-
-
-def test_the_figures_show_each_run_up_to_the_common_end(short_runs):
-    runs = read_compared(logs(short_runs, "paper", "nominal"))
-    runs = [replace(run, end_s=9.0) for run in runs]
-    paths, errors, inputs = (COMPARISONS[name](runs) for name in ("path", "error", "signals"))
-    for k, run in enumerate(runs):
-        rows = run.record[STATE].time_s <= 9.0
-        driven = run.record[STATE].columns("x_i_m", "y_i_m")[rows]
-        np.testing.assert_array_equal(paths.axes[1].lines[k + 1].get_xydata(), driven)
-        trailer = errors.axes[1].lines[k].get_ydata()
-        np.testing.assert_allclose(trailer, 100.0 * run.errors.trailer.euclidean_m)
-        control = run.record[CONTROL]
-        sent = inputs.axes[2].lines[k].get_ydata()
-        expected = np.where(control.time_s <= 9.0, 100.0 * control["hp_command"], np.nan)
-        np.testing.assert_allclose(sent, expected)
-    for figure in (paths, errors, inputs):
-        labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-        assert [label for label in labels if label not in ("reference", "bounds")] == [
-            "paper",
-            "ttempc-nominal",
-        ]
-        assert figure.get_suptitle() == runs[0].common
-        widths = [
-            line.get_linewidth() for line in figure.axes[0].lines if line.get_label() in labels
-        ]
-        assert widths == sorted(widths, reverse=True), "a line hides an equal one below it"
-
-
-def test_vector_figures_of_a_comparison_have_the_width_of_a_column_and_their_data(
-    short_runs, tmp_path, capsys
-):
-    files = list(map(str, logs(short_runs, "paper", "nominal")))
-    folder = tmp_path / "both"
-    line = ["compare", *files, "-o", str(folder), "--format", "pdf,svg", "--width", "single"]
-    assert main([*line, "--only", "error"]) == 0
-    assert {file.name for file in folder.iterdir()} == {
-        "comparison.csv",
-        "error.csv",
-        "error.pdf",
-        "error.svg",
-    }
-    svg = (folder / "error.svg").read_text()
-    assert float(re.search(r'width="([\d.]+)pt"', svg)[1]) == pytest.approx(88 / 25.4 * 72, abs=0.1)
-    rows = list(csv.DictReader((folder / "error.csv").read_text().splitlines()))
-    errors = read_compared(logs(short_runs, "paper", "nominal"))[0].errors
-    own = [float(row["y"]) for row in rows if (row["chart"], row["line"]) == ("0", "paper")]
-    np.testing.assert_allclose(own, 100.0 * errors.tractor.euclidean_m, rtol=1e-8)
-    capsys.readouterr()
-    assert main(["report", str(folder), "--format", "pdf"]) == 2
-    message = capsys.readouterr().err
-    assert "is a comparison" in message
-    assert message.count("\n") == 1
 
 
 def test_runs_are_compared_up_to_the_end_of_the_shortest_and_labelled_by_what_differs(short_runs):
@@ -118,14 +62,12 @@ def test_what_cannot_be_compared_is_refused_before_anything_is_written(
     one, other = logs(short_runs, "paper", "nominal")
     torn, folder = tmp_path / "torn.mcap", tmp_path / "both"
     torn.write_bytes(other.read_bytes()[:-5000])
-    narrow = ["--film", "both.mp4", "--camera", "plan", "--size", "320x180"]
     for files, words in (
         ([one, *logs(short_runs, "slower")], "different references"),
         ([one, one], "given twice"),
         ([one], "takes 2 to 6"),
         ([one, *logs(short_runs, "none")], "cannot be read"),
         ([one, torn], "is torn"),
-        ([one, other, *narrow], "640"),
         ([one, other, "--ghost", one.parent, "--ghost", "reference"], "--ghost"),
     ):
         assert main(["compare", *map(str, files), "-o", str(folder)]) == 2

@@ -4,28 +4,21 @@ import json
 import math
 import re
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from proving_ground.experiments.results.metrics import input_statistics, summarise
-from proving_ground.experiments.results.published import applies_to, compare, published_beside
-from proving_ground.experiments.results.summary import RunFacts
+from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.experiments.results.table import (
     WIDTH,
     centimetres,
-    format_events,
     format_run,
-    format_seeds,
 )
-from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, STATE, TIMING
-from proving_ground.testbed.recording.record import OVERRUN, REACTION, REACTION_ENDED, Event, Record
+from proving_ground.testbed.recording.channels import CONTROL, STATE
+from proving_ground.testbed.recording.record import REACTION, REACTION_ENDED, Event, Record
 
 from tests.records import circle, eight, record, straight, table_of
 
 FACTS = RunFacts("0", "made-up", "none", 1, "completed", None, 10.0, {"ttempc": "0"}, "log.mcap")
-INPUTS = ("delta_t_rad", "delta_i_rad", "hp")
 KEYS = (
     "mean_euclidean_m rms_m p95_m max_m along_mean_m along_sd_m cross_mean_m cross_sd_m cross_p95_m"
 )
@@ -78,18 +71,6 @@ def test_a_mirrored_run_has_the_opposite_cross_track_error():
         assert other == pytest.approx(error, abs=1e-9)
 
 
-def test_straight_and_curve_means_average_to_the_mean_of_all():
-    run = record(noise_m=0.05)
-    parts = tracking(run)
-    counted = run[STATE].time_s[run[STATE].time_s >= 8.0]
-    curved = np.mean(np.abs(eight(counted)) > 0.01 * 0.1)
-    mean = (
-        curved * parts.curve.tractor.mean_euclidean_m
-        + (1 - curved) * parts.straight.tractor.mean_euclidean_m
-    )
-    assert mean == pytest.approx(parts.all.tractor.mean_euclidean_m)
-
-
 def test_the_start_up_does_not_count():
     run = record(cross=(0.1, 0.1))
     values = run[STATE].values.copy()
@@ -121,26 +102,10 @@ def test_a_final_standstill_counts_where_nothing_has_stopped_the_vehicle_alone()
         assert summary(*texts).tracking.all.tractor.max_m > 2.9
 
 
-def test_a_missing_sample_makes_a_statistic_unknown():
-    run = record()
-    values = run[STATE].values.copy()
-    values[-1] = np.nan
-    error = tracking(with_table(run, replace(run[STATE], values=values))).all.tractor
-    assert set(asdict(error).values()) == {None}
-
-
 def test_the_estimation_error_is_taken_at_the_times_of_the_estimates():
     estimation = summarise(record(estimate_off=(0.03, -0.04)), FACTS).estimation
     assert estimation.tractor.mean_euclidean_m == pytest.approx(0.03)
     assert estimation.trailer.mean_euclidean_m == pytest.approx(0.04)
-
-
-def test_estimation_error_counts_from_the_first_estimate_on():
-    """Missing estimates before the first are left out; a later gap makes the error unknown."""
-    for gap, expected in ((slice(0, 3), pytest.approx(0.03)), (slice(3, 4), None)):
-        run = record(estimate_off=(0.03, -0.04))
-        run[ESTIMATE].values[gap] = np.nan
-        assert summarise(run, FACTS).estimation.tractor.mean_euclidean_m == expected
 
 
 def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it():
@@ -159,29 +124,6 @@ def test_a_command_counts_as_saturated_at_its_bound_or_where_a_limit_changed_it(
     assert inputs.hp.saturated_fraction == 1.0
     steps = np.array([-0.5, 0.1, 0.1]) / 0.2
     assert inputs.delta_t.rms_rate == pytest.approx(math.sqrt(np.mean(steps**2)))
-
-
-def test_travel_is_the_change_of_a_command_over_the_distance_driven():
-    """Twice the commands travel twice as far; twice the distance halves the travel per metre."""
-    once, twice = record(), record()
-    columns = [twice[CONTROL].channel.fields.index(f"{name}_command") for name in INPUTS]
-    twice[CONTROL].values[:, columns] *= 2.0
-    travel = input_statistics(once).delta_t.travel_per_m
-    assert travel is not None
-    assert input_statistics(twice).delta_t.travel_per_m == pytest.approx(2.0 * travel)
-    place = [once[STATE].channel.fields.index(name) for name in ("x_t_m", "y_t_m")]
-    once[STATE].values[:, place] *= 2.0
-    assert input_statistics(once).delta_t.travel_per_m == pytest.approx(0.5 * travel)
-
-
-def test_timing_leaves_out_missing_samples():
-    cost = np.array([1.0, 2.0, 3.0, np.nan])
-    columns = {name: cost for name in TIMING.fields if name != "qp_solve_us"}
-    run = with_table(record(), table_of(TIMING, np.arange(4.0), columns))
-    timing = summarise(run, FACTS).timing
-    assert (timing.estimator_us.median, timing.estimator_us.max) == (2.0, 3.0)
-    assert timing.qp_solve_us.median is None
-    assert timing.real_time_factor == pytest.approx(60.0 / 10.0)
 
 
 def test_summary_has_exactly_the_keys_of_the_interface():
@@ -226,7 +168,6 @@ def test_a_tool_counts_while_it_is_lowered():
     assert statistics.draft_mean_n == pytest.approx(0.5 * (908.0 + 930.0), abs=0.1)
     assert statistics.draft_p95_n == pytest.approx(908.0 + 0.95 * 22.0, abs=0.1)
     assert list(summary.tracking.all.by_point) == ["tool", "trailer", "tractor"]
-    assert summary.tracking.headline == summary.tracking.all.tool
     assert "Draft 919 N (mean)" in format_run(summary)
 
 
@@ -256,46 +197,3 @@ def test_the_table_tells_the_cross_track_error_of_the_working_point_first():
         keys = ("cross_p95_m", "cross_sd_m", "cross_mean_m", "along_mean_m", "along_sd_m")
         expected = [centimetres(getattr(error, key)) for key in keys]
         assert shown["whole path", body] == expected
-    seeds = format_seeds([summary, replace(summary, seed=2)])
-    error = summary.tracking.all.trailer
-    expected = [centimetres(error.cross_p95_m), centimetres(error.cross_sd_m)]
-    assert re.search(r"^2 +completed +(\S+) +(\S+)", seeds, re.MULTILINE).groups() == (*expected,)
-
-
-def test_the_table_sets_the_published_errors_beside_the_runs():
-    summary = summarise(record(cross=(0.1, 0.05)), FACTS)
-    shown = rows(format_run(summary, compare(summary)))
-    assert shown["straight", "tractor"][-2:] == ["10.0", "23.5"]
-    assert shown["curve", "trailer"][-2:] == ["5.0", "36.2"]
-    assert [item.published_m for item in compare(summary)] == [0.2349, 0.2121, 0.3982, 0.3621]
-
-
-def test_the_published_errors_stand_beside_runs_of_the_papers_vehicle_and_path_alone():
-    rebuilt = replace(FACTS, scenario="kayacan2016")
-    for scenario, overrides, applies in (
-        ("grass", (), True),
-        ("wet-slope", ("path.laps=1",), True),
-        ("grass", ("path.radius_m=9.0",), False),
-        ("grass", ("path.speed_mps=0.8",), False),
-        ("grass", ("plant.vehicle.load_kg=400.0",), False),
-        ("split", (), False),
-        ("farm", (), False),
-        ("cultivate", (), False),
-    ):
-        settings = load(scenario, overrides)[1]
-        assert applies_to(settings) is applies
-        assert not published_beside(summarise(record(), FACTS), settings)
-        summary = summarise(record(), rebuilt)
-        assert published_beside(summary, settings) == (compare(summary) if applies else ())
-
-
-def test_warnings_are_counted_and_the_first_is_shown_before_overruns():
-    info, slow = Event(0.0, "info", "start"), Event(1.0, "warning", f"{OVERRUN}took 0.3 s")
-    cut = Event(3.24, "warning", "reaction: hp \x1b[2Jbeyond its range: cut")
-    assert format_events([info], Path("runs/a")) == []
-    first, *more, last = format_events([info, slow, cut, cut], Path("runs/a"))
-    assert first.startswith("Warnings: 3 (1 of a slow machine: overruns), at 3.2 s: reaction: hp")
-    assert "\x1b" not in first + "".join(more)
-    assert last == "All events: ttempc log info runs/a"
-    (only, _) = format_events([slow, slow], Path("runs/a"))
-    assert only.endswith("at 1.0 s: overrun: took 0.3 s")

@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.figures import FIGURES, draw
-from proving_ground.experiments.results.metrics import summarise
-from proving_ground.experiments.results.summary import RunFacts
+from proving_ground.experiments.results.summary import RunFacts, summarise
 from proving_ground.experiments.results.table import WIDTH, format_run
 from proving_ground.experiments.run.assembly import assemble, check
 from proving_ground.experiments.run.corridor_judge import CorridorJudge
-from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CORRIDOR, REFERENCE
 
@@ -108,20 +106,6 @@ def test_the_fraction_counts_after_start_up_where_the_corridor_holds():
     assert "corridor" in draw(run)
 
 
-def test_a_run_logs_its_corridor_and_free_ground_has_none():
-    path = "path={kind='straight', length_m=12}"
-    drives = (path, 'controller.name="pid"', "implement={}")
-    name, scenario = load("grass", [*drives, "corridor={half_width_m=0.5, hitch_limit_deg=30}"])
-    summary, run = simulate(name, scenario, 3)
-    assert len(run[CORRIDOR]) == len(run[REFERENCE])
-    for point in (summary.corridor.tractor, summary.corridor.trailer, summary.corridor.tool):
-        assert point.outside_fraction == 0.0
-        assert 0.0 < point.max_m < 0.5
-    assert summary.corridor.hitch_outside_fraction == 0.0
-    cross = max(summary.tracking.all.tractor.cross_p95_m, 1e-3)
-    assert summary.corridor.tractor.max_m > cross
-
-
 def test_impossible_corridors_are_refused_before_a_run():
     for override, error, named in (
         ("corridor={half_width_m=0}", InvalidScenario, "corridor.half_width_m"),
@@ -155,17 +139,3 @@ def test_the_reference_is_as_slow_as_the_controllers_half_widths_ask_for():
     assert "0.40 m/s" in note
     assert "cannot" not in note
     assert check(scenario) * scenario.control.period_s > 26.0 / 1.0 + 10.0 / 0.4
-
-
-def test_controllers_without_half_widths_keep_the_speed_and_no_speed_may_be_slow_enough():
-    for lines in (
-        [*SLOWER[:2], 'controller.name="pid"'],
-        [*SLOWER, "controller.options.corridor=false"],
-    ):
-        mission = load("grass", lines)[1].mission()
-        assert mission.speed.duration_s(36.0) == 36.0
-        assert mission.notes == ()
-    mission = load("grass", [*SLOWER, "corridor={half_width_m=0.04}"])[1].mission()
-    distance, speed, _ = mission.speed.travel(np.linspace(0.0, 90.0, 901))
-    assert speed[(distance >= 15.0) & (distance < 25.0)].max() < 0.3
-    assert "cannot be kept" in mission.notes[0]

@@ -1,7 +1,5 @@
 """Deadline of a step: commands that come late, and steps that do not return."""
 
-import signal
-import threading
 import time
 from dataclasses import replace
 
@@ -12,7 +10,7 @@ from proving_ground.experiments.run.simulate import drive_into
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.recording.record import Recorder
-from proving_ground.testbed.simulation.deadline import CommandQueue, alarm_handled, time_limit
+from proving_ground.testbed.simulation.deadline import CommandQueue, time_limit
 
 from ttempc.types import Command
 
@@ -39,30 +37,6 @@ def test_a_call_that_does_not_return_is_ended_in_the_main_thread():
     with time_limit(0.05):
         pass
     time.sleep(0.1)  # no alarm is left over
-
-
-def test_limits_share_a_handler_that_leaves_with_its_block():
-    before = signal.getsignal(signal.SIGALRM)
-    with alarm_handled():
-        for seconds in (0.05, 0.06):
-            with pytest.raises(TimeoutError, match=f"within {seconds:g} s"), time_limit(seconds):
-                time.sleep(5.0)
-        assert signal.getsignal(signal.SIGALRM) is not before
-    assert signal.getsignal(signal.SIGALRM) is before
-
-
-def test_another_thread_has_no_limit():
-    ended = []
-
-    def work():
-        with time_limit(0.01):
-            time.sleep(0.05)
-        ended.append(True)
-
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join()
-    assert ended == [True]
 
 
 class SlowOnce:

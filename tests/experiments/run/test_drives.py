@@ -15,17 +15,14 @@ from proving_ground.experiments.results.tracking_errors import tracking_errors
 from proving_ground.experiments.run.assembly import assemble
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import CONTROL, REFERENCE, STATE, TOOL
+from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
 from proving_ground.testbed.simulation.loop import STAGES, drive, sense
 
-from tests.ttempc.exact_qp import residuals
-from ttempc.mpc.qp import PersistentSolver
 from ttempc.types import Command, Input, Sensor
 from ttempc.vehicle import Vehicle
 
 LARGEST_M = 0.05  # mean Euclidean error after the first 8 s; two to three times what they show
-PLACE = "proving_ground.experiments.papers.kayacan"
 BACK = "path={kind='straight', length_m=20.0, reverse=true}"
 WRONG = ["path.laps=1", "controller.vehicle.wheelbase_m=1.74", "controller.vehicle.drawbar_m=0.96"]
 LOCKED = "stages=[{make='tests.experiments.run.test_drives:locked', after='control'}]"
@@ -58,20 +55,6 @@ def test_without_daqp_one_line_says_how_to_get_it(monkeypatch, capsys, tmp_path)
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert "pip install 'ttempc[baselines]'" in said
-
-
-def test_space_based_reference_waits_for_the_vehicle():
-    """It drives slower than 1 m/s; log and statistics have the place nearest to the tractor."""
-    parts = (f"controller.name='{PLACE}.nmpc:controller'",)
-    parts += (f"controller.estimator='{PLACE}.nmhe:Estimator'",)
-    summary, record = driven("pavement", *parts, straight(16.0), seed=31)
-    assert summary.status == "completed"
-    state, reference = record[STATE], record[REFERENCE]
-    assert 16.0 - state["x_t_m"][-1] - (state["x_t_m"][0] - reference["x_t_m"][0]) > 1.0
-    error = summary.tracking.all.tractor
-    assert error.along_mean_m == pytest.approx(0.0, abs=1e-9)
-    assert error.along_sd_m == pytest.approx(0.0, abs=1e-9)
-    assert 0.0 < error.mean_euclidean_m < 0.5
 
 
 class Slow:
@@ -160,22 +143,6 @@ def test_on_a_side_slope_a_steered_trailer_keeps_the_tool_where_a_locked_one_doe
     assert aside.tool.cross_mean_m < -0.03  # downhill
 
 
-def test_the_log_of_a_run_has_its_tool_and_the_path_has_its_reference():
-    more = ("implement.work_m=[[3.0, 20.0]]", "implement.behind_m=0.9")
-    summary, record = tilled("cultivate", *more)
-    assert summary.status == "completed"
-    tool, errors = record[TOOL], tracking_errors(record)
-    assert tool["x_reference_m"][-1] == pytest.approx(25.0 - 2.4 - 0.9, abs=0.1)
-    works = tool["lowered"] == 1.0
-    assert tool["distance_m"][works].min() > 3.0
-    assert tool["distance_m"][works].max() < 20.0
-    assert errors.tool.euclidean_m[works].max() < 0.2
-    assert summary.implement.draft_mean_n == pytest.approx(990.0, rel=0.15)
-    summary, record = tilled("grass")
-    assert summary.implement is summary.tracking.all.tool is None
-    assert not len(record[TOOL])
-
-
 def reversing(*overrides, seed=1):
     summary, record = driven("grass", "controller.name=ttempc-nominal", *overrides, seed=seed)
     errors = tracking_errors(record)
@@ -244,32 +211,3 @@ def test_sensors_that_say_nan_are_no_reason_to_crash():
         return replace(sample, value=(math.nan,) * len(sample.value)) if k >= 30 else sample
 
     assert any("stopped" in text for text in spoilt(nan, 90, straight(24))[2])
-
-
-def test_both_solvers_agree_on_the_qps_of_a_run(monkeypatch):
-    solve, qps = PersistentSolver.solve, []
-
-    def recording(solver, qp):
-        solution = solve(solver, qp)
-        if solution.report.iterations:
-            qps.append(qp)
-        return solution
-
-    with monkeypatch.context() as patch:
-        patch.setattr(PersistentSolver, "solve", recording)
-        driven("furrows", straight(20), seed=31)
-    piqp, daqp = PersistentSolver("piqp"), PersistentSolver("daqp")
-    assert len(qps) > 20
-    for qp in qps:
-        first, second = piqp.solve(qp).x, daqp.solve(qp).x
-        np.testing.assert_allclose(first, second, rtol=0.0, atol=1e-6)
-        primal, stationarity = residuals(qp, second)
-        assert primal < 1e-9
-        assert stationarity < 1e-10 * (1.0 + np.linalg.norm(qp.gradient))
-    for name in ("ttempc", "nmpc-rti"):
-        options = ("furrows", straight(20), f"controller.name={name}")
-        errors = [
-            driven(*options, f"controller.options.solver={solver}", seed=31)[0].tracking.all.tractor
-            for solver in ("piqp", "daqp")
-        ]
-        assert errors[0].rms_m == pytest.approx(errors[1].rms_m, rel=1e-6)

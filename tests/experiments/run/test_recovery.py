@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from proving_ground.experiments.papers.studies.recovery import recover
+from proving_ground.experiments.papers.studies.laps import recover
 from proving_ground.experiments.papers.study import Case
-
-SHORT = 'path={kind="straight",length_m=24.0}'
-SLOW = 'path={kind="straight",length_m=21.0,speed_mps=0.7}'
 
 
 @pytest.mark.parametrize(("lateral_m", "yaw_deg"), [(1.0, 20.0), (-1.0, 20.0)])

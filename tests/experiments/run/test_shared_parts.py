@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 from proving_ground.experiments.run.assembly import assemble
-from proving_ground.experiments.run.shared_parts import Kept, SharedParts
+from proving_ground.experiments.run.shared_parts import SharedParts
 from proving_ground.experiments.run.simulate import drive_into
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.record import Recorder
@@ -29,13 +29,6 @@ def test_a_run_on_shared_parts_has_the_bits_of_a_run_of_its_own(name):
     driven(scenario, 1, parts)
     driven(scenario, 2, parts)
     assert driven(scenario, 2, parts) == driven(scenario, 2)
-
-
-def test_parts_are_made_once_and_the_oldest_are_dropped():
-    made, kept = [], Kept(2)
-    for key in (1, 2, 1, 3, 1, 2):
-        assert kept.get(key, lambda key=key: made.append(key) or [key]) == [key]
-    assert made == [1, 2, 3, 2]
 
 
 def test_another_path_option_or_vehicle_has_a_controller_of_its_own():

@@ -1,23 +1,16 @@
 """Faults of a scenario: all kinds, when and where they act, refusals, marks, axes of sweeps."""
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
-from proving_ground.experiments.errors import InvalidScenario
-from proving_ground.experiments.figures import FIGURES
 from proving_ground.experiments.logs.replay import estimator_of, replay, same_as_recorded
 from proving_ground.experiments.run.assembly import assemble, check
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.errors import InvalidFault
 from proving_ground.testbed.faults.kinds import KINDS
-from proving_ground.testbed.recording.channels import CHANNELS, CONTROL, MEASUREMENT, STATE, TIMING
-from proving_ground.testbed.recording.record import Event, FaultSpan, fault_spans
-
-from tests.experiments.study_files import plan_of
-from tests.records import record as made_record
+from proving_ground.testbed.recording.channels import STATE
 
 SHORT = "path={kind='straight', length_m=8}"
 BENT = "path={kind='figure-eight', laps=1}"
@@ -64,42 +57,9 @@ def run(*overrides):
     return simulate("grass", scenario(*overrides), seed=3)
 
 
-@pytest.fixture(scope="module")
-def plain():
-    return run()[1]
-
-
 def test_every_kind_is_accepted_where_it_can_act():
     assert set(KINDS) == {*FOR_TIME, *ON_THE_WAY}
     assert all(check(scenario(table(kind))) > 0 for kind in KINDS)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_acts_in_the_loop_from_its_start_on(kind, plain):
-    summary, record = run(table(kind))
-    assert summary.status in {"completed", "lost"}
-    assert np.isfinite(record[CONTROL]["hp_command"]).all()
-    before = 1.0 if kind in ON_THE_WAY else 2.0  # the front wheels come first
-    changed = False
-    for channel in (STATE, MEASUREMENT):
-        one, other = plain[channel], record[channel]
-        rows = one.time_s < before - 1e-6
-        np.testing.assert_array_equal(one.values[rows], other.values[: rows.sum()])
-        changed |= not np.array_equal(one.values, other.values, equal_nan=True)
-    assert changed
-
-
-def test_a_run_is_bit_identical_until_its_faults_begin_and_marks_them(plain):
-    fault = "kind = 'front_steering_stuck', start_s = 6.1, duration_s = 1.0"
-    record = run(f"faults=[{{{fault}}}]")[1]
-    for channel in CHANNELS:
-        if channel is not TIMING:
-            rows = plain[channel].time_s < 6.05
-            one, other = plain[channel].values[rows], record[channel].values[: rows.sum()]
-            np.testing.assert_array_equal(one, other)
-    assert not np.array_equal(plain[STATE].values, record[STATE].values)
-    assert fault_spans(record.events) == (FaultSpan("front_steering_stuck", 6.1, 7.1),)
 
 
 def test_faults_are_those_of_the_seed_and_a_replay_has_the_faulty_samples():
@@ -136,7 +96,6 @@ def test_a_fault_that_cannot_act_is_refused_before_the_run():
         ("kind='trailer_steering_play', start_s=2.0, play_deg=80.0", "play_deg"),
         ("kind='load_shift', start_s=2.0", "left_m and forward_m are 0"),
         ("kind='load_shift', start_s=2.0, left_m=3.0", "half the box"),
-        ("kind='encoder_scaled', start_s=2.0, factor=1.0", "factor"),
         ("kind='tyre_flat', start_s=2.0, wheel='rear_left', radius_loss_m=0.4", "half the radius"),
     ):
         for refuse in (check, lambda one: assemble(one, seed=1)):
@@ -154,61 +113,6 @@ def test_a_fault_that_cannot_act_is_refused_before_the_run():
     ):
         with pytest.raises(InvalidFault, match=message):
             check(scenario(*overrides))
-
-
-def test_wrong_tables_are_refused_in_one_line():
-    for fault, message in (
-        ("kind='gnss_out'", "give start_s or at_m"),
-        ("kind='gnss_out', start_s=1.0, at_m=1.0", "give start_s or at_m"),
-        ("kind='gnss_frozen', start_s=1.0, size_m=1.0", "faults.0.size_m: unknown key"),
-        ("kind='ditch', at_m=1.0, depth_m=1.0, width_m=0.5", "as high as long"),
-        ("kind='gnss_jump', start_s=1.0, offset_m=-1.0", "faults.0.offset_m: "),
-        ("kind='ditch', at_m=1.0, duration_s=1.0, depth_m=0.1, width_m=1.0", "unknown key"),
-    ):
-        with pytest.raises(InvalidScenario) as caught:
-            scenario(f"faults=[{{{fault}}}]")
-        assert message in str(caught.value)
-        assert "\n" not in str(caught.value)
-
-
-def test_a_fault_is_an_axis_by_number_and_by_name(tmp_path):
-    faults = """
-[set]
-path = {kind = "straight", length_m = 8.0}
-faults = [
-    {kind = "gnss_out", start_s = 1.0, duration_s = 1.0},
-    {kind = "gnss_jump", name = "jump", start_s = 2.0, offset_m = 1.0},
-]
-"""
-    axes = "".join(
-        f'[[axis]]\nkind = "list"\nkey = "{key}"\nvalues = [2.0, 3.0]\n'
-        for key in ("faults.0.duration_s", "faults.jump.offset_m")
-    )
-    plan = plan_of(tmp_path, faults, axes)
-    values = {
-        tuple((fault.duration_s, getattr(fault, "offset_m", None)) for fault in faults)
-        for faults in (plan[run].setting.scenario.faults for run in range(plan.size))
-    }
-    assert values == {((a, None), (None, b)) for a in (2.0, 3.0) for b in (2.0, 3.0)}
-    with pytest.raises(InvalidScenario, match=r"faults\.gust: .* names here: gnss_out"):
-        load("grass", ["faults=[{kind='gnss_out', start_s=1.0}]", "faults.gust.force_n=3.0"])
-
-
-def test_spans_end_with_the_run_where_the_fault_does_not():
-    events = (
-        Event(1.0, "warning", "fault: a begins"),
-        Event(2.0, "warning", "fault: b begins"),
-        Event(3.0, "info", "fault: a ends"),
-    )
-    assert fault_spans(events) == (FaultSpan("a", 1.0, 3.0), FaultSpan("b", 2.0, math.inf))
-
-
-def test_the_error_figure_names_the_fault():
-    events = (Event(10.0, "warning", "fault: encoder_dead begins"),)
-    axes = FIGURES["error"](dataclasses.replace(made_record(duration_s=20.0), events=events)).axes[
-        0
-    ]
-    assert "encoder_dead" in [text.get_text() for text in axes.texts]
 
 
 LONGER = "path={kind='straight', length_m=30}"
@@ -229,11 +133,3 @@ def test_a_safe_stop_is_neither_completed_nor_lost(fault, status, reason):
     assert (summary.failure or "").startswith(reason or "")
     speed = record[STATE]["v_mps"][-1]
     assert (abs(speed) < 0.05) == (status == "stopped")
-
-
-def test_a_vehicle_that_does_not_obey_the_stop_is_lost():
-    stuck = "{kind='hydrostat_stuck', start_s=3.0}"
-    faults = f"faults=[{{kind='gnss_out', start_s=3.0}}, {stuck}]"
-    summary, record = run(LONGER, faults, "path.speed_mps=1.0")
-    assert summary.status != "stopped"
-    assert record[STATE]["v_mps"][-1] > 0.5

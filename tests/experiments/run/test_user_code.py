@@ -1,15 +1,12 @@
 """Controllers and estimators of a user's own package: by name, refused with a reason, guarded."""
 
-import os
 import sys
-import threading
 
 import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidController
 from proving_ground.experiments.run.simulate import simulate
-from proving_ground.experiments.run.user_code import exits_raise, load_factory, user_controller
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.log.reader import read_log
@@ -17,8 +14,6 @@ from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.simulation.loop import with_stages
 
 from ttempc.guidance.controllers import make_controller
-from ttempc.reference.path import straight
-from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Command, ControlStep, Input
 from ttempc.vehicle import Vehicle
 
@@ -38,13 +33,6 @@ def nothing(vehicle, reference, period_s):
 def broken(vehicle, reference, period_s):
     raise ValueError("two\\nlines")
 
-class Late:
-    def __init__(self, *arguments):
-        self.inner = paper(*arguments)
-    def step(self, estimate, k):
-        if k == 10:
-            raise RuntimeError("lost my way")
-        return self.inner.step(estimate, k)
 """
 
 
@@ -56,7 +44,6 @@ def package(tmp_path, monkeypatch):
     (tmp_path / "lawn").mkdir()
     (tmp_path / "lawn" / "drivers.py").write_text(MODULE)
     (tmp_path / "lawn" / "ill.py").write_text("1 / 0")
-    (tmp_path / "mower.py").write_text("1 / 0")
     yield tmp_path
     for name in [name for name in sys.modules if name.split(".")[0] == "lawn"]:
         del sys.modules[name]
@@ -70,8 +57,6 @@ def test_what_cannot_drive_is_refused_in_one_line_and_nothing_is_written(package
     for name, said in (
         ("lawn.drivers:none", "lawn.drivers has no none; it defines "),
         ("lawn.drivers:nothin", "(did you mean nothing?)"),
-        ("mower", "mower:FACTORY"),
-        ("mower.py", "mower:FACTORY"),
         ("lawn.drivers:value", "value is int"),
         ("lawn.drivers:nothing", "NoneType, which has no method step"),
         ("lawn.drivers:broken", "raised ValueError: two lines"),
@@ -98,33 +83,6 @@ def test_a_name_means_the_same_as_the_factory_itself_also_in_other_processes(pac
     assert afar.tracking == mine.tracking
 
 
-def test_a_name_makes_the_controller_from_vehicle_reference_and_period(package):
-    reference = Reference(straight(4.0), Vehicle(), ConstantSpeed(1.0))
-    arguments = (Vehicle(), reference, 0.2)
-    factory = load_factory("lawn.drivers:paper", "controller")
-    controller = user_controller("lawn.drivers:paper", factory, {}, *arguments)
-    assert type(controller) is type(make_controller("feedforward", *arguments))
-    with pytest.raises(InvalidController, match=r"gain.*unexpected|unexpected.*gain"):
-        user_controller("lawn.drivers:paper", factory, {"gain": 2.0}, *arguments)
-
-
-def test_an_exception_in_the_run_ends_it_and_keeps_log_and_summary(package, capsys):
-    code = main(
-        ["run", "--controller", "lawn.drivers:Late", "--out", "late", "--set", SHORT[0], "--json"]
-    )
-    assert code == 3
-    printed = capsys.readouterr()
-    assert '"status": "invalid"' in printed.out
-    assert 'raise RuntimeError("lost my way")' in printed.err
-    log = read_log(package / "late" / "log.mcap")
-    assert "controller lawn.drivers:Late" in log.metadata
-    events = [event.text for event in log.events]
-    assert any("Traceback" in text and "lawn/drivers.py" in text for text in events)
-    assert (package / "late" / "log.mcap").exists()
-    summary = (package / "late" / "summary.json").read_text()
-    assert "raised at tick 10: RuntimeError: lost my way" in summary
-
-
 ENDS = """
 import os
 
@@ -140,10 +98,6 @@ class Exits(Base):
     def step(self, estimate, k):
         raise SystemExit(0)
 
-class Leaves(Base):
-    def step(self, estimate, k):
-        os._exit(0)
-
 class Unprepared(Base):
     def prepare(self, k):
         raise SystemExit(0)
@@ -158,7 +112,6 @@ def test_no_method_of_a_controller_ends_the_program(package, capsys):
     (package / "lawn" / "ends.py").write_text(ENDS)
     for name, reason in (
         ("Exits", "SystemExit"),
-        ("Leaves", "os._exit(0)"),
         ("Unprepared", "SystemExit"),
         ("Cold", "too cold"),
     ):
@@ -169,30 +122,6 @@ def test_no_method_of_a_controller_ends_the_program(package, capsys):
         events = [event.text for event in read_log(package / name / "log.mcap").events]
         assert any("Traceback" in text and "lawn/ends.py" in text for text in events)
         assert not (package / name / "log.mcap.part").exists()
-
-
-def test_exits_raise_in_the_threads_of_drives_alone():
-    """Two threads enter and leave in another order; each call raises where its thread is inside."""
-    inside, leave, said = threading.Barrier(2), threading.Barrier(2), []
-
-    def drive(first):
-        with exits_raise():
-            inside.wait(5.0)
-            if first:
-                leave.wait(5.0)
-            try:
-                os._exit(3)
-            except SystemExit as exit:
-                said.append(str(exit))
-        if not first:
-            leave.wait(5.0)
-
-    threads = [threading.Thread(target=drive, args=(first,)) for first in (True, False)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert said == ["os._exit(3)"] * 2
 
 
 def test_options_of_a_scenario_reach_a_users_controller(package):

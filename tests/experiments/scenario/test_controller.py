@@ -5,13 +5,11 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from proving_ground.experiments.errors import InvalidFit
-from proving_ground.experiments.run.assembly import assemble, check
+from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.controller import NoiseSettings
-from proving_ground.experiments.scenario.plant import record_rate, record_steps
 from proving_ground.experiments.scenario.scenario import dump, load
 from proving_ground.experiments.tubes.fit import fit_run
-from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, MEASUREMENT, STATE
 
 from tests.experiments.study_files import SHORT as SHORT_STUDY
@@ -60,30 +58,6 @@ def test_options_replace_their_defaults_and_belong_to_the_controller_that_is_nam
     assert [run.setting.scenario.controller.options["horizon"] for run in runs] == [10, 20]
 
 
-def test_an_option_reaches_the_controller():
-    """A horizon of its default gives the same commands, another one does not."""
-
-    def commands(*overrides):
-        name, scenario = load("grass", [*overrides, "path={kind='straight', length_m=4}"])
-        return simulate(name, scenario, seed=1)[1][CONTROL].values
-
-    default = commands()
-    np.testing.assert_array_equal(commands("controller.options.horizon=20"), default)
-    assert not np.array_equal(commands("controller.options.horizon=12"), default)
-
-
-def test_a_vehicle_without_a_tube_is_noted_in_one_line():
-    def notes(name, *overrides):
-        scenario = load(name, overrides)[1]
-        return scenario.controller.notes(scenario.vehicles().model, scenario.control.period_s)
-
-    assert notes("grass") == ()
-    assert notes("farm", 'controller.options.tightening="none"') == ()
-    assert notes("farm", 'controller.name="pid"') == ()
-    (note,) = notes("farm")
-    assert "\n" not in note
-
-
 def test_the_filter_assumes_the_specification_of_the_sensors_or_the_paper_s(tmp_path):
     slow = ("sensors.gnss_error='correlated'", "sensors.gnss_white_share=0.3")
     assert controller(*NOISY).noise == NoiseSettings(**NOISE)
@@ -97,13 +71,6 @@ def test_the_filter_assumes_the_specification_of_the_sensors_or_the_paper_s(tmp_
     resolved.write_text(dump(scenario))
     again = controller("controller.noise.assumed='sensors'", name=str(resolved)).noise
     assert again == controller(*NOISY).noise
-
-
-def test_sensors_without_noise_leave_a_covariance_that_can_be_inverted():
-    exact = ("sensors.gnss_sd_m=0.0", "sensors.angle_sd_deg=0.0", "sensors.encoder_sd_mps=0.0")
-    scenario = load("grass", exact)[1]
-    assumed = scenario.controller.noise.sensor_noise(scenario.sensors)
-    assert assumed == SensorNoise(gnss=1e-3, steering=1e-3, hitch=1e-3, encoder=1e-3)
 
 
 def test_wrong_noise_changes_the_filter_and_no_sample():
@@ -120,26 +87,6 @@ def test_wrong_noise_changes_the_filter_and_no_sample():
     assert (wrong[ESTIMATE].columns(*place) < told[ESTIMATE].columns(*place)).all()
     nis = [np.nansum(r[ESTIMATE]["nis"]) / np.nansum(r[ESTIMATE]["nis_dof"]) for r in (wrong, told)]
     assert nis[0] > 4.0 > 1.5 > nis[1]
-
-
-def test_a_difference_from_the_sensors_is_a_mismatch_of_the_run():
-    def mismatch(*overrides):
-        return [str(item) for item in assemble(load("grass", overrides)[1], seed=1).mismatch]
-
-    assert mismatch(*NOISY) == mismatch(PAPER) == []
-    assert mismatch("sensors.gnss_sd_m=0.3", PAPER) == [
-        "controller.noise.gnss_sd_m 0.03 (true 0.3)"
-    ]
-
-
-def test_rows_of_the_truth_fall_on_ticks_and_on_physics_steps():
-    with pytest.raises(InvalidPlant, match="control period"):
-        check(load("grass", ("control.rate_hz=7.0",))[1])
-    for rate_hz in (5.0, 10.0, 12.5, 20.0, 25.0):
-        record_hz = record_rate(0.002, 1.0 / rate_hz)
-        steps = record_steps(0.002, 1.0 / rate_hz, record_hz)
-        assert record_hz >= 25.0
-        assert (1.0 / rate_hz / 0.002) % steps == pytest.approx(0.0)
 
 
 def test_a_faster_loop_has_a_command_a_period_stays_on_the_line_and_fits_no_tube():

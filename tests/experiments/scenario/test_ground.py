@@ -1,17 +1,11 @@
 """Ground of a scenario: files, soil layers and terrain features."""
 
 import math
-import tomllib
-from typing import get_args
 
 import numpy as np
 import pytest
-from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import assemble
-from proving_ground.experiments.scenario.ground import AnyTramlines, SoilSettings
 from proving_ground.experiments.scenario.scenario import dump, load
-from proving_ground.testbed.ground.features import AnyFeature
-from proving_ground.testbed.ground.soil import NAMED_SOILS
 
 EVERYTHING = """
 [terrain]
@@ -51,15 +45,6 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_the_scenario_of_these_tests_has_every_kind():
-    content = tomllib.loads(EVERYTHING)
-    for settings, entries in (
-        (AnyFeature, content["terrain"]["features"]),
-        (AnyTramlines, content["soil"]["tramlines"]),
-    ):
-        assert len({entry["kind"] for entry in entries}) == len(get_args(get_args(settings)[0]))
-
-
 def test_files_are_found_beside_the_scenario_and_again_from_its_resolved_copy(
     folder, tmp_path_factory, monkeypatch
 ):
@@ -92,16 +77,6 @@ def test_a_map_covers_the_gradient_and_tramlines_multiply_a_patch(folder):
     assert soil.cone_index(-20.0, 12.0) == 150.0
 
 
-def test_a_feature_changes_the_height_by_its_own_height(folder):
-    (folder / "heights.csv").write_text("\n".join([",".join(["0"] * 81)] * 51))
-    name = str(folder / "field.toml")
-    one = "terrain.features=[{kind='ditch', x_m=3, y_m=2, depth_m=0.2, width_m=4.0, along_deg=0}]"
-    terrain = assemble(load(name, [one])[1], 0).terrain
-    assert terrain.height(3.0, 2.0) == pytest.approx(-0.2)
-    assert terrain.height(3.0, 3.0) == pytest.approx(-0.1)
-    assert terrain.heights.max() == 0.0
-
-
 def test_random_soil_follows_the_seed_and_leaves_the_terrain_alone():
     varied = ["soil.random={correlation_m=3.0}"]
     plain, one, other = (
@@ -112,17 +87,3 @@ def test_random_soil_follows_the_seed_and_leaves_the_terrain_alone():
     strength, others = (a.plant.soil.rasterised(a.terrain) for a in (one, other))
     assert not np.array_equal(strength, others)
     assert strength.std() > 50.0
-
-
-def test_a_map_smaller_than_the_path_is_refused(folder):
-    np.save(folder / "maps" / "strength.npy", np.full((20, 40), 500.0))
-    with pytest.raises(InvalidScenario, match=r"inside the soil map.*\(soil\.map\)$") as caught:
-        assemble(load(str(folder / "field.toml"))[1], 0)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_soil_by_name_is_its_cone_index_and_soils_dry_out_in_the_order_of_their_names():
-    assembly = assemble(load("split", ["soil={}", "soil.name='moist'"])[1], 0)
-    assert assembly.plant.soil.background == NAMED_SOILS["moist"]
-    assert SoilSettings(name="moist").cone_index_kpa is None
-    assert NAMED_SOILS["wet"] < NAMED_SOILS["moist"] < NAMED_SOILS["dry"] < NAMED_SOILS["hard"]

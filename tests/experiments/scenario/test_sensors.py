@@ -1,6 +1,5 @@
 """`[sensors]` and `[actuators]`: presets, laws of their errors, and what a record has of them."""
 
-import math
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -11,13 +10,8 @@ from proving_ground.experiments.scenario.scenario import Scenario, dump, load
 from proving_ground.testbed.errors import InvalidPlant
 from proving_ground.testbed.recording.channels import CONTROL, ESTIMATE, MEASUREMENT, STATE
 from proving_ground.testbed.sensing.sensor_specification import SENSOR_PRESETS
-from proving_ground.testbed.sensing.sensors import SensorSuite
-
-from tests.testbed.truths import truth
-from ttempc.types import Sensor
 
 FIELD = 'sensors.preset="field"'
-GNSS = (Sensor.GNSS_TRACTOR, Sensor.GNSS_TRAILER)
 SHORT = "path={kind='straight', length_m=8}"
 IMU = tuple(name for name in MEASUREMENT.fields if name.startswith("imu"))
 
@@ -33,16 +27,6 @@ def run(*overrides, name="grass"):
 @pytest.fixture(scope="module")
 def plain():
     return run()
-
-
-def test_effects_that_are_on_are_logged_at_the_start_and_others_not(plain):
-    for name in ("old-valves", "raw-gnss"):
-        first = [event for event in run(name=name).events if event.time_s == 0.0]
-        message = [event.text for event in first if event.level == "info"]
-        assert message
-        assert all(text.startswith(("actuators: ", "sensors: ")) for text in message)
-    assert plain.events == ()
-    assert np.isnan(plain[MEASUREMENT].columns(*IMU)).all()
 
 
 def test_an_imu_whose_yaw_rate_is_not_used_changes_nothing_else(plain):
@@ -63,34 +47,6 @@ def test_commands_and_set_points_are_recorded():
             middle = control.time_s[k] + late + 0.1
             row = np.argmin(np.abs(state.time_s - middle))
             assert state[f"{field}_set_point"][row] == sent[k]
-
-
-def test_late_gnss_samples_are_taken_in_and_named_in_the_log(plain):
-    record = run("sensors.gnss_latency_s=0.2")
-    assert "sensors: GNSS latency 0.2 s" in [event.text for event in record.events]
-    later = record[ESTIMATE].time_s > 1.0
-    assert record[ESTIMATE]["nis_dof"][later].max() == 4 * 5 + 4, "as many as without latency"
-
-    def error(record):
-        place = ["x_t_m", "y_t_m"]
-        rows = np.searchsorted(record[STATE].time_s, record[ESTIMATE].time_s - 1e-6)
-        away = record[ESTIMATE].columns(*place) - record[STATE].columns(*place)[rows]
-        return np.hypot(*away[5:].T).mean()
-
-    assert error(record) < 2.0 * error(plain)
-
-
-def test_late_samples_are_logged_with_the_time_and_the_value_of_their_sampling():
-    measured = run("sensors.gnss_latency_s=0.2", "sensors.gnss_sd_m=0.0")
-    table, state = measured[MEASUREMENT], measured[STATE]
-    late = np.isfinite(table["gnss_tractor_x_m"])
-    assert np.array_equal(late, np.isfinite(table["gnss_tractor_time_s"]))
-    taken = table["gnss_tractor_time_s"][late]
-    np.testing.assert_allclose(table.time_s[late] - taken, 0.2, atol=1e-9)
-    rows = np.abs(state.time_s[:, None] - taken).argmin(axis=0)
-    np.testing.assert_array_equal(state["x_t_m"][rows], table["gnss_tractor_x_m"][late])
-    prompt = np.isfinite(table["encoder_mps"])
-    np.testing.assert_array_equal(table["encoder_time_s"][prompt], table.time_s[prompt])
 
 
 def test_settings_that_do_not_fit_the_vehicle_or_the_step_are_refused():
@@ -126,58 +82,3 @@ def test_keys_beside_a_preset_replace_its_values_and_another_preset_those_of_a_f
     assert sensors('sensors.preset="paper"', name=str(resolved)) == sensors()
     same = sensors(FIELD, "sensors.gnss_sd_m=0.02", name=str(resolved))
     assert same == replace(plain, gnss_sd_m=0.02)
-
-
-def test_gnss_of_the_field_forgets_its_error_over_a_minute():
-    """Autocorrelation (1 - white share) exp(-t / 60 s), and the stated deviation.
-
-    The bands are four deviations of the mean of four independent first-order processes (Bartlett's
-    formula at lag 1, which is wider than that of their sum with white noise).
-    """
-    period_s, count = 2.0, 10_000
-    rates = ("gnss_rate_hz", "angle_rate_hz", "encoder_rate_hz", "imu.rate_hz")
-    specification = sensors(FIELD, *(f"sensors.{key}={1.0 / period_s}" for key in rates))
-    steps, late = round(period_s / 0.002), round(specification.gnss_latency_s / 0.002)
-    suite = SensorSuite(specification, 0.002, 7, np.zeros((2, 3)))
-    state = truth(antennas=np.zeros((2, 3)))
-    errors = {sensor: [] for sensor in GNSS}
-    for k in range(count):
-        for step in (k * steps, k * steps + late):
-            for sample in suite.sample(state, step):
-                if sample.sensor in errors:
-                    errors[sample.sensor].append(sample.value)
-    columns = np.hstack([errors[sensor] for sensor in GNSS])
-    assert columns.shape == (count, 4)
-    decay = math.exp(-2.0 * period_s / 60.0)
-    independent = 4 * count * (1.0 - decay) / (1.0 + decay)
-    assert columns.std() == pytest.approx(0.03, rel=4 / math.sqrt(2 * independent))
-    for lag in (1, 15, 30, 60):
-        rho = np.mean(columns[:-lag] * columns[lag:]) / np.mean(columns**2)
-        assert abs(rho - 0.9 * math.exp(-lag * period_s / 60.0)) < 4 / math.sqrt(independent)
-
-
-def test_an_antenna_of_the_field_leans_and_the_imu_leaves_its_own_error():
-    """At heading 0 the corrected point errs by h (sin(measured roll) - sin(true roll)) across."""
-    heights, roll = np.array([1.78, 1.27]), 0.1
-    lean = heights * math.sin(roll)
-    antennas = np.array([[0.0, -lean[0], 1.7], [-2.4, -lean[1], 1.2]])
-    state = truth(tractor={"roll": roll}, trailer={"roll": roll}, antennas=antennas)
-    levers = np.column_stack([np.zeros((2, 2)), heights])
-    specification = sensors(FIELD, "sensors.gnss_sd_m=0.0", "sensors.gnss_latency_s=0.0")
-    raw = replace(specification, gnss_antenna="raw")
-    for seed in range(20):
-        samples = {
-            sample.sensor: sample.value
-            for sample in SensorSuite(specification, 0.002, seed, levers).sample(state, 0)
-        }
-        uncorrected = SensorSuite(raw, 0.002, seed, levers).sample(state, 0)
-        for sample in uncorrected:
-            if sample.sensor in GNSS:
-                assert sample.value[1] == -lean[GNSS.index(sample.sensor)]
-        for gnss, imu, height in zip(
-            GNSS, (Sensor.IMU_TRACTOR, Sensor.IMU_TRAILER), heights, strict=True
-        ):
-            measured = samples[imu][1]
-            left = height * (math.sin(measured) * math.cos(0.0) - math.sin(roll))
-            assert samples[gnss][1] == pytest.approx(left, abs=1e-12)
-            assert 0.0 < abs(samples[gnss][1]) < 5 * height * math.radians(math.hypot(0.2, 0.3))

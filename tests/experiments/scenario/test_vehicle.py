@@ -3,16 +3,10 @@
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidScenario
 from proving_ground.experiments.run.assembly import assemble
-from proving_ground.experiments.run.simulate import simulate
-from proving_ground.experiments.scenario import vehicle
 from proving_ground.experiments.scenario.scenario import dump, load, shipped
-from proving_ground.testbed.log.reader import read_log
-from proving_ground.testbed.recording.channels import STATE
 from proving_ground.testbed.vehicle.vehicle import find_vehicle, read_vehicle
 
 from ttempc.errors import InvalidPath, TtempcError
@@ -39,39 +33,6 @@ def test_plant_and_model_come_from_one_file():
     assert model.trailer_length == plant.trailer.length_m
     assert model.steering_rate_i == math.radians(plant.trailer_steering.rate_degps)
     assert model.speed_gain == plant.hydrostat.speed_gain_mps
-
-
-def test_a_run_reads_its_vehicle_file_once(monkeypatch):
-    scenario, reads = load("grass")[1], []
-    monkeypatch.setattr(
-        vehicle, "read_vehicle", lambda name: reads.append(name) or read_vehicle(name)
-    )
-    assemble(scenario, 1)
-    assert reads == ["kayacan2016"]
-
-
-def test_a_mismatch_names_the_values_of_plant_and_model():
-    assert differences(
-        "plant.vehicle.hitch_offset_m=0.45",
-        "plant.vehicle.load_kg=200",
-        "plant.vehicle.speed_gain_mps=1.2",
-        "controller.vehicle.trailer_m=1.5",
-        "controller.vehicle.front_lag_s=0.3",
-    ) == {
-        "hitch_offset_m": (0.45, 0.3),
-        "trailer_m": (1.3, 1.5),
-        "load_kg": (200.0, 0.0),
-        "speed_gain_mps": (1.2, 1.4),
-        "front_lag_s": (0.15, 0.3),
-    }
-
-
-def test_dead_times_of_the_model_are_keys_of_the_scenario():
-    keys = ("front", "trailer", "hydrostat")
-    scenario = load("grass", [f"controller.vehicle.{key}_dead_time_s=0.3" for key in keys])[1]
-    model = scenario.vehicles().model
-    assert model.dead_times.tolist() == [0.3, 0.3, 0.3]
-    assert model.without_dead_times() == load("grass")[1].vehicles().model
 
 
 def test_a_vehicle_file_lies_beside_its_scenario_and_is_found_from_a_copy_elsewhere(tmp_path):
@@ -121,31 +82,3 @@ def test_a_path_that_the_large_vehicle_cannot_steer_is_refused_with_its_place():
     fast = load("farm", ["path.speed_mps=3.2"])[1]
     with pytest.raises(TtempcError, match=r"3\.1 m/s"):
         assemble(fast, 1)
-
-
-def test_the_large_vehicle_drives_its_scenario_to_the_end():
-    summary = simulate(*load("farm"), seed=1)[0]
-    assert summary.status == "completed"
-    tracking = summary.tracking.all
-    for body in (tracking.tractor, tracking.trailer):
-        assert body.max_m is not None
-        assert body.max_m < 2.0
-
-
-def test_a_run_reports_the_mismatch_and_its_resolved_scenario_repeats_it(tmp_path, capsys):
-    options = ("path={kind='straight', length_m=12}", "plant.vehicle.load_kg=500")
-    options += ("plant.vehicle.file='farm4500'", "controller.vehicle.trailer_m=3.0")
-    sets = [word for option in options for word in ("--set", option)]
-    first, again = tmp_path / "first", tmp_path / "again"
-    assert main(["run", "grass", *sets, "--out", str(first)]) == 0
-    message = "trailer_m 3 (true 2.6), load_kg 1500 (true 500)"
-    assert f"Parameter mismatch: {message}" in capsys.readouterr().out
-    assert message in (first / "report.html").read_text()
-    log = read_log(first / "log.mcap")
-    assert log.metadata["mismatch"] == message
-    resolved = (first / "scenario.toml").read_text()
-    assert "trailer_m = 3.0" in resolved
-    assert "load_kg = 500.0" in resolved
-    assert main(["run", str(first / "scenario.toml"), "--out", str(again)]) == 0
-    repeated = read_log(again / "log.mcap")[STATE].values
-    np.testing.assert_array_equal(repeated, log[STATE].values)

@@ -10,7 +10,6 @@ from proving_ground.experiments.errors import InvalidWaypoints
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.scenario.waypoint_file import read_waypoints
-from proving_ground.testbed.geodesy import east_north
 
 POINTS = [(0.0, 0.0, 1.0), (5.0, 0.5, 0.8), (10.0, 2.0, 0.6)]
 
@@ -29,42 +28,10 @@ def test_all_formats_of_columns_give_the_same_waypoints(tmp_path):
         '"speed_mps", "x_m", "y_m"\n1,0,0\n0.8,5,0.5\n0.6,10,2\n',
         "# x y v\n0 0 1\n# a comment\n5 0.5 0.8\n10 2 0.6\n",
         "name,Easting,Northing,Velocity\na,0,0,1\nb,5,0.5,0.8\nc,10,2,0.6\n",
-        # Fields2Cover, with lengths and with durations
-        "0 0 7 0.1 1.0 5.02 1 1\n5 0.5 7 0.1 0.8 5.22 1 2\n10 2 7 0.3 0.6 0 1 2\n",
-        "0 0 7 0.1 1.0 5.02 1 1\n5 0.5 7 0.1 0.8 6.52 1 2\n10 2 7 0.3 0.6 0 1 2\n",
     ):
         waypoints = read_waypoints(written(tmp_path, text))
         np.testing.assert_allclose(waypoints.points, np.array(POINTS)[:, :2])
         np.testing.assert_allclose(waypoints.speed, np.array(POINTS)[:, 2])
-        assert not waypoints.backward
-
-
-def test_speeds_follow_from_times_where_there_are_none(tmp_path):
-    waypoints = read_waypoints(written(tmp_path, "time_s,x,y\n" + "3,0,0\n5,3,4\n9,9,12\n"))
-    np.testing.assert_allclose(waypoints.speed, np.gradient([0.0, 5.0, 15.0], [3.0, 5.0, 9.0]))
-
-
-def test_the_end_of_the_last_fields2cover_section_is_a_waypoint_and_empty_sections_are_none(
-    tmp_path,
-):
-    text = (
-        "0 0 0 0 1 10 1 1\n"  # a swath
-        "10 0 0 0 1 0 1 2\n"  # nothing
-        "10 0 0 1.5708 1 2 1 2\n"
-        f"10 2 0 {math.pi} 1 10 1 1\n"  # a swath back
-    )
-    waypoints = read_waypoints(written(tmp_path, text))
-    np.testing.assert_allclose(waypoints.points, [[0, 0], [10, 0], [10, 2], [0, 2]], atol=1e-9)
-    backward = read_waypoints(
-        written(tmp_path, text.replace(" 1 1\n", " -1 1\n").replace(" 1 2\n", " -1 2\n"))
-    )
-    assert backward.backward
-
-
-def test_an_origin_moves_the_points(tmp_path):
-    file = written(tmp_path, "500000 5600000\n500010 5600020\n")
-    points = read_waypoints(file, origin_m=(500005.0, 5600000.0)).points
-    np.testing.assert_allclose(points, [[-5.0, 0.0], [5.0, 20.0]])
 
 
 def test_invalid_columns_are_refused_with_their_line(tmp_path):
@@ -72,11 +39,8 @@ def test_invalid_columns_are_refused_with_their_line(tmp_path):
         ("", "empty"),
         ("0 0\n1 0 0\n", "line 2: got 3 columns"),
         ("0 0 0 0\n", "line 1: got 4 columns"),
-        ("0 0\n1 nan\n", "line 2: y is 'nan'"),
         ("0 0\n1 one\n", "line 2: y is 'one'"),
         ("a b\n0 0\n", "line 1: header a b"),
-        ("t,x,y\n0,0,0\n1,1,0\n0.5,2,0\n", "line 4 (point 2 at x = 2.00, y = 0.00 m): time"),
-        ("0 0 0 0 1 1 1 1\n1 0 0 0 1 1 -1 1\n", "line 2 (point 1 at x = 1.00"),
     ):
         with pytest.raises(InvalidWaypoints) as caught:
             read_waypoints(written(tmp_path, text))
@@ -106,18 +70,6 @@ def test_geojson_is_east_and_north_of_its_first_point_or_of_an_origin(tmp_path):
         assert moved[0, 1] == pytest.approx(-11.12, abs=0.02)
 
 
-def test_short_distances_agree_with_the_radii_of_curvature():
-    """Meridian M = a (1 - e^2) / w^3 and prime vertical N = a / w, w^2 = 1 - e^2 sin^2(phi)."""
-    a, e2, step = 6378137.0, 0.00669437999014, 1e-3
-    for latitude in (0.0, 35.0, -50.0, 70.0):
-        phi = math.radians(latitude)
-        w = math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
-        east, _ = east_north(latitude, 10.0 + step, (latitude, 10.0))
-        _, north = east_north(latitude + step, 10.0, (latitude, 10.0))
-        assert east == pytest.approx(math.radians(step) * a / w * math.cos(phi), rel=1e-6)
-        assert north == pytest.approx(math.radians(step) * a * (1.0 - e2) / w**3, rel=2e-5)
-
-
 def test_invalid_geojson_is_refused(tmp_path):
     for text, message in (
         ("{", "JSON"),
@@ -129,14 +81,6 @@ def test_invalid_geojson_is_refused(tmp_path):
     ):
         with pytest.raises(InvalidWaypoints, match=message):
             read_waypoints(written(tmp_path, text, "route.geojson"))
-
-
-def test_the_wrong_kind_of_origin_is_refused(tmp_path):
-    with pytest.raises(InvalidWaypoints, match="given as origin_m"):
-        read_waypoints(written(tmp_path, "0 0\n1 1\n"), origin_deg=(50.0, 4.0))
-    file = written(tmp_path, geojson([[4.7, 50.0], [4.7, 50.1]]), "route.geojson")
-    with pytest.raises(InvalidWaypoints, match="given as origin_deg"):
-        read_waypoints(file, origin_m=(50.0, 4.0))
 
 
 def scenario(folder, extra=""):
@@ -164,17 +108,15 @@ def test_a_path_beside_the_scenario_is_driven_at_its_speeds(tmp_path, monkeypatc
 
 
 def test_bad_paths_get_one_line_with_the_place_and_nothing_is_written(tmp_path, capsys):
-    turns, point = "0 0 0 0 1 9 -1 1\n9 0 0 0 1 9 -1 1\n", "point 2 at x = 10.00, y = 0.00 m"
     for number, (content, extra, message) in enumerate(
         (
             (None, "", "bend.csv: cannot be read"),
             (bend(3.0), "", "path too tight at s ="),
             (bend(12.0, speed=-1.0), "", "-1.0 m/s at point 2, s = 6.0"),
             (bend(12.0, speed=3.0), "", "1.4 m/s"),
-            ("0 0\n10 0\n10 0\n", "", point),
+            ("0 0\n10 0\n10 0\n", "", "point 2 at x = 10.00, y = 0.00 m"),
             ("0 0\n38 0\n", "", "leaves at s = 36."),
             ("0 0\n60 0\n", "", "point 1 of 2 at x = 60, y = 0 m"),
-            (turns, "", "path.reverse = true"),
             ("0 0\n10 0\n", "max_deviation_m = 0.0", "path.max_deviation_m: "),
         )
     ):

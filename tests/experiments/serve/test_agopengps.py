@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from proving_ground.experiments.serve import agopengps as frames
 from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol
-from proving_ground.experiments.serve.link import Refused, TickData, Trouble
+from proving_ground.experiments.serve.link import Refused, TickData
 from proving_ground.testbed.geodesy import Datum
 
 from ttempc import Vehicle, straight
@@ -22,30 +22,21 @@ STEER_RIGHT = bytes.fromhex("80 81 7f fe 08 36 00 01 d2 04 ff 00 00 91")
 AGIO_HELLO = bytes([0x80, 0x81, 0x7F, 200, 3, 56, 0, 0, 0x47])
 
 
+def steering_frame(angle_deg, engaged):
+    """Return a steering frame as AgOpenGPS sends it, without a line and sections."""
+    data = struct.pack("<HBhBBB", 54, engaged, round(100.0 * angle_deg), 255, 0, 0)
+    return frames.frame(0x7F, 254, data)
+
+
 def test_the_steering_frame_of_the_documentation_is_read():
-    number, data = frames.parse(STEER_RIGHT)
-    assert number == 254
-    content = frames.steering(data)
-    assert content.angle_deg == pytest.approx(12.34)
-    assert content.engaged
-    assert content.speed_kmh == pytest.approx(5.4)
-    assert frames.steering_frame(content) == STEER_RIGHT
-
-
-def test_an_angle_to_the_left_is_negative_there_and_positive_here():
+    """An angle to the left is negative there and positive here; off is no command."""
+    assert steering_frame(12.34, True) == STEER_RIGHT
     protocol = AgOpenGpsProtocol()
-    left = frames.steering_frame(frames.Steering(-20.0, engaged=True, speed_kmh=0.0))
-    command = protocol.receive(left).command
-    assert command.delta_t == pytest.approx(math.radians(20.0))
-    assert protocol.receive(STEER_RIGHT).command.delta_t == pytest.approx(-math.radians(12.34))
-
-
-def test_steering_that_is_off_is_no_command_and_starts_nothing():
-    protocol = AgOpenGpsProtocol()
-    off = frames.steering_frame(frames.Steering(5.0, engaged=False, speed_kmh=0.0))
-    assert protocol.receive(off).command is None
+    assert protocol.receive(steering_frame(5.0, False)).command is None
     assert not protocol.ready
-    protocol.receive(STEER_RIGHT)
+    left = protocol.receive(steering_frame(-20.0, True)).command
+    assert left.delta_t == pytest.approx(math.radians(20.0))
+    assert protocol.receive(STEER_RIGHT).command.delta_t == pytest.approx(-math.radians(12.34))
     assert protocol.ready
 
 
@@ -56,26 +47,19 @@ def test_the_hello_of_agio_is_answered_as_its_simulated_module_does():
     assert reply[-1] == sum(reply[2:-1]) % 256
 
 
-@pytest.mark.parametrize(
-    ("datagram", "trouble"),
-    [
-        (STEER_RIGHT[:-1] + b"\x92", Trouble.CHECKSUM),
-        (bytes([*STEER_RIGHT[:8], 0xD3, *STEER_RIGHT[9:]]), Trouble.CHECKSUM),
-        (STEER_RIGHT[:-2], Trouble.LENGTH),
-        (STEER_RIGHT + b"\x00", Trouble.LENGTH),
-        (b"\x80\x81", Trouble.LENGTH),
-        (b"", Trouble.CONTENT),
-        (b"$PANDA,1", Trouble.CONTENT),
-        (frames.frame(0x7F, 254, b"\x00\x00\x01"), Trouble.LENGTH),
-    ],
-)
-def test_damaged_frames_are_refused(datagram, trouble):
-    with pytest.raises(Refused) as refusal:
-        AgOpenGpsProtocol().receive(datagram)
-    assert refusal.value.trouble is trouble
-
-
-def test_frames_for_other_modules_are_no_command():
+def test_damaged_frames_are_refused_and_those_for_others_are_no_command():
+    for datagram in (
+        STEER_RIGHT[:-1] + b"\x92",
+        bytes([*STEER_RIGHT[:8], 0xD3, *STEER_RIGHT[9:]]),
+        STEER_RIGHT[:-2],
+        STEER_RIGHT + b"\x00",
+        b"\x80\x81",
+        b"",
+        b"$PANDA,1",
+        frames.frame(0x7F, 254, b"\x00\x00\x01"),
+    ):
+        with pytest.raises(Refused):
+            AgOpenGpsProtocol().receive(datagram)
     for number in (229, 239, 251, 252):
         assert AgOpenGpsProtocol().receive(frames.frame(0x7F, number, bytes(8))).command is None
 
@@ -143,10 +127,5 @@ def test_samples_arrive_in_the_plane_of_agopengps():
     assert fields["roll"] == pytest.approx(3.0)  # right side down in both
     assert len(status) == 14
     assert struct.unpack_from("<hhh", status, 5) == (-700, 9999, 8888)
-
-
-def test_a_tick_without_gnss_sends_no_position():
-    estimate = Estimate(1.0, np.zeros(7), np.zeros((7, 7)), np.zeros(2), 0.0)
-    reference = Reference(straight(20.0), Vehicle(), ConstantSpeed(1.0))
-    sent = AgOpenGpsProtocol().period(TickData(0, 0.0, [], estimate, reference, 0))
-    assert [frame[3] for frame in sent] == [253]
+    nothing = TickData(0, 0.0, [], estimate, data.reference, 0)
+    assert [frame[3] for frame in protocol.period(nothing)] == [253]

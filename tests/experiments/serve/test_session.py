@@ -16,13 +16,15 @@ import pytest
 from proving_ground.experiments.errors import ServeError
 from proving_ground.experiments.run.simulate import drive_into
 from proving_ground.experiments.scenario.scenario import load
-from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol, Steering, steering_frame
+from proving_ground.experiments.serve.agopengps import AgOpenGpsProtocol
 from proving_ground.experiments.serve.json_protocol import JsonProtocol
 from proving_ground.experiments.serve.link import Link, Trouble
 from proving_ground.experiments.serve.session import RemoteController, Session, SessionSettings
 from proving_ground.testbed.geodesy import DATUM, east_north
 from proving_ground.testbed.recording.channels import CONTROL, STATE
 from proving_ground.testbed.recording.record import Recorder
+
+from tests.experiments.serve.test_agopengps import steering_frame
 
 LOCAL = ("127.0.0.1", 0)
 HELLO = b'{"type":"hello","version":1,"name":"test","reference":1,"estimate":true}'
@@ -144,13 +146,6 @@ def test_the_clock_is_kept_without_drift_at_a_factor():
         assert outcome.wall_s < 50 * period_s + 0.08
 
 
-def test_a_plant_that_cannot_keep_the_pace_counts_overruns():
-    _, _, counts, _ = drive(
-        follow, settings=SessionSettings(speed=1e4, wait_s=PATIENCE_S, hold_s=1e3)
-    )
-    assert counts[Trouble.OVERRUN] > 20
-
-
 def silent_from(first, last):
     """Return a peer that sends nothing from one tick to another."""
 
@@ -175,8 +170,7 @@ def test_a_silent_peer_stops_the_vehicle_and_the_reference_waits_for_it_to_retur
     assert state["v_mps"][-1] > 0.5  # it has driven on
     texts = [event.text for event in record.events]
     assert any("no command over UDP for more than 2 s: stopped" in text for text in texts)
-    assert any(re.search(r"\d+ periods without a command in time", text) for text in texts)
-    assert texts[-1].startswith("UDP: ")
+    assert re.match(r"UDP: .* \d+ periods without a command in time", texts[-1])
 
 
 def test_commands_that_are_one_tick_late_drive_all_the_same():
@@ -221,22 +215,17 @@ def test_strangers_and_nonsense_are_counted_and_change_no_bit():
     record, outcome, counts, _ = drive(noisy, beside=stranger)
     assert outcome.status == "completed"
     assert counts[Trouble.STRANGER] > 0
-    assert counts[Trouble.CONTENT] >= 30
-    assert counts[Trouble.LENGTH] >= 30
+    assert counts[Trouble.INVALID] >= 60
     table = record.tables[STATE.topic]
     np.testing.assert_array_equal(table.values, plain.tables[STATE.topic].values)
 
 
-def test_a_peer_that_leaves_ends_a_run_in_lockstep():
+def test_without_a_peer_nothing_starts_and_one_that_leaves_ends_a_run_in_lockstep():
     settings = SessionSettings(lockstep=True, wait_s=0.5)
     _, outcome, _, _ = drive(silent_from(10, 1000), settings=settings)
     assert outcome.status == "invalid"
-    assert "no command for tick 10 within 0.5 s" in outcome.failure
-
-
-def test_without_a_peer_nothing_starts():
-    settings = SessionSettings(wait_s=0.2)
-    with pytest.raises(ServeError, match=r"within 0\.2 s"):
+    assert "tick 10" in outcome.failure
+    with pytest.raises(ServeError, match=r"0\.5 s"):
         drive(lambda datagram: [], first=(b"{}",), settings=settings)
 
 
@@ -260,13 +249,13 @@ class AgOpenGps:
         angle = -1.2 * turned - 25.0 * (right + self.offset_m)
         limited = max(-30.0, min(30.0, angle))
         engaged = len(self.positions) > STANDS
-        return [steering_frame(Steering(limited, engaged=engaged, speed_kmh=3.6))]
+        return [steering_frame(limited, engaged)]
 
 
-@pytest.mark.parametrize("offset_m", [0.8, -0.8])
-def test_agopengps_steers_onto_a_line_of_its_own_beside_the_path(offset_m):
+def test_agopengps_steers_onto_a_line_of_its_own_beside_the_path():
+    offset_m = 0.8
     guidance = AgOpenGps(offset_m)
-    off = steering_frame(Steering(0.0, engaged=False, speed_kmh=0.0))
+    off = steering_frame(0.0, False)
     record, outcome, counts, _ = drive(guidance, AgOpenGpsProtocol(), length_m=16.0, first=(off,))
     assert outcome.status == "completed"
     assert set(counts) <= {Trouble.REPEATED}  # of a peer that is kept waiting

@@ -12,7 +12,7 @@ from proving_ground.experiments.validation.validation_report import ValidationRe
 from proving_ground.testbed.validation.check import Check, between
 
 KEYS = ("name", "figure", "unit", "expectation", "low", "high", "passed")
-FAST = ("hydrostat", "roughness")
+FAST = ("hydrostat", "coast-down")
 COMMAND = "validate"
 
 
@@ -64,8 +64,7 @@ def test_a_check_that_does_not_apply_neither_passes_nor_fails_and_nan_fails():
 def test_wheels_and_overrides_reach_the_bench():
     name, scenario = load("wet-slope", ['plant.wheels="contact"', "soil.cone_index_kpa=450"])
     bench = validation_report.bench(scenario)
-    assert (bench.wheels, bench.cone_index, bench.iso_class) == ("contact", 450.0, "E")
-    assert bench.slope_rad == 0.15
+    assert (bench.wheels, bench.cone_index) == ("contact", 450.0)
     assert validation_report.validation_report(name, scenario, experiments=()).checks == ()
 
 

@@ -66,14 +66,6 @@ def test_commands_arrive_exactly_after_the_dead_time(dead_time):
     np.testing.assert_array_equal(set_points[:late], [[0.0, 0.0, 0.7]] * late)
 
 
-def test_every_axis_has_a_dead_time_of_its_own():
-    actuators = path(trailer=SteeringValve(dead_time_s=0.1))
-    set_points = driven(actuators, [(0.1, 0.2, 0.3)] * 60)
-    np.testing.assert_array_equal(set_points[:, 0], 0.1)
-    np.testing.assert_array_equal(set_points[:, 1], [0.0] * 50 + [0.2] * 10)
-    np.testing.assert_array_equal(set_points[:, 2], 0.3)
-
-
 def test_dead_band_ignores_small_errors_and_is_continuous_beyond():
     band = 0.5 * DEG
     errors = np.linspace(-2.0, 2.0, 4001) * DEG
@@ -123,15 +115,6 @@ def test_commands_are_rounded_to_the_resolution():
     assert np.abs(sent - commands).max() <= 0.5 * step + 1e-12
 
 
-def test_notes_name_the_effects_that_are_on():
-    specification = ActuatorSpecification(front=OLD, hydrostat=HydrostatValve(dead_time_s=0.3))
-    assert specification.notes() == [
-        "actuators: front valve dead time 0.15 s, dead band 0.5 deg, backlash 1 deg",
-        "actuators: hydrostat dead time 0.3 s",
-    ]
-    assert ActuatorSpecification().notes() == []
-
-
 def test_impossible_valves_are_refused_by_their_keys():
     keys = ("dead_time_s", "dead_band_deg", "backlash_deg", "resolution_deg")
     for name, value in [*((key, bad) for key in keys for bad in (-0.1, math.nan)), (keys[0], 2.1)]:
@@ -163,42 +146,6 @@ def qpos_after(plant, strides):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("wheels", ["soil", "contact"])
-def test_a_path_that_changes_nothing_changes_no_bit(wheels):
-    """A hydrostat dead time takes the way through the valves, but a constant 0.5 stays 0.5."""
-    strides = [(Command(0.1 * math.sin(k), 0.05 * math.cos(k), 0.5), 20) for k in range(30)]
-    plain = qpos_after(plant_with(wheels=wheels), strides)
-    late = qpos_after(
-        plant_with(ActuatorSpecification(hydrostat=HydrostatValve(dead_time_s=0.3)), wheels),
-        strides,
-    )
-    np.testing.assert_array_equal(plain, late)
-
-
-def test_a_dead_time_that_ends_between_two_ticks_shifts_the_steering_by_itself():
-    """Standing, so that nothing but the valve tells one moment from the other."""
-    turn, late = Command(0.2, 0.0, 0.0), 70  # 0.14 s, ticks are 0.2 s apart
-
-    def angles(plant):
-        plant.reset(0.0, 0.0, 0.0, 0.0)
-        return np.array([plant.advance(turn, 1).delta_t for _ in range(300)])
-
-    plain = angles(plant_with())
-    delayed = angles(plant_with(ActuatorSpecification(front=SteeringValve(dead_time_s=0.14))))
-    assert np.abs(delayed[:late]).max() < 1e-4
-    np.testing.assert_allclose(delayed[late:], plain[:-late], atol=1e-4)
-
-
-def test_a_dead_time_does_not_depend_on_how_the_time_is_split():
-    commands = [Command(0.1 * (-1) ** k, 0.05 * k, 0.4) for k in range(5)]
-    specification = ActuatorSpecification(
-        front=OLD, trailer=OLD, hydrostat=HydrostatValve(dead_time_s=0.25)
-    )
-    whole = qpos_after(plant_with(specification), [(command, 100) for command in commands])
-    split = [(command, steps) for command in commands for steps in (30, 10, 60)]
-    np.testing.assert_array_equal(whole, qpos_after(plant_with(specification), split)[2::3])
-
-
 def test_a_steered_axle_stops_short_by_dead_band_and_half_the_play():
     plant = plant_with(ActuatorSpecification(front=OLD))
     plant.reset(-10.0, 0.0, 0.0, 0.7)
@@ -220,9 +167,3 @@ def test_a_restored_plant_goes_on_identically_with_commands_under_way():
     first = plant.advance(Command(0.05, 0.0, 0.5), 400).body_xyz
     plant.restore(before)
     np.testing.assert_array_equal(plant.advance(Command(0.05, 0.0, 0.5), 400).body_xyz, first)
-
-
-def test_a_reset_forgets_commands_under_way():
-    plant = plant_with(ActuatorSpecification(front=OLD, hydrostat=HydrostatValve(dead_time_s=0.3)))
-    strides = [(Command(0.2, 0.0, 0.8), 100), (Command(-0.2, 0.0, 0.1), 50)]
-    np.testing.assert_array_equal(qpos_after(plant, strides), qpos_after(plant, strides))

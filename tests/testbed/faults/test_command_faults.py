@@ -95,10 +95,3 @@ def test_late_commands_are_those_of_before():
     np.testing.assert_array_equal(moved[from_then], SENT[np.flatnonzero(from_then) - late])
     waiting = INSIDE & ~from_then
     np.testing.assert_array_equal(moved[waiting, 0], SENT[INSIDE.argmax() - 1, 0])
-
-
-def test_faults_act_in_their_order():
-    """The bus comes before the valves: a stuck valve does not see a lost command."""
-    both = set_points({"kind": "hydrostat_cut"}, {"kind": "commands_lost"})
-    assert not both[INSIDE, 2].any()
-    np.testing.assert_allclose(both[INSIDE, 0], command(START_S - DT).delta_t)

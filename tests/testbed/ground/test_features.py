@@ -29,11 +29,6 @@ def on_line(feature, direction, distances):
     )
 
 
-def test_without_features_the_ground_does_not_change():
-    ground = terrain.rough("D", np.random.default_rng(0), (12.0, 8.0))
-    assert np.array_equal(ground.shaped(()).heights, ground.heights)
-
-
 def test_features_add_up_in_any_order():
     ground = terrain.rough("D", np.random.default_rng(0), (20.0, 16.0))
     x, y = ground.points()
@@ -113,13 +108,6 @@ def test_features_that_do_not_fit_the_field_or_its_grid_are_refused_in_one_line(
             terrain.flat((20.0, 16.0)).shaped((feature,))
         assert str(caught.value).startswith(start)
         assert "\n" not in str(caught.value)
-
-
-def test_the_finest_feature_that_a_grid_allows_keeps_its_height():
-    for spacing in (0.05, 0.1, 0.2):
-        ground = terrain.flat((20.0, 16.0), spacing)
-        step = Step(x_m=0.0, y_m=0.0, height_m=0.1, ramp_m=2 * spacing)
-        assert np.ptp(ground.shaped((step,)).heights) == pytest.approx(0.1)
 
 
 def test_impossible_features_are_refused_by_their_keys():

@@ -1,6 +1,5 @@
 """Soil strength: background, layers, tramlines."""
 
-import itertools
 import math
 
 import numpy as np
@@ -20,7 +19,6 @@ from proving_ground.testbed.ground.soil import (
     parallel_lines,
 )
 from proving_ground.testbed.ground.terrain import Terrain
-from proving_ground.testbed.randomness import generator
 from pydantic import ValidationError
 
 FIELD = terrain.flat((40.0, 30.0), 0.25)
@@ -32,22 +30,11 @@ def patch(x_m, radius_m, cone_index_kpa):
     return Patch(x_m=x_m, y_m=0.0, radius_m=radius_m, cone_index_kpa=cone_index_kpa)
 
 
-def test_uniform_soil_is_the_same_everywhere():
-    x = np.linspace(-9.0, 9.0, 7)
-    np.testing.assert_array_equal(SoilMap(450.0).cone_index(x, x[:, None]), np.full((7, 7), 450.0))
-
-
 def test_named_soils_have_their_strength_and_an_unknown_name_is_refused():
     for name, strength in NAMED_SOILS.items():
         assert SoilMap.named(name).cone_index(0.0, 0.0) == strength
     with pytest.raises(InvalidField, match="hard"):
         SoilMap.named("concrete")
-
-
-def test_later_patch_holds_where_patches_overlap():
-    soil = SoilMap(600.0, (patch(0.0, 2.0, 300.0), patch(1.5, 1.0, 150.0)))
-    values = soil.cone_index(np.array([-1.0, 1.0, 2.4, 9.0]), np.zeros(4))
-    np.testing.assert_array_equal(values, [300.0, 150.0, 150.0, 600.0])
 
 
 def test_the_cone_index_is_that_of_the_nearest_point_and_of_the_border_beyond():
@@ -122,24 +109,6 @@ def test_correlation_of_the_logarithm_falls_by_e_over_the_correlation_length(axi
         assert error < 0.03
 
 
-def test_opposite_edges_are_uncorrelated():
-    pairs = np.array([drawn(seed).values[::8][:, [0, -1]] for seed in range(40)])
-    west, east = np.log(pairs).reshape(-1, 2).T
-    assert abs(np.corrcoef(west, east)[0, 1]) < 0.15
-
-
-def test_no_variation_is_no_change():
-    soil = SoilMap(450.0, (drawn(0, cv=0.0),))
-    np.testing.assert_allclose(soil.rasterised(FIELD), 450.0, rtol=1e-12)
-
-
-def test_the_seed_alone_decides_and_does_not_touch_the_terrain():
-    strength = RandomStrength(correlation_m=2.0)
-    fields = [strength.draw(generator(s, "soil"), FIELD).values for s in (1, 1, 2)]
-    assert np.array_equal(fields[0], fields[1])
-    assert not np.array_equal(fields[0], fields[2])
-
-
 # --- map -------------------------------------------------------------------------------------
 
 
@@ -177,43 +146,6 @@ def test_an_unusable_map_is_refused_in_one_line_that_names_it(tmp_path, text, me
 # --- layers ----------------------------------------------------------------------------------
 
 
-def test_layers_lie_on_each_other_in_their_order():
-    patch = Patch(x_m=0.0, y_m=0.0, radius_m=3.0, cone_index_kpa=150.0)
-    gradient = Gradient(from_kpa=300.0, to_kpa=900.0, distance_m=10.0, x_m=-5.0)
-    factors = drawn(3)
-    places = np.array([0.0, 4.0]), np.zeros(2)
-    for order in itertools.permutations((patch, gradient, factors)):
-        expected = np.full(2, 700.0)
-        for layer in order:
-            if layer is patch:
-                expected[0] = 150.0
-            elif layer is gradient:
-                expected = np.array([600.0, 840.0])
-            else:
-                expected = expected * factors.at(*places)
-        np.testing.assert_allclose(SoilMap(700.0, order).cone_index(*places), expected)
-
-
-def test_raster_of_all_layers_is_the_map_at_the_grid_s_points():
-    layers = (
-        Gradient(from_kpa=300.0, to_kpa=900.0, distance_m=10.0, x_m=-5.0, towards_deg=17.0),
-        StrengthMap(np.full((5, 5), 500.0), 1.0, (-2.0, -2.0)),
-        drawn(1),
-        Patch(x_m=2.0, y_m=1.0, radius_m=1.5, cone_index_kpa=120.0),
-    )
-    soil = SoilMap(500.0, layers)
-    raster = soil.rasterised(FIELD)
-    x, y = FIELD.points()
-    for row, column in np.random.default_rng(0).integers(0, (121, 161), (40, 2)):
-        assert raster[row, column] == soil.cone_index(x[column], y[row, 0])
-
-
-def test_patches_finer_than_the_grid_are_refused():
-    patch = Patch(x_m=0.0, y_m=0.0, radius_m=0.1, cone_index_kpa=100.0)
-    with pytest.raises(InvalidField, match=r"soil: got patch 0\.2 m wide"):
-        SoilMap(500.0, (patch,)).rasterised(FIELD)
-
-
 # --- tramlines -------------------------------------------------------------------------------
 
 
@@ -242,18 +174,6 @@ def test_tracks_cover_two_widths_of_ground_and_end_round():
         assert (raster > 400.0).sum() * 0.05**2 == pytest.approx(area, rel=0.02)
 
 
-def test_tracks_of_a_bent_line_stay_at_their_distance():
-    angle = np.linspace(0.0, 1.0, 40)
-    line = 8.0 * np.column_stack([np.cos(angle), np.sin(angle)])
-    tramlines = Tramlines((line,), TRACKS)
-    radius = np.linspace(7.0, 9.0, 201)
-    for a in (0.2, 0.5, 0.8):
-        rolled = factor(tramlines, radius * math.cos(a), radius * math.sin(a)) > 1.0
-        inside = abs(abs(radius - 8.0) - 0.5)
-        assert rolled[inside < 0.14].all()
-        assert not rolled[inside > 0.16].any()
-
-
 def test_crossing_tracks_of_one_kind_count_once_and_two_kinds_twice():
     across = STRAIGHT[:, ::-1]
     once = Tramlines((STRAIGHT, across), TRACKS)
@@ -267,13 +187,6 @@ def test_parallel_passes_run_beside_each_other_to_the_left():
     lines = parallel_lines((1.0, 2.0), 0.5 * math.pi, 10.0, 3, 4.0)
     np.testing.assert_allclose(lines[0], [[1, 2], [1, 12]], atol=1e-12)
     np.testing.assert_allclose(lines[2], [[-7, 2], [-7, 12]], atol=1e-12)
-
-
-def test_a_line_that_turns_back_or_pauses_is_a_line():
-    line = np.array([[0.0, 0.0], [5.0, 0.0], [5.0, 0.0], [0.0, 0.0]])
-    tramlines = Tramlines((line,), TRACKS)
-    assert factor(tramlines, 2.5, 0.5) == 1.5
-    assert factor(tramlines, 2.5, 0.0) == 1.0
 
 
 # --- refusals --------------------------------------------------------------------------------

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from proving_ground.testbed.ground import terrain
-from proving_ground.testbed.ground.features import Bump, Furrows
+from proving_ground.testbed.ground.features import Bump
 from proving_ground.testbed.ground.soil import Gradient, SoilMap, Tracks, Tramlines
 from proving_ground.testbed.simulation.plant import Plant
 from proving_ground.testbed.truth import WHEELS
@@ -45,13 +45,6 @@ def test_on_a_soil_boundary_each_side_has_its_own_soil_slip_and_resistance(left,
     assert towards_soft * truth.tractor.yaw > 0.005
 
 
-def test_mirrored_soil_gives_the_mirrored_drive():
-    halves = (edge(first, 1200.0 - first) for first in (900.0, 300.0))
-    one, other = (driven(SoilMap(1.0, (half,)), seconds=2) for half in halves)
-    assert one.tractor.yaw == pytest.approx(-other.tractor.yaw, rel=0.01)
-    np.testing.assert_allclose(one.wheels.slip[LEFT], other.wheels.slip[RIGHT], atol=1e-4)
-
-
 def test_wheels_feel_the_tramline_that_they_run_in():
     line = np.array([[-15.0, 0.0], [15.0, 0.0]])
     offset = line + np.array([0.0, 0.95])  # its right track is below the left rear wheel
@@ -74,10 +67,3 @@ def test_a_bump_under_one_side_rolls_the_tractor_away_from_it(side):
     assert truth.wheels.ground[REAR_LEFT if side > 0 else REAR_RIGHT] == pytest.approx(
         0.1, abs=0.01
     )
-
-
-def test_ruts_that_both_wheels_cross_do_not_roll_it():
-    furrows = Furrows(period_m=1.5, depth_m=0.08)
-    truth = driven(SoilMap(1000.0), terrain.flat((40.0, 12.0)).shaped((furrows,)), seconds=2)
-    assert abs(truth.tractor.roll) < 0.002
-    assert abs(truth.tractor.pitch) < 0.2

@@ -1,4 +1,3 @@
-import itertools
 import math
 
 import numpy as np
@@ -33,20 +32,6 @@ def test_sections_are_of_their_iso_class(iso_class, axis):
         n = frequency[band]
         expected = terrain.ISO_8608[iso_class] * (n / 0.1) ** -2
         assert density[band].mean() == pytest.approx(expected.mean(), rel=0.25), centre
-
-
-def test_every_class_is_four_times_as_rough_in_density():
-    fields = [terrain.rough(c, np.random.default_rng(1), (20.0, 20.0)) for c in "ABCDEF"]
-    for smooth, rough in itertools.pairwise(fields):
-        np.testing.assert_allclose(rough.heights, 2.0 * smooth.heights, atol=1e-12)
-
-
-def test_same_seed_same_field_other_seed_other_field():
-    one, same, other = (
-        terrain.rough("D", np.random.default_rng(s), (10.0, 10.0)) for s in (3, 3, 4)
-    )
-    assert np.array_equal(one.heights, same.heights)
-    assert not np.array_equal(one.heights, other.heights)
 
 
 def test_height_is_exact_on_grid_points_and_linear_between():

@@ -1,13 +1,10 @@
 """Settings of an implement and its draft after ASABE D497."""
 
-import dataclasses
-
 import pytest
 from proving_ground.experiments.errors import InvalidScenario
-from proving_ground.experiments.run.assembly import check
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.errors import InvalidPlant
-from proving_ground.testbed.implement.implement import IMPLEMENTS, Implement
+from proving_ground.testbed.implement.implement import Implement
 from proving_ground.testbed.implement.mounted import check_pull
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 
@@ -26,43 +23,10 @@ def test_draft_grows_with_the_square_of_the_speed_of_a_subsoiler():
         assert tool.draft(kmh / 3.6) == pytest.approx(newton)
 
 
-@pytest.mark.parametrize("kind", IMPLEMENTS)
-def test_draft_is_proportional_to_width_and_depth_and_falls_with_coarse_soil(kind):
-    tool = Implement(type=kind)
-    wide, deep = (dataclasses.replace(tool, **{key: 2 * getattr(tool, key)})
-                  for key in ("width_m", "depth_m"))  # fmt: skip
-    assert wide.draft(1.0) == pytest.approx(2 * tool.draft(1.0))
-    assert deep.draft(1.0) == pytest.approx(2 * tool.draft(1.0))
-    fine, medium, coarse = (
-        dataclasses.replace(tool, texture=texture).draft(1.0)
-        for texture in ("fine", "medium", "coarse")
-    )
-    assert fine > medium > coarse
-
-
 def test_the_default_implement_is_one_that_the_small_tractor_pulls():
     check_pull(SoilLaw(), Implement(), SMALL, 600.0, 1.0)
     with pytest.raises(InvalidPlant, match="at most 30 % slip, but cannot pull it"):
         check_pull(SoilLaw(), Implement(depth_m=0.8), SMALL, 600.0, 1.0)
-
-
-def test_what_is_pulled_on_weak_soil_is_pulled_on_firm_soil():
-    def deepest(cone_index):
-        for depth in range(1, 41):
-            try:
-                check_pull(SoilLaw(), Implement(depth_m=0.01 * depth), SMALL, cone_index, 1.0)
-            except InvalidPlant:
-                return depth - 1
-        raise AssertionError("every depth is accepted")
-
-    weak, moist, firm = map(deepest, (300.0, 600.0, 2000.0))
-    assert 0 < weak < moist < firm
-
-
-def test_a_scenario_is_checked_before_it_is_built():
-    _, scenario = load("cultivate", ["implement.depth_m=0.3"])
-    with pytest.raises(InvalidPlant, match=r"implement: got 1\.2 m x 30 cm"):
-        check(scenario)
 
 
 def test_a_refusal_names_the_key_and_what_is_allowed():

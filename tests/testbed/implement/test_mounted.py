@@ -1,11 +1,9 @@
 """An implement on the trailer of a plant."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from proving_ground.testbed.ground.features import Bump
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat, rough
 from proving_ground.testbed.implement.implement import Implement
@@ -45,14 +43,6 @@ def test_the_wheels_pull_motion_resistance_and_draft():
     assert truth.tool.distance == pytest.approx(truth.trailer.x + 20.0 + 2.4, abs=0.02)
 
 
-def test_the_tool_point_is_behind_the_trailer_point():
-    _, truth = drive(seconds=2.0, command=Command(0.3, 0.1, 0.7), behind_m=0.8)
-    tool, trailer = truth.tool, truth.trailer
-    behind = 0.8 * math.cos(trailer.pitch)
-    assert tool.x == pytest.approx(trailer.x - behind * math.cos(trailer.yaw))
-    assert tool.y == pytest.approx(trailer.y - behind * math.sin(trailer.yaw))
-
-
 def test_a_raised_implement_changes_no_bit():
     def run(implement):
         plant = plant_on(rough("B", np.random.default_rng(3), (30.0, 20.0)), implement=implement)
@@ -73,43 +63,6 @@ def test_it_works_in_its_intervals_of_the_distance_driven():
         assert inside.any()
         assert (lowered[inside] == share).all()
     assert all(tool.draft.any() == (tool.depth > 0.0).any() for tool in tools)
-
-
-def test_a_restored_run_repeats_every_bit():
-    plant, _ = drive(rough("D", np.random.default_rng(4), (60.0, 10.0)), seconds=1.0)
-    before = plant.snapshot()
-    first = plant.advance(Command(0.1, -0.05, 0.7), 700)
-    end = plant.snapshot()
-    plant.restore(before)
-    again = plant.advance(Command(0.1, -0.05, 0.7), 700)
-    assert np.array_equal(plant.snapshot().physics, end.physics)
-    assert np.array_equal(plant.snapshot().implement, end.implement)
-    for name in ("depth", "draft", "side"):
-        assert np.array_equal(getattr(first.tool, name), getattr(again.tool, name))
-    start = [plant.reset(-20.0, 0.0, 0.0, 1.0).tool for _ in range(2)]
-    assert [tool.distance for tool in start] == [0.0, 0.0]
-
-
-def test_more_depth_on_one_side_turns_the_trailer_to_it():
-    """A ridge beside the wheels, under the outermost point alone."""
-
-    def turned(side):
-        ridge = Bump(
-            x_m=0.0, y_m=side * 0.8, height_m=0.1, width_m=0.4, length_m=50.0, along_deg=0.0
-        )
-        ground = flat((60.0, 10.0), 0.05).shaped([ridge])
-        truth = drive(ground, width_m=2.0)[1]
-        return truth.trailer.yaw - truth.tractor.yaw
-
-    left, right = turned(1.0), turned(-1.0)
-    assert left > 1e-3
-    assert right == pytest.approx(-left, rel=1e-3)
-
-
-def test_more_depth_is_more_slip():
-    slips = [drive(depth_m=depth)[1].wheels.slip[2:4].mean() for depth in (0.02, 0.05, 0.08)]
-    assert slips == sorted(slips)
-    assert slips[-1] > 2.0 * slips[0]
 
 
 @both_vehicles

@@ -1,6 +1,7 @@
-"""Law of an implement in the soil: compiled against reference, passivity, mirror, geometry."""
+"""Compiled law of an implement in the soil: closed forms, passivity, moments, lift."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +10,7 @@ from proving_ground.testbed.ground.terrain import flat, rough
 from proving_ground.testbed.implement.implement import POINTS, Implement
 from proving_ground.testbed.implement.tool_kernel import ToolLaw, tool_step
 
-from tests.testbed.implement.reference import TrailerMotion, forces, lowered_after
-
-FRAME = 0.3
+FRAME, DT = 0.3, 0.002
 LEVEL = flat((20.0, 20.0))
 FIRM = Ground(LEVEL, np.full(LEVEL.heights.shape, 600.0))
 
@@ -26,126 +25,96 @@ def turn(yaw, pitch=0.0, roll=0.0):
     return about_z @ about_y @ about_x
 
 
-def motion(velocity, rotation=(0.0, 0.0, 0.0), axle=(0.0, 0.0, FRAME), axes=None):
+def act(tool, velocity, rotation=(0.0, 0.0, 0.0), *, axes=None, height=FRAME, xy=(0.0, 0.0),
+        ground=FIRM, lowered=1.0, distance=0.0):  # fmt: skip
+    """Return depth, draft and side force of the points, total force, moment about the axle."""
     axes = turn(0.0) if axes is None else axes
-    return TrailerMotion(np.array(axle), axes, np.array(velocity, float), np.array(rotation))
-
-
-def act(implement, state, ground=FIRM, lowered=1.0):
-    law = ToolLaw.of(implement, FRAME, 600.0)
-    return forces(law, implement.offsets, ground, state, lowered)
-
-
-def rough_ground(rng):
-    terrain = rough("E", rng, (20.0, 20.0))
-    return Ground(terrain, rng.uniform(200.0, 900.0, terrain.heights.shape))
-
-
-def random_motion(rng):
-    axes = turn(rng.uniform(-3.0, 3.0), *rng.uniform(-0.1, 0.1, 2))
-    axle = (*rng.uniform(-5.0, 5.0, 2), FRAME + rng.uniform(-0.05, 0.05))
-    return motion(rng.normal(0.0, 1.0, 3), rng.normal(0.0, 0.3, 3), axle, axes)
-
-
-@pytest.mark.parametrize("exponent", [0.0, 1.3])
-@pytest.mark.parametrize("kind", ["field-cultivator", "subsoiler", "disk-harrow"])
-def test_the_compiled_law_is_the_reference(kind, exponent):
-    rng = np.random.default_rng(1)
-    work = ((1.0, 2.0), (3.0, 4.0))
-    tool = Implement(type=kind, depth_m=0.1, strength_exponent=exponent, work_m=work)
-    law, ground, dt = ToolLaw.of(tool, FRAME, 600.0), rough_ground(rng), 0.002
-    terrain = ground.terrain
-    grid = np.array([*terrain.origin, terrain.spacing_m, dt])
-    for _ in range(40):
-        state, com, centre = random_motion(rng), rng.normal(size=3), rng.normal(size=3)
-        lift = np.array([rng.uniform(), rng.uniform(0.0, 5.0)])
-        at_com = state.velocity + np.cross(state.rotation, com - state.axle)
-        output, xfrc = np.empty((POINTS, 3)), np.zeros((2, 6))
-        distance = lift[1] + dt * abs(state.velocity @ state.axes[:, 0])
-        lowered = lowered_after(law, np.array(work), lift[0], distance, dt)
-        both = [np.tile(row, (2, 1)) for row in (state.axle, state.axes.ravel(), centre)]
-        cvel = np.tile(np.concatenate([state.rotation, at_com]), (2, 1))
-        tool_step(
-            law.table(), tool.offsets, np.array(work), terrain.heights, ground.cone_index,
-            grid, 1, *both, cvel, np.tile(com, (2, 1)), lift, output, xfrc,
-        )  # fmt: skip
-        expected = forces(law, tool.offsets, ground, state, lowered)
-        assert lift == pytest.approx([lowered, distance], abs=1e-12)
-        columns = np.column_stack([expected.depth, expected.draft, expected.side])
-        assert output == pytest.approx(columns, rel=1e-9, abs=1e-9)
-        moment = np.cross(expected.points - centre, expected.force).sum(axis=0)
-        wrench = np.concatenate([expected.force.sum(axis=0), moment])
-        assert xfrc[1] == pytest.approx(wrench, rel=1e-9, abs=1e-7)
-        assert not xfrc[0].any()
+    axle, velocity, rotation = np.array([*xy, height]), np.array(velocity), np.array(rotation)
+    com, centre = np.array([0.3, -0.2, 0.5]), axle + np.array([0.2, 0.1, -0.1])
+    cvel = np.concatenate([rotation, velocity + np.cross(rotation, com - axle)])
+    body = [np.tile(row, (2, 1)) for row in (axle, axes.ravel(), centre, cvel, com)]
+    lift, output, xfrc = np.array([lowered, distance]), np.empty((POINTS, 3)), np.zeros((2, 6))
+    law, work = ToolLaw.of(tool, FRAME, 600.0), np.array(tool.work_m).reshape(-1, 2)
+    grid = np.array([*ground.terrain.origin, ground.terrain.spacing_m, DT])
+    soil = (ground.terrain.heights, ground.cone_index, grid)
+    tool_step(law.table(), tool.offsets, work, *soil, 1, *body, lift, output, xfrc)
+    force = xfrc[1, :3]
+    moment = xfrc[1, 3:] + np.cross(centre - axle, force)
+    depth, draft, side = output.T
+    power = force @ velocity + moment @ rotation
+    return SimpleNamespace(depth=depth, draft=draft, side=side, force=force, moment=moment,
+                           power=power, lowered=lift[0], distance=lift[1])  # fmt: skip
 
 
 def test_it_never_gives_energy_and_rests_without_force():
     rng = np.random.default_rng(2)
-    tool, ground = Implement(depth_m=0.1), rough_ground(rng)
+    terrain = rough("E", rng, (20.0, 20.0))
+    ground = Ground(terrain, rng.uniform(200.0, 900.0, terrain.heights.shape))
     worked = 0
     for _ in range(300):
-        state = act(tool, random_motion(rng), ground)
-        power = np.einsum("nk,nk->n", state.force, state.velocity)
-        assert (power <= 0.0).all()
-        worked += (power < 0.0).any()
+        state = act(
+            Implement(depth_m=0.1, strength_exponent=1.3),
+            rng.normal(0.0, 1.0, 3),
+            rng.normal(0.0, 0.3, 3),
+            axes=turn(rng.uniform(-3.0, 3.0), *rng.uniform(-0.1, 0.1, 2)),
+            height=FRAME + rng.uniform(-0.05, 0.05),
+            xy=rng.uniform(-5.0, 5.0, 2),
+            ground=ground,
+        )
+        assert state.power <= 1e-9
+        worked += state.power < 0.0
     assert worked > 250
-    assert not act(tool, motion((0.0, 0.0, 0.0))).force.any()
-    creep = act(tool, motion((1e-6, 1e-6, 0.0)))
+    assert not act(Implement(), (0.0, 0.0, 0.0)).force.any()
+    creep = act(Implement(), (1e-6, 1e-6, 0.0))
     assert np.abs(creep.force).max() < 1.0  # no jump from rest to motion
 
 
-def test_draft_on_level_ground_is_that_of_the_standard():
-    tool = Implement(type="field-cultivator", texture="coarse")
-    for speed in (0.7, 1.0, 3.0):
-        assert act(tool, motion((speed, 0.0, 0.0))).draft.sum() == pytest.approx(
-            tool.draft(speed), rel=1e-5
-        )
-        back = act(tool, motion((-speed, 0.0, 0.0))).draft.sum()
-        assert back == pytest.approx(-tool.draft(speed), rel=1e-5)
+@pytest.mark.parametrize("kind", ["field-cultivator", "subsoiler", "disk-harrow"])
+def test_draft_on_level_ground_is_that_of_the_standard(kind):
+    tool, yaw = Implement(type=kind, texture="coarse"), 0.7
+    ahead = turn(yaw)[:, 0]
+    for speed in (0.7, 1.0, 3.0, -1.0):
+        state, draft = act(tool, speed * ahead, axes=turn(yaw)), tool.draft(abs(speed))
+        assert state.draft.sum() == pytest.approx(math.copysign(draft, speed), rel=1e-5)
+        assert state.force == pytest.approx(-state.draft.sum() * ahead)
+        assert state.depth == pytest.approx(tool.depth_m)
 
 
 def test_side_force_is_stiffness_times_slip_angle_up_to_its_limit():
     tool = Implement()
     area = tool.width_m * tool.depth_m
     small = math.radians(0.5)
-    side = act(tool, motion((math.cos(small), math.sin(small), 0.0))).side.sum()
+    side = act(tool, (math.cos(small), math.sin(small), 0.0)).side.sum()
     assert side == pytest.approx(-0.5 * tool.side_stiffness_n_per_deg_m2 * area, rel=0.01)
-    large = act(tool, motion((0.0, 2.0, 0.0))).side.sum()
+    large = act(tool, (0.0, 2.0, 0.0)).side.sum()
     assert large == pytest.approx(-tool.side_limit * tool.draft(0.0), rel=1e-3)
 
 
-def test_a_mirrored_motion_has_mirrored_forces():
-    tool, flip = Implement(), np.array([1.0, -1.0, 1.0])
-    left = act(tool, motion((1.0, 0.1, 0.02), (0.1, -0.2, 0.3), axes=turn(0.0, 0.01, 0.03)))
-    right = act(tool, motion((1.0, -0.1, 0.02), (-0.1, -0.2, -0.3), axes=turn(0.0, 0.01, -0.03)))
-    assert right.force == pytest.approx(left.force[::-1] * flip, abs=1e-9)
-
-
-def test_depth_follows_the_ground_and_is_zero_above_it():
-    tool, forward = Implement(depth_m=0.05), motion((1.0, 0.0, 0.0))
-    terrain = flat((20.0, 20.0))
-    for rise in (0.02, -0.03, -0.06):
-        ground = Ground(type(terrain)(terrain.heights + rise, 0.1, terrain.origin), FIRM.cone_index)
-        state = act(tool, forward, ground)
-        assert state.depth == pytest.approx(max(0.0, 0.05 + rise), abs=1e-12)
-        assert bool(state.force.any()) == (rise > -0.05)
-    raised = act(tool, forward, lowered=0.0)
-    assert not raised.depth.any()
-    assert not raised.force.any()
-
-
-def test_a_rolled_trailer_works_deeper_on_one_side_and_is_turned_to_it():
-    roll = 0.02  # left side up
-    state = act(Implement(), motion((1.0, 0.0, 0.0), axes=turn(0.0, 0.0, roll)))
-    across = Implement().offsets[-1] - Implement().offsets[0]
+def test_a_rolled_trailer_works_deeper_on_one_side_and_forces_act_at_the_points():
+    roll, tool = 0.02, Implement()  # left side up
+    state = act(tool, (1.0, 0.0, 0.0), axes=turn(0.0, 0.0, roll))
+    across = tool.offsets[-1] - tool.offsets[0]
     assert state.depth[0] - state.depth[-1] == pytest.approx(across * math.sin(roll), rel=1e-3)
-    moment = np.cross(state.points - np.array([0.0, 0.0, FRAME]), state.force).sum(axis=0)
-    assert moment[2] < 0.0  # clockwise, to the right
+    aside = tool.offsets * math.cos(roll) + (FRAME + tool.depth_m) * math.sin(roll)
+    turning = (state.draft * aside - tool.behind_m * state.side * math.cos(roll)).sum()
+    assert state.moment[2] == pytest.approx(turning)
+    assert turning < 0.0  # clockwise, to the right
 
 
 def test_forces_follow_the_strength_of_the_soil_only_where_asked():
-    forward, soft = motion((1.0, 0.05, 0.0)), Ground(LEVEL, np.full(LEVEL.heights.shape, 300.0))
+    soft = Ground(LEVEL, np.full(LEVEL.heights.shape, 300.0))
     for exponent in (0.0, 1.0, 2.0):
         tool = Implement(strength_exponent=exponent)
-        weak, strong = (act(tool, forward, ground).force for ground in (soft, FIRM))
+        weak, strong = (act(tool, (1.0, 0.05, 0.0), ground=ground).force for ground in (soft, FIRM))
         assert weak == pytest.approx(0.5**exponent * strong)
+
+
+def test_tools_are_lowered_in_their_intervals_and_raised_tools_have_no_force():
+    tool = Implement(work_m=((1.0, 2.0),), lift_s=1.0)
+    for distance, change in ((0.5, -DT), (1.5, DT), (2.5, -DT)):
+        state = act(tool, (2.0, 0.0, 0.0), lowered=0.5, distance=distance)
+        assert state.lowered == pytest.approx(0.5 + change)
+        assert state.distance == pytest.approx(distance + 2.0 * DT)
+    raised = act(tool, (1.0, 0.0, 0.0), lowered=0.0)
+    assert not raised.depth.any()
+    assert not raised.force.any()

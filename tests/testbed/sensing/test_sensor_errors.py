@@ -37,11 +37,6 @@ def test_autocorrelation_of_the_slow_part_is_exponential(white_share):
             assert abs(rho - expected) < 4 / np.sqrt(independent)
 
 
-def test_axes_of_the_slow_part_are_independent():
-    x, y = samples(correlated(0.1)).T
-    assert abs(np.corrcoef(x, y)[0, 1]) < 4 / np.sqrt(N / 10)
-
-
 @pytest.mark.parametrize("white_share", [0.0, 0.1, 1.0])
 def test_both_parts_together_have_the_stated_deviation_from_the_first_sample_on(white_share):
     first = np.array([correlated(white_share, seed=seed).draw() for seed in range(1000)])

@@ -66,10 +66,3 @@ def test_the_memory_is_a_distance():
     estimate, _ = drive(disturbance, metres=MEMORY_M)
     share = estimate.disturbance[Disturbance.SLIP_T] / 0.05
     assert share == pytest.approx(1.0 - math.exp(-1.0), abs=0.05)
-
-
-def test_nothing_is_learned_at_rest():
-    resting = truth(rim_speed=0.0)
-    estimator = TruthEstimator(lambda: resting, VEHICLE)
-    estimates = [estimator.update(k * PERIOD_S, [], COMMAND) for k in range(3)]
-    assert not estimates[-1].disturbance.any()

@@ -56,30 +56,6 @@ def test_a_vehicle_that_falls_over_touches_the_ground_as_in_python():
     assert state_hash(compiled) == state_hash(plain)
 
 
-def test_a_vehicle_put_elsewhere_between_two_calls_touches_the_ground_as_in_python():
-    compiled, plain = pair(rough_slope(9))
-    contacts = []
-    for plant in (compiled, plain):
-        plant.advance(Command(0.0, 0.0, 0.5), 20)
-        plant.data.qpos[2] -= 0.5  # [m]
-        mujoco.mj_step1(plant.model, plant.data)
-        plant.advance(Command(0.0, 0.0, 0.5), 2)
-        contacts.append(plant.data.ncon)
-    assert contacts[0] == contacts[1] > 0
-    assert state_hash(compiled) == state_hash(plain)
-
-
-def test_two_plants_in_turn_do_not_disturb_each_other():
-    alone, _ = pair(rough_slope(3))
-    alone.advance(Command(0.2, 0.0, 0.8), 200)
-    one, _ = pair(rough_slope(3))
-    other, _ = pair(rough_slope(4))
-    for _ in range(10):
-        one.advance(Command(0.2, 0.0, 0.8), 20)
-        other.advance(Command(-0.2, 0.0, 0.4), 20)
-    assert state_hash(one) == state_hash(alone)
-
-
 def test_the_clearance_bounds_every_motion_without_a_contact():
     plant, _ = pair(rough_slope(5, "F", 0.3))
     model, data = plant.model, plant.data

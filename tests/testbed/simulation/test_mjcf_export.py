@@ -88,12 +88,6 @@ def test_the_shipped_scene_is_what_the_command_writes(shipped):
         np.testing.assert_allclose(getattr(made, name), getattr(shipped, name), rtol=1e-6)
 
 
-def test_the_ground_keeps_its_heights(rough):
-    terrain = assemble(load("patchy", ["plant.wheels=contact"])[1], 1).terrain
-    heights = rough.hfield_data * rough.hfield_size[0, 2] + rough.geom("ground").pos[2]
-    np.testing.assert_allclose(heights, terrain.heights.ravel(), atol=1e-6)
-
-
 def test_wheels_on_soil_are_refused():
     with pytest.raises(InvalidPlant, match=r'plant\.wheels: must be "contact"'):
         mjcf_files(assemble(load("grass")[1], 1).plant)

@@ -12,25 +12,21 @@ from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.features import Bump
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.truth import WHEELS
-from proving_ground.testbed.vehicle.vehicle import AxleLoads, overload_notes
 
 from tests.testbed.plants import (
     ROLL,
-    SIDES,
     SMALL,
     STOP,
     axle_points,
     both_vehicles,
     changed,
     plant_on,
-    rough_run,
     state_hash,
     top_speed,
     weight,
 )
 from ttempc.types import Command
 
-TOP_HEAVY = changed(SMALL, "load", mass_kg=400.0, height_m=1.3)
 SIDE_SLOPE = math.radians(35.0)
 OVER_THE_FRONT_AXLE = Bump(x_m=1.4, y_m=0.0, width_m=0.6, length_m=0.2, height_m=0.28)
 GROUNDED = terrain.flat((60.0, 40.0), spacing_m=0.05).shaped([OVER_THE_FRONT_AXLE])
@@ -79,46 +75,6 @@ def test_lengths_are_those_of_the_file(vehicle):
         assert np.hypot(*(front - rear)[:2]) == pytest.approx(each.tractor.wheelbase_m, abs=0.005)
 
 
-@both_vehicles
-def test_wheels_are_as_large_as_apart_and_as_heavy_as_the_file_says(vehicle):
-    plant = plant_on(vehicle=vehicle)
-    start = plant.reset(0.0, 0.0, 0.0, 0.0)
-    drawn = plant.drawn_model()
-    tracks = (vehicle.front_axle.track_m, vehicle.tractor.rear_track_m, vehicle.trailer.track_m)
-    for (pair, wheel), track in zip(vehicle.wheels.items(), tracks, strict=True):
-        left, right = (start.body_xyz[plant.body_names.index(f"{pair}_{side}")] for side in SIDES)
-        assert np.hypot(*(left - right)[:2]) == pytest.approx(track, abs=0.005)
-        for side in SIDES:
-            radius, half_width = drawn.geom(f"{pair}_{side}_tyre").size[:2]
-            assert radius == pytest.approx(wheel.radius_m)
-            assert half_width == pytest.approx(0.5 * wheel.width_m)
-            assert plant.model.body(f"{pair}_{side}").mass[0] == pytest.approx(wheel.mass_kg)
-
-
-def test_an_inertia_in_the_file_is_that_of_the_chassis():
-    vehicle = changed(SMALL, "tractor", chassis_inertia_kgm2=(80.0, 190.0, 210.0))
-    body = plant_on(vehicle=vehicle).model.body("tractor")
-    assert sorted(body.inertia) == pytest.approx([80.0, 190.0, 210.0])
-
-
-def test_wheels_spin_on_soil_too_weak_to_carry_it():
-    plant = plant_on(soil=SoilMap(60.0))
-    plant.reset(0.0, 0.0, 0.0, 0.0)
-    stuck = plant.advance(Command(0.0, 0.0, 1.0), 5000)
-    assert stuck.speed < 0.05
-    assert stuck.rim_speed > 1.0
-
-
-def test_reset_starts_rolling_steadily():
-    plant = plant_on()
-    start = plant.reset(0.0, 0.0, 0.0, 1.0)
-    assert start.time_s == 0.0
-    assert start.speed == pytest.approx(1.0, abs=1e-9)
-    assert start.rim_speed == pytest.approx(1.0, abs=1e-9)
-    speeds = [plant.advance(ROLL, 50).speed for _ in range(50)]
-    assert np.ptp([1.0, *speeds]) < 0.04  # while tread and traction build up
-
-
 @pytest.mark.parametrize("iso_class", ["D", "F"])
 @pytest.mark.parametrize("timestep_s", [0.001, 0.004])
 @both_vehicles
@@ -135,17 +91,6 @@ def test_rough_ground_keeps_loads_positive_at_every_time_step(vehicle, iso_class
 
 
 # --- limits
-
-
-def test_high_load_on_a_steep_side_slope_rolls_the_trailer_over():
-    """Gravity turns, as it does for a vehicle that drives from level ground onto a side slope."""
-    turned = 9.81 * np.array([0.0, -math.sin(SIDE_SLOPE), -math.cos(SIDE_SLOPE)])
-    for vehicle, rolls_over in ((TOP_HEAVY, True), (SMALL, False)):
-        plant = plant_on(soil=SoilMap(600.0), vehicle=vehicle)
-        plant.reset(0.0, 10.0, 0.0, 0.0)
-        plant.model.opt.gravity[:] = turned
-        roll = max(plant.advance(STOP, 50).trailer.roll for _ in range(20))  # positive: left up
-        assert roll > math.radians(60.0) if rolls_over else roll < math.radians(10.0)
 
 
 @pytest.mark.parametrize("wheels", ["soil", "contact"])
@@ -227,15 +172,6 @@ def test_positive_front_steering_turns_left_and_angles_follow_their_definitions(
     assert truth.delta_i == pytest.approx(0.1, abs=2e-3)
 
 
-def test_positive_trailer_steering_moves_the_trailer_to_the_right_first():
-    plant = plant_on()
-    plant.reset(0.0, 0.0, 0.0, 1.0)
-    truths = [plant.advance(Command(0.0, 0.2, 1.0 / 1.4), 25) for _ in range(100)]
-    offset = np.array([t.trailer.y for t in truths])
-    assert offset[:20].min() < -0.01
-    assert offset[:20].max() < 1e-3
-
-
 @both_vehicles
 def test_knuckles_follow_ackermann(vehicle):
     plant, wheelbase = plant_on(vehicle=vehicle), vehicle.tractor.wheelbase_m
@@ -247,23 +183,6 @@ def test_knuckles_follow_ackermann(vehicle):
             tangent = math.tan(truth.delta_t)
             expected = math.atan2(wheelbase * tangent, wheelbase - half * tangent)
             assert plant.data.joint(name).qpos[0] == pytest.approx(expected, abs=math.radians(0.1))
-
-
-@both_vehicles
-def test_joints_have_the_stops_of_the_file(vehicle):
-    model = plant_on(vehicle=vehicle).model
-    for joint, limit_deg in (
-        ("front_axle_roll", vehicle.front_axle.pivot_limit_deg),
-        ("rj1_yaw", vehicle.hitch.yaw_limit_deg),
-        ("rj1_pitch", vehicle.hitch.pitch_limit_deg),
-        ("rj2_yaw", vehicle.trailer_steering.limit_deg),
-    ):
-        assert model.joint(joint).range == pytest.approx(np.radians([-limit_deg, limit_deg]))
-
-
-def test_same_seed_gives_the_same_bits():
-    assert state_hash(rough_run(7)) == state_hash(rough_run(7))
-    assert state_hash(rough_run(8)) != state_hash(rough_run(7))
 
 
 @pytest.mark.parametrize("wheels", ["soil", "contact"])
@@ -284,13 +203,6 @@ def test_restored_snapshot_goes_on_as_before(wheels):
     np.testing.assert_array_equal(again[0].body_xyz, first[0].body_xyz)
 
 
-def test_advancing_in_pieces_is_advancing():
-    whole, pieces = rough_run(3, 600), rough_run(3, 0)
-    for steps in (1, 99, 500):
-        pieces.advance(Command(0.2, -0.1, 0.8), steps)
-    assert state_hash(pieces) == state_hash(whole)
-
-
 @pytest.mark.parametrize(("cone_index", "timestep_s"), [(200.0, 0.004), (2000.0, 0.002)])
 def test_a_coasting_vehicle_stops_without_rolling_back_or_rocking(cone_index, timestep_s):
     plant = plant_on(soil=SoilMap(cone_index), timestep_s=timestep_s)
@@ -304,17 +216,6 @@ def test_a_coasting_vehicle_stops_without_rolling_back_or_rocking(cone_index, ti
 
 
 # --- the start
-
-
-@both_vehicles
-@pytest.mark.parametrize("share", [0.5, 1.5])
-def test_a_load_rests_on_the_wheels_alone(vehicle, share):
-    """The wheels carry the weight, those of the trailer the share that the closed form gives."""
-    loaded = changed(vehicle, "load", mass_kg=share * vehicle.trailer.mass_kg)
-    plant = plant_on(vehicle=loaded)
-    load = plant.reset(0.0, 0.0, 0.0, 0.0).wheels.load
-    assert load[4:].sum() == pytest.approx(AxleLoads.of(loaded).trailer, rel=0.02)
-    assert load.sum() == pytest.approx(weight(plant), rel=1e-3)
 
 
 @both_vehicles
@@ -353,30 +254,6 @@ def test_a_vehicle_that_does_not_stand_on_its_wheels_is_refused(ground, kg, caus
         plant.reset(0.0, 0.0, 0.0, 0.0)
 
 
-def test_a_vehicle_that_is_held_up_by_something_else_is_refused():
-    """A tenth of the weight is taken off by a force from above."""
-    plant = plant_on()
-    settle = plant._settle
-
-    def lifted(x, y):
-        plant.data.xfrc_applied[plant.model.body("trailer").id, 2] = 0.1 * weight(plant)
-        settle(x, y)
-        plant.data.xfrc_applied[plant.model.body("trailer").id, 2] = 0.0
-
-    plant._settle = lifted
-    with pytest.raises(InvalidPlant, match="the ground carries 90% of its weight"):
-        plant.reset(0.0, 0.0, 0.0, 0.0)
-
-
 @pytest.mark.parametrize("name", shipped())
 def test_every_shipped_scenario_starts(name):
     assemble(load(name)[1], seed=4)  # puts the vehicle to its start
-
-
-@both_vehicles
-def test_tyres_beyond_their_rated_load_are_named_with_their_share(vehicle):
-    assert overload_notes(vehicle) == ()
-    heavy = changed(vehicle, "load", mass_kg=2.0 * vehicle.trailer.mass_kg)
-    share = 0.5 * AxleLoads.of(heavy).trailer / heavy.trailer_wheel.rated_load_n
-    (note,) = overload_notes(heavy)
-    assert note.startswith(f"trailer tyres overloaded: each carries {share:.1f} times")

@@ -3,7 +3,6 @@
 import math
 import re
 
-import numpy as np
 import pytest
 from proving_ground.experiments.run.simulate import simulate
 from proving_ground.experiments.scenario.scenario import load
@@ -14,7 +13,6 @@ from proving_ground.testbed.simulation.termination import (
     check_termination,
 )
 
-from tests.testbed.plants import ROLL, plant_on
 from tests.testbed.truths import truth
 
 FIELD = flat(size_m=(80.0, 50.0))
@@ -64,12 +62,6 @@ def test_mean_slip_of_a_steady_motion_is_its_slip_after_a_metre(rim, speed):
     assert mean[metre:] == pytest.approx([1.0 - speed / rim] * (60 - metre))
 
 
-def test_mean_slip_is_the_mean_over_the_way_of_the_rims():
-    """Half a window at slip 1, half at slip 0."""
-    mean = slips([(1.0, 1.0)] * 30 + [(1.0, 0.0)] * 12)
-    assert mean[-1] == pytest.approx(12 / 25)
-
-
 def test_a_vehicle_that_stands_stops_or_turns_back_does_not_slip():
     stop = [(1.0 - k / 25, 0.98 * (1.0 - k / 25)) for k in range(26)]
     back_and_forth = [(0.9 * sign, 0.88 * sign) for sign in [1] * 15 + [-1] * 15 + [1] * 15]
@@ -85,15 +77,6 @@ def test_stuck_needs_slip_and_distance():
     assert verdict(truth(tractor={"x": 3.5}), slip=0.7) is None
     assert verdict(truth(tractor={"x": 4.5}), slip=0.2) is None
     assert verdict(truth(tractor={"x": 5.5}), slip=0.2).startswith("diverged")
-
-
-def test_contact_wheels_that_spin_on_a_climb_slip():
-    """Their own slip is NaN. Gravity turns by 45 deg, more than their friction holds."""
-    plant, mean = plant_on(wheels="contact"), MeanSlip()
-    plant.reset(0.0, 0.0, 0.0, 1.0)
-    plant.model.opt.gravity[:] = -9.81 * math.sqrt(0.5) * np.array([1.0, 0.0, 1.0])
-    slip = [mean.update(plant.advance(ROLL, 100), 5.0) for _ in range(20)]
-    assert slip[-1] > 0.9
 
 
 def test_a_run_on_ground_that_does_not_carry_ends_before_it_digs_in():

@@ -46,14 +46,6 @@ def test_hard_and_soft_tracks_and_a_bump_can_be_seen():
         assert abs(at[0.2] - at[-0.2]) > 15.0, "one flank in the light, one in the shade"
 
 
-def test_the_model_that_is_logged_can_be_loaded_and_drawn_again():
-    plant = Plant(read_vehicle(), terrain.flat((10.0, 8.0)), SoilMap(600.0))
-    again = mujoco.MjModel.from_xml_string(plant.mjcf)
-    assert again.nbody == plant.model.nbody
-    assert again.ngeom == plant.drawn_model().ngeom
-    assert [again.camera(i).name for i in range(again.ncam)] == ["chase", "top", "side", "hitch"]
-
-
 def test_drawn_model_moves_as_the_physics_does():
     plant = Plant(read_vehicle(), terrain.flat((20.0, 12.0)), SoilMap(600.0))
     truth = plant.reset(0.0, 0.0, 0.5, 1.0)

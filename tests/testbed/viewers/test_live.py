@@ -1,10 +1,10 @@
 """Live view: the messages of a log, paced by the clock, without effect on the run."""
 
 import base64
-import contextlib
 import json
 import socket
 import struct
+import sys
 import time
 
 import numpy as np
@@ -109,8 +109,8 @@ def test_who_comes_later_is_told_what_was_said_once():
         viewer.socket.close()
 
 
-def test_viewers_come_and_go_and_the_run_goes_on():
-    with view() as live:
+def test_viewers_come_and_go_or_read_nothing_and_the_run_goes_on():
+    with view(speed=1e6) as live:
         for k in range(4):
             viewer = Viewer(live.url)
             publish(live, [k])
@@ -118,43 +118,27 @@ def test_viewers_come_and_go_and_the_run_goes_on():
                 viewer.socket.close()
             else:
                 viewer.socket.socket.close()  # no goodbye
-        publish(live, range(4, 60))
-
-
-def test_a_viewer_that_reads_nothing_does_not_hold_the_run_up():
-    with view(speed=1e6) as live:
         viewer = Viewer(live.url)
         start = time.monotonic()
-        publish(live, range(1500))  # more than the server keeps for one viewer
+        publish(live, range(4, 1500))  # more than the server keeps for one viewer
         assert time.monotonic() - start < 30.0
         viewer.socket.socket.close()
 
 
-def test_simulated_time_runs_at_the_chosen_factor():
-    with view(speed=4.0) as live:
-        start = time.monotonic()  # the view's own start, however long the first words take
-        publish(live, [0, 25])
-        assert time.monotonic() - start >= 0.95 / 4.0, "one simulated second"
-
-
-def test_a_taken_port_is_said_in_one_line():
+def test_what_cannot_be_opened_is_refused(monkeypatch):
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(LiveError, match=f"port {port} is not free.*--port"):
-            view(port=port)
-
-
-def test_impossible_options_are_refused():
-    for option, words in (({"speed": 0.0}, "speed 0"), ({"port": 70000}, "0 to 65535")):
-        with pytest.raises(LiveError, match=words):
-            view(**option)
-
-
-def test_without_the_extra_one_line_names_it(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "foxglove", None)
-    with pytest.raises(LiveError, match=r"pip install 'ttempc-proving-ground\[live\]'"):
+        for option, words in (
+            ({"port": port}, f"port {port}.*--port"),
+            ({"speed": 0.0}, "speed 0"),
+            ({"port": 70000}, "65535"),
+        ):
+            with pytest.raises(LiveError, match=words):
+                view(**option)
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    with pytest.raises(LiveError, match=r"ttempc-proving-ground\[live\]"):
         view()
 
 
@@ -171,17 +155,3 @@ def test_pages_of_other_sites_do_not_get_the_run():
         ):
             with pytest.raises(InvalidStatus, match="403"):
                 connect(view.url, subprotocols=[PROTOCOL], origin=origin)
-
-
-def test_a_viewer_of_another_protocol_is_refused():
-    with view() as live, pytest.raises(InvalidStatus, match="400"):
-        connect(live.url, subprotocols=["foxglove.websocket.v1"])
-
-
-def test_rubbish_at_the_port_does_not_reach_the_server():
-    with LiveView(Scenery(), port=0) as view, socket.socket() as client:
-        client.connect(("127.0.0.1", int(view.url.rpartition(":")[2])))
-        client.sendall(b"A" * 100_000)
-        client.settimeout(5.0)
-        with contextlib.suppress(ConnectionError):
-            assert client.recv(1) == b""

@@ -1,7 +1,5 @@
 """Second pass: a wheel in a track of the run finds the soil changed."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from proving_ground.testbed.ground import terrain
@@ -9,12 +7,11 @@ from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.tyre import mobility
 
-from tests.testbed.plants import plant_on, state_hash
+from tests.testbed.plants import plant_on
 from ttempc.types import Command
 
 CONE_INDEX = 300.0
 TRACKS = SoilLaw(second_pass=True)
-WITHOUT_EFFECT = replace(TRACKS, second_pass_traction=1.0, second_pass_resistance=1.0)
 AHEAD, BACK = Command(0.0, 0.0, 0.5), Command(0.0, 0.0, -0.5)
 
 
@@ -43,12 +40,6 @@ def test_untouched_soil_resists_as_ever_and_a_track_resists_less():
     assert -resistance_over_law(plant, truth) == pytest.approx(0.89, abs=0.01)
 
 
-def test_wheels_that_follow_in_a_track_slip_less():
-    """On the same soil the driven wheels, in the track of the front wheels, need less slip."""
-    slips = [plant_with(law).advance(AHEAD, 2500).wheels.slip[2:4] for law in (SoilLaw(), TRACKS)]
-    assert (slips[1] < slips[0] - 0.001).all()
-
-
 def test_a_wheel_does_not_meet_its_own_contact():
     """Over less than the length of a contact the run is that without tracks, bit for bit."""
     ends = []
@@ -60,23 +51,3 @@ def test_a_wheel_does_not_meet_its_own_contact():
     driven, tracks = plant.wheels.state[18], plant.wheels.state[19:]
     assert driven < 0.1
     assert np.count_nonzero(tracks) >= 6
-
-
-def test_an_option_without_effect_leaves_the_bits_of_a_run():
-    runs = [plant_with(law).advance(AHEAD, 2000) for law in (SoilLaw(), WITHOUT_EFFECT)]
-    np.testing.assert_array_equal(runs[0].body_xyz, runs[1].body_xyz)
-    np.testing.assert_array_equal(runs[0].wheels.force_long, runs[1].wheels.force_long)
-
-
-def test_tracks_belong_to_the_snapshot_and_end_with_a_reset():
-    plant = plant_with(TRACKS)
-    plant.advance(AHEAD, 1500)
-    snapshot = plant.snapshot()
-    plant.advance(BACK, 3000)
-    first = state_hash(plant)
-    plant.restore(snapshot)
-    plant.advance(BACK, 3000)
-    assert state_hash(plant) == first
-    fresh = plant_with(TRACKS)
-    plant.reset(-4.0, 0.0, 0.0, 0.7)
-    assert state_hash(plant) == state_hash(fresh)

@@ -61,22 +61,6 @@ def test_rated_load_gives_rated_deflection(tyres):
         assert deflection == pytest.approx(rated, abs=1e-6)
 
 
-@pytest.mark.parametrize("slope", [0.1, 0.3])
-@pytest.mark.parametrize("heading", [0.0, 1.0, 2.5])
-def test_normal_stands_on_a_plane(tyres, slope, heading):
-    ground = FLAT.tilted(slope, 0.4)
-    normal = np.array([-math.tan(slope) * math.cos(0.4), -math.tan(slope) * math.sin(0.4), 1.0])
-    normal /= np.linalg.norm(normal)
-    axle = np.array([-math.sin(heading), math.cos(heading), 0.0])
-    axle -= (axle @ normal) * normal
-    single = one(tyres)
-    wheel = motion(
-        normal * (single.radius[0] - 0.03), axle / np.linalg.norm(axle), [0, 0, 0], [0, 0, 0]
-    )
-    touch = tyre.contact(single, ground, wheel)
-    np.testing.assert_allclose(touch.normal[0], normal, atol=1e-9)
-
-
 def test_elastic_contact_makes_no_energy(tyres):
     """The undamped force is a gradient: no work over any closed path, turned and lifted as well."""
     single = one(tyres)
@@ -183,21 +167,6 @@ def test_forces_stay_inside_the_ellipse_and_only_take_energy(tyres, cone_index):
     assert power(wheels, forces).max() <= 1e-9 * forces.load[0]
 
 
-def test_over_cycles_of_speed_and_spin_a_wheel_only_takes_energy(tyres):
-    """Deflections give back no more than they took: speeds and spin swing through zero."""
-    rng, many, n = np.random.default_rng(7), alike(tyres, 20), 20
-    size, phase = rng.uniform(0.01, 0.3, (3, n, 1)), rng.uniform(0.0, 6.3, (3, n, 1))
-    still = any_motions(rng, tyres, n)
-    state, work = np.zeros((n, 3)), np.zeros(n)
-    for k in range(1000):  # two periods, the first one starts without deflection
-        ahead, aside, spin = size * np.sin(2.0 * math.pi * k / 500 + phase)
-        velocity = np.hstack([ahead, aside, 0.0 * ahead])
-        wheels = WheelMotion(still.centre, still.axle, velocity, still.axle * spin / 0.4)
-        state, forces = step(LAW, many, FLAT, np.full(n, 300.0), wheels, state, 0.004)
-        work += (k >= 500) * power(wheels, forces) * 0.004
-    assert work.max() < 0.0
-
-
 def test_side_force_falls_with_slip_as_of_a_wheel_on_sand():
     """3D-RFT-wheel data, a rigid wheel on sand, side force over that without slip.
 
@@ -264,18 +233,6 @@ def test_in_a_track_traction_is_larger_and_motion_resistance_smaller(tyres):
     resistance = LAW.soil_resistance_ratio(bn, slip) * forces.load * [1.0, 0.89]
     np.testing.assert_allclose(torque, traction + tyre_part, rtol=1e-6)
     np.testing.assert_allclose(forces.force_long, traction - resistance, rtol=1e-6)
-
-
-def test_standing_wheel_holds_like_a_spring_in_every_direction(tyres):
-    single = one(tyres)
-    stand = motion([0, 0, height_at(single, 2500.0)], [0, 1, 0], [0, 0, 0], [0, 0, 0])
-    state = np.array([[0.004, 0.004, 0.0]])
-    first = step(LAW, single, FLAT, np.array([600.0]), stand, state, DT)
-    later = first
-    for _ in range(500):
-        later = step(LAW, single, FLAT, np.array([600.0]), stand, later[0], DT)
-    np.testing.assert_array_equal(later[0], first[0])
-    assert later[1].force_lat[0] < -50.0
 
 
 def test_no_load_in_the_air_and_never_a_pull(tyres):
