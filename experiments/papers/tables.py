@@ -11,7 +11,24 @@ import pandas as pd
 
 from ttempc.types import FloatArray
 
-from .published import COLUMNS, PUBLISHED_M
+# Mean Euclidean errors of a field experiment by part of the path and body [m]: the time-based
+# linear MPC with the robust action of Kayacan, Ramon, Saeys (2016), "Robust Trajectory Tracking
+# Error Model-Based Predictive Control for Unmanned Ground Vehicles", section V.
+PUBLISHED_M: Final = {
+    ("straight", "tractor"): 0.2349,
+    ("straight", "trailer"): 0.2121,
+    ("curve", "tractor"): 0.3982,
+    ("curve", "trailer"): 0.3621,
+}
+PUBLISHED_LMPC_M: Final = tuple(PUBLISHED_M.values())
+"""Mean Euclidean errors of the linear MPC [m], in the order of `COLUMNS`."""
+
+PUBLISHED_NMPC_M: Final = (0.0644, 0.0361, 0.4978, 0.4152)
+"""The same of a space-based nonlinear MPC of the same vehicle, quoted there in section V from
+Kayacan, Kayacan, Ramon, Saeys (2015), IEEE Transactions on Control Systems Technology 23(1)."""
+
+COLUMNS: Final = tuple(f"{body} {where}" for where, body in PUBLISHED_M)
+"""Labels of these numbers."""
 
 ERRORS: Final = tuple(f"tracking.{where}.{body}.mean_euclidean_m" for where, body in PUBLISHED_M)
 """Columns of the four mean errors of the paper's table, in the order of `COLUMNS`."""

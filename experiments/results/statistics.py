@@ -69,6 +69,9 @@ class Proportion:
         """Return the ends of the interval."""
         return self.low, self.high
 
+    def __str__(self) -> str:
+        return f"{self.value:.4f} ({self.low:.4f} to {self.high:.4f})"
+
 
 def mean(values: FloatArray, units: NDArray[Any] | None = None) -> IntervalEstimate:
     """Return a mean with the interval of Student's t over whole units.

@@ -57,11 +57,12 @@ def simulate(
     scenario: Scenario,
     seed: int,
     factory: Callable[..., object] | None = None,
+    log: Path | None = None,
     *,
     options: Mapping[str, OptionValue] | None = None,
     parts: SharedParts | None = None,
 ) -> tuple[Summary, Record]:
-    """Run a scenario in memory and return its numbers; nothing is written.
+    """Run a scenario in memory and return its numbers; nothing is written but the log, if asked.
 
     The controller does not prepare its steps: its computation times are those of cold caches.
 
@@ -71,6 +72,7 @@ def simulate(
         factory: makes a controller of your own from vehicle, reference and control period [s]. The
             run is filed under its name `module:qualname` and a hash of its source.
         options: keyword options of the factory.
+        log: file to write the log to, in a folder that exists.
         parts: of earlier runs, to be used again; none by default.
 
     Raises:
@@ -79,10 +81,17 @@ def simulate(
     scenario, sources = _with_controller(scenario, factory, options)
     assembly = assemble(scenario, seed, factory, parts)
     recorder = Recorder()
-    outcome = drive_into(recorder, assembly, prepared=False)
+    if log is None:
+        outcome = drive_into(recorder, assembly, prepared=False)
+    else:
+        metadata = describe(name, scenario, seed, assembly, sources)
+        with open_log(log, scenario, assembly, assembly.plant.scenery, metadata) as writer:
+            writer.event(first_line(metadata))
+            outcome = drive_into(Tee(recorder, writer), assembly, prepared=False)
+            writer.event(last_line(outcome))
     del assembly  # plant and horizons: the summary of a long run takes their memory
-    record = recorder.record()
-    return _summarise(record, name, scenario, seed, outcome, None, sources), record
+    record, file = recorder.record(), log and log.name
+    return _summarise(record, name, scenario, seed, outcome, file, sources), record
 
 
 def run(

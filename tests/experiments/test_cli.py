@@ -13,7 +13,6 @@ import pytest
 from PIL import Image
 from proving_ground.experiments.commands import drive
 from proving_ground.experiments.commands.cli import _COMMANDS, main
-from proving_ground.experiments.run.user_code import load_factory
 from proving_ground.experiments.scenario.scenario import shipped
 from proving_ground.experiments.threads import ONE_THREAD
 from proving_ground.testbed.log.reader import read_log
@@ -129,13 +128,6 @@ def test_bad_input_gets_one_line_and_exit_code_2_and_writes_nothing(here, capsys
         assert not any(here.iterdir())
 
 
-def test_an_existing_folder_is_refused_and_left_alone(finished, capsys):
-    folder, _ = finished
-    before = {file: file.stat().st_mtime_ns for file in folder.rglob("*")}
-    assert "exists already" in refusal(capsys, "run", "grass", "--out", folder)
-    assert before == {file: file.stat().st_mtime_ns for file in folder.rglob("*")}
-
-
 def test_a_window_needs_a_screen_and_writes_nothing(here, monkeypatch, capsys):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
@@ -240,15 +232,6 @@ def test_code_that_a_file_names_runs_only_on_trust(here, capsys):
     (here / "theirs.toml").write_text('[controller]\nname = "evil:make"')
     line = ["run", "theirs.toml", "--controller", "evil:make", "--out", "new"]
     assert raised in refusal(capsys, *line)
-
-
-def test_a_module_of_the_working_directory_hides_no_installed_one(here, monkeypatch):
-    monkeypatch.setattr(sys, "path", sys.path[1:])
-    (here / "tomli_w.py").write_text("raise SystemExit(0)\n")
-    (here / "mine.py").write_text("import tomli_w\nmake = tomli_w.dumps\n")
-    monkeypatch.delitem(sys.modules, "tomli_w")
-    assert load_factory("mine:make", "controller")({"a": 1}) == "a = 1\n"
-    del sys.modules["mine"]
 
 
 def test_the_example_of_the_docs_draws_the_figures_of_the_paper(finished, tmp_path, monkeypatch):

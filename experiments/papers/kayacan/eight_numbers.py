@@ -21,10 +21,9 @@ from ttempc.types import FloatArray
 from ttempc.vehicle import Vehicle
 
 from ...seeds import TUNING, report_seeds
-from ..published import COLUMNS, PUBLISHED_LMPC_M, PUBLISHED_NMPC_M
 from ..runner import Runner
 from ..study import Case, Study
-from ..tables import ERRORS, markdown, numbers
+from ..tables import COLUMNS, ERRORS, PUBLISHED_LMPC_M, PUBLISHED_NMPC_M, markdown, numbers
 
 _FOLDER: Final = "proving_ground.experiments.papers.kayacan"
 CONTROLLER: Final = f"{_FOLDER}.nmpc:controller"
@@ -107,72 +106,52 @@ def _hitch(value: float) -> tuple[str, ...]:
     return tuple(changes)
 
 
+def _step_weight(value: float) -> tuple[str, ...]:
+    return _option("step_weight")([value, value, 1.0])
+
+
+def _speed_weight(value: float) -> tuple[str, ...]:
+    return _option("output_weight")([1.0, 1.0, 1.0, 1.0, value])
+
+
 def _unset(value: float) -> tuple[str, ...]:
     """Set nothing: `overrides` joins two parameters to one option."""
     return ()
 
 
-_TRAILER_STOP: Final = _keys(
+P = Parameter
+_STOP: Final = _keys(
     "plant.vehicle.parts.trailer_steering.limit_deg", "controller.vehicle.trailer_limit_deg"
 )
 FIELD: Final = (
-    Parameter("ISO 8608 class", "E", _keys("terrain.iso_class"), choices=("C", "D", "E", "F")),
-    Parameter("cone index [kPa]", 160.0, _keys("soil.cone_index_kpa"), 120.0, 600.0, log=True),
-    Parameter("slope [rad]", 0.02, _keys("terrain.slope_rad"), 0.0, 0.10),
+    P("ISO 8608 class", "E", _keys("terrain.iso_class"), choices=("C", "D", "E", "F")),
+    P("cone index [kPa]", 160.0, _keys("soil.cone_index_kpa"), 120.0, 600.0, log=True),
+    P("slope [rad]", 0.02, _keys("terrain.slope_rad"), 0.0, 0.10),
 )
-"""The ground."""
-
+# Of the path the radius alone is printed; the length of its straights follows from the distance.
 MACHINE: Final = (
     *FIELD,
-    # Of the path the radius alone is printed; the length of its straights follows from this.
-    Parameter(
-        "distance of the circles' centres [m]", 44.0, _keys("path.centre_distance_m"), 24.0, 44.0
-    ),
-    Parameter("white share of the GNSS error", 1.0, _keys("sensors.gnss_white_share"), 0.0, 1.0),
-    Parameter("GNSS antenna", "point", _keys("sensors.gnss_antenna"), choices=("point", "raw")),
-    Parameter("dead time of both valves [s]", 0.01, _dead_time, 0.01, 0.4, log=True),
-    Parameter("rear axle to RJ1 [m]", 0.3, _hitch, 0.2, 0.6),
-    Parameter("stop of the trailer steering [deg]", 25.0, _TRAILER_STOP, 20.0, 35.0),
+    P("distance of the circles [m]", 44.0, _keys("path.centre_distance_m"), 24.0, 44.0),
+    P("white share of the GNSS error", 1.0, _keys("sensors.gnss_white_share"), 0.0, 1.0),
+    P("GNSS antenna", "point", _keys("sensors.gnss_antenna"), choices=("point", "raw")),
+    P("dead time of both valves [s]", 0.01, _dead_time, 0.01, 0.4, log=True),
+    P("rear axle to RJ1 [m]", 0.3, _hitch, 0.2, 0.6),
+    P("stop of the trailer steering [deg]", 25.0, _STOP, 20.0, 35.0),
 )
-"""Ground, path, sensors, actuators and vehicle: all that both controllers share."""
-
-LMPC_OPTIONS: Final = (
-    Parameter(
-        "nominal state of the LMPC", "one-step", _option("nominal"), choices=("one-step", "tube")
-    ),
+LMPC_OPTIONS: Final = (  # that are not printed
+    P("nominal state of the LMPC", "one-step", _option("nominal"), choices=("one-step", "tube")),
 )
-"""Options of `paper` that are not printed."""
-
-_FRONT: Final = Parameter(
-    "bound of the front steering of the NMPC [deg]", 10.5, _unset, 8.0, 35.0, log=True
-)
-_TRAILER: Final = Parameter(
-    "bound of the trailer steering of the NMPC [deg]", 6.0, _unset, 3.0, 25.0, log=True
-)
-_STEPS: Final = "step weight of both steerings of the NMPC"
-NMPC_OPTIONS: Final = (
+_FRONT: Final = P("NMPC: bound of the front steering [deg]", 10.5, _unset, 8.0, 35.0, log=True)
+_TRAILER: Final = P("NMPC: bound of the trailer steering [deg]", 6.0, _unset, 3.0, 25.0, log=True)
+NMPC_OPTIONS: Final = (  # that are not known
     _FRONT,
     _TRAILER,
-    Parameter("look-ahead of the NMPC [m]", 1.6, _option("look_ahead_m"), 0.0, 4.0),
-    Parameter("target of the NMPC", "fixed", _option("target"), choices=("fixed", "moving")),
-    Parameter(_STEPS, 1.0, lambda w: _option("step_weight")([w, w, 1.0]), 0.1, 100.0, log=True),
-    Parameter(
-        "speed weight of the NMPC",
-        1.0,
-        lambda w: _option("output_weight")([1.0, 1.0, 1.0, 1.0, w]),
-        0.1,
-        100.0,
-        log=True,
-    ),
-    Parameter(
-        "trailer input of the NMPC",
-        "lambda",
-        _option("trailer_input"),
-        choices=("lambda", "delta_i"),
-    ),
+    P("NMPC: look-ahead [m]", 1.6, _option("look_ahead_m"), 0.0, 4.0),
+    P("NMPC: target", "fixed", _option("target"), choices=("fixed", "moving")),
+    P("NMPC: step weight of the steerings", 1.0, _step_weight, 0.1, 100.0, log=True),
+    P("NMPC: speed weight", 1.0, _speed_weight, 0.1, 100.0, log=True),
+    P("NMPC: trailer input", "lambda", _option("trailer_input"), choices=("lambda", "delta_i")),
 )
-"""Options of the NMPC that are not known."""
-
 ALL: Final = (*MACHINE, *LMPC_OPTIONS, *NMPC_OPTIONS)
 
 

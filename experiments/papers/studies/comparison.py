@@ -14,14 +14,12 @@ import pandas as pd
 
 from ...results.statistics import IntervalEstimate, caveat, holm, mean, paired_p
 from ...results.summary import ACTUATOR_USE
-from ...scenario.scenario import load
 from ...seeds import TUNED_FIELDS
 from ...sweep.results import WORKING_P95
 from ...sweep.study import DrawnAxis, load_study
 from ...sweep_report.format import format_estimate
-from ..published import COLUMNS, PUBLISHED_M, applies_to
 from ..study import Study
-from ..tables import ERRORS, markdown
+from ..tables import COLUMNS, ERRORS, PUBLISHED_M, markdown
 
 DEFAULT: Final = "ttempc"  # that the others are compared with
 LEVEL: Final = 0.05  # of the tests, after Holm's correction
@@ -176,11 +174,7 @@ def errors(rows: pd.DataFrame) -> str:
             published = (f"{100.0 * error:.2f}" for error in PUBLISHED_M.values())
             lines.append(("published (field)", *published, "–"))
         tables.append(markdown((f"`{name}`", *COLUMNS, "lost"), lines))
-    same = ", ".join(f"`{name}`" for name in comparison.fields if applies_to(load(name)[1]))
-    note = (
-        f"The published errors compare with fields that have the paper's vehicle and path: {same}."
-    )
-    return "\n\n".join([*tables, note])
+    return "\n\n".join(tables)
 
 
 def _range(values: pd.Series) -> str:

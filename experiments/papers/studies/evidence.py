@@ -23,7 +23,7 @@ from ....testbed.ground.terrain import flat
 from ....testbed.recording.channels import ESTIMATE, MEASUREMENT, REFERENCE, STATE, TOOL
 from ....testbed.recording.record import Record
 from ....testbed.truth import WHEELS
-from ....testbed.validation.bench import DRIVEN, FIRM_KPA, Bench, drive, steps
+from ....testbed.validation.bench import DRIVEN, FIRM_KPA, Bench, steps
 from ....testbed.validation.check import Check, between, number
 from ....testbed.validation.validate import validate
 from ....testbed.vehicle.servos import tyres_of
@@ -144,19 +144,11 @@ SOILS: Final = {"soft or sandy": 20.0, "tilled": 40.0, "firm": 55.0, "hard": 80.
 _REAR: Final = WHEELS.index("rear_left")
 
 
-def farm(mass: float = 1.0, speed_gain: float | None = None) -> Bench:
-    """Return the farm machine on firm, level ground.
-
-    Args:
-        mass: times the mass of the tractor in the file, same centre of mass.
-        speed_gain: steady speed at hydrostat position 1 [m/s]; None: as in the file.
-    """
+def farm(mass: float = 1.0) -> Bench:
+    """Return the farm machine on firm, level ground, the tractor's mass times a factor."""
     vehicle = read_vehicle("farm4500")
     tractor = replace(vehicle.tractor, mass_kg=mass * vehicle.tractor.mass_kg)
-    gain = vehicle.hydrostat.speed_gain_mps if speed_gain is None else speed_gain
-    hydrostat = replace(vehicle.hydrostat, speed_gain_mps=gain)
-    whole = replace(vehicle, tractor=tractor, hydrostat=hydrostat)
-    return Bench(whole, flat((300.0, 60.0)), SoilMap(FIRM_KPA))
+    return Bench(replace(vehicle, tractor=tractor), flat((300.0, 60.0)), SoilMap(FIRM_KPA))
 
 
 def side_ratio(slip_angle: float, slip: float, bn: float) -> float:
@@ -223,8 +215,6 @@ def _best(check: Check) -> float:
 
 _FREQUENCY_HZ: Final = 0.2
 _AMPLITUDE: Final = math.radians(4.0)
-_STEP: Final = math.radians(3.0)
-_STEP_SPEED: Final = 4.5  # [m/s] of the source
 
 
 def yaw_gain(bench: Bench, speed: float, periods: int = 3) -> float:
@@ -255,35 +245,6 @@ def yaw_response() -> list[Figure]:
         )
         for gains in (by_mass, by_speed)
     ]
-
-
-def sensitivity(seconds: float = 6.0) -> list[Figure]:
-    """Return how far stiffness changes the response to a step, by 10 and by 50 % of it [%]."""
-    nominal = _step_response(1.0, seconds)
-    figures: list[Figure] = []
-    for change in (0.1, 0.5):
-        changed = [_step_response(1.0 + sign * change, seconds) for sign in (-1, 1)]
-        norms = [np.linalg.norm(each - nominal, axis=0) for each in changed]
-        figures.append(100.0 * float(np.max(norms / np.linalg.norm(nominal, axis=0))))
-    return figures
-
-
-def _step_response(stiffness: float, seconds: float) -> FloatArray:
-    """Return yaw rates of tractor and trailer after a step of the steering, (n, 2) [rad/s].
-
-    Args:
-        stiffness: times the cornering stiffness of every tyre.
-        seconds: after the step.
-    """
-    keys = [f"side_stiffness{part}_per_rad" for part in ("", "_mobility", "_most")]
-    law = SoilLaw()
-    law = replace(law, **{key: stiffness * getattr(law, key) for key in keys})
-    bench = replace(farm(speed_gain=5.0), wheel_law=law)
-    plant = bench.plant(bench.terrain, 900.0)
-    plant.reset(-140.0, 0.0, 0.0, _STEP_SPEED)
-    plant.advance(bench.command(_STEP_SPEED), steps(plant, 1.0))
-    truths = drive(plant, bench.command(_STEP_SPEED, delta_t=_STEP), seconds, 0.02)
-    return np.array([(truth.yaw_rate_t, truth.yaw_rate_i) for truth in truths])
 
 
 # Straight passes of the farm machine.
@@ -474,7 +435,6 @@ EXPERIMENTS: Final[dict[str, Callable[[], list[Figure]]]] = {
         tool_forces,
         unsteered_tool,
         yaw_response,
-        sensitivity,
         implement_steering,
         steered_joint,
         receivers,

@@ -131,14 +131,8 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
         )
         costs = (f"{100 * item.trials[name].cost_m.value:.1f}" for name in names)
         by_trial.append((f"`{entry(card)}`", *costs))
-    loads: dict[str, list[str]] = {}
-    for card in cards:
-        processor, cores, system = (
-            card.machine.get(key, "unknown") for key in ("processor", "cores", "system")
-        )
-        own = loads.setdefault(f"{processor} ({system}), cores: {cores}", [])
-        own.append(card.machine.get("load", ""))
-    machines = [f"{name}, load {_range(own)}" for name, own in sorted(loads.items())]
+    keys = ("processor", "cores", "system")
+    machines = {", ".join(f"{k} {card.machine.get(k, '?')}" for k in keys): None for card in cards}
     heads = ("entry", "cost [cm]", "not completed", "outside rows [%]", "step p99 [ms]")
     count = f"{first.draws.count} seed{'s' if first.draws.count > 1 else ''}"
     return "\n\n".join(
@@ -148,16 +142,9 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
             markdown(heads, lines),
             "Mean cost by scenario [cm]:",
             markdown(("entry", *names), by_trial),
-            f"Steps were timed on: {'; '.join(machines)}. A load above the number of cores makes "
-            "them longer.",
+            f"Steps were timed on: {'; '.join(machines)}.",
         )
     )
-
-
-def _range(loads: Sequence[str]) -> str:
-    """Return the least and the greatest load."""
-    known = sorted({load for load in loads if load}, key=float)
-    return " to ".join(dict.fromkeys((known[0], known[-1]))) if known else "unknown"
 
 
 STUDIES: Final = (

@@ -1,4 +1,4 @@
-"""Searches of runs: breaking points, worst cases."""
+"""Worst cases of every controller."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import Final
 from ttempc.guidance.controllers import CONTROLLERS
 
 from ...scenario.scenario import merge_tables, parse_overrides, read_scenario
-from ...search.limit import Limit, Question, find_limit
-from ...search.quantities import QUANTITIES, read_subject
+from ...search.quantities import read_subject
 from ...search.worst_case import Report, find_worst_case
 from ...seeds import report_seeds
 from ...sweep.engine import engine
@@ -18,49 +17,6 @@ from ..kayacan.eight_numbers import CONTROLLER
 from ..runner import Runner
 from ..study import Study
 from ..tables import markdown
-
-BROKEN: Final = ("ttempc", "pid", "paper")
-TOLERANCES: Final = {"cone-index": 10.0, "slope": 0.01, "delay": 0.05}
-
-
-def breaking_point(question: Question) -> Limit:
-    """Return the answer to a question, found in this process."""
-    with engine(workers=0) as here:
-        return find_limit(question, here)
-
-
-def breaking_points(runner: Runner, path: str = "path.laps=1") -> str:
-    """Return the last value at which a lap is completed, and the first at which it is lost.
-
-    Lost: in at least half of the seeds.
-    """
-    questions = [
-        Question(
-            scenario="grass",
-            controller=controller,
-            quantity=quantity,
-            parameter=QUANTITIES[quantity],
-            tolerance=tolerance,
-            limit_m=None,
-            seeds=report_seeds(3),
-            settings=parse_overrides([path]),
-        )
-        for quantity, tolerance in TOLERANCES.items()
-        for controller in BROKEN
-    ]
-    found = iter(runner.map(breaking_point, questions))
-    lines = []
-    for quantity in TOLERANCES:
-        cells = [_broken(next(found)) for _ in BROKEN]
-        lines.append([f"{quantity.replace('-', ' ')} [{QUANTITIES[quantity].unit}]", *cells])
-    return markdown(["quantity", *(f"`{name}`" for name in BROKEN)], lines)
-
-
-def _broken(found: Limit) -> str:
-    if found.outcome != "found":
-        return f"{found.outcome} from {found.probes[0].value:g} to {found.probes[-1].value:g}"
-    note = "" if found.monotone else ", not monotone"
-    return f"{found.holds_at:.3g}, {found.fails_at:.3g}{note}"
 
 
 @dataclass(frozen=True)
@@ -123,12 +79,6 @@ def worst_table(reports: Sequence[Report]) -> str:
 
 
 STUDIES: Final = (
-    Study(
-        name="breaking-points",
-        seeds=report_seeds(3),
-        make=breaking_points,
-        checks=tuple(("grass", name) for name in BROKEN),
-    ),
     Study(
         name="worst-cases",
         seeds=report_seeds(1),

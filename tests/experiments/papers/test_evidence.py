@@ -24,11 +24,7 @@ def test_verdict_follows_from_figure_and_band_and_reasons_stand_together():
         assert one.reason == {"in band": "", "below": "too little"}.get(verdict, "unknown")
         assert ("- Outside, 1: " in page([one])) == bool(one.reason)
     assert "- Outside, 1, 2: unknown." in page([item(0.0), item(0.5), item(1.5)])
-    free = item(5.0, (-math.inf, math.inf))
-    text = page([free, item(1.5), item(3.0)])
-    assert free.verdict == "not judged"
-    assert text.startswith("1 of 2 figures from 1 sources")
-    assert "**1 to 3.** a source." in text
+    assert page([item(1.5), item(3.0)]).startswith("1 of 2 figures from 1 sources")
 
 
 def test_every_experiment_has_its_published_figures():
@@ -37,27 +33,6 @@ def test_every_experiment_has_its_published_figures():
         for one in beside(name, [(math.nan, "a note")] * len(tables)):
             assert one.verdict == "no figure"
             assert one.band[0] < one.band[1]
-
-
-def test_nearest_points_overestimate_as_the_closed_form_has_it():
-    """Mean of sqrt(e^2 + u^2) over u within half a spacing d, over e; no more for a small d."""
-    offset, spacing = 0.1, 0.2
-    x = np.arange(0.0, 10.0, spacing)
-    first = np.column_stack([x, np.zeros_like(x)])
-    fine = np.arange(0.05, 9.5, spacing / 20)
-    second = np.column_stack([fine, np.full_like(fine, offset)])
-    u = np.linspace(-0.5, 0.5, 2001) * spacing
-    expected = np.hypot(offset, u).mean() / offset - 1.0
-    assert evidence.nearest_point_excess(first, second) == pytest.approx(expected, rel=0.02)
-    assert evidence.nearest_point_excess(second - [0.0, offset], second) < expected / 50
-
-
-def test_relative_error_is_that_of_a_lap_to_the_lap_before():
-    lap, time = 20.0, np.arange(0.0, 70.0, 0.04)
-    straight, same = time % lap < 12.0, np.sin(2.0 * math.pi * time / 20.0)
-    np.testing.assert_allclose(evidence.relative_error(time, same, straight, lap), 0.0, atol=1e-4)
-    drift = evidence.relative_error(time, same + 0.01 * time, straight, lap)
-    np.testing.assert_allclose(drift, 0.01 * lap, atol=1e-4)
 
 
 def test_autocorrelation_of_several_series():
@@ -82,10 +57,8 @@ def test_side_force_of_a_wheel_opposes_its_slip_angle_and_falls_with_slip():
     assert evidence.side_ratio(0.0, 0.2, 20.0) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_slow_yaw_response_is_ackermann_and_more_stiffness_changes_it_more():
+def test_slow_yaw_response_is_ackermann():
     assert evidence.yaw_gain(evidence.farm(), 0.5, periods=1) == pytest.approx(1.0, abs=0.02)
-    small, large = evidence.sensitivity(seconds=1.0)
-    assert 0.0 < small < large
 
 
 @pytest.mark.slow

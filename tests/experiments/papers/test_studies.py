@@ -211,5 +211,5 @@ def test_the_tube_of_grass_is_invariant_and_that_of_the_paper_is_not():
     assert condition <= 1.0 + 1e-6
     assert len(shares) == 1
     assert all(share <= 1.0 + 1e-6 for share in shares)
-    lines = [*tubes.paper_tube(20)]
+    lines = [*tubes.paper_tube()]
     assert sum("all seven states: no invariant set" in line for line in lines) == 4

@@ -212,22 +212,6 @@ def test_the_file_of_a_worst_case_replays_its_failure(folder, tmp_path, capsys):
             assert row[name] == found, name
 
 
-def test_an_interrupted_search_goes_on_to_the_same_cases(folder, tmp_path):
-    """Of an interrupted generation the rows that exist are kept, as in an interrupted sweep."""
-    again = tmp_path / "again"
-    for source in folder.glob("generations/00[01]"):
-        (again / "generations" / source.name).mkdir(parents=True)
-        for name in ("study.toml", "versions.json", "results.jsonl"):
-            text = (source / name).read_text()
-            keep = 3 if (source.name, name) == ("001", "results.jsonl") else None
-            lines = text.splitlines(keepends=True)[:keep]
-            (again / "generations" / source.name / name).write_text("".join(lines))
-    kept = results(again)
-    drive(again)
-    assert (again / "falsification.json").read_text() == (folder / "falsification.json").read_text()
-    assert [row for row in results(again) if row in kept] == kept  # wall-clock times among them
-
-
 def test_bad_input_is_one_line_before_any_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for words, message in (

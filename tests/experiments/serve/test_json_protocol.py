@@ -57,15 +57,12 @@ def test_numbers_keep_all_their_digits_and_what_is_not_finite_is_null():
     assert [stage["hp"] for stage in message["reference"]] == expected.inputs[:, 2].tolist()
 
 
-def test_estimate_and_reference_are_sent_where_they_are_asked_for():
-    protocol, _ = greeted()
-    estimate = Estimate(0.0, np.zeros(7), np.eye(7), np.zeros(2), 0.0)
-    (payload,) = protocol.period(TickData(0, 0.0, [], estimate, REFERENCE, 0))
-    assert json.loads(payload).keys() == {"type", "tick", "time_s", "samples"}
-
-
 def test_invalid_datagrams_are_refused_with_their_reason():
     protocol, _ = greeted()
+    silent = JsonProtocol()
+    silent.begin(FACTS, REFERENCE)
+    with pytest.raises(Refused, match="before a hello"):
+        silent.receive(json.dumps(COMMAND).encode())
     for payload, text in (
         (b" " * 1025, "1025 bytes"),
         (b"", "JSON"),
@@ -88,11 +85,3 @@ def test_invalid_datagrams_are_refused_with_their_reason():
             protocol.receive(
                 payload if isinstance(payload, bytes) else json.dumps(payload).encode()
             )
-
-
-def test_a_command_before_the_hello_is_refused():
-    protocol = JsonProtocol()
-    protocol.begin(FACTS, REFERENCE)
-    with pytest.raises(Refused, match="before a hello"):
-        protocol.receive(json.dumps(COMMAND).encode())
-    assert not protocol.ready

@@ -75,16 +75,6 @@ def test_the_identifier_is_that_of_version_1():
     assert definition.identifier() == "v1-e25cebe8"
 
 
-def test_a_trial_stands_alone_and_leaves_the_controller_to_the_entry():
-    files = definition.trial_files()
-    assert 8 <= len(files) <= 10
-    for file in files.values():
-        content = tomllib.loads(file.read_text())
-        assert content["description"]
-        assert not {"controller", "stages", "control"} & content.keys(), file
-        assert "preset" not in content.get("sensors", {}), file
-
-
 @pytest.mark.parametrize("name", ["reverse", "cultivate", "faults"])
 def test_the_plant_is_that_of_the_frozen_trials(name):
     """With vehicle, soil, implement, faults and samples of the sensors in it."""
