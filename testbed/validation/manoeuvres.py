@@ -191,7 +191,7 @@ def _axle_inertia(plant: Plant, wheel: str) -> float:
 
 
 def steering_steps(bench: Bench) -> Iterator[Measured]:
-    """Measure rate, stop and lag of both steering angles for a command of 1.5 rad, beyond both stops."""
+    """Measure rate, stop and lag of both steering angles for 1.5 rad, beyond both stops."""
     every_s = 0.01
     for name, letter in (("front steering", "t"), ("trailer steering", "i")):
         limit, rate, lag = (
