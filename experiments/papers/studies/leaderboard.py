@@ -143,8 +143,8 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
             markdown(heads, lines),
             "Mean cost by scenario [cm]:",
             markdown(("entry", *names), by_trial),
-            f"Steps were timed on: {'; '.join(machines)}; load {loads[0]:g} to {loads[-1]:g}. A load "
-            "above the number of cores makes them longer.",
+            f"Steps were timed on: {'; '.join(machines)}; load {loads[0]:g} to {loads[-1]:g}. A "
+            "load above the number of cores makes them longer.",
         )
     )
 

@@ -59,6 +59,12 @@ def test_every_marker_has_a_study_and_every_study_a_marker():
     assert pages_of_tables().keys() == all_studies().keys() - PRINTED_ONLY
 
 
+def test_the_ledger_has_the_checks_of_every_table_but_new_ones():
+    studies = all_studies()
+    for name, making in read_ledger().items():
+        assert {item.name for item in studies[name].all_checks} == {*making.checks}, name
+
+
 def test_no_table_reports_on_seeds_of_the_design():
     reported = {n: s for n, s in all_studies().items() if n not in PRINTED_ONLY}
     assert not {name for name, study in reported.items() if design_seeds(study.all_seeds)}

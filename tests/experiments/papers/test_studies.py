@@ -44,8 +44,7 @@ def test_the_scenario_of_every_run_of_every_grid_can_be_driven():
         if study.table is not None and not study.sweeps:
             points = {(case.scenario, case.overrides) for case in study.cases()}
             for scenario, overrides in points:
-                if study.name != "recovery":  # its path depends on the ticks
-                    check(load(scenario, overrides)[1])
+                check(load(scenario, overrides)[1])
     for fault in faults.CASES:
         load("grass", faults.changes(fault))
 
