@@ -33,10 +33,10 @@ def info(arguments: argparse.Namespace) -> int:
     out("PLACE", "of tables a folder; default: beside the log"),
     option(
         "--format",
-        choices=("csv", "parquet", "rerun", "ros2"),
+        choices=("csv", "parquet", "rerun"),
         default="csv",
         dest="form",
-        help="csv (default), parquet (extra `export`), rerun (extra `rerun`), or ros2: a recipe",
+        help="csv (default), parquet (extra `export`) or rerun (extra `rerun`)",
     ),
 )
 def export(arguments: argparse.Namespace) -> int:
@@ -181,14 +181,14 @@ def vehicle(arguments: argparse.Namespace) -> int:
     Prints them with their standard deviations. With -o it writes the scenario's vehicle file
     with these lengths, for plant.vehicle.file.
     """
-    from ..logs.calibrate import calibrate, write_vehicle
+    from ..logs.calibrate import calibrate
 
     if arguments.out is not None:
         refuse_existing(arguments.out)
     calibration = calibrate(arguments.log)
     print("\n".join(calibration.format()))
     if arguments.out is not None:
-        write_vehicle(calibration, arguments.out)
+        write_file(arguments.out, calibration.file)
         print(f"written to {arguments.out}")
     return 0
 

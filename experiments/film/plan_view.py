@@ -70,7 +70,7 @@ class PlanView:
         low, high = playback.path.min(axis=0) - _MARGIN_M, playback.path.max(axis=0) + _MARGIN_M
         free = np.array([width, (1.0 - _HEADLINE) * height])
         self._scale = scale = float((free / (high - low)).min())  # [pixels/m]
-        west, north = 0.5 * (low + high) + [-0.5, 0.5] * free / scale
+        west, north = 0.5 * (low + high) + np.array([-0.5, 0.5]) * free / scale
         north += _HEADLINE * height / scale
         self._corner = west, north  # of the picture [m]
         self._background = self._ground((width, height))

@@ -13,12 +13,10 @@ from ttempc.estimation.noise import ProcessNoise
 from ttempc.learning.learner import LENGTHS, ParameterChange
 from ttempc.learning.lengths import KNOWN_SD, fit_lengths
 
-from ...testbed.atomic_write import partial_path
 from ...testbed.configuration.config_io import validated
 from ...testbed.errors import InvalidPlant
 from ...testbed.vehicle.vehicle import PlantVehicle
 from ..errors import InvalidReplay
-from ..output import refuse_existing, write_file
 from ..run.assembly import model_vehicle
 from ..scenario.vehicle import LENGTH_KEYS, edited_file
 from .replay import read_run, ticks
@@ -81,13 +79,3 @@ def calibrate(log: Path) -> Calibration:
     except InvalidPlant as error:
         raise InvalidReplay(f"{log}: the lengths that fit make no vehicle: {error}") from None
     return Calibration(changes, text)
-
-
-def write_vehicle(calibration: Calibration, file: Path) -> None:
-    """Write the vehicle file.
-
-    Raises:
-        OutputExists: the file exists or cannot be written.
-    """
-    refuse_existing(file, partial_path(file))
-    write_file(file, calibration.file)

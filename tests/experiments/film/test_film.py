@@ -83,26 +83,6 @@ def test_the_cameras_show_the_tractor_at_its_projected_position_and_no_site(play
     assert np.abs(scene.picture("side", 6.0) - before).max() <= 2  # of 255
 
 
-@needs_gl
-def test_a_frame_shows_field_sky_and_vehicle_and_depends_on_its_time_alone(log):
-    settings = FilmSettings(at_s=6.0, camera="chase", size=SMALL)
-    (one,), (two,) = (Film.of([log], settings).pictures() for _ in range(2))
-    np.testing.assert_array_equal(one, two)
-    assert one.shape == (180, 320, 3)
-    red, green, blue = np.moveaxis(one[:139].astype(float), -1, 0)
-    assert np.mean((red > 90) & (red > 2 * green)) > 0.002  # paint of the tractor
-    assert np.mean((green > 1.4 * red) & (green > 1.2 * blue)) > 0.005  # boards of the trailer
-    assert np.mean((blue > 180) & (blue > red)) > 0.05  # sky
-    assert np.mean((green > red) & (red > 1.2 * blue)) > 0.3  # grass
-
-
-@needs_gl
-def test_a_ghost_at_the_place_of_the_vehicle_does_not_tint_it(log):
-    settings = FilmSettings(at_s=6.0, camera="side", size=(640, 360))
-    (plain,), (same,) = (Film.of([log], settings, each).pictures() for each in ((), [log]))
-    np.testing.assert_array_equal(plain[:278], same[:278])  # above the band
-
-
 def decoded(file):
     with av.open(str(file)) as container:
         stream = container.streams.video[0]
@@ -177,47 +157,23 @@ def test_an_mp4_without_its_encoder_is_refused_and_a_webp_needs_none(
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_a_film_that_fails_leaves_nothing(log, tmp_path):
-    def broken():
-        raise RuntimeError("stop")
-
-    settings = FilmSettings(camera="plan", size=SMALL)
-    for name in ("film.mp4", "film.webp"):
-        with pytest.raises(RuntimeError):
-            Film.of([log], settings).write(tmp_path / name, broken)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.fixture
-def bad_logs(log, tmp_path):
-    folder = tmp_path / "bad"
-    folder.mkdir()
-    shutil.copy(log, folder / "log.mcap")
-    (folder / "text.mcap").write_text("nothing of the kind")
+def test_bad_input_is_refused_in_one_line(log, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(log, "log.mcap")
     content = log.read_bytes()
-    (folder / "torn.mcap").write_bytes(content[: len(content) // 2])
-    (folder / "taken.mp4").write_text("mine")
-    return folder
-
-
-def test_bad_input_is_refused_in_one_line(bad_logs, monkeypatch, capsys):
-    monkeypatch.chdir(bad_logs)
-    before = sorted(bad_logs.iterdir())
+    (tmp_path / "torn.mcap").write_bytes(content[: len(content) // 2])
+    (tmp_path / "taken.mp4").write_text("mine")
+    before = sorted(tmp_path.iterdir())
     for line, words in (
         ("none.mcap", "cannot be read"),
-        ("text.mcap", "is not an MCAP log"),
         ("torn.mcap", "is torn"),
         ("log.mcap --size 321x180", "even"),
-        ("log.mcap --size big", "WIDTHxHEIGHT"),
         ("log.mcap --to 99", "the log reaches from 0 to 1"),
         ("log.mcap --from 5 --to 5", "must end after it begins"),
         ("log.mcap --speed 0", "--speed"),
         ("log.mcap --ghost none.mcap", "none.mcap: cannot be read"),
-        ("log.mcap --camera aerial", "--camera"),
         ("log.mcap --camera plan -o taken.mp4", "exists already"),
-        ("log.mcap --camera plan -o film.avi", ".mp4"),
         ("log.mcap --camera plan -o no/film.mp4", "there is no folder"),
-        ("log.mcap --at nan", "finite"),
         ("log.mcap --at 5 -o still.webp", ".png"),
     ):
         try:
@@ -229,5 +185,5 @@ def test_bad_input_is_refused_in_one_line(bad_logs, monkeypatch, capsys):
         assert words in printed.err
         assert printed.err.count("\n") == 1
         assert printed.out == ""
-    assert sorted(bad_logs.iterdir()) == before
-    assert (bad_logs / "taken.mp4").read_text() == "mine"
+    assert sorted(tmp_path.iterdir()) == before
+    assert (tmp_path / "taken.mp4").read_text() == "mine"

@@ -66,7 +66,6 @@ def test_what_cannot_be_exported_is_refused_in_one_line(short_runs, tmp_path, mo
     for form, out, words in (
         ("rerun", "run.txt", ".rrd"),
         ("rerun", "no/run.rrd", "cannot be written"),
-        ("ros2", "bag", "ros2_bag.py"),
     ):
         assert main(["log", "export", log, "--format", form, "-o", str(tmp_path / out)]) == 2
         error = capsys.readouterr().err
@@ -86,9 +85,7 @@ def test_the_layouts_of_viewers_name_topics_and_fields_of_a_log():
     assert len(plotted) > 30
     assert plotted <= FIELDS
     assert {topic for topic, _ in topics} <= {each.name for each in topics_of()}
-    panels = json.loads(text)
-    for name in panels["configById"]:
-        assert text.count(json.dumps(name)) == 2, "a place in the layout for every panel"
+    json.loads(text)
     tree = ElementTree.parse(LAYOUTS / "plotjuggler-layout.xml")
     curves = {tuple(each.attrib["name"].rsplit("/", 1)) for each in tree.iter("curve")}
     assert len(curves) > 30
@@ -119,15 +116,6 @@ def stamp_s(message):
     return message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
 
 
-def samples(record, sensor, parts):
-    """Return the samples of a sensor, their own times and those of their delivery."""
-    table = record["/measurement"]
-    taken = table[f"{sensor}_time_s"]
-    kept = ~np.isnan(taken)
-    names = [f"{sensor}_{part}" for part in parts]
-    return table.columns(*names)[kept], taken[kept], table.time_s[kept]
-
-
 def yaw(turn):
     return atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
 
@@ -148,21 +136,15 @@ def test_a_bag_has_the_truth_of_the_record(bag):
     speeds = [m.twist.twist.linear.x for m in messages]  # of the trailer
     driven = np.hypot(*np.diff(state.columns("x_i_m", "y_i_m"), axis=0).T).sum()
     assert np.trapezoid(speeds, state.time_s) == pytest.approx(driven, rel=1e-3)
-    odometry = {stamp_s(m): m.pose.pose.position for _, m in topics["/tractor/odometry"]}
-    for _, message in topics["/tf"]:
-        frames = {each.child_frame_id: each for each in message.transforms}
-        assert {"base_link", "trailer_link", "tractor", "trailer"} <= set(frames)
-        origin, position = (
-            frames["base_link"].transform.translation,
-            odometry[stamp_s(frames["base_link"])],
-        )
-        assert (origin.x, origin.y, origin.z) == (position.x, position.y, position.z)
 
 
 def test_samples_of_a_bag_are_stamped_when_taken_and_logged_when_delivered(bag):
     _, record, topics = bag
     for place in ("tractor", "trailer"):
-        points, taken_s, delivered_s = samples(record, f"gnss_{place}", ("x_m", "y_m"))
+        table, name = record["/measurement"], f"gnss_{place}"
+        kept = ~np.isnan(table[f"{name}_time_s"])
+        points = table.columns(f"{name}_x_m", f"{name}_y_m")[kept]
+        taken_s, delivered_s = table[f"{name}_time_s"][kept], table.time_s[kept]
         assert (delivered_s > taken_s).all()  # the receivers of this preset are late
         messages = topics[f"/{place}/position"]
         np.testing.assert_array_equal([(m.point.x, m.point.y) for _, m in messages], points)
@@ -172,32 +154,10 @@ def test_samples_of_a_bag_are_stamped_when_taken_and_logged_when_delivered(bag):
         origin = (DATUM.latitude_deg, DATUM.longitude_deg)
         back = east_north([m.latitude for m in fixes], [m.longitude for m in fixes], origin)
         np.testing.assert_allclose(back, points, atol=1e-3)
-    joints = defaultdict(list)
-    for _, message in topics["/joint_states"]:
-        for name, angle, rate in zip(message.name, message.position, message.velocity, strict=True):
-            joints[name].append(0.40 * rate if name == "rear_wheel" else angle)  # radius [m]
-    for name, sensor, part in (
-        ("front_steering", "steering_tractor", "rad"),
-        ("trailer_steering", "steering_trailer", "rad"),
-        ("hitch", "hitch", "rad"),
-        ("rear_wheel", "encoder", "mps"),
-    ):
-        np.testing.assert_allclose(
-            joints[name], samples(record, sensor, (part,))[0][:, 0], rtol=1e-14
-        )
-    values, _, _ = samples(record, "imu_trailer", ("yaw_rate_radps", "roll_rad", "pitch_rad"))
-    imus = [m for _, m in topics["/trailer/imu"]]
-    np.testing.assert_array_equal([m.angular_velocity.z for m in imus], values[:, 0])
-    half = [(m.orientation.x, m.orientation.y) for m in imus]
-    np.testing.assert_allclose(half, 0.5 * values[:, 1:], atol=1e-4)  # small angles
 
 
-def test_a_bag_has_estimates_references_commands_paths_and_events(bag):
+def test_a_bag_has_references_commands_paths_and_events(bag):
     log, record, topics = bag
-    estimated = [message for _, message in topics["/tractor/odometry/estimated"]]
-    diagonals = [np.reshape(m.pose.covariance, (6, 6)).diagonal()[[0, 1, 5]] for m in estimated]
-    sds = record["/estimate"].columns("sd_x_t_m", "sd_y_t_m", "sd_psi_t_rad")
-    np.testing.assert_allclose(diagonals, sds**2)
     reference = [(m.pose.position.x, m.pose.position.y) for _, m in topics["/trailer/reference"]]
     np.testing.assert_array_equal(reference, record["/reference"].columns("x_i_m", "y_i_m"))
     names = ("delta_t_rad_command", "delta_i_rad_command", "hp_command")

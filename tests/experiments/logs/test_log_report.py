@@ -41,19 +41,3 @@ def test_a_torn_and_a_recovered_log_have_a_page_that_says_so(run, tmp_path):
         assert ">torn</span>" in page
         assert "the log is not whole" in page
         assert page.count("<img") >= 5
-
-
-def test_a_file_that_is_no_log_and_foreign_options_are_refused(run, tmp_path, capsys):
-    (tmp_path / "notes.txt").write_text("no log")
-    for arguments, words in (
-        ((tmp_path / "notes.txt",), "is not an MCAP log"),
-        ((tmp_path / "absent",), "is no folder of a sweep"),
-        ((run / "log.mcap", "--against", "pid"), "--against: goes with a sweep"),
-        ((run / "log.mcap", "-o", run / "report.html"), "exists already"),
-        ((tmp_path, "-o", tmp_path / "x.html"), "--out"),
-        ((run, "-o", run / "report.html"), "exists already"),
-    ):
-        assert main(["report", *map(str, arguments)]) == 2
-        printed = capsys.readouterr().err
-        assert words in printed
-        assert printed.count("\n") == 1

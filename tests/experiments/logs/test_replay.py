@@ -5,21 +5,16 @@ import math
 import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
-from proving_ground.experiments.errors import InvalidReplay
 from proving_ground.experiments.logs.replay import (
     estimator_of,
     read_run,
     replay,
     same_as_recorded,
-    ticks,
 )
 from proving_ground.experiments.results.consistency import consistency
-from proving_ground.experiments.run.simulate import simulate
-from proving_ground.experiments.scenario.scenario import load
-from proving_ground.testbed.recording.channels import ESTIMATE, MEASUREMENT, STATE
+from proving_ground.testbed.recording.channels import ESTIMATE, STATE
 from proving_ground.testbed.recording.record import Record, Table
 
-from tests.experiments.conftest import STRAIGHT
 from ttempc.types import Estimate, Innovation, Sensor
 
 
@@ -38,35 +33,6 @@ def test_a_replay_returns_the_estimates_of_the_run_bit_for_bit(run):
     estimates = replay(record, estimator_of(scenario))
     assert len(estimates) == len(record[ESTIMATE]) > 50
     assert same_as_recorded(estimates, record)
-
-
-def test_late_samples_are_replayed_at_the_time_at_which_they_were_taken():
-    late = ["sensors.gnss_latency_s=0.4", "sensors.imu.on=true", STRAIGHT]
-    scenario = load("grass", late)[1]
-    _, record = simulate("grass", scenario, 3)
-    assert same_as_recorded(replay(record, estimator_of(scenario)), record)
-    (gnss, *_), *_ = [
-        [sample for sample in tick.samples if sample.sensor is Sensor.GNSS_TRACTOR]
-        for tick in ticks(record)
-        if tick.time_s > 2.1
-    ]
-    assert gnss.time_s == pytest.approx(1.8)
-
-
-def test_another_assumed_noise_gives_other_estimates_of_the_same_samples(run, log):
-    record, scenario = read_run(log, {"controller": {"noise": {"gnss_sd_m": 0.06}}})
-    assert list(ticks(record)) == list(ticks(run[0]))
-    other = replay(record, estimator_of(scenario))
-    assert not same_as_recorded(other, record)
-    nis = {item.name: item.nis for item in consistency(other, record).sensors}
-    assert nis[Sensor.GNSS_TRACTOR] < 0.6  # of four where GNSS alone is uncertain, so near 1/4
-
-
-def test_every_sample_of_the_log_reaches_the_estimator_once(run):
-    record, _ = run
-    logged = np.isfinite(record[MEASUREMENT].values).sum()  # with one time a sample
-    samples = [sample for tick in ticks(record) for sample in tick.samples]
-    assert sum(len(sample.value) + 1 for sample in samples) == logged
 
 
 def test_figures_of_estimates_with_known_errors():
@@ -119,11 +85,3 @@ def test_the_command_prints_states_and_sensors_and_refuses_what_cannot_be_replay
         error = capsys.readouterr().err
         assert reason in error
         assert len(error.splitlines()) == 1
-
-
-def test_a_record_without_estimates_is_refused(run):
-    record, _ = run
-    tables = dict(record.tables)
-    tables[ESTIMATE.topic] = Table(ESTIMATE, np.empty(0), np.empty((0, len(ESTIMATE.fields))))
-    with pytest.raises(InvalidReplay, match="0 estimates"):
-        list(ticks(Record(tables)))

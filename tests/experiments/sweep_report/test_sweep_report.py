@@ -2,7 +2,6 @@
 
 import os
 import re
-import shlex
 import shutil
 import sys
 
@@ -10,14 +9,11 @@ import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidRows
-from proving_ground.experiments.scenario.scenario import dump, load
-from proving_ground.experiments.sweep.plan import SweepPlan
 from proving_ground.experiments.sweep.row import (
     has_failed,
     no_figures,
 )
-from proving_ground.experiments.sweep.study import load_study
-from proving_ground.experiments.sweep_report.format import format_numbers, rerun_command
+from proving_ground.experiments.sweep_report.format import format_numbers
 from proving_ground.experiments.sweep_report.runs import (
     best,
     differences,
@@ -172,27 +168,6 @@ def test_the_best_have_the_least_median_and_gain_nothing_by_runs_that_fail(sweep
 
     spoilt = read_sweep(swept(tmp_path, "seeds = 2", AXES, work=best_or_lost))
     assert best(spoilt) == "ttempc"
-
-
-def test_the_command_of_a_row_drives_the_same_scenario():
-    for study in ("terrain-slip", "mismatch", "delay", "compare"):
-        plan = SweepPlan(*load_study(study))
-        for run in (0, plan.size - 1):
-            planned = plan[run]
-            setting = planned.setting
-            row = {
-                "scenario": setting.name,
-                "controller": setting.scenario.controller.name,
-                "seed": planned.seed,
-                **setting.axes,
-            }
-            _, _, name, *options = shlex.split(rerun_command(plan.study, row))
-            pairs = [*zip(options[::2], options[1::2], strict=True)]
-            given = {option[2:]: value for option, value in pairs if option != "--set"}
-            overrides = [value for option, value in pairs if option == "--set"]
-            overrides.append(f'controller.name="{given["controller"]}"')
-            assert given["seed"] == str(planned.seed)
-            assert dump(load(name, overrides)[1]) == setting.toml
 
 
 @pytest.mark.parametrize(

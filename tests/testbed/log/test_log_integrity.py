@@ -3,11 +3,9 @@
 import io
 import random
 import struct
-import zipfile
 
 import numpy as np
 import pytest
-import zstandard
 from mcap.writer import Writer
 from proving_ground.testbed.errors import InvalidField, LogError
 from proving_ground.testbed.ground.ground import Ground
@@ -94,14 +92,6 @@ def test_the_declared_size_of_a_chunk_is_limited_before_it_is_allocated(tmp_path
             read_content(file)
 
 
-def test_a_frame_that_declares_another_size_than_its_chunk_is_damage(tmp_path):
-    file, data = tmp_path / "log.mcap", bytes(2**20)
-    file.write_bytes(packed_log(zstandard.compress(data), 100))
-    salvage = read_content(file).salvage
-    assert salvage is not None
-    assert (salvage.chunks, salvage.left_out) == (0, 1)
-
-
 def test_a_model_that_opens_files_is_refused_and_those_of_this_program_pass():
     for inside in (
         '<include file="/etc/passwd"/>',
@@ -121,28 +111,8 @@ def test_a_model_that_opens_files_is_refused_and_those_of_this_program_pass():
             check_model(level_mjcf(level_model(spec)[1], (501, 801)))
 
 
-def npz(heights: bytes) -> bytes:
-    good, stream = Ground(flat((4.0, 4.0)), np.ones((41, 41))).to_npz(), io.BytesIO()
-
-    with zipfile.ZipFile(io.BytesIO(good)) as old, zipfile.ZipFile(stream, "w", 8) as new:
-        for name in old.namelist():
-            new.writestr(name, heights if name == "heights_m.npy" else old.read(name))
-    return stream.getvalue()
-
-
-def header(shape: str) -> bytes:
-    text = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
-    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode()
-
-
-def test_the_ground_of_a_log_is_limited_before_it_is_allocated():
-    for heights, reason in (
-        (header("(1000000, 2000000)") + bytes(64), "8000000000000 bytes"),
-        (header("(8000, 6000)") + bytes(192_000_000), "once decompressed"),
-        (b"\x93NUMPY", "not the ground"),
-    ):
-        with pytest.raises(InvalidField, match=reason):
-            Ground.from_npz(npz(heights))
-    for content in (b"", b"PK\x03\x04", b"no archive"):
+def test_bytes_that_are_no_ground_are_refused():
+    good = Ground(flat((4.0, 4.0)), np.ones((41, 41))).to_npz()
+    for content in (b"", b"no archive", good[:-30]):
         with pytest.raises(InvalidField, match="not the ground"):
             Ground.from_npz(content)

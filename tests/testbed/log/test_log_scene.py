@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from proving_ground.testbed.errors import LogError
 from proving_ground.testbed.ground.ground import GROUND_FILE, Ground
 from proving_ground.testbed.ground.terrain import Terrain
 from proving_ground.testbed.log.reader import read_content
@@ -55,11 +54,3 @@ def test_ground_and_motion_come_back(ground, tmp_path):
     np.testing.assert_allclose(line.points[:, :2], [[0.0, 0.0], [1.0, 0.5]], rtol=1e-6)
     assert lines_of(content, "/mpc/predicted_path") == []
     assert attachment(content, "model.xml") == b"<mujoco/>"
-
-
-def test_what_a_log_does_not_hold_is_said(ground, tmp_path):
-    content = log(tmp_path / "log.mcap", ground, [])
-    with pytest.raises(LogError, match=r"log\.mcap: holds no vehicle\.toml"):
-        attachment(content, "vehicle.toml")
-    with pytest.raises(LogError, match=r"log\.mcap: holds nothing on /tf"):
-        motion_of(content)

@@ -8,21 +8,18 @@ import pytest
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from proving_ground.testbed.geodesy import DATUM
 from proving_ground.testbed.ground.soil import SoilMap
 from proving_ground.testbed.ground.terrain import flat
 from proving_ground.testbed.messages.encoding import (
     encode_fixes,
-    encode_paths,
     encode_poses,
     quaternions,
     single,
     transforms_template,
 )
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.truth import WHEELS
 from proving_ground.testbed.vehicle.vehicle import read_vehicle
 
 TIMES_NS = np.array(
@@ -67,20 +64,6 @@ def test_attitudes_are_yaw_then_pitch_then_roll():
     np.testing.assert_allclose(np.linalg.norm(quaternions(poses), axis=1), 1.0)
 
 
-def test_paths_have_their_points_and_head_to_the_next_one():
-    lines = [np.eye(3), np.ones((1, 3)), np.arange(12.0).reshape(4, 3)]
-    for data, line, time_ns in zip(
-        encode_paths(TIMES_NS[:3], lines), lines, TIMES_NS.tolist(), strict=False
-    ):
-        path = PosesInFrame.FromString(data)
-        assert (path.frame_id, path.timestamp.ToNanoseconds()) == ("map", time_ns)
-        places = [(each.position.x, each.position.y, each.position.z) for each in path.poses]
-        assert places == [tuple(point) for point in line.tolist()]
-        for pose, step in zip(path.poses, np.diff(line, axis=0), strict=False):
-            yaw = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
-            assert yaw == pytest.approx(math.atan2(step[1], step[0]), abs=1e-6)
-
-
 def test_a_fix_lies_where_the_ellipsoid_says():
     (data,) = encode_fixes("tractor", np.array([127 * 10**9 + 5]), np.array([[40.0, 30.0]]))
     fix = LocationFix.FromString(data.tobytes())
@@ -98,18 +81,6 @@ def test_the_scene_shows_every_body_and_the_ground():
     plant = Plant(read_vehicle("kayacan2016"), flat(), SoilMap(600.0))
     ground, *bodies = SceneUpdate.FromString(plant.scenery.shapes).entities
     assert [body.frame_id for body in bodies] == list(plant.body_names[1:])
-    for body in bodies:
-        if body.id not in WHEELS:
-            continue
-        (tyre,) = body.triangles
-        assert max(tyre.indices) == len(tyre.points) - 1
-        turn = tyre.pose.orientation
-        places = np.array(
-            [rotated((turn.w, turn.x, turn.y, turn.z), (p.x, p.y, p.z)) for p in tyre.points]
-        )
-        places += [tyre.pose.position.x, tyre.pose.position.y, tyre.pose.position.z]
-        radius = float(plant.tyres.radius[WHEELS.index(body.id)])
-        assert np.hypot(places[:, 0], places[:, 2]).max() == pytest.approx(radius, rel=0.005)
     (field,) = ground.triangles
     points = np.array([[point.x, point.y] for point in field.points])
     assert points.min(axis=0).tolist() == [-40.0, -25.0]

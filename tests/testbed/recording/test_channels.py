@@ -5,33 +5,22 @@ import math
 import numpy as np
 import pytest
 from proving_ground.testbed.recording.channels import (
-    CHANNELS,
     ERROR,
-    ESTIMATE,
     MEASUREMENT,
-    MEASUREMENT_COLUMNS,
     REFERENCE,
     STATE,
     TYRES,
     error_rows,
-    estimate_row,
     measurement_rows,
     state_row,
     tyres_row,
     unit_of,
 )
-from proving_ground.testbed.sensing.sensor_specification import (
-    ImuSpecification,
-    SensorSpecification,
-)
-from proving_ground.testbed.sensing.sensors import COMPONENTS, SensorSuite
-from proving_ground.testbed.sensing.truth_estimator import TruthEstimator
+from proving_ground.testbed.sensing.sensors import COMPONENTS
 from proving_ground.testbed.truth import WHEELS
 
 from tests.testbed.plants import ROLL, plant_on
-from tests.testbed.truths import truth
-from ttempc.types import Measurement, Sensor
-from ttempc.vehicle import Vehicle
+from ttempc.types import Measurement
 
 
 def named(channel, row):
@@ -45,12 +34,6 @@ def driven():
     return plant.advance(ROLL, 100)
 
 
-def test_every_sensor_has_components_and_columns_of_its_own():
-    assert set(COMPONENTS) == set(Sensor)
-    taken = [i for columns in MEASUREMENT_COLUMNS.values() for i in range(99)[columns]]
-    assert taken == list(range(len(MEASUREMENT.fields)))
-
-
 def test_a_sample_stands_under_the_names_of_its_components_beside_its_time():
     for sensor, parts in COMPONENTS.items():
         value = tuple(10.0 + k for k in range(len(parts)))
@@ -59,16 +42,6 @@ def test_a_sample_stands_under_the_names_of_its_components_beside_its_time():
         pairs = zip((*parts, "time_s"), (*value, 0.7), strict=True)
         expected = {f"{sensor}_{part}": number for part, number in pairs}
         assert {name: number for name, number in row.items() if not math.isnan(number)} == expected
-
-
-def test_samples_of_the_suite_have_the_components_of_the_table():
-    suite = SensorSuite(
-        SensorSpecification(imu=ImuSpecification(on=True)), 0.002, 1, np.zeros((2, 3))
-    )
-    samples = suite.sample(truth(antennas=np.zeros((2, 3))), 0)
-    assert {sample.sensor for sample in samples} == set(Sensor)
-    for sample in samples:
-        assert len(sample.value) == len(COMPONENTS[sample.sensor])
 
 
 def test_rows_of_the_truth_stand_under_their_names(driven):
@@ -86,24 +59,6 @@ def test_rows_of_the_truth_stand_under_their_names(driven):
         assert tyres[f"{wheel}_load_n"] == driven.wheels.load[index]
         assert tyres[f"{wheel}_force_lat_n"] == driven.wheels.force_lat[index]
         assert tyres[f"{wheel}_ground_m"] == driven.wheels.ground[index]
-
-
-def test_rows_of_an_estimate_stand_under_their_names(driven):
-    estimate = TruthEstimator(lambda: driven, Vehicle()).update(0.2, [], None)
-    row = named(ESTIMATE, estimate_row(estimate))
-    assert row["x_i_m"] == driven.trailer.x
-    assert row["psi_i_rad"] == driven.trailer.yaw
-    assert row["delta_t_rad"] == driven.delta_t
-    assert row["beta_rad"] == driven.beta
-    assert row["sd_v_mps"] == 0.0
-    assert row["nis_dof"] == 0.0
-
-
-def test_names_of_topics_and_fields_are_unique():
-    assert len({channel.topic for channel in CHANNELS}) == len(CHANNELS)
-    for channel in CHANNELS:
-        assert len(set(channel.fields)) == len(channel.fields)
-        assert "time_s" not in channel.fields
 
 
 def test_units_are_those_of_the_names():

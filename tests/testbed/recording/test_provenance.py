@@ -12,11 +12,6 @@ def test_versions_are_those_of_what_is_installed():
     assert all(software.values())
 
 
-def test_an_installed_package_claims_no_commit(tmp_path, monkeypatch):
-    monkeypatch.setattr(provenance, "_ROOT", tmp_path)
-    assert "commit" not in provenance.versions()
-
-
 def test_the_identity_of_a_run_is_its_scenario_and_its_code():
     code = {"ttempc": "0.1.0", "mujoco": "4.0.0"}
     same = provenance.run_id("seed = 1\n", dict(reversed(code.items())))

@@ -1,27 +1,13 @@
 """Records and sinks: rows by field name, events, and a tee to several sinks."""
 
-import tracemalloc
-
 import pytest
 from proving_ground.testbed.recording.channels import (
-    CHANNELS,
     STATE,
     Channel,
 )
-from proving_ground.testbed.recording.record import Event, Recorder, Tee
+from proving_ground.testbed.recording.record import Recorder
 
 PAIR = Channel("/pair", "two numbers", ("a_m", "b_m"))
-
-
-def test_rows_come_out_as_columns_in_their_order():
-    recorder = Recorder([PAIR])
-    for k in range(3):
-        recorder.row(PAIR, 0.1 * k, (k, -k))
-    table = recorder.record()[PAIR]
-    assert len(table) == 3
-    assert table.time_s.tolist() == [0.0, 0.1, 0.2]
-    assert table["b_m"].tolist() == [0.0, -1.0, -2.0]
-    assert table.columns("b_m", "a_m").tolist() == [[0.0, 0.0], [-1.0, 1.0], [-2.0, 2.0]]
 
 
 def test_a_record_does_not_change_when_the_run_goes_on():
@@ -32,45 +18,6 @@ def test_a_record_does_not_change_when_the_run_goes_on():
     assert len(early[PAIR]) == 1
     assert early.metadata == {"seed": "1"}
     assert len(recorder.record()[PAIR]) == 2
-
-
-def test_recorder_and_record_share_the_memory_of_the_rows():
-    recorder, rows = Recorder([PAIR]), 100_000
-    tracemalloc.start()
-    try:
-        for k in range(rows):
-            recorder.row(PAIR, k, (1.0, 2.0))
-        record = recorder.record()
-        held, _ = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    assert record[PAIR].values.shape == (rows, 2)
-    assert held < 1.2 * rows * 3 * 8
-
-
-def test_a_row_of_the_wrong_length_is_refused():
-    with pytest.raises(ValueError, match="/pair: got 1 values, has 2 fields"):
-        Recorder([PAIR]).row(PAIR, 0.0, (1.0,))
-
-
-def test_an_unknown_field_is_named():
-    with pytest.raises(KeyError, match="/pair has no field 'c_m'"):
-        Recorder([PAIR]).record()[PAIR]["c_m"]
-
-
-def test_a_record_without_rows_has_every_table():
-    record = Recorder().record()
-    for channel in CHANNELS:
-        assert record[channel].values.shape == (0, len(channel.fields))
-
-
-def test_a_tee_passes_all_data_to_every_sink():
-    one, other = Recorder([PAIR]), Recorder([PAIR])
-    tee = Tee(one, other)
-    tee.row(PAIR, 0.0, (1.0, 2.0))
-    tee.event(Event(0.5, "info", "half way"))
-    assert one.record().events == other.record().events == (Event(0.5, "info", "half way"),)
-    assert one.record()[PAIR].values.tolist() == other.record()[PAIR].values.tolist() == [[1, 2]]
 
 
 def test_a_record_is_read_by_topic_and_shown_in_a_line():
