@@ -79,13 +79,6 @@ def test_a_relative_axis_multiplies_what_each_scenario_has(tmp_path):
         assert wrong.plant == plain.plant
 
 
-def test_a_dumped_study_is_the_study(tmp_path):
-    plan = plan_of(tmp_path, "seeds = 2", SHORT, CONTROLLERS, STRENGTHS)
-    again = plan_of(tmp_path, plan.study.dump(), name="again")
-    assert again.study == plan.study
-    assert again.extent() == plan.extent()
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
