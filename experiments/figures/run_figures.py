@@ -9,9 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
-from numpy.typing import NDArray
 
 from ttempc.types import FloatArray
 
@@ -58,11 +56,8 @@ from .style import (
 TIME_OF_ERRORS: Final = "time [s] (hatched: not counted; shaded: curves)"
 LENGTH: Final = "length of the path [m] (hatched: not counted; shaded: curves)"
 
-_ZOOM_ERRORS: Final = 4.0  # half height of a zoom over the error at its moment
-_ZOOM_MIN_M: Final = 1.0  # least half height, so that a good run still shows a piece of path
-_ZOOM_SHAPE: Final = 1.4  # width over height
 _FLATTEST, _TALLEST = 0.3, 0.8  # height of the whole path over its width, for lines and squares
-_TEXT_IN: Final = 1.6  # height of all labels, titles and the legend
+_TEXT_IN: Final = 1.0  # height of all labels, titles and the legend
 
 INPUTS: Final = (  # field, label, factor from the field's unit to the label's
     ("delta_t_rad", "front steering [deg]", np.degrees(1.0)),
@@ -101,61 +96,13 @@ _WIDE: Final = 50.0  # ratio of largest to smallest time above which decades alo
 
 
 def path_figure(record: Record) -> Figure:
-    """Return the driven paths and the reference, with zooms at the largest counted errors."""
+    """Return the driven paths and the reference."""
     figure = blank(1.0)
     width_in = figure.get_figwidth()
     extent = np.ptp(record[REFERENCE].columns(*position_fields("tractor")), axis=0)
     shape = float(np.clip(extent[1] / max(extent[0], 1e-9), _FLATTEST, _TALLEST))
-    zoom_shape = 0.5 / _ZOOM_SHAPE
-    figure.set_figheight((shape + zoom_shape) * width_in + _TEXT_IN)
-    whole, *zooms = figure.subplot_mosaic(
-        [["whole", "whole"], ["straight", "curve"]], height_ratios=[shape, zoom_shape]
-    ).values()
-    _draw_paths(whole, record)
-    dress(whole, "x east [m]", "y north [m]")
-    whole.set_aspect("equal", adjustable="datalim")
-    legend(whole, 4)
-    errors = tracking_errors(record)
-    for where, axes, shape in zip(
-        ("straight", "curve"), zooms, (~errors.curved, errors.curved), strict=True
-    ):
-        dress(axes, "x east [m]", "y north [m]")
-        rows = np.flatnonzero(shape & errors.counted)
-        if len(rows):
-            _draw_zoom(axes, whole, record, rows, where)
-        else:
-            note(axes, 0.5, 0.5, f"no {where} after the start-up", ha="center", color=GREY)
-    return figure
-
-
-def _draw_zoom(axes: Axes, whole: Axes, record: Record, rows: NDArray[np.intp], where: str) -> None:
-    """Draw the largest of the errors in these rows, and its frame in the axes of all."""
-    errors = tracking_errors(record)
-    errors_m = np.array([errors.by_point[body].euclidean_m[rows] for body in BODIES])
-    worse, place = np.unravel_index(errors_m.argmax(), errors_m.shape)
-    error_m, row = float(errors_m[worse, place]), int(rows[place])
-    _, state, reference = rows_at_same_time(record, STATE, REFERENCE)
-    actual, desired = (
-        np.array([record[channel].columns(*position_fields(body))[index] for body in BODIES])
-        for channel, index in ((STATE, state[row]), (REFERENCE, reference[row]))
-    )  # (bodies, 2) each
-    moment = f"{100 * error_m:.1f}\xa0cm at {errors.time_s[row]:.1f}\xa0s"
-    dress(axes, "x east [m]", "y north [m]", f"{where}: {[*BODIES][worse]}, {moment}")
-    _draw_paths(axes, record)
-    for body, *ends in zip(BODIES, actual, desired, strict=True):
-        colour = BODY_COLOURS[body]
-        axes.plot(*np.transpose(ends), color=colour, linewidth=1.0)
-        axes.plot(*ends[0], "o", color=colour, markersize=5)
-        axes.plot(*ends[1], "o", markeredgecolor=BLACK, markerfacecolor="white", markersize=5)
-    half = max(_ZOOM_ERRORS * error_m, _ZOOM_MIN_M) * np.array([_ZOOM_SHAPE, 1.0])
-    centre = 0.5 * (actual + desired)[worse]
-    (left, low), (right, high) = centre - half, centre + half
-    axes.set(xlim=(left, right), ylim=(low, high))
-    axes.set_box_aspect(1.0 / _ZOOM_SHAPE)
-    whole.add_patch(Rectangle((left, low), *(2.0 * half), fill=False, edgecolor=GREY))
-
-
-def _draw_paths(axes: Axes, record: Record) -> None:
+    figure.set_figheight(shape * width_in + _TEXT_IN)
+    axes = figure.subplots()
     reference = record[REFERENCE].columns(*position_fields("tractor"))
     axes.plot(*reference.T, color=PALE, linewidth=3.0, label="reference")
     for body in BODIES:
@@ -165,6 +112,16 @@ def _draw_paths(axes: Axes, record: Record) -> None:
     if len(tool):
         driven = np.where(tool["lowered"] == 1.0, tool.columns("x_m", "y_m").T, np.nan)
         axes.plot(*driven, color=BODY_COLOURS["tool"], linewidth=1.0, label="tool, lowered")
+    dress(axes, "x east [m]", "y north [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    legend(axes, 4)
+    return figure
+
+
+def shade_errors(axes: Axes, x: FloatArray, errors: TrackingErrors) -> None:
+    """Shade the curves, hatch what statistics leave out."""
+    shade(axes, x, errors.curved)
+    shade(axes, x, ~errors.counted, hatch="////")
 
 
 def error_figure(record: Record) -> Figure:
@@ -172,7 +129,7 @@ def error_figure(record: Record) -> Figure:
     errors = tracking_errors(record)
     figure, rows = stacked(len(errors.by_point), 2.1, share_y=True)
     for axes, (body, error) in zip(rows, errors.by_point.items(), strict=True):
-        _shade(axes, errors.time_s, errors)
+        shade_errors(axes, errors.time_s, errors)
         mark_faults(axes, fault_spans(record.events), float(errors.time_s[-1]))
         style = {"color": BODY_COLOURS[body], "linewidth": 1.0, "label": body}
         axes.plot(errors.time_s, 100 * error.euclidean_m, **style)
@@ -183,12 +140,6 @@ def error_figure(record: Record) -> Figure:
     rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # space for the text of the means
     label_below(rows[-1], TIME_OF_ERRORS)
     return figure
-
-
-def _shade(axes: Axes, x: FloatArray, errors: TrackingErrors) -> None:
-    """Shade the curves, hatch what statistics leave out."""
-    shade(axes, x, errors.curved)
-    shade(axes, x, ~errors.counted, hatch="////")
 
 
 def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
@@ -209,7 +160,7 @@ def cross_track_figure(record: Record) -> Figure:
     """Return the errors to the left of the reference over the tractor's arc length of it."""
     errors, length_m = tracking_errors(record), path_length(record)
     figure, (axes,) = stacked(1, 2.6)
-    _shade(axes, length_m, errors)
+    shade_errors(axes, length_m, errors)
     for body, error in errors.by_point.items():
         style = {"color": BODY_COLOURS[body], "linewidth": 1.0, "label": body}
         axes.plot(length_m, 100 * error.cross_m, **style)
@@ -390,8 +341,7 @@ FIGURES: Final[dict[str, Callable[[Record], Figure]]] = {
 }
 
 CAPTIONS: Final = {
-    "path": "Reference and driven paths; below, the largest counted error of an axle point on a "
-    "straight and on a curve, in frames apart from each other.",
+    "path": "Reference and driven paths.",
     "error": "Distance to the time-based reference. Shaded: curves; red, with names: faults. "
     "Hatched: not counted in the means.",
     "cross-track": "Error to the left of the reference over the length of the path.",

@@ -302,34 +302,6 @@ def peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
-_WITHOUT: Final = """
-from proving_ground import load, simulate
-simulate(*load("grass", ["path.laps={laps}"]), seed=1)
-"""
-_WITH: Final = """
-from proving_ground.experiments.commands.cli import main
-main(["run", "grass", "--json", "--set", "path.laps={laps}", "--out", "{folder}/run"])
-"""
-
-
-def memory(few: int = 2, many: int = 8, laps: int = 40) -> list[Figure]:
-    """Return peaks of processes of `few` laps and, on the line through both, of `laps`."""
-    found = []
-    for name, code, most in (("`simulate`", _WITHOUT, 250.0), ("`ttempc run`", _WITH, 600.0)):
-        peaks = []
-        for count in (few, many):
-            with tempfile.TemporaryDirectory() as folder:
-                text = code.format(laps=count, folder=folder)
-                text += f"\nfrom {__name__} import peak_mb\nprint(peak_mb())"
-                command = [sys.executable, "-c", text]
-                done = subprocess.run(command, check=True, capture_output=True, text=True)
-            peaks.append(float(done.stdout.splitlines()[-1]))
-        at_end = peaks[0] + (laps - few) * (peaks[1] - peaks[0]) / (many - few)
-        found.append(Figure(f"{name}, {few} laps", peaks[0], "MB"))
-        found.append(Figure(f"{name}, {laps} laps", at_end, "MB", most=most))
-    return found
-
-
 # --- Sweep ---------------------------------------------------------------------------------------
 
 
@@ -378,7 +350,6 @@ PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
     "latency": latency,
     "closed-loop": closed_loop,
     "start-up": start_up,
-    "memory": memory,
     "sweep": sweeps,
 }
 """Benchmarks by name."""

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
 from datetime import UTC, datetime
 from typing import Final
 
 from ...testbed.recording.record import Record
 from ..figures import CAPTIONS
 from ..results.summary import Summary
-from ..results.table import format_corridor
+from ..results.table import COLUMNS, format_corridor
 from ..results.tracking_errors import START_UP_S
 from .html import Picture, environment
 
+_COLUMNS: Final = COLUMNS | {"distance mean": "mean_euclidean_m", "distance max": "max_m"}
 _EVENTS_SHOWN: Final = 100  # an intermittent fault would fill the page; the log has all
 _SPREAD: Final = "median {0}.median:.0f}} µs, p99 {0}.p99:.0f}} µs, max {0}.max:.0f}} µs"
 _INPUT: Final = (
@@ -65,6 +65,7 @@ def render_run_report(
     return template.render(
         summary=summary,
         start_up_s=START_UP_S,
+        columns=list(_COLUMNS),
         errors=_errors(summary),
         facts=[
             *_facts(summary),
@@ -94,8 +95,8 @@ def _dated(metadata: Mapping[str, str]) -> str:
 
 def _errors(summary: Summary) -> list[tuple[str, tuple[float | None, ...]]]:
     return [
-        (f"{point}, {where}", astuple(error))
-        for where in ("straight", "curve", "all")
+        (f"{point}, {where}", tuple(getattr(error, key) for key in _COLUMNS.values()))
+        for where in ("all", "straight", "curve")
         for point, error in getattr(summary.tracking, where).by_point.items()
     ]
 

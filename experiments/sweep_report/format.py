@@ -1,16 +1,12 @@
-"""Formatting of estimates, run numbers, axis values and commands."""
+"""Formatting of estimates, run numbers and axis values."""
 
 from __future__ import annotations
 
-import json
 import re
-import shlex
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from ..results.statistics import IntervalEstimate
 from ..sweep.row import Value
-from ..sweep.study import BY_NAME, Study
 
 
 def format_estimate(estimate: IntervalEstimate | None, decimals: int = 1, sign: str = "") -> str:
@@ -42,33 +38,3 @@ def format_value(value: Value) -> str:
     if isinstance(value, str):
         return re.sub(r".*/|\.toml$", "", value)
     return f"{value:.4g}" if isinstance(value, float) else str(value).lower()
-
-
-def rerun_command(study: Study, row: Mapping[Any, Any]) -> str:
-    """Return the command that repeats a run of a study and writes its log."""
-    parts = ["ttempc", "run", str(row["scenario"]), "--seed", str(row["seed"])]
-    parts += ["--controller", str(row["controller"])]
-    axes = {name: row[name] for name in study.names if name not in BY_NAME}
-    fixed = {key: value for key, value in _leaves(study.set) if key != "controller.name"}
-    for key, value in {**{key: fixed[key] for key in fixed if key not in axes}, **axes}.items():
-        if value is not None:
-            parts += ["--set", f"{key}={_toml(value)}"]
-    return shlex.join(parts)
-
-
-def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            yield from _leaves(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
-def _toml(value: Any) -> str:  # noqa: ANN401 - any value of a study file
-    """Return a value as TOML on one line."""
-    if isinstance(value, Mapping):
-        inside = ", ".join(f"{json.dumps(key)} = {_toml(item)}" for key, item in value.items())
-        return f"{{{inside}}}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return json.dumps(value, ensure_ascii=False)

@@ -24,7 +24,7 @@ from ..results.statistics import caveat
 from ..results.summary import ACTUATOR_USE
 from ..results.tracking_errors import START_UP_S
 from .charts import Panel, curve_panels, map_panels, tail_panel
-from .format import format_estimate, format_numbers, format_value, rerun_command
+from .format import format_estimate, format_numbers, format_value
 from .runs import Sweep, best, differences, groups
 
 _DPI: Final = 160.0
@@ -216,24 +216,18 @@ def _of_runs(sweep: Sweep) -> Columns:
         "error [cm]": ("error_cm", lambda cm: ("–", "") if math.isnan(cm) else (f"{cm:.1f}", cm)),
         "log": ("log", _link),
         "why": ("failure", _plain),
-        "drive it again": ("command", _plain),
     }
 
 
 def _worst(sweep: Sweep) -> pd.DataFrame:
-    """Return the worst runs of each controller with commands that repeat them.
-
-    Those that did not complete come first, with a log before others.
-    """
+    """Return the worst runs of each controller; those not completed first, with a log before."""
     rows = sweep.rows
     without = np.where(rows["status"].eq("completed"), -np.inf, np.inf)
     severity = rows["error_cm"].fillna(pd.Series(without, rows.index))
     ordered = rows.assign(severity=severity, bare=rows["log"].eq("")).sort_values(
         ["controller", "severity", "bare", "run"], ascending=[True, False, True, True]
     )
-    worst = ordered.groupby("controller", observed=True).head(_MOST_WORST)
-    commands = [rerun_command(sweep.study, row) for row in worst.to_dict("records")]
-    return worst.assign(command=commands)
+    return ordered.groupby("controller", observed=True).head(_MOST_WORST)
 
 
 def _table(title: str, frame: pd.DataFrame, columns: Columns) -> Table:

@@ -133,6 +133,7 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
         by_trial.append((f"`{entry(card)}`", *costs))
     keys = ("processor", "cores", "system")
     machines = {", ".join(f"{k} {card.machine.get(k, '?')}" for k in keys): None for card in cards}
+    loads = sorted(float(card.machine.get("load") or "nan") for card in cards)
     heads = ("entry", "cost [cm]", "not completed", "outside rows [%]", "step p99 [ms]")
     count = f"{first.draws.count} seed{'s' if first.draws.count > 1 else ''}"
     return "\n\n".join(
@@ -142,7 +143,8 @@ def leaderboard(cards: Sequence[ScoreCard]) -> str:
             markdown(heads, lines),
             "Mean cost by scenario [cm]:",
             markdown(("entry", *names), by_trial),
-            f"Steps were timed on: {'; '.join(machines)}.",
+            f"Steps were timed on: {'; '.join(machines)}; load {loads[0]:g} to {loads[-1]:g}. A "
+            "load above the number of cores makes them longer.",
         )
     )
 

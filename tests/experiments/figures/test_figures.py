@@ -48,28 +48,12 @@ def line(axes, label):
     return lines[label].get_xydata()
 
 
-def test_the_path_figure_shows_both_driven_paths_and_zooms_in_on_the_largest_errors(run):
-    whole, *zooms = FIGURES["path"](run).axes
-    np.testing.assert_array_equal(
-        line(whole, "reference"), run[REFERENCE].columns("x_t_m", "y_t_m")
-    )
-    np.testing.assert_array_equal(line(whole, "tractor"), run[STATE].columns("x_t_m", "y_t_m"))
-    np.testing.assert_array_equal(line(whole, "trailer"), run[STATE].columns("x_i_m", "y_i_m"))
-    errors = tracking_errors(run)
-    assert len(zooms) == len(whole.patches) == 2
-    for axes, name, shape in zip(
-        zooms, ("straight", "curve"), (~errors.curved, errors.curved), strict=True
-    ):
-        both = [errors.tractor.euclidean_m, errors.trailer.euclidean_m]
-        both = np.where(shape & errors.counted, both, -1.0)
-        body, worst = np.unravel_index(np.argmax(both), both.shape)
-        point, fields = (("tractor", ("x_t_m", "y_t_m")), ("trailer", ("x_i_m", "y_i_m")))[body]
-        moment = f"{point}, {100 * both.max():.1f} cm at {errors.time_s[worst]:.1f} s"
-        assert " ".join(axes.get_title(loc="left").split()) == f"{name}: {moment}"
-        x, y = run[STATE].columns(*fields)[worst]
-        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-        assert left < x < right
-        assert bottom < y < top
+def test_the_path_figure_shows_both_driven_paths(run):
+    (axes,) = FIGURES["path"](run).axes
+    reference = run[REFERENCE].columns("x_t_m", "y_t_m")
+    np.testing.assert_array_equal(line(axes, "reference"), reference)
+    for body, fields in (("tractor", ("x_t_m", "y_t_m")), ("trailer", ("x_i_m", "y_i_m"))):
+        np.testing.assert_array_equal(line(axes, body), run[STATE].columns(*fields))
 
 
 def test_the_error_figure_shows_the_distance_to_the_reference(run):
@@ -139,20 +123,13 @@ def test_the_tube_figure_shows_offsets_to_the_left_and_the_margin(run):
 
 
 @pytest.mark.parametrize(
-    ("curvature", "duration_s", "texts"),
-    [
-        (straight, 20.0, {"path": "no curve after the start-up", "error": "mean on straights"}),
-        (eight, 4.0, {"path": "no curve after the start-up", "error": "shorter than the start-up"}),
-        (eight, 0.0, {"path": "no straight after the start-up"}),
-    ],
-    ids=["no curve", "within the start-up", "over at once"],
+    ("curvature", "duration_s", "text"),
+    [(straight, 20.0, "mean on straights"), (eight, 4.0, "shorter than"), (eight, 0.0, "shorter")],
 )
-def test_a_run_without_curves_or_counted_time_has_figures_with_a_note(curvature, duration_s, texts):
+def test_a_run_without_curves_or_counted_time_has_figures_with_a_note(curvature, duration_s, text):
     short = record(curvature, duration_s)
     assert set(draw(short)) == set(FIGURES) - {"tube", "corridor"}
-    for name, text in texts.items():
-        notes = [note.get_text() for axes in FIGURES[name](short).axes for note in axes.texts]
-        assert any(text in note for note in notes), notes
+    assert text in FIGURES["error"](short).axes[0].texts[0].get_text()
 
 
 def test_figures_are_small_png_files_as_wide_as_a_page():

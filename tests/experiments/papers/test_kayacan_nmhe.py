@@ -61,14 +61,6 @@ def test_finds_state_and_slip_factors_of_its_model():
     assert last.state[State.V] == pytest.approx(0.85 * truth[-1, 6], abs=0.01)
 
 
-def test_is_better_than_a_single_gnss_sample():
-    truth, found = estimates((0.9, 0.9, 0.9), noise=1.0)
-    errors = np.array([e.state[:2] for e in found[20:]]) - truth[20:, :2]
-    assert np.sqrt(np.mean(np.square(errors))) < 0.02  # of 0.03 m a sample
-    deviation = np.sqrt(np.mean([e.covariance[0, 0] for e in found[20:]]))
-    assert 0.5 < np.sqrt(np.mean(np.square(errors))) / deviation < 2.0
-
-
 @pytest.mark.parametrize(
     ("factors", "bound"), [((0.15,) * 3, FACTOR_MIN), ((1.4,) * 3, FACTOR_MAX)]
 )
@@ -77,10 +69,6 @@ def test_factors_keep_their_range(factors, bound):
     every = np.array([e.slip_factors for e in found])
     assert np.all((every >= FACTOR_MIN - 1e-6) & (every <= FACTOR_MAX + 1e-6))
     assert abs(every[-1, 0] - bound) < 1e-3
-
-
-def test_without_samples_there_is_no_estimate():
-    assert np.isnan(Estimator(VEHICLE).update(0.0, [], None).state).all()
 
 
 def test_gap_of_gnss_is_bridged_by_the_model():

@@ -19,9 +19,8 @@ from proving_ground.experiments.papers.checks import (
 from proving_ground.experiments.papers.pages import ROOT, blocks, pages_of_tables
 from proving_ground.experiments.papers.runner import Runner, check, write_tables
 from proving_ground.experiments.papers.study import Block, Case, Study, all_studies, lap
-from proving_ground.experiments.scenario.scenario import load, shipped
 from proving_ground.experiments.seeds import FITTING, TUNING, design_seeds
-from proving_ground.experiments.sweep.study import ListAxis, load_study, shipped_studies
+from proving_ground.experiments.sweep.study import load_study, shipped_studies
 
 from tests.experiments.study_files import CONTROLLERS, SHORT
 
@@ -78,20 +77,6 @@ def test_no_table_reports_on_seeds_of_the_design():
         assert not {*seeds} & {*calibration.get("scored_seeds", [])}
         seeds += calibration.get("scored_seeds", []) + calibration.get("scale_seeds", [])
         assert all(seed in FITTING or seed in TUNING for seed in seeds)
-
-
-def test_the_comparison_drives_every_shipped_scenario_at_one_speed():
-    """In a corridor each controller has a speed of its own, and errors would not be comparable."""
-    axis = load_study("compare")[1].axis[0]
-    assert isinstance(axis, ListAxis)
-    assert set(axis.values) == {name for name in shipped() if load(name)[1].corridor is None}
-
-
-def test_nothing_outside_imports_the_papers():
-    for folder in ("experiments", "testbed", "ttempc", "mjcf"):
-        for file in (ROOT / folder).rglob("*.py"):
-            if "papers" not in file.relative_to(ROOT).parts:
-                assert "papers" not in file.read_text(encoding="utf-8"), file
 
 
 def test_a_check_has_the_same_bits_twice_and_finds_a_changed_radius(short, tmp_path):
