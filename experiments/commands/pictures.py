@@ -147,12 +147,9 @@ def _figures_of(source: Path, against: str | None) -> Mapping[str, Callable[[], 
         from ..figures.export import run_figures
 
         return run_figures(read_log(source))
-    from ..results.run_comparison import STATISTICS_FILE
     from ..sweep_report.report import make_report, panel_figures
     from ..sweep_report.runs import read_sweep
 
-    if (source / STATISTICS_FILE).is_file():
-        raise BadOptions(f"{source}: is a comparison and has no logs: use ttempc compare --format")
     return panel_figures(make_report(read_sweep(source), against))
 
 

@@ -168,9 +168,10 @@ class Interval:
 
     def text(self, factor: float = 100.0, form: str = ".2f") -> str:
         """Return the estimate with its interval, of a length in cm."""
-        low, high = self.low, self.high
-        ends = "" if low is None or high is None else f" ({factor * low:{form}} to "
-        return f"{factor * self.value:{form}}" + (ends and f"{ends}{factor * (high or 0):{form}})")
+        value, *ends = (
+            f"{factor * x:{form}}" for x in (self.value, self.low, self.high) if x is not None
+        )
+        return f"{value} ({' to '.join(ends)})" if ends else value
 
 
 @dataclass(frozen=True, kw_only=True, config=STRICT)

@@ -164,10 +164,6 @@ def _swapped(sample: Measurement) -> Measurement:
     return replace(sample, sensor=_GNSS[sample.sensor == _GNSS[0]])
 
 
-def _scaled(factor: float) -> SampleFilter:
-    return _changed(lambda sample: replace(sample, value=(factor * sample.value[0],)))
-
-
 def _outlier(fault: Made, run: Sampling) -> SampleFilter:
     def offset(time_s: float) -> tuple[float, float]:
         hit, direction = run.rng.random() < fault.share, run.rng.uniform(0.0, 360.0)
@@ -183,10 +179,8 @@ def _float(fault: Made, run: Sampling) -> SampleFilter:
     return _added(lambda time_s: tuple(error.draw()))
 
 
-def _no_gyro_bias(fault: Made, context: FaultContext) -> str:
-    if not context.sensors.imu.on:
-        return "there is no IMU, sensors.imu.on is false"
-    return ""
+def _no_imu(fault: Made, context: FaultContext) -> str:
+    return "" if context.sensors.imu.on else "there is no IMU, sensors.imu.on is false"
 
 
 # --- commands and valves: between a command and the servos ----------------------------------------
@@ -406,13 +400,14 @@ _TABLE: Final = (
     Row("gyro_bias", "samples", "The yaw rate of an IMU is too large by a constant.",
         (Key("body", _BODIES, "Body on which the IMU is."),
          Key("bias_degps", Signed, "What is added to a yaw rate.")),
-        lambda f, run: _added(lambda time_s: (math.radians(f.bias_degps),)), _no_gyro_bias),
+        lambda f, run: _added(lambda time_s: (math.radians(f.bias_degps),)), _no_imu),
     Row("encoder_dead", "samples", "The speed encoder reads 0.",
         (), lambda f, run: _changed(lambda sample: replace(sample, value=(0.0,)))),
     Row("encoder_scaled", "samples",
         "The speed encoder reads a multiple of the speed: 2 doubled, -1 reversed.",
         (Key("factor", Signed, "Factor on a reading."),),
-        lambda f, run: _scaled(f.factor)),
+        lambda f, run: _changed(
+            lambda sample: replace(sample, value=(f.factor * sample.value[0],)))),
     Row("samples_duplicated", "samples", "Each sample arrives twice.",
         (_GROUP,), lambda f, run: lambda sample: [(0.0, sample), (0.0, sample)]),
     Row("stamps_backward", "samples", "Time stamps run backward from the start of the fault.",

@@ -11,8 +11,6 @@ angle. Side force is proportional to lateral velocity in measurements on impleme
 Bevly 2007, Journal of Terramechanics 44, 439-450); its limit is assumed. Both forces oppose the
 velocity and vanish with it: an implement never gives energy to the vehicle. There is no vertical
 force.
-
-The tests hold the kernel to a twin in numpy.
 """
 
 # mujoco fills its name space from compiled modules without type information

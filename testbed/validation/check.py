@@ -70,10 +70,9 @@ def between(
     source: str,
     *,
     note: str = "",
-    chart: Chart | None = None,
 ) -> Check:
     """Return a check of a figure that must lie in [low, high]; an infinite end is no bound."""
-    return Check(name, float(figure), unit, range_text(low, high), low, high, source, note, chart)
+    return Check(name, float(figure), unit, range_text(low, high), low, high, source, note)
 
 
 def range_text(low: float, high: float) -> str:

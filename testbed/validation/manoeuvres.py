@@ -29,7 +29,6 @@ from ..simulation.plant import Plant
 from ..truth import WHEELS
 from ..vehicle.vehicle import AxleLoads
 from ..wheels import tyre
-from ..wheels.soil_law import SoilLaw
 from ..wheels.wheel_models import wheel_model
 from .bench import (
     DRIVEN,
@@ -135,7 +134,6 @@ def creep(bench: Bench) -> Iterator[Measured]:
 # --- drive and steering ---------------------------------------------------------------------------
 
 _BUILD_UP_S: Final = 0.2  # in which motion resistance builds up over its relaxation length
-_BEYOND: Final = 1.5  # [rad] command beyond every stop
 
 
 def hydrostat_step(bench: Bench) -> Iterator[Measured]:
@@ -193,7 +191,7 @@ def _axle_inertia(plant: Plant, wheel: str) -> float:
 
 
 def steering_steps(bench: Bench) -> Iterator[Measured]:
-    """Measure rate, stop and lag of both steering angles for a command beyond their stops."""
+    """Measure rate, stop and lag of both steering angles for 1.5 rad, beyond both stops."""
     every_s = 0.01
     for name, letter in (("front steering", "t"), ("trailer steering", "i")):
         limit, rate, lag = (
@@ -201,7 +199,7 @@ def steering_steps(bench: Bench) -> Iterator[Measured]:
         )
         plant = bench.plant()
         plant.reset(0.0, 0.0, 0.0, 1.0)
-        command = replace(bench.command(), **{f"delta_{letter}": _BEYOND})
+        command = replace(bench.command(), **{f"delta_{letter}": 1.5})
         truths = drive(plant, command, limit / rate + 8.0 * lag, every_s)
         angle, time = column(truths, f"delta_{letter}"), column(truths, "time_s")
         ideal = np.clip(np.degrees(rate * (time - lag)), 0.0, math.degrees(limit))
@@ -386,7 +384,9 @@ def efficiency(bench: Bench) -> Iterator[Measured]:
         return float(_mobility(plant, load, cone_index)[0][DRIVEN].mean())
 
     # at the mean load, because a pull shifts load to the driven wheels
-    expected = np.array([_efficiency(law, driven_bn(pull.load), pull.slip) for pull in pulls])
+    bn = np.array([driven_bn(pull.load) for pull in pulls])
+    expected = law.net_traction_ratio(bn, slips) / law.gross_traction_ratio(bn, slips)
+    expected *= 1.0 - slips
     title = f"Tractive efficiency, {cone_index:.0f} kPa"
     lines = {"plant": measured, "(1 - MRR/GTR)(1 - s)": expected}
     yield Measured(
@@ -394,12 +394,12 @@ def efficiency(bench: Bench) -> Iterator[Measured]:
         chart=_chart(title, "slip", "tractive efficiency", slips, **lines),
         words={"kpa": cone_index},
     )
-    bn, best = driven_bn(load), _best(slips, measured)
-    surface, _, (low, high) = min(_BANDS, key=lambda band: abs(math.log(band[1] / bn)))
+    static = driven_bn(load)
+    surface, _, (low, high) = min(_BANDS, key=lambda band: abs(math.log(band[1] / static)))
     yield Measured(
-        100.0 * best,
+        100.0 * _best(slips, measured),
         (100.0 * low, 100.0 * high),
-        note=f"driven wheels at Bn = {bn:.0f}",
+        note=f"driven wheels at Bn = {static:.0f}",
         words={"surface": f", {surface}"},
     )
 
@@ -414,13 +414,6 @@ def _best(slips: FloatArray, efficiency: FloatArray) -> float:
     three = slice(top - 1, top + 2)
     square, linear, _ = np.polyfit(slips[three], efficiency[three], 2)
     return float(-0.5 * linear / square)
-
-
-def _efficiency(law: SoilLaw, bn: float, slip: float) -> float:
-    """Return the tractive efficiency of one wheel by the law."""
-    number, slips = np.array([bn]), np.array([slip])
-    net, gross = law.net_traction_ratio(number, slips), law.gross_traction_ratio(number, slips)
-    return float(net[0] / gross[0] * (1.0 - slip))
 
 
 # --- side force -----------------------------------------------------------------------------------
@@ -476,8 +469,6 @@ def side_force(bench: Bench) -> Iterator[Measured]:
 
 # --- kinematics -----------------------------------------------------------------------------------
 
-_SETTLED: Final = 50  # rows
-
 
 def hitch_kinematics(bench: Bench) -> Iterator[Measured]:
     """Measure the yaw rate of a weaving trailer, lambda = psi_t - psi_i, against rolling.
@@ -521,7 +512,7 @@ def hitch_kinematics(bench: Bench) -> Iterator[Measured]:
 
     def residual(signs: FloatArray) -> float:
         error = rate_i - signs @ terms / (vehicle.trailer_length + drawbar)
-        return float(np.sqrt(np.mean(error[_SETTLED:] ** 2)))
+        return float(np.sqrt(np.mean(error[50:] ** 2)))
 
     right = residual(np.ones(3))
     yield Measured(right, note=f"of {np.sqrt(np.mean(rate_i**2)):.3f} rad/s rms")
@@ -536,8 +527,7 @@ def hitch_kinematics(bench: Bench) -> Iterator[Measured]:
 
 # --- rough ground ---------------------------------------------------------------------------------
 
-_HEIGHT: Final = 0.15  # of the bump over the smallest wheel's radius
-_LENGTH: Final = 1.0  # over the same: short enough to excite the wheel hop
+_HEIGHT: Final = 0.15  # of the bump over the smallest wheel's radius, which is its length
 _RUN_UP_M: Final = 2.0
 
 
@@ -552,7 +542,7 @@ def bump(bench: Bench) -> Iterator[Measured]:
     plant.reset(0.0, 0.0, 0.0, 0.0)
     radius = float(plant.tyres.radius.min())
     places = wheel_places(plant)[:, 0]
-    length, ahead = _LENGTH * radius, places.max() + _RUN_UP_M
+    length, ahead = radius, places.max() + _RUN_UP_M
     plant = bench.plant(_lane(ahead, length, _HEIGHT * radius))
     plant.reset(0.0, 0.0, 0.0, SPEED)
     travel = ahead + length - places.min() + 0.3  # until the last wheel has left the bump

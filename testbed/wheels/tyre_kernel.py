@@ -15,8 +15,6 @@ the tangent of the slip angle. At V = 0 it is a spring, so that a standing wheel
 The law is the same in reverse. The third deflection follows the wheel's speed; over its short
 length it is the sign of the speed, with which motion resistance acts. Its damping is near the
 critical one of a vehicle at rest, so that a stop does not swing back.
-
-The tests hold the kernel to a twin in numpy.
 """
 
 from __future__ import annotations

@@ -276,12 +276,13 @@ def test_the_leaderboard_is_made_of_runs_and_of_cards_of_others(
 ):
     monkeypatch.setattr(board, "SHIPPED", (("pid",), ("feedforward",)))
     monkeypatch.setattr(board, "OTHERS", (("casadi_mpc:CasadiMpc",),))
+    monkeypatch.setattr(board, "PUBLIC", PUBLIC[:1])
     monkeypatch.setattr(board, "ROOT", tmp_path)
     folder = tmp_path / "docs" / "field-trials"
     folder.mkdir(parents=True)
     (folder / "theirs.json").write_text(card_of([[0.05]], "theirs").to_json())
     (folder / "old.json").write_text(card_of([[0.05]], "old", identifier="v0-0").to_json())
-    block = board.make(Runner(tmp_path / "rows", workers=0, seeds=PUBLIC[:1]))
+    block = board.make(Runner(tmp_path / "rows", workers=0))
     names = {"pid.json", "feedforward.json", "casadi_mpc-CasadiMpc.json"}
     assert {*block.files} == {f"field-trials/{name}" for name in names}
     file = tmp_path / "pid.json"

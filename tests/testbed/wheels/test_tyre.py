@@ -1,17 +1,18 @@
-"""The law of a wheel on soil: contact, traction, side force, passivity."""
+"""The compiled law of a wheel on soil: contact, traction, side force, passivity."""
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from proving_ground.testbed.ground import terrain
 from proving_ground.testbed.ground.terrain import Terrain
+from proving_ground.testbed.truth import Wheels
 from proving_ground.testbed.wheels import tyre
 from proving_ground.testbed.wheels.soil_law import SoilLaw
 from proving_ground.testbed.wheels.tyre import Tyres, WheelMotion
-
-from tests.testbed.wheels.reference import step
+from proving_ground.testbed.wheels.tyre_kernel import Output, wheel_step
 
 DT = 0.002
 FLAT = terrain.flat((20.0, 20.0))
@@ -22,6 +23,31 @@ def motion(centre, axle, velocity, rotation):
     return WheelMotion(
         *(np.atleast_2d(np.asarray(a, float)) for a in (centre, axle, velocity, rotation))
     )
+
+
+def step(tyres, ground, cone_index, wheels, deflection, dt, in_track=False):
+    """Hand n wheels to the compiled law as bodies of a MuJoCo-like state.
+
+    Returns:
+        Tread deflections (n, 3) after `dt` [s], and the forces of the ground.
+    """
+    n = len(wheels.centre)
+    xpos, xmat = np.vstack([np.zeros((2, 3)), wheels.centre]), np.zeros((n + 2, 9))
+    xmat[2:, [1, 4, 7]] = wheels.axle
+    com, cvel = np.tile([0.3, -0.2, 0.5], (n + 2, 1)), np.zeros((n + 2, 6))
+    cvel[2:, :3] = wheels.rotation
+    cvel[2:, 3:] = wheels.velocity - np.cross(wheels.rotation, wheels.centre - com[2:])
+    # in a track, every point was driven over 9 m ago
+    tracks = [9.0, *np.ones(ground.heights.size)] if in_track else []
+    state = np.concatenate([np.ravel(deflection), tracks])
+    output, xfrc = np.zeros((n, len(Output))), np.zeros((n + 2, 6))
+    grid = np.array([*ground.origin, ground.spacing_m, dt])
+    soil = (ground.heights, np.full(ground.heights.shape, cone_index), grid)
+    tables = (LAW.table(), tyres.table(LAW))
+    wheel_step(*tables, *soil, np.arange(2, n + 2), xpos, xmat, cvel, com, state, output, xfrc)
+    columns = {column.name.lower(): output[:, column] for column in Output}
+    forces = SimpleNamespace(force=xfrc[2:, :3], moment=xfrc[2:, 3:], **columns)
+    return state[: 3 * n].reshape(n, 3), forces
 
 
 def one(tyres, index=2) -> Tyres:
@@ -49,7 +75,7 @@ def steady(tyres, cone_index, velocity, spin, axle=(0.0, 1.0, 0.0), load=2500.0)
     wheel = motion([0, 0, height_at(tyres, load)], axle, velocity, np.asarray(axle) * spin)
     state = np.zeros((1, 3))
     for _ in range(400):
-        state, forces = step(LAW, tyres, FLAT, np.array([cone_index]), wheel, state, 0.02)
+        state, forces = step(tyres, FLAT, cone_index, wheel, state, 0.02)
     return forces
 
 
@@ -115,11 +141,14 @@ def test_a_wheel_without_torque_has_the_whole_motion_resistance(tyres, cone_inde
 
 
 @pytest.mark.parametrize("angle_deg", [-20.0, -2.0, 0.5, 5.0])
-def test_steady_side_force_is_the_lateral_equation_and_opposes_the_drift(tyres, angle_deg):
+@pytest.mark.parametrize("cone_index", [600.0, 2000.0])  # below and at the largest stiffness
+def test_steady_side_force_is_the_lateral_equation_and_opposes_the_drift(
+    tyres, angle_deg, cone_index
+):
     single, angle = one(tyres), math.radians(angle_deg)
     v = np.array([math.cos(angle), math.sin(angle), 0.0])
-    forces = steady(single, 600.0, v, v[0] / single.radius[0])
-    _, m = tyre.mobility(LAW, single, forces.load, np.array([600.0]))
+    forces = steady(single, cone_index, v, v[0] / single.radius[0])
+    _, m = tyre.mobility(LAW, single, forces.load, np.array([cone_index]))
     expected = LAW.side_ratio(m, np.array([angle]))[0]
     assert forces.force_lat[0] / forces.load[0] == pytest.approx(expected, rel=1e-3)
     assert forces.slip_angle[0] == pytest.approx(angle)
@@ -155,10 +184,10 @@ def test_forces_stay_inside_the_ellipse_and_only_take_energy(tyres, cone_index):
     """The resistance of the soil is inside the ellipse, too, also under a locked wheel."""
     many = alike(tyres, 200)
     wheels = any_motions(np.random.default_rng(5), tyres, 200)
-    state, strength = np.zeros((200, 3)), np.full(200, cone_index)
+    state = np.zeros((200, 3))
     for _ in range(400):
-        state, forces = step(LAW, many, FLAT, strength, wheels, state, 0.02)
-    bn, m = tyre.mobility(LAW, many, forces.load, strength)
+        state, forces = step(many, FLAT, cone_index, wheels, state, 0.02)
+    bn, m = tyre.mobility(LAW, many, forces.load, np.full(200, cone_index))
     grip_long = LAW.largest_traction_ratio(bn) * forces.load
     grip_lat = LAW.largest_side_ratio(m) * forces.load
     used = np.hypot(forces.force_long / grip_long, forces.force_lat / grip_lat)
@@ -206,7 +235,7 @@ def test_force_builds_up_over_its_relaxation_length(tyres, name, length, damping
     def force(steps, dt):
         state = np.zeros((1, 3))
         for _ in range(steps):
-            state, forces = step(LAW, single, FLAT, np.array([600.0]), wheel, state, dt)
+            state, forces = step(single, FLAT, 600.0, wheel, state, dt)
         pull, side, moment = forces.force_long[0], forces.force_lat[0], forces.moment[0, 1]
         torque = -moment / single.radius[0] - 0.04 * forces.load[0]  # that of traction
         return {"long": torque, "lat": side, "roll": pull}[name]
@@ -217,22 +246,19 @@ def test_force_builds_up_over_its_relaxation_length(tyres, name, length, damping
 
 def test_in_a_track_traction_is_larger_and_motion_resistance_smaller(tyres):
     """NIAE: +7 % and -11 %; at a slip of 0.1 on 300 kPa."""
-    both = alike(tyres, 2)
-    z, state = height_at(one(tyres), 2500.0), np.zeros((2, 3))
-    rows = np.tile([[0.0, 0.0, z], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]], (2, 1, 1))
-    wheels = WheelMotion(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 1] / (0.9 * both.radius[0]))
-    for _ in range(200):
-        state, forces = step(
-            LAW, both, FLAT, np.full(2, 300.0), wheels, state, 0.02, np.array([False, True])
-        )
-    torque = -forces.moment[:, 1] / both.radius
-    bn, _ = tyre.mobility(LAW, both, forces.load, np.full(2, 300.0))
-    slip = np.array([0.1, 0.1])
-    traction = LAW.traction_ratio(bn, slip) * forces.load * [1.0, 1.07]
-    tyre_part = 0.04 * forces.load * [1.0, 0.89]
-    resistance = LAW.soil_resistance_ratio(bn, slip) * forces.load * [1.0, 0.89]
-    np.testing.assert_allclose(torque, traction + tyre_part, rtol=1e-6)
-    np.testing.assert_allclose(forces.force_long, traction - resistance, rtol=1e-6)
+    single, slip = one(tyres), np.array([0.1])
+    spin = 1.0 / (0.9 * single.radius[0])
+    wheel = motion([0, 0, height_at(single, 2500.0)], [0, 1, 0], [1, 0, 0], [0, spin, 0])
+    for in_track, more, less in ((False, 1.0, 1.0), (True, 1.07, 0.89)):
+        state = np.zeros((1, 3))
+        for _ in range(200):
+            state, forces = step(single, FLAT, 300.0, wheel, state, 0.02, in_track)
+        bn, _ = tyre.mobility(LAW, single, forces.load, np.array([300.0]))
+        traction = more * LAW.traction_ratio(bn, slip) * forces.load
+        resistance = less * LAW.soil_resistance_ratio(bn, slip) * forces.load
+        torque = -forces.moment[:, 1] / single.radius
+        np.testing.assert_allclose(torque, traction + less * 0.04 * forces.load, rtol=1e-6)
+        np.testing.assert_allclose(forces.force_long, traction - resistance, rtol=1e-6)
 
 
 def test_no_load_in_the_air_and_never_a_pull(tyres):
@@ -241,7 +267,64 @@ def test_no_load_in_the_air_and_never_a_pull(tyres):
     leaving = motion([0, 0, z], [0, 1, 0], [0, 0, 50.0], [0, 0, 0])
     assert tyre.contact(single, FLAT, leaving).load[0] == 0.0
     air = motion([0, 0, 2.0], [0, 1, 0], [1, 0, 0], [0, 2.5, 0])
-    state, forces = step(LAW, single, FLAT, np.array([600.0]), air, np.full((1, 3), 0.01), DT)
+    state, forces = step(single, FLAT, 600.0, air, np.full((1, 3), 0.01), DT)
     assert not forces.force.any()
     assert not forces.moment.any()
     assert not state.any()
+
+
+def test_forces_act_along_the_wheels_axes_at_the_centre_of_pressure(tyres):
+    """Six wheels in any motion on any ground, also in the air, on their side, off the field."""
+    rng, touching = np.random.default_rng(20161), 0
+    for _ in range(100):
+        ground = terrain.rough("F", rng, (12.0, 12.0))
+        ground = ground.tilted(rng.uniform(0.0, 0.4), rng.uniform(-3, 3))
+        xy = rng.uniform(-7.0, 7.0, (6, 2))
+        above = ground.height(*xy.T) + tyres.radius + rng.uniform(-0.06, 0.03, 6)
+        axle = rng.normal(size=(6, 3)) * np.array([1.0, 1.0, rng.choice([0.1, 1.0])])
+        axle /= np.linalg.norm(axle, axis=1)[:, None]
+        velocity = rng.normal(size=(6, 3)) * rng.choice([0.0, 1e-3, 1.5], (6, 1))
+        rotation = 4.0 * axle * rng.normal(size=(6, 1)) + 0.3 * rng.normal(size=(6, 3))
+        wheels = WheelMotion(np.column_stack([xy, above]), axle, velocity, rotation)
+        _, forces = step(tyres, ground, 300.0, wheels, np.zeros((6, 3)), DT)
+        touch = tyre.contact(tyres, ground, wheels)
+        np.testing.assert_allclose(forces.load, touch.load, atol=1e-5)
+        np.testing.assert_allclose(forces.ground, ground.height(*xy.T), atol=1e-12)
+        ahead = np.cross(axle, touch.normal)
+        ahead /= np.maximum(np.linalg.norm(ahead, axis=1), tyre.LEAST_UPRIGHT)[:, None]
+        left = np.cross(touch.normal, ahead)
+        sizes = (touch.load, forces.force_long, forces.force_lat)
+        expected = sum(
+            size[:, None] * way
+            for size, way in zip(sizes, (touch.normal, ahead, left), strict=True)
+        )
+        np.testing.assert_allclose(forces.force, expected, atol=1e-5)
+        # the moment about the axle is that of traction and tyre
+        rest = forces.moment - np.cross(touch.point - wheels.centre, expected)
+        np.testing.assert_allclose(np.cross(rest, axle), 0.0, atol=1e-5)
+        rolling = np.einsum("nk,nk->n", velocity, ahead)
+        rim = tyres.radius * np.einsum("nk,nk->n", rotation, axle)
+        slip = (rim - rolling) / np.maximum(np.maximum(abs(rim), abs(rolling)), tyre.SMALL_SPEED)
+        on = forces.load > 0.0
+        np.testing.assert_allclose(forces.slip[on], slip[on], atol=1e-9)
+        touching += np.count_nonzero(on)
+    assert touching > 150
+
+
+def test_the_columns_of_the_report_are_the_fields_of_wheels():
+    assert [column.name.lower() for column in Output] == list(Wheels._fields)
+
+
+def test_compiled_law_reads_the_soil_below_each_wheel(tyres):
+    cone = np.arange(201 * 201, dtype=float).reshape(201, 201) + 100.0
+    state, output, xfrc = np.zeros(18), np.zeros((6, len(Output))), np.zeros((8, 6))
+    xpos = np.zeros((8, 3))
+    xpos[2:, 0] = np.linspace(-8.0, 8.0, 6)
+    xpos[2:, 1] = np.linspace(5.0, -6.0, 6)
+    xmat = np.tile(np.eye(3).ravel(), (8, 1))
+    grid = np.array([*FLAT.origin, FLAT.spacing_m, DT])
+    kernel = (LAW.table(), tyres.table(LAW), FLAT.heights, cone, grid, np.arange(2, 8), xpos, xmat)
+    wheel_step(*kernel, np.zeros((8, 6)), np.zeros((8, 3)), state, output, xfrc)
+    column = np.rint((xpos[2:, 0] + 10.0) / 0.1).astype(int)
+    row = np.rint((xpos[2:, 1] + 10.0) / 0.1).astype(int)
+    np.testing.assert_array_equal(output[:, Output.CONE_INDEX], cone[row, column])
