@@ -16,63 +16,35 @@ from typing import TYPE_CHECKING
 __version__ = "0.2.0.dev0"
 
 if TYPE_CHECKING:
-    from .errors import TtempcError
-    from .estimation.ekf import ExtendedKalmanFilter
-    from .estimation.noise import ProcessNoise, SensorNoise
-    from .guidance.controllers import CONTROLLERS, ESTIMATORS, make_controller
-    from .guidance.guidance import Guidance
-    from .guidance.supervisor import SafetyLimits
-    from .reference.headland import headland
-    from .reference.path import Path, figure_eight, straight
-    from .reference.reference import ConstantSpeed, Reference
-    from .reference.smoothing import smooth
-    from .reference.speed import PlannedSpeed
-    from .types import (
-        Command,
-        Controller,
-        ControlStep,
-        Diagnostics,
-        Estimate,
-        Estimator,
-        Input,
-        Measurement,
-        Sensor,
-        State,
-    )
-    from .vehicle import CommandLimits, Vehicle
-
-__all__ = [
-    "CONTROLLERS",
-    "ESTIMATORS",
-    "Command",
-    "CommandLimits",
-    "ConstantSpeed",
-    "ControlStep",
-    "Controller",
-    "Diagnostics",
-    "Estimate",
-    "Estimator",
-    "ExtendedKalmanFilter",
-    "Guidance",
-    "Input",
-    "Measurement",
-    "Path",
-    "PlannedSpeed",
-    "ProcessNoise",
-    "Reference",
-    "SafetyLimits",
-    "Sensor",
-    "SensorNoise",
-    "State",
-    "TtempcError",
-    "Vehicle",
-    "__version__",
-    "figure_eight",
-    "headland",
-    "make_controller",
-    "smooth",
-    "straight",
-]
+    from .errors import TtempcError as TtempcError
+    from .estimation.ekf import ExtendedKalmanFilter as ExtendedKalmanFilter
+    from .estimation.noise import ProcessNoise as ProcessNoise
+    from .estimation.noise import SensorNoise as SensorNoise
+    from .guidance.controllers import CONTROLLERS as CONTROLLERS
+    from .guidance.controllers import ESTIMATORS as ESTIMATORS
+    from .guidance.controllers import make_controller as make_controller
+    from .guidance.guidance import Guidance as Guidance
+    from .guidance.supervisor import SafetyLimits as SafetyLimits
+    from .reference.headland import headland as headland
+    from .reference.path import Path as Path
+    from .reference.path import figure_eight as figure_eight
+    from .reference.path import straight as straight
+    from .reference.reference import ConstantSpeed as ConstantSpeed
+    from .reference.reference import Reference as Reference
+    from .reference.smoothing import smooth as smooth
+    from .reference.speed import PlannedSpeed as PlannedSpeed
+    from .types import Command as Command
+    from .types import Controller as Controller
+    from .types import ControlStep as ControlStep
+    from .types import Diagnostics as Diagnostics
+    from .types import Estimate as Estimate
+    from .types import Estimator as Estimator
+    from .types import Input as Input
+    from .types import Measurement as Measurement
+    from .types import Sensor as Sensor
+    from .types import State as State
+    from .vehicle import CommandLimits as CommandLimits
+    from .vehicle import Vehicle as Vehicle
 
 _HOME = {
     "errors": "TtempcError",
@@ -91,6 +63,8 @@ _HOME = {
     "vehicle": "CommandLimits Vehicle",
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names.split()}
+
+__all__ = ["__version__", *_MODULE_OF]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:

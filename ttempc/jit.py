@@ -15,8 +15,6 @@ from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import ExternalFunction
-from numba.extending import overload
-from numba.np import arrayobj
 
 _LOG: Final = logging.getLogger("ttempc")
 
@@ -47,22 +45,6 @@ def cached_njit(
         return kernel
 
     return compiled
-
-
-def _refuse_slice(source: Any, target: Any) -> Any:  # noqa: ANN401 - tuples, of numba
-    """Raise because an array does not fit into the slice that it is assigned to."""
-
-
-@overload(_refuse_slice)
-def _refuse_slice_compiled(source: Any, target: Any) -> Any:  # noqa: ANN401
-    def refuse(source: Any, target: Any) -> Any:  # noqa: ANN401
-        raise ValueError("an array does not fit into the slice that it is assigned to")
-
-    return refuse
-
-
-# numba's own message has both shapes as text: its formatting is a tenth of all compilation.
-arrayobj.raise_with_shape_context = _refuse_slice
 
 
 class Compilation(event.TimingListener):

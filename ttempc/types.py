@@ -234,7 +234,6 @@ class Preparing(Protocol):
 
     def prepare(self, k: int) -> None:
         """Get ready for tick `k`."""
-        ...
 
 
 @runtime_checkable
@@ -254,7 +253,6 @@ class Resuming(Protocol):
 
     def resume(self, previous: object) -> None:
         """Continue where `previous`, the controller up to this tick, has stopped."""
-        ...
 
 
 class Estimator(Protocol):
@@ -279,38 +277,17 @@ class WarmingUp(Protocol):
 
     def warm_up(self) -> None:
         """Run through the code of every later call. It must change no later result."""
-        ...
 
 
 class VehicleGuidance(Protocol):
-    """Estimation and control of a vehicle in two halves; `ttempc.Guidance` is one."""
+    """Estimation and control of a vehicle in two halves: see `ttempc.Guidance`."""
 
     @property
-    def control_step(self) -> ControlStep:
-        """Command and diagnostics of the last `step`."""
-        ...
-
+    def control_step(self) -> ControlStep: ...
     @property
-    def reference_tick(self) -> int:
-        """Tick of the reference that the next step belongs to; it stays while that waits."""
-        ...
-
-    def warm_up(self) -> None:
-        """Compile and load everything before the first tick."""
-        ...
-
-    def wait(self) -> None:
-        """Wait for work in other threads that the next `update` needs."""
-        ...
-
-    def prepare(self) -> None:
-        """Do the work of the next `step` that needs no samples."""
-        ...
-
-    def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate:
-        """Take in the samples that arrived since the previous tick; return the estimate."""
-        ...
-
-    def step(self) -> Command:
-        """Return the command for the period that starts now."""
-        ...
+    def reference_tick(self) -> int: ...
+    def warm_up(self) -> None: ...
+    def wait(self) -> None: ...
+    def prepare(self) -> None: ...
+    def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate: ...
+    def step(self) -> Command: ...

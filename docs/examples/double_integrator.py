@@ -12,16 +12,15 @@ import sys
 import numpy as np
 import piqp
 from scipy.linalg import solve_discrete_are
+from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from ttempc.tube import (
     DisturbanceSet,
-    Polytope,
+    SupportSet,
     TrackingSystem,
-    admissible_subset,
     feedback_gains,
     invariant_tube,
-    linear_map,
     minkowski_sum,
     outline,
 )
@@ -29,8 +28,29 @@ from ttempc.tube import (
 A, B = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.5], [1.0]])
 Q, R = np.eye(2), np.array([0.01])
 W = DisturbanceSet(0.1 * np.eye(2), shape="box")
-CONSTRAINTS = Polytope.box([-np.inf, -np.inf, -1.0], [np.inf, 2.0, 1.0])  # on (x_1, x_2, u)
+# F (x_1, x_2, u) <= f
+NORMALS = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
+OFFSETS = np.array([2.0, 1.0, 1.0])
 HORIZON, START, STEPS = 9, np.array([-5.0, -2.0]), 20
+
+
+def reach(normals, offsets, directions):
+    """Return the largest value of each of the directions on {x : normals x <= offsets}."""
+    bounds = (None, None)
+    programmes = [linprog(-row, normals, offsets, bounds=bounds) for row in directions]
+    return np.array([np.inf if one.status == 3 else -one.fun for one in programmes])
+
+
+def terminal_set(closed, normals, offsets):
+    """Return the largest subset that x+ = closed x never leaves (Gilbert and Tan 1991)."""
+    all_normals, all_offsets, rows = normals, offsets, normals
+    while True:
+        rows = rows @ closed
+        new = reach(all_normals, all_offsets, rows) > offsets + 1e-9
+        if not new.any():
+            return all_normals, all_offsets
+        all_normals = np.vstack([all_normals, rows[new]])
+        all_offsets = np.concatenate([all_offsets, offsets[new]])
 
 
 class TubeMpc:
@@ -40,10 +60,12 @@ class TubeMpc:
         self.gain = feedback_gains(A[None], B[None], Q, R)[0]
         self.tube = invariant_tube(TrackingSystem.along(A[None], B[None], self.gain[None]), W, 1e-3)
         on_both = np.vstack([np.eye(2), self.gain])  # (z, K z)
-        self.tightened = CONSTRAINTS.difference(linear_map(on_both, self.tube.at(0)))
-        nominal = Polytope(self.tightened.normals @ on_both, self.tightened.offsets)
-        self.terminal = admissible_subset(A + B @ self.gain, nominal)
-        self.generators = self.tube.generators(0)  # the tube is {G y : |y| <= 1}
+        self.left = OFFSETS - self.tube.at(0).support(NORMALS @ on_both)  # tightened
+        self.final = terminal_set(A + B @ self.gain, NORMALS @ on_both, self.left)
+        self.terminal = SupportSet(2, lambda directions: reach(*self.final, directions))
+        certificate = self.tube.certificate
+        terms = [self.tube.transition(0, i) @ W.axes for i in range(certificate.terms)]
+        self.generators = np.hstack(terms) / (1.0 - certificate.alpha)  # {G y : |y| <= 1}
         self.solver = piqp.DenseSolver()
         self._pose()
 
@@ -54,7 +76,7 @@ class TubeMpc:
         size = states + g
         p, equal = np.zeros((size, size)), np.zeros((2 * HORIZON + 2, size))
         value = solve_discrete_are(A, B, Q, np.diag(R))
-        normals, final = self.tightened.normals, self.terminal.normals
+        normals, (final, at_end) = NORMALS, self.final
         bounded = np.zeros((HORIZON * len(normals) + len(final), size))
         for k in range(HORIZON):
             at = stage * k
@@ -64,7 +86,7 @@ class TubeMpc:
         p[states - 2 : states, states - 2 : states] = value
         equal[-2:, :2], equal[-2:, states:] = np.eye(2), self.generators
         bounded[HORIZON * len(normals) :, states - 2 : states] = final
-        upper = np.concatenate([np.tile(self.tightened.offsets, HORIZON), self.terminal.offsets])
+        upper = np.concatenate([np.tile(self.left, HORIZON), at_end])
         free = np.full(states, np.inf)
         box = np.concatenate([free, np.ones(g)])
         self.equal = np.zeros(2 * HORIZON + 2)
@@ -99,11 +121,11 @@ def main():
     print("K", mpc.gain[0].round(4))
     certificate, half = mpc.tube.certificate, mpc.tube.states[0]
     print(f"Z: alpha {certificate.alpha:.1e} after {certificate.terms} terms, +-", half.round(4))
-    below, above, upper = mpc.tightened.offsets[[2, 1, 0]]
+    upper, above, below = mpc.left
     print(f"z_2 at most {upper:.4f}, v between {-below:.4f} and {above:.4f}")
     corners = ConvexHull(outline(mpc.terminal, np.eye(2), 720)).points
     low, high = corners.min(axis=0).round(2), corners.max(axis=0).round(2)
-    print(f"X_f: {len(mpc.terminal.normals)} half-spaces, from {low} to {high}")
+    print(f"X_f: {len(mpc.final[0])} half-spaces, from {low} to {high}")
     generator = np.random.default_rng(1)
     runs = [drive(mpc, generator.uniform(-0.1, 0.1, (STEPS, 2))) for _ in range(100)]
     runs += [drive(mpc, 0.1 * np.sign(generator.normal(size=(STEPS, 2)))) for _ in range(100)]

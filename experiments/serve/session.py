@@ -192,7 +192,7 @@ class Session:
         self._period_s = scenario.control.period_s
         silence = SilenceDetector(self.commands, self._settings.hold_s)
         safety = _FREE if self._protocol.space_based else None
-        guide = partial(Guidance, safety=safety, detect=(*detectors(), silence))
+        guide = partial(Guidance, safety=safety, detect=(*detectors(), silence))  # pyright: ignore[reportArgumentType] - a detector by shape
         assembly = assemble(scenario, seed, factory, guide=guide)
         guidance = self._guidance = assembly.guidance
         guidance.warm_up()  # so that the peer is not kept waiting by the compiler

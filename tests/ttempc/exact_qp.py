@@ -1,8 +1,9 @@
-"""Exact minimiser of small quadratic programmes, independent of PIQP."""
+"""Exact minimiser and optimality conditions of small quadratic programmes, by no QP solver."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import nnls
 
 from ttempc.mpc.qp import QP
 from ttempc.types import FloatArray
@@ -31,3 +32,12 @@ def exact_minimum(qp: QP) -> FloatArray:
     kkt = np.block([[qp.hessian, rows[active].T], [rows[active], np.zeros((count, count))]])
     right = np.concatenate([-qp.gradient, limits[active]])
     return np.linalg.lstsq(kkt, right, rcond=None)[0][:n]
+
+
+def residuals(qp: QP, x: FloatArray) -> tuple[float, float]:
+    """Return the largest violation of a bound at `x` (n,), and how far it is from stationary."""
+    rows = np.vstack([qp.matrix, -qp.matrix, np.eye(len(x)), -np.eye(len(x))])
+    slack, slope = qp.slack(x), qp.hessian @ x + qp.gradient
+    active = slack < 1e-7  # -slope must be a sum of active rows with multipliers >= 0
+    rest = nnls(rows[active].T, -slope)[1] if active.any() else np.linalg.norm(slope)
+    return float(max(0.0, -slack.min())), float(rest)

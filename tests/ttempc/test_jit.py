@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import os
 import resource
 import subprocess
 import sys
-from enum import IntEnum
 
-import numpy as np
 import pytest
-
-from ttempc.jit import COMPILATION, cached_njit, fingerprint
 
 CONSTANTS = """
 from enum import IntEnum
@@ -90,41 +85,3 @@ def test_without_a_writable_folder_kernels_run_uncached(sources, given):
     result, hits, (line,) = run_caller(sources, NUMBA_CACHE_DIR=given, **homes)
     assert (result, hits) == (101.0, 0)
     assert "NUMBA_CACHE_DIR" in line
-
-
-class Entry(IntEnum):
-    FIRST = 0
-
-
-LIMIT = 3.0
-
-
-def limited(x):
-    return min(x, LIMIT) + math.sin(Entry.FIRST)
-
-
-def test_fingerprint_depends_on_constants_and_enumerations(monkeypatch):
-    first = fingerprint(limited)
-    monkeypatch.setattr(sys.modules[__name__], "LIMIT", 4.0)
-    second = fingerprint(limited)
-    monkeypatch.setattr(sys.modules[__name__], "Entry", IntEnum("Entry", {"FIRST": 1}))
-    third = fingerprint(limited)
-    assert len({first, second, third}) == 3
-    monkeypatch.undo()
-    assert fingerprint(limited) == first
-
-
-def test_an_array_that_does_not_fit_into_a_slice_is_refused_and_kernels_are_announced_once(caplog):
-    def assign(to, values):
-        to[:] = values
-
-    kernel, to, before = cached_njit()(assign), np.zeros(2), COMPILATION.kernels
-    kernel(to, np.ones(2))
-    assert to.tolist() == [1.0, 1.0]
-    with pytest.raises(ValueError, match="fit"):
-        kernel(to, np.ones(3))
-    if COMPILATION.kernels > before:  # else it was loaded
-        caplog.clear()
-        COMPILATION.announce()
-        COMPILATION.announce()
-        assert [f"{COMPILATION.kernels} kernels" in text for text in caplog.messages] == [True]

@@ -31,19 +31,6 @@ def test_amplitude_and_rate_hold_for_any_command():
         previous = allowed
 
 
-def test_the_command_is_the_nearest_allowed_one():
-    """No other allowed command is closer in any entry."""
-    generator = np.random.default_rng(42)
-    for _ in range(50):
-        previous = generator.uniform(VEHICLE.input_min, VEHICLE.input_max)
-        desired = previous + generator.normal(size=3)
-        allowed, _ = LIMITS.apply(desired, previous)
-        least = np.maximum(VEHICLE.input_min, previous - LIMITS.step)
-        most = np.minimum(VEHICLE.input_max, previous + LIMITS.step)
-        others = generator.uniform(least, most, size=(100, 3))
-        assert np.all(np.abs(allowed - desired) <= np.abs(others - desired))
-
-
 def test_a_law_that_ends_at_a_limit_by_itself_is_held_by_it():
     previous = np.array([0.1, -0.1, 0.5])
     for sign in (-1.0, 1.0):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import piqp
@@ -28,15 +27,6 @@ from ..types import Command, Estimate, FloatArray, Measurement
 from ..vehicle import Vehicle
 
 _LEAST_VARIANCE = 1e-12  # of each entry over a step: a vehicle at rest gathers no noise
-
-
-@dataclass(frozen=True, slots=True)
-class Trajectory:
-    """Augmented states over a window, and the covariance of the last of them."""
-
-    augmented: FloatArray  # (n, 22)
-    covariance: FloatArray  # (22, 22) of the last
-    bounded: bool  # whether a bound on a disturbance was active
 
 
 class MovingHorizonEstimator:
@@ -97,21 +87,21 @@ class MovingHorizonEstimator:
             return filtered
         guess = np.array([self._last.get(s.time_s, s.augmented[0]) for s in states])  # (n, 22)
         try:
-            trajectory = self._step(states, samples, guess)
-            for _ in range(self._iterations - 1):
-                trajectory = self._step(states, samples, trajectory.augmented)
+            covariance = states[-1].covariances[0]
+            for _ in range(self._iterations):
+                guess, covariance = self._step(states, samples, guess)
         except np.linalg.LinAlgError:
             return filtered
-        self._last = {s.time_s: x for s, x in zip(states, trajectory.augmented, strict=True)}
+        self._last = {s.time_s: x for s, x in zip(states, guess, strict=True)}
         now = states[-1].copy()
-        now.augmented[0], now.covariances[0] = trajectory.augmented[-1], trajectory.covariance
+        now.augmented[0], now.covariances[0] = guess[-1], covariance
         self._filter.predict(now, time_s)
         return self._filter.estimate(now, time_s, filtered.innovations)
 
     def _step(
         self, states: list[FilterState], samples: list[Measurement], guess: FloatArray
-    ) -> Trajectory:
-        """Return the minimiser of the problem linearised about `guess` (n, 22)."""
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return `_minimum` of the problem linearised about `guess` (n, 22)."""
         count = len(states)
         diagonal = np.zeros((count, SIZE, SIZE))
         above = np.zeros((count - 1, SIZE, SIZE))
@@ -174,12 +164,12 @@ class MovingHorizonEstimator:
 
 def _minimum(
     diagonal: FloatArray, above: FloatArray, right: FloatArray, guess: FloatArray
-) -> Trajectory:
-    """Return guess + d with d minimising d'Hd / 2 - right'd, disturbances within their bounds.
+) -> tuple[FloatArray, FloatArray]:
+    """Return guess + d (n, 22) with d minimising d'Hd / 2 - right'd, disturbances within bounds.
 
     H is block-tridiagonal with the blocks `diagonal` (n, 22, 22) and `above` (n - 1, 22, 22);
     `right` and `guess` are (n, 22). Elimination from the first block on leaves the information
-    matrix of the last augmented state in the last block.
+    matrix of the last augmented state in the last block; its inverse (22, 22) is returned, too.
 
     Raises:
         numpy.linalg.LinAlgError: H is singular, or indefinite by rounding.
@@ -197,10 +187,9 @@ def _minimum(
     for k in range(last, -1, -1):
         d = np.linalg.solve(left[k], rest[k] - above[k] @ d if k < last else rest[k])
         augmented[k] += d
-    bounded = bool((np.abs(augmented[:, STATES:]) > DISTURBANCE_BOUND).any())
-    if bounded:
+    if (np.abs(augmented[:, STATES:]) > DISTURBANCE_BOUND).any():
         augmented = guess + _bounded_step(diagonal, above, right, guess)
-    return Trajectory(augmented, 0.5 * (covariance + covariance.T), bounded)
+    return augmented, 0.5 * (covariance + covariance.T)
 
 
 def _bounded_step(

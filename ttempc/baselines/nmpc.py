@@ -8,11 +8,9 @@ Control Conference, pp. 4403-4408.
 
 from __future__ import annotations
 
-import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,22 +53,6 @@ class Plan:
     fallback: str = ""  # why the steps are not the minimiser; empty where they are
 
 
-class HorizonSolver(Protocol):
-    """Minimises the cost of a horizon."""
-
-    def minimise(self, task: Task, steps: FloatArray) -> Plan:
-        """Return the plan for `task`; `steps` (m Nc,) is the initial guess."""
-        ...
-
-    def prepare(self) -> None:
-        """Get ready for the next call, which gives the same plan."""
-        ...
-
-    def fresh(self) -> HorizonSolver:
-        """Return the solver as it was before its first call."""
-        ...
-
-
 class GaussNewton:
     """Minimiser of the linear MPC's cost within its bounds, under the nonlinear model.
 
@@ -101,7 +83,7 @@ class GaussNewton:
         self._model = model or ArticulatedModel(reference.vehicle, subsystem, period_s)
         self._qp = PersistentSolver(tuning.solver)
         # `prepare` has a solver of its own: a solve changes the last digits of later results.
-        self._preparing_qp = self._qp.fresh()
+        self._preparing_qp = PersistentSolver(tuning.solver)
         self._iterations = iterations
         self._last: tuple[Task, FloatArray] | None = None
         own, moves = list(subsystem.inputs), tuning.moves
@@ -116,12 +98,6 @@ class GaussNewton:
         """Minimise the last task again and drop the result, which fills the caches."""
         if self._last:
             self._minimise(self._preparing_qp, *self._last)
-
-    def fresh(self) -> GaussNewton:
-        solver = copy.copy(self)
-        solver._qp, solver._preparing_qp = self._qp.fresh(), self._qp.fresh()
-        solver._last = None
-        return solver
 
     def minimise(self, task: Task, steps: FloatArray) -> Plan:
         """Return the plan for `task`; `steps` (m Nc,) is the initial guess."""
@@ -181,9 +157,6 @@ class GaussNewton:
 
 _M = len(Input)
 
-SolverFactory = Callable[[Reference, Subsystem, HorizonTuning, float], HorizonSolver]
-"""Returns the solver of one NMPC from reference, subsystem, tuning and control period [s]."""
-
 
 @dataclass(frozen=True)
 class NmpcRtiOptions(MpcOptions):
@@ -224,7 +197,7 @@ class NonlinearFeedback(FeedbackLaw):
         subsystems: Sequence[Subsystem],
         *,
         exchange: bool,
-        solver: SolverFactory,
+        iterations: int,
     ) -> None:
         self._tuning = tuning
         self._exchange = exchange
@@ -242,7 +215,7 @@ class NonlinearFeedback(FeedbackLaw):
             _Part(
                 np.array(subsystem.inputs),
                 np.array(subsystem.outputs),
-                solver(reference, subsystem, tuning, period_s),
+                GaussNewton(reference, subsystem, tuning, period_s, iterations),
                 bounds.at(slice(None), _columns(subsystem, tuning.moves)),
                 FirstInputs.of(bounds.at(slice(None), np.array(subsystem.inputs))),
             )
@@ -250,12 +223,6 @@ class NonlinearFeedback(FeedbackLaw):
         ]
         self._path = PredictedPath(grid)
         self._steps = np.zeros((tuning.moves, _M))  # the last plan, Delta u_e
-
-    def fresh(self) -> NonlinearFeedback:
-        law = copy.copy(self)
-        law._parts = [replace(part, solver=part.solver.fresh()) for part in self._parts]
-        law._steps = np.zeros_like(self._steps)
-        return law
 
     def resume(self, previous: object) -> None:
         """Keep the last plan as the first guess, see `ttempc.types.Resuming`."""
@@ -315,7 +282,7 @@ class _Part:
 
     inputs: NDArray[np.intp]  # of `Subsystem`
     outputs: NDArray[np.intp]
-    solver: HorizonSolver
+    solver: GaussNewton
     bounds: StageBounds  # of its own inputs at every tick, (ticks, m Nc)
     first: FirstInputs
 
@@ -346,16 +313,15 @@ def nmpc_controller(
     subsystems: Sequence[Subsystem] = (WHOLE,),
     *,
     exchange: bool = False,
-    solver: SolverFactory | None = None,
 ) -> TrackingController:
-    """Compose the exact feedforward and the NMPCs of `subsystems`, by default Gauss-Newton's.
+    """Compose the exact feedforward and the NMPCs of `subsystems`.
 
     `NmpcRtiOptions` ask for one iteration a period.
 
     Raises:
         MissingPackage: the package of the QP solver is not installed.
     """
-    solver = solver or partial(GaussNewton, iterations=getattr(options, "iterations", 1))
+    iterations = getattr(options, "iterations", 1)
     tuning = options.for_vehicle(vehicle, reference.speed.top_speed, period_s)
 
     def law(grid: ReferenceSample, feedforward: FloatArray) -> NonlinearFeedback:
@@ -367,7 +333,7 @@ def nmpc_controller(
             tuning,
             subsystems,
             exchange=exchange,
-            solver=solver,
+            iterations=iterations,
         )
 
     return around_exact_feedforward(vehicle, reference, period_s, tuning.horizon, law)

@@ -48,7 +48,6 @@ class HorizonModel(Protocol):
         Writes the outputs at the ends of the periods into `errors` (Np, p) and their derivatives
         by the steps into `jacobian` (Np, p, m Nc).
         """
-        ...
 
 
 @cached_njit(error_model="numpy", boundscheck=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass, fields, replace
 from typing import Literal, get_args, get_type_hints
@@ -84,9 +83,6 @@ class RobustLaw:
         self._sign = sign
         self._period_s = period_s
         self._last: tuple[int, list[float]] | None = None  # tick and z_m
-
-    def fresh(self) -> RobustLaw:
-        return RobustLaw(self._gains, self._sign, self._period_s)
 
     def step(self, k: int, nominal: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the action and the modelling error of tick `k`.
@@ -223,14 +219,6 @@ class PaperFeedback(FeedbackLaw):
             self._robust = RobustLaw(options, options.robust_sign, period_s)
         self._to_vehicle = np.array([1.0, 1.0, 1.0 / options.hp_full_scale])
         self._path, self._horizon = PredictedPath(grid), horizon
-
-    def fresh(self) -> PaperFeedback:
-        law = copy.copy(self)
-        law._mpc = self._mpc.fresh()
-        law._previous = np.zeros(len(Input))
-        law._nominal = None
-        law._robust = self._robust.fresh() if self._robust else None
-        return law
 
     def resume(self, previous: object) -> None:
         """Keep the input of the last tick, see `ttempc.types.Resuming`."""

@@ -9,7 +9,6 @@ loop is designed by itself, on straight motion at the reference's speed, without
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -129,16 +128,8 @@ class PidFeedback(FeedbackLaw):
         self._integral = np.stack([loop.integral for loop in loops], axis=-1)
         self._derivative = np.stack([loop.derivative for loop in loops], axis=-1)
         self._speed = np.stack([speed, grid.speed_i], axis=-1)  # (N, 2)
-        self._restart()
-
-    def _restart(self) -> None:
         self._integrals = np.zeros(3)  # the integral actions
         self._unlimited = self._feedforward[0]  # the previous command before the limits
-
-    def fresh(self) -> PidFeedback:
-        law = copy.copy(self)
-        law._restart()
-        return law
 
     def resume(self, previous: object) -> None:
         """Keep the integral actions, see `ttempc.types.Resuming`."""

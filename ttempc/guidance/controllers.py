@@ -50,81 +50,64 @@ class ControllerEntry:
         return _load(self.module, self.options_type) if self.options_type else None
 
 
-_NMPC: Final = "baselines.nmpc"
+def _entry(
+    about: str, place: str, tube: Literal["required", "optional"] | None = None
+) -> ControllerEntry:
+    """Return the entry of a `place`: module, factory and, where there are any, its options."""
+    return ControllerEntry(about, *place.split(), tube=tube)
+
+
 CONTROLLERS: Final = MappingProxyType(
     {
-        "ttempc": ControllerEntry(
+        "ttempc": _entry(
             "articulated model: exact feedforward, offset-free MPC in a growing tube, robust law",
-            "laws.articulated_mpc",
-            "articulated_controller",
-            "ArticulatedOptions",
+            "laws.articulated_mpc articulated_controller ArticulatedOptions",
             tube="optional",
         ),
-        "ttempc-nominal": ControllerEntry(
+        "ttempc-nominal": _entry(
             "ttempc without its robust law",
-            "laws.articulated_mpc",
-            "articulated_controller",
-            "NominalOptions",
+            "laws.articulated_mpc articulated_controller NominalOptions",
         ),
-        "ttempc-tube": ControllerEntry(
+        "ttempc-tube": _entry(
             "tube MPC: nominal vehicle, tightened limits, a gain that keeps to a measured tube",
-            "laws.tube_mpc",
-            "tube_controller",
-            "TubeMpcOptions",
+            "laws.tube_mpc tube_controller TubeMpcOptions",
             tube="required",
         ),
-        "paper": ControllerEntry(
+        "paper": _entry(
             "the paper's equations as printed, errata 4, 6 and 7 corrected",
-            "baselines.paper",
-            "paper_controller",
-            "PaperOptions",
+            "baselines.paper paper_controller PaperOptions",
         ),
-        "paper-printed-sign": ControllerEntry(
+        "paper-printed-sign": _entry(
             "the same with erratum 6 as printed and a tube's nominal state: the vehicle is lost",
-            "baselines.paper",
-            "paper_controller",
-            "PrintedSignOptions",
+            "baselines.paper paper_controller PrintedSignOptions",
         ),
-        "pid": ControllerEntry(
+        "pid": _entry(
             "conventional guidance: a PID loop for each input",
-            "baselines.pid",
-            "pid_controller",
-            "PidOptions",
+            "baselines.pid pid_controller PidOptions",
         ),
-        "lqr": ControllerEntry(
+        "lqr": _entry(
             "LQR on the articulated model and the filter's disturbances",
-            "baselines.lqr",
-            "lqr_controller",
-            "LqrOptions",
+            "baselines.lqr lqr_controller LqrOptions",
         ),
-        "nmpc": ControllerEntry(
+        "nmpc": _entry(
             "nonlinear MPC, converged: horizon, weights, bounds of the linear one",
-            _NMPC,
-            "nmpc_controller",
-            "NmpcOptions",
+            "baselines.nmpc nmpc_controller NmpcOptions",
         ),
-        "nmpc-rti": ControllerEntry(
+        "nmpc-rti": _entry(
             "the same with one Gauss-Newton iteration a period",
-            _NMPC,
-            "nmpc_controller",
-            "NmpcRtiOptions",
+            "baselines.nmpc nmpc_controller NmpcRtiOptions",
         ),
-        "nmpc-decentralised": ControllerEntry(
+        "nmpc-decentralised": _entry(
             "tractor and trailer each with an NMPC, the other's inputs held",
-            _NMPC,
-            "nmpc_decentralised_controller",
-            "NmpcOptions",
+            "baselines.nmpc nmpc_decentralised_controller NmpcOptions",
         ),
-        "nmpc-distributed": ControllerEntry(
+        "nmpc-distributed": _entry(
             "the same, plans exchanged once a period",
-            _NMPC,
-            "nmpc_distributed_controller",
-            "NmpcOptions",
+            "baselines.nmpc nmpc_distributed_controller NmpcOptions",
         ),
-        "feedforward": ControllerEntry(
+        "feedforward": _entry(
             "inputs of the exact reference geometry, no feedback",
-            "laws.tracking_controller",
-            "feedforward_controller",
+            "laws.tracking_controller feedforward_controller",
         ),
     }
 )

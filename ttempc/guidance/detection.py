@@ -17,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from itertools import pairwise
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -84,29 +84,21 @@ class Alarm:
     unused: frozenset[Sensor] = frozenset()  # sensors whose samples are not to be used
 
 
-class Detector(Protocol):
+class Detector:
     """A statistic that grows with a fault, and the limit at which it is one."""
 
-    name: str
-    limit: float
-
-    @property
-    def statistic(self) -> float:
-        """Present value, 0 or above."""
-        ...
-
-    @property
-    def residual(self) -> float:
-        """Latest value of what the statistic is made from; NaN before the first."""
-        ...
+    def __init__(self, name: str, limit: float) -> None:
+        self.name, self.limit = name, limit
+        self.statistic = 0.0  # present value, 0 or above
+        self.residual = math.nan  # latest value of what the statistic is made from
 
     def observe(self, observation: Observation) -> None:
         """Take in the data of a tick; they are not changed."""
-        ...
+        raise NotImplementedError
 
     def alarm(self) -> Alarm:
         """Return the alarm for the present statistic."""
-        ...
+        raise NotImplementedError
 
 
 class Monitors:
@@ -192,14 +184,6 @@ class Reactions:
         return reaction, "; ".join(alarm.reason for alarm in alarms)
 
 
-class _Monitor:
-    """A detector whose `observe` sets `statistic` and `residual`."""
-
-    def __init__(self, name: str, limit: float) -> None:
-        self.name, self.limit = name, limit
-        self.statistic, self.residual = 0.0, math.nan
-
-
 class Cusum:
     """Cumulative sums of a residual to both sides (Page 1954, Biometrika 41).
 
@@ -214,14 +198,12 @@ class Cusum:
         self.residual = math.nan  # of the last tick
 
     def add(self, residual: float) -> None:
-        """Take in the residual of a tick."""
         self.residual = residual
         self.above = min(max(0.0, self.above + residual - self._allowance), self._most)
         self.below = min(max(0.0, self.below - residual - self._allowance), self._most)
 
     @property
     def largest(self) -> float:
-        """The larger sum."""
         return max(self.above, self.below)
 
 
@@ -230,7 +212,7 @@ _SPAN_S: Final = 1.0
 _MOST_SQUARE: Final = 25.0
 
 
-class InnovationMonitor(_Monitor):
+class InnovationMonitor(Detector):
     """Sums up the normalised squared innovations of one sensor over a second.
 
     For a consistent filter the sum is chi-square with n degrees of freedom, the entries of all
@@ -272,7 +254,7 @@ _LEAST_READINGS: Final = 50
 _LARGEST_SHARE: Final = 1 / 500  # of repetitions among the readings of a sensor that is judged
 
 
-class RepetitionMonitor(_Monitor):
+class RepetitionMonitor(Detector):
     """Counts the bit-identical readings of one sensor in succession.
 
     The noise of a sensor that works changes every reading. Its samples are not used while it
@@ -469,7 +451,7 @@ class PlannedSpeed:
         return self._plan
 
 
-class _SpeedMonitor(_Monitor):
+class _SpeedMonitor(Detector):
     """Cumulative sum of the difference of a speed from that over ground, both means of a second.
 
     The allowance holds for three standard deviations of the speed over ground, as with a noise of
@@ -481,12 +463,12 @@ class _SpeedMonitor(_Monitor):
         name: str,
         allowance: float,
         limit: float,
-        ground: SpeedOverGround | None,
-        plan: PlannedSpeed | None,
+        ground: SpeedOverGround,
+        plan: PlannedSpeed,
     ) -> None:
         super().__init__(name, limit)
         self._allowance, self._cusum = allowance, Cusum(allowance, limit)
-        self._ground, self._plan = ground or SpeedOverGround(), plan or PlannedSpeed()
+        self._ground, self._plan = ground, plan
         self._speeds = 0.0, 0.0  # compared at last: the speed in question, over ground [m/s]
 
     def warm_up(self) -> None:
@@ -510,9 +492,7 @@ class WheelMonitor(_SpeedMonitor):
     The encoder is the one that is wrong where the speed over ground is nearer to the planned one.
     """
 
-    def __init__(
-        self, ground: SpeedOverGround | None = None, plan: PlannedSpeed | None = None
-    ) -> None:
+    def __init__(self, ground: SpeedOverGround, plan: PlannedSpeed) -> None:
         super().__init__("wheels", WHEELS_ALLOWANCE, WHEELS, ground, plan)
         self._encoder: deque[tuple[float, float]] = deque()
         self._planned = math.nan  # over the span of the last comparison [m/s]
@@ -544,9 +524,7 @@ class WheelMonitor(_SpeedMonitor):
 class MotionMonitor(_SpeedMonitor):
     """Compares the speed that the hydrostat's commands ask for with that over ground."""
 
-    def __init__(
-        self, ground: SpeedOverGround | None = None, plan: PlannedSpeed | None = None
-    ) -> None:
+    def __init__(self, ground: SpeedOverGround, plan: PlannedSpeed) -> None:
         super().__init__("motion", MOTION_ALLOWANCE, MOTION, ground, plan)
 
     def observe(self, observation: Observation) -> None:
@@ -739,22 +717,15 @@ def _least(intervals: Sequence[_Interval]) -> Cusum:
     return min(sums, key=lambda item: (item.largest, abs(item.residual)))
 
 
-class _SteeringMonitor(_Monitor):
-    def __init__(
-        self, axis: Input, name: str, limit: float, response: SteeringResponse | None
-    ) -> None:
-        super().__init__(name, limit)
-        self._what, self._response = _NAMES[axis], response or SteeringResponse(axis)
-
-
-class SteeringMonitor(_SteeringMonitor):
+class SteeringMonitor(Detector):
     """Notices a valve that does not follow its command, whatever its dead time.
 
     The statistic is the least of the sums of residuals [rad].
     """
 
-    def __init__(self, axis: Input, response: SteeringResponse | None = None) -> None:
-        super().__init__(axis, _NAMES[axis], STEERING_STOP, response)
+    def __init__(self, axis: Input, response: SteeringResponse) -> None:
+        super().__init__(_NAMES[axis], STEERING_STOP)
+        self._what, self._response = _NAMES[axis], response
 
     def observe(self, observation: Observation) -> None:
         self._response.observe(observation)
@@ -762,11 +733,10 @@ class SteeringMonitor(_SteeringMonitor):
         self.statistic, self.residual = least.largest, least.residual
 
     def alarm(self) -> Alarm:
-        """Return the alarm: a vehicle that cannot be steered stops."""
         return Alarm(self.name, f"{self._what} does not follow its command", Reaction.STOP)
 
 
-class StandstillMonitor(_SteeringMonitor):
+class StandstillMonitor(SteeringMonitor):
     """Notices steering that stands still while its command asks for motion, as with a stuck valve.
 
     Only dead times that the valve has not contradicted so far count, so that it is earlier than
@@ -774,8 +744,9 @@ class StandstillMonitor(_SteeringMonitor):
     Commands that are late or lost for a moment show as well.
     """
 
-    def __init__(self, axis: Input, response: SteeringResponse | None = None) -> None:
-        super().__init__(axis, f"{_NAMES[axis]} at standstill", STEERING, response)
+    def __init__(self, axis: Input, response: SteeringResponse) -> None:
+        super().__init__(axis, response)
+        self.name, self.limit = f"{self._what} at standstill", STEERING
 
     def observe(self, observation: Observation) -> None:
         self._response.observe(observation)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Self
@@ -24,7 +23,7 @@ from ..reference.reference import Reference, ReferenceSample
 from ..tube.reference_tube import GrowingTube, TubeDesign, report_rows, tightened
 from ..types import Diagnostics, Estimate, FloatArray, Input, State, TubeReport
 from ..vehicle import CommandLimits, Vehicle
-from .lq_robust_law import LqRobustLaw, LqRobustTuning, RobustAction, containment
+from .lq_robust_law import LqRobustLaw, LqRobustTuning, RobustAction
 from .tracking_controller import FeedbackLaw, TrackingController, around_exact_feedforward
 
 _PERIOD_S: Final = 0.2  # of the paper, for which horizon and weights are given
@@ -136,10 +135,6 @@ class KeptPlan:
         self._plan: FloatArray = np.zeros(0)
         self._next: tuple[int, FloatArray, FloatArray] | None = None  # tick, zbar, ubar before it
 
-    def fresh(self) -> KeptPlan:
-        """Return the object without a plan."""
-        return KeptPlan(self._tube, self._a, self._b)
-
     def record(self, k: int, state: FloatArray, u: FloatArray, plan: FloatArray) -> None:
         """Keep the plan of tick `k` from the `state` (16,), whose first input became `u` (3,)."""
         self._made, self._plan, self._next = k, plan, (k, state, u)
@@ -178,8 +173,7 @@ class OneStepMonitor:
     """
 
     def __init__(self, design: TubeDesign, outputs: FloatArray) -> None:
-        self._inverse, _ = design.disturbance.faces
-        self._ellipsoid = design.disturbance.shape == "ellipsoid"
+        self._faces = design.disturbance.faces
         self._rows = report_rows(outputs)  # (T, 9, 7)
         rows = self._rows.reshape(-1, outputs.shape[-1])
         width = design.disturbance.support(rows) + design.estimate_error.support(rows)
@@ -190,9 +184,8 @@ class OneStepMonitor:
 
         The margin is 1 less the gauge of the deviation in W.
         """
-        gauge, errors = containment(
-            k, self._inverse, self._ellipsoid, self._rows, nominal, deviation
-        )
+        gauge = float(np.abs(ordered_product(self._faces, deviation)).max())
+        errors = ordered_product(self._rows[k], nominal)
         return TubeReport(gauge <= 1.0, 1.0 - gauge, errors, self._half_widths[k])
 
 
@@ -244,13 +237,6 @@ class ArticulatedFeedback(FeedbackLaw):
         self._state = grid.state
         self._vehicle = reference.vehicle
         self._path, self._horizon = PredictedPath(grid), horizon
-
-    def fresh(self) -> ArticulatedFeedback:
-        law = copy.copy(self)
-        law._mpc = self._mpc.fresh()
-        law._robust = self._robust.fresh() if self._robust else None
-        law._plan = self._plan.fresh() if self._plan else None
-        return law
 
     def resume(self, previous: object) -> None:
         """Keep the autocorrelation of the residual, see `ttempc.types.Resuming`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, Self, get_args
@@ -11,7 +10,7 @@ import numpy as np
 
 from ..errors import InvalidTuning, check_choice, check_positive, check_vector
 from ..jit import cached_njit
-from ..models.linear import riccati_gains
+from ..models.linear import ordered_product, riccati_gains
 from ..types import FloatArray, Input, State
 from ..vehicle import Vehicle
 
@@ -113,16 +112,10 @@ class LqRobustLaw:
         self._relative = gains / self._limit[:, None]  # (N, 3, 7)
         self._outputs = outputs  # (N, 4, 7)
         self._one_step = tuning.nominal == "one-step"
-        self._a, self._b = a, b
+        self._model = np.concatenate([a, b], axis=2)[:, :_N]  # (N, 7, n + 3)
         self._memory = np.zeros((3, _M))  # see `autocorrelation`
         self._forgetting = math.exp(-period_s / tuning.memory_s)
         self._last: tuple[int, FloatArray, FloatArray] | None = None  # tick, MPC's state, u_b
-
-    def fresh(self) -> LqRobustLaw:
-        law = copy.copy(self)
-        law._memory = np.zeros_like(self._memory)
-        law._last = None
-        return law
 
     def resume(self, previous: LqRobustLaw) -> None:
         """Keep the autocorrelation; the nominal state, an error to another reference, restarts."""
@@ -137,7 +130,8 @@ class LqRobustLaw:
         if self._last and not self._one_step:
             previous = self._last[2]
         if self._last and self._last[0] == k - 1:
-            nominal = predict_nominal(k - 1, self._a, self._b, self._last[1], previous, _N)
+            given = np.concatenate([self._last[1], previous])
+            nominal = ordered_product(self._model[k - 1], given)
         deviation, modelling_error, action, exhausted = robust_action(
             k,
             error,
@@ -228,44 +222,3 @@ def robust_action(
     for i in range(inputs):
         action[i] = limit[i] * math.tanh(action[i])
     return deviation, modelling, action, exhausted
-
-
-@cached_njit(error_model="numpy", boundscheck=False)
-def predict_nominal(
-    k: int, a: FloatArray, b: FloatArray, state: FloatArray, inputs: FloatArray, n: int
-) -> FloatArray:
-    """Return the first `n` entries of A_k z + B_k u, (n,)."""
-    result = np.zeros(n)
-    for i in range(n):
-        for j in range(state.size):
-            result[i] += a[k, i, j] * state[j]
-        for j in range(inputs.size):
-            result[i] += b[k, i, j] * inputs[j]
-    return result
-
-
-@cached_njit(error_model="numpy", boundscheck=False)
-def containment(
-    k: int,
-    inverse: FloatArray,
-    ellipsoid: bool,
-    rows: FloatArray,
-    nominal: FloatArray,
-    deviation: FloatArray,
-) -> tuple[float, FloatArray]:
-    """Return the gauge of the `deviation` (n,), and `rows` (T, r, n) of tick `k` on the nominal.
-
-    `inverse` (n, n) is that of the axes of a disturbance set, see `DisturbanceSet.gauge`.
-    """
-    n = nominal.size
-    energy = 0.0
-    for i in range(n):
-        along = 0.0
-        for j in range(n):
-            along += inverse[i, j] * deviation[j]
-        energy = energy + along * along if ellipsoid else max(energy, along * along)
-    errors = np.zeros(rows.shape[1])
-    for i in range(errors.size):
-        for j in range(n):
-            errors[i] += rows[k, i, j] * nominal[j]
-    return math.sqrt(energy), errors

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Self
 
 import numpy as np
 
@@ -31,13 +31,6 @@ class FeedbackLaw:
 
     def prepare(self, k: int) -> None:
         """Get ready for tick `k`, see `ttempc.types.Preparing`."""
-
-    def fresh(self) -> Self:
-        """Return the law as it was before its first tick.
-
-        It shares what was computed along the reference, and nothing that a step changes.
-        """
-        return self
 
 
 class NoFeedback(FeedbackLaw):
@@ -78,19 +71,13 @@ class TrackingController:
         self._previous = limits.clamp(grid.inputs[0])
 
     def fresh(self) -> TrackingController:
-        return TrackingController(
-            self._grid,
-            self._feedforward,
-            self._feedback.fresh(),
-            self._limits,
-            measured_hitch=self._measured_hitch,
-            space_based=self.space_based,
-        )
+        """Return a copy of a controller before its first tick, which shares no memory with it."""
+        return copy.deepcopy(self)
 
     def warm_up(self) -> None:
         """Run the code of whole steps once: compilation, solver set-up, caches.
 
-        The steps are those of a second controller with a fresh law, on an estimate beside the
+        The steps are those of a copy, on an estimate beside the
         start of the reference. No later result changes. Call it before the first tick.
         """
         controller = self.fresh()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,18 +58,9 @@ class TubeFeedback(FeedbackLaw):
         rows = np.concatenate([self._rows, self._gains], axis=1)
         widths = np.concatenate([tube.states, tube.outputs[:, 2:], tube.inputs], axis=1)
         self._normalised = rows / widths[..., None]  # (T, 12, 7)
-        self._restart()
-
-    def _restart(self) -> None:
         self._nominal: FloatArray | None = None  # zbar of the coming tick
         self._tick = -1  # the coming tick
         self._previous: FloatArray = np.zeros(_M)  # ubar(k-1)
-
-    def fresh(self) -> TubeFeedback:
-        law = copy.copy(self)
-        law._mpc = self._mpc.fresh()
-        law._restart()
-        return law
 
     def resume(self, previous: object) -> None:
         """Keep the nominal input, see `ttempc.types.Resuming`; the state starts anew."""

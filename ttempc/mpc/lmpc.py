@@ -178,7 +178,7 @@ class CondensedHorizon:
         self._first_tick = 0  # of the present block
         self._block = self._matrices(0)
         for start in range(0, self.ticks, self._block_ticks):
-            self._require_convex(self._matrices(start))
+            _require_convex(self._matrices(start))
 
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
         """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
@@ -226,11 +226,6 @@ class CondensedHorizon:
         )
         return np.maximum(np.minimum(inputs, high), low)
 
-    def hessian(self, k: int) -> FloatArray:
-        """Return H of the QP of tick `k`, (m Nc, m Nc)."""
-        matrices, tick = self._at(k)
-        return matrices.hessian[tick]
-
     def prediction(self, k: int) -> FloatArray:
         """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""
         matrices, tick = self._at(k)
@@ -277,22 +272,14 @@ class CondensedHorizon:
             soft=np.concatenate(soft, axis=1) if soft else None,
         )
 
-    @staticmethod
-    def _require_convex(matrices: _Matrices) -> None:
-        if not (is_convex(matrices.hessian) and np.isfinite(matrices.gradient).all()):
-            raise InvalidTuning("the cost is not finite and convex all along the reference")
 
-
-def is_convex(hessian: FloatArray) -> bool:
-    """Whether one `hessian` (n, n), or each of (N, n, n), is finite and positive definite."""
+def _require_convex(matrices: _Matrices) -> None:
     # The factorisation of a matrix that is not finite may end without an error.
-    if not np.isfinite(hessian).all():
-        return False
+    convex = bool(np.isfinite(matrices.hessian).all() and np.isfinite(matrices.gradient).all())
     try:
-        np.linalg.cholesky(hessian)
+        np.linalg.cholesky(matrices.hessian if convex else np.zeros((1, 1)))
     except np.linalg.LinAlgError:
-        return False
-    return True
+        raise InvalidTuning("the cost is not finite and convex all along the reference") from None
 
 
 def move_bounds(
@@ -349,22 +336,15 @@ class LinearMpc:
         self._preparing_solver = PersistentSolver(horizon.solver)
         self._last: tuple[FloatArray, FloatArray] | None = None  # state and input of the last step
 
-    def fresh(self) -> LinearMpc:
-        return LinearMpc(self._horizon)
-
     def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:
         """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
         self._last = state, previous
         return self._solve(self._solver, k, state, previous)
 
     def prepare(self, k: int) -> None:
-        """Solve tick `k` for the data of the last step and drop the result, to fill the caches.
-
-        Its Hessian, which depends on the tick alone, is factorised for the step to come.
-        """
+        """Solve tick `k` for the data of the last step and drop the result, to fill the caches."""
         if self._last:
             self._solve(self._preparing_solver, k, *self._last)
-            self._solver.hold(self._horizon.hessian(k))
 
     def _solve(
         self, solver: PersistentSolver, k: int, state: FloatArray, previous: FloatArray

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from types import MappingProxyType
-from typing import Any, Final, Protocol
+from typing import Final
 
 import numpy as np
 import piqp
-import scipy
 
 from ..errors import MissingPackage
 from ..jit import cached_njit
 from ..types import FloatArray, SolverReport
 
-_ACTIVE = 1e-7  # slack below which a bound counts as active in `QP.residuals`
 # Of a slack s: cost PENALTY s + PENALTY s^2 / 2. The penalty is exact, that is the slack is 0 where
 # the hard problem has a solution, if it exceeds the sum of that problem's multipliers of the output
 # (Kerrigan and Maciejowski 2000). Assumed: not proven to be exact. With 1 the slack exceeds 1 mm
@@ -51,14 +48,6 @@ class SoftRows:
     def slack_columns(self) -> FloatArray:
         """Return the matrix from the slacks to the rows, (Np r, r)."""
         return np.tile(np.eye(self.outputs), (len(self.lower) // self.outputs, 1))
-
-
-@dataclass(frozen=True, slots=True)
-class QPResiduals:
-    """Residuals of the Karush-Kuhn-Tucker conditions of a QP at a point."""
-
-    primal: float  # largest violation of a bound
-    stationarity: float  # smallest |gradient of the Lagrangian| over admissible multipliers
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,18 +104,6 @@ class QP:
         return np.concatenate(
             [self.upper - rows, rows - self.lower, self.step_upper - x, x - self.step_lower]
         )
-
-    def residuals(self, x: FloatArray) -> QPResiduals:
-        """Return by how much `x` (n,) misses the optimality conditions; no solver is involved."""
-        rows = np.vstack([self.matrix, -self.matrix, np.eye(len(x)), -np.eye(len(x))])
-        slack = self.slack(x)
-        slope = self.hessian @ x + self.gradient
-        active = slack < _ACTIVE
-        # Optimal means -slope = sum of active rows with multipliers >= 0.
-        rest = float(np.linalg.norm(slope))
-        if active.any():
-            rest = scipy.optimize.nnls(rows[active].T, -slope)[1]
-        return QPResiduals(primal=float(max(0.0, -slack.min())), stationarity=float(rest))
 
 
 class Outcome(IntEnum):
@@ -199,14 +176,11 @@ _TOLERANCE = 1e-12
 
 
 class PiqpSolver:
-    """See `ttempc.mpc.lmpc.QPSolver`; each problem starts from PIQP's own initial point."""
+    """Each problem starts from PIQP's own initial point."""
 
     def __init__(self) -> None:
         self._solver: piqp.DenseSolver | None = None
         self._matrix: FloatArray = np.empty((0, 0))  # of the rows in the solver
-
-    def hold(self, hessian: FloatArray) -> None:
-        """Do nothing: every iteration has a factorisation of its own."""
 
     def solve(self, qp: QP) -> tuple[FloatArray, SolverReport]:
         """Return the last iterate (n,) and PIQP's report."""
@@ -253,22 +227,10 @@ class PiqpSolver:
 
 
 _SETTINGS: Final = MappingProxyType({"primal_tol": 1e-11, "dual_tol": 1e-12})
-# Exit flags of DAQP's documentation.
-_FAILURES: Final = MappingProxyType(
-    {
-        -1: "primal infeasible",
-        -2: "cycling detected",
-        -3: "unbounded",
-        -4: "max iter reached",
-        -5: "hessian not convex",
-        -6: "initial active set overdetermined",
-        -7: "time limit reached",
-    }
-)
 
 
 class DaqpSolver:
-    """See `ttempc.mpc.lmpc.QPSolver`; each problem starts from an empty active set.
+    """Each problem starts from an empty active set.
 
     Raises:
         MissingPackage: DAQP is not installed.
@@ -276,25 +238,15 @@ class DaqpSolver:
 
     def __init__(self) -> None:
         try:
-            import daqp
+            from daqp import Model
         except ImportError:
             raise MissingPackage(
                 "the QP solver DAQP is not installed: pip install 'ttempc[baselines]', or set "
                 "controller.options.solver to 'piqp'"
             ) from None
-        self._package = daqp
-        self._model: Any = None
+        self._new_model, self._model = Model, None
         self._held = b""  # the Hessian in the model, by its bytes
         self._matrix: FloatArray = np.empty((0, 0))  # of the rows in the model
-
-    def hold(self, hessian: FloatArray) -> None:
-        """Factorise the Hessian (n, n) of the next problem, unless the model holds it."""
-        # Always apart from gradient and bounds, so that the time of it changes no bit of a result.
-        if self._model is None or len(hessian) != self._matrix.shape[1]:
-            return
-        if (content := hessian.tobytes()) != self._held:
-            self._model.update(H=np.ascontiguousarray(hessian))
-            self._held = content
 
     def solve(self, qp: QP) -> tuple[FloatArray, SolverReport]:
         """Return the minimiser (n,), or an arbitrary point, and DAQP's report."""
@@ -303,32 +255,29 @@ class DaqpSolver:
         # The rows of the inputs are one array for all ticks; soft rows are new ones at each tick.
         known, self._matrix = self._matrix, qp.matrix
         if self._model is None or known.shape != qp.matrix.shape:
-            self._model, self._held = self._package.Model(), b""
-            flag, _ = self._model.setup(
-                np.ascontiguousarray(qp.hessian),
-                qp.gradient,
-                np.ascontiguousarray(qp.matrix),
-                upper,
-                lower,
-            )
+            self._model, self._held = self._new_model(), b""
+            rows = map(np.ascontiguousarray, (qp.hessian, qp.gradient, qp.matrix, upper, lower))
+            flag, _ = self._model.setup(*rows)
             if flag < 0:
-                return qp.gradient, _report(flag, 0, 0.0)
+                return qp.gradient, self._report(flag, 0, 0.0)
             self._model.settings = dict(_SETTINGS)
         elif qp.matrix is not known:
             self._model.update(A=np.ascontiguousarray(qp.matrix))
-        self.hold(qp.hessian)
+        # Always apart from gradient and bounds, so that the time of it changes no bit of a result.
+        if (content := qp.hessian.tobytes()) != self._held:
+            self._model.update(H=np.ascontiguousarray(qp.hessian))
+            self._held = content
         # Without `sense` it starts from the last active set, and the last bits of a result depend
         # on the problems before.
         empty = np.zeros(len(upper), dtype=np.intc)
         self._model.update(f=qp.gradient, bupper=upper, blower=lower, sense=empty)
         x, _, flag, info = self._model.solve()
-        return np.asarray(x), _report(flag, info["iterations"], info["solve_time"])
+        return np.asarray(x), self._report(flag, info["iterations"], info["solve_time"])
 
-
-def _report(flag: int, iterations: int, solve_time_s: float) -> SolverReport:
-    accepted = flag > 0
-    status = "solved" if accepted else _FAILURES.get(flag, f"daqp exit flag {flag}")
-    return SolverReport(status, accepted, iterations, solve_time_s, math.nan, math.nan)
+    @staticmethod
+    def _report(flag: int, iterations: int, solve_time_s: float) -> SolverReport:
+        status = "solved" if flag > 0 else f"daqp exit flag {flag}"
+        return SolverReport(status, flag > 0, iterations, solve_time_s, math.nan, math.nan)
 
 
 # Violation of a bound above which a solution is rejected; below it is clamped.
@@ -345,21 +294,7 @@ class QPSolution:
     report: SolverReport
 
 
-class QPSolver(Protocol):
-    """A package's solver, kept between problems of the same size."""
-
-    def hold(self, hessian: FloatArray) -> None:
-        """Factorise the Hessian of the next problem, where the package can; changes no result."""
-        ...
-
-    def solve(self, qp: QP) -> tuple[FloatArray, SolverReport]:
-        """Return the last iterate (n,) and the report, accepted where the package solved `qp`."""
-        ...
-
-
-_SOLVERS: Final = MappingProxyType[str, Callable[[], QPSolver]](
-    {"piqp": PiqpSolver, "daqp": DaqpSolver}
-)
+_SOLVERS: Final = MappingProxyType({"piqp": PiqpSolver, "daqp": DaqpSolver})
 
 
 class PersistentSolver:
@@ -383,12 +318,8 @@ class PersistentSolver:
         self._name = solver
         self._solver = _SOLVERS[solver]()
 
-    def fresh(self) -> PersistentSolver:
-        return PersistentSolver(self._name)
-
-    def hold(self, hessian: FloatArray) -> None:
-        """Factorise the Hessian (n, n) of the next problem, where the package can."""
-        self._solver.hold(hessian)
+    def __deepcopy__(self, memo: object) -> PersistentSolver:
+        return PersistentSolver(self._name)  # the solvers of the packages cannot be copied
 
     def solve(self, qp: QP) -> QPSolution:
         """Return the minimiser of `qp`, or the reason for which there is none."""

@@ -316,6 +316,3 @@ class Projection:
         nearest = int(np.argmin(distance))
         self._last = first + nearest
         return self._last + float(along[nearest])
-
-    def fresh(self) -> Projection:
-        return Projection(np.vstack([self._points, self._points[-1:] + self._segments[-1:]]))

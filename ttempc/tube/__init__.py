@@ -1,17 +1,14 @@
-"""Disturbance sets, tubes with certificates, calibration, tightening, for linear systems.
+"""Disturbance sets, tubes with certificates and their calibration, for linear systems.
 
-The names below are for any linear system given as arrays, of any dimension, time-varying or not
-(docs/tube-library.md). `ancillary` and `reference_tube` are the tube of a tractor with its trailer.
+The names below are for any linear system given as arrays, of any dimension, time-varying or not.
+`reference_tube` has the tube of a tractor with its trailer.
 """
 
 from .conformal import Calibration, calibrate, largest_score
 from .sets import (
-    ConvexSet,
     DisturbanceSet,
-    Polytope,
     Shape,
     SupportSet,
-    admissible_subset,
     fit_set,
     linear_map,
     minkowski_sum,
@@ -23,22 +20,17 @@ from .tube import (
     Tube,
     feedback_gains,
     invariant_tube,
-    reachable_set,
     search_tube,
-    tightened_offsets,
 )
 
 __all__ = [
     "Calibration",
     "Certificate",
-    "ConvexSet",
     "DisturbanceSet",
-    "Polytope",
     "Shape",
     "SupportSet",
     "TrackingSystem",
     "Tube",
-    "admissible_subset",
     "calibrate",
     "feedback_gains",
     "fit_set",
@@ -47,7 +39,5 @@ __all__ = [
     "linear_map",
     "minkowski_sum",
     "outline",
-    "reachable_set",
     "search_tube",
-    "tightened_offsets",
 ]

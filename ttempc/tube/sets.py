@@ -7,30 +7,15 @@ dimensions and hundreds of terms cost little.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol, get_args
+from typing import Literal, get_args
 
 import numpy as np
-import scipy
 
 from ..errors import InvalidTube
 from ..types import FloatArray
-
-
-class ConvexSet(Protocol):
-    """A closed convex set in n dimensions."""
-
-    @property
-    def dimension(self) -> int:
-        """Return n."""
-        ...
-
-    def support(self, directions: FloatArray) -> FloatArray:
-        """Return h(a) of each of the `directions` (k, n), (k,)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -45,13 +30,13 @@ class SupportSet:
         return self.function(directions)
 
 
-def minkowski_sum(sets: Sequence[ConvexSet]) -> SupportSet:
+def minkowski_sum(sets: Sequence[SupportSet | DisturbanceSet]) -> SupportSet:
     """Return {x_1 + x_2 + ... : x_j in set j}."""
     dimension = sets[0].dimension
     return SupportSet(dimension, lambda a: np.sum([one.support(a) for one in sets], axis=0))
 
 
-def linear_map(matrix: FloatArray, of: ConvexSet) -> SupportSet:
+def linear_map(matrix: FloatArray, of: SupportSet | DisturbanceSet) -> SupportSet:
     """Return {matrix x : x in `of`}, `matrix` (m, n)."""
     return SupportSet(len(matrix), lambda a: of.support(a @ matrix))
 
@@ -63,7 +48,7 @@ def directions_in(dimension: int, count: int, generator: np.random.Generator) ->
     return np.vstack([axes, others / np.linalg.norm(others, axis=1, keepdims=True)])[:count]
 
 
-def outline(of: ConvexSet, plane: FloatArray, count: int = 180) -> FloatArray:
+def outline(of: SupportSet | DisturbanceSet, plane: FloatArray, count: int = 180) -> FloatArray:
     """Return the vertices of a polygon around the projection onto `plane` (2, n), (`count`, 2).
 
     The polygon is bounded by the tangents in `count` directions. It contains the projection, whose
@@ -77,7 +62,7 @@ def outline(of: ConvexSet, plane: FloatArray, count: int = 180) -> FloatArray:
     return np.asarray(corners[..., 0], dtype=np.float64)
 
 
-Shape = Literal["box", "zonotope", "ellipsoid"]
+Shape = Literal["box", "zonotope"]
 
 _ITERATIONS = 100  # of `worst`: within 1 % of the largest sum along the tubes of this project
 _NOTHING = 1e-300  # multiplier of a step that no window limits
@@ -87,13 +72,9 @@ _NOTHING = 1e-300  # multiplier of a step that no window limits
 class DisturbanceSet:
     """Sequences w(0), w(1), ... with bounded energy in every window of N successive steps.
 
-    With y = axes^-1 w, in every window
-
-        box, zonotope:  sum over the window of y_a^2 <= 1 for each axis a,
-        ellipsoid:      sum over the window and all axes of y_a^2 <= 1.
-
-    With N = 1 these are a box (axes along the coordinates), a zonotope (axes of principal
-    components) and an ellipsoid for each single step. The energy of noise in a window is far less
+    With y = axes^-1 w, in every window the sum of y_a^2 is at most 1 for each axis a. With N = 1
+    this is a box (axes along the coordinates) or a zonotope (axes of principal components) for each
+    single step. The energy of noise in a window is far less
     than N times the largest energy of a single step, so that a longer window bounds the same data
     more tightly: by a factor of 0.62 for white Gaussian noise, N = 5 and a coverage of 99.9 %.
 
@@ -130,25 +111,14 @@ class DisturbanceSet:
 
     def fill(self, disturbances: FloatArray) -> FloatArray:
         """Return the gauge of every window of a run (k, n), at most 1 inside, (k - N + 1,)."""
-        return np.sqrt(self._along(self.energies(disturbances)))
-
-    def gauge(self, disturbance: FloatArray) -> float:
-        """Return the gauge of a `disturbance` (n,) in the set of single steps, at most 1 inside."""
-        return math.sqrt(self._along((self._inverse @ disturbance) ** 2))
-
-    def _along(self, energies: FloatArray) -> FloatArray:
-        """Return the bounded energy (...) from those along the axes (n, ...)."""
-        return energies.sum(axis=0) if self.shape == "ellipsoid" else energies.max(axis=0)
+        return np.sqrt(self.energies(disturbances).max(axis=0))
 
     def reach(self, energies: FloatArray) -> FloatArray:
         """Return the largest weighted sum over a window, (...).
 
         `energies` (..., n) holds, for each axis, the sum over the window of the squared weights of
-        its entries. By Cauchy and Schwarz each axis adds up to the root of its own; an ellipsoid
-        adds up to the root of their sum.
+        its entries. By Cauchy and Schwarz each axis adds up to the root of its own.
         """
-        if self.shape == "ellipsoid":
-            return np.sqrt(energies.sum(axis=-1))
         return np.sqrt(energies).sum(axis=-1)
 
     def support(self, directions: FloatArray) -> FloatArray:
@@ -156,14 +126,9 @@ class DisturbanceSet:
         return self.reach((directions @ self.axes) ** 2)
 
     @cached_property
-    def _inverse(self) -> FloatArray:
+    def faces(self) -> FloatArray:
+        """Return rows f (n, n): a step w lies inside where |f w| <= 1 for all of them."""
         return np.linalg.inv(self.axes).astype(np.float64)
-
-    @property
-    def faces(self) -> tuple[FloatArray, float]:
-        """Return rows f (n, n) and r: |f w| <= r for all f is sufficient for a step w inside."""
-        inner = 1.0 / math.sqrt(self.dimension) if self.shape == "ellipsoid" else 1.0
-        return self._inverse, inner
 
     def worst(self, coefficients: FloatArray) -> FloatArray:
         """Return an admissible run w (T, n) with a large sum of `coefficients` (T, n) times w.
@@ -173,9 +138,9 @@ class DisturbanceSet:
         a multiplier is multiplied by the root of the energy in its window. The sum converges to the
         largest one from below.
         """
-        along, axis = coefficients @ self.axes, 1 if self.shape == "ellipsoid" else None
+        along = coefficients @ self.axes
         window = min(self.window, len(along))
-        multipliers = np.ones((len(along) - window + 1, 1 if axis else along.shape[1]))
+        multipliers = np.ones((len(along) - window + 1, along.shape[1]))
         y, energy = along, multipliers
         for _ in range(_ITERATIONS if len(along) > window else 1):
             multipliers = multipliers * np.sqrt(energy)
@@ -183,7 +148,6 @@ class DisturbanceSet:
             covering = _sliding_sums(padded, window)
             y = np.divide(along, covering, out=np.zeros_like(along), where=covering > _NOTHING)
             energy = _sliding_sums(y**2, window)
-            energy = energy.sum(axis=1, keepdims=True) if axis else energy
         length = np.sqrt(energy.max(axis=0))
         return np.divide(y, length, out=np.zeros_like(y), where=length > 0.0) @ self.axes.T
 
@@ -203,10 +167,9 @@ def fit_set(
 ) -> DisturbanceSet:
     """Return the set that contains a share of all windows of the residuals, centred at 0.
 
-    The axes of a box are the coordinate axes. The axes of a zonotope or an ellipsoid are the
-    principal components of the correlation matrix, scaled by the standard deviations. An ellipsoid
-    has one radius. The half widths of the other shapes are quantiles of equal order along each
-    axis, so that heavy tails along one axis do not widen the others.
+    The axes of a box are the coordinate axes, those of a zonotope the principal components of the
+    correlation matrix, scaled by the standard deviations. The half widths are quantiles of equal
+    order along each axis, so that heavy tails along one axis do not widen the others.
 
     Args:
         runs: residuals w(k) = z(k+1) - A z(k) - B u(k) of each run, (steps, n) each.
@@ -235,9 +198,6 @@ def fit_set(
         vectors, values, _ = np.linalg.svd(np.corrcoef(samples.T))
         axes = spread[:, None] * vectors * np.sqrt(values)
     unit = DisturbanceSet(axes, window, shape)
-    if shape == "ellipsoid":
-        radius = np.quantile(np.concatenate([unit.fill(run) for run in runs]), coverage)
-        return DisturbanceSet(radius * axes, window, shape)
     windows = np.sqrt(np.concatenate([unit.energies(run) for run in runs], axis=1)).T
     return DisturbanceSet(axes * _joint_quantile(windows, coverage), window, shape)
 
@@ -250,130 +210,3 @@ def _joint_quantile(samples: FloatArray, coverage: float) -> FloatArray:
         inside = (samples <= np.quantile(samples, middle, axis=0)).all(axis=1).mean()
         low, high = (middle, high) if inside < coverage else (low, middle)
     return np.quantile(samples, high, axis=0)
-
-
-_MOST_STEPS = 500  # of the recursion of `admissible_subset`
-_UNBOUNDED = 3  # status of scipy's linprog
-_SLACK = 1e-9  # tolerance of the linear programmes, relative to the offsets
-
-
-@dataclass(frozen=True)
-class Polytope:
-    """The set {x : normals x <= offsets}, bounded or not. It satisfies `ConvexSet`.
-
-    Raises:
-        InvalidTube: the shapes do not fit or a value is not finite.
-    """
-
-    normals: FloatArray  # (h, n)
-    offsets: FloatArray  # (h,)
-
-    def __post_init__(self) -> None:
-        fit = self.normals.ndim == 2 and self.offsets.shape == self.normals.shape[:1]
-        if not fit or not (np.isfinite(self.normals).all() and np.isfinite(self.offsets).all()):
-            raise InvalidTube(
-                f"polytope: got normals {self.normals.shape} and offsets {self.offsets.shape}, "
-                "must be (h, n) and (h,), all finite"
-            )
-
-    @classmethod
-    def box(cls, lower: FloatArray, upper: FloatArray) -> Polytope:
-        """Return {x : lower <= x <= upper}; an infinite bound is none."""
-        unit = np.eye(len(lower))
-        normals, offsets = np.vstack([unit, -unit]), np.concatenate([upper, -np.asarray(lower)])
-        return cls(normals[offsets < np.inf], offsets[offsets < np.inf])
-
-    @property
-    def dimension(self) -> int:
-        return self.normals.shape[1]
-
-    def support(self, directions: FloatArray) -> FloatArray:
-        """Return h(a) of each of the `directions` (k, n), infinite where unbounded, (k,).
-
-        Raises:
-            InvalidTube: the polytope is empty.
-        """
-        reach = np.empty(len(directions))
-        for row, direction in enumerate(directions):
-            programme = scipy.optimize.linprog(
-                -direction, self.normals, self.offsets, bounds=(None, None)
-            )
-            if programme.status not in (0, _UNBOUNDED):
-                raise InvalidTube(f"polytope: {programme.message}")
-            reach[row] = np.inf if programme.status == _UNBOUNDED else -programme.fun
-        return reach
-
-    def contains(self, points: FloatArray, tolerance: float = 0.0) -> np.ndarray:
-        """Return whether each of the `points` (k, n) lies in the polytope, (k,) of bool."""
-        return np.all(points @ self.normals.T <= self.offsets + tolerance, axis=1)
-
-    def difference(self, other: ConvexSet) -> Polytope:
-        """Return the Pontryagin difference {x : x + y in the polytope for every y in `other`}.
-
-        It is exact: each offset loses the support of `other` along its normal.
-
-        Raises:
-            InvalidTube: the difference is empty; with the constraints that exclude each other.
-        """
-        taken = other.support(self.normals)
-        difference = Polytope(self.normals, self.offsets - taken)
-        difference.require_interior(taken)
-        return difference
-
-    def require_interior(self, taken: FloatArray) -> None:
-        """Refuse a polytope without a point; `taken` (h,) was subtracted from its offsets.
-
-        Raises:
-            InvalidTube: with the constraints that exclude each other.
-        """
-        # The largest ball in it has the radius r: normals x + r |normals| <= offsets. Bounded by 1,
-        # because the sign of r alone matters.
-        length = np.linalg.norm(self.normals, axis=1, keepdims=True)
-        n = self.dimension
-        ball = scipy.optimize.linprog(
-            np.append(np.zeros(n), -1.0),
-            np.hstack([self.normals, length]),
-            self.offsets,
-            bounds=[*[(None, None)] * n, (None, 1.0)],
-        )
-        if ball.x[-1] >= 0.0:
-            return
-        rows = np.flatnonzero(ball.ineqlin.marginals < 0.0)
-        numbers = ", ".join(
-            f"row {i}: {taken[i]:.4g} of {taken[i] + self.offsets[i]:.4g}" for i in rows
-        )
-        raise InvalidTube(f"the tightened set is empty: the tube takes, of the bounds, {numbers}")
-
-
-def admissible_subset(closed: FloatArray, constraints: Polytope) -> Polytope:
-    """Return the largest subset of `constraints` that z(k+1) = `closed` z(k) never leaves.
-
-    The recursion of Gilbert and Tan (1991): constraints on closed^i z are added until those of the
-    next step are redundant. The set of a nominal loop under tightened constraints is the terminal
-    set of a tube MPC.
-
-    Raises:
-        InvalidTube: the loop does not contract, the origin is not in the interior, or the recursion
-            does not end.
-    """
-    growth = float(np.abs(np.linalg.eigvals(closed)).max())
-    if growth >= 1.0 or not np.all(constraints.offsets > 0.0):
-        raise InvalidTube(
-            f"no admissible subset: the largest eigenvalue has the modulus {growth:.4f} (must be "
-            f"below 1), the smallest offset is {constraints.offsets.min():.4g} (must be above 0)"
-        )
-    result, rows = constraints, constraints.normals
-    scale = _SLACK * (1.0 + np.abs(constraints.offsets))
-    for _ in range(_MOST_STEPS):
-        rows = rows @ closed
-        new = result.support(rows) > constraints.offsets + scale
-        if not new.any():
-            return result
-        result = Polytope(
-            np.vstack([result.normals, rows[new]]),
-            np.concatenate([result.offsets, constraints.offsets[new]]),
-        )
-    raise InvalidTube(
-        f"no admissible subset after {_MOST_STEPS} steps: the largest eigenvalue has the modulus "
-        f"{growth:.4f}"
-    )

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from ..errors import InvalidTube, InvalidTuning
 from ..models.linear import riccati_gains
 from ..types import FloatArray
-from .sets import ConvexSet, DisturbanceSet, Polytope, SupportSet
+from .sets import DisturbanceSet, SupportSet
 
 _EXPLODED = 1e6  # alpha above which the series counts as divergent
 
@@ -116,23 +116,6 @@ class Tube:
     def support(self, rows: FloatArray) -> FloatArray:
         """Return the support function of every S_k, (T, r) in the directions `rows` (T, r, n)."""
         return self._support(np.arange(len(self.states)), rows)
-
-    def generators(self, k: int) -> FloatArray:
-        """Return G (n, g): S_k = {G x : |x| <= 1 in each entry}, a zonotope.
-
-        With it, "z - zbar in S_k" is a linear constraint of an optimisation: z - zbar = G x.
-
-        Raises:
-            InvalidTube: the disturbance is an ellipsoid or has a window of several steps.
-        """
-        if self.disturbance.window > 1 or self.disturbance.shape == "ellipsoid":
-            raise InvalidTube(
-                f"generators: got an {self.disturbance.shape} in windows of "
-                f"{self.disturbance.window}, must be a box or a zonotope of single steps"
-            )
-        steps = range(self.certificate.terms)
-        terms = [self.transition(k, step) @ self.disturbance.axes for step in steps]
-        return np.hstack(terms) / (1.0 - self.certificate.alpha)
 
     def last_window(self, k: int) -> SupportSet:
         """Return V_k, the deviations that the last N steps reach from 0."""
@@ -223,27 +206,6 @@ def _reached(
     return reached, rows
 
 
-def reachable_set(
-    system: TrackingSystem, disturbance: DisturbanceSet, k: int, initial: ConvexSet | None = None
-) -> SupportSet:
-    """Return the set of the deviations at tick `k` that start in `initial`, or at 0, at tick 0.
-
-    It needs no contraction. It is exact for windows of one step. For longer ones it is an outer
-    bound: a partial window at the start may take the energy of a whole one.
-
-    Raises:
-        InvalidTube: the system has no tick `k`.
-    """
-    if not 0 <= k < len(system.a):
-        raise InvalidTube(f"tick: got {k}, must be 0 to {len(system.a) - 1}")
-
-    def support(rows: FloatArray) -> FloatArray:
-        reached, before = _reached(system, disturbance, np.array([k]), rows[None], k)
-        return reached[0] + (0.0 if initial is None else initial.support(before[0]))
-
-    return SupportSet(system.a.shape[1], support)
-
-
 def invariant_tube(
     system: TrackingSystem,
     disturbance: DisturbanceSet,
@@ -266,17 +228,18 @@ def invariant_tube(
         raise InvalidTube(f"disturbance: got {disturbance.dimension} dimensions, must be {n}")
     gains = system.gains
     m, p = gains.shape[1], system.c.shape[1]
-    faces, inner = disturbance.faces
     unit = np.tile(np.eye(n), (ticks, 1, 1))
     # Rows on m(k): states, outputs, inputs, rates, and the faces of W for alpha.
-    rows = np.concatenate([unit, system.c, gains, gains, np.tile(faces, (ticks, 1, 1))], axis=1)
+    rows = np.concatenate(
+        [unit, system.c, gains, gains, np.tile(disturbance.faces, (ticks, 1, 1))], axis=1
+    )
     rates, face = slice(n + p + m, n + p + 2 * m), slice(n + p + 2 * m, None)
     backwards = reach_backwards(system, disturbance, np.arange(ticks), rows, rates)
     window, step, alpha, total = disturbance.window, 0, np.inf, np.zeros(rows.shape[:2])
     for step, (completed, energy, _) in enumerate(itertools.islice(backwards, most_steps), 1):
         if step % window:
             continue
-        alpha, total = float(disturbance.reach(energy)[:, face].max()) / inner, completed
+        alpha, total = float(disturbance.reach(energy)[:, face].max()), completed
         if alpha <= tolerance or not alpha < _EXPLODED:
             break
     if not alpha <= tolerance:
@@ -295,43 +258,6 @@ def invariant_tube(
         inputs=half[:, n + p : n + p + m],
         rates=half[:, rates],
     )
-
-
-def tightened_offsets(
-    constraints: Polytope, tube: Tube, offsets: FloatArray | None = None
-) -> FloatArray:
-    """Return the offsets that a tube leaves to nominal state and input at every tick, (T, h).
-
-    With u = ubar + K m, every (zbar + m, ubar + K m) satisfies F z + G u <= offsets if the nominal
-    pair satisfies F zbar + G ubar <= offsets - h_S(F + G K).
-
-    The `constraints` have the normals (F G) on the stacked (z, u), (h, n + m). `offsets` (T, h)
-    are those of every tick where they change.
-
-    Raises:
-        InvalidTube: shapes that do not fit, or an empty set, with its first tick.
-    """
-    system = tube.system
-    ticks, n, m = system.b.shape
-    if constraints.dimension != n + m:
-        raise InvalidTube(
-            f"constraints: got {constraints.dimension} columns, must be {n} of the state and "
-            f"{m} of the input"
-        )
-    allowed = np.broadcast_to(
-        constraints.offsets if offsets is None else offsets, (ticks, len(constraints.offsets))
-    )
-    taken = tube.support(constraints.normals[:, :n] + constraints.normals[:, n:] @ system.gains)
-    left = allowed - taken
-    try:  # no tick is empty where the smallest offsets leave a point
-        Polytope(constraints.normals, left.min(axis=0)).require_interior(taken.max(axis=0))
-    except InvalidTube:
-        for k in range(ticks):
-            try:
-                Polytope(constraints.normals, left[k]).require_interior(taken[k])
-            except InvalidTube as reason:
-                raise InvalidTube(f"tick {k}: {reason}") from None
-    return left
 
 
 _COARSE = 0.2  # alpha of the tubes of the search: at most 20 % too wide, five times as fast

@@ -10,7 +10,6 @@ else is assumed, and an option.
 
 from __future__ import annotations
 
-import copy
 import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal, get_args
@@ -98,12 +97,6 @@ class SpaceBasedTargets:
         ticks = place + self._ahead
         return np.stack([np.interp(ticks, self._ticks, column) for column in self._table], axis=1)
 
-    def fresh(self) -> SpaceBasedTargets:
-        """Return the same before the first call of `at`."""
-        targets = copy.copy(self)
-        targets._projection = self._projection.fresh()
-        return targets
-
 
 class PrintedFeedback(FeedbackLaw):
     """The NMPC as a feedback law: its action is the whole input (delta_t, lambda, hp).
@@ -122,13 +115,6 @@ class PrintedFeedback(FeedbackLaw):
         self._step = np.minimum(np.array(options.input_rate) * period_s, limits.step)
         self._plan = np.zeros((options.moves, _M))  # the last plan, Delta u_e
         self._lambda: float | None = None  # of the period before
-
-    def fresh(self) -> PrintedFeedback:
-        """Return the law before its first tick, see `FeedbackLaw`."""
-        law = copy.copy(self)
-        law._targets, law._solver = self._targets.fresh(), self._solver.fresh()
-        law._plan, law._lambda = np.zeros_like(self._plan), None
-        return law
 
     def resume(self, previous: object) -> None:
         """Keep the place on the path and the plan, see `ttempc.types.Resuming`."""

@@ -52,7 +52,7 @@ def test_a_linear_window_gives_the_estimate_of_the_kalman_filter():
         readings = 1e-3 * readings
         guess = 1e-3 * generator.normal(size=(6, SIZE))
         blocks = system(arrival, transitions, noises, sensors, readings, mean, guess)
-        trajectory = _minimum(*blocks, guess)
+        states, covariance = _minimum(*blocks, guess)
         x, p = mean, arrival
         for k in range(6):
             if k:
@@ -60,9 +60,8 @@ def test_a_linear_window_gives_the_estimate_of_the_kalman_filter():
                 p = p + noises[k - 1]
             gain = p @ sensors[k].T @ np.linalg.inv(sensors[k] @ p @ sensors[k].T + np.eye(3))
             x, p = x + gain @ (readings[k] - sensors[k] @ x), p - gain @ sensors[k] @ p
-        assert not trajectory.bounded
-        np.testing.assert_allclose(trajectory.augmented[-1], x, atol=1e-12)
-        np.testing.assert_allclose(trajectory.covariance, p, atol=1e-10)
+        np.testing.assert_allclose(states[-1], x, atol=1e-12)
+        np.testing.assert_allclose(covariance, p, atol=1e-10)
 
 
 def test_a_bounded_window_is_the_minimum_within_its_bounds():
@@ -74,18 +73,17 @@ def test_a_bounded_window_is_the_minimum_within_its_bounds():
     diagonal, above, right = system(
         arrival, transitions, noises, sensors, 0.1 * readings, mean, guess
     )
-    trajectory = _minimum(diagonal, above, right, guess)
-    assert trajectory.bounded
-    disturbances = trajectory.augmented[:, STATES:]
+    states, _ = _minimum(diagonal, above, right, guess)
+    disturbances = states[:, STATES:]
     assert np.all(np.abs(disturbances) <= DISTURBANCE_BOUND)
-    gradient = np.einsum("kij,kj->ki", diagonal, trajectory.augmented) - right
-    gradient[:-1] += np.einsum("kij,kj->ki", above, trajectory.augmented[1:])
-    gradient[1:] += np.einsum("kij,ki->kj", above, trajectory.augmented[:-1])
+    gradient = np.einsum("kij,kj->ki", diagonal, states) - right
+    gradient[:-1] += np.einsum("kij,kj->ki", above, states[1:])
+    gradient[1:] += np.einsum("kij,ki->kj", above, states[:-1])
     active = np.zeros((4, SIZE), dtype=bool)
     active[:, STATES:] = np.abs(disturbances) > DISTURBANCE_BOUND - 1e-6
     assert active.any()
     np.testing.assert_allclose(gradient[~active], 0.0, atol=1e-4)
-    assert np.all(gradient[active] * trajectory.augmented[active] < 1e-4)
+    assert np.all(gradient[active] * states[active] < 1e-4)
 
 
 def test_estimates_are_close_to_those_of_the_filter():

@@ -21,7 +21,6 @@ from ttempc.models.augmented_state import (
     AugmentedState,
     advance_augmented_state,
     estimate_of,
-    map_gain,
     predicted_measurement,
     state_rate,
     state_rate_jacobian,
@@ -94,17 +93,6 @@ def test_the_estimate_moves_the_articulated_model_as_the_augmented_state_does():
         )
 
 
-def test_map_gain_times_map_disturbance_is_the_disturbance_of_a_slope():
-    generator = np.random.default_rng(73)
-    for _ in range(20):
-        augmented = random_augmented(generator)
-        augmented[AugmentedState.SLIP_T : AugmentedState.SIDE_X] = 0.0
-        augmented[AugmentedState.SIDE_X :] *= 1e-3
-        estimate = estimate_of(augmented, np.eye(SIZE), 0.0, VEHICLE, ())
-        by_slope = map_gain(estimate, VEHICLE) @ estimate.map_disturbance
-        np.testing.assert_allclose(by_slope, estimate.disturbance, atol=1e-6)
-
-
 def test_covariance_of_the_estimate_is_that_of_the_augmented_state_to_first_order():
     generator = np.random.default_rng(74)
     augmented, root = random_augmented(generator), generator.standard_normal((SIZE, SIZE))
@@ -170,33 +158,6 @@ def corrected(kalman, state, sample):
     """The state after a sample of its time, and the results of the sample."""
     results, (after,) = kalman.process(state, [row_of(sample)], [])
     return after, results[0].tolist()
-
-
-def test_samples_in_one_call_give_what_they_give_one_after_the_other():
-    """Bit for bit, with rejected and forced samples and with commands that change in between."""
-    generator = np.random.default_rng(78)
-    kalman = KalmanFilter(VEHICLE, SensorNoise(), ProcessNoise(), 1e-4)
-    augmented = random_augmented(generator)
-    augmented[7:] = 0.0
-    start = kalman.start({m.sensor: m for m in samples(augmented, generator, 0.0)})
-    held = [(0.1, None), (0.55, near(augmented, generator)), (9.0, near(augmented, generator))]
-    rows = []
-    for k in range(1, 60):
-        for time_s, index, x, y, _ in map(row_of, samples(augmented, generator, 0.04 * k)):
-            off = 3.0 * (index == KERNEL_INDEX[Sensor.GNSS_TRAILER] and k > 10)
-            rows.append((time_s, index, x + off, y, 0.0))
-    results, states = kalman.process(start, rows, held)
-    assert len(states) == 59
-    one_by_one, now = [], start
-    for row in rows:
-        later = [(end_s, command) for end_s, command in held if end_s > now.time_s]
-        result, (now,) = kalman.process(now, [row], later)
-        one_by_one.append(result[0])
-    np.testing.assert_array_equal(results, one_by_one)
-    for name in ("augmented", "covariances", "scales", "valves", "rejected_since"):
-        np.testing.assert_array_equal(getattr(states[-1], name), getattr(now, name))
-    accepted = results[[row[1] == KERNEL_INDEX[Sensor.GNSS_TRAILER] for row in rows], 4]
-    assert set(accepted.tolist()) == {0.0, 1.0}
 
 
 def test_the_filter_is_that_of_the_textbook():

@@ -13,7 +13,6 @@ from scipy.stats import chi2
 
 from tests.ttempc.sensed_drive import GNSS, PERIOD_S, REFERENCE, VEHICLE, SensedDrive
 from ttempc.baselines.nmhe import MovingHorizonEstimator
-from ttempc.errors import InvalidVehicle
 from ttempc.estimation import filter as filter_kernels
 from ttempc.estimation.ekf import ExtendedKalmanFilter, LeverArm
 from ttempc.estimation.filter import _turned, after_dead_times
@@ -26,7 +25,6 @@ from ttempc.models.augmented_state import (
     AugmentedState,
     predicted_measurement,
 )
-from ttempc.models.kinematics import trailer_point
 from ttempc.types import Command, Estimate, FloatArray, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
@@ -66,24 +64,6 @@ def test_innovations_are_as_large_as_predicted(drives, sensor):
     freedom = LENGTH[sensor] * len(squares)
     low, high = chi2.ppf([0.005, 0.995], freedom) / freedom
     assert low < squares.sum() / freedom < high
-
-
-def test_estimate_is_complete_and_consistent(drives):
-    for estimate in drives[0].estimates:
-        np.testing.assert_array_equal(estimate.covariance, estimate.covariance.T)
-        assert np.linalg.eigvalsh(estimate.covariance).min() > 0.0
-        np.testing.assert_array_equal(estimate.trailer_xy, trailer_point(estimate.state, VEHICLE))
-        psi_t, psi_i, _, delta_i = estimate.state[State.PSI_T : State.V]
-        assert estimate.hitch_angle == pytest.approx(psi_t - psi_i - delta_i)
-
-
-def test_filter_starts_from_the_first_set_whatever_the_heading():
-    for heading in (-3.0, -1.0, 0.5, 3.1):
-        state = np.array([3.0, -2.0, heading, heading - 0.3, 0.1, 0.2, 1.0])
-        estimate = ExtendedKalmanFilter(VEHICLE).update(0.0, perfect_set(state, 0.0), None)
-        difference = estimate.state - state
-        difference[2:4] = [math.remainder(angle, math.tau) for angle in difference[2:4]]
-        np.testing.assert_allclose(difference, 0.0, atol=1e-9)
 
 
 def test_estimate_is_nan_until_the_set_is_complete():
@@ -213,45 +193,6 @@ def test_the_order_of_arrival_does_not_matter(sensed, latest):
     np.testing.assert_array_equal(other.disturbance, one.disturbance)
 
 
-def test_samples_older_than_the_memory_and_repeated_ones_are_refused(sensed):
-    commands = [command for _, command in sensed.received]
-    arrivals = [samples for samples, _ in sensed.received]
-    plain = estimates_of(arrivals, commands, memory_s=0.5)
-    old = next(m for m in arrivals[40] if m.sensor is Sensor.GNSS_TRACTOR)
-    for tick, copies in ((41, 1), (43, 2)):  # repeated; older than 0.5 s
-        altered = [list(samples) for samples in arrivals]
-        altered[tick] += copies * [replace(old, value=(0.0, 0.0))]
-        if tick == 43:
-            altered[40].remove(old)
-        estimate = estimates_of(altered, commands, memory_s=0.5)[tick]
-        refused = [i for i in estimate.innovations if not i.accepted]
-        assert [i.sensor for i in refused] == copies * [Sensor.GNSS_TRACTOR]
-        if tick == 41:
-            np.testing.assert_array_equal(estimate.state, plain[tick].state)
-
-
-UNIX_TIME_S = 1.7e9
-
-
-def deviation(estimates, reference):
-    """Return the largest difference of two sequences of estimates in standard deviations."""
-    sd = [np.sqrt(np.diag(e.covariance)) for e in reference]
-    difference = [e.state - r.state for e, r in zip(estimates, reference, strict=True)]
-    return np.max(np.abs(difference) / np.array(sd))
-
-
-@pytest.mark.parametrize("origin_s", [1e6, UNIX_TIME_S, UNIX_TIME_S + 0.123456789])
-def test_time_stamps_may_count_from_any_epoch(sensed, origin_s):
-    """At Unix time a double resolves 2.4e-7 s, in which the vehicle moves 2.4e-7 m."""
-    estimator = ExtendedKalmanFilter(VEHICLE)
-    estimates = []
-    for k, (samples, command) in enumerate(sensed.received):
-        shifted = [replace(m, time_s=origin_s + m.time_s) for m in samples]
-        estimates.append(estimator.update(origin_s + k * PERIOD_S, shifted, command))
-    assert deviation(estimates, sensed.estimates) < 1e-3
-    assert all(i.accepted for e in estimates for i in e.innovations)
-
-
 def held_at(commands, time_s):
     """Value (3,) of the command that is held at a time."""
     return next((value for end_s, value in commands if time_s <= end_s), commands[-1][1])
@@ -285,12 +226,6 @@ def test_a_dead_time_of_two_periods_is_commands_that_come_two_periods_later(esti
         np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-9)
 
 
-@pytest.mark.parametrize("dead_time", [-0.1, 2.5, float("nan")])
-def test_a_dead_time_must_be_from_0_to_2_seconds(dead_time):
-    with pytest.raises(InvalidVehicle, match=r"vehicle.dead_time_hp: .* from 0 to 2.0 s"):
-        Vehicle(dead_time_hp=dead_time)
-
-
 HEIGHTS = (1.8, 1.2)
 
 
@@ -313,14 +248,6 @@ def test_a_position_moves_by_the_lever_arm_turned_by_yaw_pitch_and_roll(body, gn
         antenna = Measurement(0.2, gnss, (5.0 + east, 3.0 + north))
         point, _ = arm.corrected([antenna, imu(sensor, 0.2, roll, pitch)], tuple(headings))
         np.testing.assert_allclose(point.value, (5.0, 3.0), atol=1e-12)
-
-
-def test_a_late_position_is_corrected_with_the_attitude_of_its_time():
-    arm = LeverArm(HEIGHTS, 1.0)
-    arm.corrected([imu(Sensor.IMU_TRACTOR, t, t, 0.0) for t in (0.0, 0.1, 0.2, 0.3)], (0.0, 0.0))
-    late = Measurement(0.1, Sensor.GNSS_TRACTOR, (0.0, 0.0))
-    (point,) = arm.corrected([late], (0.0, 0.0))
-    assert point.value[1] == pytest.approx(HEIGHTS[0] * math.sin(0.1))
 
 
 BIAS = {Sensor.IMU_TRACTOR: 0.002, Sensor.IMU_TRAILER: -0.0015}  # [rad/s], twice their sd

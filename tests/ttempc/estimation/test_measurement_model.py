@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.ttempc.numeric import central_differences
-from ttempc.errors import InvalidTuning, UnknownSensor
+from ttempc.errors import InvalidTuning
 from ttempc.estimation.filter import first_state
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
 from ttempc.models.augmented_state import (
@@ -18,8 +18,8 @@ from ttempc.models.augmented_state import (
     AugmentedState,
     predicted_measurement,
 )
-from ttempc.models.kinematics import articulated, hitch_angle, trailer_point
-from ttempc.types import Measurement, Sensor, State
+from ttempc.models.kinematics import articulated
+from ttempc.types import Measurement, State
 from ttempc.vehicle import Vehicle
 
 VEHICLE = Vehicle(hitch_offset=0.4, drawbar_length=0.9)
@@ -58,28 +58,6 @@ def test_jacobians(sensor):
         reading, exact = predicted_measurement(sensor, augmented, VEHICLE)
         np.testing.assert_allclose(exact, numeric, atol=1e-6)
         assert len(exact) == len(reading) == LENGTH[sensor]
-
-
-def test_sensors_read_the_quantities_of_their_names():
-    augmented = np.concatenate(
-        [random_state(np.random.default_rng(64)), np.full(SIZE - STATES, 0.1)]
-    )
-    slow = augmented[[AugmentedState.GNSS_X, AugmentedState.GNSS_Y]]
-    read = {sensor: predicted_measurement(sensor, augmented, VEHICLE)[0] for sensor in LENGTH}
-    np.testing.assert_array_equal(read[Sensor.GNSS_TRACTOR], augmented[:2] - slow)
-    np.testing.assert_allclose(
-        read[Sensor.GNSS_TRAILER], trailer_point(augmented[:7], VEHICLE) + slow, atol=1e-12
-    )
-    np.testing.assert_array_equal(
-        read[Sensor.STEERING_TRACTOR], augmented[[AugmentedState.DELTA_T]]
-    )
-    np.testing.assert_array_equal(
-        read[Sensor.STEERING_TRAILER], augmented[[AugmentedState.DELTA_I]]
-    )
-    np.testing.assert_allclose(read[Sensor.HITCH], [hitch_angle(augmented[:7])], atol=1e-12)
-    np.testing.assert_array_equal(read[Sensor.ENCODER], augmented[[AugmentedState.RIM]])
-    with pytest.raises(UnknownSensor, match="imu_tractor: no model"):
-        predicted_measurement(Sensor.IMU_TRACTOR, augmented, VEHICLE)
 
 
 def test_first_state_inverts_the_sensors():

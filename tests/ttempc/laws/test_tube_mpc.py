@@ -18,6 +18,7 @@ from ttempc.vehicle import CommandLimits
 TICKS = 300
 ALONG = along()
 GRID = REFERENCE.on_grid(PERIOD_S)
+NONE = np.zeros(len(Disturbance))
 
 
 def estimate_of(k, error, persistent):
@@ -30,18 +31,18 @@ def estimate_of(k, error, persistent):
     return Estimate(k * PERIOD_S, state, zeros, point, hitch_angle(state), persistent)
 
 
-def drive(disturbances, persistent=None):
-    """Drive the linear model under the tube MPC; return errors and diagnostics."""
-    persistent = np.zeros(len(Disturbance)) if persistent is None else persistent
-    controller = make_controller("ttempc-tube", VEHICLE, REFERENCE, PERIOD_S, DESIGN)
-    error, errors, steps = np.zeros(7), [], []
+def drive(disturbances, persistent=NONE, follower=None, start=None):
+    """Drive the linear model, by default under the tube MPC."""
+    follower = follower or make_controller("ttempc-tube", VEHICLE, REFERENCE, PERIOD_S, DESIGN)
+    error, errors, steps = np.zeros(7) if start is None else start, [], []
     for k, w in enumerate(disturbances):
         errors.append(error)
-        steps.append(controller.step(estimate_of(k, error, persistent), k))
+        steps.append(follower.step(estimate_of(k, error, persistent), k))
         u_e = ALONG.feedforward[k] - steps[-1].command.as_array()
         state = np.concatenate([error, persistent, np.zeros(len(MapDisturbance))])
         error = ALONG.a[k, :7] @ state + ALONG.b[k, :7] @ u_e + w
-    return np.array(errors), [step.diagnostics for step in steps]
+    commands = np.array([step.command.as_array() for step in steps])
+    return np.array(errors), commands, [step.diagnostics for step in steps]
 
 
 def test_inside_its_set_it_stays_inside_the_tube_and_the_limits():
@@ -50,7 +51,7 @@ def test_inside_its_set_it_stays_inside_the_tube_and_the_limits():
     late = np.zeros((TICKS, 7))
     late[150 - len(worst) : 150] = worst
     for run in (*(admissible(WINDOW, TICKS, generator) for _ in range(3)), late):
-        errors, diagnostics = drive(run)
+        errors, _, diagnostics = drive(run)
         assert not any(tick.fallback for tick in diagnostics)
         assert not any(tick.limited.any() for tick in diagnostics)
         for k, tick in enumerate(diagnostics):
@@ -65,7 +66,7 @@ def test_inside_its_set_it_stays_inside_the_tube_and_the_limits():
 def test_an_estimated_disturbance_moves_the_nominal_state_alone():
     persistent = np.zeros(len(Disturbance))
     persistent[[Disturbance.SLIP_T, Disturbance.SLIP_I, Disturbance.DRIVE]] = 0.03, 0.02, -0.03
-    errors, diagnostics = drive(np.zeros((TICKS, 7)), persistent)
+    errors, _, diagnostics = drive(np.zeros((TICKS, 7)), persistent)
     assert min(tick.tube.margin for tick in diagnostics) > 1.0 - 1e-6
     assert np.abs(errors[100:, :2]).max() < 0.03
     assert max(np.abs(tick.robust).max() for tick in diagnostics) < 1e-9
@@ -74,7 +75,7 @@ def test_an_estimated_disturbance_moves_the_nominal_state_alone():
 def test_a_push_out_of_the_tube_restarts_the_nominal_state_and_is_reported():
     push = np.zeros((TICKS, 7))
     push[100, State.Y] = 1.0
-    errors, diagnostics = drive(push)
+    errors, _, diagnostics = drive(push)
     assert [k for k, tick in enumerate(diagnostics) if tick.fallback] == [101]
     assert "restarted" in diagnostics[101].fallback
     assert diagnostics[101].tube.margin < -1.0
@@ -85,7 +86,6 @@ def test_a_push_out_of_the_tube_restarts_the_nominal_state_and_is_reported():
 
 TICKS_KEPT_PLAN = 120
 FAILED = QPSolution(None, SolverReport("max_iter_reached", False, 0, 0.0, 0.0, 0.0))
-NONE = np.zeros(len(Disturbance))
 CLOSED = steered_system(
     DESIGN,
     ALONG.a,
@@ -100,24 +100,11 @@ def controller(**options):
     return make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, DESIGN, options)
 
 
-def drive_of_kept_plan(disturbances, follower, start=None):
-    """Drive the linear model; return errors, commands and diagnostics."""
-    error, errors, steps = np.zeros(7) if start is None else start, [], []
-    for k, w in enumerate(disturbances):
-        errors.append(error)
-        steps.append(follower.step(estimate_of(k, error, NONE), k))
-        u_e = ALONG.feedforward[k] - steps[-1].command.as_array()
-        state = np.concatenate([error, NONE, np.zeros(len(MapDisturbance))])
-        error = ALONG.a[k, :7] @ state + ALONG.b[k, :7] @ u_e + w
-    diagnostics = [step.diagnostics for step in steps]
-    return np.array(errors), np.array([s.command.as_array() for s in steps]), diagnostics
-
-
 def test_its_commands_are_never_cut_by_the_limits_however_it_is_disturbed():
     generator = np.random.default_rng(91)
     for scale in (1.0, 30.0):
         run = scale * admissible(WINDOW, TICKS_KEPT_PLAN, generator)
-        _, commands, diagnostics = drive_of_kept_plan(run, controller())
+        _, commands, diagnostics = drive(run, follower=controller())
         totals = [d.feedforward + d.feedback + d.robust for d in diagnostics]
         np.testing.assert_allclose(totals, commands, atol=1e-9)
         assert not any(d.fallback for d in diagnostics)
@@ -139,7 +126,7 @@ def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monke
             lambda solver, qp: solve(solver, qp) if next(calls) < fails else FAILED,
         )
         start = np.array([0.3, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-        return drive_of_kept_plan(disturbances, controller(), start)
+        return drive(disturbances, NONE, controller(), start)
 
     ticks = fails + stages
     until = np.where(np.arange(ticks)[:, None] < fails, run[:ticks], 0.0)
@@ -156,5 +143,5 @@ def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monke
 
 def test_without_a_plan_or_beyond_its_horizon_the_previous_feedback_is_held(monkeypatch):
     monkeypatch.setattr(PersistentSolver, "solve", lambda solver, qp: FAILED)
-    _, _, diagnostics = drive_of_kept_plan(np.zeros((3, 7)), controller())
+    _, _, diagnostics = drive(np.zeros((3, 7)), follower=controller())
     assert all("previous feedback held" in d.fallback for d in diagnostics)

@@ -83,28 +83,6 @@ def test_arc_length_is_the_parameter_and_curvature_the_second_derivative(smoothe
     np.testing.assert_allclose((after - before)[:, 2] / (2 * h), path.curvature(s), atol=1e-3)
 
 
-def test_curvature_is_continuous_and_zero_at_both_ends(smoothed):
-    path = smoothed[2].path
-    knots = np.cumsum([segment.length_m for segment in path.segments])
-    np.testing.assert_allclose(
-        path.curvature(knots - 1e-9), path.curvature(knots + 1e-9), atol=1e-6
-    )
-    np.testing.assert_allclose(path.curvature(np.array([-3.0, 0.0, path.lap_m])), 0.0, atol=1e-12)
-
-
-@pytest.mark.parametrize("turned", [0.7, -2.4])
-def test_rotation_and_translation_of_the_points_rotate_and_translate_the_path(turned):
-    points = eight(1.0)
-    cos, sin = math.cos(turned), math.sin(turned)
-    rotation = np.array([[cos, -sin], [sin, cos]])
-    moved = points @ rotation.T + [300.0, -120.0]
-    original, transformed = smooth(points, 0.05), smooth(moved, 0.05)
-    s = np.linspace(0.0, original.path.lap_m, 500)
-    np.testing.assert_allclose(original.path.curvature(s), transformed.path.curvature(s), atol=1e-4)
-    expected = original.path.pose(s)[:, :2] @ rotation.T + [300.0, -120.0]
-    np.testing.assert_allclose(transformed.path.pose(s)[:, :2], expected, atol=1e-4)
-
-
 @pytest.mark.parametrize(
     ("points", "message"),
     [

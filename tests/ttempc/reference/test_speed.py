@@ -11,7 +11,7 @@ from tests.reference.models.kinematics import advance
 from ttempc.errors import InvalidReference, InvalidTuning
 from ttempc.models.kinematics import trailer_point
 from ttempc.reference.corridor import Corridor, SpeedTube
-from ttempc.reference.path import Path, Segment, figure_eight, straight
+from ttempc.reference.path import Path, Segment, figure_eight
 from ttempc.reference.reference import ConstantSpeed, Reference, check_pace
 from ttempc.reference.speed import Backward, PlannedSpeed, limited_in_corridor
 from ttempc.vehicle import Vehicle
@@ -50,21 +50,6 @@ def test_planned_acceleration_is_continuous_and_within_its_limit():
     assert np.all((speed >= 0.4 - 1e-9) & (speed <= 1.2 + 1e-9))
 
 
-@pytest.mark.parametrize(
-    ("places", "speeds", "limit", "message"),
-    [
-        ([0.0, 4.0], [1.0, 0.0], 0.2, r"0.0 m/s at point 1, s = 4.00 m"),
-        ([0.0, 4.0], [1.0, -1.0], 0.2, r"-1.0 m/s at point 1"),
-        ([0.0, 4.0], [math.nan, 1.0], 0.2, r"nan m/s at point 0"),
-        ([0.0, 4.0, 3.0], [1.0, 1.0, 1.0], 0.2, "must go forward"),
-        ([0.0, 4.0], [1.0, 1.0], 0.0, "acceleration: got 0.0"),
-    ],
-)
-def test_invalid_speeds_are_refused_with_their_place(places, speeds, limit, message):
-    with pytest.raises(InvalidReference, match=message):
-        PlannedSpeed(np.array(places), np.array(speeds), limit)
-
-
 S_BEND = Path(
     (
         Segment(5.0, 0.0, 0.0),
@@ -99,16 +84,6 @@ def test_in_reverse_the_exact_model_stays_on_the_reference_for_a_while():
     expected = reference.at(12.0)
     np.testing.assert_allclose(state, expected.state, atol=0.02)
     np.testing.assert_allclose(trailer_point(state, vehicle), expected.trailer_xy, atol=0.02)
-
-
-@pytest.mark.parametrize(
-    ("reverse", "message"), [(False, "geared to drive forward"), (True, "in rev")]
-)
-def test_the_gear_must_be_that_of_the_speed(reverse, message):
-    forward = ConstantSpeed(1.0)
-    speed = forward if reverse else Backward(forward, 9.0)
-    with pytest.raises(InvalidReference, match=message):
-        Reference(straight(9.0), Vehicle(reverse=reverse), speed)
 
 
 @pytest.mark.parametrize(
@@ -153,31 +128,6 @@ def sorted_travel(profile):
     return place[order], np.abs(speed[order])
 
 
-def test_half_width_is_infinite_outside_the_intervals():
-    distance = np.linspace(-5.0, 60.0, 1301)
-    corridor = Corridor(0.1, ((0.0, 10.0), (30.0, 40.5)))
-    inside = ((distance >= 0.0) & (distance < 10.0)) | ((distance >= 30.0) & (distance < 40.5))
-    np.testing.assert_array_equal(np.isfinite(corridor.half_width(distance)), inside)
-    assert set(corridor.half_width(distance)[inside]) == {0.1}
-    assert np.all(Corridor(0.2).half_width(distance) == 0.2)
-
-
-@pytest.mark.parametrize(
-    ("values", "named"),
-    [
-        ({"half_width_m": 0.0}, "half_width_m: got 0.0"),
-        ({"half_width_m": math.nan}, "half_width_m: got nan"),
-        ({"half_width_m": 0.1, "hitch_limit": -1.0}, "hitch_limit: got -1.0"),
-        ({"half_width_m": 0.1, "tool_behind_m": -0.1}, "tool_behind_m: got -0.1"),
-        ({"half_width_m": 0.1, "along_m": ((5.0, 4.0),)}, r"along_m: got \[\[5.0, 4.0\]\]"),
-        ({"half_width_m": 0.1, "along_m": ((0.0, 4.0), (3.0, 5.0))}, "must increase"),
-    ],
-)
-def test_impossible_corridors_are_refused(values, named):
-    with pytest.raises(InvalidTuning, match=named):
-        Corridor(**values)
-
-
 def test_the_speed_within_a_corridor_is_the_largest_at_which_the_tube_fits():
     tube = SpeedTube((0.05, 0.02), (0.08, 0.2))
     for half_width in (0.07, 0.1, 0.3):
@@ -189,3 +139,19 @@ def test_the_speed_within_a_corridor_is_the_largest_at_which_the_tube_fits():
     assert 0.0 < slowest == tube.speed_within(0.051)  # no tube of 0.1 m fits: still driven, slowly
     with pytest.raises(InvalidTuning, match="corridor_at_rest_m"):
         SpeedTube((-0.1, 0.0))
+
+
+def test_what_cannot_be_driven_is_refused_with_its_place_or_key():
+    ones, forward = np.ones(3), ConstantSpeed(1.0)
+    for error, word, refused in (
+        (InvalidReference, "point 1", lambda: PlannedSpeed(np.arange(3.0), 1.0 - np.arange(3))),
+        (InvalidReference, "forward", lambda: PlannedSpeed(np.array([0.0, 4.0, 3.0]), ones)),
+        (InvalidReference, "acceleration", lambda: PlannedSpeed(np.arange(3.0), ones, 0.0)),
+        (InvalidReference, "forward", lambda: Reference(S_BEND, Vehicle(), Backward(forward, 9.0))),
+        (InvalidReference, "in rev", lambda: Reference(S_BEND, Vehicle(reverse=True), forward)),
+        (InvalidTuning, "half_width_m", lambda: Corridor(0.0)),
+        (InvalidTuning, "hitch_limit", lambda: Corridor(0.1, hitch_limit=-1.0)),
+        (InvalidTuning, "along_m", lambda: Corridor(0.1, ((0.0, 4.0), (3.0, 5.0)))),
+    ):
+        with pytest.raises(error, match=word):
+            refused()

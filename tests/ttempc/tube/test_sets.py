@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 from scipy.spatial.distance import pdist
 from scipy.stats import beta, kstest
 
@@ -35,8 +34,7 @@ def test_sums_and_maps_hold_what_samples_add_up_to_and_reach_it(generator):
     np.testing.assert_allclose(total.support(a), (a @ matrix @ points.T).max(axis=1), atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(20))
-@pytest.mark.parametrize("stretch", [1.0, 100.0])
+@pytest.mark.parametrize(("seed", "stretch"), [(0, 1.0), (1, 1.0), (2, 100.0), (3, 100.0)])
 def test_outline_contains_the_projection_and_approaches_it(seed, stretch):
     """By the diameter D: a tangent's end is at most D / 2 tan(pi / count) away, for any shape."""
     generator = np.random.default_rng(seed)
@@ -55,61 +53,26 @@ def test_outline_contains_the_projection_and_approaches_it(seed, stretch):
 AXES = np.random.default_rng(5).standard_normal((3, 3))
 
 
-@pytest.fixture
-def rng():
-    return np.random.default_rng(6)
+def test_one_step_sets_are_zonotopes(generator):
+    w = generator.standard_normal((50, 3))
+    a = generator.standard_normal((50, 3))
+    zonotope = DisturbanceSet(AXES)
+    inside = np.abs(np.linalg.solve(AXES, w.T)).max(axis=0)
+    np.testing.assert_allclose(zonotope.fill(w), inside)
+    np.testing.assert_allclose(zonotope.support(a), Zonotope(np.zeros(3), AXES).support(a))
 
 
-def test_one_step_sets_are_zonotope_and_ellipsoid(rng):
-    w = rng.standard_normal((50, 3))
-    a = rng.standard_normal((50, 3))
-    zonotope, ellipsoid = DisturbanceSet(AXES), DisturbanceSet(AXES, shape="ellipsoid")
-    as_generators = Zonotope(np.zeros(3), AXES)
-    np.testing.assert_allclose(zonotope.fill(w), [as_generators.gauge(row) for row in w], rtol=1e-6)
-    np.testing.assert_allclose(zonotope.support(a), as_generators.support(a))
-    shape = AXES @ AXES.T
-    np.testing.assert_allclose(
-        ellipsoid.fill(w), np.sqrt((w * np.linalg.solve(shape, w.T).T).sum(axis=1))
-    )
-    np.testing.assert_allclose(ellipsoid.support(a), np.sqrt((a * (a @ shape)).sum(axis=1)))
-
-
-@pytest.mark.parametrize("shape", ["zonotope", "ellipsoid"])
 @pytest.mark.parametrize("window", [1, 4])
-def test_reach_bounds_every_window_and_the_worst_one_attains_it(shape, window, rng):
-    disturbance = DisturbanceSet(AXES, window, shape)
-    coefficients = rng.standard_normal((window, 3))
+def test_reach_bounds_every_window_and_the_worst_one_attains_it(window, generator):
+    disturbance = DisturbanceSet(AXES, window)
+    coefficients = generator.standard_normal((window, 3))
     bound = disturbance.reach(((coefficients @ AXES) ** 2).sum(axis=0))
     for _ in range(200):
-        run = admissible(disturbance, window, rng)
+        run = admissible(disturbance, window, generator)
         assert (coefficients * run).sum() <= bound + 1e-12
     worst = disturbance.worst(coefficients)
     assert disturbance.fill(worst)[0] == pytest.approx(1.0)
     assert (coefficients * worst).sum() == pytest.approx(bound)
-
-
-@pytest.mark.parametrize("shape", ["zonotope", "ellipsoid"])
-def test_the_worst_long_run_is_admissible_and_nearly_the_largest(shape, rng):
-    """A general solver of convex programmes reaches no more than 1 % above it."""
-    disturbance = DisturbanceSet(np.eye(2), 3, shape)
-    coefficients = rng.standard_normal((9, 2))
-    run = disturbance.worst(coefficients)
-    assert disturbance.fill(run).max() == pytest.approx(1.0)
-
-    def spare(flat):
-        squares = flat.reshape(9, 2) ** 2
-        sums = np.array([squares[k : k + 3].sum(axis=0) for k in range(7)])
-        return (1.0 - (sums.sum(axis=1) if shape == "ellipsoid" else sums)).ravel()
-
-    best = minimize(
-        lambda flat: -(coefficients.ravel() @ flat),
-        0.1 * coefficients.ravel(),
-        jac=lambda flat: -coefficients.ravel(),
-        constraints={"type": "ineq", "fun": spare},
-        method="SLSQP",
-    )
-    assert best.success
-    assert 0.99 * -best.fun <= (coefficients * run).sum() <= -best.fun * (1.0 + 1e-6)
 
 
 @pytest.mark.parametrize(
@@ -120,15 +83,10 @@ def test_sets_that_bound_nothing_are_refused(axes, window):
         DisturbanceSet(axes, window)
 
 
-@pytest.fixture
-def random():
-    return np.random.default_rng(11)
-
-
 @pytest.mark.parametrize(("count", "coverage"), [(19, 0.95), (40, 0.95), (30, 0.5), (7, 0.8)])
-def test_the_coverage_given_a_calibration_has_a_beta_distribution(count, coverage, random):
+def test_the_coverage_given_a_calibration_has_a_beta_distribution(count, coverage, generator):
     """Of uniform scores, the coverage of a calibration is its factor itself."""
-    drawn = [calibrate(scores, coverage) for scores in random.uniform(size=(2000, count))]
+    drawn = [calibrate(scores, coverage) for scores in generator.uniform(size=(2000, count))]
     rank = drawn[0].rank
     factors = [one.factor for one in drawn]
     assert kstest(factors, beta(rank, count + 1 - rank).cdf).pvalue > 0.01
@@ -137,12 +95,12 @@ def test_the_coverage_given_a_calibration_has_a_beta_distribution(count, coverag
     assert np.mean([low <= factor <= high for factor in factors]) == pytest.approx(0.9, abs=0.02)
 
 
-def test_the_next_run_is_inside_as_often_as_promised_whatever_the_distribution(random):
+def test_the_next_run_is_inside_as_often_as_promised_whatever_the_distribution(generator):
     """Heavy-tailed random walks, each of a heavy-tailed size of its own."""
     inside = []
     for _ in range(400):
-        size = random.pareto(1.5, (30, 1, 1)) + 0.1
-        walks = np.cumsum(size * random.standard_t(3, (30, 40, 2)), axis=1)
+        size = generator.pareto(1.5, (30, 1, 1)) + 0.1
+        walks = np.cumsum(size * generator.standard_t(3, (30, 40, 2)), axis=1)
         *scores, fresh = [largest_score(walk, np.array([1.0, 2.0])) for walk in walks]
         calibration = calibrate(scores, 0.9)
         inside.append(fresh <= calibration.factor)
@@ -157,18 +115,13 @@ def test_a_score_is_that_of_the_worst_time_and_quantity():
     assert largest_score(deviation, along) == pytest.approx(4.0)
 
 
-@pytest.mark.parametrize("coverage", [0.5, 0.6, 0.9, 0.95, 0.99, 0.999])
-def test_fewest_scores_are_enough_and_one_less_is_refused(coverage):
-    fewest = fewest_scores(coverage)
-    assert calibrate(np.arange(fewest), coverage).rank == fewest
-    if fewest > 1:
-        with pytest.raises(
-            InvalidTube, match=rf"got {fewest - 1} scores.* takes {fewest} at least"
-        ):
-            calibrate(np.arange(fewest - 1), coverage)
-
-
-def test_bad_scores_and_scales_are_refused():
+def test_bad_or_too_few_scores_and_scales_are_refused():
+    for coverage in (0.5, 0.6, 0.95, 0.999):
+        fewest = fewest_scores(coverage)
+        assert calibrate(np.arange(fewest), coverage).rank == fewest
+        if fewest > 1:
+            with pytest.raises(InvalidTube, match=rf"got {fewest - 1} scores"):
+                calibrate(np.arange(fewest - 1), coverage)
     with pytest.raises(InvalidTube, match="not NaN"):
         calibrate([1.0, np.nan], 0.5)
     with pytest.raises(InvalidTube, match=r"scale: .* must be above 0"):
