@@ -61,7 +61,7 @@ def sweep(arguments: argparse.Namespace) -> int:
         for reason in extent.refused:
             print(f"ttempc: note: left out: {reason}", file=sys.stderr)
     if arguments.dry_run:
-        print(format_plan(plan, arguments.workers))
+        print(format_plan(plan))
         return 0
 
     def drive() -> None:

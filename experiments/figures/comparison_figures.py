@@ -13,7 +13,15 @@ from matplotlib.figure import Figure
 from ...testbed.recording.channels import CONTROL, REFERENCE, STATE
 from ..results.run_comparison import ComparedRun
 from ..results.tracking_errors import BODIES, position_fields
-from .run_figures import BOUNDS, INPUTS, LENGTH, TIME_OF_ERRORS, draw_bounds, path_length
+from .run_figures import (
+    BOUNDS,
+    INPUTS,
+    LENGTH,
+    TIME_OF_ERRORS,
+    draw_bounds,
+    path_length,
+    shade_errors,
+)
 from .style import (
     BLACK,
     BLUE,
@@ -27,7 +35,6 @@ from .style import (
     label_below,
     legend,
     note,
-    shade,
     stacked,
 )
 
@@ -68,14 +75,12 @@ def cross_track_figure(runs: Sequence[ComparedRun]) -> Figure:
 def _errors_figure(runs: Sequence[ComparedRun], across: bool) -> Figure:
     points = max((run.errors.by_point for run in runs), key=len)
     figure, rows = _stacked(len(points), 2.3, runs, share_y=True)
-    first = runs[0].errors
 
     def place(run: ComparedRun) -> Any:  # noqa: ANN401 - an array
         return path_length(run.record)[: len(run.errors.time_s)] if across else run.errors.time_s
 
     for axes, point in zip(rows, points, strict=True):
-        shade(axes, place(runs[0]), first.curved)
-        shade(axes, place(runs[0]), ~first.counted, hatch="////")
+        shade_errors(axes, place(runs[0]), runs[0].errors)
         for run, style in _lines(runs):
             if (error := run.errors.by_point.get(point)) is not None:
                 shown_m = error.cross_m if across else error.euclidean_m
@@ -133,7 +138,6 @@ def _stacked(
 
 
 def _lines(runs: Sequence[ComparedRun]) -> Iterator[tuple[ComparedRun, dict[str, Any]]]:
-    """Yield the runs with label, colour and dashes of their lines."""
     for run, colour, dashes in zip(runs, _COLOURS, _DASHES, strict=False):
         style = {"color": colour, "linestyle": dashes, "linewidth": 1.1}
         yield run, {"label": run.short_label, **style}

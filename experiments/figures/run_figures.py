@@ -118,12 +118,18 @@ def path_figure(record: Record) -> Figure:
     return figure
 
 
+def shade_errors(axes: Axes, x: FloatArray, errors: TrackingErrors) -> None:
+    """Shade the curves, hatch what statistics leave out."""
+    shade(axes, x, errors.curved)
+    shade(axes, x, ~errors.counted, hatch="////")
+
+
 def error_figure(record: Record) -> Figure:
     """Return the Euclidean errors of all points over time, as in the paper, with their means."""
     errors = tracking_errors(record)
     figure, rows = stacked(len(errors.by_point), 2.1, share_y=True)
     for axes, (body, error) in zip(rows, errors.by_point.items(), strict=True):
-        _shade(axes, errors.time_s, errors)
+        shade_errors(axes, errors.time_s, errors)
         mark_faults(axes, fault_spans(record.events), float(errors.time_s[-1]))
         style = {"color": BODY_COLOURS[body], "linewidth": 1.0, "label": body}
         axes.plot(errors.time_s, 100 * error.euclidean_m, **style)
@@ -134,12 +140,6 @@ def error_figure(record: Record) -> Figure:
     rows[0].set_ylim(top=1.22 * rows[0].get_ylim()[1])  # space for the text of the means
     label_below(rows[-1], TIME_OF_ERRORS)
     return figure
-
-
-def _shade(axes: Axes, x: FloatArray, errors: TrackingErrors) -> None:
-    """Shade the curves, hatch what statistics leave out."""
-    shade(axes, x, errors.curved)
-    shade(axes, x, ~errors.counted, hatch="////")
 
 
 def _draw_means(axes: Axes, errors: TrackingErrors, error: BodyError) -> None:
@@ -160,7 +160,7 @@ def cross_track_figure(record: Record) -> Figure:
     """Return the errors to the left of the reference over the tractor's arc length of it."""
     errors, length_m = tracking_errors(record), path_length(record)
     figure, (axes,) = stacked(1, 2.6)
-    _shade(axes, length_m, errors)
+    shade_errors(axes, length_m, errors)
     for body, error in errors.by_point.items():
         style = {"color": BODY_COLOURS[body], "linewidth": 1.0, "label": body}
         axes.plot(length_m, 100 * error.cross_m, **style)

@@ -2,7 +2,7 @@
 
 Runs with the same seed share ground and noise, whatever the point and the controller. They are not
 independent samples: intervals are those over whole units, seeds or drawn points. Means have the
-interval of Student's t, quantiles and tail means that of a bootstrap.
+interval of Student's t.
 """
 
 from __future__ import annotations
@@ -29,10 +29,6 @@ _ENOUGH_FOR_TAILS: Final = 30
 _RESAMPLES: Final = 10_000
 _RESAMPLES_OF_MANY: Final = 2_000  # of more than `_FEW` units
 _FEW: Final = 100
-_BLOCK: Final = 1_000_000  # weights in memory at a time
-
-Statistic = Callable[[FloatArray, FloatArray], FloatArray]
-"""Values (n,) and their weights (resamples, n) -> the statistic of every resample (resamples,)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,15 +139,6 @@ def caveat(units: int, what: str = "seeds", tails: bool = False) -> str:
     return " ".join(sentences)
 
 
-def quantile95(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the least value that at least 95 % of the weight does not exceed."""
-    order = np.argsort(values, kind="stable")
-    reached = np.cumsum(weights[:, order], axis=1)
-    # Sums of whole numbers are exact, 0.95 is not: a tolerance absorbs its rounding error.
-    needed = (1.0 - TAIL) * reached[:, -1:] * (1.0 - 1e-12)
-    return values[order][np.argmax(reached >= needed, axis=1)]
-
-
 def cvar95(values: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the conditional value at risk: the mean of the largest 5 %.
 
@@ -166,45 +153,13 @@ def cvar95(values: FloatArray, weights: FloatArray) -> FloatArray:
     return inside @ values[order] / size[:, 0]
 
 
-def bootstrap(
-    values: FloatArray, units: NDArray[Any] | None, statistic: Statistic
-) -> IntervalEstimate:
-    """Return a statistic with its bootstrap interval; equal values give an equal interval.
-
-    The interval is the percentile interval of a cluster bootstrap, expanded for few units:
-    Hesterberg (2015), "What teachers should know about the bootstrap", The American Statistician
-    69(4).
-
-    Args:
-        values: samples, (n,), n at least 1, finite.
-        units: the unit of each sample that is resampled as a whole, such as its seed, (n,); None:
-            each sample is a unit.
-        statistic: of the samples.
-    """
-    units = np.arange(len(values)) if units is None else units
-    # Sorted, so that the interval does not depend on the order in which the runs ended.
-    order = np.lexsort((values, units))
-    values, units = values[order], units[order]
-    value = float(statistic(values, np.ones((1, len(values))))[0])
-    _, unit = np.unique(units, return_inverse=True)
-    count = int(unit[-1]) + 1
-    if count < 2:
-        return IntervalEstimate(value, None, None)
-    drawn = _weights(count)
-    step = max(1, _BLOCK // len(values))
-    resampled = np.concatenate(
-        [
-            statistic(values, drawn[begin : begin + step, unit].astype(float))
-            for begin in range(0, len(drawn), step)
-        ]
-    )
-    return _expanded(value, resampled, count)
-
-
 def bootstrap_means(
     table: FloatArray, statistic: Callable[[FloatArray], FloatArray]
 ) -> IntervalEstimate:
-    """Return a statistic of means over units with its interval, as `bootstrap`.
+    """Return a statistic of means over units with the interval of a cluster bootstrap.
+
+    The percentile interval, expanded for few units: Hesterberg (2015), "What teachers should know
+    about the bootstrap", The American Statistician 69(4).
 
     Args:
         table: samples of each unit, (units, k), finite; a unit is resampled as a whole.

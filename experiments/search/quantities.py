@@ -197,8 +197,8 @@ def read_subject(
         if word in FAULTS:
             length_m = scenario.mission().path.length_m
             ends = (round(share * length_m, 2) for share in _ENDS)
-            place: tuple[Any, ...] = ("at_m", *ends, _FREE)
-            found = [_fault_range(word, *one) for one in (*_FAULTS[word][1], place)]
+            places: list[Any] = [*_FAULTS[word][1], ("at_m", *ends, _FREE)]
+            found = [_fault_range(word, *one) for one in places]
         else:
             parameter, free = read_quantity(word, FAULTS)
             nominal = None if free else _nominal(parameter, scenario, draft.name)

@@ -16,7 +16,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing import connection
 from typing import Any, Final, TypeVar
 
@@ -156,11 +156,6 @@ def imap_bounded(
             future.cancel()
 
 
-def one_at_a_time(engine: Engine) -> Engine:
-    """Return the engine limited to one task at a time."""
-    return replace(engine, width=lambda: 1)
-
-
 def cores() -> int:
     """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
@@ -190,7 +185,6 @@ def _environment(values: dict[str, str]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _cluster(address: str) -> Iterator[Engine]:
-    """Connect to the workers of a Dask scheduler."""
     if importlib.util.find_spec("distributed") is None:
         raise SweepRefused(
             f"scheduler {address}: needs Dask: pip install 'ttempc-proving-ground[cluster]'"

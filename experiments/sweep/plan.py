@@ -120,7 +120,6 @@ class SweepPlan:
         return PlannedRun(run, point, self._seeds[seed], self._setting(point, controller))
 
     def _place(self, run: int) -> tuple[int, int, int]:
-        """Return point, index of the seed, and controller of a run."""
         rest, controller = divmod(run, self.controller_count)
         return *divmod(rest, len(self._seeds)), controller
 
@@ -193,7 +192,6 @@ class SweepPlan:
         return extent, refusals
 
     def _ticks(self, setting: Setting) -> int:
-        """Check a scenario and return its control ticks."""
         try:
             return check(setting.scenario)
         except (ExperimentError, TestbedError, TtempcError) as error:

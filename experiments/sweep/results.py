@@ -51,15 +51,16 @@ class Results:
         except OSError as error:
             raise SweepStopped(f"{file}: cannot be written: {error.strerror}") from None
         whole = 0
-        for number, text in enumerate(_lines(file), 1):
-            if not text.endswith(b"\n"):
-                break
-            try:
-                self._done[json.loads(text)["run"]] = 1
-            except (ValueError, KeyError, TypeError, IndexError, RecursionError):
-                self._stream.close()
-                raise SweepRefused(f"{file}: line {number} is no row of this study") from None
-            whole += len(text)
+        with open(file, "rb") as lines:
+            for number, text in enumerate(lines, 1):
+                if not text.endswith(b"\n"):
+                    break
+                try:
+                    self._done[json.loads(text)["run"]] = 1
+                except (ValueError, KeyError, TypeError, IndexError, RecursionError):
+                    self._stream.close()
+                    raise SweepRefused(f"{file}: line {number} is no row of this study") from None
+                whole += len(text)
         self._stream.truncate(whole)
 
     @property
@@ -100,9 +101,10 @@ class Results:
 
 def rows(file: Path) -> Iterator[Row]:
     """Yield the rows of a file, without an incomplete last line."""
-    for text in _lines(file):
-        if text.endswith(b"\n"):
-            yield json.loads(text)
+    with open(file, "rb") as stream:
+        for text in stream:
+            if text.endswith(b"\n"):
+                yield json.loads(text)
 
 
 def frame(rows: Iterable[Row]) -> DataFrame:
@@ -134,8 +136,3 @@ def frame(rows: Iterable[Row]) -> DataFrame:
 def read_frame(folder: Path) -> DataFrame:
     """Return the rows in the folder of a sweep, also of one in progress, see `frame`."""
     return frame(rows(folder / FILE))
-
-
-def _lines(file: Path) -> Iterator[bytes]:
-    with open(file, "rb") as stream:
-        yield from stream

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ..errors import InvalidStudy, SweepStopped
-from .engine import Engine, imap_bounded, one_at_a_time
+from .engine import Engine, imap_bounded
 from .folder import Origin, SweepFolder, lock_folder
 from .plan import SweepPlan
 from .results import Results, rows
@@ -86,22 +86,21 @@ def imap_rows(
     Raises:
         SweepStopped: the scheduler is gone, or a worker cannot continue.
     """
-    suspects = []
-    for job, future in imap_bounded(engine, work, jobs):
-        try:
-            yield future.result()
-        except engine.worker_died:
-            suspects.append(job)
-        except CancelledError:
-            raise SweepStopped("the scheduler is gone") from None
-    for job, future in imap_bounded(one_at_a_time(engine), work, suspects):
-        try:
-            row = future.result()
-        except engine.worker_died:
-            row = job.crashed()
-        except CancelledError:
-            raise SweepStopped("the scheduler is gone") from None
-        yield {**row, "attempts": 2}
+    suspects: list[SweepJob] = []
+    alone = replace(engine, width=lambda: 1)
+    for repeated in (False, True):
+        tasks = [*suspects] if repeated else jobs
+        for job, future in imap_bounded(alone if repeated else engine, work, tasks):
+            try:
+                row = future.result()
+            except engine.worker_died:
+                suspects.append(job)
+                if not repeated:
+                    continue
+                row = job.crashed()
+            except CancelledError:
+                raise SweepStopped("the scheduler is gone") from None
+            yield {**row, "attempts": 2} if repeated else row
 
 
 def drive_points(

@@ -269,7 +269,6 @@ def _scale(axis: Axis, label: str, table: pd.DataFrame) -> tuple[Scale, Any]:
 
 
 def _origin(file: Path) -> dict[str, Any]:
-    """Return the content of `versions.json`."""
     try:
         origin = json.loads(file.read_text(encoding="utf-8"))
         if isinstance(origin["runs"], int) and isinstance(origin["versions"], dict):

@@ -49,7 +49,6 @@ JUDGED: Final = (
     "controller.options.corridor=false",
 )
 COVERAGE: Final = 0.95  # of the conformal half widths
-MISSED: Final = 1 / 1000  # share of the laps beyond the extrapolated ones, for each point
 
 
 def distances(runs: pd.DataFrame) -> FloatArray:
@@ -158,8 +157,6 @@ COVERAGE_HEADS: Final = (
     "half widths of 95 % [cm]",
     "promised inside",
     "fresh laps outside",
-    "exceeded once in 1000 laps [cm]",
-    "fresh laps outside",
     "largest of them [cm]",
 )
 
@@ -168,27 +165,19 @@ def coverage_cells(fitted: FloatArray, fresh: FloatArray) -> list[str]:
     """Return the cells of a field.
 
     The half widths are those of split-conformal prediction (`ttempc.tube.conformal`), to which the
-    next lap keeps with 95 % whatever the distribution, and the extrapolated ones.
+    next lap keeps with 95 % whatever the distribution.
 
     Args:
         fitted: largest distances of tractor and trailer point in the fitted laps, (n, 2) [m].
         fresh: those in laps with other seeds, (m, 2); infinite, thus outside, for a lost lap.
     """
     widths, calibration = calibrated_widths(fitted, COVERAGE)
-    extrapolated = quantiles(fitted)
     return [
         slash(widths),
         f"{100.0 * calibration.coverage:.1f} %",
         share(fresh > widths),
-        slash(extrapolated),
-        share(fresh > extrapolated),
         slash(fresh.max(axis=0)),
     ]
-
-
-def quantiles(distance: FloatArray) -> FloatArray:
-    """Return the distances that a share `MISSED` of the laps exceeds, (q,), from (n, q), finite."""
-    return np.array([gumbel_r.ppf(1.0 - MISSED, *gumbel_r.fit(column)) for column in distance.T])
 
 
 STUDIES: Final = (

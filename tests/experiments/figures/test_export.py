@@ -77,13 +77,6 @@ def test_text_stays_text_and_equal_figures_give_equal_files(record):
     assert dict(export_figures(error, ["pdf", "svg"])) == files
 
 
-def test_a_style_changes_the_font(record, tmp_path):
-    style = tmp_path / "mine.mplstyle"
-    style.write_text("font.family: monospace\n")
-    (_, svg), _ = export_figures({"error": run_figures(record)["error"]}, ["svg"], style=str(style))
-    assert b"monospace" in svg
-
-
 def test_the_csv_of_a_sweep_has_the_numbers_of_its_report(tmp_path):
     folder = swept(tmp_path, "seeds = 2", AXES)
     target = tmp_path / "figures"

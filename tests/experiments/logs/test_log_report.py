@@ -21,7 +21,7 @@ def page_of(log, file):
 def without_what_a_log_lacks(page):
     """Leave out how fast the run was, and the files beside it."""
     rows = ("real-time factor", "files")
-    pattern = "|".join(f'<tr><th scope="row">{row}</th>.*?</tr>' for row in rows)
+    pattern = "|".join(rf'\s*<tr><th scope="row">{row}</th>.*?</tr>' for row in rows)
     return re.sub(pattern, "", page, flags=re.DOTALL)
 
 

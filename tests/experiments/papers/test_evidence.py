@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
-import numpy as np
 import pytest
 from proving_ground.experiments.papers.studies import evidence
 from proving_ground.experiments.papers.studies.evidence import Evidence, page
@@ -27,20 +25,6 @@ def test_verdict_follows_from_figure_and_band_and_reasons_stand_together():
     assert page([item(1.5), item(3.0)]).startswith("1 of 2 figures from 1 sources")
 
 
-def test_autocorrelation_of_several_series():
-    rng, memory = np.random.default_rng(5), 0.8
-    series = []
-    for _ in range(40):
-        values = [rng.standard_normal()]
-        for noise in rng.standard_normal(500):
-            values.append(memory * values[-1] + math.sqrt(1 - memory**2) * noise)
-        series.append(np.array(values))
-    for lag in (1, 3, 12):
-        assert evidence.autocorrelation(series, lag) == pytest.approx(memory**lag, abs=0.05)
-    levels = [np.full(10, 1.0), np.full(10, -1.0)]  # the mean is common to all series
-    assert evidence.autocorrelation(levels, 3) == pytest.approx(1.0)
-
-
 def test_side_force_of_a_wheel_opposes_its_slip_angle_and_falls_with_slip():
     angle = math.radians(15.0)
     free, half = (evidence.side_ratio(angle, slip, 20.0) for slip in (0.0, 0.5))
@@ -51,16 +35,3 @@ def test_side_force_of_a_wheel_opposes_its_slip_angle_and_falls_with_slip():
 
 def test_slow_yaw_response_is_ackermann():
     assert evidence.yaw_gain(evidence.farm(), 0.5, periods=1) == pytest.approx(1.0, abs=0.02)
-
-
-@pytest.mark.slow
-def test_an_unsteered_tool_slides_further_on_a_steeper_slope(monkeypatch):
-    short = partial(evidence.straight_pass, length_m=44.0)
-    monkeypatch.setattr(evidence, "straight_pass", short)
-    quiet = ("sensors.gnss_sd_m=0.001",)
-    (_, little), (_, much) = (
-        evidence.unsteered_tool(slope, quiet, (201,)) for slope in (0.05, 0.25)
-    )
-    assert much > 2.0 * little
-    figures = [*evidence.tool_forces((201,)), *evidence.receivers((201,))]
-    assert all(figure > 0.0 for figure in figures)

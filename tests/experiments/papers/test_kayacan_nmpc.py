@@ -17,7 +17,6 @@ from proving_ground.experiments.papers.kayacan.nmpc import (
 from scipy.integrate import solve_ivp
 
 from tests.ttempc.closed_loop import PERIOD_S
-from ttempc.errors import InvalidTuning
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Estimate
@@ -134,19 +133,3 @@ def own_model_errors(reference, ticks, offset):
 def test_on_its_own_model_it_keeps_both_points_on_curves():
     errors = own_model_errors(EIGHT, 200, offset=0.0)
     assert errors.max() < 0.10
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"look_ahead_m": -1.0},
-        {"target": "far"},
-        {"trailer_input": "beta"},
-        {"hitch_sign": 0},
-        {"output_weight": (1.0, 1.0)},
-        {"iterations": 0},
-    ],
-)
-def test_impossible_options_are_refused(options):
-    with pytest.raises(InvalidTuning, match=next(iter(options))):
-        controller(VEHICLE, LINE, PERIOD_S, **options)

@@ -1,7 +1,6 @@
 """File of rows: whole lines after any failure; readable with inferred types."""
 
 import errno
-import json
 import os
 
 import numpy as np
@@ -16,7 +15,7 @@ from proving_ground.experiments.sweep.results import (
     frame,
     rows,
 )
-from proving_ground.experiments.sweep.row import FIGURES, columns, figures, line, no_figures
+from proving_ground.experiments.sweep.row import FIGURES, columns, figures, no_figures
 
 from tests.experiments.sweep_rows import ERROR
 
@@ -94,11 +93,3 @@ def test_every_number_of_a_summary_is_a_column_of_every_row():
     names = columns(["scenario", "soil.cone_index_kpa", "controller"])
     assert len(names) == len(set(names))
     assert names.index("soil.cone_index_kpa") < names.index("status")
-
-
-def test_a_line_is_json_of_one_line_and_refuses_what_json_does_not_know():
-    row = {"failure": "two\nlines", "x": None}
-    assert json.loads(line(row)) == row
-    assert line(row).count("\n") == 1
-    with pytest.raises(ValueError, match="JSON"):
-        line({"x": float("nan")})

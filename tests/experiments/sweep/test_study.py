@@ -33,16 +33,6 @@ def test_every_combination_of_listed_values_is_a_run_under_every_seed(tmp_path):
     assert plan.size == len(expected)
 
 
-def test_runs_of_one_point_and_seed_differ_in_the_controller_alone(tmp_path):
-    plan = plan_of(tmp_path, "seeds = 2", SHORT, CONTROLLERS, STRENGTHS)
-    for run in range(0, plan.size, 2):
-        one, other = plan[run], plan[run + 1]
-        assert (one.point, one.seed) == (other.point, other.seed)
-        assert one.setting.scenario.soil == other.setting.scenario.soil
-        names = {run.setting.scenario.controller.name for run in (one, other)}
-        assert names == {"paper", "feedforward"}
-
-
 def test_a_latin_hypercube_has_one_point_in_every_slice_of_every_axis(tmp_path):
     keys = ("sensors.gnss_sd_m", "sensors.angle_sd_deg")
     plan = plan_of(tmp_path, "samples = 20", SHORT, drawn("latin-hypercube", *keys))
@@ -87,13 +77,6 @@ def test_a_relative_axis_multiplies_what_each_scenario_has(tmp_path):
             1.3 * plain.controller.vehicle.drawbar_m
         )
         assert wrong.plant == plain.plant
-
-
-def test_a_dumped_study_is_the_study(tmp_path):
-    plan = plan_of(tmp_path, "seeds = 2", SHORT, CONTROLLERS, STRENGTHS)
-    again = plan_of(tmp_path, plan.study.dump(), name="again")
-    assert again.study == plan.study
-    assert again.extent() == plan.extent()
 
 
 @pytest.mark.parametrize(

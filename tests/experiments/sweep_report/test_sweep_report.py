@@ -21,7 +21,7 @@ from proving_ground.experiments.sweep_report.runs import (
     read_sweep,
 )
 
-from tests.browser import dump_dom, measured, needs_browser
+from tests.browser import dump_dom, needs_browser
 from tests.experiments.sweep_rows import AXES, DRAWN, ERROR, swept, synthetic_row
 
 TOOL = ERROR.replace("trailer", "tool")
@@ -137,14 +137,6 @@ def test_report_and_search_judge_a_run_alike(tmp_path):
         assert [has_failed(row, limit_m) for row in rows] == expected
         assert read_sweep(folder, limit_m).rows["failed"].tolist() == expected
     assert "shorter than 8 s: 1 runs" in report_page(folder, "--limit", "0.5")
-
-
-def test_axes_have_words_units_and_the_order_of_the_study(sweep):
-    roughness, strength = sweep.scales
-    assert (roughness.label, roughness.texts) == ("ISO class", ("A", "C", "E"))
-    assert strength.label == "cone index [kPa]"
-    assert strength.logarithmic
-    assert strength.texts == ("150", "355.7", "843.4", "2000")
 
 
 def test_drawn_axes_are_binned_evenly_and_points_are_the_units(tmp_path):
@@ -275,14 +267,6 @@ def test_the_worst_runs_of_each_controller_are_listed_those_not_completed_first(
     worst = re.search(r'id="worst".*?</table>', text, re.DOTALL)[0]
     for name, status in (("paper", "completed"), ("feedforward", "lost")):
         assert len(re.findall(f">{name}</td>.*>{status}</td>", worst)) == 4
-
-
-@needs_browser
-def test_the_page_fits_a_phone_and_a_screen(folder, text, tmp_path):
-    pages = measured(folder / "report" / "report.html", (390, 1280), tmp_path)
-    for width, page in pages.items():
-        assert page["width"] <= width
-        assert page["outside"] == []
 
 
 @needs_browser

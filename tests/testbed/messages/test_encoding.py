@@ -44,8 +44,6 @@ def test_transforms_have_their_times_and_their_poses_in_single_precision():
             assert transform.timestamp.ToNanoseconds() == time_ns
             assert (transform.parent_frame_id, transform.child_frame_id) == ("map", name)
             assert [at.x, at.y, at.z, by.w, by.x, by.y, by.z] == pose
-    empty = transforms_template(()).fill(np.empty((2, 0)), TIMES_NS[:2])
-    assert [each.tobytes() for each in empty] == [b"", b""]
 
 
 def test_attitudes_are_yaw_then_pitch_then_roll():

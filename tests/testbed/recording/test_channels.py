@@ -14,7 +14,6 @@ from proving_ground.testbed.recording.channels import (
     measurement_rows,
     state_row,
     tyres_row,
-    unit_of,
 )
 from proving_ground.testbed.sensing.sensors import COMPONENTS
 from proving_ground.testbed.truth import WHEELS
@@ -59,12 +58,6 @@ def test_rows_of_the_truth_stand_under_their_names(driven):
         assert tyres[f"{wheel}_load_n"] == driven.wheels.load[index]
         assert tyres[f"{wheel}_force_lat_n"] == driven.wheels.force_lat[index]
         assert tyres[f"{wheel}_ground_m"] == driven.wheels.ground[index]
-
-
-def test_units_are_those_of_the_names():
-    fields = {"x_t_m": "m", "x_t_m_m": "m", "delta_t_rad_command": "rad", "hp_min": "1"}
-    fields |= {"curvature_per_m": "1/m", "drive_mps2": "m/s²", "yaw_rate_t_radps": "rad/s"}
-    assert {name: unit_of(name) for name in fields} == fields
 
 
 def test_the_true_error_is_in_the_frame_of_the_reference():
