@@ -270,7 +270,7 @@ def draw_bounds(axes: Axes, control: Table, name: str, factor: float) -> None:
 def tyres_figure(record: Record) -> Figure:
     """Return slip, slip angle and load of the wheels over time, curves shaded.
 
-    Lines are means over a second. Bands extend from its smallest to its largest sample.
+    Lines are means over a second.
     """
     table, errors = record[TYRES], tracking_errors(record)
     starts = np.flatnonzero(np.diff(np.floor(table.time_s / _WINDOW_S), prepend=-1.0))
@@ -282,16 +282,13 @@ def tyres_figure(record: Record) -> Figure:
         for axle in axles:
             for side, line in _SIDES.items():
                 samples = factor * table[f"{axle}_{side}_{field}"]
-                low = np.minimum.reduceat(samples, starts)
-                high = np.maximum.reduceat(samples, starts)
-                axes.fill_between(time_s, low, high, color=_AXLES[axle], alpha=0.15, linewidth=0)
                 mean = np.add.reduceat(samples, starts) / counts
                 style = {"color": _AXLES[axle], "linewidth": 1.1, "label": f"{axle} {side}"}
                 axes.plot(time_s, mean, linestyle=line, **style)
         dress(axes, "", label)
         axes.margins(x=0.0)
         legend(axes, 6)
-    label_below(rows[-1], "time [s] (shaded: curves; bands: minimum to maximum in 1 s)")
+    label_below(rows[-1], "time [s] (shaded: curves; means over 1 s)")
     return figure
 
 
