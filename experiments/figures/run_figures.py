@@ -92,7 +92,6 @@ _TIMES: Final = (
     ("plant_step_us", "plant, one physics step"),
 )
 _BINS: Final = 40
-_WIDE: Final = 50.0  # ratio of largest to smallest time above which decades alone label the axis
 
 
 def path_figure(record: Record) -> Figure:
@@ -315,8 +314,7 @@ def histogram(axes: Axes, cost_us: FloatArray) -> None:
     low, high = 0.9 * cost_us.min(), 1.1 * cost_us.max()
     axes.set_xscale("log")
     axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
-    between = (2.0, 5.0) if high < _WIDE * low else ()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, *between)))
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
     median, p99 = np.percentile(cost_us, [50.0, 99.0])
