@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -17,17 +16,10 @@ from ttempc.types import FloatArray
 from ..errors import InvalidField, LogError
 from ..ground.ground import GROUND_FILE, Ground
 from ..recording.channels import TRANSFORMS_TOPIC
+from .model_whitelist import check_model
 from .reader import Content, decoding
 
 MODEL_FILE: Final = "model.xml"  # the attachment of a log
-
-
-_MOST_CHARACTERS: Final = 4_000_000  # of a model; ours have 200,000
-# What in MJCF opens files and plugins or makes copies; models of this program have none of it.
-_FOREIGN: Final = re.compile(
-    r"<\s*(include|plugin|extension|replicate|composite|flexcomp|attach|model)\b"
-    r"|<!DOCTYPE|\bfile\w*\s*="
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,15 +118,3 @@ def _line(message: Message) -> Line:
     poses = PosesInFrame.FromString(message.data).poses
     points = [(pose.position.x, pose.position.y, pose.position.z) for pose in poses]
     return Line(message.log_time / 1e9, np.array(points, dtype=float).reshape(-1, 3))
-
-
-def check_model(text: str) -> None:
-    """Refuse a model that is not of the kind that this program writes.
-
-    Raises:
-        ValueError: it opens files or plugins, or is too long.
-    """
-    if len(text) > _MOST_CHARACTERS:
-        raise ValueError(f"has {len(text)} characters, at most {_MOST_CHARACTERS}")
-    if found := _FOREIGN.search(text):
-        raise ValueError(f"{found[0]} is not allowed")

@@ -10,7 +10,7 @@ import scipy
 
 from ..errors import InvalidTuning
 from ..estimation.ekf import ExtendedKalmanFilter, run_all_kernels
-from ..estimation.filter import FilterState, acting_command, steps_over
+from ..estimation.filter import FilterState, steps_over
 from ..estimation.noise import ProcessNoise, SensorNoise
 from ..models.augmented_state import (
     ANGLES,
@@ -142,7 +142,8 @@ class MovingHorizonEstimator:
         time_s = state.time_s
         for end_s, command in self._filter.commands(time_s, until_s):
             rim = augmented[AugmentedState.RIM]
-            command = acting_command(command, valves, rim, self._vehicle)
+            steady = np.array([*valves, rim / self._vehicle.speed_gain])  # where none is known
+            command = steady if command is None else np.where(np.isnan(command), steady, command)
             span_s = float(end_s - time_s)
             steps = steps_over(span_s)
             step_s = span_s / steps

@@ -29,7 +29,6 @@ from .nmpc_model import (
     TRAILER,
     WHOLE,
     ArticulatedModel,
-    HorizonModel,
     Subsystem,
     Task,
     condense,
@@ -78,7 +77,7 @@ class GaussNewton:
         tuning: HorizonTuning,
         period_s: float,
         iterations: int = ITERATIONS,
-        model: HorizonModel | None = None,
+        model: ArticulatedModel | None = None,  # or one of its shape
     ) -> None:
         self._model = model or ArticulatedModel(reference.vehicle, subsystem, period_s)
         self._qp = PersistentSolver(tuning.solver)

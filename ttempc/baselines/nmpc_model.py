@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,19 +35,6 @@ class Task:
     inputs_e: FloatArray  # (Np, 3) u_e; only the subsystem's own columns are decided
     previous: FloatArray  # (m,) own u_e(k-1)
     bounds: StageBounds  # (m Nc,) each, own
-
-
-class HorizonModel(Protocol):
-    """A nonlinear model over a horizon."""
-
-    def evaluate(
-        self, task: Task, steps: FloatArray, errors: FloatArray, jacobian: FloatArray
-    ) -> None:
-        """Run the model under `steps` (m Nc,).
-
-        Writes the outputs at the ends of the periods into `errors` (Np, p) and their derivatives
-        by the steps into `jacobian` (Np, p, m Nc).
-        """
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -161,7 +148,7 @@ _COLUMNS: Final = _GIVEN + _M
 
 
 class ArticulatedModel:
-    """`ttempc.models.kinematics.articulated` along a horizon, as `HorizonModel`.
+    """`ttempc.models.kinematics.articulated` along a horizon.
 
     The outputs are reference less axle points in the frames of the reference, (4,) [m]; the targets
     are the reference's x, y, psi of the tractor, then of the trailer.
@@ -176,6 +163,11 @@ class ArticulatedModel:
     def evaluate(
         self, task: Task, steps: FloatArray, errors: FloatArray, jacobian: FloatArray
     ) -> None:
+        """Run the model under `steps` (m Nc,).
+
+        Writes the outputs at the ends of the periods into `errors` (Np, p) and their derivatives
+        by the steps into `jacobian` (Np, p, m Nc).
+        """
         articulated_horizon(
             self._parameters,
             self._period_s,
@@ -211,7 +203,7 @@ def articulated_horizon(
     errors: FloatArray,
     jacobian: FloatArray,
 ) -> None:
-    """Write the outputs along the horizon and their derivatives, see `HorizonModel`.
+    """Write the outputs along the horizon and their derivatives, see `ArticulatedModel`.
 
     `count` Runge-Kutta steps a period; the other arguments are those of `Task` and `Subsystem`.
     """

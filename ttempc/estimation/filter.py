@@ -590,18 +590,6 @@ def after_dead_times(
     return list(zip(changes_s.tolist(), acting, strict=True))
 
 
-def acting_command(
-    command: FloatArray | None, valves: FloatArray, rim: float, vehicle: Vehicle
-) -> FloatArray:
-    """Return `command` (3,) with what steadies the vehicle in the place of entries that are NaN.
-
-    Where no command is known (NaN; None for all three), steering and speed are taken as constant:
-    at the set points `valves` (2,) [rad] and the speed `rim` [m/s].
-    """
-    steady = np.array([*valves, rim / vehicle.speed_gain])
-    return steady if command is None else np.where(np.isnan(command), steady, command)
-
-
 SampleRow = tuple[float, int, float, float, float]
 """Time [s], `SensorIndex` and value of a sample, entries that it does not have with any number."""
 

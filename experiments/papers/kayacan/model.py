@@ -61,7 +61,7 @@ class PrintedModel:
     def evaluate(
         self, task: Task, steps: FloatArray, errors: FloatArray, jacobian: FloatArray
     ) -> None:
-        """Write errors and derivatives, see `HorizonModel`."""
+        """Write errors and derivatives, see `ArticulatedModel`."""
         printed_horizon(
             self._parameters,
             self._period_s,
@@ -131,7 +131,7 @@ def printed_horizon(
     errors: FloatArray,
     jacobian: FloatArray,
 ) -> None:
-    """Write the outputs along the horizon and their derivatives, see `HorizonModel`."""
+    """Write the outputs along the horizon and their derivatives, see `ArticulatedModel`."""
     now, by_given = state.copy(), np.empty((STATES, _COLUMNS))
     by_state, by_input = np.empty((STATES, STATES)), np.empty((STATES, 3))
     before, after = np.zeros((STATES, steps.size)), np.zeros((STATES, steps.size))

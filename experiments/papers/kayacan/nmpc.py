@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
@@ -108,7 +109,8 @@ class PrintedFeedback(FeedbackLaw):
         self._options = options
         self._targets = SpaceBasedTargets(reference, period_s, options)
         model = PrintedModel(reference.vehicle, options.hitch_sign, period_s)
-        self._solver = GaussNewton(reference, PRINTED, options, period_s, options.iterations, model)
+        solver = partial(GaussNewton, reference, PRINTED, options, period_s, options.iterations)
+        self._solver = solver(model)  # pyright: ignore[reportArgumentType] - a model of its shape
         limits = CommandLimits.of(reference.vehicle, period_s)
         bound = np.array(options.input_bound)
         self._lower, self._upper = np.maximum(-bound, limits.lower), np.minimum(bound, limits.upper)

@@ -10,8 +10,9 @@ from mcap.writer import Writer
 from proving_ground.testbed.errors import InvalidField, LogError
 from proving_ground.testbed.ground.ground import Ground
 from proving_ground.testbed.ground.terrain import flat
+from proving_ground.testbed.log.model_whitelist import check_model
 from proving_ground.testbed.log.reader import read_content, record_of
-from proving_ground.testbed.log.scene import check_model, lines_of, motion_of
+from proving_ground.testbed.log.scene import lines_of, motion_of
 from proving_ground.testbed.log.writer import begin_log
 from proving_ground.testbed.recording.channels import EVENT_TOPIC, REFERENCE_PATH_TOPIC, STATE
 from proving_ground.testbed.vehicle.vehicle import read_vehicle, shipped_vehicles
@@ -101,8 +102,11 @@ def test_a_model_that_opens_files_is_refused_and_those_of_this_program_pass():
         '<extension><plugin plugin="mujoco.pid"/></extension>',
         '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]>',
         '<asset><mesh name="a" vertex="' + 4_000_000 * "0" + '"/></asset>',
+        '<size memory="99G"/>',
+        '<asset><texture name="a" type="2d" width="99999" height="9"/></asset>',
+        '<asset><hfield name="a" nrow="99999" ncol="99999" size="1 1 1 1"/></asset>',
     ):
-        with pytest.raises(ValueError, match=r"not allowed|at most 4000000"):
+        with pytest.raises(ValueError, match=r"not allowed|at most|1M to 99M"):
             check_model(f"<mujoco>{inside}</mujoco>")
     for wheels in WHEEL_MODELS:
         for vehicle in shipped_vehicles():

@@ -10,7 +10,6 @@ import pytest
 from tests.ttempc.closed_loop import PERIOD_S, drive, seen_truth
 from tests.ttempc.tubes import DESIGN
 from ttempc.baselines.paper import PaperOptions, paper_controller
-from ttempc.errors import UnknownController
 from ttempc.guidance.controllers import CONTROLLERS, make_controller
 from ttempc.guidance.supervisor import Supervisor
 from ttempc.reference.path import figure_eight
@@ -75,8 +74,3 @@ def test_diagnostics_add_up_to_the_command(name):
         free = ~step.diagnostics.limited
         total = step.diagnostics.total
         np.testing.assert_array_equal(step.command.as_array()[free], total[free])
-
-
-def test_unknown_name_is_refused_with_the_known_ones():
-    with pytest.raises(UnknownController, match=r"'papier'.*feedforward, .*paper, paper-printed"):
-        make("papier")

@@ -9,7 +9,6 @@ import pytest
 from tests.ttempc.sensed_drive import SensedDrive
 from ttempc.guidance.detection import (
     Alarm,
-    Cusum,
     InnovationMonitor,
     Monitors,
     MotionMonitor,
@@ -54,19 +53,6 @@ def angles(k, value, rng, sd_deg=1.0, sensor=Sensor.STEERING_TRACTOR):
     noise = rng.normal(0.0, math.radians(sd_deg), 5)
     values = [float(value(t)) + n for t, n in zip(times, noise, strict=True)]
     return [Measurement(t, sensor, (item,)) for t, item in zip(times, values, strict=True)]
-
-
-def test_a_sum_grows_by_what_exceeds_the_allowance_on_one_side_and_saturates():
-    cusum = Cusum(allowance=0.5, limit=4.0)
-    for _ in range(5):
-        cusum.add(1.5)
-    assert cusum.above == pytest.approx(5.0)
-    assert cusum.below == 0.0
-    for _ in range(5):
-        cusum.add(1.5)
-    assert cusum.above == pytest.approx(6.0)  # 1.5 times the limit
-    cusum.add(-7.0)
-    assert (cusum.above, cusum.below) == (0.0, pytest.approx(6.0))
 
 
 def test_an_alarm_lasts_until_half_the_limit():

@@ -16,13 +16,12 @@ from ttempc.baselines.paper import PaperOptions
 from ttempc.baselines.pid import PidOptions
 from ttempc.errors import InvalidTuning
 from ttempc.guidance.controllers import CONTROLLERS, make_controller, parse_options
-from ttempc.laws.articulated_mpc import ArticulatedOptions, NominalOptions
+from ttempc.laws.articulated_mpc import ArticulatedOptions
 from ttempc.laws.tracking_controller import TrackingController
 from ttempc.laws.tube_mpc import TubeMpcOptions
 from ttempc.reference.corridor import Corridor
 from ttempc.reference.path import figure_eight, straight
 from ttempc.reference.reference import ConstantSpeed, Reference
-from ttempc.vehicle import Vehicle
 
 REFERENCE = Reference(straight(20.0), VEHICLE, ConstantSpeed(1.0), corridor=Corridor(0.08))
 BEND = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
@@ -118,18 +117,6 @@ def test_impossible_values_are_refused_with_name_and_value():
     ):
         with pytest.raises(InvalidTuning, match=f"{name}: got"):
             options(**{name: value})
-
-
-@pytest.mark.parametrize("period_s", [0.1, 0.04])
-def test_another_period_keeps_the_horizon_and_the_cost_of_a_ramp_beside_its_errors(period_s):
-    options = NominalOptions()
-    faster = options.for_vehicle(Vehicle(), 1.0, period_s)
-    assert faster.horizon * period_s == pytest.approx(options.horizon * 0.2)
-    assert faster.moves * period_s == pytest.approx(options.moves * 0.2)
-    # Over 0.2 s: n errors of one size, and n steps of which each is the n-th part of a ramp.
-    n = 0.2 / period_s
-    for given, scaled in zip(options.step_weight, faster.step_weight, strict=True):
-        assert n * (1.0 / n) ** 2 * scaled / n == pytest.approx(given)
 
 
 KINDS = {entry.options for entry in CONTROLLERS.values() if entry.options_type}

@@ -10,7 +10,7 @@ import pytest
 
 from tests.ttempc.exact_qp import exact_minimum, residuals
 from tests.ttempc.horizons import PERIOD_S, TUNING, horizon, random_qp, stages
-from ttempc.errors import InvalidTuning, MissingPackage
+from ttempc.errors import MissingPackage
 from ttempc.mpc.lmpc import SOLVERS, CondensedHorizon, LinearMpc, OutputBounds
 from ttempc.mpc.qp import PersistentSolver, SoftRows
 
@@ -51,13 +51,6 @@ def test_a_step_from_within_reach_leads_into_the_bounds():
         assert np.all(np.abs(landed - previous) <= step + 1e-15)
         inside = first.clamp(k, 0.3 * generator.normal(size=3))
         np.testing.assert_array_equal(first.clamp_previous(k, inside), inside)
-
-
-def test_model_that_is_not_finite_is_refused():
-    a, b = (matrix.copy() for matrix in stages())
-    a[60, 0, 0] = np.nan
-    with pytest.raises(InvalidTuning, match="finite"):
-        CondensedHorizon(a, b, TUNING, PERIOD_S)
 
 
 def test_a_tick_has_the_same_qp_in_any_order_and_on_a_horizon_of_its_own():

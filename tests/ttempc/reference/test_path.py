@@ -65,13 +65,6 @@ def test_figure_eight_closes_and_keeps_its_circles(blend):
     np.testing.assert_allclose(np.hypot(np.abs(x) - 15.0, y), 10.0, atol=1e-9)
 
 
-def test_closed_path_repeats_indefinitely():
-    ring = Path((Segment(math.tau * 5.0, 0.2, 0.2),), laps=2)
-    s = np.array([-7.0, 0.3, 31.0])
-    turned = ring.pose(s + 3 * ring.lap_m) - ring.pose(s)
-    np.testing.assert_allclose(turned, np.tile([0.0, 0.0, 3 * math.tau], (3, 1)), atol=1e-9)
-
-
 def test_impossible_patterns_and_jumps_of_curvature_are_refused_with_what_is_wrong():
     for kind, name, value in (
         (figure_eight, "radius_m", math.nan),

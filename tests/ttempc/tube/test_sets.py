@@ -108,13 +108,6 @@ def test_the_next_run_is_inside_as_often_as_promised_whatever_the_distribution(g
     assert np.mean(inside) == pytest.approx(0.9, abs=0.045)  # three standard deviations
 
 
-def test_a_score_is_that_of_the_worst_time_and_quantity():
-    deviation = np.array([[0.1, -0.4], [-0.3, 0.2]])
-    assert largest_score(deviation, np.array([0.1, 0.2])) == pytest.approx(3.0)
-    along = np.array([[0.1, 0.1], [0.3, 0.1]])  # of a tube that widens
-    assert largest_score(deviation, along) == pytest.approx(4.0)
-
-
 def test_bad_or_too_few_scores_and_scales_are_refused():
     for coverage in (0.5, 0.6, 0.95, 0.999):
         fewest = fewest_scores(coverage)

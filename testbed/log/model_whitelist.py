@@ -1,0 +1,81 @@
+"""Whitelist of the MJCF in a log: MuJoCo opens files, plugins and gigabytes if a model says so."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from typing import Final
+
+_MOST_CHARACTERS: Final = 4_000_000  # ours have 200,000
+_MOST_LEVELS: Final = 32
+_MOST_PIXELS: Final = 4096  # of a side of a texture or picture
+_MOST_CELLS: Final = 20_000_000  # of a height field
+
+# Elements and attributes of the models that this program writes (`vehicle_model.level_mjcf`). None
+# of the attributes names a file, none of the elements includes, replicates or loads anything.
+_ELEMENTS: Final = frozenset(
+    """
+    mujoco compiler option flag size statistic visual global headlight map default geom joint
+    asset texture material mesh hfield worldbody light body inertial camera frame site tendon
+    fixed equality actuator general contact exclude pair keyframe key sensor
+    """.split()  # noqa: SIM905 - eighty words
+)
+_ATTRIBUTES: Final = frozenset(
+    """
+    model angle cone integrator iterations jacobian island memory center extent offheight offwidth
+    ambient diffuse specular zfar znear class conaffinity contype friction group hfield mass
+    material mesh name pos priority quat rgba size solref type armature axis coef damping joint
+    joint1 joint2 polycoef range solimp solreflimit builtin colorspace height rgb1 rgb2 width
+    emission shininess texture face vertex ncol nrow dir diaginertia mode springlength biasprm
+    biastype ctrlrange dynprm dyntype forcerange gainprm gaintype input tendon timestep
+    fullinertia margin gap stiffness frictionloss limited ref springref body1 body2 geom1 geom2
+    condim solmix actuatorfrcrange euler zaxis fovy castshadow active childclass target
+    """.split()  # noqa: SIM905 - eighty words
+)
+_PIXELS: Final = ("width", "height", "offwidth", "offheight")
+_MEMORY: Final = re.compile(r"[1-9]\d?M")  # of the stack of the simulation, below 100 MB
+
+
+def check_model(text: str) -> None:
+    """Refuse a model that is not of the kind that this program writes.
+
+    Raises:
+        ValueError: with the element, attribute or size that is not allowed, and the limit.
+    """
+    if len(text) > _MOST_CHARACTERS:
+        raise ValueError(f"has {len(text)} characters, at most {_MOST_CHARACTERS}")
+    if "<!DOCTYPE" in text:
+        raise ValueError("a document type is not allowed")
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"is no XML: {error}") from None
+    level, elements = 0, [root]
+    while elements:
+        level += 1
+        if level > _MOST_LEVELS:
+            raise ValueError(f"more than {_MOST_LEVELS} elements inside each other")
+        for element in elements:
+            _check_element(element)
+        elements = [below for element in elements for below in element]
+
+
+def _check_element(element: ElementTree.Element) -> None:
+    if element.tag not in _ELEMENTS:
+        raise ValueError(f"the element {element.tag} is not allowed")
+    for name, value in element.attrib.items():
+        if name not in _ATTRIBUTES:
+            raise ValueError(f"the attribute {name} of {element.tag} is not allowed")
+        if name == "memory" and not _MEMORY.fullmatch(value):
+            raise ValueError(f"memory is {value!r}, must be from 1M to 99M")
+        if name in _PIXELS and not _at_most(value, _MOST_PIXELS):
+            raise ValueError(f"{name} of {element.tag} is {value!r}, at most {_MOST_PIXELS}")
+    rows, columns = element.get("nrow", "0"), element.get("ncol", "0")
+    if not (_at_most(rows, _MOST_CELLS) and _at_most(columns, _MOST_CELLS)) or (
+        int(rows) * int(columns) > _MOST_CELLS
+    ):
+        raise ValueError(f"a height field of {rows} x {columns} points, at most {_MOST_CELLS}")
+
+
+def _at_most(text: str, limit: int) -> bool:
+    return len(text) < 12 and text.isascii() and text.isdigit() and int(text) <= limit
