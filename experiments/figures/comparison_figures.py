@@ -62,17 +62,13 @@ def paths_figure(runs: Sequence[ComparedRun]) -> Figure:
     return figure
 
 
-def errors_figure(runs: Sequence[ComparedRun]) -> Figure:
-    """Return the Euclidean errors of all points over the common time."""
-    return _errors_figure(runs, across=False)
+def errors_figure(runs: Sequence[ComparedRun], across: bool) -> Figure:
+    """Return the errors of all points over the common time.
 
-
-def cross_track_figure(runs: Sequence[ComparedRun]) -> Figure:
-    """Return the errors of all points to the left of the reference over the length of the path."""
-    return _errors_figure(runs, across=True)
-
-
-def _errors_figure(runs: Sequence[ComparedRun], across: bool) -> Figure:
+    Args:
+        runs: to compare.
+        across: whether to draw those to the left of the reference over the length of the path.
+    """
     points = max((run.errors.by_point for run in runs), key=len)
     figure, rows = _stacked(len(points), 2.3, runs, share_y=True)
 
@@ -116,8 +112,8 @@ def inputs_figure(runs: Sequence[ComparedRun]) -> Figure:
 
 COMPARISONS: Final[dict[str, Callable[[Sequence[ComparedRun]], Figure]]] = {
     "path": paths_figure,
-    "error": errors_figure,
-    "cross-track": cross_track_figure,
+    "error": partial(errors_figure, across=False),
+    "cross-track": partial(errors_figure, across=True),
     "signals": inputs_figure,
 }
 

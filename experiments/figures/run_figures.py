@@ -92,7 +92,6 @@ _TIMES: Final = (
     ("plant_step_us", "plant, one physics step"),
 )
 _BINS: Final = 40
-_WIDE: Final = 50.0  # ratio of largest to smallest time above which decades alone label the axis
 
 
 def path_figure(record: Record) -> Figure:
@@ -270,7 +269,7 @@ def draw_bounds(axes: Axes, control: Table, name: str, factor: float) -> None:
 def tyres_figure(record: Record) -> Figure:
     """Return slip, slip angle and load of the wheels over time, curves shaded.
 
-    Lines are means over a second. Bands extend from its smallest to its largest sample.
+    Lines are means over a second.
     """
     table, errors = record[TYRES], tracking_errors(record)
     starts = np.flatnonzero(np.diff(np.floor(table.time_s / _WINDOW_S), prepend=-1.0))
@@ -282,16 +281,13 @@ def tyres_figure(record: Record) -> Figure:
         for axle in axles:
             for side, line in _SIDES.items():
                 samples = factor * table[f"{axle}_{side}_{field}"]
-                low = np.minimum.reduceat(samples, starts)
-                high = np.maximum.reduceat(samples, starts)
-                axes.fill_between(time_s, low, high, color=_AXLES[axle], alpha=0.15, linewidth=0)
                 mean = np.add.reduceat(samples, starts) / counts
                 style = {"color": _AXLES[axle], "linewidth": 1.1, "label": f"{axle} {side}"}
                 axes.plot(time_s, mean, linestyle=line, **style)
         dress(axes, "", label)
         axes.margins(x=0.0)
         legend(axes, 6)
-    label_below(rows[-1], "time [s] (shaded: curves; bands: minimum to maximum in 1 s)")
+    label_below(rows[-1], "time [s] (shaded: curves; means over 1 s)")
     return figure
 
 
@@ -318,8 +314,7 @@ def histogram(axes: Axes, cost_us: FloatArray) -> None:
     low, high = 0.9 * cost_us.min(), 1.1 * cost_us.max()
     axes.set_xscale("log")
     axes.hist(cost_us, bins=np.geomspace(low, high, _BINS).tolist(), color=SKY)
-    between = (2.0, 5.0) if high < _WIDE * low else ()
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, *between)))
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
     median, p99 = np.percentile(cost_us, [50.0, 99.0])

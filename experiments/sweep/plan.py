@@ -111,11 +111,8 @@ class SweepPlan:
         """Return a run by its number.
 
         Raises:
-            IndexError: the plan has no such run.
             InvalidStudy: its scenario is invalid; the message names the values of its axes.
         """
-        if not 0 <= run < self.size:
-            raise IndexError(f"run {run}: the plan has runs 0 to {self.size - 1}")
         point, seed, controller = self._place(run)
         return PlannedRun(run, point, self._seeds[seed], self._setting(point, controller))
 

@@ -27,7 +27,6 @@ _HEIGHT_IN: Final = 2.9
 _ASIDE: Final = 0.5  # width of the bars at one text value, as a share of the spacing
 _LONG: Final = 34  # characters of all labels of an axis that fit side by side
 _WIDE: Final = 6.0  # largest over smallest value from which an axis is logarithmic
-_TEXT_FITS: Final = 12  # columns up to which cells show their number
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,9 +137,9 @@ def map_panels(sweep: Sweep, pair: Sequence[Scale], table: pd.DataFrame) -> list
     errors = _values(table["error_cm"])
     low = max(1e-2, np.nanmin(errors)) if np.isfinite(errors).any() else 1.0
     norm = LogNorm(low, max(1.001 * low, float(np.nan_to_num(errors).max())))
-    looks: list[tuple[Any, ...]] = [("error_cm", 1.0, error_label(sweep), "{:.1f}", norm, "YlGnBu")]
+    looks: list[tuple[Any, ...]] = [("error_cm", 1.0, error_label(sweep), norm, "YlGnBu")]
     if sweep.rows["failed"].any():
-        looks.append(("rate", 100.0, "failed [%]", "{:.0f}", Normalize(0.0, 100.0), "YlOrBr"))
+        looks.append(("rate", 100.0, "failed [%]", Normalize(0.0, 100.0), "YlOrBr"))
     panels = []
     for column, factor, quantity, *look in looks:
         for name in sweep.controllers:
@@ -156,7 +155,6 @@ def _draw_map(
     across: Scale,
     up: Scale,
     cells: FloatArray,
-    form: str,
     norm: Normalize,
     palette: str,
     axes: Axes,
@@ -166,12 +164,6 @@ def _draw_map(
     edges = (np.arange(cells.shape[1] + 1) - 0.5, np.arange(cells.shape[0] + 1) - 0.5)
     border = {"edgecolor": "white", "linewidth": 1.5}
     axes.pcolormesh(*edges, np.ma.masked_invalid(cells), norm=norm, cmap=colours, **border)
-    for (y, x), value in np.ndenumerate(cells):
-        if np.isfinite(value) and cells.shape[1] <= _TEXT_FITS:
-            dark = np.dot(colours(float(norm(value)))[:3], (0.299, 0.587, 0.114)) < 0.55
-            text = f"{value:.0f}" if value >= 9.95 else form.format(value)
-            ink = "white" if dark else "black"
-            axes.text(x, y, text, ha="center", va="center", fontsize=7.0, color=ink)
     dress(axes, across.label, up.label)
     axes.grid(visible=False)
     _ticks(axes.xaxis, across, range(len(across.texts)))

@@ -5,7 +5,6 @@ import re
 import shutil
 import sys
 
-import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidRows
@@ -137,14 +136,6 @@ def test_report_and_search_judge_a_run_alike(tmp_path):
         assert [has_failed(row, limit_m) for row in rows] == expected
         assert read_sweep(folder, limit_m).rows["failed"].tolist() == expected
     assert "shorter than 8 s: 1 runs" in report_page(folder, "--limit", "0.5")
-
-
-def test_drawn_axes_are_binned_evenly_and_points_are_the_units(tmp_path):
-    sweep = read_sweep(swept(tmp_path, "seeds = 2", DRAWN))
-    (scale,) = sweep.scales
-    assert scale.binned
-    assert sorted(np.bincount(sweep.rows[scale.label])) == [6, 6, 6, 6, 8, 8]
-    assert sweep.rows["unit"].nunique() == 20
 
 
 def test_the_best_have_the_least_median_and_gain_nothing_by_runs_that_fail(sweep, tmp_path):
