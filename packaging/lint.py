@@ -116,6 +116,9 @@ def budget_faults() -> Iterator[str]:
         print(
             *(f"{count:6} of {budgets['lines'][f]:6}  {f}" for f, count in lines.items()), sep="\n"
         )
+    production = sum(lines.values()) - lines["tests"]
+    if production > budgets["production"]:
+        yield f"all packages: {production} lines, budget {budgets['production']}"
     words = sum(
         len(page.read_text().split())
         for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md"))

@@ -15,7 +15,7 @@ crosses the play; the crossing itself takes no time.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple, Protocol
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass
@@ -95,6 +95,21 @@ class _Axis(NamedTuple):
     dead_band: float = 0.0  # [rad] half width
     backlash: float = 0.0  # [rad] whole play
     resolution: float = 0.0  # [rad]
+
+
+class CommandPath(Protocol):
+    """Way from a command to the set points, with or without faults; its state is its own."""
+
+    @property
+    def passive(self) -> bool:
+        """Whether every command is a set point at once."""
+        ...
+
+    def start(self, hp: float) -> Any:  # noqa: ANN401 - a state of its own
+        """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
+
+    def step(self, state: Any, command: Command, delta_t: float, delta_i: float) -> Any:  # noqa: ANN401
+        """Return the state after one physics step; the arguments are the present angles [rad]."""
 
 
 class Actuators:

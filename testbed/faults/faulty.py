@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from ttempc.types import Command, Measurement, Sensor
 
-from ..actuation.actuators import Actuators, ActuatorSpecification
+from ..actuation.actuators import CommandPath
 from ..randomness import generator
 from ..sensing.sensors import SensorSuite
 from ..truth import Truth
@@ -102,18 +102,13 @@ class FaultyActuators:
 
     def __init__(
         self,
-        path: Actuators | FaultyActuators,
+        path: CommandPath,
         faults: Sequence[tuple[Fault, Window]],
         timestep: float,
         stops: tuple[float, float],
     ) -> None:
         self._path, self._faults, self._timestep = path, tuple(faults), timestep
         self._stops = (*stops, 1.0)
-
-    @property
-    def specification(self) -> ActuatorSpecification:
-        """Specification of the path without faults."""
-        return self._path.specification
 
     def start(self, hp: float) -> FaultyState:
         """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""

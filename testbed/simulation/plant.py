@@ -9,14 +9,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 
 from ttempc.types import Command, FloatArray
 
-from ..actuation.actuators import Actuators, ActuatorSpecification
+from ..actuation.actuators import Actuators, ActuatorSpecification, CommandPath
 from ..errors import InvalidPlant, PlantDiverged
 from ..ground.ground import Ground
 from ..ground.soil import SoilMap
@@ -35,9 +35,6 @@ from ..wheels.tyre_kernel import Output
 from ..wheels.wheel_models import DEFAULT_WHEEL_MODEL, SoilWheels, wheel_model
 from .compiled_steps import compiled_steps
 from .truth_reader import TruthReader
-
-if TYPE_CHECKING:
-    from ..faults.faulty import FaultyActuators
 
 _DEFAULT_LAW: Final = SoilLaw()
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
@@ -116,7 +113,7 @@ class Plant:
         steering = [model.joint(name) for name in ("steer", "rj2_yaw")]
         self._steering_angles = [int(joint.qposadr[0]) for joint in steering]
         front_stop, trailer_stop = (float(joint.range[1]) for joint in steering)
-        self.actuators: Actuators | FaultyActuators = Actuators(
+        self.actuators: CommandPath = Actuators(
             actuators or ActuatorSpecification(), timestep_s, (front_stop, trailer_stop)
         )
         self._valves: Any = self.actuators.start(hp=0.0)
