@@ -15,6 +15,7 @@ while no point of the chassis has moved farther than it was above the plane, or 
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Callable
 from functools import partial
@@ -49,6 +50,19 @@ _ROUNDING_M: Final = 1e-3
 _OF_MODEL_AND_DATA: Final = types.void(types.intp, types.intp)
 _step1: Final = types.ExternalFunction("mj_step1", _OF_MODEL_AND_DATA)
 _step2: Final = types.ExternalFunction("mj_step2", _OF_MODEL_AND_DATA)
+
+
+def _clock() -> np.ndarray:
+    """Return MuJoCo's variable with the address of the clock that it reads 20 times a step, (1,).
+
+    The bindings for Python set it; without a clock a step takes 6 % less. `mjData.timer`, which
+    nobody reads, then stays as it is.
+    """
+    address = llvmlite.binding.address_of_symbol("mjcb_time")
+    return np.ctypeslib.as_array((ctypes.c_ssize_t * 1).from_address(address))
+
+
+_CLOCK: Final = int(_clock()[0])
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -148,6 +162,8 @@ def soil_steps(
     qpos: FloatArray,
     qvel: FloatArray,
     ground_type: np.ndarray,
+    clock: np.ndarray,
+    timer: int,
     timestep: float,
     steps: int,
 ) -> None:
@@ -170,9 +186,12 @@ def soil_steps(
         qpos: (nq,) MuJoCo's positions.
         qvel: (nv,) MuJoCo's velocities.
         ground_type: (1,) contact type of the ground in MuJoCo's model, as found afterwards.
+        clock: (1,) `_clock`; 0 meanwhile.
+        timer: its value afterwards.
         timestep: of the physics [s].
         steps: number of physics steps.
     """
+    clock[0] = 0
     touching = ground_type[0]
     free = looked[-1]  # distance that the chassis can move without meeting the ground [m]
     for i in range(qpos.size):
@@ -193,7 +212,7 @@ def soil_steps(
         free -= motion
         ground_type[0] = 0 if free > 0.0 else touching
         _step1(model, data)
-    ground_type[0] = touching
+    ground_type[0], clock[0] = touching, timer
     looked[:-1], looked[-1] = qpos, free
 
 
@@ -236,6 +255,8 @@ def compiled_steps(
         data.qpos,
         data.qvel,
         model.geom_contype[field : field + 1],
+        _clock(),
+        _CLOCK,
         model.opt.timestep,
     )
 
