@@ -4,8 +4,6 @@ Those of Okabe and Ito (2008), "Color Universal Design", distinguishable with ev
 vision.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 BLACK: Final = "#000000"

@@ -1,7 +1,5 @@
 """Output of commands: files and folders that are never overwritten, and progress on stderr."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Callable, Iterator

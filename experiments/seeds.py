@@ -4,8 +4,6 @@ Seeds determine terrain and noise. Figures on seeds that a gain, a noise paramet
 chosen with would favour that choice.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Final
 

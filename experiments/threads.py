@@ -4,8 +4,6 @@ The matrices of a run are small. A library that shares their products among thre
 an idle machine; on a busy one its threads wait for each other actively and take many times longer.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from types import MappingProxyType

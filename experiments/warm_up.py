@@ -4,8 +4,6 @@ Where this process begins to compile, a second one compiles what comes later in 
 depend on what this one compiles meanwhile. Both keep their kernels in the same folder.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Atomic writes: a file is complete, or it is unchanged."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Reading of files that may not be what they are taken for."""
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

@@ -1,7 +1,5 @@
 """Discretisation: times as counts of physics steps, values as multiples of a resolution."""
 
-from __future__ import annotations
-
 import math
 
 from .errors import InvalidPlant

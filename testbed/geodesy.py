@@ -1,7 +1,5 @@
 """Geodesy: conversions between degrees on the WGS 84 ellipsoid and metres in the map frame."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cached_property

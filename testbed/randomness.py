@@ -1,7 +1,5 @@
 """Random generators: one seed a run, one generator per consumer, derived by name."""
 
-from __future__ import annotations
-
 import zlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Text of strangers on a terminal."""
 
-from __future__ import annotations
-
 import re
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Truth: the true state of the vehicle and of its wheels at one moment."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 

@@ -1,7 +1,5 @@
 """Errors of the control library; all derive from `TtempcError`."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from typing import TypeGuard

@@ -1,7 +1,5 @@
 """Compilation by numba, with a disk cache that notices every change of the code."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import logging

@@ -1,7 +1,5 @@
 """Data types and protocols of the control library: measurements, estimates, commands."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

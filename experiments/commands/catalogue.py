@@ -1,7 +1,5 @@
 """`ttempc list` and `ttempc new`: what ships, and templates of one's own."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import keyword

@@ -1,7 +1,5 @@
 """Command line `ttempc`: choice of the command, errors, exit codes."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

@@ -1,7 +1,5 @@
 """`ttempc log` and `ttempc fit`: what a log holds, and what is fitted to logs."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import sys

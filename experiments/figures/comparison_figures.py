@@ -1,7 +1,5 @@
 """Figures of several runs on one reference."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Final

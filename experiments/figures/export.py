@@ -1,7 +1,5 @@
 """Figures as files for a paper, with the data that they show."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -1,7 +1,5 @@
 """Figures of a run. Each is a function from a record to a matplotlib figure."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, Final
 

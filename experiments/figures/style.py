@@ -1,7 +1,5 @@
 """Style of all figures: page width, colours, axes, legends."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar

@@ -1,7 +1,5 @@
 """Cameras that follow the smoothed motion of the vehicle."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Colours, text and translucent boxes of pictures and films."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Final, Literal
 

@@ -1,7 +1,5 @@
 """Head-up display: headline, tilt and events over a picture, figures and legend in a band below."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Playback of a log: state, reference and scene of a run at any time."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence

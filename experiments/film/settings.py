@@ -1,7 +1,5 @@
 """Settings of pictures and films: camera, time span, speed, size and quality."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 

@@ -1,7 +1,5 @@
 """Environment of Gymnasium: one run of a scenario, a control period a step."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Generator, Sequence
 from typing import Any, Final, Literal

@@ -1,7 +1,5 @@
 """Observation of a policy, and a residual of it on the command of a controller."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

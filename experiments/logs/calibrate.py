@@ -1,7 +1,5 @@
 """Vehicle file with the lengths that fit the samples of a log: `ttempc fit vehicle`."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path

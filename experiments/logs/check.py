@@ -1,7 +1,5 @@
 """Check of a log for completeness, and its description as text."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final

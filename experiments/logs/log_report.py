@@ -1,7 +1,5 @@
 """Report of a run from its log alone, also of a torn or an old one."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Replay of recorded samples and commands through an estimator, without physics."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

@@ -9,8 +9,6 @@ Works in a checkout only. Exit code 0 if all is made or holds, 1 if --check find
 not hold, 2 for bad input, 130 if interrupted: the same command goes on with the next run.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

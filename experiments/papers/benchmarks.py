@@ -7,8 +7,6 @@ so that other processes matter little; latencies are wall times and count once p
 beyond its limit is marked as missed.
 """
 
-from __future__ import annotations
-
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 import argparse

@@ -1,7 +1,5 @@
 """Pages with generated blocks: `<!-- table: NAME -->` to `<!-- end -->`."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Final

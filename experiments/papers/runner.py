@@ -1,7 +1,5 @@
 """Runner: drives the cases of studies, keeps their rows, writes the tables into their pages."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import inspect

@@ -1,7 +1,5 @@
 """Tables in Markdown, from frames of runs too: a line per combination of labels."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final

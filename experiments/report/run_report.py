@@ -1,7 +1,5 @@
 """Report of a run as one self-contained HTML page."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime

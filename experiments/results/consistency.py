@@ -1,7 +1,5 @@
 """Consistency of an estimator: its errors and innovations against the sizes that it claims."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Comparison of runs on one reference, aligned by its time."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections import Counter

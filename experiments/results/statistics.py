@@ -5,8 +5,6 @@ independent samples: intervals are those over whole units, seeds or drawn points
 interval of Student's t.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Sequence

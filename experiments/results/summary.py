@@ -4,8 +4,6 @@ Field names are the keys and carry the units. A number that does not exist, such
 the error on curves of a straight path, is None.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Console tables of runs: plain text, at most 80 columns."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Composition root: from a scenario and a seed to the objects of a run."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

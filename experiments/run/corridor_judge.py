@@ -1,7 +1,5 @@
 """Distances of the true vehicle from its path, against the corridor of the scenario."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parts of a run that later runs of the same process can use again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Code of a user: controllers, estimators and stages named `package.module:factory`."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import inspect

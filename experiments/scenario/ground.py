@@ -1,7 +1,5 @@
 """`[terrain]` and `[soil]`: shape and strength of the ground."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated, Final, Literal

@@ -1,7 +1,5 @@
 """`[plant]` and `[control]`: simulated vehicle, rate of the control loop and of the records."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Final
 

@@ -1,7 +1,5 @@
 """Scenario: the description of a run without its seed and its folder."""
 
-from __future__ import annotations
-
 import copy
 import re
 from collections.abc import Mapping, Sequence

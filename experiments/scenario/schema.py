@@ -1,7 +1,5 @@
 """JSON schema of a scenario, and the reference of its keys made from it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from typing import Any, Final

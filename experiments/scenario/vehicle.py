@@ -4,8 +4,6 @@
 replaces the value of the file; `load` of a scenario fills in the absent keys.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, field, replace

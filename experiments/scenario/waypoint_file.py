@@ -1,7 +1,5 @@
 """Waypoint files: points of a path, with or without speeds."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

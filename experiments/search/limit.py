@@ -4,8 +4,6 @@ A scan over the whole range, ends included, finds a bracket and shows whether fa
 Bisection then narrows the bracket down to the tolerance. Every value is driven under every seed.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Quantities of a search, their space, and their names on the command line."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace

@@ -14,8 +14,6 @@ little-endian, with the sum of all bytes from the source on, modulo 256, as chec
 positive clockwise: headings from north, steering and roll to the right.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ docs/integrations.md describes the datagrams. They are objects with the key `typ
 are in radians, counter-clockwise, and numbers keep all their digits.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Link of a run with its peer: data of a tick, interface of a protocol, UDP socket, addresses."""
 
-from __future__ import annotations
-
 import ipaddress
 import socket
 import time

@@ -1,7 +1,5 @@
 """Session of a peer with a run: its command as controller, exchange of datagrams, pace."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterable

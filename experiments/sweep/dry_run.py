@@ -1,7 +1,5 @@
 """Dry run of a plan: its axes and its size."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Final
 

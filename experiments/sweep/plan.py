@@ -4,8 +4,6 @@ The number counts controllers fastest, then seeds, then points, so that runs tha
 each other end at about the same time. Memory does not grow with the number of runs.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import itertools

@@ -4,8 +4,6 @@ The columns follow from `Summary`: a number added there becomes a column here. T
 there is none, never null; numbers are null where there are none.
 """
 
-from __future__ import annotations
-
 import json
 import typing
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Study files: axes, seeds, samples and the logs to keep; the dimensions of a study's grid."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

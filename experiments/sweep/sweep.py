@@ -1,7 +1,5 @@
 """Sweep: execution of all runs of a plan that have no row yet."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from dataclasses import dataclass, replace

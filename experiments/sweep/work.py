@@ -1,7 +1,5 @@
 """Execution of one run in a worker."""
 
-from __future__ import annotations
-
 import contextlib
 import uuid
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Charts of a sweep: tails of the error, maps over two axes, curves over one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """Formatting of estimates, run numbers and axis values."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

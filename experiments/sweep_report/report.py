@@ -1,7 +1,5 @@
 """Report of a sweep: tables and charts as a page, charts as single figures."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

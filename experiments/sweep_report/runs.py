@@ -1,7 +1,5 @@
 """Rows of a sweep as a frame of what a report shows, and estimates over groups of them."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Frozen scenarios of the benchmark, their identifier, and the regression check of their plant."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -5,8 +5,6 @@ split-conformal prediction, see `ttempc.tube.conformal`. The unit is the run, be
 run share their ground and their learnt noise: only runs of different seeds are exchangeable.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Final

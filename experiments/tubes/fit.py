@@ -1,7 +1,5 @@
 """Fit of a tube to logged runs: one-step residuals, a set of them, its check on held-out runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path

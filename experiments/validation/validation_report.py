@@ -1,7 +1,5 @@
 """Validation report of a scenario's plant: checks as text, JSON and a page with figures."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

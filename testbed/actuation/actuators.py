@@ -12,8 +12,6 @@ from the angle of the cylinder by up to half the play. Friction holds the wheel 
 crosses the play; the crossing itself takes no time.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, Final, NamedTuple, Protocol
 

@@ -1,7 +1,5 @@
 """Strict reading of configuration files into pydantic dataclasses, and its messages."""
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

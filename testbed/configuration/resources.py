@@ -1,7 +1,5 @@
 """Data files of the project, in a checkout and in an installed wheel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path

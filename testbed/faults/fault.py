@@ -1,7 +1,5 @@
 """Fault: the common keys of `[[faults]]`, and the making of a kind from its row of the table."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass as stdlib_dataclass

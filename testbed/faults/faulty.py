@@ -1,7 +1,5 @@
 """Sensors and actuators with faults."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -7,8 +7,6 @@ from it.
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -7,8 +7,6 @@ long, 45 degrees on average, because the wheel model (`testbed.wheels.tyre`) sam
 has no contact with walls.
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from typing import Annotated, ClassVar, Final, Literal

@@ -1,7 +1,5 @@
 """Grid: heights or strengths on a square grid over the map frame, from memory or a file."""
 
-from __future__ import annotations
-
 import io
 import math
 from dataclasses import dataclass

@@ -13,8 +13,6 @@ field cultivators, with their factors and ranges, were compared with a public tr
 factors of the chisel plough and all numbers of the row-crop cultivator are from memory.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass as stdlib_dataclass
 from itertools import pairwise

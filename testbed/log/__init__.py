@@ -1,7 +1,5 @@
 """MCAP logs: writer, reader, scene. Here: the place of a log, without anything heavy."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Whitelist of the MJCF in a log: MuJoCo opens files, plugins and gigabytes if a model says so."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ElementTree
 from typing import Final

@@ -1,7 +1,5 @@
 """Log reader: messages and record of a log that is whole, truncated or damaged, and recovery."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib

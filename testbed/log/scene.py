@@ -1,7 +1,5 @@
 """Scene of a log for viewers and films: ground, motion of every body, drawn paths."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final

@@ -1,7 +1,5 @@
 """Log writer: a run as an MCAP file, one chunk per flush, with all indexes and checksums."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -6,8 +6,6 @@ messages over those of the example. Rows of channels have all their bits; poses 
 rounded to single precision (2 um at 30 m), which halves the size of a log.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from functools import cache

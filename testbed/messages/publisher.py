@@ -1,7 +1,5 @@
 """Publisher: protobuf messages of a run on topics, for a log or a live view."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from array import array

@@ -1,7 +1,5 @@
 """Scenery: static data for viewers, the shapes of vehicle and field."""
 
-from __future__ import annotations
-
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 import math

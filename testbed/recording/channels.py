@@ -5,8 +5,6 @@ its time is the simulated time at which it was true. Units are part of the names
 number that does not exist in a row is NaN. Further topics hold what viewers draw.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

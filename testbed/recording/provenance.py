@@ -1,7 +1,5 @@
 """Provenance of a run: versions, commit and identity for log, summary and report."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib

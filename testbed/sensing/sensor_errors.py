@@ -1,7 +1,5 @@
 """Error processes of sensors, each with its own random generators."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

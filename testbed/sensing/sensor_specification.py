@@ -1,7 +1,5 @@
 """Specification of the sensors, in the units of a scenario file, and named sets of its values."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal

@@ -7,8 +7,6 @@ the newest sample of that body's IMU. The heading for that turn is the true one:
 heading would move the corrected point by height x sin(roll) x error, 3 mm at 0.1 rad and 1 deg.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Truth estimator: true state and true disturbances, for control without estimation error."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Final

@@ -13,8 +13,6 @@ while no point of the chassis has moved farther than it was above the plane, or 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import ctypes
 import math
 from collections.abc import Callable

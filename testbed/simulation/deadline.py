@@ -1,7 +1,5 @@
 """Deadline of a control step: commands that come late, and steps that never return."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections import deque

@@ -1,7 +1,5 @@
 """Simulation loop: the stages of a control period, in the order in which data flows."""
 
-from __future__ import annotations
-
 import gc
 import math
 import traceback

@@ -3,8 +3,6 @@
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import struct
 from typing import Final
 

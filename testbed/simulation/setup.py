@@ -1,7 +1,5 @@
 """Parts of a simulation, and what a control period hands from stage to stage."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Test bench: the plants of the validation, and what its experiments read from them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Checks of the validation: a measured figure, its permitted range and the source of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final, Literal
 

@@ -7,8 +7,6 @@ in the order of the rows.
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Validation of a plant: the table of all checks, in the order of the report."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, NamedTuple

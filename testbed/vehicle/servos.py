@@ -3,8 +3,6 @@
 A load of a scenario does not change them.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Final

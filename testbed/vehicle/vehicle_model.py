@@ -9,8 +9,6 @@ of bodies, over its shapes. The shapes also give the inertia where the file has 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

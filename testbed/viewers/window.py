@@ -1,7 +1,5 @@
 """Interactive window: a running simulation in MuJoCo's viewer."""
 
-from __future__ import annotations
-
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 import math

@@ -9,8 +9,6 @@ coefficients of [G], and those for radial tyres, are also in the public MAVS sim
 H. B. Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012, sec. 4.2: similarity of slips.
 """
 
-from __future__ import annotations
-
 from dataclasses import fields
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal

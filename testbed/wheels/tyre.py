@@ -3,8 +3,6 @@
 A wheel is a disc above a Winkler bed: height look-ups under the disc give the normal force.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

@@ -17,8 +17,6 @@ length it is the sign of the speed, with which motion resistance acts. Its dampi
 critical one of a vehicle at rest, so that a stop does not swing back.
 """
 
-from __future__ import annotations
-
 import math
 from enum import IntEnum
 from typing import Final

@@ -1,7 +1,5 @@
 """Linear-quadratic regulator on the model and outputs of the linear MPC: `lqr`."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

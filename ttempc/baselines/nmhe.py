@@ -1,7 +1,5 @@
 """Nonlinear moving-horizon estimator."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

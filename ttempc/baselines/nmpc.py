@@ -6,8 +6,6 @@ nonlinear model predictive control of a tractor-trailer system: a comparative st
 Control Conference, pp. 4403-4408.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial

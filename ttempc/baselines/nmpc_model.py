@@ -1,7 +1,5 @@
 """Articulated model along a horizon with its derivatives, compiled."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

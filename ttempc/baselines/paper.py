@@ -1,7 +1,5 @@
 """Readings of the printed equations where they leave a choice."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields, replace
 from typing import Literal, get_args, get_type_hints

@@ -7,8 +7,6 @@ farm vehicles using GPS", Proc. Precision Agriculture; Thuilot, Cariou, Martinet
 loop is designed by itself, on straight motion at the reference's speed, without the other two.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 
 import numpy as np

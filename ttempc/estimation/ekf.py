@@ -1,7 +1,5 @@
 """Extended Kalman filter over the articulated kinematics, for samples in any order."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence

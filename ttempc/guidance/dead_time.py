@@ -1,7 +1,5 @@
 """Compensation of the actuators' dead times around any controller."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Sequence

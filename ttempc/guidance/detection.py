@@ -8,8 +8,6 @@ shifts are assumed: a steering angle 2.5 deg off its command, and a speed that i
 case of motion 0.7 m/s, off.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left, bisect_right, insort
 from collections import deque

@@ -1,7 +1,5 @@
 """Supervisor: holds, slows down or stops the vehicle on a bad estimate, controller or reference."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Offset-free linear MPC on the articulated model, growing tube, saturated robust law: `ttempc`."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Self

@@ -1,7 +1,5 @@
 """Tube MPC with an ancillary gain: `ttempc-tube`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Identification of vehicle parameters while the vehicle is driven, in another thread."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Augmented state of the estimators: the vehicle's state and its persistent disturbances."""
 
-from __future__ import annotations
-
 import math
 from enum import IntEnum
 from typing import Final, NamedTuple

@@ -3,8 +3,6 @@
 Vehicle frame x forward, y left; angles counter-clockwise. Side slip enters as a disturbance.
 """
 
-from __future__ import annotations
-
 import math
 from enum import IntEnum
 

@@ -1,7 +1,5 @@
 """Product of a matrix and a vector, summed in index order."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

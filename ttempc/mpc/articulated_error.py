@@ -1,7 +1,5 @@
 """Articulated error model along a reference: dynamics, state and input bounds."""
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Corridor about a path, and limit of the hitch angle: what a vehicle is to keep to."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final

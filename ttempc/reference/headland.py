@@ -1,7 +1,5 @@
 """Headland pattern: parallel passes over a field, joined by turns beyond their ends."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from itertools import chain

@@ -1,7 +1,5 @@
 """Time-based reference of tractor and trailer along a path, with its inputs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Protocol

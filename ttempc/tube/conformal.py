@@ -12,8 +12,6 @@ The probability is that over calibration and next run together. Given one calibr
 is a random number with the Beta(k, n + 1 - k) distribution for continuous scores (`Calibration`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

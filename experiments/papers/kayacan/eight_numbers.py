@@ -5,8 +5,6 @@ searches class, cone index and slope of the ground for the LMPC's errors, and dr
 controllers on the field `kayacan2016`. The second varies all of `ALL` for the errors of both.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

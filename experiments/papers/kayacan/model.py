@@ -14,8 +14,6 @@ Saeys (2015), "Learning in centralized nonlinear model predictive control: appli
 autonomous tractor-trailer system", IEEE Transactions on Control Systems Technology 23(1).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final
 

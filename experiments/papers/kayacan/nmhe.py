@@ -5,8 +5,6 @@ slip factors is in the paper; the window of 3 s, the deterministic model within 
 range are from memory of the same source; the noise of the arrival cost is assumed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Final

@@ -8,8 +8,6 @@ desired point at a fixed distance ahead of the nearest point (1.6 m), bounds of 
 else is assumed, and an option.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import partial

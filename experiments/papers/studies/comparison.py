@@ -4,8 +4,6 @@ The error of a run is the 95th percentile of the absolute cross-track error of t
 the tool where there is one, else the trailer's axle point.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from typing import Any, Final
 

@@ -1,7 +1,5 @@
 """Containment of the plant in the tube: fitted on some seeds, counted on others."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import astuple, replace
 from typing import Any, Final

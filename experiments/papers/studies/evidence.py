@@ -3,8 +3,6 @@
 `evidence.toml` has the published figures and how ours are made; the functions here measure ours.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Callable, Sequence

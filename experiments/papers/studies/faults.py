@@ -1,7 +1,5 @@
 """Faults: what becomes of runs, false alarms, limits of the detectors."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections import Counter

@@ -1,7 +1,5 @@
 """Laps: readings of the paper, parts of `ttempc`, estimators."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

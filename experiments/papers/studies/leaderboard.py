@@ -4,8 +4,6 @@ An entry's cost is the 95th percentile of the absolute cross-track error of the 
 tool where there is one, else the trailer's axle point; losses count, see `trials.score_card`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from typing import Final

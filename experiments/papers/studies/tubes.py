@@ -1,7 +1,5 @@
 """Tubes on their own models: invariance of the shipped one, and the paper's."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Final

@@ -1,7 +1,5 @@
 """Plant validation of every shipped scenario, and of `grass` with contact wheels."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Final

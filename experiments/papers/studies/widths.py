@@ -5,8 +5,6 @@ of many samples with light tails (Coles 2001, "An introduction to statistical mo
 values", theorem 3.1). What few laps in a thousand exceed is extrapolated; fresh laps test it.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np
