@@ -80,6 +80,7 @@ def bench(scenario: Scenario) -> Bench:
         vehicle=plant.vehicle,
         terrain=plant.terrain,
         soil=plant.soil,
+        slope_rad=scenario.terrain.slope_rad,
         wheels=scenario.plant.wheels,
         wheel_law=plant.wheel_law,
         timestep_s=plant.timestep_s,

@@ -35,6 +35,7 @@ class Bench:
     vehicle: PlantVehicle
     terrain: Terrain  # of the scenario, slope included
     soil: SoilMap
+    slope_rad: float = 0.0
     wheels: str = DEFAULT_WHEEL_MODEL
     wheel_law: SoilLaw = SoilLaw()  # noqa: RUF009 - frozen
     timestep_s: float = 0.002

@@ -44,6 +44,7 @@ from .bench import (
     wheel_places,
 )
 from .check import Chart, Line
+from .steady_motion import Planar, steady_motion
 
 _UP_Y: Final = 0.5 * math.pi  # [rad] direction of a slope that rises to the north
 
@@ -215,18 +216,22 @@ def steering_steps(bench: Bench) -> Iterator[Measured]:
 # --- turning --------------------------------------------------------------------------------------
 
 _RADII: Final = np.array([6.0, 8.0, 10.0, 14.0, 20.0])  # [m]
+_STRENGTHS: Final = np.array([FIRM_KPA, 600.0, 300.0])  # [kPa]
+_RADIUS: Final = 10.0  # [m] of turns on softer soil
 _SETTLE: Final = 8.0  # lengths behind the pin: the transient has decayed to e^-8
 
 
-def _turn(bench: Bench, radius: float) -> tuple[float, float, float]:
-    """Drive a circle at walking pace on firm ground until it is steady.
+def _turn(bench: Bench, radius: float, cone_index: float) -> tuple[float, float, float, float]:
+    """Drive a circle at walking pace until it is steady.
 
     Returns:
-        Yaw rate over Ackermann's v tan(delta) / L, radius of the tractor point [m], by how much the
-        trailer point cuts in [m].
+        Yaw rate over Ackermann's v tan(delta) / L, the same by `steady_motion`, radius of the
+        tractor point [m], by how much the trailer point cuts in [m].
     """
     wheelbase = bench.nominal.wheelbase
-    plant = bench.plant(flat((50.0, 50.0)))
+    plant = bench.plant(flat((50.0, 50.0)), cone_index)
+    plant.reset(0.0, 0.0, 0.0, 0.0)
+    planar = Planar.of(bench.nominal, plant)
     plant.reset(0.0, -radius, 0.0, SPEED)
     command = bench.command(delta_t=math.atan(wheelbase / radius))
     behind = bench.nominal.drawbar_length + bench.nominal.trailer_length
@@ -235,32 +240,55 @@ def _turn(bench: Bench, radius: float) -> tuple[float, float, float]:
     names = ("delta_t", "yaw_rate_t", "speed", "lateral_speed", "yaw_rate_i")
     means = np.mean(np.column_stack([column(truths, name) for name in names]), axis=0)
     delta, yaw_rate, speed, lateral, trailer_rate = means
+    load = np.mean(column(truths, "wheels.load"), axis=0)
+    ackermann = speed * math.tan(delta) / wheelbase
+    motion = steady_motion(planar, delta, speed, load, cone_index)
     apart = np.diff(column(truths, "trailer")[:, :2], axis=0)
-    way, time_s = np.linalg.norm(apart, axis=1).sum(), truths[-1].time_s - truths[0].time_s
-    turned = math.hypot(speed, lateral) / yaw_rate
-    return (
-        yaw_rate * wheelbase / (speed * math.tan(delta)),
-        turned,
-        turned - way / (time_s * trailer_rate),
+    trailer_speed = float(
+        np.linalg.norm(apart, axis=1).sum() / (truths[-1].time_s - truths[0].time_s)
     )
+    turned = math.hypot(speed, lateral) / yaw_rate
+    cut = turned - trailer_speed / trailer_rate
+    return yaw_rate / ackermann, motion.yaw_rate / ackermann, turned, cut
 
 
 def circles(bench: Bench) -> Iterator[Measured]:
     """Measure yaw rate and off-tracking on circles of 6 to 20 m on firm ground."""
-    turns = np.array([_turn(bench, radius) for radius in _RADII.tolist()])
-    ratios, radii, measured = turns.T
+    turns = np.array([_turn(bench, radius, FIRM_KPA) for radius in _RADII.tolist()])
+    ratios, predicted, radii, measured = turns.T
     closed = np.array([off_tracking(bench, radius) for radius in radii.tolist()])
+    lines = {"plant": ratios, "balance of forces": predicted}
+    title, x_label = "Steady turning on firm ground", "radius by Ackermann [m]"
     yield Measured(ratios.min())
     yield Measured(ratios.max())
+    yield Measured(
+        np.abs(ratios - predicted).max(),
+        chart=_chart(title, x_label, "yaw rate / Ackermann", _RADII, **lines),
+    )
     worst = np.abs(measured - closed).argmax()
     lines = {"plant": measured, "closed form": closed}
-    title, x_label = "Off-tracking, trailer unsteered", "radius by Ackermann [m]"
+    title = "Off-tracking, trailer unsteered"
     yield Measured(
         1e3 * abs(measured - closed).max(),
         note=f"worst at R = {_RADII[worst]:g} m: {measured[worst]:.3f} m, closed form "
         f"{closed[worst]:.3f} m",
         chart=_chart(title, x_label, "trailer inside tractor [m]", _RADII, **lines),
     )
+
+
+def softening(bench: Bench) -> Iterator[Measured]:
+    """Measure the loss of yaw rate by slip angles on one circle as the ground softens."""
+    turns = [_turn(bench, _RADIUS, strength) for strength in _STRENGTHS.tolist()]
+    ratios, predicted = np.array(turns).T[:2]
+    lines = {"plant": ratios, "balance of forces": predicted}
+    title, x_label = "Turning at R = 10 m on softer soil", "cone index [kPa]"
+    yield Measured(
+        ratios[0] - ratios[-1],
+        predicted[0] - predicted[-1],
+        chart=_chart(title, x_label, "yaw rate / Ackermann", _STRENGTHS, **lines),
+        words={"firm": _STRENGTHS[0], "soft": _STRENGTHS[-1]},
+    )
+    yield Measured(-np.diff(ratios).max())
 
 
 def off_tracking(bench: Bench, radius: float) -> float:
@@ -417,6 +445,8 @@ def _best(slips: FloatArray, efficiency: FloatArray) -> float:
 # --- side force -----------------------------------------------------------------------------------
 
 _SIDE_SLOPES: Final = np.radians([2.0, 4.0, 6.0, 8.0, 10.0])
+_CONTOUR: Final = 0.10  # [rad] slope where the scenario is level
+_DRIFT_S: Final = 8.0
 
 
 def side_force(bench: Bench) -> Iterator[Measured]:
@@ -462,6 +492,31 @@ def side_force(bench: Bench) -> Iterator[Measured]:
         note=f"slip angles {degrees.min():.2f} to {degrees.max():.2f} deg",
         chart=_chart(title, "slip angle [deg]", "side force / load", degrees, **lines),
         words={"kpa": bench.cone_index},
+    )
+
+
+def contour(bench: Bench) -> Iterator[Measured]:
+    """Measure the drift down the slope along a contour, steering straight."""
+    slope = bench.slope_rad or _CONTOUR
+    plant = bench.plant(flat((60.0, 30.0)), bench.cone_index)
+    plant.reset(0.0, 0.0, 0.0, 0.0)
+    planar = Planar.of(bench.nominal, plant)
+    plant = bench.plant(flat((60.0, 30.0)).tilted(slope, _UP_Y), bench.cone_index)
+    plant.reset(-20.0, 0.0, 0.0, SPEED)
+    truths = drive(plant, bench.command(), _DRIFT_S, 0.1)
+    speed, time = float(np.mean(column(truths, "speed"))), column(truths, "time_s")
+    load = np.mean(column(truths, "wheels.load"), axis=0)  # tilted downhill
+    pull = plant.model.opt.gravity[2] * math.sin(slope)
+    motion = steady_motion(planar, 0.0, speed, load, bench.cone_index, pull)
+    down = -column(truths, "tractor.y") / math.cos(slope)
+    predicted = -(motion.lateral_speed * time + 0.5 * speed * motion.yaw_rate * time**2)
+    title = f"Along a contour, slope {slope:.2f} rad, {bench.cone_index:.0f} kPa"
+    lines = {"plant": down, "balance of forces": predicted}
+    yield Measured(
+        100.0 * down[-1],
+        100.0 * predicted[-1],
+        chart=_chart(title, "time [s]", "drift down the slope [m]", time, **lines),
+        words={"slope": slope, "way_m": speed * _DRIFT_S},
     )
 
 
@@ -607,6 +662,23 @@ def free_fall(bench: Bench) -> Iterator[Measured]:
     yield Measured(abs(energy_after / energy - 1.0))
 
 
+def frictionless(bench: Bench) -> Iterator[Measured]:
+    """Measure a vehicle that slides ahead and aside on the normal forces of its wheels alone."""
+    plant = bench.plant(flat((20.0, 20.0)))
+    plant.reset(0.0, 0.0, 0.0, 0.0)
+    _remove_losses(plant)
+    plant.data.qvel[:2] += 1.0, 0.5
+    mujoco.mj_step1(plant.model, plant.data)
+    _, momentum, _ = _mechanics(plant)
+    kinetic = _kinetic(plant)
+    for _ in range(steps(plant, 1.0)):
+        _slide(plant)
+    _, after, _ = _mechanics(plant)
+    scale = float(np.linalg.norm(momentum[:2]))
+    yield Measured(float(np.abs(after - momentum)[:2].max()) / scale)
+    yield Measured(abs(_kinetic(plant) - kinetic) / kinetic)
+
+
 def _remove_losses(plant: Plant) -> None:
     """Remove drive, damping and friction from the model."""
     for name in (
@@ -619,6 +691,20 @@ def _remove_losses(plant: Plant) -> None:
         getattr(plant.model, name)[:] = 0.0
 
 
+def _slide(plant: Plant) -> None:
+    """Advance one physics step with the normal forces of the wheels alone."""
+    model, data = plant.model, plant.data
+    if plant.wheels.follows_soil_law:
+        ids = np.array([plant.body_names.index(wheel) for wheel in WHEELS])
+        motion = wheel_motion(plant)
+        touch = tyre.contact(plant.tyres, plant.terrain, motion)
+        force = touch.load[:, None] * touch.normal
+        data.xfrc_applied[ids, :3] = force
+        data.xfrc_applied[ids, 3:] = np.cross(touch.point - motion.centre, force)
+    mujoco.mj_step2(model, data)
+    mujoco.mj_step1(model, data)
+
+
 def _mechanics(plant: Plant) -> tuple[float, FloatArray, FloatArray]:
     """Return kinetic energy [J] about the centre of mass, momentum [N s], angular momentum [N m s].
 
@@ -627,11 +713,15 @@ def _mechanics(plant: Plant) -> tuple[float, FloatArray, FloatArray]:
     """
     model, data = plant.model, plant.data
     mujoco.mj_subtreeVel(model, data)
-    mujoco.mj_energyVel(model, data)
     mass = float(model.body_mass.sum())
     momentum = mass * data.subtree_linvel[1].copy()
-    energy = float(data.energy[1]) - 0.5 * float(momentum @ momentum) / mass
+    energy = _kinetic(plant) - 0.5 * float(momentum @ momentum) / mass
     return energy, momentum, data.subtree_angmom[1].copy()
+
+
+def _kinetic(plant: Plant) -> float:
+    mujoco.mj_energyVel(plant.model, plant.data)
+    return float(plant.data.energy[1])
 
 
 # --- numerics -------------------------------------------------------------------------------------

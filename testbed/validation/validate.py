@@ -49,6 +49,7 @@ _LEVER: Final = "rule of the lever on masses and lengths of the vehicle's file"
 _STEP: Final = "vehicle's K and tau; for the paper's vehicle: Kayacan et al. 2016, sec. II"
 _RATES: Final = "vehicle; rates of the paper's: Kayacan et al. 2016, constraints"
 _ROLLING: Final = "rolling without side slip behind two hinges, docs/architecture.md"
+_SOFTENING: Final = "planar balance of the lateral law: slip angles grow as soil softens"
 
 # fmt: off
 EXPERIMENTS: Final[dict[str, tuple[Callable[[Bench], Iterator[Measured]], tuple[Row, ...]]]] = {
@@ -76,8 +77,15 @@ EXPERIMENTS: Final[dict[str, tuple[Callable[[Bench], Iterator[Measured]], tuple[
             "Ackermann; 0.08 below it for slip angles on firm ground (assumed)"),
         Row("turning, R = 6 to 20 m, most yaw rate over Ackermann", _within(0.92, 1.0), "",
             "Ackermann: slip angles at walking pace do not reduce the radius"),
+        Row("turning, R = 6 to 20 m, off the balance of forces", _most(0.015), "",
+            "planar balance of the same tyre law (steady_motion.py)"),
         Row("off-tracking, R = 6 to 20 m, off the closed form", _most(20.0), "mm",
             "R - sqrt(R² + a² - (d + L_i)²); 20 mm for slip of the trailer's axle"))),
+    "turning on soft soil": (drive.softening, (
+        Row("loss of yaw rate from {firm:.0f} to {soft:.0f} kPa at R = 10 m", _near(least=0.01),
+            "", _SOFTENING),
+        Row("least loss of yaw rate from one soil to the next softer one",
+            _within(0.001, math.inf), "", _SOFTENING))),
     "slip": (drive.slip_against_pull, 2 * (
         Row("slip under drawbar pull at {kpa:.0f} kPa, off the law", _most(0.005), "",
             "Brixius 1987, traction equation"),)),
@@ -89,6 +97,9 @@ EXPERIMENTS: Final[dict[str, tuple[Callable[[Bench], Iterator[Measured]], tuple[
     "side force": (drive.side_force, (
         Row("side force over load at {kpa:.0f} kPa, off the law", _most(0.01), "",
             "lateral law, mu (1 - exp(-C/mu |alpha|)) by similarity with slip"),)),
+    "contour": (drive.contour, (
+        Row("drift along a contour of {slope:.2f} rad in {way_m:.1f} m", _near(0.15, least=2.0),
+            "cm", "planar balance of forces with the same lateral law"),)),
     "kinematics": (drive.hitch_kinematics, (
         Row("trailer yaw rate, rms residual", _most(0.01), "rad/s", _ROLLING),
         Row("axle points against the chain of lengths", _most(5.0), "mm",
@@ -107,6 +118,11 @@ EXPERIMENTS: Final[dict[str, tuple[Callable[[Bench], Iterator[Measured]], tuple[
             "Euler: no moment about the centre of mass; 1 % of integration error (assumed)"),
         Row("drift of the energy about the centre of mass in free fall of 0.5 s", _most(0.01),
             "of itself", "conservation; 1 % of integration error (assumed)"))),
+    "frictionless": (drive.frictionless, (
+        Row("momentum drift on frictionless level ground in 1 s", _most(1e-3), "of itself",
+            "Newton: no horizontal force"),
+        Row("kinetic energy drift on frictionless level ground in 1 s", _most(0.005), "of itself",
+            "conservation; 0.5 % of integration error (assumed)"))),
     "time steps": (drive.convergence, (
         Row("end point after 10 s, time steps of 0.5 to 4 ms", _most(20.0), "mm",
             "convergence; 20 mm assumed, below the GNSS noise of the paper (30 mm)"),)),

@@ -1,0 +1,150 @@
+"""Steady motion of the vehicle from the planar balance of forces, without a simulation.
+
+Tractor and trailer move in the plane on six wheels with the law of `soil_law`. The balances of
+force and moment give yaw rate, lateral speed, hitch angle, traction and the slip of each wheel.
+Linkage, servos, integration and the third dimension, which the plant adds, must not change the
+result. The trailer is not steered.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from scipy.optimize import fsolve
+
+from ttempc.types import FloatArray
+from ttempc.vehicle import Vehicle
+
+from ..simulation.plant import Plant
+from ..truth import WHEELS
+from ..wheels.soil_law import SoilLaw
+from ..wheels.tyre import Tyres, mobility
+from .bench import DRIVEN, TRAILER, bodies, centre_of_mass, wheel_places
+
+_FRONT = ~(DRIVEN | TRAILER)
+
+
+@dataclass(frozen=True, slots=True)
+class Planar:
+    """A planar vehicle in line: x ahead of the tractor point, y to its left."""
+
+    lengths: Vehicle
+    law: SoilLaw
+    tyres: Tyres
+    place: FloatArray  # (6, 2) [m] of the wheels
+    kingpin_y: float  # [m] of the left one
+    mass: tuple[float, float]  # [kg] of tractor and of trailer with drawbar
+    centre_x: tuple[float, float]  # [m] of these
+
+    @classmethod
+    def of(cls, lengths: Vehicle, plant: Plant) -> Self:
+        """Return the planar vehicle of a plant at the origin with heading 0."""
+        towed = bodies(plant, "drawbar")
+        tractor = [body for body in bodies(plant, "tractor") if body not in towed]
+        mass, centre = centre_of_mass(plant, tractor)
+        mass_towed, centre_towed = centre_of_mass(plant, towed)
+        return cls(
+            lengths,
+            plant.wheel_law,
+            plant.tyres,
+            wheel_places(plant)[:, :2],
+            float(plant.model.body("knuckle_left").pos[1]),
+            (mass, mass_towed),
+            (float(centre[0]), float(centre_towed[0])),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyMotion:
+    """Solution of the balances."""
+
+    yaw_rate: float  # [rad/s]
+    lateral_speed: float  # [m/s] of the tractor point to the left
+    beta: float  # [rad] hitch angle psi_t - psi_d
+
+
+def steady_motion(
+    vehicle: Planar,
+    delta_t: float,
+    speed: float,
+    load: FloatArray,
+    cone_index: float,
+    side_pull: float = 0.0,
+) -> SteadyMotion:
+    """Return the motion in which all forces balance, NaN where there is no solution.
+
+    Args:
+        vehicle: the vehicle.
+        delta_t: front steering [rad].
+        speed: of the tractor point along the tractor [m/s].
+        load: on the wheels [N], (6,).
+        cone_index: of the soil [kPa].
+        side_pull: component of gravity to the left on a side slope [m/s^2].
+    """
+    lengths = vehicle.lengths
+    tangent = math.tan(delta_t)
+    heading = np.zeros(len(WHEELS))  # of the wheels in their own body
+    sides = np.sign(vehicle.place[:, 1])
+    heading[_FRONT] = np.arctan2(  # Ackermann
+        lengths.wheelbase * tangent, lengths.wheelbase - sides[_FRONT] * vehicle.kingpin_y * tangent
+    )
+    law = vehicle.law
+    bn, m = mobility(law, vehicle.tyres, load, np.full(len(WHEELS), cone_index))
+    pin = np.array([-lengths.hitch_offset, 0.0])
+    half = 0.5 * load[DRIVEN].sum()
+
+    def imbalance(unknown: FloatArray) -> FloatArray:
+        yaw_rate, lateral, beta, drive = unknown[:4]
+        slip = np.clip(unknown[4:], -0.99, 0.99)  # (6,)
+        cosine, sine = math.cos(beta), math.sin(beta)
+        turn = np.array([[cosine, sine], [-sine, cosine]])  # trailer's axes to the tractor's
+        place = vehicle.place.copy()
+        place[TRAILER] = pin + (place[TRAILER] - pin) @ turn.T
+        centres = np.array([[x, 0.0] for x in vehicle.centre_x])
+        centres[1] = pin + turn @ (centres[1] - pin)
+        absolute = heading - beta * TRAILER
+        ahead = np.column_stack([np.cos(absolute), np.sin(absolute)])
+        left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+
+        def velocity(points: FloatArray) -> FloatArray:
+            return np.column_stack(
+                [speed - yaw_rate * points[:, 1], lateral + yaw_rate * points[:, 0]]
+            )
+
+        moving = velocity(place)
+        along, across = (moving * ahead).sum(axis=1), (moving * left).sum(axis=1)
+        gross = np.where(DRIVEN, drive * half, 0.0)  # open differential: one torque for both
+        sliding = along * np.maximum(slip, 0.0) / (1.0 - np.maximum(slip, 0.0))
+        slip_angle = np.arctan(across / np.maximum(along, sliding))
+        traction, side = law.combined_ratios(bn, m, slip, slip_angle)
+        torque = load * (traction + law.resistance_tyre) - gross
+        side = load * side
+        pull = load * (traction - law.soil_resistance_ratio(bn, slip))
+        force = pull[:, None] * ahead + side[:, None] * left  # (6, 2)
+        # a body that circles steadily accelerates by yaw rate x velocity
+        circling = velocity(centres)
+        inertia = np.array(vehicle.mass)[:, None] * (
+            yaw_rate * np.column_stack([-circling[:, 1], circling[:, 0]]) - [0.0, side_pull]
+        )
+        total = force.sum(axis=0) - inertia.sum(axis=0)
+        moment = _moment(place, force) - _moment(centres, inertia)
+        about_pin = _moment(place[TRAILER] - pin, force[TRAILER]) - _moment(
+            centres[1:] - pin, inertia[1:]
+        )
+        return np.array([*total, moment, about_pin, *torque]) / half
+
+    circle = speed * tangent / lengths.wheelbase
+    behind = lengths.hitch_offset + lengths.drawbar_length + lengths.trailer_length
+    solution, _, status, _ = fsolve(
+        imbalance,
+        [circle, 0.0, circle * behind / speed, 0.1, *np.where(DRIVEN, 0.02, law.towed_slip(bn))],
+        full_output=True,
+    )
+    if status != 1:
+        return SteadyMotion(math.nan, math.nan, math.nan)
+    return SteadyMotion(*map(float, solution[:3]))
+
+
+def _moment(places: FloatArray, forces: FloatArray) -> float:
+    return float((places[:, 0] * forces[:, 1] - places[:, 1] * forces[:, 0]).sum())
