@@ -10,7 +10,7 @@ run: $(VENV)/.run          ## drive the default scenario to its end
 test: $(VENV)/.dev         ## the whole suite, a process per core; kernels are compiled once before
 	folder=$$(mktemp -d) && $(BIN)/ttempc run grass --json --set path.kind=straight -o $$folder/run \
 		--set path.length_m=12 >$$folder/summary.json; rm -r $$folder
-	$(BIN)/python -m pytest -n logical --maxprocesses 8
+	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal
 
 bench: $(VENV)/.dev        ## cost and speed beside their limits; leave the machine idle
 	$(BIN)/python -m proving_ground.experiments.papers.benchmarks

@@ -156,7 +156,7 @@ def test_commands_run_in_a_repository_with_packages_of_the_same_names(repository
     command = str(Path(sys.executable).with_name("ttempc"))
     for arguments in (
         ["run", "grass", "--controller", "mine:Mine", "--out", "run", "--set", STRAIGHT],
-        ["sweep", "study.toml", "--out", "swept", "--workers", "2", "--trust"],
+        ["sweep", "study.toml", "--out", "swept", "--workers", "0", "--trust"],
     ):
         done = subprocess.run(
             [command, *arguments], cwd=repository, capture_output=True, text=True, check=False

@@ -6,6 +6,8 @@ import pytest
 from proving_ground.experiments.papers import benchmarks
 from proving_ground.testbed.vehicle.vehicle import read_vehicle
 
+pytestmark = pytest.mark.slow  # of the papers, not of the product
+
 STRAIGHT = ("path={kind='straight', length_m=3}",)
 
 

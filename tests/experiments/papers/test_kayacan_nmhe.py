@@ -11,6 +11,8 @@ from tests.ttempc.closed_loop import PERIOD_S
 from ttempc.types import Command, Measurement, Sensor, State
 from ttempc.vehicle import Vehicle
 
+pytestmark = pytest.mark.slow  # of the papers, not of the product
+
 VEHICLE = Vehicle()
 
 

@@ -22,6 +22,8 @@ from ttempc.reference.reference import ConstantSpeed, Reference
 from ttempc.types import Estimate
 from ttempc.vehicle import Vehicle
 
+pytestmark = pytest.mark.slow  # of the papers, not of the product
+
 VEHICLE = Vehicle()
 EIGHT = Reference(figure_eight(laps=1), VEHICLE, ConstantSpeed(1.0))
 LINE = Reference(straight(40.0), VEHICLE, ConstantSpeed(1.0))
