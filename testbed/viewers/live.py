@@ -230,22 +230,24 @@ class _OriginGate:
         server.close()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        # Errors: the client left, or sent no request.
-        with contextlib.suppress(OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+        # Errors: the client left, or sent no request. The end of the gate cancels what is open.
+        with (
+            contextlib.closing(writer),
+            contextlib.suppress(OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError),
+        ):
             header = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), _HEADER_S)
-            if all(_ALLOWED.fullmatch(origin.strip()) for origin in _ORIGIN.findall(header)):
-                behind, onward = await asyncio.open_connection(HOST, self._inner_port)
+            if not all(_ALLOWED.fullmatch(origin.strip()) for origin in _ORIGIN.findall(header)):
+                writer.write(_REFUSAL)
+                return
+            behind, onward = await asyncio.open_connection(HOST, self._inner_port)
+            with contextlib.closing(onward):
                 onward.write(header)
                 await asyncio.gather(_copy(reader, onward), _copy(behind, writer))
-            else:
-                writer.write(_REFUSAL)
-        writer.close()
 
 
 async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     """Pass bytes on until one side leaves, which closes the other."""
-    with contextlib.suppress(OSError):
+    with contextlib.closing(writer), contextlib.suppress(OSError):
         while data := await reader.read(_BLOCK):
             writer.write(data)
             await writer.drain()
-    writer.close()
