@@ -28,7 +28,7 @@ from ..scenario.scenario import Scenario, dump, identity
 from ..scenario.vehicle import ParameterMismatch
 from .assembly import Assembly, assemble
 from .shared_parts import SharedParts
-from .user_code import name_of, user_sources
+from .user_code import exits_raise, name_of, user_sources
 
 if TYPE_CHECKING:
     from ...testbed.viewers.live import LiveView
@@ -52,6 +52,7 @@ class Finished:
     notes: tuple[str, ...] = ()  # on path and tube
 
 
+@exits_raise()
 def simulate(
     name: str,
     scenario: Scenario,
@@ -94,6 +95,7 @@ def simulate(
     return _summarise(record, name, scenario, seed, outcome, file, sources), record
 
 
+@exits_raise()
 def run(
     name: str,
     scenario: Scenario,

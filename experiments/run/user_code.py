@@ -5,11 +5,13 @@ import importlib
 import inspect
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 import numpy as np
 
@@ -33,12 +35,36 @@ _ROLES: Final = {  # by key of a scenario
 }
 _MOST_OFFERED: Final = 20  # names of a module in a message
 
+_leave = os._exit
+_guarded = threading.local()  # .pid: of the process in which this thread is in `exits_raise`
+
+
+def _exit(status: int) -> NoReturn:
+    if getattr(_guarded, "pid", None) == os.getpid():
+        raise SystemExit(f"os._exit({status})")
+    _leave(status)
+
+
+@contextmanager
+def exits_raise() -> Iterator[None]:
+    """Raise `SystemExit` where `os._exit` is called in this block, by a user's Python code say.
+
+    It would end the process without a word. Other threads and forked processes end as ever.
+    """
+    before, os._exit = getattr(_guarded, "pid", None), _exit
+    _guarded.pid = os.getpid()
+    try:
+        yield
+    finally:
+        _guarded.pid = before
+
 
 def is_user_code(name: str) -> bool:
     """Whether a name is of the form `package.module:factory`."""
     return ":" in name
 
 
+@exits_raise()
 def load_factory(name: str, what: str) -> Callable[..., object]:
     """Return the callable of the name `package.module:factory`; `what` is its role in messages.
 

@@ -1,12 +1,15 @@
 """Controllers and estimators of a user's own package: by name, refused with a reason, guarded."""
 
+import os
 import sys
+import threading
 
 import numpy as np
 import pytest
 from proving_ground.experiments.commands.cli import main
 from proving_ground.experiments.errors import InvalidController
 from proving_ground.experiments.run.simulate import simulate
+from proving_ground.experiments.run.user_code import exits_raise
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.experiments.sweep.engine import engine
 from proving_ground.testbed.log.reader import read_log
@@ -232,3 +235,27 @@ def test_commands_beyond_the_limits_are_cut_and_said():
     )
     assert any("the controller's delta_t not finite, hp not finite: cut" in text for text in said)
     assert any(text == "reaction ended" for text in said)
+
+
+def test_exits_raise_in_the_threads_of_drives_alone():
+    """Two threads enter and leave in another order; each call raises where its thread is inside."""
+    inside, leave, said = threading.Barrier(2), threading.Barrier(2), []
+
+    def drive(first):
+        with exits_raise():
+            inside.wait(5.0)
+            if first:
+                leave.wait(5.0)
+            try:
+                os._exit(3)
+            except SystemExit as exit:
+                said.append(str(exit))
+        if not first:
+            leave.wait(5.0)
+
+    threads = [threading.Thread(target=drive, args=(first,)) for first in (True, False)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert said == ["os._exit(3)"] * 2
