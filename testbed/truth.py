@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+import numpy as np
+
 from ttempc.types import FloatArray
 
 WHEELS: Final = (
@@ -76,3 +78,14 @@ class Truth:
     body_xyz: FloatArray  # (n, 3) [m] of every body, order of `Plant.body_names`
     body_quat: FloatArray  # (n, 4) w, x, y, z
     tool: Tool | None = None  # None without an implement
+
+
+TRUTH: Final = np.dtype(
+    [
+        ("time_s", "f8"),
+        ("state", "f8", 25),  # as a row of the channel `/state`
+        ("tyres", "f8", (6, 7)),  # as a row of the channel `/tyres`: wheels, fields of `Wheels`
+        ("antennas", "f8", (2, 3)),
+    ]
+)
+"""Record of a moment that compiled steps write, a row of float64; `Truth` is its view."""
