@@ -11,6 +11,7 @@ from types import FunctionType, ModuleType
 from typing import Any, Final, ParamSpec, TypeVar
 
 import numba
+import numpy as np
 from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.core.compiler_lock import global_compiler_lock
@@ -128,7 +129,7 @@ def fingerprint(function: FunctionType) -> str:
 
     Raises:
         TypeError: a global is neither a module, a kernel, a function of a library, an enumeration,
-            a named tuple, a number nor a tuple.
+            a named tuple, the type of a record, a number nor a tuple.
     """
     code = function.__code__
     parts = [code.co_code.hex(), repr(code.co_consts), repr(code.co_names)]
@@ -148,7 +149,7 @@ def _described(name: str, value: object) -> str:
             return repr(getattr(value, "_fields", ()))
         case ModuleType():
             return value.__name__
-        case ExternalFunction():
+        case ExternalFunction() | np.dtype():
             return repr(value)
         case bool() | int() | float() | tuple():
             return repr(value)

@@ -50,7 +50,7 @@ _step1: Final = types.ExternalFunction("mj_step1", _OF_MODEL_AND_DATA)
 _step2: Final = types.ExternalFunction("mj_step2", _OF_MODEL_AND_DATA)
 
 
-def _clock() -> np.ndarray:
+def clock() -> np.ndarray:
     """Return MuJoCo's variable with the address of the clock that it reads 20 times a step, (1,).
 
     The bindings for Python set it; without a clock a step takes 6 % less. `mjData.timer`, which
@@ -60,7 +60,7 @@ def _clock() -> np.ndarray:
     return np.ctypeslib.as_array((ctypes.c_ssize_t * 1).from_address(address))
 
 
-_CLOCK: Final = int(_clock()[0])
+_CLOCK: Final = int(clock()[0])
 
 
 @cached_njit(error_model="numpy", boundscheck=False)
@@ -184,7 +184,7 @@ def soil_steps(
         qpos: (nq,) MuJoCo's positions.
         qvel: (nv,) MuJoCo's velocities.
         ground_type: (1,) contact type of the ground in MuJoCo's model, as found afterwards.
-        clock: (1,) `_clock`; 0 meanwhile.
+        clock: (1,) `clock()`; 0 meanwhile.
         timer: its value afterwards.
         timestep: of the physics [s].
         steps: number of physics steps.
@@ -253,7 +253,7 @@ def compiled_steps(
         data.qpos,
         data.qvel,
         model.geom_contype[field : field + 1],
-        _clock(),
+        clock(),
         _CLOCK,
         model.opt.timestep,
     )

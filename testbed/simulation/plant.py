@@ -22,7 +22,7 @@ from ..ground.terrain import Terrain
 from ..implement.implement import Implement
 from ..implement.mounted import MountedImplement, draw_implement, frame_height
 from ..messages.scenery import Scenery, shapes_of
-from ..truth import WHEELS, Truth
+from ..truth import WHEELS, Moments, Truth
 from ..vehicle.appearance import paint_ground
 from ..vehicle.servos import tyres_of
 from ..vehicle.vehicle import PlantVehicle
@@ -167,6 +167,14 @@ class Plant:
             self._run(steps, before_step=lambda: self._move_valves(command))
         self._check(before, steps)
         return self.truth()
+
+    def drive(self, command: Command, stops: int, stride: int) -> Moments:
+        """Hold a command and return the state after every `stride` physics steps, `stops` times.
+
+        Raises:
+            PlantDiverged: as `advance`.
+        """
+        return Moments.of([self.advance(command, stride) for _ in range(stops)])
 
     @property
     def timestep_s(self) -> float:

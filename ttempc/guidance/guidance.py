@@ -7,10 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
+from ..layout import measurements_of, sample_rows
 from ..learning.learner import Identifier, Learner, Learnt
-from ..learning.window import RecordedTick, sample_rows
+from ..learning.window import RecordedTick
 from ..reference.path import Path
 from ..reference.reference import ConstantSpeed, Reference, check_drivable, check_pace
 from ..types import (
@@ -20,6 +23,7 @@ from ..types import (
     Diagnostics,
     Estimate,
     Estimator,
+    FloatArray,
     Measurement,
     State,
     WarmingUp,
@@ -300,18 +304,21 @@ class Guidance:
         with user_part(GuidanceFailed, f"prepare raised at tick {self.tick}"):
             self._supervisor.prepare(self.reference_tick)
 
-    def update(self, time_s: float, measurements: Sequence[Measurement]) -> Estimate:
+    def update(self, time_s: float, measurements: Sequence[Measurement] | FloatArray) -> Estimate:
         """Run the estimator to `time_s` and return its estimate.
 
         Args:
             time_s: present time [s] on the clock of the samples.
             measurements: the samples that arrived since the last update, in the order of arrival,
-                late ones included; each with the time at which it was taken.
+                late ones included; each with the time at which it was taken. As objects, or as
+                rows (n, 5) of `ttempc.layout.SAMPLE` entries.
 
         Raises:
             InvalidTime: `time_s` is not finite or before that of the last update.
             EstimatorFailed: the estimator raised, or returned no `Estimate`.
         """
+        if isinstance(measurements, np.ndarray):
+            measurements = measurements_of(measurements)
         if not math.isfinite(time_s):
             raise InvalidTime(f"update: time_s = {time_s}, must be finite")
         if self._origin_s is None:

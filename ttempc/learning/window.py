@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import Final, overload
 
 import numpy as np
 
-from ..layout import SAMPLE
-from ..models.augmented_state import LENGTH, SensorIndex
-from ..types import Command, FloatArray, Measurement, Sensor
+from ..layout import SAMPLE, measurements_of, sample_rows
+from ..types import Command, FloatArray, Measurement
 
 TIME, COMMAND, HEADINGS, SAMPLES = 0, slice(1, 4), slice(4, 6), 6
 """Columns of a tick: time [s], the command of the period before, NaN where there was none, the
 estimated yaw of tractor and trailer [rad], and the number of samples up to the end of the tick."""
 
 _TICK: Final = 7
-_SENSORS: Final = tuple(Sensor[index.name] for index in SensorIndex)
-_ENTRIES: Final = {s: (i, LENGTH.get(s, 3)) for i, s in enumerate(_SENSORS)}
 _NO_COMMAND: Final = (math.nan, math.nan, math.nan)
 
 
@@ -32,21 +28,6 @@ class RecordedTick:
     samples: tuple[Measurement, ...]  # in the order of arrival
     command: Command | None  # of the period before; None at the first tick
     headings: tuple[float, float]  # estimated yaw of tractor and trailer [rad], may be NaN
-
-
-def sample_rows(samples: Iterable[Measurement]) -> FloatArray:
-    """Return samples as rows (n, 5) of `SAMPLE`; NaN for a value of a wrong length.
-
-    A sample of none of the sensors of `SensorIndex` is left out.
-    """
-    rows: list[tuple[float, ...]] = []
-    for sample in samples:
-        if sample.sensor not in _ENTRIES:
-            continue
-        index, length = _ENTRIES[sample.sensor]
-        value = sample.value if len(sample.value) == length else (math.nan,) * length
-        rows.append((sample.time_s, index, *value, 0.0, 0.0)[:SAMPLE])
-    return np.fromiter(chain.from_iterable(rows), float).reshape(-1, SAMPLE)
 
 
 class Window(Sequence[RecordedTick]):
@@ -83,10 +64,7 @@ class Window(Sequence[RecordedTick]):
         index = range(len(self))[index]
         time_s, *command, psi_t, psi_i, end = self.ticks[index].tolist()
         begin = self.ticks.item(index - 1, SAMPLES) if index else 0
-        samples: list[Measurement] = []
-        for sampled_s, i, *value in self.samples[int(begin) : int(end)].tolist():
-            sensor = _SENSORS[int(i)]
-            samples.append(Measurement(sampled_s, sensor, tuple(value[: _ENTRIES[sensor][1]])))
+        samples = measurements_of(self.samples[int(begin) : int(end)])
         known = Command(*command) if command[0] == command[0] else None
         return RecordedTick(time_s, tuple(samples), known, (psi_t, psi_i))
 

@@ -11,8 +11,9 @@ from threading import Event
 import numpy as np
 import pytest
 
+from ttempc.layout import sample_rows
 from ttempc.learning.learner import Identification, Learner, ParameterChange
-from ttempc.learning.window import RecordedTick, Recorder, Window, sample_rows
+from ttempc.learning.window import RecordedTick, Recorder, Window
 from ttempc.types import Command, Measurement, Sensor
 from ttempc.vehicle import Vehicle
 
