@@ -17,7 +17,8 @@ ROOT = Path(__file__).parents[1]
 PROJECT = ("mjcf", "testbed", "ttempc", "experiments")
 CONTROL_SIDE_MAY = {"numpy", "scipy", "piqp", "numba", "daqp", "ttempc"} | sys.stdlib_module_names
 CONTROL_SIDE_MAY_NOT = {"time", "pathlib", "os", "io"}
-TESTBED_MAY = {f"ttempc.{name}" for name in ("errors", "jit", "suggestion", "types", "vehicle")}
+_SHARED = ("errors", "jit", "layout", "suggestion", "types", "vehicle")
+TESTBED_MAY = {f"ttempc.{name}" for name in _SHARED}
 SHIPPED_MAY_NOT = "experiments.papers"  # the wheel leaves it out
 
 

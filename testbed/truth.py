@@ -1,5 +1,7 @@
 """Truth: the true state of the vehicle and of its wheels at one moment."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -89,3 +91,86 @@ TRUTH: Final = np.dtype(
     ]
 )
 """Record of a moment that compiled steps write, a row of float64; `Truth` is its view."""
+
+TRUTH_SIZE: Final = TRUTH.itemsize // 8
+STATE_COLUMNS: Final = slice(1, 26)
+TYRE_COLUMNS: Final = slice(26, 68)
+ANTENNA_COLUMNS: Final = slice(68, 74)
+
+
+class Motion(NamedTuple):
+    """Time and state of a moment, the first entries of its row; units as in `Truth`."""
+
+    time_s: float
+    x_t: float
+    y_t: float
+    psi_t: float
+    x_i: float
+    y_i: float
+    psi_i: float
+    z_t: float
+    pitch_t: float
+    roll_t: float
+    z_i: float
+    pitch_i: float
+    roll_i: float
+    psi_d: float
+    beta: float
+    delta_t: float
+    delta_i: float
+    hp: float
+    speed: float
+    lateral_speed: float
+    yaw_rate_t: float
+    yaw_rate_i: float
+    rim_speed: float
+    delta_t_set_point: float
+    delta_i_set_point: float
+    hp_set_point: float
+
+
+_MOTION: Final = len(Motion._fields)
+TOOL_SIZE: Final = 6  # numbers of a `Tool` before its arrays
+
+
+class Moments(NamedTuple):
+    """States of the plant at the stops of a drive; the arrays are the receiver's own."""
+
+    rows: FloatArray  # (n, TRUTH_SIZE) see `TRUTH`
+    poses: FloatArray  # (n, bodies, 7) [m] x, y, z and quaternion w, x, y, z of every body
+    # (n, 6 + 3 m) numbers of a `Tool` with m points, then its arrays; (n, 0) without an implement
+    tools: FloatArray
+
+    def truth(self, number: int) -> Truth:
+        """Return the view of a row; its arrays are those of the row."""
+        row, bodies, tool = self.rows[number], self.poses[number], self.tools[number]
+        now = self.motion(number)
+        return Truth(
+            time_s=now.time_s,
+            tractor=Pose(now.x_t, now.y_t, now.z_t, now.psi_t, now.pitch_t, now.roll_t),
+            trailer=Pose(now.x_i, now.y_i, now.z_i, now.psi_i, now.pitch_i, now.roll_i),
+            antennas=row[ANTENNA_COLUMNS].reshape(2, 3),
+            psi_d=now.psi_d,
+            beta=now.beta,
+            delta_t=now.delta_t,
+            delta_i=now.delta_i,
+            speed=now.speed,
+            lateral_speed=now.lateral_speed,
+            yaw_rate_t=now.yaw_rate_t,
+            yaw_rate_i=now.yaw_rate_i,
+            rim_speed=now.rim_speed,
+            hp=now.hp,
+            set_points=row[_MOTION - 3 : _MOTION],
+            wheels=Wheels(*row[TYRE_COLUMNS].reshape(len(WHEELS), -1).T),
+            body_xyz=bodies[:, :3],
+            body_quat=bodies[:, 3:],
+            tool=_tool(tool) if len(tool) else None,
+        )
+
+    def motion(self, number: int) -> Motion:
+        """Return time and state of a row."""
+        return Motion(*self.rows[number, :_MOTION].tolist())
+
+
+def _tool(row: FloatArray) -> Tool:
+    return Tool(*row[:TOOL_SIZE].tolist(), *row[TOOL_SIZE:].reshape(3, -1))

@@ -5,12 +5,53 @@ one, `row.view(TYPE)[0]`: handing over a plain array costs a tenth of handing ov
 with names and words, `Estimate` and `Diagnostics`, are made where somebody looks.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
+from .types import FloatArray, Measurement, Sensor
+
 SAMPLE: Final = 5
 """Entries of a sample: time [s], `SensorIndex`, three components; 0 where it has fewer of them."""
+
+_LENGTHS: Final = dict.fromkeys(Sensor, 1) | {
+    Sensor.GNSS_TRACTOR: 2,
+    Sensor.GNSS_TRAILER: 2,
+    Sensor.IMU_TRACTOR: 3,
+    Sensor.IMU_TRAILER: 3,
+}
+_SENSORS: Final = tuple(_LENGTHS.items())  # in the order of `Sensor` and of `SensorIndex`
+_FILL: Final = (0.0, 0.0)
+_KINDS: Final = {
+    sensor: (i, length, _FILL[: 3 - length]) for i, (sensor, length) in enumerate(_SENSORS)
+}
+_WRONG: Final = (np.nan, np.nan, np.nan)  # a value that no estimator takes
+
+
+def sample_rows(samples: Sequence[Measurement]) -> FloatArray:
+    """Return the rows (n, `SAMPLE`) of samples, in their order.
+
+    Samples of unknown sensors are left out. A value with another number of components than those
+    of its sensor becomes NaN.
+    """
+    rows = []
+    for sample in samples:
+        if sample.sensor in _KINDS:
+            kind, length, fill = _KINDS[sample.sensor]
+            value = (*sample.value, *fill) if len(sample.value) == length else _WRONG
+            rows.append((sample.time_s, kind, *value))
+    return np.array(rows, dtype=float).reshape(-1, SAMPLE)
+
+
+def measurements_of(rows: FloatArray) -> list[Measurement]:
+    """Return the samples of rows (n, `SAMPLE`), in their order: views for parts of a user."""
+    samples = []
+    for time_s, kind, *value in rows.tolist():
+        sensor, length = _SENSORS[int(kind)]
+        samples.append(Measurement(time_s, sensor, tuple(value[:length])))
+    return samples
+
 
 ESTIMATE: Final = np.dtype(
     [

@@ -11,6 +11,7 @@ beyond its limit is marked as missed.
 # pyright: reportAttributeAccessIssue=false
 import argparse
 import importlib
+import itertools
 import math
 import os
 import resource
@@ -18,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -40,6 +42,7 @@ from ...testbed.ground.soil import SoilMap
 from ...testbed.randomness import generator
 from ...testbed.recording.provenance import machine
 from ...testbed.recording.record import Recorder, Tee
+from ...testbed.simulation import compiled_steps
 from ...testbed.simulation.plant import Plant
 from ...testbed.vehicle.vehicle import PlantVehicle
 from ..run.assembly import assemble
@@ -181,71 +184,96 @@ def latency(ticks: int = 340, repeats: int = 4, pause_s: float = 0.02) -> list[F
 # --- Closed loop ----------------------------------------------------------------------------------
 
 
-def physics_steps(vehicle: PlantVehicle, steps: int = 500, repeats: int = 200) -> FloatArray:
-    """Return the times of a step on soil and of a bare `mj_step` [s], (2,).
+def bare_step_s(steps: int = 500, blocks: int = 20) -> float:
+    """Return the time of a bare `mj_step` [s]: the frozen unit of all ratios.
 
-    The bare vehicle floats without gravity and wheel forces. Both alternate in short blocks; their
-    5 % quantiles count, as other processes only slow a block down.
+    The vehicle is a file: that of release 0.2.0 in motion, with its two constraints of the
+    steering, without ground, gravity, contacts and MuJoCo's clock. The fastest block counts.
     """
-    plant = Plant(vehicle, terrain.rough("D", generator(1, "terrain")), SoilMap(600.0))
+    model = mujoco.MjModel.from_xml_path(str(Path(__file__).parent / "baseline" / "vehicle.xml"))
+    data, clock, times = mujoco.MjData(model), compiled_steps.clock(), []
+    address, clock[0] = int(clock[0]), 0
+    for _ in range(blocks):
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        begin = time.thread_time()
+        mujoco.mj_step(model, data, steps)
+        times.append(time.thread_time() - begin)
+    clock[0] = address
+    return min(times) / steps
+
+
+def soil_step_s(vehicle: PlantVehicle, timestep_s: float = 0.002, blocks: int = 20) -> float:
+    """Return the time of a step on rough soil with its truths at 25 Hz [s], the fastest block."""
+    rough = terrain.rough("D", generator(1, "terrain"))
+    plant, times = Plant(vehicle, rough, SoilMap(600.0), timestep_s=timestep_s), []
     plant.reset(0.0, 0.0, 0.0, 1.0)
-    command = Command(0.05, 0.0, 1.0 / vehicle.hydrostat.speed_gain_mps)
-    plant.advance(command, 500)
-    start, model, data = plant.snapshot(), plant.model, plant.data
-    gravity = model.opt.gravity[2]
-
-    def bare() -> None:
-        for _ in range(steps):
-            mujoco.mj_step(model, data)
-
-    times = []
-    for _ in range(repeats):
+    command, stride = Command(0.05, 0.0, 0.4), round(0.04 / timestep_s)
+    plant.advance(command, 25 * stride)
+    start = plant.snapshot()
+    for _ in range(blocks):
         plant.restore(start)
-        begin = time.perf_counter()
-        plant.advance(command, steps)
-        soil_s = time.perf_counter() - begin
-        plant.restore(start)
-        data.xfrc_applied[:] = 0.0
-        model.opt.gravity[2] = 0.0
-        begin = time.perf_counter()
-        bare()
-        times.append((soil_s, time.perf_counter() - begin))
-        model.opt.gravity[2] = gravity
-    return np.quantile(times, 0.05, axis=0) / steps
+        begin = time.thread_time()
+        for _ in range(25):
+            plant.advance(command, stride)
+        times.append((time.thread_time() - begin) / (25 * stride))
+    return min(times)
 
 
-def _drive(overrides: Sequence[str], logged: bool) -> tuple[float, float]:
-    """Return the processor time of a run of `grass`, with its log [s], and its size [MB]."""
+def _drive(length_m: float, logged: bool) -> tuple[float, float]:
+    """Return processor time of all threads and simulated time of a straight on `grass` [s]."""
+    overrides = [f"path={{kind='straight',length_m={length_m}}}"]
     name, scenario = load("grass", overrides)
-    assembly, size_mb = assemble(scenario, SEED), 0.0
-    begin = time.process_time()
+    assembly = assemble(scenario, SEED)
     with tempfile.TemporaryDirectory() as folder:
+        begin = time.process_time()
         if logged:
             file, about = Path(folder) / "log.mcap", describe(name, scenario, SEED, assembly)
             with open_log(file, scenario, assembly, assembly.plant.scenery, about) as log:
-                drive_into(Tee(Recorder(), log), assembly, prepared=False)
-            size_mb = 1e-6 * file.stat().st_size
+                outcome = drive_into(Tee(Recorder(), log), assembly, prepared=False)
         else:
-            drive_into(Recorder(), assembly, prepared=False)
-        return time.process_time() - begin, size_mb
+            outcome = drive_into(Recorder(), assembly, prepared=False)
+        return time.process_time() - begin, outcome.duration_s
 
 
-def closed_loop(overrides: Sequence[str] = (), repeats: int = 3, steps: int = 500) -> list[Figure]:
-    """Return the cost of two laps of `grass` relative to a bare step, and that of its stages."""
-    name, scenario = load("grass", overrides)
-    assembly, timing = assemble(scenario, SEED), simulate(name, scenario, SEED)[0].timing
-    timestep_s = assembly.plant.timestep_s
-    count = assembly.ticks * round(PERIOD_S / timestep_s)  # of physics steps
-    bare = [physics_steps(assembly.plant.vehicle, steps) for _ in range(repeats)]
-    soil_s, bare_s = np.min(bare, axis=0).tolist()
-    plain_s, _ = min(_drive(overrides, False) for _ in range(repeats))
-    logged_s, log_mb = min(_drive(overrides, True) for _ in range(repeats))
+def loop_ratio(
+    lengths: tuple[float, float] = (12.0, 32.0), repeats: int = 8, blocks: int = 20
+) -> list[Figure]:
+    """Return the cost of the physics and of the whole loop, the frozen bare step being 1.
+
+    Everything alternates in one process; the fastest of the repeats counts. The loop is the slope
+    between two straights, so that its set-up drops out.
+    """
+    vehicle, spent = assemble(load("grass", ())[1], SEED).plant.vehicle, defaultdict(list)
+    simulated = {}
+    for _ in range(repeats):
+        spent["bare"].append(bare_step_s(blocks=blocks))
+        for timestep_s in (0.002, 0.004):
+            spent[timestep_s].append(soil_step_s(vehicle, timestep_s, blocks))
+        for logged, length in itertools.product((False, True), lengths):
+            taken, simulated[length] = _drive(length, logged)
+            spent[logged, length].append(taken)
+    least = {what: min(times) for what, times in spent.items()}
+    bare, (short, long) = least["bare"], lengths
+    steps = (simulated[long] - simulated[short]) / 0.002
+    plain, logged = ((least[log, long] - least[log, short]) / steps for log in (False, True))
     return [
-        Figure("bare `mj_step`", 1e6 * bare_s, "us"),
-        Figure("physics on soil / bare step", soil_s / bare_s, most=1.45),
-        Figure("loop without log / bare step", plain_s / count / bare_s, most=1.75),
-        Figure("loop with log / bare step", logged_s / count / bare_s, most=2.2),
-        Figure("loop without log, simulated s a s", timestep_s * count / plain_s),
+        Figure("frozen bare `mj_step`", 1e6 * bare, "us"),
+        Figure("physics on soil / bare step", least[0.002] / bare, most=1.05),
+        Figure("the same at 4 ms", least[0.004] / bare, most=1.05),
+        Figure("loop without log / bare step", plain / bare, most=1.4),
+        Figure("loop with log / bare step", logged / bare, most=1.6),
+        Figure("loop without log, simulated s a s", 0.002 / plain, least=150.0),
+    ]
+
+
+def closed_loop(overrides: Sequence[str] = ()) -> list[Figure]:
+    """Return the cost of the parts of a tick of `grass`, and the size of its log."""
+    name, scenario = load("grass", overrides)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "log.mcap"
+        timing = simulate(name, scenario, SEED, log=file)[0].timing
+        log_mb = 1e-6 * file.stat().st_size
+    return [
         Figure("log", log_mb, "MB", most=30.0),
         Figure("estimator, a tick", timing.estimator_us.median or math.nan, "us", most=120.0),
         Figure("control step, a tick", timing.control_step_us.median or math.nan, "us"),
@@ -346,6 +374,7 @@ def sweeps(seeds: int = 4) -> list[Figure]:
 PARTS: Final[Mapping[str, Callable[[], list[Figure]]]] = {
     "control-step": control_step,
     "latency": latency,
+    "loop-ratio": loop_ratio,
     "closed-loop": closed_loop,
     "start-up": start_up,
     "sweep": sweeps,
