@@ -31,8 +31,8 @@ from ..recording.channels import (
     error_rows,
     unit_of,
 )
-from ..recording.record import Event, Sink, check_row
-from ..truth import Truth
+from ..recording.record import Event, Sink, check_rows
+from ..truth import Moments
 from .encoding import (
     Encoded,
     descriptor_set,
@@ -124,11 +124,11 @@ class Publisher(Sink, ABC):
     def __init__(self, scenery: Scenery, channels: Sequence[Channel]) -> None:
         self._templates = {each.topic: row_template(each) for each in _with_error(channels)}
         self._rows = {topic: array("d") for topic in self._templates}  # each with its time first
-        self._state = (math.nan, array("d"))  # time and row of the latest state
+        self._states = np.empty(0), np.empty((0, 0))  # times and rows of the latest states
         self._pairs = array("d")  # time, row of the state, row of the reference at that time
         self._scenery = scenery
         self._transforms = transforms_template(scenery.body_names)
-        self._scenes: list[tuple[float, FloatArray, FloatArray]] = []  # time, places, turns
+        self._scenes: list[tuple[FloatArray, FloatArray]] = []  # times and poses of the bodies
         self._poses: list[tuple[float, ...]] = []  # time, poses of both axle points
         self._paths: list[tuple[str, float, FloatArray]] = []
         self._driven: list[tuple[float, ...]] = []  # x, y of both axle points
@@ -150,38 +150,41 @@ class Publisher(Sink, ABC):
         for time_ns, message in zip(times_ns.tolist(), messages, strict=True):
             self._send(topic, time_ns, message.tobytes())
 
-    def row(self, channel: Channel, time_s: float, values: Sequence[float]) -> None:
-        """Publish one row, and with a reference the error of the state of its time."""
-        check_row(channel, values)
-        rows = self._rows[channel.topic]
-        rows.append(time_s)
-        rows.extend(values)
+    def rows(self, channel: Channel, times: FloatArray, values: FloatArray) -> None:
+        """Publish rows, and with references the errors of the states of their times."""
+        check_rows(channel, times, values)
+        self._rows[channel.topic].frombytes(np.column_stack([times, values]).tobytes())
         if channel is STATE:
-            self._state = (time_s, array("d", values))
-        elif channel is REFERENCE and self._state[0] == time_s:
-            self._pairs.extend((time_s, *self._state[1], *values))
-        self._collected(time_s)
+            self._states = times.copy(), values.copy()
+        elif channel is REFERENCE and np.array_equal(self._states[0], times):
+            pairs = np.column_stack([times, self._states[1], values])
+            self._pairs.frombytes(pairs.tobytes())
+        self._collected(float(times[-1]))
 
     def event(self, event: Event) -> None:
         """Publish one event as a log line."""
         self._send(topics.EVENT_TOPIC, nanoseconds(event.time_s), encode_event(event))
 
-    def scene(self, truth: Truth) -> None:
-        """Publish the transform of every body, the poses of both axle points and their path."""
-        time_s, tractor, trailer = truth.time_s, truth.tractor, truth.trailer
-        self._scenes.append((time_s, truth.body_xyz, truth.body_quat))
-        if time_s >= self._next_pose_s:
-            self._next_pose_s = time_s + _POSE_PERIOD_S
-            self._poses.append((time_s, *tractor, *trailer))
+    def scenes(self, moments: Moments) -> None:
+        """Publish the transforms of every body, the poses of both axle points and their path."""
+        self._scenes.append((moments.rows[:, 0].copy(), moments.poses.copy()))
+        for number in range(len(moments.rows)):
+            now = moments.motion(number)
+            if now.time_s < self._next_pose_s:
+                continue
+            self._next_pose_s = now.time_s + _POSE_PERIOD_S
+            tractor = now.x_t, now.y_t, now.z_t, now.psi_t, now.pitch_t, now.roll_t
+            trailer = now.x_i, now.y_i, now.z_i, now.psi_i, now.pitch_i, now.roll_i
+            self._poses.append((now.time_s, *tractor, *trailer))
             x, y = self._driven[-1][:2] if self._driven else (math.inf, math.inf)
-            if math.hypot(tractor.x - x, tractor.y - y) > _DRIVEN_STEP_M:
-                self._driven.append((tractor.x, tractor.y, trailer.x, trailer.y))
-            if time_s >= self._next_driven_s:
-                self._next_driven_s = time_s + max(_DRIVEN_PERIOD_S, _DRIVEN_SHARE * time_s)
+            if math.hypot(now.x_t - x, now.y_t - y) > _DRIVEN_STEP_M:
+                self._driven.append((now.x_t, now.y_t, now.x_i, now.y_i))
+            if now.time_s >= self._next_driven_s:
+                self._next_driven_s = now.time_s + max(_DRIVEN_PERIOD_S, _DRIVEN_SHARE * now.time_s)
                 driven = np.array(self._driven)
-                self.path(topics.DRIVEN_TOPIC, time_s, driven[:, :2])
-                self.path(topics.DRIVEN_TRAILER_TOPIC, time_s, driven[:, 2:])
-        self._collected(time_s)
+                self.path(topics.DRIVEN_TOPIC, now.time_s, driven[:, :2])
+                self.path(topics.DRIVEN_TRAILER_TOPIC, now.time_s, driven[:, 2:])
+        self._collected(float(moments.rows[-1, 0]))
 
     def path(self, topic: str, time_s: float, points: FloatArray) -> None:
         """Publish a line of points (n, 2) [m], map frame, laid on the ground."""
@@ -208,10 +211,8 @@ class Publisher(Sink, ABC):
                     self._publish_fixes(times_ns, table[:, 1:])
         if self._scenes:
             scenes, self._scenes = self._scenes, []
-            times, places, turns = (np.array(each) for each in zip(*scenes, strict=True))
-            bodies = single(np.concatenate([places, turns], axis=2)).reshape(
-                len(times), 7 * places.shape[1]
-            )
+            times, poses = (np.concatenate(each) for each in zip(*scenes, strict=True))
+            bodies = single(poses.reshape(len(times), -1))
             times_ns = _nanoseconds(times)
             messages = self._transforms.fill(bodies, times_ns)
             self._send_all(topics.TRANSFORMS_TOPIC, times_ns, messages)

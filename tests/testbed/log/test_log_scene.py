@@ -28,8 +28,7 @@ def log(path, ground, scenes):
     scenery = Scenery(BODIES, ground)
     with LogWriter(path, metadata={}, attachments=attachments, scenery=scenery) as writer:
         writer.path(REFERENCE_PATH_TOPIC, 0.0, np.array([[0.0, 0.0], [1.0, 0.5]]))
-        for scene in scenes:
-            writer.scene(scene)
+        writer.scenes(Moments.of(scenes))
     return read_content(path)
 
 

@@ -72,7 +72,8 @@ def view(**other) -> LiveView:
 def publish(sink, moments):
     for k in moments:
         sink.row(STATE, 0.04 * k, [float(k)] * len(STATE.fields))
-        sink.scene(truth(time_s=0.04 * k, body_xyz=np.full((1, 3), float(k))))
+        moment = truth(time_s=0.04 * k, body_xyz=np.full((1, 3), float(k)))
+        sink.scenes(Moments.of([moment]))
 
 
 def test_a_viewer_is_offered_what_a_log_holds_and_can_decode_it():
