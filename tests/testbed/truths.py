@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from proving_ground.testbed.truth import Pose, Truth, Wheels
+from proving_ground.testbed.truth import STATE_COLUMNS, Moments, Pose, Truth, Wheels
 
 _LEVEL = Pose(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -32,3 +32,8 @@ def truth(tractor=None, trailer=None, **values) -> Truth:
         body_quat=np.array([[1.0, 0.0, 0.0, 0.0]]),
     )
     return replace(rest, **values)
+
+
+def state_row(state):
+    """Return the row of the channel `/state` of a truth."""
+    return Moments.of([state]).rows[0, STATE_COLUMNS]

@@ -9,6 +9,7 @@ from proving_ground.testbed.log.scene import attachment, ground_of, lines_of, mo
 from proving_ground.testbed.log.writer import LogWriter
 from proving_ground.testbed.messages.scenery import Scenery
 from proving_ground.testbed.recording.channels import REFERENCE_PATH_TOPIC
+from proving_ground.testbed.truth import Moments
 
 from tests.testbed.truths import truth
 

@@ -23,6 +23,7 @@ from proving_ground.testbed.recording.channels import (
     TRANSFORMS_TOPIC,
 )
 from proving_ground.testbed.recording.record import Event
+from proving_ground.testbed.truth import Moments
 from proving_ground.testbed.viewers.live import PROTOCOL, LiveView
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
