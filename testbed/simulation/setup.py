@@ -88,7 +88,7 @@ class TickContext:
         self.k = 0  # control tick, counted
         # physics steps from one moment to the next
         self.stride = math.gcd(setup.control_steps, setup.record_steps, setup.sensors.every)
-        self.drive_to(0, Moments.of([setup.plant.truth()]))
+        self.drive_to(0, setup.plant.moment())
         self.sensed(np.empty((0, SAMPLE)))
         self.estimate: Estimate | None = None
         self.control: ControlStep | None = None

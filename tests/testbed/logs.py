@@ -11,9 +11,8 @@ from proving_ground.testbed.recording.channels import (
     REFERENCE_PATH_TOPIC,
 )
 from proving_ground.testbed.recording.record import Event
-from proving_ground.testbed.truth import Moments
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 from ttempc.types import Sensor
 
 PERIOD_S = 0.04
@@ -43,7 +42,7 @@ def feed(sink, duration_s=22.0) -> None:
             values[first : first + 4] = (np.nan, -0.0, np.inf, 5e-324)
             sink.row(channel, now, values.tolist())
         bodies = {"body_xyz": rng.normal(size=(2, 3)), "body_quat": rng.normal(size=(2, 4))}
-        sink.scenes(Moments.of([truth(tractor={"x": now, "yaw": 0.3}, time_s=now, **bodies)]))
+        sink.scenes(moments(truth(tractor={"x": now, "yaw": 0.3}, time_s=now, **bodies)))
         if k % 5 == 0:
             sink.path(PREDICTED_PATH_TOPIC, now, rng.normal(size=(15, 2)))
         now += PERIOD_S  # adds up rounding errors, as simulated time does

@@ -15,10 +15,10 @@ from proving_ground.experiments.run.assembly import assemble, check
 from proving_ground.experiments.run.corridor_judge import CorridorJudge
 from proving_ground.experiments.scenario.scenario import load
 from proving_ground.testbed.recording.channels import CORRIDOR, REFERENCE
-from proving_ground.testbed.truth import Moments, Tool
+from proving_ground.testbed.truth import Tool
 
 from tests.records import record, table_of
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 from ttempc.errors import InvalidTuning
 from ttempc.reference.corridor import Corridor
 
@@ -67,7 +67,7 @@ def test_offsets_are_distances_from_the_path_whatever_the_time():
     corridor = Corridor(0.1, ((10.0, 20.0),), hitch_limit=0.5, tool_behind_m=0.6)
     judge = CorridorJudge(corridor, rows, times)
     for time in np.arange(4.0, 39.0, 0.7):
-        driven = Moments.of([truth_at(time - 1.3, 0.07, radius, behind=0.6)])
+        driven = moments(truth_at(time - 1.3, 0.07, radius, behind=0.6))
         ((half_width, *offsets, limit),) = judge.rows(driven)
         np.testing.assert_allclose(offsets, 0.07, atol=1e-4)
         assert limit == 0.5

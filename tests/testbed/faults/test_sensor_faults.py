@@ -13,9 +13,8 @@ from proving_ground.testbed.sensing.sensor_specification import (
     SensorSpecification,
 )
 from proving_ground.testbed.sensing.sensors import COMPONENTS, SensorSuite
-from proving_ground.testbed.truth import Moments
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 from ttempc.layout import measurements_of
 from ttempc.types import Sensor
 
@@ -50,7 +49,7 @@ def delivered(seed=1, **keys):
     samples = []
     for first in range(0, 160, 4 * EVERY):
         steps = range(first, first + 4 * EVERY, EVERY)
-        rows, at = suite.sample(Moments.of([state(step * DT) for step in steps]).rows, first, EVERY)
+        rows, at = suite.sample(moments(*[state(step * DT) for step in steps]).rows, first, EVERY)
         times = np.array(steps)[at.astype(int)] * DT
         samples += zip(times.tolist(), measurements_of(rows), strict=True)
     return samples

@@ -9,9 +9,8 @@ from proving_ground.testbed.log.scene import attachment, ground_of, lines_of, mo
 from proving_ground.testbed.log.writer import LogWriter
 from proving_ground.testbed.messages.scenery import Scenery
 from proving_ground.testbed.recording.channels import REFERENCE_PATH_TOPIC
-from proving_ground.testbed.truth import Moments
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 
 BODIES = ("tractor", "trailer")
 
@@ -29,7 +28,7 @@ def log(path, ground, scenes):
     scenery = Scenery(BODIES, ground)
     with LogWriter(path, metadata={}, attachments=attachments, scenery=scenery) as writer:
         writer.path(REFERENCE_PATH_TOPIC, 0.0, np.array([[0.0, 0.0], [1.0, 0.5]]))
-        writer.scenes(Moments.of(scenes))
+        writer.scenes(moments(*scenes))
     return read_content(path)
 
 

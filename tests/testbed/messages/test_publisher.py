@@ -6,9 +6,8 @@ from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from proving_ground.testbed.messages.publisher import Publisher
 from proving_ground.testbed.messages.scenery import Scenery
 from proving_ground.testbed.recording.channels import CHANNELS, DRIVEN_TOPIC
-from proving_ground.testbed.truth import Moments
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 
 SPEED = 1.1  # m/s
 
@@ -33,7 +32,7 @@ class Listener(Publisher):
 def test_the_driven_path_is_complete_and_its_messages_grow_with_the_time():
     listener = Listener()
     for time in np.arange(0.0, 6001.0):
-        listener.scenes(Moments.of([truth(time_s=time, tractor={"x": SPEED * time})]))
+        listener.scenes(moments(truth(time_s=time, tractor={"x": SPEED * time})))
     times, sizes = np.array(listener.sent).T
     assert np.diff(times[times < 500.0]) == pytest.approx(5.0, abs=0.1)
     assert (np.diff(times) <= np.maximum(5.0, 0.01 * times[1:] + 1.0) + 1e-6).all()

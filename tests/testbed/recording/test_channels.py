@@ -14,9 +14,10 @@ from proving_ground.testbed.recording.channels import (
     measurement_rows,
 )
 from proving_ground.testbed.sensing.sensors import COMPONENTS
-from proving_ground.testbed.truth import STATE_COLUMNS, TYRE_COLUMNS, WHEELS, Moments
+from proving_ground.testbed.truth import STATE_COLUMNS, TYRE_COLUMNS, WHEELS
 
 from tests.testbed.plants import ROLL, plant_on
+from tests.testbed.truths import moments
 from ttempc.layout import sample_rows
 from ttempc.types import Measurement
 
@@ -46,12 +47,7 @@ def test_a_sample_stands_under_the_names_of_its_components_beside_its_time():
 
 
 def test_rows_of_the_truth_stand_under_their_names(driven):
-    moments = Moments.of([driven])
-    (row,) = moments.rows
-    again = moments.truth(0)
-    assert (again.tractor, again.trailer, again.psi_d) == (
-        (driven.tractor, driven.trailer, driven.psi_d)
-    )
+    (row,) = moments(driven).rows
     state = named(STATE, row[STATE_COLUMNS])
     assert state["x_t_m"] == driven.tractor.x
     assert state["psi_i_rad"] == driven.trailer.yaw

@@ -13,11 +13,10 @@ from proving_ground.testbed.sensing.sensor_specification import (
 )
 from proving_ground.testbed.sensing.sensors import SensorSuite
 from proving_ground.testbed.simulation.plant import Plant
-from proving_ground.testbed.truth import Moments
 from proving_ground.testbed.vehicle.vehicle import read_vehicle
 from pydantic import ValidationError
 
-from tests.testbed.truths import truth
+from tests.testbed.truths import moments, truth
 from ttempc.layout import measurements_of
 from ttempc.models.augmented_state import LENGTH
 from ttempc.types import Sensor
@@ -39,7 +38,7 @@ PERFECT_IMU = ImuSpecification(
 def collect(noise, seed, steps, timestep=0.002):
     suite = SensorSuite(noise, timestep, seed, LEVERS)
     values = {sensor: [] for sensor in Sensor}
-    rows = np.tile(Moments.of([truth(**SPEEDS, antennas=TILTED)]).rows, (steps, 1))
+    rows = np.tile(moments(truth(**SPEEDS, antennas=TILTED)).rows, (steps, 1))
     first = 0
     for block in np.split(rows, [1, 3, min(400, steps)]):  # the block does not matter
         for sample in measurements_of(suite.sample(block, first, 1)[0]):
@@ -117,7 +116,7 @@ def standing_on(slope, yaw, along=math.pi / 2):
 
 
 def gnss(specification, state, levers):
-    rows, _ = SensorSuite(specification, 0.002, 1, levers).sample(Moments.of([state]).rows, 0, 1)
+    rows, _ = SensorSuite(specification, 0.002, 1, levers).sample(moments(state).rows, 0, 1)
     return {sample.sensor: np.array(sample.value) for sample in measurements_of(rows)}
 
 
@@ -163,8 +162,8 @@ def test_a_late_sample_has_the_time_and_the_value_of_its_sampling():
     suite = SensorSuite(specification, 0.002, 1, LEVERS)
     came = {Sensor.GNSS_TRACTOR: [], Sensor.ENCODER: [], Sensor.HITCH: []}
     times = 0.002 * np.arange(0, 1000, suite.every)
-    states = Moments.of(
-        [truth(time_s=t, tractor={"x": t}, rim_speed=2 * t, beta=0.1 * t) for t in times]
+    states = moments(
+        *(truth(time_s=t, tractor={"x": t}, rim_speed=2 * t, beta=0.1 * t) for t in times)
     )
     for first in range(0, len(times), 8):
         block = slice(first, first + 8)
