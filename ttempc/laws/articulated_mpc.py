@@ -227,7 +227,7 @@ class ArticulatedFeedback(FeedbackLaw):
         of_plan = tube.bounds if tube else None
         horizon = CondensedHorizon(a, b, tuning, period_s, c, bounds, of_plan, soft)
         self._plan = KeptPlan(tube, a, b) if tube else None
-        self._mpc = LinearMpc(horizon)
+        self.mpc = LinearMpc(horizon)
         self._robust = LqRobustLaw(a, b, c, period_s, robust) if robust else None
         one_step = robust is not None and robust.nominal == "one-step"
         self._monitor = OneStepMonitor(design, c[:-1, :, :_N]) if design and one_step else None
@@ -246,9 +246,9 @@ class ArticulatedFeedback(FeedbackLaw):
         state[_N:] *= self._disturbance_scale
         previous = self._feedforward[max(k - 1, 0)] - sent  # u_e(k-1)
         if self._robust is None:
-            return self._actions(k, self._mpc.step(k, state, previous))
+            return self._actions(k, self.mpc.step(k, state, previous))
         robust = self._robust.step(k, state, previous)
-        feedback = self._mpc.step(k, robust.mpc_state, robust.mpc_previous)
+        feedback = self.mpc.step(k, robust.mpc_state, robust.mpc_previous)
         action = robust.input
         if self._plan:
             feedback, action = self._keep_viable(self._plan, k, feedback, robust)
@@ -288,7 +288,7 @@ class ArticulatedFeedback(FeedbackLaw):
             feedback=-feedback.input,
             robust=np.zeros(_M) if action is None else action,
             modelling_error=robust.modelling_error if robust else None,
-            predicted_path=self._path.of(k, self._horizon.prediction(k), feedback.plan),
+            predicted_path=self._path.less(k, self._horizon.outputs([k], feedback.plan[None])[0]),
             solver=feedback.report,
             fallback=feedback.fallback or (robust.fallback if robust else ""),
             tube=tube,
@@ -296,7 +296,7 @@ class ArticulatedFeedback(FeedbackLaw):
         )
 
     def prepare(self, k: int) -> None:
-        self._mpc.prepare(k)
+        self.mpc.prepare(k)
 
 
 def articulated_controller(

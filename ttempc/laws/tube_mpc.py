@@ -45,7 +45,7 @@ class TubeFeedback(FeedbackLaw):
         self, grid: ReferenceSample, along: ReferenceTube, horizon: CondensedHorizon
     ) -> None:
         tube = along.tube
-        self._mpc = LinearMpc(horizon)
+        self.mpc = LinearMpc(horizon)
         self._state, self._vehicle = grid.state, along.vehicle
         self._path, self._horizon = PredictedPath(grid), horizon
         self._model = np.concatenate([along.a, along.b], axis=2)[:, :_N]  # (T, 7, 19) of (z, s, u)
@@ -83,21 +83,21 @@ class TubeFeedback(FeedbackLaw):
             state[:_N] = nominal
         else:
             ancillary = np.zeros(_M)
-        feedback = self._mpc.step(k, state, self._previous)
+        feedback = self.mpc.step(k, state, self._previous)
         self._previous = feedback.input
         self._nominal = ordered_product(self._model[k], np.concatenate([state, feedback.input]))
         self._tick = k + 1
         return Diagnostics(
             feedback=-feedback.input,
             robust=-ancillary,
-            predicted_path=self._path.of(k, self._horizon.prediction(k), feedback.plan),
+            predicted_path=self._path.less(k, self._horizon.outputs([k], feedback.plan[None])[0]),
             solver=feedback.report,
             fallback=feedback.fallback or ("" if inside else _OUTSIDE),
             tube=report,
         )
 
     def prepare(self, k: int) -> None:
-        self._mpc.prepare(k)
+        self.mpc.prepare(k)
 
 
 def tube_controller(

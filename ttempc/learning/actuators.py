@@ -13,7 +13,8 @@ import numpy as np
 from ..jit import cached_njit
 from ..types import FloatArray, Input, Sensor
 from ..vehicle import Vehicle
-from .learner import Identification, ParameterChange, RecordedTick
+from .learner import Identification, ParameterChange
+from .window import RecordedTick
 
 _LONGEST_STEP_S: Final = 0.02  # a seventh of the shortest lag of the paper's vehicle
 _SAME_TIME_S: Final = 1e-9
@@ -136,9 +137,6 @@ class ActuatorIdentifier:
 
     It is never settled: dead times change as valves wear and oil warms up.
     """
-
-    def warm_up(self) -> None:
-        respond(np.zeros(1), np.zeros(1), np.ones(1), 0.0, 1.0, 0.0, 1.0, np.zeros(1))
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the dead times and lags that the window asks for."""
