@@ -280,7 +280,7 @@ class ExtendedKalmanFilter:
     def estimate(
         self, moment: FloatArray, time_s: float, innovations: Sequence[Innovation]
     ) -> Estimate:
-        """Return the estimate at `time_s` from a flat `MOMENT`, which is advanced to it in place."""
+        """Advance a flat `MOMENT` to `time_s` in place and return its estimate."""
         history, _, _, commands = self._state
         count = int(history.view(HISTORY)[0]["commands"])
         predict_until(self.parameters, moment, commands, count, float(time_s))

@@ -93,6 +93,7 @@ MOMENT: Final = np.dtype(
 """Record of all that a filter carries from one time to the next."""
 
 ROW: Final = MOMENT.itemsize // 8
+FADING: Final = len(VehicleParameter)
 AUGMENTED: Final = MOMENT.fields["augmented"][1] // 8  # type: ignore[index]
 COVARIANCE: Final = MOMENT.fields["covariances"][1] // 8  # type: ignore[index]
 VALVES: Final = MOMENT.fields["valves"][1] // 8  # type: ignore[index]
@@ -114,9 +115,8 @@ HELD: Final = 7
 which it came at this update, else -1."""
 
 UNKNOWN, ESTIMATED, COMPLETE = 0, 1, 2
-"""Results of `observe_filter`: not started, an estimate, not started and a reading of each sensor."""
+"""Results of `observe_filter`: not started; estimated; not started with readings of all sensors."""
 
-_FADING: Final = len(VehicleParameter)
 _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
 
 
@@ -138,7 +138,7 @@ def predict(
     """
     f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
     width = f.width
-    vehicle, fading = parameters[:_FADING], parameters[_FADING : _FADING + 2 * (SIZE - STATES)]
+    vehicle, fading = parameters[:FADING], parameters[FADING : FADING + 2 * (SIZE - STATES)]
     x, valves = moment[AUGMENTED : AUGMENTED + WIDTH], moment[VALVES : VALVES + 2]
     transition = np.empty((SIZE, WIDTH))
     noise = np.empty((_LEVELS, WIDTH))  # half of it
@@ -271,7 +271,8 @@ def correct(
         information = tr (S^-1 dS)^2 / 2 + dnu' S^-1 dnu,
 
     s^2 times this information is gathered in I, and s <- s (1 + s score / I), within its range.
-    `rows` (8, 2, 24) are workspace.
+    `rows` (8, 2, 24) are workspace, and have G' in rows[1] and L (diagonal, entry below, diagonal)
+    in rows[7, 1] afterwards.
     """
     f, now = parameters.view(FILTER)[0], moment.view(MOMENT)[0]
     width, gate = f.width, f.gates[sensor]
@@ -279,7 +280,7 @@ def correct(
     cross, half = rows[1:5], rows[5]  # H P and its derivatives; W'
     spread = rows[6].reshape((12, _LEVELS))  # H P H' and its derivatives: (0, 0), (1, 0), (1, 1)
     x = moment[AUGMENTED : AUGMENTED + WIDTH]
-    size = measure(sensor, x, parameters[:_FADING], second, reading, jacobian)
+    size = measure(sensor, x, parameters[:FADING], second, reading, jacobian)
     for level in range(_LEVELS):
         for r in range(size):
             for j in range(width):
@@ -322,6 +323,7 @@ def correct(
         factor = math.sqrt(normalised / gate)
         root, below, corner = root * factor, below * factor, corner * factor
         e, e_2 = e / factor, e_2 / factor
+    rows[7, 1, 0], rows[7, 1, 1], rows[7, 1, 2] = root, below, corner
     for level in range(_LEVELS):  # cross becomes G' and the C
         for j in range(width):
             cross[level, 0, j] /= root
@@ -360,9 +362,7 @@ def correct(
             for j in range(width):
                 now.augmented[level, j] += (slope_2 - by_2) * gain[1, j] + e_2 * cross[level, 1, j]
                 half[0, j] += 0.5 * d_21 * gain[1, j]
-                half[1, j] = (
-                    0.5 * (d_21 * gain[0, j] + d_22 * gain[1, j]) - cross[level, 1, j]
-                )
+                half[1, j] = 0.5 * (d_21 * gain[0, j] + d_22 * gain[1, j]) - cross[level, 1, j]
         for r in range(size):
             for i in range(SIZE):
                 by_gain, by_half = gain[r, i], half[r, i]
@@ -550,7 +550,7 @@ def observe_filter(
                 spare[i] = last[i]
             kept, span_s = spare.view(MOMENT)[0], abs(now_s - newest_s)
             travel = abs(kept.augmented[0, AugmentedState.RIM]) * span_s
-            rates = parameters[_FADING : _FADING + 2 * (SIZE - STATES)]
+            rates = parameters[FADING : FADING + 2 * (SIZE - STATES)]
             for i in range(SIZE - STATES):
                 fading = rates[i] * span_s + rates[SIZE - STATES + i] * travel
                 kept.augmented[0, STATES + i] *= math.exp(-fading)
@@ -636,7 +636,7 @@ def observe_filter(
                     samples[at, 3] = rows[n, 3] - (ahead * sin - right * cos)
 
     # Moments from the first new sample on are made again
-    now = spare
+    now, oldest_s = spare, earliest
     if h.moments:
         while moments[(h.begin + h.moments - 1) % ring, 0] >= since_s:
             h.moments -= 1
@@ -659,7 +659,6 @@ def observe_filter(
                 innovations[n, 2] = 2.0 if sample[1] < 2.0 else 1.0
                 innovations[n, 3], innovations[n, 4] = sample[5], result[2]
                 innovations[n, 5] = result[3]
-        oldest_s = earliest
         while h.moments > 1 and moments[(h.begin + 1) % ring, 0] < oldest_s:
             h.begin, h.moments = (h.begin + 1) % ring, h.moments - 1
         if now[0] < oldest_s:  # no sample may come before
@@ -671,8 +670,6 @@ def observe_filter(
         bit = 1 << int(samples[k, 1])
         samples[k, 6] = -1.0 if h.moments or present & bit == 0 else -2.0
         present |= bit
-    if not h.moments:
-        oldest_s = earliest
     count = 0
     for k in range(h.samples):
         if samples[k, 0] >= oldest_s or (not h.moments and samples[k, 6] == -1.0):
@@ -717,7 +714,7 @@ def write_moment(parameters: FloatArray, moment: FloatArray, estimate: FloatArra
     f, now, e = parameters.view(FILTER)[0], moment.view(MOMENT)[0], estimate.view(ESTIMATE)[0]
     x = moment[AUGMENTED : AUGMENTED + WIDTH]
     covariance = moment[COVARIANCE : COVARIANCE + SIZE * WIDTH].reshape((SIZE, WIDTH))
-    write_estimate(x, covariance, parameters[:_FADING], estimate)
+    write_estimate(x, covariance, parameters[:FADING], estimate)
     for i in range(STATES):
         e.covariance[i, i] += f.unfollowed[i]
     rim = now.augmented[0, AugmentedState.RIM]
