@@ -112,6 +112,10 @@ class FaultyActuators:
         """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
         return FaultyState(0, self._path.start(hp), Command(0.0, 0.0, hp), {}, {}, (0.0, 0.0, hp))
 
+    def set_points(self, state: FaultyState) -> tuple[float, float, float]:
+        """Return the servos' front and trailer angle [rad] and the hydrostat's position."""
+        return state.set_points
+
     def step(
         self, state: FaultyState, command: Command, delta_t: float, delta_i: float
     ) -> FaultyState:
@@ -127,7 +131,7 @@ class FaultyActuators:
                 buses[k] = fault.row.effect(fault, bus, command, now_s)
                 command = buses[k].arrived
         inner = self._path.step(state.inner, command, delta_t, delta_i)
-        set_points, moved = list(inner.set_points), dict[int, float]()
+        set_points, moved = list(self._path.set_points(inner)), dict[int, float]()
         for k in active:
             fault = self._faults[k][0]
             if fault.row.on == "valve":

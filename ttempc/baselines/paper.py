@@ -231,7 +231,7 @@ class PaperFeedback(FeedbackLaw):
         self._previous = feedback.input
         self._nominal = self._a[k] @ mpc_state + self._b[k] @ feedback.input
         self._tick = k + 1
-        errors = self._horizon.prediction(k)[:, POSITIONS]
+        errors = self._horizon.outputs([k], feedback.plan[None])[0][:, POSITIONS]
         u_m, z_m = np.zeros(len(Input)), None
         if self._robust:
             u_m, z_m = self._robust.step(k, nominal, error)
@@ -239,7 +239,7 @@ class PaperFeedback(FeedbackLaw):
             feedback=-feedback.input * self._to_vehicle,
             robust=u_m * self._to_vehicle,
             modelling_error=z_m,
-            predicted_path=self._path.of(k, errors, feedback.plan),
+            predicted_path=self._path.less(k, errors),
             solver=feedback.report,
             fallback=feedback.fallback,
         )

@@ -65,7 +65,7 @@ class TrackingController:
         self.space_based = space_based
         self._grid = grid
         self._feedforward = feedforward
-        self._feedback = feedback
+        self.feedback = feedback
         self._limits = limits
         self._measured_hitch = measured_hitch
         self._previous = limits.clamp(grid.inputs[0])
@@ -101,18 +101,18 @@ class TrackingController:
         """
         if isinstance(previous, TrackingController):
             self._previous = previous._previous
-            if isinstance(self._feedback, Resuming):
-                self._feedback.resume(previous._feedback)
+            if isinstance(self.feedback, Resuming):
+                self.feedback.resume(previous.feedback)
 
     def prepare(self, k: int) -> None:
         k = min(k, len(self._feedforward) - 1)
         self._limits.apply(self._feedforward[k], self._previous)
-        self._feedback.prepare(k)
+        self.feedback.prepare(k)
 
     def step(self, estimate: Estimate, k: int) -> ControlStep:
         """Return the command for the period that starts at tick `k`."""
         k = min(k, len(self._feedforward) - 1)
-        actions = self._feedback.step(k, estimate, self._previous)
+        actions = self.feedback.step(k, estimate, self._previous)
         feedforward = self._feedforward[k].copy()
         beta = estimate.hitch_angle if self._measured_hitch else self._grid.hitch_angle[k]
         feedforward[Input.DELTA_I] -= beta  # delta^i = lambda - beta

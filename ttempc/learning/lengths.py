@@ -31,11 +31,11 @@ from ..models.augmented_state import (
     STATES,
     measure,
     move_augmented_state,
-    predicted_measurement,
 )
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
-from .learner import LENGTHS, Identification, ParameterChange, RecordedTick
+from .learner import LENGTHS, Identification, ParameterChange
+from .window import RecordedTick
 
 PARAMETERS: Final = 4  # lengths, the first of `VehicleParameter`
 _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
@@ -190,12 +190,6 @@ class LengthIdentifier:
     ) -> None:
         self._given = vehicle
         self._noise, self._process = noise, process or ProcessNoise()
-
-    def warm_up(self) -> None:
-        readings = {s: predicted_measurement(s, np.zeros(SIZE), self._given)[0] for s in LENGTH}
-        first = {s: Measurement(0.0, s, tuple(value.tolist())) for s, value in readings.items()}
-        row = [-1.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, steps_over(0.2), 0.0]
-        _Replay(first, np.array([row]), self._noise, self._process).run(self._given)
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the lengths of the window, see `Identifier`."""

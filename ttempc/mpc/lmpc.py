@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, NamedTuple, get_args
 
@@ -10,15 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidTuning, check_choice, check_count, check_vector
+from ..jit import cached_njit
 from ..models.kinematics import Error
-from ..models.linear import ordered_product
 from ..types import FloatArray, Input, SolverReport
-from .qp import FREE, QP, PersistentSolver, SoftRows
+from .qp import (
+    FREE,
+    HOLDS,
+    MOST_SETS,
+    NOT_CONVEX,
+    QP,
+    REFUSED,
+    UNSOLVED,
+    PersistentSolver,
+    SoftRows,
+    factorise,
+    minimise,
+)
 
-# Ticks times horizon of a block, the ticks whose matrices are computed together: 32 ticks of the
-# default horizon, in 2 ms. The first tick of a block waits for all of them, so that a block has
-# fewer ticks where the horizon is longer.
-_BLOCK_STAGES: Final = 640
 Solver = Literal["piqp", "daqp"]
 SOLVERS: Final = get_args(Solver)
 
@@ -108,34 +117,194 @@ class FirstInputs:
         return np.minimum(np.maximum(previous, lower), upper)
 
 
-@dataclass(frozen=True, slots=True)
-class _Matrices:
-    """Matrices of some ticks in a row; w, Z_j and C of `CondensedHorizon`."""
+class Stages(NamedTuple):
+    """Arrays of a `CondensedHorizon`: of the n entries of z the first r change over the horizon."""
 
-    prediction: FloatArray  # C Z_1 ... C Z_Np (ticks, Np, p, n + m + m Nc)
-    gradient: FloatArray  # over (z_k, u_{k-1}), (ticks, m Nc, n + m)
-    hessian: FloatArray  # (ticks, m Nc, m Nc)
-    soft: FloatArray | None  # S Z_1 ... S Z_Np of the soft bounds (ticks, Np r, n + m + m Nc)
+    model: FloatArray  # rows of z(k+1) = A z + B u that change, (N, r, n + m)
+    outputs: FloatArray  # C (N + 1, p, r)
+    limits: FloatArray  # lower and upper bounds on inputs and steps, (ticks, 2, 2 m Nc)
+    matrix: FloatArray  # from the steps to the inputs, (m Nc, m Nc)
+    output_weight: FloatArray  # (p,)
+    step_weight: FloatArray  # (m,)
+    soft_rows: FloatArray  # S (N + 1, s, r) of the soft bounds; (0, 0, r) without them
+    soft_limits: FloatArray  # (N + 1, 2, s)
+    soft_first: int  # stage from which on they hold
+
+
+class Work(NamedTuple):
+    """Arrays of one tick of a `CondensedHorizon`, and the set of bounds that were active last."""
+
+    tick: FloatArray  # (1,) of Hessian, factor and response; -1: none
+    hessian: FloatArray  # (m Nc, m Nc)
+    factor: FloatArray  # (m Nc, m Nc)
+    response: FloatArray  # of z_{k+1} ... z_{k+Np} to the steps, (Np, r, m Nc)
+    given: FloatArray  # z_k, u_{k-1} (n + m,)
+    free: FloatArray  # z_k ... z_{k+Np} with the input held, (Np + 1, r)
+    gradient: FloatArray  # (m Nc,)
+    limits: FloatArray  # on inputs and steps, less the input held, (2, 2 m Nc)
+    active: FloatArray  # see `minimise`, (2 m Nc,)
+    steps: FloatArray  # the minimiser (m Nc,)
+
+    def beside(self) -> Work:
+        """Return arrays of which the matrices alone are shared with these."""
+        return Work(*self[:4], *(array.copy() for array in self[4:]))
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def condense(k: int, stages: Stages, work: Work) -> bool:
+    """Write response, Hessian and its factor of tick `k`; whether the cost is finite and convex.
+
+    Column i of the response is that to a step of the input i mod m at stage i / m, which lasts.
+    """
+    horizon, r, size = work.response.shape
+    m, outputs = stages.step_weight.size, stages.output_weight.size
+    given = stages.model.shape[2] - m
+    response, hessian, row = work.response, work.hessian, np.empty(size)
+    for a in range(size):
+        for b in range(a + 1):
+            hessian[a, b] = 0.0
+    for j in range(horizon):
+        before, now = min(m * j, size), min(m * (j + 1), size)
+        model = stages.model[k + j]
+        for i in range(r):
+            for a in range(now):
+                response[j, i, a] = model[i, given + a % m]
+            for a in range(now, size):
+                response[j, i, a] = 0.0
+            for n in range(r):
+                slope = model[i, n]
+                if slope != 0.0:
+                    for a in range(before):
+                        response[j, i, a] += slope * response[j - 1, n, a]
+        for p in range(outputs):
+            weight = stages.output_weight[p]
+            if weight == 0.0:
+                continue
+            for a in range(now):
+                row[a] = 0.0
+            for n in range(r):
+                slope = stages.outputs[k + j + 1, p, n]
+                if slope != 0.0:
+                    for a in range(now):
+                        row[a] += slope * response[j, n, a]
+            for a in range(now):
+                weighted = 2.0 * weight * row[a]
+                for b in range(a + 1):
+                    hessian[a, b] += weighted * row[b]
+    for a in range(size):
+        hessian[a, a] += 2.0 * stages.step_weight[a % m]
+        for b in range(a):
+            hessian[b, a] = hessian[a, b]
+    convex = factorise(hessian, work.factor)
+    work.tick[0] = k if convex else -1.0
+    return convex
+
+
+@cached_njit(error_model="numpy", boundscheck=False, nogil=True)
+def plan(k: int, stages: Stages, work: Work, most: int) -> int:
+    """Write the steps of tick `k` that minimise the cost for `Work.given`; see `minimise`.
+
+    A previous input from which no step leads into the bounds is moved to the nearest other one
+    first: the QP is infeasible there. Where soft bounds are not slack the problem is `UNSOLVED`.
+    """
+    if work.tick[0] != k and not condense(k, stages, work):
+        return NOT_CONVEX
+    horizon, r, size = work.response.shape
+    m, outputs = stages.step_weight.size, stages.output_weight.size
+    n, given, free = stages.model.shape[2] - m, work.given, work.free
+    for i in range(m):
+        low = stages.limits[k, 0, i] - stages.limits[k, 1, size + i]
+        high = stages.limits[k, 1, i] - stages.limits[k, 0, size + i]
+        given[n + i] = min(max(given[n + i], low), high)
+    for i in range(r):
+        free[0, i] = given[i]
+    for j in range(horizon):
+        for i in range(r):
+            total = 0.0
+            for c in range(r):
+                total += stages.model[k + j, i, c] * free[j, c]
+            for c in range(r, n + m):
+                total += stages.model[k + j, i, c] * given[c]
+            free[j + 1, i] = total
+    slope, ahead = np.zeros(r), np.zeros(r)  # of the cost by the state of a stage
+    lasting = np.zeros(m)  # of the cost by an input that lasts from a stage on
+    for j in range(horizon - 1, -1, -1):
+        for i in range(r):
+            ahead[i] = slope[i]
+        for p in range(outputs):
+            error = 0.0
+            for i in range(r):
+                error += stages.outputs[k + j + 1, p, i] * free[j + 1, i]
+            error *= 2.0 * stages.output_weight[p]
+            for i in range(r):
+                ahead[i] += error * stages.outputs[k + j + 1, p, i]
+        for i in range(r):
+            slope[i] = 0.0
+        for i in range(r):
+            for c in range(r):
+                slope[c] += stages.model[k + j, i, c] * ahead[i]
+            for c in range(m):
+                lasting[c] += stages.model[k + j, i, n + c] * ahead[i]
+        if m * j < size:
+            for c in range(m):
+                work.gradient[m * j + c] = lasting[c]
+    for c in range(2 * size):
+        shift = given[n + c % m] if c < size else 0.0
+        work.limits[0, c] = stages.limits[k, 0, c] - shift
+        work.limits[1, c] = stages.limits[k, 1, c] - shift
+    for c in range(m):  # the first input and the first step are bounded alike
+        both = size + c
+        work.limits[0, c] = work.limits[0, both] = max(work.limits[0, c], work.limits[0, both])
+        work.limits[1, c] = work.limits[1, both] = min(work.limits[1, c], work.limits[1, both])
+    steps = work.steps
+    outcome = minimise(
+        work.hessian,
+        work.factor,
+        work.gradient,
+        stages.matrix,
+        work.limits,
+        work.active,
+        most,
+        steps,
+    )
+    if outcome < 0:
+        return outcome
+    for i in range(size):
+        steps[i] = min(max(steps[i], work.limits[0, size + i]), work.limits[1, size + i])
+    if stages.soft_rows.shape[0]:
+        state = np.empty(r)
+        for j in range(stages.soft_first, horizon + 1):
+            for i in range(r):
+                state[i] = free[j, i]
+                for a in range(size):
+                    state[i] += work.response[j - 1, i, a] * steps[a]
+            for p in range(stages.soft_rows.shape[1]):
+                value = 0.0
+                for i in range(r):
+                    value += stages.soft_rows[k + j, p, i] * state[i]
+                low, high = stages.soft_limits[k + j, 0, p], stages.soft_limits[k + j, 1, p]
+                if not low - HOLDS <= value <= high + HOLDS:
+                    return UNSOLVED
+    return outcome
 
 
 class CondensedHorizon:
     """QPs of all ticks along a reference; only the state and the previous input are left open.
 
-    The unknowns are the input steps Delta U = (Delta u_k ... Delta u_{k+Nc-1}). With
-    w = (z_k, u_{k-1}, Delta U), the states of the horizon are linear in w,
+    The unknowns are the input steps Delta U = (Delta u_k ... Delta u_{k+Nc-1}). The states of the
+    horizon are linear in z_k, u_{k-1} and the steps,
 
-        z_{k+j} = Z_j w,    Z_0 = [I 0 0],    Z_{j+1} = A_{k+j} Z_j + B_{k+j} U_j,
+        z_{k+j+1} = A_{k+j} z_{k+j} + B_{k+j} u_{k+j},    u_{k+j} = u_{k+j-1} + Delta u_{k+j},
 
-    where U_j picks u_{k+j} = u_{k-1} + sum of the steps up to min(j, Nc - 1). The cost of
-    eq. (costfunction), sum y'Qy + sum Delta u' R Delta u with y_k = C_k z_k, is then quadratic in
-    w. Bounds hold for the stages with a free step.
-
-    All ticks are checked at once, and their matrices are then computed anew, a block of ticks at a
-    time: those of all ticks take 30 KB a tick.
+    without a step after the last free one. The cost of eq. (costfunction), sum y'Qy +
+    sum Delta u' R Delta u with y_k = C_k z_k, is then quadratic in the steps. Bounds hold for the
+    stages with a free step. All ticks are checked at once; the matrices of a tick are computed when
+    it comes (`condense`).
 
     Args:
-        a: A (N, n, n), with `b` B (N, n, m).
-        outputs: C (N + 1, p, n); without them, the outputs are the states.
+        a: A (N, n, n), with `b` B (N, n, m); entries of z after the r-th are constant.
+        outputs: C (N + 1, p, n), of the entries up to the r-th; without them, the outputs are the
+            states.
         bounds: (N, m) each, in addition to those of the tuning.
         free_bounds: on the free stages of every tick, (ticks, m Nc) each, in the place of those of
             the tuning and `bounds`.
@@ -158,128 +327,112 @@ class CondensedHorizon:
     ) -> None:
         n, m = b.shape[1:]
         c = np.broadcast_to(np.eye(n), (len(a) + 1, n, n)) if outputs is None else outputs
-        horizon, moves = tuning.horizon, tuning.moves
-        self.ticks, self.solver = len(a) - horizon + 1, tuning.solver
-        self._block_ticks = max(1, _BLOCK_STAGES // horizon)
-        p = c.shape[1]
+        horizon, moves, p = tuning.horizon, tuning.moves, c.shape[1]
+        self.ticks, self.solver, self.horizon = len(a) - horizon + 1, tuning.solver, horizon
         if self.ticks < 1 or len(tuning.output_weight) != p or len(tuning.step_weight) != m:
             raise InvalidTuning(
                 f"{len(a)} stages of {p} outputs and {m} inputs do not fit a horizon of {horizon}, "
                 f"{len(tuning.output_weight)} output and {len(tuning.step_weight)} step weights"
             )
-        self._a, self._b, self._c, self._soft, self._tuning = a, b, c, soft, tuning
-        self._moves = moves
         changes = (a != np.eye(n)).any(axis=(0, 2)) | b.any(axis=(0, 2))
-        self._changing = np.flatnonzero(changes)  # entries of z; disturbances are constant
-        sums = np.tril(np.ones((moves, moves)))
-        self._matrix: FloatArray = np.kron(sums, np.eye(m)).astype(np.float64)
-        self._bounds = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
-        self.first = FirstInputs.of(self._bounds.at(slice(None), slice(m)))
-        self._first_tick = 0  # of the present block
-        self._block = self._matrices(0)
-        for start in range(0, self.ticks, self._block_ticks):
-            _require_convex(self._matrices(start))
+        r = int(np.flatnonzero(changes).max(initial=0)) + 1
+        limits = free_bounds or move_bounds(tuning, period_s, len(a), bounds)
+        self.first = FirstInputs.of(limits.at(slice(None), slice(m)))
+        lower = np.concatenate([limits.lower, limits.step_lower], axis=1)
+        upper = np.concatenate([limits.upper, limits.step_upper], axis=1)
+        none = np.zeros((0, 0, r))
+        self.stages = Stages(
+            model=np.concatenate([a[:, :r], b[:, :r]], axis=2),
+            outputs=np.ascontiguousarray(c[..., :r]),
+            limits=np.stack([lower, upper], axis=1),
+            matrix=np.kron(np.tril(np.ones((moves, moves))), np.eye(m)),
+            output_weight=np.array(tuning.output_weight),
+            step_weight=np.array(tuning.step_weight),
+            soft_rows=np.ascontiguousarray(soft.rows[..., :r]) if soft else none,
+            soft_limits=np.stack([soft.lower, soft.upper], axis=1) if soft else none,
+            soft_first=min(soft.first, horizon) if soft else 0,
+        )
+        work = self.work()
+        finite = np.isfinite(self.stages.model).all() and np.isfinite(c).all()
+        if not (finite and all(condense(k, self.stages, work) for k in range(self.ticks))):
+            raise InvalidTuning("the cost is not finite and convex all along the reference")
+
+    def work(self) -> Work:
+        """Return arrays of no tick."""
+        stages, size = self.stages, len(self.stages.matrix)
+        _, r, given = stages.model.shape
+        return Work(
+            tick=np.full(1, -1.0),
+            hessian=np.zeros((size, size)),
+            factor=np.zeros((size, size)),
+            response=np.zeros((self.horizon, r, size)),
+            given=np.zeros(given),
+            free=np.zeros((self.horizon + 1, r)),
+            gradient=np.zeros(size),
+            limits=np.zeros((2, 2 * size)),
+            active=np.zeros(2 * size),
+            steps=np.zeros(size),
+        )
 
     def qp(self, k: int, state: FloatArray, previous_input: FloatArray) -> QP:
         """Return the QP of tick `k` for z_k (n,) and u_{k-1} (m,)."""
-        bounds, (matrices, tick) = self._bounds, self._at(k)
-        shift = np.concatenate([previous_input] * self._moves)  # (m Nc,)
-        given = np.concatenate([state, previous_input])
+        work = self.work()
+        work.given[:] = *state, *previous_input
+        plan(k, self.stages, work, -1)
+        return self.problem(k, work)
+
+    def problem(self, k: int, work: Work) -> QP:
+        """Return the QP of tick `k` that `plan` has left in `work`."""
+        size, (lower, upper) = len(work.gradient), work.limits
         return QP(
-            hessian=matrices.hessian[tick],
-            gradient=ordered_product(matrices.gradient[tick], given),
-            matrix=self._matrix,
-            lower=bounds.lower[k] - shift,
-            upper=bounds.upper[k] - shift,
-            step_lower=bounds.step_lower[k],
-            step_upper=bounds.step_upper[k],
-            soft=self._soft_rows(k, given),
+            hessian=work.hessian,
+            gradient=work.gradient,
+            matrix=self.stages.matrix,
+            lower=lower[:size],
+            upper=upper[:size],
+            step_lower=lower[size:],
+            step_upper=upper[size:],
+            soft=self._soft_rows(k, work),
         )
 
-    def _soft_rows(self, k: int, given: FloatArray) -> SoftRows | None:
+    def _soft_rows(self, k: int, work: Work) -> SoftRows | None:
         """Return the soft rows of tick `k`, None where no bound of its stages is finite."""
-        if self._soft is None:
+        first = self.stages.soft_first
+        ahead = slice(k + first, k + 1 + self.horizon)
+        rows, limits = self.stages.soft_rows[ahead], self.stages.soft_limits[ahead]
+        if not np.isfinite(limits).any():
             return None
-        first = min(self._soft.first, self._tuning.horizon)
-        stages = slice(k + first, k + 1 + self._tuning.horizon)
-        lower, upper = self._soft.lower[stages], self._soft.upper[stages]
-        if not (np.isfinite(lower).any() or np.isfinite(upper).any()):
-            return None
-        matrices, tick = self._at(k)
-        assert matrices.soft is not None
-        rows = matrices.soft[tick, (first - 1) * lower.shape[1] :]
-        offset = ordered_product(rows[:, : len(given)], given)
+        offset = (rows @ work.free[first:, :, None]).ravel()
         return SoftRows(
-            matrix=rows[:, len(given) :],
-            lower=np.maximum(lower.ravel(), -FREE) - offset,
-            upper=np.minimum(upper.ravel(), FREE) - offset,
-            outputs=lower.shape[1],
+            matrix=(rows @ work.response[first - 1 :]).reshape(len(offset), -1),
+            lower=np.maximum(limits[:, 0].ravel(), -FREE) - offset,
+            upper=np.minimum(limits[:, 1].ravel(), FREE) - offset,
+            outputs=rows.shape[1],
         )
 
     def admissible(self, k: int, inputs: FloatArray, previous: FloatArray) -> FloatArray:
         """Return the first input of tick `k` nearest to `inputs` (m,) within bounds and a step."""
-        m = len(inputs)
-        lower, upper, step_lower, step_upper = (values[k, :m] for values in self._bounds)
-        low, high = (
-            np.maximum(lower, previous + step_lower),
-            np.minimum(upper, previous + step_upper),
-        )
+        m, size = len(inputs), len(self.stages.matrix)
+        lower, upper = self.stages.limits[k]
+        low = np.maximum(lower[:m], previous + lower[size : size + m])
+        high = np.minimum(upper[:m], previous + upper[size : size + m])
         return np.maximum(np.minimum(inputs, high), low)
 
-    def prediction(self, k: int) -> FloatArray:
-        """Return C Z_1 ... C Z_Np of tick `k`, (Np, p, n + m + m Nc)."""
-        matrices, tick = self._at(k)
-        return matrices.prediction[tick]
+    def outputs(self, ticks: Sequence[int] | NDArray[np.intp], plans: FloatArray) -> FloatArray:
+        """Return C z_{k+1} ... C z_{k+Np} at T ticks under their plans, (T, Np, p).
 
-    def _at(self, k: int) -> tuple[_Matrices, int]:
-        """Return the block that holds tick `k`, and the place of the tick in it."""
-        tick = k % self._block_ticks
-        if k - tick != self._first_tick:
-            self._first_tick, self._block = k - tick, self._matrices(k - tick)
-        return self._block, tick
-
-    def _matrices(self, start: int) -> _Matrices:
-        """Return the matrices of the ticks from `start` on."""
-        tuning, (n, m) = self._tuning, self._b.shape[1:]
-        horizon, moves, p = tuning.horizon, tuning.moves, self._c.shape[1]
-        ticks = min(self._block_ticks, self.ticks - start)
-        given = n + m  # entries of z_k and u_{k-1} in w
-        state = np.zeros((ticks, n, given + m * moves))  # Z_0
-        state[:, :, :n] = np.eye(n)
-        stages = np.empty((ticks, horizon + 1, p, given + m * moves))  # C Z_0 ... C Z_Np
-        stages[:, 0] = self._c[start : start + ticks] @ state
-        changing, soft = self._changing, []
-        for j in range(horizon):
-            window = slice(start + j, start + j + ticks)
-            moved = self._a[window, changing] @ state
-            inputs = 1 + min(j + 1, moves)  # blocks of w that U_j picks: u_{k-1} and its steps
-            moved[..., n : n + m * inputs] += np.tile(self._b[window, changing], inputs)
-            state[:, changing] = moved
-            ahead = slice(start + j + 1, start + j + 1 + ticks)
-            stages[:, j + 1] = self._c[ahead] @ state
-            if self._soft:
-                soft.append(self._soft.rows[ahead] @ state)
-        weighted = np.asarray(tuning.output_weight)[:, None] * stages
-        flat = (ticks, (horizon + 1) * p, -1)
-        transposed = stages[..., given:].reshape(flat).transpose(0, 2, 1)
-        cost = 2.0 * transposed @ weighted.reshape(flat)
-        cost[:, :, given:] += 2.0 * np.diag(np.tile(tuning.step_weight, moves))
-        hessian = cost[:, :, given:]
-        return _Matrices(
-            prediction=stages[:, 1:],
-            gradient=np.ascontiguousarray(cost[:, :, :given]),
-            hessian=0.5 * (hessian + hessian.transpose(0, 2, 1)),
-            soft=np.concatenate(soft, axis=1) if soft else None,
-        )
-
-
-def _require_convex(matrices: _Matrices) -> None:
-    # The factorisation of a matrix that is not finite may end without an error.
-    convex = bool(np.isfinite(matrices.hessian).all() and np.isfinite(matrices.gradient).all())
-    try:
-        np.linalg.cholesky(matrices.hessian if convex else np.zeros((1, 1)))
-    except np.linalg.LinAlgError:
-        raise InvalidTuning("the cost is not finite and convex all along the reference") from None
+        A plan is z_k, u_{k-1} and the steps, (T, n + m + m Nc).
+        """
+        stages, at = self.stages, np.asarray(ticks)
+        _, r, given = stages.model.shape
+        m, steps = len(stages.step_weight), plans[:, given:]
+        now, result = plans[:, :given].copy(), []
+        for j in range(self.horizon):
+            if m * j < steps.shape[1]:
+                now[:, given - m :] += steps[:, m * j : m * (j + 1)]
+            now[:, :r] = np.einsum("kij,kj->ki", stages.model[at + j], now)
+            result.append(np.einsum("kij,kj->ki", stages.outputs[at + j + 1], now[:, :r]))
+        return np.stack(result, axis=1)
 
 
 def move_bounds(
@@ -326,41 +479,46 @@ class LinearMpc:
     """Receding horizon: solve the QP of a tick and apply its first step.
 
     Where the QP has no accepted solution, the previous input is held. A result depends on earlier
-    ones in the last digits of the solver's iterates only.
+    ones in the last digits alone: of the set of bounds with which `minimise` starts, and of a
+    solver's iterates. `most` is that of `minimise`.
     """
 
-    def __init__(self, horizon: CondensedHorizon) -> None:
-        self._horizon = horizon
+    def __init__(self, horizon: CondensedHorizon, most: int = MOST_SETS) -> None:
+        self.horizon, self.most = horizon, most
+        self.work = horizon.work()
+        self.beside = self.work.beside()
         self._solver = PersistentSolver(horizon.solver)
-        # `prepare` has a solver of its own: a solve changes the last digits of later results.
-        self._preparing_solver = PersistentSolver(horizon.solver)
-        self._last: tuple[FloatArray, FloatArray] | None = None  # state and input of the last step
 
     def step(self, k: int, state: FloatArray, previous: FloatArray) -> FeedbackAction:
         """Return the action of tick `k` for the state z_k (n,) and the input u_{k-1} (m,)."""
-        self._last = state, previous
-        return self._solve(self._solver, k, state, previous)
+        work, m = self.work, len(previous)
+        work.given[:-m], work.given[-m:] = state, previous
+        report, excess = self.answer(k, plan(k, self.horizon.stages, work, self.most))
+        u = self.horizon.first.clamp(k, work.given[-m:] + work.steps[:m])
+        fallback = "" if report.accepted else f"QP {report.status}: previous feedback held"
+        return FeedbackAction(u, np.concatenate([work.given, work.steps]), report, fallback, excess)
+
+    def answer(self, k: int, outcome: int) -> tuple[SolverReport, FloatArray | None]:
+        """Complete `Work.steps` after the `outcome` of `plan`: by the solver, or with zeros.
+
+        Returns:
+            report, and the violation of the soft bounds (s,), None where there is none.
+        """
+        if outcome >= 0:
+            return SolverReport("solved", True, outcome, 0.0, 0.0, 0.0), None
+        steps, size = self.work.steps, len(self.work.steps)
+        if outcome == UNSOLVED:
+            solution = self._solver.solve_bounded(self.horizon.problem(k, self.work))
+            if (x := solution.x) is not None:
+                np.clip(x[:size], *self.work.limits[:, size:], out=steps)
+                return solution.report, x[size:] if len(x) > size else None
+            report = solution.report
+        else:
+            report = SolverReport(REFUSED[outcome], False, 0, 0.0, math.inf, math.inf)
+        steps[:] = 0.0
+        return report, None
 
     def prepare(self, k: int) -> None:
-        """Solve tick `k` for the data of the last step and drop the result, to fill the caches."""
-        if self._last:
-            self._solve(self._preparing_solver, k, *self._last)
-
-    def _solve(
-        self, solver: PersistentSolver, k: int, state: FloatArray, previous: FloatArray
-    ) -> FeedbackAction:
-        previous = self._horizon.first.clamp_previous(k, previous)
-        qp = self._horizon.qp(k, state, previous)
-        n = len(qp.gradient)
-        solution = solver.solve(qp)
-        excess = None
-        if solution.x is None:
-            steps = np.zeros_like(qp.gradient)
-            fallback = f"QP {solution.report.status}: previous feedback held"
-        else:
-            steps = np.minimum(np.maximum(solution.x[:n], qp.step_lower), qp.step_upper)
-            excess = solution.x[n:] if len(solution.x) > n else None
-            fallback = ""
-        u = self._horizon.first.clamp(k, previous + steps[: len(previous)])
-        plan = np.concatenate([state, previous, steps])
-        return FeedbackAction(u, plan, solution.report, fallback, excess)
+        """Condense tick `k` and plan it for the data of the last step, to fill the caches."""
+        self.beside.given[:] = self.work.given
+        plan(k, self.horizon.stages, self.beside, self.most)

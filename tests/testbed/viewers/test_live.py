@@ -90,10 +90,10 @@ def test_a_viewer_is_offered_what_a_log_holds_and_can_decode_it():
         assert (topic, message.message) == (EVENT_TOPIC, "first")
         time.sleep(0.2)  # until the server has taken in the other subscriptions
         publish(live, range(1, 3))
-        received = list(viewer.messages(5))
+        received = list(viewer.messages(6))
         rows = [(when, message.x_t_m) for topic, when, message in received if topic == STATE.topic]
         np.testing.assert_allclose(rows, [(0.04, 1.0), (0.08, 2.0)])
-        (moved,) = (message for topic, _, message in received[:2] if topic == TRANSFORMS_TOPIC)
+        (moved,) = (message for topic, _, message in received[:4] if topic == TRANSFORMS_TOPIC)
         assert moved.transforms[0].translation.x == 1.0
         viewer.socket.close()
 

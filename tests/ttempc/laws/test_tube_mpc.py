@@ -10,7 +10,7 @@ from ttempc.guidance.controllers import make_controller
 from ttempc.laws.articulated_mpc import ArticulatedOptions
 from ttempc.models.kinematics import hitch_angle, trailer_point
 from ttempc.mpc.articulated_error import rotation
-from ttempc.mpc.qp import PersistentSolver, QPSolution
+from ttempc.mpc.qp import MOST_SETS, PersistentSolver, QPSolution
 from ttempc.tube.reference_tube import steered_system
 from ttempc.types import Disturbance, Estimate, MapDisturbance, SolverReport, State
 from ttempc.vehicle import CommandLimits
@@ -96,8 +96,10 @@ CLOSED = steered_system(
 )[0].closed
 
 
-def controller(**options):
-    return make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, DESIGN, options)
+def controller(most=MOST_SETS):
+    made = make_controller("ttempc", VEHICLE, REFERENCE, PERIOD_S, DESIGN)
+    made.feedback.mpc.most = most
+    return made
 
 
 def test_its_commands_are_never_cut_by_the_limits_however_it_is_disturbed():
@@ -116,17 +118,17 @@ def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monke
     """What the later disturbances add obeys A + B K, and no limit cuts the inputs."""
     generator, fails = np.random.default_rng(92), 60
     run = admissible(WINDOW, TICKS_KEPT_PLAN, generator)
-    solve = PersistentSolver.solve
+    solve = PersistentSolver.solve_bounded
 
     def drive_failing(disturbances):
         calls = iter(range(TICKS_KEPT_PLAN))
         monkeypatch.setattr(
             PersistentSolver,
-            "solve",
+            "solve_bounded",
             lambda solver, qp: solve(solver, qp) if next(calls) < fails else FAILED,
         )
         start = np.array([0.3, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-        return drive(disturbances, NONE, controller(), start)
+        return drive(disturbances, NONE, controller(most=-1), start)
 
     ticks = fails + stages
     until = np.where(np.arange(ticks)[:, None] < fails, run[:ticks], 0.0)
@@ -142,6 +144,6 @@ def test_without_a_solver_the_plan_and_its_ancillary_gain_keep_to_the_tube(monke
 
 
 def test_without_a_plan_or_beyond_its_horizon_the_previous_feedback_is_held(monkeypatch):
-    monkeypatch.setattr(PersistentSolver, "solve", lambda solver, qp: FAILED)
-    _, _, diagnostics = drive(np.zeros((3, 7)), follower=controller())
+    monkeypatch.setattr(PersistentSolver, "solve_bounded", lambda solver, qp: FAILED)
+    _, _, diagnostics = drive(np.zeros((3, 7)), follower=controller(most=-1))
     assert all("previous feedback held" in d.fallback for d in diagnostics)
