@@ -252,7 +252,7 @@ class Guidance:
             GuidanceFailed: the estimator or the controller raised.
         """
         with user_part(GuidanceFailed, "warm_up raised"):
-            parts = self._estimator, self._controller, self._learner, *self._monitors.detectors
+            parts = self._estimator, self._controller, self._learner, self._monitors
             for part in parts:
                 if isinstance(part, WarmingUp):
                     part.warm_up()
