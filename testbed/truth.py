@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -131,7 +130,8 @@ class Motion(NamedTuple):
 
 
 _MOTION: Final = len(Motion._fields)
-_TOOL: Final = 6  # numbers of a `Tool` before its arrays
+TOOL_SIZE: Final = 6  # numbers of a `Tool` before its arrays
+TOOL_LOWERED: Final = 4  # column of a tool\'s row
 
 
 class Moments(NamedTuple):
@@ -141,15 +141,6 @@ class Moments(NamedTuple):
     poses: FloatArray  # (n, bodies, 7) [m] x, y, z and quaternion w, x, y, z of every body
     # (n, 6 + 3 m) numbers of a `Tool` with m points, then its arrays; (n, 0) without an implement
     tools: FloatArray
-
-    @classmethod
-    def of(cls, truths: Sequence[Truth]) -> Moments:
-        """Return the rows of some truths."""
-        return cls(
-            np.array([_row(truth) for truth in truths]).reshape(-1, TRUTH_SIZE),
-            np.array([np.hstack([truth.body_xyz, truth.body_quat]) for truth in truths]),
-            np.array([_tool_row(truth.tool) for truth in truths]),
-        )
 
     def truth(self, number: int) -> Truth:
         """Return the view of a row; its arrays are those of the row."""
@@ -174,7 +165,7 @@ class Moments(NamedTuple):
             wheels=Wheels(*row[TYRE_COLUMNS].reshape(len(WHEELS), -1).T),
             body_xyz=bodies[:, :3],
             body_quat=bodies[:, 3:],
-            tool=Tool(*tool[:_TOOL].tolist(), *tool[_TOOL:].reshape(3, -1)) if len(tool) else None,
+            tool=_tool(tool) if len(tool) else None,
         )
 
     def motion(self, number: int) -> Motion:
@@ -182,19 +173,5 @@ class Moments(NamedTuple):
         return Motion(*self.rows[number, :_MOTION].tolist())
 
 
-def _row(truth: Truth) -> FloatArray:
-    t, i = truth.tractor, truth.trailer
-    motion = Motion(
-        *(truth.time_s, t.x, t.y, t.yaw, i.x, i.y, i.yaw, t.z, t.pitch, t.roll),
-        *(i.z, i.pitch, i.roll, truth.psi_d, truth.beta, truth.delta_t, truth.delta_i, truth.hp),
-        *(truth.speed, truth.lateral_speed, truth.yaw_rate_t, truth.yaw_rate_i, truth.rim_speed),
-        *truth.set_points.tolist(),
-    )
-    return np.concatenate([motion, np.transpose(truth.wheels).ravel(), truth.antennas.ravel()])
-
-
-def _tool_row(tool: Tool | None) -> FloatArray:
-    if tool is None:
-        return np.empty(0)
-    numbers = (tool.x, tool.y, tool.z, tool.behind, tool.lowered, tool.distance)
-    return np.concatenate([numbers, tool.depth, tool.draft, tool.side])
+def _tool(row: FloatArray) -> Tool:
+    return Tool(*row[:TOOL_SIZE].tolist(), *row[TOOL_SIZE:].reshape(3, -1))

@@ -1,8 +1,10 @@
 """Compilation by numba, with a disk cache that notices every change of the code."""
 
+import atexit
 import functools
 import hashlib
 import logging
+import os
 from collections.abc import Callable
 from enum import EnumType
 from types import FunctionType, ModuleType
@@ -12,10 +14,22 @@ import numba
 import numpy as np
 from numba.core import event
 from numba.core.caching import FunctionCache
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import ExternalFunction
 
 _LOG: Final = logging.getLogger("ttempc")
+
+# A process that forks or ends while another thread of it compiles waits for that thread: the child
+# would inherit a lock that nobody releases, and machine code is not made in an interpreter that is
+# being taken down.
+atexit.register(global_compiler_lock.acquire)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=global_compiler_lock.acquire,
+        after_in_parent=global_compiler_lock.release,
+        after_in_child=global_compiler_lock.release,
+    )
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ttempc.learning.learner import RecordedTick
+from ttempc.learning.window import RecordedTick
 from ttempc.types import Command, Estimate, Estimator, Measurement
 
 from ...testbed.configuration.config_io import parse_toml

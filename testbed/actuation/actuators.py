@@ -3,7 +3,7 @@
     command -> resolution -> dead time -> dead band -> play -> set point of the servo
 
 The servos in `mjcf/` add rate limits, lags and stops behind it. Every effect is off by default.
-States are data: a step takes a state and returns the next one. It runs once a physics step,
+The state is a flat array. A step runs once a physics step,
 because a dead time may end between two control ticks and the dead band depends on the present
 angle.
 
@@ -13,16 +13,18 @@ crosses the play; the crossing itself takes no time.
 """
 
 import math
-from typing import Annotated, Any, Final, NamedTuple, Protocol
+from typing import Annotated, Any, Final, Protocol
 
+import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from ttempc.types import Command
+from ttempc.jit import cached_njit
+from ttempc.types import Command, FloatArray
 from ttempc.vehicle import MAX_DEAD_TIME_S
 
 from ..configuration.config_io import STRICT, NotNegative
-from ..discretisation import delay_steps, quantised
+from ..discretisation import delay_steps
 from ..errors import InvalidPlant
 
 _ROUNDING: Final = 1e-12  # [rad] a set point at the edge of the dead band is inside it
@@ -64,35 +66,9 @@ class ActuatorSpecification:
     """Drive."""
 
 
-# Named tuples: made three times a physics step, they cost a third of a frozen dataclass.
-class AxisState(NamedTuple):
-    """State of one axis; angles [rad], for the hydrostat positions [-1, 1]."""
-
-    under_way: tuple[tuple[int, float], ...]  # commands in the dead time: step of arrival, value
-    arrived: float  # newest command behind the dead time
-    cylinder: float  # angle to which the valve moves the cylinder
-    set_point: float  # angle to which the cylinder moves the wheel
-
-
-class ActuatorState(NamedTuple):
-    """State of the command path."""
-
-    step: int  # physics steps since the start
-    front: AxisState
-    trailer: AxisState
-    hydrostat: AxisState
-
-    @property
-    def set_points(self) -> tuple[float, float, float]:
-        """Set points of the servos: front and trailer angle [rad], position of the hydrostat."""
-        return self.front.set_point, self.trailer.set_point, self.hydrostat.set_point
-
-
-class _Axis(NamedTuple):
-    delay: int  # physics steps
-    dead_band: float = 0.0  # [rad] half width
-    backlash: float = 0.0  # [rad] whole play
-    resolution: float = 0.0  # [rad]
+_STEP, _CYLINDER, _SET_POINT, _UNDER_WAY = 0, 1, 4, 7
+"""Places in the state: steps since the start; of each axis the angle to which the valve moves the
+cylinder, that to which the cylinder moves the wheel; then the commands under way, in rings."""
 
 
 class CommandPath(Protocol):
@@ -108,6 +84,10 @@ class CommandPath(Protocol):
 
     def step(self, state: Any, command: Command, delta_t: float, delta_i: float) -> Any:  # noqa: ANN401
         """Return the state after one physics step; the arguments are the present angles [rad]."""
+
+    def set_points(self, state: Any) -> tuple[float, float, float]:  # noqa: ANN401
+        """Return the servos' front and trailer angle [rad] and the hydrostat's position."""
+        ...
 
 
 class Actuators:
@@ -127,56 +107,68 @@ class Actuators:
         self, specification: ActuatorSpecification, timestep: float, stops: tuple[float, float]
     ) -> None:
         self.specification = specification
-        self.passive = (
-            specification == ActuatorSpecification()
-        )  # every command is a set point at once
-        self._front = _steering_axis("front", specification.front, timestep, stops[0])
-        self._trailer = _steering_axis("trailer", specification.trailer, timestep, stops[1])
-        self._hydrostat = _Axis(_delay("hydrostat", specification.hydrostat, timestep))
+        # every command is a set point at once
+        self.passive = specification == ActuatorSpecification()
+        self.axes: Final = np.array(
+            [
+                _steering_axis("front", specification.front, timestep, stops[0]),
+                _steering_axis("trailer", specification.trailer, timestep, stops[1]),
+                (_delay("hydrostat", specification.hydrostat, timestep), 0.0, 0.0, 0.0),
+            ]
+        )  # (3, 4) of `move_valves`
 
-    def start(self, hp: float) -> ActuatorState:
+    def start(self, hp: float) -> FloatArray:
         """Return the state of a vehicle that drives straight with the hydrostat at `hp`."""
-        straight, rolling = (AxisState((), value, value, value) for value in (0.0, hp))
-        return ActuatorState(0, straight, straight, rolling)
+        front, trailer, hydrostat = self.axes[:, 0].astype(int)
+        return np.array([0.0, *(0.0, 0.0, hp) * 2, *(front + trailer) * [0.0], *hydrostat * [hp]])
 
     def step(
-        self, state: ActuatorState, command: Command, delta_t: float, delta_i: float
-    ) -> ActuatorState:
+        self, state: FloatArray, command: Command, delta_t: float, delta_i: float
+    ) -> FloatArray:
         """Return the state after one physics step; the arguments are the present angles [rad]."""
-        now = state.step
-        return ActuatorState(
-            now + 1,
-            _axis_step(state.front, now, command.delta_t, delta_t, self._front),
-            _axis_step(state.trailer, now, command.delta_i, delta_i, self._trailer),
-            _axis_step(
-                state.hydrostat, now, command.hp, state.hydrostat.set_point, self._hydrostat
-            ),
-        )
+        state = state.copy()
+        move_valves(self.axes, state, command.as_array(), delta_t, delta_i)
+        return state
+
+    def set_points(self, state: FloatArray) -> tuple[float, float, float]:
+        """Return the servos' front and trailer angle [rad] and the hydrostat's position."""
+        front, trailer, hydrostat = state[_SET_POINT:_UNDER_WAY].tolist()
+        return front, trailer, hydrostat
 
 
-def past_dead_time(
-    under_way: tuple[tuple[int, float], ...], arrived: float, command: float, now: int, delay: int
-) -> tuple[tuple[tuple[int, float], ...], float]:
-    """Delay a command by `delay` physics steps.
+@cached_njit(error_model="numpy", boundscheck=False)
+def move_valves(
+    axes: FloatArray, state: FloatArray, command: FloatArray, delta_t: float, delta_i: float
+) -> None:
+    """Advance the command path by one physics step, in place.
 
     Args:
-        under_way: commands that have not arrived, with their steps of arrival.
-        arrived: newest command that has arrived.
-        command: command that is sent at this step.
-        now: number of this step.
-        delay: dead time in steps.
-
-    Returns:
-        `under_way` and `arrived` after this step.
+        axes: (3, 4) of front, trailer and hydrostat: dead time in steps, half width of the dead
+            band, whole play, resolution [rad].
+        state: (7 + steps of all dead times,) as from `Actuators.start`; entries 4 to 6 are the set
+            points.
+        command: (3,) that is sent at this step.
+        delta_t, delta_i: present steering angles [rad].
     """
-    newest = under_way[-1][1] if under_way else arrived
-    if command != newest:
-        under_way = (*under_way, (now + delay, command))
-    while under_way and under_way[0][0] <= now:
-        arrived, under_way = under_way[0][1], under_way[1:]
-    return under_way, arrived
+    now, ring = int(state[_STEP]), _UNDER_WAY
+    state[_STEP] = now + 1
+    for axis in range(3):
+        delay, dead_band, play = int(axes[axis, 0]), axes[axis, 1], axes[axis, 2]
+        resolution, arrived = axes[axis, 3], command[axis]
+        if resolution > 0.0:
+            arrived = resolution * np.rint(arrived / resolution)
+        if delay:
+            place = ring + now % delay
+            state[place], arrived = arrived, state[place]
+            ring += delay
+        cylinder, wheel = state[_CYLINDER + axis], state[_SET_POINT + axis]
+        angle = delta_t if axis == 0 else (delta_i if axis == 1 else wheel)
+        cylinder = past_dead_band(cylinder, arrived, angle + (cylinder - wheel), dead_band)
+        state[_CYLINDER + axis] = cylinder
+        state[_SET_POINT + axis] = past_play(wheel, cylinder, play)
 
 
+@cached_njit(inline="always")
 def past_dead_band(sent: float, command: float, cylinder: float, dead_band: float) -> float:
     """Return the angle to which the valve moves the cylinder [rad].
 
@@ -191,7 +183,7 @@ def past_dead_band(sent: float, command: float, cylinder: float, dead_band: floa
         cylinder: present angle of the cylinder [rad].
         dead_band: half width of the band [rad].
     """
-    if not dead_band:
+    if dead_band == 0.0:
         return command
     error = command - cylinder
     if abs(error) > dead_band:
@@ -199,24 +191,16 @@ def past_dead_band(sent: float, command: float, cylinder: float, dead_band: floa
     return sent if abs(command - sent) <= dead_band + _ROUNDING else cylinder
 
 
+@cached_njit(inline="always")
 def past_play(wheel: float, cylinder: float, play: float) -> float:
     """Return the angle of the wheel, at most half the play from that of the cylinder [rad]."""
     return min(max(wheel, cylinder - 0.5 * play), cylinder + 0.5 * play)
 
 
-def _axis_step(state: AxisState, now: int, command: float, angle: float, axis: _Axis) -> AxisState:
-    under_way, arrived = past_dead_time(
-        state.under_way, state.arrived, quantised(command, axis.resolution), now, axis.delay
-    )
-    present = angle + (state.cylinder - state.set_point)  # angle of the cylinder
-    cylinder = past_dead_band(state.cylinder, arrived, present, axis.dead_band)
-    return AxisState(
-        under_way, arrived, cylinder, past_play(state.set_point, cylinder, axis.backlash)
-    )
-
-
-def _steering_axis(name: str, valve: SteeringValve, timestep: float, stop: float) -> _Axis:
-    """Return a steering axis in SI units; `stop` is its largest angle [rad]."""
+def _steering_axis(
+    name: str, valve: SteeringValve, timestep: float, stop: float
+) -> tuple[float, float, float, float]:
+    """Return the row of a steering axis in `Actuators.axes`; `stop` is its largest angle [rad]."""
     angles_deg = {
         "dead_band": valve.dead_band_deg,
         "backlash": valve.backlash_deg,
@@ -229,7 +213,7 @@ def _steering_axis(name: str, valve: SteeringValve, timestep: float, stop: float
                 f"actuators.{name}.{key}_deg: got {angles_deg[key]:g}, "
                 f"must be below the stop at {math.degrees(stop):g}"
             )
-    return _Axis(_delay(name, valve, timestep), **angles)
+    return (_delay(name, valve, timestep), *angles.values())
 
 
 def _delay(name: str, valve: SteeringValve | HydrostatValve, timestep: float) -> int:

@@ -14,7 +14,7 @@ import scipy
 from ..errors import InvalidPlant
 from ..ground.ground import Ground
 from ..ground.terrain import flat
-from ..truth import WHEELS, Tool
+from ..truth import WHEELS
 from ..vehicle.servos import equilibrium_slip, tyres_of, wheel_loads
 from ..vehicle.vehicle import PlantVehicle
 from ..wheels.soil_law import SoilLaw
@@ -30,7 +30,8 @@ class MountedImplement:
     """Writes the forces of the soil on the trailer into its row of `xfrc_applied`.
 
     `state` is everything that the future depends on besides MuJoCo's state, and the last report:
-    lowered share, distance driven [m], then depth, draft and side force of each point.
+    `lift`, the lowered share and the distance driven [m], then `output`, depth [m], draft and side
+    force [N] of each point.
     `arguments` are those of `tool_step`.
 
     Args:
@@ -56,22 +57,12 @@ class MountedImplement:
             implement, frame_height(vehicle, implement.behind_m), background
         )
         self.state: Final = np.zeros(_LIFT + 3 * POINTS)
-        self._lift = self.state[:_LIFT]
-        self._output = self.state[_LIFT:].reshape(POINTS, 3)
-        self._body = int(model.body("trailer").id)
-        self._xpos, self._xmat = data.xpos, data.xmat
+        self.lift: Final = self.state[:_LIFT]
+        self.output: Final = self.state[_LIFT:].reshape(POINTS, 3)
         work = np.array(implement.work_m).reshape(-1, 2)
-        tables = (self.law.table(), implement.offsets, work, self._lift, self._output)
+        tables = (self.law.table(), implement.offsets, work, self.lift, self.output)
         self.arguments: Final = tool_arguments(model, data, ground, *tables)
         self.step: Final[Callable[[], object]] = partial(tool_step, *self.arguments)
-
-    def tool(self) -> Tool:
-        """Return the present state of the implement; forces are those of the last step."""
-        ahead = self._xmat[self._body, ::3]
-        x, y, z = (self._xpos[self._body] - self.settings.behind_m * ahead).tolist()
-        depth, draft, side = self._output.T.copy()
-        lowered, distance = self._lift.tolist()
-        return Tool(x, y, z, self.settings.behind_m, lowered, distance, depth, draft, side)
 
 
 def frame_height(vehicle: PlantVehicle, behind: float) -> float:

@@ -29,11 +29,14 @@ from numpy.typing import NDArray
 from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
+from ..actuation.actuators import move_valves
 from ..ground.ground import Ground
 from ..implement.mounted import MountedImplement
 from ..implement.tool_kernel import tool_arguments, tool_step
+from ..vehicle.steering_coupling import couple_joints
 from ..wheels.tyre_kernel import wheel_step
 from ..wheels.wheel_models import SoilWheels
+from .truth_reader import TruthReader, write_moment
 
 for _pattern in ("libmujoco*.so*", "libmujoco*.dylib", "mujoco.dll"):
     for _library in Path(mujoco.__file__).parent.glob(_pattern):
@@ -152,65 +155,98 @@ def soil_steps(
     model: int,
     data: int,
     wheels: tuple[Any, ...],
+    coupling: tuple[Any, ...],
     tool: tuple[Any, ...],
     has_tool: bool,
     chassis: tuple[Any, ...],
     reaches: FloatArray,
+    limits: FloatArray,
     looked: FloatArray,
-    qpos: FloatArray,
-    qvel: FloatArray,
-    ground_type: np.ndarray,
+    moment: tuple[Any, ...],
+    flags: np.ndarray,
+    unused: int,
     clock: np.ndarray,
     timer: int,
     timestep: float,
-    steps: int,
+    valves: FloatArray,
+    valve_state: FloatArray,
+    command: FloatArray,
+    time: float,
+    stride: int,
+    rows: FloatArray,
+    poses: FloatArray,
+    tools: FloatArray,
 ) -> None:
-    """Run physics steps: forces of the soil, accelerations and integration, positions.
+    """Run physics steps: valves, forces of the soil, accelerations and integration, positions.
 
-    The ground takes part in MuJoCo's search for contacts only where the chassis may have come down
-    to it since the last look at its clearance: on a slope the search takes as long as two steps.
+    MuJoCo searches for contacts only where the chassis may have come down to the ground since the
+    last look at its clearance, and looks at joint limits only where one is passed.
 
     Args:
         model: address of MuJoCo's model.
         data: address of MuJoCo's data; positions and velocities are up to date before and after.
         wheels: arguments of `wheel_step`.
+        coupling: arguments of `couple_joints`.
         tool: arguments of `tool_step`.
         has_tool: whether there is an implement.
         chassis: arguments of `clearance`.
         reaches: (nv,) largest distance by which a unit of each degree of freedom moves a point of
             the chassis, [m] or [m/m].
+        limits: (n, 3) place in the positions, least and greatest value of each limited joint.
         looked: (nq + 1,) positions at the end of the last call, and the distance [m] that the
             chassis could then move without meeting the ground. It holds at these positions only.
-        qpos: (nq,) MuJoCo's positions.
-        qvel: (nv,) MuJoCo's velocities.
-        ground_type: (1,) contact type of the ground in MuJoCo's model, as found afterwards.
+        moment: first arguments of `write_moment`; they begin with places, and have positions,
+            velocities and set points at 3, 4 and 6.
+        flags: (1,) flags of MuJoCo's model by which parts are off, as found afterwards.
+        unused: flags of the parts without use while no shape is near the ground and no limit is
+            passed.
         clock: (1,) `clock()`; 0 meanwhile.
         timer: its value afterwards.
         timestep: of the physics [s].
-        steps: number of physics steps.
+        valves: (3, 4) of `move_valves`; (0, 4) where the set points are the command.
+        valve_state: of `move_valves`, changed in place.
+        command: (3,) held over the steps.
+        time: at the start [s].
+        stride: number of physics steps to each stop.
+        rows, poses, tools: arrays of `Moments`; one is written at each stop.
     """
     clock[0] = 0
-    touching = ground_type[0]
+    given = flags[0]
+    places, qpos, qvel, ctrl = moment[0], moment[3], moment[4], moment[6]
     free = looked[-1]  # distance that the chassis can move without meeting the ground [m]
     for i in range(qpos.size):
         if looked[i] != qpos[i]:
             free = 0.0
-    for _ in range(steps):
-        wheel_step(*wheels)
-        if has_tool:
-            tool_step(*tool)
-        _step2(model, data)
-        # The shapes are where they were before the step, the velocities those that moved them.
-        motion = 0.0
-        for dof in range(qvel.size):
-            motion += abs(qvel[dof]) * reaches[dof]
-        motion *= timestep
-        if not free > motion:
-            free = clearance(*chassis)
-        free -= motion
-        ground_type[0] = 0 if free > 0.0 else touching
-        _step1(model, data)
-    ground_type[0], clock[0] = touching, timer
+    for axis in range(3):
+        ctrl[axis] = command[axis]
+    for stop in range(rows.shape[0]):
+        for _ in range(stride):
+            if valves.size:
+                move_valves(valves, valve_state, command, qpos[places[6]], qpos[places[7]])
+                for axis in range(3):
+                    ctrl[axis] = valve_state[4 + axis]
+            wheel_step(*wheels)
+            couple_joints(*coupling)
+            if has_tool:
+                tool_step(*tool)
+            _step2(model, data)
+            # The shapes are where they were before the step, the velocities those that moved them.
+            motion = 0.0
+            for dof in range(qvel.size):
+                motion += abs(qvel[dof]) * reaches[dof]
+            motion *= timestep
+            if not free > motion:
+                free = clearance(*chassis)
+            free -= motion
+            inside = free > 0.0
+            for joint in range(limits.shape[0]):
+                angle = qpos[int(limits[joint, 0])]
+                inside = inside and limits[joint, 1] <= angle <= limits[joint, 2]
+            flags[0] = given | unused if inside else given
+            _step1(model, data)
+            time += timestep
+        write_moment(*moment, time, rows[stop], poses[stop], tools[stop])
+    flags[0], clock[0] = given, timer
     looked[:-1], looked[-1] = qpos, free
 
 
@@ -220,8 +256,9 @@ def compiled_steps(
     wheels: SoilWheels,
     implement: MountedImplement | None,
     ground: Ground,
-) -> Callable[[int], object] | None:
-    """Return the function that runs a number of physics steps of a plant with soil wheels.
+    reader: TruthReader,
+) -> Callable[..., object] | None:
+    """Return `soil_steps` of a plant, its arguments from `valves` on left to be given.
 
     It is None under NUMBA_DISABLE_JIT.
     """
@@ -240,23 +277,43 @@ def compiled_steps(
         np.array([*terrain.origin, terrain.spacing_m]),
         np.zeros((rows, columns, 4)),
     )
+    limited = np.flatnonzero(model.jnt_limited)
+    within = model.jnt_range[limited] + np.outer(model.jnt_margin[limited], [1.0, -1.0])
     return partial(
         soil_steps,
         model._address,
         data._address,
         wheels.arguments,
+        wheels.coupling,
         implement.arguments if implement else _without_tool(model, data, ground),
         implement is not None,
         chassis,
         _reaches(model, shapes),
+        np.column_stack([model.jnt_qposadr[limited], within]),
         np.zeros(model.nq + 1),
-        data.qpos,
-        data.qvel,
-        model.geom_contype[field : field + 1],
+        reader.arguments,
+        disable_flags(model),
+        int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT),
         clock(),
         _CLOCK,
         model.opt.timestep,
     )
+
+
+def disable_flags(model: mujoco.MjModel) -> NDArray[np.int32]:
+    """Return a view of `model.opt.disableflags`, (1,), which the bindings copy.
+
+    It lies in MuJoCo's `mjOption` after the numbers up to `o_friction`. Where a release has another
+    order, the view is one of nothing: steps then search for contacts always.
+    """
+    option = model.opt
+    names = ("integrator", "cone", "jacobian", "solver", "iterations", "ls_iterations")
+    names = (*names, "noslip_iterations", "ccd_iterations", "disableflags", "enableflags")
+    address = option.o_friction.ctypes.data + option.o_friction.nbytes
+    found = np.ctypeslib.as_array((ctypes.c_int * len(names)).from_address(address))
+    if found.tolist() != [getattr(option, name) for name in names]:
+        return np.zeros(1, dtype=np.int32)
+    return found[-2:-1]
 
 
 def _without_tool(model: mujoco.MjModel, data: mujoco.MjData, ground: Ground) -> tuple[Any, ...]:

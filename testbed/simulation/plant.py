@@ -5,6 +5,7 @@
 
 import math
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -36,6 +37,7 @@ from .truth_reader import TruthReader
 
 _DEFAULT_LAW: Final = SoilLaw()
 _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
+_NO_VALVES: Final = np.zeros((0, 4)), np.zeros(0)
 _SETTLE_CHUNK_S: Final = 0.1  # between comparisons of the wheel loads
 _SETTLE_CHUNKS: Final = 30  # largest number of comparisons
 _BALANCE: Final = 0.02  # largest difference of the ground's force to the weight, over the weight
@@ -87,7 +89,7 @@ class Plant:
         self._spec = build_spec(vehicle, terrain, wheels, wheel_law, timestep_s)
         if implement:
             draw_implement(self._spec, implement, frame_height(vehicle, implement.behind_m))
-        self.model = physics_model(self._spec)
+        self.model = physics_model(self._spec, wheel_model(wheels).couples_steering)
         self.data = mujoco.MjData(self.model)
         model, data = self.model, self.data
         self.body_names = tuple(model.body(i).name for i in range(model.nbody))
@@ -97,13 +99,13 @@ class Plant:
         self.implement = implement and MountedImplement(
             implement, model, data, vehicle, self.ground, soil.background
         )
+        rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
+        self._reader = TruthReader(model, data, self.wheels.output, rear_radius, self.implement)
         self._steps = (
-            compiled_steps(model, data, self.wheels, self.implement, self.ground)
+            compiled_steps(model, data, self.wheels, self.implement, self.ground, self._reader)
             if type(self.wheels) is SoilWheels  # a subclass may step in a way of its own
             else None
         )
-        rear_radius = self.tyres.radius[WHEELS.index("rear_left")]
-        self._reader = TruthReader(model, data, self.wheels.output, rear_radius, self.implement)
         # views of MuJoCo's arrays, bound once
         self._warnings, self._qpos, self._qvel = data.warning.number, data.qpos, data.qvel
         self._wheel_dofs = np.array([model.joint(wheel).dofadr[0] for wheel in WHEELS])
@@ -158,23 +160,34 @@ class Plant:
         Raises:
             PlantDiverged: the state is not finite, or MuJoCo warned or reset itself.
         """
-        data = self.data
-        before = data.time
-        if self.actuators.passive:
-            data.ctrl[:] = command.delta_t, command.delta_i, command.hp
-            self._run(steps)
-        else:
-            self._run(steps, before_step=lambda: self._move_valves(command))
-        self._check(before, steps)
-        return self.truth()
+        return self.drive(command, 1, steps).truth(0)
 
     def drive(self, command: Command, stops: int, stride: int) -> Moments:
         """Hold a command and return the state after every `stride` physics steps, `stops` times.
 
+        It is one compiled call, unless wheels or command path are of Python. The arrays are new
+        ones and the caller's own; `Moments.truth` is a view of them.
+
         Raises:
-            PlantDiverged: as `advance`.
+            PlantDiverged: the state is not finite, or MuJoCo warned or reset itself.
         """
-        return Moments.of([self.advance(command, stride) for _ in range(stops)])
+        before, moments, stepped = self.data.time, self._reader.moments(stops), self._steps
+        actuators = self.actuators
+        if stepped and isinstance(actuators, Actuators):
+            valves = actuators.axes[:0] if actuators.passive else actuators.axes
+            stepped(valves, self._valves, command.as_array(), before, stride, *moments)
+        elif stepped:
+            for stop in range(stops):
+                moment = [part[stop : stop + 1] for part in moments]
+                for _ in range(stride):
+                    self._move_valves(command)
+                    stepped(*_NO_VALVES, self.data.ctrl.copy(), self.data.time, 1, *moment)
+        else:
+            for stop in range(stops):
+                self._run(stride, before_step=lambda: self._move_valves(command))
+                self._reader.put(moments, stop)
+        self._check(before, stops * stride)
+        return moments
 
     @property
     def timestep_s(self) -> float:
@@ -215,8 +228,8 @@ class Plant:
         physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
         mujoco.mj_getState(self.model, self.data, physics, _STATE)
         implement = self.implement.state.copy() if self.implement else np.empty(0)
-        wheels = self.wheels
-        return Snapshot(physics, wheels.state.copy(), wheels.output.copy(), implement, self._valves)
+        wheels, valves = self.wheels, copy(self._valves)
+        return Snapshot(physics, wheels.state.copy(), wheels.output.copy(), implement, valves)
 
     def restore(self, snapshot: Snapshot) -> Truth:
         """Return to a state; the same commands then give the same truths, bit for bit."""
@@ -225,19 +238,23 @@ class Plant:
         self.wheels.output[:] = snapshot.output
         if self.implement:
             self.implement.state[:] = snapshot.implement
-        self._valves = snapshot.valves
+        self._valves = copy(snapshot.valves)
         mujoco.mj_step1(self.model, self.data)
         return self.truth()
 
-    def truth(self) -> Truth:
+    def moment(self) -> Moments:
         """Return the present state; wheel forces are those of the step that led to it."""
-        return self._reader.truth()
+        return self._reader.put(self._reader.moments(1), 0)
+
+    def truth(self) -> Truth:
+        """Return the view of `moment`."""
+        return self.moment().truth(0)
 
     def _move_valves(self, command: Command) -> None:
         """Advance the command path by one physics step."""
         delta_t, delta_i = map(self.data.qpos.item, self._steering_angles)
         self._valves = self.actuators.step(self._valves, command, delta_t, delta_i)
-        self.data.ctrl[:] = self._valves.set_points
+        self.data.ctrl[:] = self.actuators.set_points(self._valves)
 
     def _run(
         self,
@@ -248,17 +265,8 @@ class Plant:
         """Step the physics; positions and velocities are up to date before and after.
 
         A step is forces of the ground, accelerations and integration (mj_step2), positions and
-        velocities (mj_step1): the same as mj_step with these forces in its middle. Where Python has
-        no part in them, steps are compiled.
+        velocities (mj_step1): the same as mj_step with these forces in its middle.
         """
-        if self._steps and not after_step:
-            if not before_step:
-                self._steps(steps)
-                return
-            for _ in range(steps):
-                before_step()
-                self._steps(1)
-            return
         model, data, last = self.model, self.data, steps - 1
         apply_forces, step1, step2 = self.wheels.step, mujoco.mj_step1, mujoco.mj_step2
         work_soil = self.implement and self.implement.step

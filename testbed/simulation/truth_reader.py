@@ -1,21 +1,25 @@
-"""Truth reader: `Truth` from MuJoCo's data."""
+"""Truth reader: moments of a plant as rows of numbers, from MuJoCo's data."""
 
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 
 import math
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 
+from ttempc.jit import cached_njit
 from ttempc.types import FloatArray
 
 from ..implement.mounted import MountedImplement
-from ..truth import Pose, Truth, Wheels
+from ..truth import TOOL_SIZE, TRUTH_SIZE, Moments
 
 
 class TruthReader:
     """Reader of the present state; positions and velocities in `data` must be up to date.
+
+    `arguments` are the first ones of `write_moment`.
 
     Args:
         model: of the plant.
@@ -33,79 +37,118 @@ class TruthReader:
         rear_radius: float,
         implement: MountedImplement | None = None,
     ) -> None:
-        self._data, self._output, self._rear_radius = data, output, rear_radius
-        self._implement = implement
-        # views of MuJoCo's arrays, bound once: an attribute of `data` is a new array every time
-        self._xpos, self._xquat, self._sites = data.xpos, data.xquat, data.site_xpos
-        tractor, drawbar, trailer = (
-            model.body(name).id for name in ("tractor", "drawbar", "trailer")
-        )
-        self._tractor_xyz, self._trailer_xyz = data.xpos[tractor], data.xpos[trailer]
-        self._tractor_axes, self._trailer_axes = data.xmat[tractor], data.xmat[trailer]
-        self._drawbar_axes = data.xmat[drawbar]
-        self._tractor_motion, self._trailer_motion = data.cvel[tractor], data.cvel[trailer]
-        self._centre = data.subtree_com[1]  # to which `cvel` refers
-        self._qpos, self._qvel, self._act, self._ctrl = data.qpos, data.qvel, data.act, data.ctrl
+        self._data, self._bodies = data, model.nbody
+        self._tool = TOOL_SIZE + implement.output.size if implement else 0
         antennas = [model.site(f"antenna_{name}").id for name in ("tractor", "trailer")]
-        self._antennas = np.array(antennas)  # an array: numpy would convert a list at every read
-        self.lever_arms = model.site_pos[self._antennas]  # (2, 3) [m] bodies' frames
-        self._beta, self._delta_t, self._delta_i = (
-            int(model.joint(name).qposadr[0]) for name in ("rj1_yaw", "steer", "rj2_yaw")
-        )
-        self._rear = [int(model.joint(name).dofadr[0]) for name in ("rear_left", "rear_right")]
-        self._hydrostat = int(model.actuator("hydrostat").actadr[0])
-
-    def truth(self) -> Truth:
-        """Return the present state; wheel forces are those of the step that led to it."""
-        xyz, axes = self._tractor_xyz.tolist(), self._tractor_axes.tolist()
-        xx, xy, _, yx, yy, _, zx, zy, _ = axes
-        _, _, yaw_rate, *_ = motion = self._tractor_motion.tolist()
-        vx, vy, vz = self._velocity(xyz, motion)
-        qpos, qvel = self._qpos.item, self._qvel.item
-        left, right = self._rear
-        return Truth(
-            time_s=self._data.time,
-            tractor=_pose(xyz, axes),
-            trailer=_pose(self._trailer_xyz.tolist(), self._trailer_axes.tolist()),
-            antennas=self._sites.take(self._antennas, axis=0),
-            psi_d=_yaw(self._drawbar_axes.tolist()),
-            beta=qpos(self._beta),
-            delta_t=qpos(self._delta_t),
-            delta_i=qpos(self._delta_i),
-            speed=vx * xx + vy * yx + vz * zx,
-            lateral_speed=vx * xy + vy * yy + vz * zy,
-            yaw_rate_t=yaw_rate,
-            yaw_rate_i=self._trailer_motion.item(2),
-            rim_speed=0.5 * self._rear_radius * (qvel(left) + qvel(right)),
-            hp=self._act.item(self._hydrostat),
-            set_points=self._ctrl.copy(),
-            wheels=Wheels(*self._output.T.copy()),  # `Output` has the order of its fields
-            body_xyz=self._xpos.copy(),
-            body_quat=self._xquat.copy(),
-            tool=self._implement and self._implement.tool(),
+        self.lever_arms = model.site_pos[antennas]  # (2, 3) [m] bodies' frames
+        places = [
+            *(model.body(name).id for name in ("tractor", "drawbar", "trailer")),
+            *antennas,
+            *(model.joint(name).qposadr[0] for name in ("rj1_yaw", "steer", "rj2_yaw")),
+            *(model.joint(name).dofadr[0] for name in ("rear_left", "rear_right")),
+            model.actuator("hydrostat").actadr[0],
+        ]
+        self.arguments: Final[tuple[Any, ...]] = (
+            np.array(places, dtype=np.int64),
+            float(rear_radius),
+            implement.settings.behind_m if implement else 0.0,
+            # views of MuJoCo's arrays, bound once: they outlive a reset of the data
+            *(data.qpos, data.qvel, data.act, data.ctrl, data.xpos, data.xquat, data.xmat),
+            *(data.cvel, data.subtree_com, data.site_xpos, output),
+            *((implement.lift, implement.output) if implement else (np.zeros(2), np.zeros((0, 3)))),
         )
 
-    def _velocity(self, xyz: list[float], motion: list[float]) -> tuple[float, float, float]:
-        """Return the velocity of a body's origin `xyz` [m/s], map frame; `motion` is its `cvel`."""
-        x, y, z = xyz
-        wx, wy, wz, vx, vy, vz = motion
-        cx, cy, cz = self._centre.tolist()
-        rx, ry, rz = x - cx, y - cy, z - cz
-        return vx + (wy * rz - wz * ry), vy + (wz * rx - wx * rz), vz + (wx * ry - wy * rx)
+    def moments(self, count: int) -> Moments:
+        """Return arrays for a number of moments, to be written by `put`."""
+        rows, poses = np.empty((count, TRUTH_SIZE)), np.empty((count, self._bodies, 7))
+        return Moments(rows, poses, np.empty((count, self._tool)))
+
+    def put(self, moments: Moments, number: int) -> Moments:
+        """Write the present state; wheel forces are those of the step that led to it."""
+        row, poses, tool = (part[number] for part in moments)
+        write_moment(*self.arguments, self._data.time, row, poses, tool)
+        return moments
 
 
-def _pose(xyz: list[float], axes: list[float]) -> Pose:
-    x, y, z = xyz
-    return Pose(
-        x=x,
-        y=y,
-        z=z,
-        yaw=_yaw(axes),
-        pitch=math.asin(min(1.0, max(-1.0, -axes[6]))),
-        roll=math.atan2(axes[7], axes[8]),
-    )
+@cached_njit(error_model="numpy", boundscheck=False)
+def write_moment(
+    places: np.ndarray,
+    rear_radius: float,
+    behind: float,
+    qpos: FloatArray,
+    qvel: FloatArray,
+    act: FloatArray,
+    ctrl: FloatArray,
+    xpos: FloatArray,
+    xquat: FloatArray,
+    xmat: FloatArray,
+    cvel: FloatArray,
+    com: FloatArray,
+    sites: FloatArray,
+    output: FloatArray,
+    lift: FloatArray,
+    worked: FloatArray,
+    time: float,
+    row: FloatArray,
+    poses: FloatArray,
+    tool: FloatArray,
+) -> None:
+    """Write the present state as one of `Moments`.
 
-
-def _yaw(axes: list[float]) -> float:
-    """Return the yaw [rad] of a rotation matrix, nine numbers row by row."""
-    return math.atan2(axes[3], axes[0])
+    Args:
+        places: (11,) bodies of tractor, drawbar and trailer; sites of the antennas; positions of
+            beta, delta_t and delta_i; velocities of the rear wheels; activation of the hydrostat.
+        rear_radius: of the driven wheels [m].
+        behind: distance of the tool point behind the trailer point [m].
+        qpos, qvel, act, ctrl, xpos, xquat, xmat, cvel, com, sites: MuJoCo's arrays.
+        output: (6, 7) report of the wheels.
+        lift: (2,) lowered share of the implement, distance driven [m].
+        worked: (n, 3) depth, draft and side force of its points.
+        time: [s].
+        row: (TRUTH_SIZE,), written.
+        poses: (bodies, 7), written.
+        tool: (TOOL_SIZE + 3 n,), written, or (0,) without an implement.
+    """
+    tractor, drawbar, trailer = places[0], places[1], places[2]
+    row[0] = time
+    for axle in range(2):  # of tractor and trailer
+        body = places[2 * axle]
+        row[1 + 3 * axle], row[2 + 3 * axle] = xpos[body, 0], xpos[body, 1]
+        row[3 + 3 * axle] = math.atan2(xmat[body, 3], xmat[body, 0])
+        row[7 + 3 * axle] = xpos[body, 2]
+        row[8 + 3 * axle] = math.asin(min(1.0, max(-1.0, -xmat[body, 6])))
+        row[9 + 3 * axle] = math.atan2(xmat[body, 7], xmat[body, 8])
+        for axis in range(3):
+            row[68 + 3 * axle + axis] = sites[places[3 + axle], axis]
+    row[13] = math.atan2(xmat[drawbar, 3], xmat[drawbar, 0])
+    row[14], row[15], row[16] = qpos[places[5]], qpos[places[6]], qpos[places[7]]
+    row[17] = act[places[10]]
+    # `cvel` is the velocity at the centre of mass
+    wx, wy, wz = cvel[tractor, 0], cvel[tractor, 1], cvel[tractor, 2]
+    rx, ry = xpos[tractor, 0] - com[1, 0], xpos[tractor, 1] - com[1, 1]
+    rz = xpos[tractor, 2] - com[1, 2]
+    vx = cvel[tractor, 3] + (wy * rz - wz * ry)
+    vy = cvel[tractor, 4] + (wz * rx - wx * rz)
+    vz = cvel[tractor, 5] + (wx * ry - wy * rx)
+    row[18] = vx * xmat[tractor, 0] + vy * xmat[tractor, 3] + vz * xmat[tractor, 6]
+    row[19] = vx * xmat[tractor, 1] + vy * xmat[tractor, 4] + vz * xmat[tractor, 7]
+    row[20], row[21] = wz, cvel[trailer, 2]
+    row[22] = 0.5 * rear_radius * (qvel[places[8]] + qvel[places[9]])
+    for axis in range(3):
+        row[23 + axis] = ctrl[axis]
+    for wheel in range(6):
+        for column in range(7):
+            row[26 + 7 * wheel + column] = output[wheel, column]
+    for body in range(xpos.shape[0]):
+        for axis in range(3):
+            poses[body, axis] = xpos[body, axis]
+        for part in range(4):
+            poses[body, 3 + part] = xquat[body, part]
+    if tool.size:
+        for axis in range(3):
+            tool[axis] = xpos[trailer, axis] - behind * xmat[trailer, 3 * axis]
+        tool[3], tool[4], tool[5] = behind, lift[0], lift[1]
+        points = worked.shape[0]
+        for point in range(points):
+            for part in range(3):
+                tool[6 + part * points + point] = worked[point, part]

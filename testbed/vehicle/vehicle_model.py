@@ -68,10 +68,18 @@ def build_spec(
     return spec
 
 
-def physics_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    """Return the model without its visual shapes: 85 shapes, 12 % of the time of a step."""
+def physics_model(spec: mujoco.MjSpec, coupled: bool) -> mujoco.MjModel:
+    """Return the model of a plant: without visual shapes, lights and cameras, 14 % of a step.
+
+    `coupled`: a force of the plant couples the joints, see `steering_coupling`. The constraints
+    that do it in a model by itself are then inactive.
+    """
     lean = spec.copy()
     lean.compiler.discardvisual = True
+    for item in [*lean.cameras, *lean.lights]:
+        lean.delete(item)
+    for constraint in lean.equalities:
+        constraint.active = not coupled
     return lean.compile()
 
 

@@ -3,7 +3,6 @@
 # mujoco fills its name space from compiled modules without type information
 # pyright: reportAttributeAccessIssue=false
 
-from functools import partial
 from typing import ClassVar, Final, Literal
 
 import mujoco
@@ -14,6 +13,7 @@ from ttempc.types import FloatArray
 from ..errors import InvalidPlant
 from ..ground.ground import Ground
 from ..truth import WHEELS
+from ..vehicle.steering_coupling import couple_joints, coupling_table
 from .soil_law import SoilLaw
 from .tyre import Tyres, mobility
 from .tyre_kernel import Output, wheel_step
@@ -28,6 +28,7 @@ class WheelModel:
     """
 
     follows_soil_law: ClassVar[bool] = False  # its forces are those of `soil_law`
+    couples_steering: ClassVar[bool] = False  # by a force, in place of the model's constraints
 
     state: FloatArray  # all that the future depends on besides MuJoCo's state; changed in place
     output: FloatArray  # (6, 7) last report: wheels in the order of `WHEELS`, columns of `Output`
@@ -55,11 +56,14 @@ class WheelModel:
 class SoilWheels(WheelModel):
     """Writes the forces of `wheel_step` on every wheel into `xfrc_applied`.
 
+    Those of `couple_joints`, which steer the front wheels, are added to `qfrc_passive`.
+
     The state holds the tread deflections [m]: a restored run without them is 29 mm away after
     10 s. With a second pass it also holds the tracks of the run.
     """
 
     follows_soil_law: ClassVar[bool] = True
+    couples_steering: ClassVar[bool] = True
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, tyres: Tyres, ground: Ground, law: SoilLaw
@@ -80,7 +84,15 @@ class SoilWheels(WheelModel):
             *(data.xpos, data.xmat, data.cvel, data.subtree_com),
             *(self.state, self.output, data.xfrc_applied),
         )
-        self.step = partial(wheel_step, *self.arguments)
+        self.coupling: Final = (  # arguments of `couple_joints`
+            coupling_table(model),
+            *(data.qpos, data.qvel, data.qfrc_passive),
+        )
+
+    def step(self) -> None:
+        """Apply the forces of the ground and of the steering linkage for one physics step."""
+        wheel_step(*self.arguments)
+        couple_joints(*self.coupling)
 
 
 class ContactWheels(WheelModel):

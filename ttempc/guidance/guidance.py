@@ -11,8 +11,9 @@ import numpy as np
 
 from ..errors import EstimatorFailed, GuidanceFailed, InvalidReference, InvalidTime
 from ..estimation.noise import SensorNoise
-from ..layout import measurements_of
-from ..learning.learner import Identifier, Learner, Learnt, RecordedTick
+from ..layout import measurements_of, sample_rows
+from ..learning.learner import Identifier, Learner, Learnt
+from ..learning.window import RecordedTick
 from ..reference.path import Path
 from ..reference.reference import ConstantSpeed, Reference, check_drivable, check_pace
 from ..types import (
@@ -79,6 +80,41 @@ def make_guided(
     return compensated(make, reference, period_s)
 
 
+@dataclass(frozen=True, slots=True)
+class _Builder:
+    """Builds parts for learnt parameters, see `Builder`; None for what the user gave as an object.
+
+    It knows nothing of the guidance, which its thread would keep.
+    """
+
+    controller: str | ControllerFactory | Controller | None
+    estimator: str | EstimatorFactory | Estimator | None
+    reference: Reference
+    period_s: float
+    options: Mapping[str, object] | None
+    tube: TubeDesign | None
+    noise: SensorNoise
+
+    def build(self, vehicle: Vehicle) -> Parts:
+        reference = replace(self.reference, vehicle=vehicle)
+        check_drivable(reference.path, vehicle)
+        check_pace(reference, self.period_s)
+        tube = self.tube and replace(self.tube, vehicle=vehicle.without_dead_times())
+        controller = estimator = None
+        if self.controller is not None:
+            controller = make_guided(self.controller, reference, self.period_s, self.options, tube)
+            if isinstance(controller, WarmingUp):
+                controller.warm_up()
+        if self.estimator is not None:
+            estimator = make_estimator(self.estimator, vehicle, self.noise)
+        return Parts(reference, controller, estimator)
+
+    def replay(self, parts: Parts, window: Sequence[RecordedTick]) -> None:
+        if parts.estimator is not None:
+            for tick in window:
+                parts.estimator.update(tick.time_s, tick.samples, tick.command)
+
+
 def _identifiers(vehicle: Vehicle, noise: SensorNoise) -> list[Identifier]:
     from ..learning.actuators import ActuatorIdentifier
     from ..learning.lengths import LengthIdentifier
@@ -114,9 +150,10 @@ class Guidance:
 
     While it drives it learns parameters of the model (`ttempc.learning`). Where the data contradict
     the given ones, estimator, reference and controller are made anew in another thread and
-    exchanged at a fixed tick. The new estimator first receives the samples of the last two minutes;
-    a controller with memory continues by its method `resume`. `diagnostics.learnt` tells what has
-    changed. An estimator or a controller that was passed as an object stays as it is.
+    exchanged when they are ready, or at a fixed tick, see `wait`. The new estimator first receives
+    the samples of the last two minutes; a controller with memory continues by its method `resume`.
+    `diagnostics.learnt` tells what has changed. An estimator or a controller that was passed as an
+    object stays as it is.
 
     Args:
         vehicle: model parameters of estimator and controller at the start.
@@ -177,28 +214,18 @@ class Guidance:
         noise = sensor_noise or SensorNoise()
         self._estimator = make_estimator(estimator, vehicle, noise)
         self._controller = make_guided(controller, reference, period_s, options, tube)
-        first = self._controller, self._estimator  # without `self`, which the learner would keep
-
-        def build(learnt: Vehicle, window: Sequence[RecordedTick]) -> Parts:
-            other = replace(reference, vehicle=learnt)
-            check_drivable(other.path, learnt)
-            check_pace(other, period_s)
-            design = tube and replace(tube, vehicle=learnt.without_dead_times())
-            made = make_guided(controller, other, period_s, options, design)
-            filter_ = make_estimator(estimator, learnt, noise)
-            parts = Parts(
-                other, None if made is first[0] else made, None if filter_ is first[1] else filter_
-            )
-            if isinstance(parts.controller, WarmingUp):
-                parts.controller.warm_up()
-            if parts.estimator is not None:
-                for tick in window:
-                    parts.estimator.update(tick.time_s, tick.samples, tick.command)
-            return parts
-
         if isinstance(learn, bool):
             learn = _identifiers(vehicle, noise) if learn else []
-        self._learner = Learner(learn, vehicle, period_s, build)
+        builder = _Builder(
+            None if self._controller is controller else controller,
+            None if self._estimator is estimator else estimator,
+            reference,
+            period_s,
+            options,
+            tube,
+            noise,
+        )
+        self._learner = Learner(learn, vehicle, period_s, builder)
         self._learnt: tuple[str, ...] = ()  # since the last step
         self._supervisor = Supervisor(self._controller, reference, period_s, safety)
         if isinstance(detect, bool):
@@ -252,15 +279,16 @@ class Guidance:
             GuidanceFailed: the estimator or the controller raised.
         """
         with user_part(GuidanceFailed, "warm_up raised"):
-            parts = self._estimator, self._controller, self._learner, self._monitors
-            for part in parts:
+            for part in (self._estimator, self._controller, self._monitors):
                 if isinstance(part, WarmingUp):
                     part.warm_up()
 
     def wait(self) -> None:
-        """Wait for what was learnt and is due at the next tick; `update` would wait for it.
+        """Wait for what is learnt and due at the next tick; nothing else waits for it.
 
-        For loops that are faster than real time, which give the thread less than its time.
+        For simulations: call it before every `update`, and an exchange has a counted tick, whatever
+        the time that computing takes. There is no limit: an identifier that never returns is waited
+        for. A vehicle does not call it: `update` takes what was learnt when it is ready.
         """
         self._learner.wait(self.tick)
 
@@ -309,12 +337,11 @@ class Guidance:
         estimate = self._run_estimator(now, usable, sent)
         self._time_s, self._estimate, self._stale = now, estimate, 0
         psi_t, psi_i = estimate.state[State.PSI_T : State.DELTA_T].tolist()
-        tick = RecordedTick(now, tuple(usable), sent, (psi_t, psi_i))
         observation = Observation(now, measurements, sent, estimate, self.vehicle)
         self.alarms = self._monitors.observe(observation)
         if any(alarm.reaction > Reaction.GO_ON for alarm in self.alarms):
             self._learner.forget()
-        self._learner.record(self.tick, tick)
+        self._learner.record(self.tick, now, sample_rows(usable), sent, (psi_t, psi_i))
         return replace(estimate, time_s=estimate.time_s + origin) if origin else estimate
 
     def step(self) -> Command:
@@ -364,6 +391,8 @@ class Guidance:
             return
         if learnt is not None:
             self._take_on(learnt)
+        elif self._learner.overdue(self.tick):
+            self._learnt = ("nothing yet: an identifier has not returned for a minute",)
 
     def _take_on(self, learnt: Learnt[Parts]) -> None:
         parts, notes = learnt.parts, [str(change) for change in learnt.changes]
@@ -371,13 +400,11 @@ class Guidance:
             notes.append("the estimator was given as an object and stays as it is")
         else:
             self._estimator = parts.estimator
-            for tick in learnt.since:
-                self._run_estimator(tick.time_s, tick.samples, tick.command)
         if parts.controller is None:
             notes.append("the controller was given as an object and stays as it is")
         else:
-            sent = [tick.command for tick in learnt.since if tick.command is not None]
-            resume(parts.controller, self._controller, [*sent, self.control_step.command])
+            sent = [*learnt.sent, self.control_step.command]
+            resume(parts.controller, self._controller, sent)
             self._controller, self.reference = parts.controller, parts.reference
             self._supervisor.exchange(parts.controller, parts.reference)
         self.vehicle, self._learnt = learnt.vehicle, tuple(notes)

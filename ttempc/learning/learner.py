@@ -1,12 +1,18 @@
 """Identification of vehicle parameters while the vehicle is driven, in another thread."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass
-from typing import Final, Generic, Protocol, TypeVar
+from __future__ import annotations
 
-from ..types import Command, Measurement, WarmingUp
+import atexit
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from threading import Event, Thread
+from typing import Any, Final, Generic, Protocol, TypeVar
+from weakref import WeakSet
+
+from ..types import Command, FloatArray
 from ..vehicle import Vehicle
+from .window import RecordedTick, Recorder, Window
 
 LENGTHS: Final = ("wheelbase", "hitch_offset", "drawbar_length", "trailer_length")
 """Fields of `Vehicle` that are lengths [m]; all others that are identified are times [s]."""
@@ -17,16 +23,7 @@ _EXCHANGE_S: Final = 5.0  # from an attempt to the exchange: time for the work o
 _SOON_S: Final = 2.0  # the same of the attempts on less than `_SHORT_S` of driving
 _SHORT_S: Final = 15.0
 _MEMORY_S: Final = 120.0  # of driving that is kept: nearly a lap of the paper's figure eight
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedTick:
-    """What an estimator received at one control tick."""
-
-    time_s: float
-    samples: tuple[Measurement, ...]  # in the order of arrival
-    command: Command | None  # of the period before; None at the first tick
-    headings: tuple[float, float]  # estimated yaw of tractor and trailer [rad], may be NaN
+_EXIT_S: Final = 1.0  # for which the end of a process waits for its threads
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +64,36 @@ class Identifier(Protocol):
 _Parts = TypeVar("_Parts")
 
 
+class Builder(Protocol[_Parts]):
+    """Makes the parts of a guidance for learnt parameters; both methods run in the thread."""
+
+    def build(self, vehicle: Vehicle) -> _Parts:
+        """Return new parts for a vehicle."""
+        ...
+
+    def replay(self, parts: _Parts, window: Sequence[RecordedTick]) -> None:
+        """Let new parts receive recorded ticks."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Learnt(Generic[_Parts]):
-    """Changed parameters, and what was built for them."""
+    """Changed parameters, and what was built for them; it has received every recorded tick."""
 
     changes: tuple[ParameterChange, ...]
     vehicle: Vehicle
     parts: _Parts
-    since: tuple[RecordedTick, ...]  # recorded after the window of the attempt
+    sent: tuple[Command, ...]  # recorded since the attempt began, oldest first
+
+
+@dataclass(slots=True)
+class _Turn:
+    """Work of a thread; without one of this process it is done anew, from the begin."""
+
+    pid: int = 0
+    done: Event = field(default_factory=Event)
+    outcome: tuple[Identification, Any, list[Identifier]] | None = None
+    error: BaseException | None = None
 
 
 class Learner(Generic[_Parts]):
@@ -82,9 +101,15 @@ class Learner(Generic[_Parts]):
 
     An attempt begins 6, 12, 20 and 60 s after the first tick and every minute after that, on the
     last two minutes of driving. Identification and building run in a thread of their own. Their
-    result is taken at a tick 5 s after the beginning, of the first two attempts 2 s, whenever the
-    thread was done, so that a run does not depend on computing time; if it is not done by then, the
-    tick waits for it. An identifier that has settled is left out of later attempts.
+    result is due at a tick 5 s after the beginning, of the first two attempts 2 s. Who calls `wait`
+    at every tick gets it at that tick, whenever the thread was done, so that a run does not depend
+    on computing time; who does not gets it at the first tick from there on at which the thread is
+    done. Nothing else waits: new parts receive what was recorded meanwhile in the thread too, in
+    turns, until a turn ends before the next tick. An identifier that has settled is left out of
+    later attempts.
+
+    A learner can be copied and pickled as the identifiers and the builder can. A copy, and the
+    child of a process that forks, begins an attempt under way anew, from the same window.
     """
 
     def __init__(
@@ -92,75 +117,171 @@ class Learner(Generic[_Parts]):
         identifiers: Sequence[Identifier],
         vehicle: Vehicle,
         period_s: float,
-        build: Callable[[Vehicle, Sequence[RecordedTick]], _Parts],
+        builder: Builder[_Parts],
     ) -> None:
         self._identifiers = list(identifiers)
         self._vehicle = vehicle
-        self._build = build
-        self._memory = round(_MEMORY_S / period_s)
+        self._builder = builder
+        self._memory = round(_MEMORY_S / period_s) + 1
         self._every, self._period_s = round(_EVERY_S / period_s), period_s
         self._attempts = [round(time_s / period_s) for time_s in _ATTEMPTS_S]
-        self._window: list[RecordedTick] = []
-        self._since: list[RecordedTick] = []
-        self._due = 0  # tick of the exchange
-        self._work: Future[tuple[Identification, _Parts | None, list[Identifier]]] | None = None
+        self._recorder = Recorder(self._memory)
+        self._window: Window | None = None  # of the attempt under way
+        self._begun = self._due = 0  # its ticks: of the beginning and of the exchange
+        self._seen = self._recorded = 0  # ticks that its parts have received; at its beginning
+        self._told = False  # that it takes long
+        self._turn = _Turn()
 
-    def warm_up(self) -> None:
-        for identifier in self._identifiers:
-            if isinstance(identifier, WarmingUp):
-                identifier.warm_up()
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_turn": None}
 
-    def record(self, k: int, tick: RecordedTick) -> None:
-        """Record what the estimator received at tick `k`, and begin an attempt where one is due."""
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _turn=_Turn())
+
+    def record(
+        self,
+        k: int,
+        time_s: float,
+        samples: FloatArray,
+        command: Command | None,
+        headings: tuple[float, float],
+    ) -> None:
+        """Record what the estimator received at tick `k`, and begin an attempt where one is due.
+
+        `samples` are rows (n, 5) of `SAMPLE` in the order of arrival.
+        """
         if not self._identifiers:
             return
-        self._window = [*self._window[-self._memory :], tick]
-        self._since.append(tick)
-        if self._work is None and k >= self._attempts[0]:
+        self._recorder.append(time_s, samples, command, headings)
+        if self._window is not None:
+            if self._work().done.is_set() and k >= self._due - 1:
+                self._catch_up()
+        elif k >= self._attempts[0]:
             self._attempts = self._attempts[1:] or [k + self._every]
             delay_s = _SOON_S if k * self._period_s < _SHORT_S else _EXCHANGE_S
-            self._since, self._due = [], k + round(delay_s / self._period_s)
-            executor = ThreadPoolExecutor(1, "ttempc-learning")
-            self._work = executor.submit(self._attempt, self._window)
-            executor.shutdown(wait=False)
+            self._begun, self._due, self._told = k, k + round(delay_s / self._period_s), False
+            self._recorded = self._recorder.count
+            self._window = self._recorder.since(self._recorded - self._memory)
+            self._begin()
 
     def wait(self, k: int) -> None:
-        """Wait for the thread if tick `k` is the one of its exchange."""
-        if self._work is not None and k >= self._due:
-            wait([self._work])
+        """Wait for the thread, without a limit, if tick `k` is the one of its exchange or later."""
+        if self._window is None or k < self._due:
+            return
+        self._work().done.wait()
+        self._catch_up()
+        self._turn.done.wait()
 
     def forget(self) -> None:
         """Drop what was recorded, and an attempt under way: it was of a vehicle with a fault."""
-        self._window, self._since, self._work = [], [], None
+        self._recorder, self._window = Recorder(self._memory), None
+
+    def overdue(self, k: int) -> bool:
+        """Whether an attempt has taken until the next one would begin; once for each attempt."""
+        late = self._window is not None and not self._told and k >= self._begun + self._every
+        self._told |= late
+        return late
 
     def exchange(self, k: int) -> Learnt[_Parts] | None:
-        """Return what the last attempt has learnt if tick `k` is the one of its exchange.
+        """Return what the last attempt has learnt if it is due at tick `k` and done.
 
         Raises:
-            Exception: what the identifiers or `build` raised; nothing more is learnt then.
+            Exception: what the identifiers or the builder raised; nothing more is learnt then.
         """
-        if self._work is None or k < self._due:
+        if self._window is None or k < self._due or not self._work().done.is_set():
             return None
-        work, self._work = self._work, None
-        try:
-            result, parts, self._identifiers = work.result()
-        except Exception:
-            self._identifiers = []
-            raise
+        turn = self._turn
+        if turn.outcome is None:
+            self._window, self._identifiers = None, []
+            error = turn.error
+            raise error if isinstance(error, Exception) else RuntimeError(repr(error))
+        result, parts, open_ones = turn.outcome
+        if parts is not None and self._seen < self._recorder.count:
+            return None
+        self._window, self._identifiers, self._vehicle = None, open_ones, result.vehicle
         if parts is None:
             return None
-        self._vehicle = result.vehicle
-        return Learnt(result.changes, result.vehicle, parts, tuple(self._since))
+        since = self._recorder.since(self._recorded)
+        sent = tuple(tick.command for tick in since if tick.command is not None)
+        return Learnt(result.changes, result.vehicle, parts, sent)
 
-    def _attempt(
-        self, window: Sequence[RecordedTick]
-    ) -> tuple[Identification, _Parts | None, list[Identifier]]:
-        vehicle, changes, open_ones = self._vehicle, list[ParameterChange](), list[Identifier]()
-        for identifier in self._identifiers:
-            result = identifier.identify(window, vehicle)
-            vehicle = result.vehicle
-            changes += result.changes
-            if not result.settled:
-                open_ones.append(identifier)
-        parts = self._build(vehicle, window) if changes else None
-        return Identification(vehicle, tuple(changes)), parts, open_ones
+    def _work(self) -> _Turn:
+        """Return the present turn, after a begin anew where its thread is of another process."""
+        if self._turn.pid != os.getpid():
+            self._begin()
+        return self._turn
+
+    def _begin(self) -> None:
+        window, identifiers, vehicle = self._window, list(self._identifiers), self._vehicle
+        assert window is not None
+        builder, self._seen = self._builder, self._recorded
+
+        def attempt() -> tuple[Identification, _Parts | None, list[Identifier]]:
+            return _attempt(window, identifiers, vehicle, builder)
+
+        self._start(attempt)
+
+    def _catch_up(self) -> None:
+        """Begin a turn in which new parts receive what they have not yet received, if any."""
+        builder, outcome, seen = self._builder, self._turn.outcome, self._seen
+        if outcome is None or outcome[1] is None or seen == self._recorder.count:
+            return
+        window, self._seen = self._recorder.since(seen), self._recorder.count
+
+        def turn() -> tuple[Identification, _Parts | None, list[Identifier]]:
+            builder.replay(outcome[1], window)
+            return outcome
+
+        self._start(turn)
+
+    def _start(self, function: Any) -> None:  # noqa: ANN401 - a turn's function
+        turn = self._turn = _Turn(os.getpid())
+
+        def run() -> None:
+            try:
+                turn.outcome = function()
+            except BaseException as error:  # a user's code may also exit
+                turn.error = error
+            finally:
+                turn.done.set()
+
+        thread = Thread(target=run, name="ttempc-learning", daemon=True)
+        try:
+            thread.start()
+        except RuntimeError as error:  # the system has no more of them
+            turn.error = error
+            turn.done.set()
+        else:
+            _THREADS.add(thread)
+
+
+def _attempt(
+    window: Window, identifiers: Sequence[Identifier], vehicle: Vehicle, builder: Builder[_Parts]
+) -> tuple[Identification, _Parts | None, list[Identifier]]:
+    changes, open_ones = list[ParameterChange](), list[Identifier]()
+    for identifier in identifiers:
+        result = identifier.identify(window, vehicle)
+        vehicle = result.vehicle
+        changes += result.changes
+        if not result.settled:
+            open_ones.append(identifier)
+    parts = None
+    if changes:
+        parts = builder.build(vehicle)
+        builder.replay(parts, window)
+    return Identification(vehicle, tuple(changes)), parts, open_ones
+
+
+_THREADS: Final = WeakSet[Thread]()
+
+
+def _leave() -> None:
+    # A daemon ends with the process, an identifier that never returns too; one that is at the end
+    # of its work shall not meet an interpreter that is being taken down.
+    for thread in [*_THREADS]:
+        thread.join(_EXIT_S)
+        if thread.is_alive():
+            break
+
+
+atexit.register(_leave)

@@ -12,12 +12,17 @@ from scipy.special import chdtri
 
 from ..estimation.ekf import LeverArm
 from ..estimation.filter import (
+    AUGMENTED,
+    FADING,
+    FILTER,
+    MOMENT,
+    VALVES,
+    WIDTH,
     HeldCommands,
-    KalmanFilter,
-    Levels,
-    Model,
     after_dead_times,
     correct,
+    filter_parameters,
+    first_moment,
     predict,
     steps_over,
 )
@@ -31,11 +36,11 @@ from ..models.augmented_state import (
     STATES,
     measure,
     move_augmented_state,
-    predicted_measurement,
 )
 from ..types import FloatArray, Measurement, Sensor
 from ..vehicle import Vehicle
-from .learner import LENGTHS, Identification, ParameterChange, RecordedTick
+from .learner import LENGTHS, Identification, ParameterChange
+from .window import RecordedTick
 
 PARAMETERS: Final = 4  # lengths, the first of `VehicleParameter`
 _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
@@ -43,12 +48,10 @@ _BOUND: Final = tuple(DISTURBANCE_BOUND.tolist())
 
 @cached_njit(nogil=True)
 def replay(
-    now: Levels,
+    parameters: FloatArray,
+    moment: FloatArray,
     copies: FloatArray,
     events: FloatArray,
-    variances: FloatArray,
-    gates: FloatArray,
-    model: Model,
     copy_parameters: FloatArray,
     normal: FloatArray,
     gradients: FloatArray,
@@ -56,102 +59,77 @@ def replay(
     """Run the filter over `events`; return twice the negative log-likelihood of its innovations.
 
     Rows of `events` (n, 9): sensor (-1 for none), span since the row before [s], the two entries
-    of the sample, command (3,) of the span, number of integration steps, block. `variances`
-    (sensors,) and `gates` (2,), by the length of a sample, are those of the filter; a sample beyond
-    its gate is used with its noise raised until it just passes. `copies` (4, 22) are the raised
-    states, `copy_parameters` (4, 10) their parameters. J' J and J' r of the whitened innovations r
-    and their derivatives J by the steps of the parameters are added to `normal` (4, 4) and, by
-    block, to `gradients` (blocks, 4).
+    of the sample, command (3,) of the span, number of integration steps, block. `parameters` and
+    `moment` are those of the filter; a sample beyond its gate is used with its noise raised until
+    it just passes. `copies` (4, 24) are the raised states, `copy_parameters` (4, 10) their
+    parameters. J' J and J' r of the whitened innovations r and their derivatives J by the steps of
+    the parameters are added to `normal` (4, 4) and, by block, to `gradients` (blocks, 4).
     """
-    middle, inputs, faded = np.empty(SIZE), np.empty(3), np.empty(SIZE - STATES)
-    reading, jacobian = np.zeros(2), np.empty((2, SIZE))
-    other, unused = np.zeros(2), np.empty((2, SIZE))
+    f = parameters.view(FILTER)[0]
+    x, valves = moment[AUGMENTED : AUGMENTED + WIDTH], moment[VALVES : VALVES + 2]
+    fading = parameters[FADING : FADING + 2 * (SIZE - STATES)]
+    middle, inputs, faded = np.empty(WIDTH), np.empty(3), np.empty(SIZE - STATES)
+    reading, other, unused = np.zeros(2), np.zeros(2), np.empty((2, SIZE))
     copy_valves = np.empty(2)
-    derivative = np.zeros((PARAMETERS, 2))
-    nu, whitened = np.zeros(2), np.zeros(2)
-    cross, gain, root = np.zeros((2, SIZE)), np.zeros((2, SIZE)), np.zeros((2, 2))
-    rows, pairs = np.empty((8, 2, SIZE)), np.empty((16, 2))  # workspace of `correct`
-    size = now.augmented.shape[1]  # no constant, see `correct`
+    derivative, e = np.zeros((PARAMETERS, 2)), np.zeros(2)
+    rows = np.empty((8, 2, WIDTH))  # workspace of `correct`, which leaves gain and factor there
+    gain, root = rows[1], rows[7, 1]
+    size = copies.shape[1]  # no constant, see `FILTER`
     cost = 0.0
     for row in range(len(events)):
         span = events[row, 1]
         if span > 0.0:
             command, steps = events[row, 4:7], int(events[row, 7])
             for j in range(PARAMETERS):
-                copy_valves[:] = now.valves
+                copy_valves[:] = valves
                 for _ in range(steps):
                     move_augmented_state(
                         copies[j],
                         copy_valves,
                         command,
                         copy_parameters[j],
-                        model.fading,
+                        fading,
                         span / steps,
                         middle,
                         inputs,
                         faded,
                     )
-            predict(now, command, model, span, steps)
+            predict(parameters, moment, command, span, steps)
         sensor = int(events[row, 0])
         if sensor < 0:
             continue
-        m = measure(sensor, now.augmented[0], model.parameters, 0.0, reading, jacobian)
-        covariance = now.covariances[0]
-        for r in range(m):
-            cross[r, :] = 0.0
-            for k in range(size):
-                weight = jacobian[r, k]
-                if weight != 0.0:
-                    for i in range(size):
-                        cross[r, i] += covariance[k, i] * weight
-        # Cholesky factor of S = H P H' + R
-        spread_00, spread_01, spread_11 = variances[sensor], 0.0, variances[sensor]
-        for k in range(size):
-            spread_00 += jacobian[0, k] * cross[0, k]
-            if m == 2:
-                spread_01 += jacobian[0, k] * cross[1, k]
-                spread_11 += jacobian[1, k] * cross[1, k]
-        root[0, 0] = math.sqrt(spread_00)
-        root[1, 0] = spread_01 / root[0, 0]
-        root[1, 1] = math.sqrt(spread_11 - root[1, 0] * root[1, 0]) if m == 2 else 1.0
-        value = (events[row, 2], events[row, 3])
-        variance, gate = variances[sensor], gates[m - 1]
+        m = measure(sensor, x, parameters[: len(copy_parameters[0])], 0.0, reading, unused)
         always = m > 0  # no literal: numba would compile `correct` once more for it
+        variance, gate = f.variances[sensor], f.gates[sensor]
         normalised, log_determinant, first, second = correct(
-            now, sensor, value, variance, gate, always, always, model, rows, pairs
+            parameters,
+            moment,
+            sensor,
+            events[row, 2],
+            events[row, 3],
+            variance,
+            always,
+            always,
+            rows,
         )
-        factor = max(1.0, normalised / gates[m - 1])
-        cost += min(normalised, gates[m - 1]) + math.log(factor) * m + log_determinant
-        raised = math.sqrt(factor)
-        whitened[0], whitened[1] = first / raised, second / raised
-        nu[0] = root[0, 0] * first
-        nu[1] = root[1, 0] * first + root[1, 1] * second
-        for i in range(size):  # K' = S^-1 H P
-            lower = cross[0, i] / root[0, 0]
-            gain[1, i] = 0.0
-            if m == 2:
-                upper = (cross[1, i] - root[1, 0] * lower) / root[1, 1]
-                gain[1, i] = upper / root[1, 1] / factor
-                lower -= root[1, 0] * upper / root[1, 1]
-            gain[0, i] = lower / root[0, 0] / factor
+        factor = max(1.0, normalised / gate)
+        cost += min(normalised, gate) + math.log(factor) * m + log_determinant
+        e[0], e[1] = first / math.sqrt(factor), second / math.sqrt(factor)
         for j in range(PARAMETERS):
             measure(sensor, copies[j], copy_parameters[j], 0.0, other, unused)
+            derivative[j, 0] = (reading[0] - other[0]) / root[0]
+            if m == 2:
+                across = reading[1] - other[1] - root[1] * derivative[j, 0]
+                derivative[j, 1] = across / root[2]
             for r in range(m):
-                derivative[j, r] = reading[r] - other[r]
-            for i in range(size):
-                for r in range(m):
-                    copies[j, i] += gain[r, i] * (nu[r] + derivative[j, r])
-            for i in range(STATES, size):
+                for i in range(size):
+                    copies[j, i] += gain[r, i] * (e[r] + derivative[j, r])
+            for i in range(STATES, SIZE):
                 bound = _BOUND[i - STATES]
                 copies[j, i] = min(max(copies[j, i], -bound), bound)
-            derivative[j, 0] /= root[0, 0] * raised
-            if m == 2:
-                derivative[j, 1] = (derivative[j, 1] / raised - root[1, 0] * derivative[j, 0]) / (
-                    root[1, 1]
-                )
         for j in range(PARAMETERS):
             for r in range(m):
-                gradients[int(events[row, 8]), j] += derivative[j, r] * whitened[r]
+                gradients[int(events[row, 8]), j] += derivative[j, r] * e[r]
                 for i in range(PARAMETERS):
                     normal[i, j] += derivative[i, r] * derivative[j, r]
     return cost
@@ -190,12 +168,6 @@ class LengthIdentifier:
     ) -> None:
         self._given = vehicle
         self._noise, self._process = noise, process or ProcessNoise()
-
-    def warm_up(self) -> None:
-        readings = {s: predicted_measurement(s, np.zeros(SIZE), self._given)[0] for s in LENGTH}
-        first = {s: Measurement(0.0, s, tuple(value.tolist())) for s, value in readings.items()}
-        row = [-1.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, steps_over(0.2), 0.0]
-        _Replay(first, np.array([row]), self._noise, self._process).run(self._given)
 
     def identify(self, window: Sequence[RecordedTick], vehicle: Vehicle) -> Identification:
         """Return `vehicle` with the lengths of the window, see `Identifier`."""
@@ -352,25 +324,26 @@ class _Replay:
         lengths = _lengths(vehicle)
         count = len(lengths)
         raised = [_with_lengths(vehicle, lengths * (1.0 + _STEP * unit)) for unit in np.eye(count)]
-        filters = [
-            KalmanFilter(item, self.noise, self.process, _GATE) for item in (vehicle, *raised)
-        ]
-        state, *copies = (item.start(self.first) for item in filters)
+        vehicles = vehicle, *raised
+        state, *copies = (
+            first_moment(self.first, item, self.noise, self.process) for item in vehicles
+        )
+        own, *others = (
+            filter_parameters(item, self.noise, self.process, _GATE) for item in vehicles
+        )
         normal = np.zeros((count, count))
         gradients = np.zeros((int(self.events[:, -1].max()) + 1, count))
         cost = replay(
-            state.levels,
-            np.array([copy.augmented[0] for copy in copies]),
+            own,
+            state,
+            np.array([copy[AUGMENTED : AUGMENTED + WIDTH] for copy in copies]),
             self.events,
-            np.array([float(self.noise.of(sensor)) ** 2 for sensor in KERNEL_INDEX]),
-            np.array([float(chdtri(m, _GATE)) for m in (1, 2)]),
-            filters[0].model,
-            np.array([item.model.parameters for item in filters[1:]]),
+            np.array([item[:FADING] for item in others]),
             normal,
             gradients,
         )
         step = _STEP * lengths
-        roughness = float(state.scales[0, NoiseScale.GROUND])
+        roughness = float(state.view(MOMENT)[0]["scales"][0, NoiseScale.GROUND])
         return cost, normal / np.outer(step, step), gradients / step, roughness
 
 

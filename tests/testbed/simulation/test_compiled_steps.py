@@ -21,7 +21,7 @@ def rough_slope(seed, letter="E", slope=0.15):
 
 def arguments(plant):
     """Return shapes' clearance arguments and the reaches of the degrees of freedom."""
-    return plant._steps.args[5], plant._steps.args[6]
+    return plant._steps.args[6], plant._steps.args[7]
 
 
 def pair(ground, **options):

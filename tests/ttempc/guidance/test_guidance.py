@@ -228,6 +228,7 @@ def driven(received, *identifiers, controller: Any = "ttempc", estimator: Any = 
     )
     sent, learnt = [], {}
     for k, measurements in enumerate(received):
+        guidance.wait()
         guidance.update(k * PERIOD_S, measurements)
         sent.append(guidance.step().as_array())
         if guidance.diagnostics.learnt:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ttempc.learning.actuators import ActuatorIdentifier, fit_actuator, respond
-from ttempc.learning.learner import RecordedTick
+from ttempc.learning.window import RecordedTick
 from ttempc.types import Command, Input, Measurement, Sensor
 from ttempc.vehicle import Vehicle
 

@@ -7,8 +7,9 @@ import pytest
 
 from tests.ttempc.sensed_drive import PERIOD_S, VEHICLE, SensedDrive
 from ttempc.estimation.noise import ProcessNoise, SensorNoise
-from ttempc.learning.learner import LENGTHS, RecordedTick
+from ttempc.learning.learner import LENGTHS
 from ttempc.learning.lengths import LengthIdentifier, fit_lengths
+from ttempc.learning.window import RecordedTick
 from ttempc.types import Sensor
 
 TRUE = np.array([getattr(VEHICLE, name) for name in LENGTHS])
